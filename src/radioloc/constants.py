@@ -1,0 +1,33 @@
+"""Physical constants: value, unit suffix, citation.
+
+Constants that belong to one ephemeris (masses, Love numbers, the angles between principal and mean-Earth axes)
+are not here but with the ephemeris, in :mod:`radioloc.ephemeris.constants`.
+"""
+
+from __future__ import annotations
+
+import math
+
+C_M_S = 299792458.0
+"""Speed of light, m/s; exact (SI)."""
+
+SECONDS_PER_DAY = 86400.0
+"""SI seconds in a day of TAI, TT or TDB."""
+
+J2000_JD = 2451545.0
+"""Julian date of J2000.0."""
+
+TT_MINUS_TAI_S = 32.184
+"""TT - TAI, s; exact (IAU 1991 resolution A4)."""
+
+L_G = 6.969290134e-10
+"""1 - d(TT)/d(TCG); exact (IAU 2000 resolution B1.9)."""
+
+L_B = 1.550519768e-8
+"""1 - d(TDB)/d(TCB); exact (IAU 2006 resolution B3)."""
+
+ARCSEC_RAD = math.pi / 648000.0
+"""One arcsecond, rad."""
+
+MEAN_LUNAR_RADIUS_M = 1737400.0
+"""Radius of the sphere to which selenographic heights refer, m (IAU WGCCRE 2015, Archinal et al. 2018)."""

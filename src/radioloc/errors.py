@@ -1,0 +1,86 @@
+"""Exceptions and warning classes.
+
+Every exception says what was given, what is allowed and what to do; what a program needs to act on it is kept
+as attributes. All derive from :class:`RadiolocError`, so one ``except`` clause catches all that the library
+raises on purpose.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+
+class RadiolocError(Exception):
+    """Root of all errors that the library raises on purpose."""
+
+
+class InputError(RadiolocError, ValueError):
+    """An argument, a file's content or a study's key is not usable as it stands."""
+
+
+class FileFormatError(InputError):
+    """A file could not be read as what it claims to be.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    problem : str
+        What is wrong and what to do about it.
+    line : int, optional
+        Line number, counted from 1.
+    """
+
+    def __init__(self, path: str | Path, problem: str, line: int | None = None) -> None:
+        self.path = Path(path)
+        self.line = line
+        self.problem = problem
+        where = f"{path}" if line is None else f"{path}, line {line}"
+        super().__init__(f"{where}: {problem}")
+
+
+class KernelError(RadiolocError):
+    """A kernel is missing, damaged, of the wrong kind or does not match its registered checksum."""
+
+
+class CoverageError(RadiolocError):
+    """An epoch lies outside what a kernel or a table covers.
+
+    Parameters
+    ----------
+    source : str
+        The kernel or table.
+    covered : tuple of str
+        First and last epoch covered, as readable dates.
+    asked : tuple of str
+        First and last epoch asked for.
+    advice : str
+        What to do.
+    """
+
+    def __init__(self, source: str, covered: tuple[str, str], asked: tuple[str, str], advice: str) -> None:
+        self.source = source
+        self.covered = covered
+        self.asked = asked
+        wanted = asked[0] if asked[0] == asked[1] else f"{asked[0]} to {asked[1]}"
+        super().__init__(f"{source} covers {covered[0]} to {covered[1]}, but {wanted} was asked for; {advice}")
+
+
+class StationError(InputError):
+    """A station is not known, or lacks what the model needs."""
+
+
+class ConvergenceError(RadiolocError):
+    """An iteration did not reach its tolerance."""
+
+
+class RadiolocWarning(UserWarning):
+    """Root of all warnings that the library gives."""
+
+
+class PredictedEopWarning(RadiolocWarning):
+    """Earth orientation parameters used are predictions, not measurements."""
+
+
+class StationQualityWarning(RadiolocWarning):
+    """A station's catalogue position is too coarse for the data it is used with."""

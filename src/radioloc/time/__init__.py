@@ -1,0 +1,37 @@
+"""The only home of UTC, TAI, TT, UT1 and TDB.
+
+An epoch is two floats, :class:`Epochs`, because a single float of seconds since J2000 resolves 0.12 microseconds,
+36 m of light. Scale changes are functions here; nothing else in the library adds leap seconds or TDB-TT.
+"""
+
+from radioloc.time.epochs import Epochs
+from radioloc.time.relativity import geocentric_tdb_minus_tt, tdb_minus_tt, topocentric_tdb_minus_tt
+from radioloc.time.scales import (
+    epochs_from_strings,
+    tai_to_tt,
+    tai_to_utc,
+    tdb_to_tt,
+    tt_to_tai,
+    tt_to_tdb,
+    tt_to_utc,
+    utc_strings,
+    utc_to_tai,
+    utc_to_tt,
+)
+
+__all__ = [
+    "Epochs",
+    "epochs_from_strings",
+    "geocentric_tdb_minus_tt",
+    "tai_to_tt",
+    "tai_to_utc",
+    "tdb_minus_tt",
+    "tdb_to_tt",
+    "topocentric_tdb_minus_tt",
+    "tt_to_tai",
+    "tt_to_tdb",
+    "tt_to_utc",
+    "utc_strings",
+    "utc_to_tai",
+    "utc_to_tt",
+]

@@ -1,0 +1,140 @@
+"""Epochs as two floats: a Julian date at midnight and the fraction of the day after it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.constants import J2000_JD, SECONDS_PER_DAY
+from radioloc.errors import InputError
+
+SCALES = ("UTC", "TAI", "TT", "TDB", "UT1")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Epochs:
+    """A one-dimensional array of epochs in one time scale.
+
+    The fraction is kept in [0, 1), so an epoch is resolved to 1e-11 s whatever its date, and the date is exact.
+    For UTC the pair is ERFA's quasi Julian date: on a day with a leap second the fraction runs over 86401 s.
+
+    Parameters
+    ----------
+    jd : array_like, shape (n,)
+        Julian date of the midnight before the epoch (ends in .5).
+    fraction : array_like, shape (n,)
+        Fraction of the day since then, 0 <= fraction < 1.
+    scale : {"UTC", "TAI", "TT", "TDB", "UT1"}
+        Time scale.
+    """
+
+    jd: NDArray[np.float64]
+    fraction: NDArray[np.float64]
+    scale: str
+
+    @classmethod
+    def from_jd(cls, jd: ArrayLike, fraction: ArrayLike = 0.0, scale: str = "TDB") -> Epochs:
+        """Build from any split of a Julian date in two, without loss.
+
+        Parameters
+        ----------
+        jd, fraction : array_like, shape () or (n,)
+            Two numbers whose sum is the Julian date.
+        scale : str
+            Time scale of the result.
+
+        Raises
+        ------
+        InputError
+            The scale is unknown or a date is not a finite number.
+        """
+        if scale not in SCALES:
+            raise InputError(f"time scale {scale!r} is not known; use one of {', '.join(SCALES)}")
+        jd_in, fraction_in = np.broadcast_arrays(
+            np.atleast_1d(np.asarray(jd, dtype=np.float64)), np.atleast_1d(np.asarray(fraction, dtype=np.float64))
+        )
+        if not (np.isfinite(jd_in).all() and np.isfinite(fraction_in).all()):
+            raise InputError("a Julian date is not a finite number")
+        midnight = np.floor(jd_in - 0.5) + 0.5
+        rest = (jd_in - midnight) + fraction_in
+        carry = np.floor(rest)
+        # A fraction that rounds up to one belongs to the next day.
+        rest = rest - carry
+        late = rest >= 1.0
+        return cls(midnight + carry + late, np.where(late, 0.0, rest), scale)
+
+    @classmethod
+    def from_tdb_seconds(cls, seconds: ArrayLike) -> Epochs:
+        """Build from TDB seconds since J2000 (SPICE's ephemeris time), resolved to 0.12 microseconds today."""
+        whole, rest = np.divmod(np.atleast_1d(np.asarray(seconds, dtype=np.float64)), SECONDS_PER_DAY)
+        return cls.from_jd(J2000_JD + whole, rest / SECONDS_PER_DAY, "TDB")
+
+    def __len__(self) -> int:
+        return len(self.jd)
+
+    def __getitem__(self, index: Any) -> Epochs:
+        """Select by anything that indexes an array; one epoch stays an array of length one."""
+        return Epochs(np.atleast_1d(self.jd[index]), np.atleast_1d(self.fraction[index]), self.scale)
+
+    def __repr__(self) -> str:
+        if len(self) == 0:
+            return f"<Epochs none {self.scale}>"
+        first, last = self.day_strings()[[0, -1]] if len(self) > 1 else self.day_strings()[[0, 0]]
+        return f"<Epochs {len(self)} {self.scale} {first} to {last}>"
+
+    @property
+    def mjd(self) -> NDArray[np.float64]:
+        """Modified Julian date in one float (resolves about a microsecond), shape (n,)."""
+        return (self.jd - 2400000.5) + self.fraction
+
+    def require(self, scale: str) -> None:
+        """Raise :class:`InputError` unless the epochs are in the given scale."""
+        if self.scale != scale:
+            raise InputError(f"epochs in {scale} are needed here, but {self.scale} was given")
+
+    def shifted(self, seconds: ArrayLike) -> Epochs:
+        """The epochs moved by SI seconds of their own scale.
+
+        Parameters
+        ----------
+        seconds : array_like, shape () or (n,)
+            How far to move, s; positive is later.
+
+        Raises
+        ------
+        InputError
+            The scale is UTC, whose days are not all of one length, or a shift is not finite.
+        """
+        if self.scale == "UTC":
+            raise InputError("UTC cannot be moved by seconds across a leap second; convert to TAI first")
+        return Epochs.from_jd(self.jd, self.fraction + np.asarray(seconds) / SECONDS_PER_DAY, self.scale)
+
+    def seconds_since(self, other: Epochs) -> NDArray[np.float64]:
+        """Seconds from other epochs of the same scale (not UTC) to these, shape (n,)."""
+        self.require(other.scale)
+        if self.scale == "UTC":
+            raise InputError("UTC cannot be differenced across a leap second; convert to TAI first")
+        return ((self.jd - other.jd) + (self.fraction - other.fraction)) * SECONDS_PER_DAY
+
+    def centuries_since_j2000(self) -> NDArray[np.float64]:
+        """Julian centuries of 36525 days since J2000 in the epochs' own scale, shape (n,)."""
+        return ((self.jd - J2000_JD) + self.fraction) / 36525.0
+
+    def day_strings(self) -> NDArray[np.str_]:
+        """Calendar dates yyyy-mm-dd of the midnights, shape (n,)."""
+        days = (self.jd - 2440587.5).astype(np.int64).astype("datetime64[D]")
+        return np.datetime_as_string(days)
+
+    @staticmethod
+    def concatenate(parts: list[Epochs]) -> Epochs:
+        """Join epochs of one scale, in order."""
+        if not parts:
+            raise InputError("no epochs to join")
+        for part in parts[1:]:
+            part.require(parts[0].scale)
+        return Epochs(
+            np.concatenate([p.jd for p in parts]), np.concatenate([p.fraction for p in parts]), parts[0].scale
+        )

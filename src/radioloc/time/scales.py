@@ -1,0 +1,247 @@
+"""Changes between UTC, TAI, TT and TDB, and dates as text.
+
+UTC is what tags observations. Leap seconds are ERFA's table, brought up to date from the list that
+``astropy-iers-data`` ships. Before 1972 UTC ran at another rate than TAI; such dates are refused.
+"""
+
+from __future__ import annotations
+
+import re
+import warnings
+from collections.abc import Sequence
+from functools import cache
+
+import astropy_iers_data
+import erfa
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import SECONDS_PER_DAY, TT_MINUS_TAI_S
+from radioloc.errors import CoverageError, InputError
+from radioloc.time.epochs import Epochs
+from radioloc.time.relativity import geocentric_tdb_minus_tt
+
+_JD_1972 = 2441317.5
+_ISO = re.compile(
+    r"(?P<year>\d{4})-(?:(?P<month>\d{2})-(?P<day>\d{2})|(?P<doy>\d{3}))"
+    r"(?:[T ](?P<hour>\d{2}):(?P<minute>\d{2})(?::(?P<second>\d{2}(?:\.\d*)?))?)?Z?"
+)
+
+
+@cache
+def _leap_seconds_up_to_date() -> bool:
+    """Bring ERFA's table up to the one in ``astropy-iers-data``; answers whether anything was added."""
+    table = np.loadtxt(astropy_iers_data.IERS_LEAP_SECOND_FILE, comments="#", usecols=(3, 2, 4))
+    known = {(int(y), int(m)) for y, m in zip(erfa.leap_seconds.get()["year"], erfa.leap_seconds.get()["month"], strict=True)}
+    fresh = [(int(y), int(m), float(s)) for y, m, s in table if (int(y), int(m)) not in known]
+    if fresh:
+        erfa.leap_seconds.update(np.array(fresh, dtype=erfa.leap_seconds.get().dtype))
+    return bool(fresh)
+
+
+def _require_utc_era(utc: Epochs) -> None:
+    utc.require("UTC")
+    if len(utc) and utc.jd.min() < _JD_1972:
+        early = utc[int(np.argmin(utc.jd))].day_strings()[0]
+        raise CoverageError(
+            "UTC with leap seconds",
+            ("1972-01-01", "today"),
+            (early, early),
+            "before 1972 UTC had another rate than TAI: give the epochs in TAI or TT instead",
+        )
+
+
+def utc_to_tai(utc: Epochs) -> Epochs:
+    """UTC to TAI.
+
+    Raises
+    ------
+    CoverageError
+        An epoch lies before 1972-01-01, when the present UTC began.
+    """
+    _require_utc_era(utc)
+    _leap_seconds_up_to_date()
+    with warnings.catch_warnings():
+        # ERFA calls dates past its table "dubious"; Earth orientation reports how far the data reach.
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        jd, fraction = erfa.utctai(utc.jd, utc.fraction)
+    return Epochs.from_jd(jd, fraction, "TAI")
+
+
+def tai_to_utc(tai: Epochs) -> Epochs:
+    """TAI to UTC.
+
+    Raises
+    ------
+    CoverageError
+        An epoch lies before 1972-01-01 UTC.
+    """
+    tai.require("TAI")
+    _leap_seconds_up_to_date()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        jd, fraction = erfa.taiutc(tai.jd, tai.fraction)
+    utc = Epochs.from_jd(jd, fraction, "UTC")
+    _require_utc_era(utc)
+    return utc
+
+
+def tai_to_tt(tai: Epochs) -> Epochs:
+    """TAI to TT, a constant 32.184 s."""
+    tai.require("TAI")
+    return Epochs.from_jd(tai.jd, tai.fraction + TT_MINUS_TAI_S / SECONDS_PER_DAY, "TT")
+
+
+def tt_to_tai(tt: Epochs) -> Epochs:
+    """TT to TAI, a constant 32.184 s."""
+    tt.require("TT")
+    return Epochs.from_jd(tt.jd, tt.fraction - TT_MINUS_TAI_S / SECONDS_PER_DAY, "TAI")
+
+
+def utc_to_tt(utc: Epochs) -> Epochs:
+    """UTC to TT; errors as :func:`utc_to_tai`."""
+    return tai_to_tt(utc_to_tai(utc))
+
+
+def tt_to_utc(tt: Epochs) -> Epochs:
+    """TT to UTC; errors as :func:`tai_to_utc`."""
+    return tai_to_utc(tt_to_tai(tt))
+
+
+def tt_to_tdb(tt: Epochs) -> Epochs:
+    """TT to TDB at the geocentre (ERFA ``dtdb``, Fairhead and Bretagnon 1990)."""
+    tt.require("TT")
+    return Epochs.from_jd(tt.jd, tt.fraction + geocentric_tdb_minus_tt(tt) / SECONDS_PER_DAY, "TDB")
+
+
+def tdb_to_tt(tdb: Epochs) -> Epochs:
+    """TDB to TT at the geocentre.
+
+    The difference is below 2 ms and changes by less than 4e-10 of a shift, so taking it at the TDB date itself is
+    good to 1e-12 s.
+    """
+    tdb.require("TDB")
+    return Epochs.from_jd(tdb.jd, tdb.fraction - geocentric_tdb_minus_tt(tdb) / SECONDS_PER_DAY, "TT")
+
+
+def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epochs:
+    """Read dates such as ``2020-12-01T15:11:00.25``, ``2020-336T15:11:00`` or ``2020-12-01``.
+
+    Parameters
+    ----------
+    dates : str or sequence of str
+        Calendar or day-of-year dates; a trailing Z is allowed. A second of 60 is allowed at a UTC leap second.
+    scale : str
+        Time scale the dates are in.
+
+    Raises
+    ------
+    InputError
+        A date is not of that form or does not exist.
+    """
+    texts = [dates] if isinstance(dates, str) else list(dates)
+    jd = np.empty(len(texts))
+    fraction = np.empty(len(texts))
+    for i, text in enumerate(texts):
+        jd[i], fraction[i] = _parse_date(str(text).strip(), scale)
+    return Epochs.from_jd(jd, fraction, scale)
+
+
+def _parse_date(text: str, scale: str) -> tuple[float, float]:
+    match = _ISO.fullmatch(text)
+    if match is None:
+        raise InputError(f"{text!r} is not a date; write it as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss")
+    year = int(match["year"])
+    hour, minute, second = int(match["hour"] or 0), int(match["minute"] or 0), float(match["second"] or 0.0)
+    return calendar_to_jd(
+        year,
+        int(match["month"] or 1),
+        int(match["day"] or match["doy"]),
+        hour,
+        minute,
+        second,
+        scale,
+        day_of_year=match["doy"] is not None,
+        text=text,
+    )
+
+
+def calendar_to_jd(
+    year: int,
+    month: int,
+    day: int,
+    hour: int,
+    minute: int,
+    second: float,
+    scale: str = "UTC",
+    *,
+    day_of_year: bool = False,
+    text: str | None = None,
+) -> tuple[float, float]:
+    """Julian date of midnight and fraction of the day of one calendar date that must exist.
+
+    Raises
+    ------
+    InputError
+        No such month, day, hour, minute or second; a second of 60 where UTC had none.
+    """
+    shown = text or f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}:{second:012.9f}"
+    try:
+        midnight = np.datetime64(f"{year:04d}-{month:02d}-{1 if day_of_year else day:02d}", "D")
+    except ValueError:
+        raise InputError(f"{shown!r} is not a date that exists") from None
+    if day_of_year:
+        midnight = midnight + np.timedelta64(day - 1, "D")
+        if day < 1 or int(str(midnight)[:4]) != year:
+            raise InputError(f"{shown!r}: the year {year} has no day {day}")
+    jd = 2440587.5 + float(midnight.astype(np.int64))
+    if not (0 <= hour < 24 and 0 <= minute < 60 and 0.0 <= second < 61.0):
+        raise InputError(f"{shown!r} is not a time of day that exists")
+    day_length_s = SECONDS_PER_DAY
+    if scale == "UTC" and jd >= _JD_1972:
+        day_length_s += _leap_second_after(jd)
+    seconds = 3600.0 * hour + 60.0 * minute + second
+    if second >= 60.0 and not (hour == 23 and minute == 59 and seconds < day_length_s):
+        raise InputError(f"{shown!r}: there is no leap second then")
+    # ERFA's quasi Julian date stretches a day with a leap second over the unit interval.
+    return jd, seconds / day_length_s
+
+
+@cache
+def _leap_second_after(jd: float) -> float:
+    """Leap seconds at the end of the UTC day that starts at this Julian date, s."""
+    _leap_seconds_up_to_date()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        parts = [erfa.jd2cal(jd + k, 0.0)[:3] for k in (0, 1)]
+        today, tomorrow = (float(erfa.dat(y, m, d, 0.0)) for y, m, d in parts)
+    return tomorrow - today
+
+
+def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
+    """Dates as ``yyyy-mm-ddThh:mm:ss.sssssssss``, leap seconds shown as second 60, shape (n,).
+
+    Any scale but UTC is written as it stands, without one.
+    """
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        year, month, day, hms = erfa.d2dtf(utc.scale, decimals, utc.jd, utc.fraction)
+    out = []
+    for y, mo, d, t in zip(year, month, day, hms, strict=True):
+        sub = f".{t['f']:0{decimals}d}" if decimals else ""
+        out.append(f"{y:04d}-{mo:02d}-{d:02d}T{t['h']:02d}:{t['m']:02d}:{t['s']:02d}{sub}")
+    return np.array(out, dtype=np.str_)
+
+
+def utc_of(epochs: Epochs) -> Epochs:
+    """Epochs of UTC, TAI, TT or TDB as UTC."""
+    match epochs.scale:
+        case "UTC":
+            return epochs
+        case "TAI":
+            return tai_to_utc(epochs)
+        case "TT":
+            return tt_to_utc(epochs)
+        case "TDB":
+            return tt_to_utc(tdb_to_tt(epochs))
+    raise InputError(f"epochs in {epochs.scale} cannot be written as UTC without Earth orientation")

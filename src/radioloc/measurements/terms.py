@@ -1,0 +1,52 @@
+"""The named terms of the measurement model: what can be left out, and what that means.
+
+A study leaves terms out with ``[model] off = [...]``; a table of terms gives, for each observation, how much each
+term changes the computed value.
+"""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+from radioloc.errors import InputError
+
+TERMS: dict[str, str] = {
+    "shapiro": "gravitational delay by the Sun, the Earth, the Moon and the planets",
+    "tdb_tt": "difference of TDB - TT between the ends of the light path",
+    "troposphere": "refraction by the neutral atmosphere at each station",
+    "ionosphere": "refraction by the ionosphere; nothing for light",
+    "solid_earth_tide": "displacement of the stations by the solid Earth tide",
+    "pole_tide": "displacement of the stations by the solid Earth pole tide",
+    "ocean_loading": "displacement of the stations by ocean tide loading",
+    "station_velocity": "motion of the stations since the epoch of their coordinates",
+    "subdaily_eop": "diurnal and semidiurnal ocean tides and libration in pole and UT1",
+    "earth_scale": "scale (TT to TDB, solar potential) of geocentric station positions seen from the barycentre",
+    "earth_lorentz": "Lorentz contraction of geocentric station positions along the Earth's velocity",
+    "lunar_tide": "displacement of the point on the Moon by the solid tide of Earth and Sun",
+    "lunar_tide_constant": "the constant part of that tide",
+    "lunar_lorentz": "Lorentz contraction of the point's position along the Moon's velocity",
+}
+"""Term names and what each stands for."""
+
+
+def active_terms(off: Iterable[str] = ()) -> frozenset[str]:
+    """Names of the terms that remain when some are left out.
+
+    Parameters
+    ----------
+    off : iterable of str
+        Names from :data:`TERMS`.
+
+    Raises
+    ------
+    InputError
+        A name is not a term; the nearest one is suggested.
+    """
+    off = list(off)
+    for name in off:
+        if name not in TERMS:
+            near = difflib.get_close_matches(name, TERMS, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"{name!r} is not a term of the model{hint}; the terms are {', '.join(TERMS)}")
+    return frozenset(TERMS) - frozenset(off)

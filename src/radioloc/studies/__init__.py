@@ -1,0 +1,1 @@
+"""Whole jobs: a study file in, a solution out."""

@@ -1,0 +1,353 @@
+"""The table of observations: one row per measurement, one array per column.
+
+A range is the whole light path from the transmitter over the point on the Moon to the receiver, as the speed
+of light times the time of flight in the station's clock (UTC rate): a round trip, not its half. The epoch is
+UTC and belongs to the event that the time tag names. Millions of rows are meant to fit: no Python object is
+kept per row.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, fields
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.time import Epochs, utc_strings
+
+TIME_TAGS = ("transmit", "receive", "bounce")
+"""Events that an epoch can belong to; :attr:`Observations.tag` holds indices into this."""
+
+KINDS = ("range",)
+"""Kinds of measurement; :attr:`Observations.kind` holds indices into this."""
+
+_IN_MEMORY = "in memory"
+# Lowest and highest value that a station on Earth can have recorded; catches Celsius, percent and Pascal.
+_WEATHER_LIMITS = {
+    "pressure_hpa": (100.0, 1100.0),
+    "temperature_k": (150.0, 350.0),
+    "relative_humidity": (0.0, 1.0),
+    "wavelength_um": (0.1, 1e9),
+}
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Link:
+    """Who sends, which point on the Moon answers, who receives.
+
+    Parameters
+    ----------
+    transmitter, target, receiver : str
+        Names without spaces at the ends and without ``>`` or ``,``; the two stations may be the same.
+
+    Raises
+    ------
+    InputError
+        A name is empty or holds a character that a path cannot.
+    """
+
+    transmitter: str
+    target: str
+    receiver: str
+
+    def __post_init__(self) -> None:
+        for name in (self.transmitter, self.target, self.receiver):
+            if not name or name != name.strip() or any(c in '>,#"' or not c.isprintable() for c in name):
+                raise InputError(
+                    f"{name!r} cannot name a station or a target; "
+                    "give printable text without '>', ',', '#' or quotes"
+                )
+
+    @property
+    def path(self) -> str:
+        """Text such as ``APOLLO>apollo15>APOLLO``."""
+        return f"{self.transmitter}>{self.target}>{self.receiver}"
+
+    @classmethod
+    def from_path(cls, path: str) -> Link:
+        """Read text such as ``APOLLO>apollo15>APOLLO``.
+
+        Raises
+        ------
+        InputError
+            The text is not three names joined by ``>``.
+        """
+        names = [name.strip() for name in path.split(">")]
+        if len(names) != 3:
+            raise InputError(f"{path!r} is not a path; write it as transmitter>target>receiver")
+        return cls(*names)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Observations:
+    """Observations in the order in which they were given; arrays are read-only.
+
+    Build with :meth:`from_columns`, which checks everything; the plain constructor checks nothing.
+
+    Parameters
+    ----------
+    epoch : Epochs
+        When the event named by the time tag happened, UTC, n epochs.
+    tag : ndarray of int8, shape (n,)
+        Index into :data:`TIME_TAGS`.
+    kind : ndarray of int8, shape (n,)
+        Index into :data:`KINDS`.
+    link : ndarray of int32, shape (n,)
+        Index into ``links``.
+    links : tuple of Link
+        The different paths, each once.
+    value_m : ndarray, shape (n,)
+        Whole light path, the speed of light times the time of flight, m.
+    sigma_m : ndarray, shape (n,)
+        Its standard deviation, m.
+    pressure_hpa, temperature_k, relative_humidity : ndarray, shape (n,)
+        Weather at the station; humidity from 0 to 1. NaN says that it was not recorded.
+    wavelength_um : ndarray, shape (n,)
+        Vacuum wavelength of the light or radio signal, micrometres. NaN says that it was not recorded.
+    files : tuple of str
+        The files that the rows came from, each once.
+    file : ndarray of int32, shape (n,)
+        Index into ``files``.
+    line : ndarray of int32, shape (n,)
+        Line in that file, counted from 1.
+    """
+
+    epoch: Epochs
+    tag: NDArray[np.int8]
+    kind: NDArray[np.int8]
+    link: NDArray[np.int32]
+    links: tuple[Link, ...]
+    value_m: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+    pressure_hpa: NDArray[np.float64]
+    temperature_k: NDArray[np.float64]
+    relative_humidity: NDArray[np.float64]
+    wavelength_um: NDArray[np.float64]
+    files: tuple[str, ...]
+    file: NDArray[np.int32]
+    line: NDArray[np.int32]
+
+    @classmethod
+    def from_columns(
+        cls,
+        *,
+        epoch: Epochs,
+        links: Sequence[Link],
+        value_m: ArrayLike,
+        sigma_m: ArrayLike,
+        link: ArrayLike = 0,
+        tag: ArrayLike = 0,
+        kind: ArrayLike = 0,
+        pressure_hpa: ArrayLike = np.nan,
+        temperature_k: ArrayLike = np.nan,
+        relative_humidity: ArrayLike = np.nan,
+        wavelength_um: ArrayLike = np.nan,
+        files: Sequence[str] = (),
+        file: ArrayLike = 0,
+        line: ArrayLike | None = None,
+    ) -> Observations:
+        """Check and copy columns; a single value stands for all rows.
+
+        Parameters are those of the class; without ``files`` the rows count as made in memory, and without
+        ``line`` it is the row counted from 1.
+
+        Raises
+        ------
+        InputError
+            Epochs not in UTC, a column of another length, a code without a name, a value or sigma that is not
+            finite and positive, or weather that no station can have recorded (as when Celsius or percent were
+            given). Where the row came from a file it is a :class:`FileFormatError` that names file and line.
+        """
+        epoch.require("UTC")
+        n = len(epoch)
+        unique_links, link_codes = _unique(links)
+        unique_files, file_codes = _unique(files or (_IN_MEMORY,))
+        made = cls(
+            epoch=Epochs(
+                _column("epoch.jd", epoch.jd, n), _column("epoch.fraction", epoch.fraction, n), "UTC"
+            ),
+            tag=_codes("tag", tag, n, len(TIME_TAGS), np.int8),
+            kind=_codes("kind", kind, n, len(KINDS), np.int8),
+            link=_recode(link_codes, _codes("link", link, n, len(links), np.int32)),
+            links=unique_links,
+            value_m=_column("value_m", value_m, n),
+            sigma_m=_column("sigma_m", sigma_m, n),
+            pressure_hpa=_column("pressure_hpa", pressure_hpa, n),
+            temperature_k=_column("temperature_k", temperature_k, n),
+            relative_humidity=_column("relative_humidity", relative_humidity, n),
+            wavelength_um=_column("wavelength_um", wavelength_um, n),
+            files=unique_files,
+            file=_recode(file_codes, _codes("file", file, n, len(file_codes), np.int32)),
+            line=_column("line", np.arange(1, n + 1) if line is None else line, n, np.int32),
+        )
+        made._validate()
+        return made
+
+    @staticmethod
+    def concatenate(parts: Sequence[Observations]) -> Observations:
+        """Join tables, in order.
+
+        Raises
+        ------
+        InputError
+            There is nothing to join.
+        """
+        if not parts:
+            raise InputError("no observations to join; give at least one table")
+        links, link_codes = _unique([link for part in parts for link in part.links])
+        files, file_codes = _unique([file for part in parts for file in part.files])
+        columns: dict[str, Any] = {
+            "epoch": Epochs.concatenate([p.epoch for p in parts]),
+            "links": links,
+            "files": files,
+        }
+        link_codes_by_part = np.split(link_codes, np.cumsum([len(p.links) for p in parts])[:-1])
+        file_codes_by_part = np.split(file_codes, np.cumsum([len(p.files) for p in parts])[:-1])
+        columns["link"] = np.concatenate([c[p.link] for p, c in zip(parts, link_codes_by_part, strict=True)])
+        columns["file"] = np.concatenate([c[p.file] for p, c in zip(parts, file_codes_by_part, strict=True)])
+        for field in fields(Observations):
+            if field.name not in columns:
+                columns[field.name] = np.concatenate([getattr(p, field.name) for p in parts])
+        return _frozen(Observations(**columns))
+
+    def __len__(self) -> int:
+        return len(self.value_m)
+
+    def __repr__(self) -> str:
+        if len(self) == 0:
+            return "<Observations none>"
+        first, last = self.epoch[[int(self.epoch.jd.argmin()), int(self.epoch.jd.argmax())]].day_strings()
+        return f"<Observations {len(self)} {first} to {last}>"
+
+    def select(self, which: Any) -> Observations:
+        """Rows chosen by a mask, a slice or indices, in that order; ``links`` and ``files`` stay whole."""
+        columns = {f.name: getattr(self, f.name) for f in fields(self)}
+        for name, value in columns.items():
+            if name not in ("links", "files"):
+                columns[name] = value[which] if isinstance(value, Epochs) else np.atleast_1d(value[which])
+        return _frozen(Observations(**columns))
+
+    def types(self) -> NDArray[np.str_]:
+        """Kind of each measurement as text, shape (n,)."""
+        return np.array(KINDS)[self.kind]
+
+    def tags(self) -> NDArray[np.str_]:
+        """Time tag of each measurement as text, shape (n,)."""
+        return np.array(TIME_TAGS)[self.tag]
+
+    def paths(self) -> NDArray[np.str_]:
+        """Path of each measurement as text, shape (n,)."""
+        return np.array([link.path for link in self.links], dtype=np.str_)[self.link]
+
+    def origin(self, row: int) -> str:
+        """Where a row came from, such as ``data.np2, line 12``."""
+        return f"{self.files[self.file[row]]}, line {self.line[row]}"
+
+    def to_table(self) -> Any:
+        """Everything as an ``astropy.table.Table``, one column per measured or recorded quantity.
+
+        Raises
+        ------
+        InputError
+            astropy is not installed.
+        """
+        try:
+            from astropy.table import Table
+        except ImportError as error:
+            raise InputError("a Table needs astropy: pip install 'radioloc[notebook]'") from error
+        return Table(
+            {
+                "epoch_utc": utc_strings(self.epoch),
+                "type": self.types(),
+                "path": self.paths(),
+                "time_tag": self.tags(),
+                "value_m": self.value_m,
+                "sigma_m": self.sigma_m,
+                "pressure_hpa": self.pressure_hpa,
+                "temperature_k": self.temperature_k,
+                "relative_humidity": self.relative_humidity,
+                "wavelength_um": self.wavelength_um,
+                "file": np.array(self.files, dtype=np.str_)[self.file],
+                "line": self.line,
+            }
+        )
+
+    def summary(self) -> str:
+        """Text for people: how many observations, from when to when, by path and kind."""
+        if len(self) == 0:
+            return "no observations"
+        order = np.lexsort((self.epoch.fraction, self.epoch.jd))
+        first, last = (str(s) for s in utc_strings(self.epoch[order[[0, -1]]], decimals=0))
+        lines = [f"{len(self)} observations, {first} to {last} UTC, {len(set(self.file.tolist()))} file(s)"]
+        groups, counts = np.unique(np.stack([self.link, self.kind], axis=1), axis=0, return_counts=True)
+        named = sorted(
+            (self.links[i].path, KINDS[k], int(c)) for (i, k), c in zip(groups, counts, strict=True)
+        )
+        width = max(len(path) for path, _, _ in named)
+        lines += [f"  {path:<{width}}  {kind}  {count:>7}" for path, kind, count in named]
+        return "\n".join(lines)
+
+    def _validate(self) -> None:
+        for name in ("value_m", "sigma_m"):
+            column = getattr(self, name)
+            wrong = ~(np.isfinite(column) & (column > 0.0))
+            self._refuse(wrong, name, column, "must be finite and above zero")
+        for name, (low, high) in _WEATHER_LIMITS.items():
+            column = getattr(self, name)
+            wrong = ~(np.isnan(column) | ((column >= low) & (column <= high)))
+            rule = f"must be {low:g} to {high:g}, or left out where it was not recorded"
+            self._refuse(wrong, name, column, rule)
+
+    def _refuse(self, wrong: NDArray[np.bool_], name: str, column: NDArray[np.float64], rule: str) -> None:
+        if not wrong.any():
+            return
+        row = int(np.argmax(wrong))
+        problem = f"{name} is {column[row]:g}, but {rule}"
+        source = self.files[self.file[row]]
+        if source == _IN_MEMORY:
+            raise InputError(f"observation {row + 1}: {problem}")
+        raise FileFormatError(source, problem, int(self.line[row]))
+
+
+def _column(name: str, values: ArrayLike, n: int, dtype: Any = np.float64) -> Any:
+    """Copy of a column as a read-only contiguous array of n values."""
+    array = np.asarray(values, dtype=dtype)
+    if array.shape not in ((), (n,)):
+        raise InputError(f"{name} has shape {array.shape}; {n} epochs need one value or {n}")
+    out = np.empty(n, dtype=dtype)
+    out[...] = array
+    out.flags.writeable = False
+    return out
+
+
+def _codes(name: str, values: ArrayLike, n: int, count: int, dtype: Any) -> Any:
+    wide = _column(name, values, n, np.int64)
+    if n and not (wide.min() >= 0 and wide.max() < count):
+        held = f"{wide.min()} to {wide.max()}"
+        raise InputError(f"{name} holds codes from {held}; allowed are 0 to {count - 1}")
+    return _column(name, wide, n, dtype)
+
+
+def _recode(codes: NDArray[np.int32], column: NDArray[np.int32]) -> NDArray[np.int32]:
+    out = codes[column] if len(column) else column.copy()
+    out.flags.writeable = False
+    return out
+
+
+def _unique(items: Sequence[Any]) -> tuple[tuple[Any, ...], NDArray[np.int32]]:
+    """Each item once, in order of first appearance, and for each item where it now is."""
+    place: dict[Any, int] = {}
+    codes = np.array([place.setdefault(item, len(place)) for item in items], dtype=np.int32)
+    return tuple(place), codes
+
+
+def _frozen(observations: Observations) -> Observations:
+    for field in fields(observations):
+        value = getattr(observations, field.name)
+        for array in (value.jd, value.fraction) if isinstance(value, Epochs) else (value,):
+            if isinstance(array, np.ndarray) and array.flags.owndata:
+                array.flags.writeable = False
+    return observations

@@ -1,0 +1,170 @@
+"""The observation table: what it refuses, and that nothing is lost in choosing and joining."""
+
+import numpy as np
+import pytest
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.targets import canonical_target
+from radioloc.time import Epochs
+
+LINKS = (Link("APOLLO", "apollo15", "APOLLO"), Link("GRASSE", "apollo11", "GRASSE"))
+
+
+def make(n=4, **changes):
+    columns = {
+        "epoch": Epochs.from_jd(2460000.5 + np.arange(n), 0.25, "UTC"),
+        "links": LINKS,
+        "link": np.arange(n) % 2,
+        "value_m": 7.7e8 + np.arange(n),
+        "sigma_m": 0.01,
+        "pressure_hpa": 720.0,
+        "temperature_k": 280.0,
+        "relative_humidity": 0.3,
+        "wavelength_um": 0.532,
+        "files": ("a.npt",),
+        "line": 10 + np.arange(n),
+    }
+    return Observations.from_columns(**(columns | changes))
+
+
+def test_texts_name_kind_tag_path_and_origin():
+    table = make(tag=[0, 1, 2, 0])
+    assert len(table) == 4
+    assert table.types().tolist() == ["range"] * 4
+    assert table.tags().tolist() == ["transmit", "receive", "bounce", "transmit"]
+    assert table.paths().tolist()[:2] == ["APOLLO>apollo15>APOLLO", "GRASSE>apollo11>GRASSE"]
+    assert table.origin(2) == "a.npt, line 12"
+    assert (TIME_TAGS[0], KINDS[0]) == ("transmit", "range")
+
+
+def test_arrays_are_read_only_copies():
+    given = np.full(4, 7.7e8)
+    table = make(value_m=given)
+    given[0] = 1.0
+    assert table.value_m[0] == 7.7e8
+    for array in (table.value_m, table.link, table.epoch.jd, table.select([0, 1]).sigma_m):
+        with pytest.raises(ValueError, match="read-only"):
+            array[0] = 0
+
+
+def test_weather_left_out_is_nan():
+    table = make(pressure_hpa=np.nan, temperature_k=[np.nan, 280.0, np.nan, 281.0])
+    assert np.isnan(table.pressure_hpa).all()
+    assert np.isnan(table.temperature_k).tolist() == [True, False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("changes", "line", "words"),
+    [
+        ({"value_m": [7e8, np.nan, 7e8, 7e8]}, 11, "value_m is nan"),
+        ({"value_m": [7e8, 7e8, -7e8, 7e8]}, 12, "above zero"),
+        ({"sigma_m": [1.0, 1.0, 1.0, 0.0]}, 13, "sigma_m is 0"),
+        ({"sigma_m": np.inf}, 10, "sigma_m is inf"),
+        ({"temperature_k": 20.0}, 10, "temperature_k is 20"),
+        ({"relative_humidity": [0.1, 0.2, 34.0, 0.1]}, 12, "0 to 1"),
+        ({"pressure_hpa": 101325.0}, 10, "100 to 1100"),
+        ({"wavelength_um": 0.0}, 10, "wavelength_um"),
+    ],
+)
+def test_impossible_values_name_file_and_line(changes, line, words):
+    with pytest.raises(FileFormatError, match=words) as caught:
+        make(**changes)
+    assert caught.value.line == line
+    assert caught.value.path.name == "a.npt"
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"value_m": [1.0, 2.0]}, "4 epochs need one value or 4"),
+        ({"link": [0, 1, 2, 0]}, "allowed are 0 to 1"),
+        ({"tag": -1}, "tag holds codes"),
+        ({"kind": 7}, "kind holds codes"),
+        ({"epoch": Epochs.from_jd(np.full(4, 2460000.5), 0.0, "TT")}, "UTC"),
+        ({"files": (), "line": None, "sigma_m": [1, 1, -1, 1]}, "observation 3"),
+    ],
+)
+def test_unusable_columns_are_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        make(**changes)
+
+
+def test_select_and_concatenate_lose_nothing():
+    one, two = make(), make(files=("b.npt",), links=LINKS[::-1])
+    joined = Observations.concatenate([one, two])
+    assert joined.links == LINKS
+    assert joined.files == ("a.npt", "b.npt")
+    assert joined.paths().tolist() == one.paths().tolist() + two.paths().tolist()
+    assert joined.origin(5) == "b.npt, line 11"
+    back = joined.select(joined.file == 1)
+    assert back.paths().tolist() == two.paths().tolist()
+    assert back.value_m.tolist() == two.value_m.tolist()
+    assert joined.select(slice(None, None, -1)).line.tolist() == joined.line.tolist()[::-1]
+    assert len(joined.select(np.zeros(8, dtype=bool))) == 0
+    assert len(joined.select(3)) == 1
+    with pytest.raises(InputError, match="at least one"):
+        Observations.concatenate([])
+
+
+def test_equal_links_become_one():
+    table = make(links=(LINKS[0], LINKS[0]))
+    assert table.links == LINKS[:1]
+    assert table.link.tolist() == [0, 0, 0, 0]
+
+
+def test_summary_counts_by_path():
+    lines = make(5).summary().splitlines()
+    assert lines[0] == "5 observations, 2023-02-25T06:00:00 to 2023-03-01T06:00:00 UTC, 1 file(s)"
+    assert lines[1].split() == ["APOLLO>apollo15>APOLLO", "range", "3"]
+    assert lines[2].split() == ["GRASSE>apollo11>GRASSE", "range", "2"]
+    assert make(0).summary() == "no observations"
+    assert "5 2023-02-25 to 2023-03-01" in repr(make(5))
+
+
+def test_to_table_has_all_columns():
+    table = make().to_table()
+    assert len(table) == 4
+    assert table["epoch_utc"][0] == "2023-02-25T06:00:00.000000000"
+    assert list(table["line"]) == [10, 11, 12, 13]
+
+
+def test_a_million_rows_take_less_than_a_hundred_bytes_each():
+    table = make(1000)
+    arrays = (
+        table.epoch.jd,
+        table.epoch.fraction,
+        table.tag,
+        table.kind,
+        table.link,
+        table.value_m,
+        table.sigma_m,
+    )
+    weather = (table.pressure_hpa, table.temperature_k, table.relative_humidity, table.wavelength_um)
+    assert sum(a.nbytes for a in (*arrays, *weather, table.file, table.line)) < 100 * len(table)
+
+
+def test_link_path_there_and_back():
+    assert Link.from_path(" A > b > C ") == Link("A", "b", "C")
+    assert Link.from_path(LINKS[0].path) == LINKS[0]
+    for bad in ("A>b", "A>b>C>d", "A>>C", "", "A>b,c>D"):
+        with pytest.raises(InputError, match=r"cannot name|is not a path"):
+            Link.from_path(bad)
+
+
+@pytest.mark.parametrize(
+    ("given", "name"),
+    [
+        ("Apollo 15", "apollo15"),
+        ("AP15", "apollo15"),
+        ("apollo-11", "apollo11"),
+        ("APOLLO_14", "apollo14"),
+        ("Lunokhod 1", "luna17"),
+        ("L1", "luna17"),
+        ("luna21", "luna21"),
+        ("Lunokhod-2", "luna21"),
+        (" Chang'e-4 ", "chang'e-4"),
+    ],
+)
+def test_canonical_target(given, name):
+    assert canonical_target(given) == name

@@ -1,0 +1,1 @@
+"""Fitting parameters to observations, and saying how well they are known."""

@@ -1,0 +1,435 @@
+"""Weighted batch least squares with a-priori information, by orthogonal factorization.
+
+Minimizes, over the parameters x, ``|(o - c(x)) / sigma|^2 + |(x - x_prior) / sigma_prior|^2``. Each Gauss-Newton step
+reduces the whitened partials, the a-priori rows and the right side to a triangle by Householder reflections (Bierman
+1977, chapters IV and V; Lawson and Hanson 1974) and solves that by its singular values, so the condition number is
+never squared by normal equations. A step that does not lower the sum of squares is damped (Levenberg 1944, Marquardt
+1963) in the same singular basis, at no cost in further factorizations.
+"""
+
+from __future__ import annotations
+
+import enum
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.errors import InputError
+from radioloc.estimation.parameters import ParameterSet
+
+ResidualFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""From parameters (p,) to residuals observed - computed (n,) in m, and partials d(computed)/d(parameter) (n, p)."""
+
+_ROWS_AT_ONCE = 20000  # bounds the copy that the factorization makes; the triangle carries over from block to block
+
+
+class FitStatus(enum.Enum):
+    """How a fit ended."""
+
+    CONVERGED = "converged"
+    MAX_ITERATIONS = "not converged: iteration limit reached"
+    DIVERGED = "not converged: no step lowers the sum of squares"
+    UNOBSERVABLE = "not observable: the data do not determine every parameter"
+
+
+@dataclass(frozen=True, slots=True)
+class FitSettings:
+    """When to stop and what counts as determined.
+
+    Parameters
+    ----------
+    max_iterations : int
+        Limit of Gauss-Newton iterations.
+    step_tolerance : float
+        Converged when a step is shorter, in standard deviations over all parameters together (formal ones, or scaled up
+        to what the residuals show). Such a step lowers the sum of squares by its square, so this bounds that too.
+    rank_tolerance : float
+        A combination of parameters is undetermined when its singular value, with all columns scaled to length one,
+        is below this part of the largest. Partials carry rounding of about 1e-13 and light-time cut-offs of 1e-11;
+        what they tell beneath 1e-10 is not information.
+    max_sigma : float
+        A combination is undetermined too when its standard deviation exceeds this many parameter scales (metres):
+        beyond about the Moon's radius the linear model that the figure rests on means nothing.
+    """
+
+    max_iterations: int = 30
+    step_tolerance: float = 1e-3
+    rank_tolerance: float = 1e-10
+    max_sigma: float = 1e6
+
+
+@dataclass(frozen=True, slots=True)
+class Iteration:
+    """One Gauss-Newton iteration: what the step was and what it did.
+
+    Parameters
+    ----------
+    chi2_before, chi2_after : float
+        Weighted sum of squares, a-priori rows included.
+    step_sigmas : float
+        Length of the undamped step in formal standard deviations.
+    damping : float
+        Levenberg-Marquardt parameter of the step taken; 0 is a plain Gauss-Newton step.
+    """
+
+    chi2_before: float
+    chi2_after: float
+    step_sigmas: float
+    damping: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factor:
+    """The whitened linear problem reduced to its singular values.
+
+    The free parameters are multiplied by ``column_norms`` so that every column has length one.
+
+    Parameters
+    ----------
+    column_norms : ndarray, shape (q,)
+        Length of each whitened column with its a-priori row; 1/scale for a column of zeros.
+    singular_values : ndarray, shape (q,)
+        Of the matrix with columns of length one, descending.
+    vectors : ndarray, shape (q, q)
+        Right singular vectors in columns.
+    right_side : ndarray, shape (q,)
+        Whitened residuals in the singular basis.
+    determined : ndarray of bool, shape (q,)
+        Which singular directions the data and the a-priori rows determine.
+    """
+
+    column_norms: NDArray[np.float64]
+    singular_values: NDArray[np.float64]
+    vectors: NDArray[np.float64]
+    right_side: NDArray[np.float64]
+    determined: NDArray[np.bool_]
+
+    @property
+    def step_sigmas(self) -> float:
+        """Length of the undamped step in formal standard deviations."""
+        return float(np.linalg.norm(self.right_side[self.determined]))
+
+    def step(self, damping: float = 0.0) -> NDArray[np.float64]:
+        """Change of the free parameters, none of it along undetermined directions, shape (q,)."""
+        s = self.singular_values[self.determined]
+        along = s * self.right_side[self.determined] / (s**2 + damping**2)
+        return (self.vectors[:, self.determined] @ along) / self.column_norms
+
+    def root_covariance(self) -> NDArray[np.float64]:
+        """A matrix whose product with its transpose is the covariance of the determined part, shape (q, r)."""
+        root: NDArray[np.float64] = self.vectors[:, self.determined] / self.singular_values[self.determined]
+        return root / self.column_norms[:, None]
+
+    def undetermined_directions(self) -> NDArray[np.float64]:
+        """Undetermined directions in parameter units, one per row, shape (q - r, q)."""
+        directions: NDArray[np.float64] = self.vectors[:, ~self.determined].T / self.column_norms
+        return directions
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FitResult:
+    """The outcome of one least squares fit.
+
+    Parameters
+    ----------
+    parameters : ParameterSet
+        What was solved for.
+    x : ndarray, shape (p,)
+        Estimated values; undetermined directions stay where they started.
+    covariance : ndarray, shape (p, p)
+        Formal covariance from the stated sigmas. Fixed parameters have zeros; a parameter that takes part in an
+        undetermined direction has infinite variance and, as no number is right there, zero covariances.
+    residual_m : ndarray, shape (n,)
+        Observed - computed at `x`, for all observations, used or not, m.
+    partials : ndarray, shape (n, p)
+        d(computed)/d(parameter) at `x`.
+    sigma_m : ndarray, shape (n,)
+        Stated standard deviations, m.
+    used : ndarray of bool, shape (n,)
+        Which observations took part.
+    chi2 : float
+        Weighted sum of squares over the used observations and the a-priori values.
+    dof : int
+        Used observations plus a-priori values less estimated parameters (or determined directions, if fewer).
+    status : FitStatus
+        How it ended.
+    iterations : tuple of Iteration
+        History.
+    factor : Factor
+        Singular values and directions at `x`, over the free parameters.
+    """
+
+    parameters: ParameterSet
+    x: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    residual_m: NDArray[np.float64]
+    partials: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+    used: NDArray[np.bool_]
+    chi2: float
+    dof: int
+    status: FitStatus
+    iterations: tuple[Iteration, ...]
+    factor: Factor
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit converged and every free parameter is determined."""
+        return self.status is FitStatus.CONVERGED
+
+    @property
+    def sigmas(self) -> NDArray[np.float64]:
+        """Formal standard deviations of the parameters, shape (p,)."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def normalized_residuals(self) -> NDArray[np.float64]:
+        """Residuals over their stated sigmas, all observations, shape (n,)."""
+        return self.residual_m / self.sigma_m
+
+    @property
+    def chi2_per_dof(self) -> float | None:
+        """Reduced chi-square; None without redundancy."""
+        return self.chi2 / self.dof if self.dof > 0 else None
+
+
+def whiten(rows: NDArray[np.float64], sigma_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Divide rows by the standard deviation of their observation, so that all have unit variance.
+
+    The one place that knows what the observation noise looks like.
+
+    Parameters
+    ----------
+    rows : ndarray, shape (n, k)
+        Partials and residuals side by side.
+    sigma_m : ndarray, shape (n,)
+        Standard deviations, m.
+    """
+    whitened: NDArray[np.float64] = rows / sigma_m[:, None]
+    return whitened
+
+
+def factorize(
+    residual_m: NDArray[np.float64],
+    partials: NDArray[np.float64],
+    sigma_m: NDArray[np.float64],
+    parameters: ParameterSet,
+    x: NDArray[np.float64],
+    settings: FitSettings,
+) -> Factor:
+    """Reduce one linearized problem, a-priori rows included, to its singular values.
+
+    Parameters
+    ----------
+    residual_m, partials, sigma_m : ndarray, shape (n,), (n, p), (n,)
+        The observations to use.
+    parameters : ParameterSet
+        Gives the a-priori rows and which columns are free.
+    x : ndarray, shape (p,)
+        Where the partials were computed.
+    settings : FitSettings
+        The tolerances of rank.
+    """
+    free = parameters.free
+    q = int(free.sum())
+    with_prior = np.flatnonzero(np.isfinite(parameters.prior_sigmas[free]))
+    prior_sigmas = parameters.prior_sigmas[free][with_prior]
+    triangle = np.zeros((len(with_prior), q + 1))
+    triangle[np.arange(len(with_prior)), with_prior] = 1.0 / prior_sigmas
+    triangle[:, q] = (parameters.prior_values - x)[free][with_prior] / prior_sigmas
+    for start in range(0, len(residual_m), _ROWS_AT_ONCE):
+        part = slice(start, start + _ROWS_AT_ONCE)
+        rows = whiten(np.column_stack([partials[part][:, free], residual_m[part]]), sigma_m[part])
+        triangle = np.linalg.qr(np.vstack([triangle, rows]), mode="r")
+
+    # Fewer rows than columns leave a trapezoid; rows of zeros complete it and show up as zero singular values.
+    matrix = np.zeros((q, q))
+    right_side = np.zeros(q)
+    height = min(q, len(triangle))
+    matrix[:height], right_side[:height] = triangle[:height, :q], triangle[:height, q]
+
+    scales = parameters.scales[free]
+    norms = np.linalg.norm(matrix, axis=0)
+    norms = np.where(norms > 0.0, norms, 1.0 / scales)
+    left, s, right = np.linalg.svd(matrix / norms)
+    sizes = np.linalg.norm(right / norms / scales, axis=1)
+    determined = (s > settings.rank_tolerance * s[0]) & (s * settings.max_sigma > sizes)
+    return Factor(norms, s, right.T, left.T @ right_side, determined)
+
+
+def fit_least_squares(
+    residual_function: ResidualFunction,
+    parameters: ParameterSet,
+    sigma_m: ArrayLike,
+    *,
+    used: ArrayLike | None = None,
+    start: ArrayLike | None = None,
+    settings: FitSettings | None = None,
+) -> FitResult:
+    """Fit parameters to observations.
+
+    Parameters
+    ----------
+    residual_function : callable
+        From x (p,) to residuals observed - computed (n,), m, and partials d(computed)/dx (n, p).
+    parameters : ParameterSet
+        What is solved for, with a-priori values.
+    sigma_m : array_like, shape (n,) or ()
+        Standard deviations of the observations, m.
+    used : array_like of bool, shape (n,), optional
+        Observations that take part; all by default. Residuals are returned for the others too.
+    start : array_like, shape (p,), optional
+        Where to start; the a-priori values by default. Fixed parameters stay at their a-priori values.
+    settings : FitSettings, optional
+        Limits and tolerances.
+
+    Returns
+    -------
+    FitResult
+        The status says whether it converged and everything is determined; neither raises.
+
+    Raises
+    ------
+    InputError
+        Shapes do not agree, a sigma is not positive and finite, all parameters are fixed, or the residuals or
+        partials at the start are not finite.
+    """
+    settings = settings or FitSettings()
+    if not parameters.free.any():
+        raise InputError("all parameters are fixed; leave at least one free")
+    x = parameters.prior_values if start is None else np.array(start, dtype=np.float64)
+    if x.shape != (len(parameters),):
+        raise InputError(f"start has shape {x.shape}; {len(parameters)} parameters need ({len(parameters)},)")
+    x = np.where(parameters.free, x, parameters.prior_values)
+
+    residual_m, partials = evaluate(residual_function, x)
+    n = len(residual_m)
+    sigma = checked_sigmas(sigma_m, n)
+    mask = np.ones(n, dtype=bool) if used is None else np.array(used, dtype=bool)
+    if mask.shape != (n,):
+        raise InputError(f"used has shape {mask.shape}; {n} observations need ({n},)")
+    check_finite(residual_m[mask], partials[mask], parameters)
+
+    chi2 = _sum_of_squares(residual_m, sigma, mask, parameters, x)
+    factor = factorize(residual_m[mask], partials[mask], sigma[mask], parameters, x, settings)
+    iterations: list[Iteration] = []
+    status = FitStatus.MAX_ITERATIONS
+    damping = 0.0
+    while len(iterations) < settings.max_iterations:
+        length = factor.step_sigmas
+        small = length < settings.step_tolerance * max(1.0, np.sqrt(chi2 / max(1, mask.sum())))
+        lowest = factor.singular_values[factor.determined].min(initial=1.0)
+        for _ in range(_MAX_TRIALS):
+            trial = x.copy()
+            trial[parameters.free] += factor.step(damping)
+            trial_residual_m, trial_partials = evaluate(residual_function, trial)
+            trial_chi2 = _sum_of_squares(trial_residual_m, sigma, mask, parameters, trial)
+            # A step this small changes the sum of squares by less than its rounding may: it is taken as it is.
+            if small or trial_chi2 <= chi2:
+                break
+            damping = 10.0 * damping if damping > 0.0 else lowest
+        else:
+            # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m), or the
+            # partials point the wrong way.
+            at_floor = length <= max(0.1, 1e-3 * np.sqrt(chi2))
+            status = FitStatus.CONVERGED if at_floor else FitStatus.DIVERGED
+            break
+        iterations.append(Iteration(chi2, trial_chi2, length, damping))
+        damping = 0.0 if damping <= lowest else 0.1 * damping
+        x, residual_m, partials, chi2 = trial, trial_residual_m, trial_partials, trial_chi2
+        factor = factorize(residual_m[mask], partials[mask], sigma[mask], parameters, x, settings)
+        if small:
+            status = FitStatus.CONVERGED
+            break
+
+    if not factor.determined.all() and status is FitStatus.CONVERGED:
+        status = FitStatus.UNOBSERVABLE
+    n_prior = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
+    return FitResult(
+        parameters=parameters,
+        x=x,
+        covariance=_covariance(factor, parameters),
+        residual_m=residual_m,
+        partials=partials,
+        sigma_m=sigma,
+        used=mask,
+        chi2=chi2,
+        dof=int(mask.sum()) + n_prior - int(factor.determined.sum()),
+        status=status,
+        iterations=tuple(iterations),
+        factor=factor,
+    )
+
+
+_MAX_TRIALS = 16  # dampings tried before giving up: each is ten times the last, so the step shrinks to nothing
+
+
+def evaluate(
+    residual_function: ResidualFunction, x: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Residuals (n,) in m and partials (n, p) at x, with their shapes checked."""
+    residual_m, partials = residual_function(x)
+    residual_m = np.asarray(residual_m, dtype=np.float64)
+    partials = np.asarray(partials, dtype=np.float64)
+    if residual_m.ndim != 1 or partials.shape != (len(residual_m), len(x)):
+        raise InputError(
+            f"residuals of shape {residual_m.shape} and partials of shape {partials.shape} do not belong to "
+            f"{len(x)} parameters; (n,) and (n, {len(x)}) are needed"
+        )
+    return residual_m, partials
+
+
+def checked_sigmas(sigma_m: ArrayLike, n: int) -> NDArray[np.float64]:
+    """Standard deviations as an array of shape (n,), all positive and finite."""
+    try:
+        sigma = np.array(np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), (n,)))
+    except ValueError:
+        raise InputError(f"sigmas of shape {np.shape(sigma_m)} do not belong to {n} observations") from None
+    bad = np.flatnonzero(~(np.isfinite(sigma) & (sigma > 0.0)))
+    if len(bad):
+        raise InputError(f"sigma of observation {bad[0]} is {sigma[bad[0]]} m; give a finite positive number")
+    return sigma
+
+
+def check_finite(residual_m: NDArray[np.float64], partials: NDArray[np.float64], parameters: ParameterSet) -> None:
+    """Raise :class:`InputError` if residuals or partials are not finite."""
+    bad = np.flatnonzero(~np.isfinite(residual_m))
+    if len(bad):
+        raise InputError(f"{len(bad)} of {len(residual_m)} residuals are not finite at the start, the first at {bad[0]}")
+    if not np.isfinite(partials).all():
+        column = int(np.flatnonzero(~np.isfinite(partials).all(axis=0))[0])
+        raise InputError(f"the partials with respect to {parameters.names[column]} are not finite at the start")
+
+
+def _sum_of_squares(
+    residual_m: NDArray[np.float64],
+    sigma_m: NDArray[np.float64],
+    used: NDArray[np.bool_],
+    parameters: ParameterSet,
+    x: NDArray[np.float64],
+) -> float:
+    """Weighted sum of squares with the a-priori rows; infinite where the model gives no finite number."""
+    normalized = whiten(residual_m[used, None], sigma_m[used])[:, 0]
+    prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
+    total = float(normalized @ normalized + prior @ prior)
+    return total if np.isfinite(total) else np.inf
+
+
+def _covariance(factor: Factor, parameters: ParameterSet) -> NDArray[np.float64]:
+    """Formal covariance over all parameters, shape (p, p)."""
+    root = factor.root_covariance()
+    covariance_free = root @ root.T
+    # A parameter takes part in an undetermined direction if its share, in units of its scale, is more than rounding.
+    directions = factor.undetermined_directions() / parameters.scales[parameters.free]
+    if len(directions):
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        lost = (np.abs(directions) > 1e-6).any(axis=0)
+        covariance_free[lost, :] = 0.0
+        covariance_free[:, lost] = 0.0
+        covariance_free[lost, lost] = np.inf
+    p = len(parameters)
+    covariance = np.zeros((p, p))
+    covariance[np.ix_(parameters.free, parameters.free)] = covariance_free
+    return covariance

@@ -1,0 +1,151 @@
+"""What is solved for: named parameters with a-priori values, in a fixed order."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One number that the estimator may change.
+
+    Parameters
+    ----------
+    name : str
+        Unique name: the kind, a dot, and what it belongs to, such as ``"position.x_m"`` or ``"range_bias.APOLLO"``.
+    unit : str
+        Unit of the value as text, such as ``"m"``, ``"rad"``, ``"s"``.
+    kind : str
+        What sort of parameter it is: ``"position"``, ``"range_bias"``, ``"time_bias"``, ...
+    prior_value : float
+        A-priori value, in `unit`; also where the iteration starts.
+    prior_sigma : float
+        Standard deviation of the a-priori value, in `unit`; infinity leaves the parameter to the data alone.
+    fixed : bool
+        Hold the parameter at its a-priori value, as if known exactly.
+    scale : float
+        A change of the parameter, in `unit`, that moves an observation by something like one metre: 1 for metres,
+        1/1737400 for a selenographic angle in rad, 0.001 for a time bias in seconds. It makes parameters of
+        different units comparable when directions are named; the estimate does not depend on it.
+
+    Raises
+    ------
+    InputError
+        A value is not finite, a standard deviation or a scale is not positive.
+    """
+
+    name: str
+    unit: str
+    kind: str
+    prior_value: float = 0.0
+    prior_sigma: float = math.inf
+    fixed: bool = False
+    scale: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not self.name:
+            raise InputError("a parameter needs a name, such as 'range_bias.APOLLO'")
+        if not math.isfinite(self.prior_value):
+            raise InputError(f"the a-priori value of {self.name} is {self.prior_value}; give a finite number")
+        if not self.prior_sigma > 0.0:
+            raise InputError(
+                f"the a-priori sigma of {self.name} is {self.prior_sigma}; give a positive number, infinity to leave "
+                "the parameter free, or fixed=True to hold it"
+            )
+        if not (math.isfinite(self.scale) and self.scale > 0.0):
+            raise InputError(f"the scale of {self.name} is {self.scale}; give a finite positive number")
+
+
+@dataclass(frozen=True, slots=True, init=False)
+class ParameterSet:
+    """Parameters in the order of the columns of the partials.
+
+    Parameters
+    ----------
+    parameters : iterable of Parameter
+        At least one, no name twice.
+
+    Raises
+    ------
+    InputError
+        There is none, or a name occurs twice.
+    """
+
+    parameters: tuple[Parameter, ...]
+
+    def __init__(self, parameters: Iterable[Parameter]) -> None:
+        items = tuple(parameters)
+        if not items:
+            raise InputError("a parameter set needs at least one parameter")
+        names = [item.name for item in items]
+        doubled = sorted({name for name in names if names.count(name) > 1})
+        if doubled:
+            raise InputError(f"parameter names occur more than once: {', '.join(doubled)}; each must be unique")
+        object.__setattr__(self, "parameters", items)
+
+    def __len__(self) -> int:
+        return len(self.parameters)
+
+    def __iter__(self) -> Iterator[Parameter]:
+        return iter(self.parameters)
+
+    def __getitem__(self, name: str) -> Parameter:
+        return self.parameters[self.index(name)]
+
+    def __contains__(self, name: object) -> bool:
+        return name in self.names
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names, in order."""
+        return tuple(item.name for item in self.parameters)
+
+    @property
+    def free(self) -> NDArray[np.bool_]:
+        """Which parameters are not fixed, shape (p,)."""
+        return np.array([not item.fixed for item in self.parameters], dtype=bool)
+
+    @property
+    def prior_values(self) -> NDArray[np.float64]:
+        """A-priori values, each in its unit, shape (p,)."""
+        return np.array([item.prior_value for item in self.parameters], dtype=np.float64)
+
+    @property
+    def prior_sigmas(self) -> NDArray[np.float64]:
+        """A-priori standard deviations, each in its unit, infinite where free, shape (p,)."""
+        return np.array([item.prior_sigma for item in self.parameters], dtype=np.float64)
+
+    @property
+    def scales(self) -> NDArray[np.float64]:
+        """Changes worth about one metre of observation, shape (p,)."""
+        return np.array([item.scale for item in self.parameters], dtype=np.float64)
+
+    def index(self, name: str) -> int:
+        """Position of a parameter in the order.
+
+        Raises
+        ------
+        InputError
+            There is no parameter of that name.
+        """
+        try:
+            return self.names.index(name)
+        except ValueError:
+            raise InputError(f"there is no parameter {name!r}; there are {', '.join(self.names)}") from None
+
+    def of_kind(self, kind: str) -> tuple[int, ...]:
+        """Positions of the parameters of one kind; empty if there are none."""
+        return tuple(i for i, item in enumerate(self.parameters) if item.kind == kind)
+
+    def changed(self, name: str, **changes: Any) -> ParameterSet:
+        """A copy with some fields of one parameter changed."""
+        k = self.index(name)
+        return ParameterSet((*self.parameters[:k], replace(self.parameters[k], **changes), *self.parameters[k + 1 :]))

@@ -1,0 +1,17 @@
+"""Where the Earth, the Moon and the Sun are, and how the Moon is turned: the only home of kilometres and days.
+
+SI units, ICRF axes and TDB; the DE421 files that ship, or any SPK and binary PCK made of a JPL ephemeris.
+"""
+
+from radioloc.ephemeris.constants import CONSTANTS, EphemerisConstants
+from radioloc.ephemeris.orientation import LunarOrientation
+from radioloc.ephemeris.positions import BODIES, EarthState, Ephemeris
+
+__all__ = [
+    "BODIES",
+    "CONSTANTS",
+    "EarthState",
+    "Ephemeris",
+    "EphemerisConstants",
+    "LunarOrientation",
+]

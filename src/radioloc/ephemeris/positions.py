@@ -1,0 +1,201 @@
+"""Positions and velocities of the Earth, the Moon, the Sun and the large planets, ICRF axes, TDB, SI units."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.ephemeris.chebyshev import evaluate
+from radioloc.ephemeris.constants import CONSTANTS, EphemerisConstants
+from radioloc.errors import InputError, KernelError
+from radioloc.kernels import Kernel, KernelFile, open_spk
+from radioloc.time import Epochs
+
+_M_PER_KM = 1000.0
+_SOLAR_SYSTEM_BARYCENTRE, _EARTH_MOON_BARYCENTRE, _EARTH, _MOON = 0, 3, 399, 301
+
+BODIES = {"sun": 10, "moon": _MOON, "venus": 2, "jupiter": 5, "saturn": 6}
+"""Bodies that can be asked for, with their NAIF codes; the planets are the barycentres of their systems."""
+
+_State = tuple[NDArray[np.float64], NDArray[np.float64]]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EarthState:
+    """Barycentric state of the geocentre, ICRF axes.
+
+    Parameters
+    ----------
+    position_m, velocity_m_s, acceleration_m_s2 : ndarray, shape (n, 3)
+        Relative to the solar system barycentre; derivatives with respect to TDB.
+    """
+
+    position_m: NDArray[np.float64]
+    velocity_m_s: NDArray[np.float64]
+    acceleration_m_s2: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ephemeris:
+    """A planetary and lunar ephemeris; make one with :meth:`open`.
+
+    Parameters
+    ----------
+    name : str
+        Such as ``DE421``.
+    constants : EphemerisConstants
+        The masses, Love numbers and axes that belong to it.
+    spk : Kernel
+        The opened kernel.
+    """
+
+    name: str
+    constants: EphemerisConstants
+    spk: Kernel
+
+    @classmethod
+    def open(cls, spk: str | Path = "DE421", constants: EphemerisConstants | None = None) -> Ephemeris:
+        """Open an ephemeris.
+
+        Parameters
+        ----------
+        spk : str or path-like
+            ``"DE421"`` for the one that ships, or the path of an SPK made of a JPL ephemeris.
+        constants : EphemerisConstants, optional
+            Needed for an ephemeris that :data:`radioloc.ephemeris.CONSTANTS` does not hold.
+
+        Raises
+        ------
+        KernelError
+            As :func:`radioloc.kernels.open_spk`; the Earth, the Moon or the Sun is missing; or the ephemeris is not
+            known and no constants were given.
+        """
+        kernel = open_spk(spk)
+        for target, center in (
+            (_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE),
+            (_EARTH, _EARTH_MOON_BARYCENTRE),
+            (_MOON, _EARTH_MOON_BARYCENTRE),
+            (BODIES["sun"], _SOLAR_SYSTEM_BARYCENTRE),
+        ):
+            kernel.segment(target, center)
+        if constants is not None:
+            return cls(constants.name, constants, kernel)
+        label = kernel.segment(_EARTH, _EARTH_MOON_BARYCENTRE).name
+        match = re.search(r"DE-?0*(\d+)", label)
+        name = f"DE{match[1]}" if match else label
+        if name not in CONSTANTS:
+            raise KernelError(
+                f"{kernel.file.path} calls itself {label!r}, an ephemeris whose constants are not known here (known: "
+                f"{', '.join(CONSTANTS)}); give them as constants="
+            )
+        return cls(name, CONSTANTS[name], kernel)
+
+    @property
+    def kernel(self) -> KernelFile:
+        """Path, SHA-256 and span of the file."""
+        return self.spk.file
+
+    @property
+    def bodies(self) -> tuple[str, ...]:
+        """Names of the bodies that the kernel holds."""
+        return tuple(
+            name
+            for name, code in BODIES.items()
+            if self.spk.has(code, _EARTH_MOON_BARYCENTRE if code == _MOON else _SOLAR_SYSTEM_BARYCENTRE)
+        )
+
+    def earth(self, tdb: Epochs) -> EarthState:
+        """Barycentric position, velocity and acceleration of the geocentre.
+
+        Parameters
+        ----------
+        tdb : Epochs
+            Epochs in TDB, n of them.
+
+        Raises
+        ------
+        CoverageError
+            An epoch lies outside the kernel's span.
+        InputError
+            The epochs are not in TDB.
+
+        Notes
+        -----
+        Round-off of the position is some 1e-5 m. The acceleration is the second derivative of the Chebyshev series.
+        """
+        barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+        earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
+        return EarthState(*((b + e) * _M_PER_KM for b, e in zip(barycentre, earth, strict=True)))
+
+    def geocentric(self, body: str, tdb: Epochs) -> _State:
+        """Geocentric position and velocity of a body, geometric (no light time), in barycentric coordinates.
+
+        Parameters
+        ----------
+        body : {"moon", "sun", "venus", "jupiter", "saturn"}
+            Of these, one that the kernel holds.
+        tdb : Epochs
+            Epochs in TDB, n of them.
+
+        Returns
+        -------
+        position_m, velocity_m_s : ndarray, shape (n, 3)
+            ICRF axes; velocity with respect to TDB.
+
+        Raises
+        ------
+        InputError
+            No such body, or the epochs are not in TDB.
+        KernelError
+            The kernel does not hold the body.
+        CoverageError
+            An epoch lies outside the kernel's span.
+
+        Notes
+        -----
+        The Moon is its position minus the Earth's, both relative to the Earth-Moon barycentre, so that the 1.5e11 m
+        from the solar system barycentre do not enter: its round-off is below 1e-6 m.
+        """
+        earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
+        code = _code(body)
+        if code == _MOON:
+            moon = self._evaluate(_MOON, _EARTH_MOON_BARYCENTRE, tdb)
+            return (moon[0] - earth[0]) * _M_PER_KM, (moon[1] - earth[1]) * _M_PER_KM
+        other = self._evaluate(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+        barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+        return (
+            ((other[0] - barycentre[0]) - earth[0]) * _M_PER_KM,
+            ((other[1] - barycentre[1]) - earth[1]) * _M_PER_KM,
+        )
+
+    def barycentric(self, body: str, tdb: Epochs) -> _State:
+        """Barycentric position and velocity of a body; parameters and errors as :meth:`geocentric`.
+
+        Returns
+        -------
+        position_m, velocity_m_s : ndarray, shape (n, 3)
+            ICRF axes, relative to the solar system barycentre; velocity with respect to TDB.
+        """
+        code = _code(body)
+        if code == _MOON:
+            barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+            moon = self._evaluate(_MOON, _EARTH_MOON_BARYCENTRE, tdb)
+            return (barycentre[0] + moon[0]) * _M_PER_KM, (barycentre[1] + moon[1]) * _M_PER_KM
+        position_km, velocity_km_s, _ = self._evaluate(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+        return position_km * _M_PER_KM, velocity_km_s * _M_PER_KM
+
+    def _evaluate(
+        self, target: int, center: int, tdb: Epochs
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        return evaluate(self.spk, self.spk.segment(target, center), tdb)
+
+
+def _code(body: str) -> int:
+    try:
+        return BODIES[body]
+    except KeyError:
+        raise InputError(f"body {body!r} is not known; use one of {', '.join(BODIES)}") from None

@@ -1,0 +1,138 @@
+"""The kernels that ship: what they are, where they lie, what their SHA-256 must be."""
+
+from __future__ import annotations
+
+import hashlib
+import tomllib
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from radioloc.errors import KernelError
+
+REGISTRY_NAME = "registry.toml"
+
+
+@dataclass(frozen=True, slots=True)
+class RegisteredKernel:
+    """One kernel that ships.
+
+    Parameters
+    ----------
+    name : str
+        File name.
+    kind : {"SPK", "PCK"}
+        Positions, or orientation.
+    ephemeris : str
+        The ephemeris it is cut from, such as ``DE421``.
+    sha256 : str
+        What the file's SHA-256 must be.
+    size_bytes : int
+        The file's length.
+    start_tdb, end_tdb : str
+        Dates at whose midnight (TDB) the span begins and ends.
+    bodies : tuple of int
+        NAIF codes of the bodies (SPK) or frames (PCK).
+    source_package, source_file, source_sha256 : str
+        The full kernel it was cut from, and the package that carries it.
+    """
+
+    name: str
+    kind: str
+    ephemeris: str
+    sha256: str
+    size_bytes: int
+    start_tdb: str
+    end_tdb: str
+    bodies: tuple[int, ...]
+    source_package: str
+    source_file: str
+    source_sha256: str
+
+
+@cache
+def kernel_directory() -> Path:
+    """Directory of the kernels that ship: inside the installed package, or ``kernels/`` of a source checkout.
+
+    Raises
+    ------
+    KernelError
+        Neither is there.
+    """
+    packaged = Path(__file__).parent / "data"
+    checkout = Path(__file__).parents[3] / "kernels"
+    for directory in (packaged, checkout):
+        if (directory / REGISTRY_NAME).is_file():
+            return directory
+    raise KernelError(
+        f"the kernels that ship with radioloc are not at {packaged} (installed) or {checkout} (source checkout); "
+        "install the package again"
+    )
+
+
+@cache
+def registered() -> tuple[RegisteredKernel, ...]:
+    """The kernels that ship, in the registry's order.
+
+    Raises
+    ------
+    KernelError
+        The registry is not there.
+    """
+    table = tomllib.loads((kernel_directory() / REGISTRY_NAME).read_text(encoding="utf-8"))
+    return tuple(RegisteredKernel(**{**entry, "bodies": tuple(entry["bodies"])}) for entry in table["kernel"])
+
+
+def find_kernel(name_or_path: str | Path, kind: str | None = None) -> Path:
+    """Path of a kernel.
+
+    Parameters
+    ----------
+    name_or_path : str or path-like
+        File name of a kernel that ships, the name of its ephemeris (``"DE421"``, with `kind`), or the path of any
+        kernel file.
+    kind : {"SPK", "PCK"}, optional
+        Which kernel of the ephemeris; needed where two would fit.
+
+    Raises
+    ------
+    KernelError
+        No such kernel or file, or the name fits two kernels.
+    """
+    path = Path(name_or_path)
+    if path.is_file():
+        return path
+    name = str(name_or_path)
+    fits = [
+        entry
+        for entry in registered()
+        if name == entry.name or (name.upper() == entry.ephemeris and kind in (None, entry.kind))
+    ]
+    if len(fits) == 1:
+        return kernel_directory() / fits[0].name
+    known = ", ".join(f"{entry.name} ({entry.ephemeris} {entry.kind})" for entry in registered())
+    if fits:
+        raise KernelError(f"{name!r} stands for more than one kernel; name the file, one of {known}")
+    raise KernelError(
+        f"{name!r} is neither a file nor a kernel that ships; give the path of a kernel file, or one of {known}"
+    )
+
+
+def registered_as(path: Path) -> RegisteredKernel | None:
+    """The registry's entry for a file of this name, if there is one."""
+    return next((entry for entry in registered() if entry.name == path.name), None)
+
+
+def sha256_of(path: Path) -> str:
+    """SHA-256 of a file, as 64 hexadecimal digits.
+
+    Raises
+    ------
+    KernelError
+        The file cannot be read.
+    """
+    try:
+        with path.open("rb") as file:
+            return hashlib.file_digest(file, "sha256").hexdigest()
+    except OSError as error:
+        raise KernelError(f"{path} cannot be read: {error.strerror}") from error

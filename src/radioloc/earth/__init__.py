@@ -1,0 +1,1 @@
+"""Earth: stations and their catalogue, orientation, displacements of the crust, the atmosphere."""

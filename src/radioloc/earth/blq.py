@@ -1,0 +1,171 @@
+"""Ocean tide loading coefficients and the BLQ file that carries them.
+
+A BLQ record gives a site eleven tides (M2 S2 N2 K2 K1 O1 P1 Q1 Mf Mm Ssa): amplitude and phase lag at
+Greenwich of the displacement upwards, to the west and to the south. Such files come from the ocean tide
+loading provider of H.-G. Scherneck and M. S. Bos at Onsala Space Observatory.
+"""
+
+from __future__ import annotations
+
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.errors import FileFormatError, InputError
+
+CONSTITUENTS = ("M2", "S2", "N2", "K2", "K1", "O1", "P1", "Q1", "MF", "MM", "SSA")
+"""Tides of a BLQ record, in the order of its columns."""
+
+_ROWS = ("radial amplitude", "EW amplitude", "NS amplitude", "radial phase", "EW phase", "NS phase")
+_LARGEST_AMPLITUDE_M = 0.3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BlqCoefficients:
+    """Ocean tide loading of one site.
+
+    Parameters
+    ----------
+    site : str
+        Name of the site in its file.
+    amplitude_m : array_like, shape (3, 11)
+        Amplitudes, m: rows up, west, south; columns as :data:`CONSTITUENTS`.
+    phase_lag_rad : array_like, shape (3, 11)
+        Phase lags at Greenwich, rad, positive when the displacement follows the tide.
+    source : str
+        Ocean tide model and who computed it.
+
+    Raises
+    ------
+    InputError
+        A shape is wrong, a number is not finite, or an amplitude is negative or above 0.3 m (not in metres?).
+    """
+
+    site: str
+    amplitude_m: NDArray[np.float64]
+    phase_lag_rad: NDArray[np.float64]
+    source: str
+
+    def __post_init__(self) -> None:
+        for field in ("amplitude_m", "phase_lag_rad"):
+            object.__setattr__(self, field, _frozen_table(getattr(self, field), f"{field} of {self.site!r}"))
+        if (self.amplitude_m < 0.0).any() or (self.amplitude_m > _LARGEST_AMPLITUDE_M).any():
+            raise InputError(
+                f"ocean loading of {self.site!r} has amplitudes from {self.amplitude_m.min():g} to "
+                f"{self.amplitude_m.max():g} m; they lie between 0 and {_LARGEST_AMPLITUDE_M} m: give metres"
+            )
+
+    def __repr__(self) -> str:
+        return f"<BlqCoefficients {self.site}, M2 up {self.amplitude_m[0, 0] * 1e3:.1f} mm, {self.source}>"
+
+
+def _frozen_table(values: ArrayLike, what: str) -> NDArray[np.float64]:
+    table = np.array(values, dtype=np.float64)
+    if table.shape != (3, len(CONSTITUENTS)) or not np.isfinite(table).all():
+        raise InputError(
+            f"{what} must be 3 x {len(CONSTITUENTS)} finite numbers, but has shape {table.shape}"
+        )
+    table.setflags(write=False)
+    return table
+
+
+def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
+    """Read a file in BLQ layout, as the ocean tide loading provider sends it.
+
+    Parameters
+    ----------
+    path : path-like
+        The file. Lines that start with ``$$`` are comments, of which the column order and the tide model are
+        used. The head of an e-mail and what follows ``$$ END TABLE`` are left aside.
+
+    Returns
+    -------
+    dict
+        Coefficients by the site's name as it stands in the file.
+
+    Raises
+    ------
+    FileFormatError
+        The columns are in another order, a record is cut short or has other than eleven numbers in a row, a
+        number cannot be read or is impossible, a site appears twice, or there is none.
+    OSError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    return parse_blq(path.read_text(encoding="utf-8", errors="replace"), path)
+
+
+def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:
+    """Read the text of a file in BLQ layout; see :func:`read_blq`."""
+    sites: dict[str, BlqCoefficients] = {}
+    header_source = "ocean tide model not named in the file"
+    name, name_line, source = "", 0, ""
+    rows: list[list[float]] = []
+    for number, line in _table_lines(text):
+        if line.startswith("$$"):
+            _check_column_order(line, path, number)
+            model = re.search(r"Ocean tide model:?\s*(\S.*)", line, re.IGNORECASE)
+            if model and not name:
+                header_source = model[1].strip()
+            if name and not rows and not source:
+                source = line.lstrip("$ ").strip()
+            continue
+        if not name:
+            name, name_line, source = line.strip(), number, ""
+            if name in sites:
+                raise FileFormatError(path, f"site {name!r} appears twice; keep one of its records", number)
+            continue
+        rows.append(_read_row(line, name, len(rows), path, number))
+        if len(rows) == len(_ROWS):
+            table = np.array(rows)
+            try:
+                sites[name] = BlqCoefficients(name, table[:3], np.deg2rad(table[3:]), source or header_source)
+            except InputError as problem:
+                raise FileFormatError(path, str(problem), name_line) from None
+            name, rows = "", []
+    if name:
+        raise FileFormatError(
+            path, f"the record of {name!r} has {len(rows)} rows of numbers; it needs {len(_ROWS)}", name_line
+        )
+    if not sites:
+        raise FileFormatError(
+            path, "there is no site in it; a BLQ record is a name and six rows of eleven numbers"
+        )
+    return sites
+
+
+def _table_lines(text: str) -> Iterator[tuple[int, str]]:
+    """Yield number and content of the lines that belong to the table, blank ones left out."""
+    in_mail_head = True
+    for number, line in enumerate(text.splitlines(), start=1):
+        if re.match(r"\$\$\s*END TABLE", line):
+            return
+        in_mail_head = in_mail_head and (not line.strip() or bool(re.match(r"[A-Za-z-]+\s*:", line)))
+        if line.strip() and not in_mail_head:
+            yield number, line
+
+
+def _check_column_order(line: str, path: str | Path, number: int) -> None:
+    found = re.search(r"COLUMN ORDER:\s*(.*)", line, re.IGNORECASE)
+    if found and tuple(found[1].upper().split()) != CONSTITUENTS:
+        raise FileFormatError(
+            path, f"columns are {found[1].strip()!r}, but only {' '.join(CONSTITUENTS)!r} can be read", number
+        )
+
+
+def _read_row(line: str, name: str, index: int, path: str | Path, number: int) -> list[float]:
+    expected = f"{_ROWS[index]} of {name!r} needs {len(CONSTITUENTS)} numbers"
+    try:
+        values = [float(word) for word in line.split()]
+    except ValueError:
+        raise FileFormatError(path, f"{expected}, but the line reads {line.strip()!r}", number) from None
+    if len(values) != len(CONSTITUENTS):
+        raise FileFormatError(path, f"{expected}, but the line has {len(values)}", number)
+    if index >= 3 and not all(math.fabs(value) <= 360.0 for value in values):
+        raise FileFormatError(path, f"{_ROWS[index]} of {name!r} is not within 360 degrees", number)
+    return values

@@ -1,0 +1,175 @@
+"""Geodetic coordinates, and directions as seen from a place on the ground.
+
+The ellipsoid is GRS80, as for the ITRF; WGS84 differs by 0.1 mm in height.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import erfa
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.errors import InputError
+
+_GRS80 = 2
+"""ERFA's number of the ellipsoid."""
+
+_LEAST_RADIUS_M = 1e6
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Geodetic:
+    """Geodetic coordinates on GRS80.
+
+    Parameters
+    ----------
+    longitude_rad : ndarray, shape (...,)
+        East longitude, rad, in (-pi, pi].
+    latitude_rad : ndarray, shape (...,)
+        Geodetic latitude, rad.
+    height_m : ndarray, shape (...,)
+        Height above the ellipsoid, m.
+    """
+
+    longitude_rad: NDArray[np.float64]
+    latitude_rad: NDArray[np.float64]
+    height_m: NDArray[np.float64]
+
+
+def geodetic_from_itrf(itrf_m: ArrayLike) -> Geodetic:
+    """Turn geocentric into geodetic coordinates.
+
+    Parameters
+    ----------
+    itrf_m : array_like, shape (..., 3)
+        Positions in the ITRF, m.
+
+    Raises
+    ------
+    InputError
+        A position is not three finite numbers, or lies within 1000 km of the geocentre (kilometres given?).
+
+    Notes
+    -----
+    ERFA ``gc2gd`` (Fukushima 2006).
+    """
+    positions = np.asarray(itrf_m, dtype=np.float64)
+    if positions.shape[-1:] != (3,) or not np.isfinite(positions).all():
+        raise InputError(f"positions must be finite, of shape (..., 3), but have shape {positions.shape}")
+    least_m = np.linalg.norm(positions, axis=-1).min(initial=np.inf)
+    if least_m < _LEAST_RADIUS_M:
+        raise InputError(f"a position is {least_m:.6g} m from the geocentre; give metres, geocentric")
+    longitude, latitude, height = erfa.gc2gd(_GRS80, positions)
+    return Geodetic(np.asarray(longitude), np.asarray(latitude), np.asarray(height))
+
+
+def itrf_from_geodetic(
+    longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
+) -> NDArray[np.float64]:
+    """Turn geodetic coordinates on GRS80 into a position in the ITRF, m, shape (..., 3).
+
+    Parameters
+    ----------
+    longitude_rad, latitude_rad : array_like, shape (...,)
+        East longitude and geodetic latitude, rad.
+    height_m : array_like, shape (...,)
+        Height above the ellipsoid, m.
+
+    Raises
+    ------
+    InputError
+        A number is not finite, or a latitude is beyond 90 degrees.
+
+    Notes
+    -----
+    ERFA ``gd2gc``.
+    """
+    longitude, latitude, height = np.broadcast_arrays(
+        *(np.asarray(value, dtype=np.float64) for value in (longitude_rad, latitude_rad, height_m))
+    )
+    if not all(np.isfinite(value).all() for value in (longitude, latitude, height)):
+        raise InputError("a longitude, latitude or height is not a finite number")
+    if (np.abs(latitude) > np.pi / 2).any():
+        raise InputError(
+            f"latitudes reach {np.abs(latitude).max():g} rad, which is beyond 90 degrees; give radians"
+        )
+    return np.asarray(erfa.gd2gc(_GRS80, longitude, latitude, height))
+
+
+def rot_itrf_to_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
+    """Rotations from the ITRF to east, north and up (the ellipsoid's normal) at places.
+
+    Parameters
+    ----------
+    itrf_m : array_like, shape (..., 3)
+        The places, ITRF, m.
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+        ``enu = rot @ itrf``; the rows are the unit vectors to the east, to the north and up.
+
+    Raises
+    ------
+    InputError
+        As :func:`geodetic_from_itrf`.
+    """
+    place = geodetic_from_itrf(itrf_m)
+    return _local_axes(place.longitude_rad, place.latitude_rad)
+
+
+def rot_itrf_to_spherical_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
+    """Rotations from the ITRF to east, north and away from the geocentre; as :func:`rot_itrf_to_enu`.
+
+    Tides are developed in these. Away from the geocentre is up to 0.19 degrees from the ellipsoid's normal.
+    """
+    x, y, z = np.moveaxis(np.asarray(itrf_m, dtype=np.float64), -1, 0)
+    return _local_axes(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))
+
+
+def _local_axes(longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    sin_lon, cos_lon = np.sin(longitude_rad), np.cos(longitude_rad)
+    sin_lat, cos_lat = np.sin(latitude_rad), np.cos(latitude_rad)
+    east = np.stack([-sin_lon, cos_lon, np.zeros_like(sin_lon)], axis=-1)
+    north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat], axis=-1)
+    up = np.stack([cos_lat * cos_lon, cos_lat * sin_lon, sin_lat], axis=-1)
+    return np.stack([east, north, up], axis=-2)
+
+
+def azimuth_elevation(
+    direction_itrf: ArrayLike, station_itrf_m: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Azimuth and elevation of directions, without refraction.
+
+    Parameters
+    ----------
+    direction_itrf : array_like, shape (..., 3)
+        Directions from the station, ITRF axes, of any length.
+    station_itrf_m : array_like, shape (3,) or (..., 3)
+        The station, ITRF, m.
+
+    Returns
+    -------
+    azimuth_rad : ndarray, shape (...,)
+        From north through east, rad, in [0, 2 pi).
+    elevation_rad : ndarray, shape (...,)
+        Above the plane normal to the ellipsoid's normal, rad.
+
+    Raises
+    ------
+    InputError
+        A direction has no length or is not finite; as :func:`geodetic_from_itrf` for the station.
+    """
+    direction = np.asarray(direction_itrf, dtype=np.float64)
+    length = np.linalg.norm(direction, axis=-1)
+    if not (np.isfinite(length).all() and (length > 0.0).all()):
+        raise InputError("a direction has no length or is not finite")
+    east, north, up = np.moveaxis(
+        np.einsum("...ij,...j->...i", rot_itrf_to_enu(station_itrf_m), direction), -1, 0
+    )
+    azimuth = np.arctan2(east, north) % (2.0 * np.pi)
+    # The remainder of a tiny negative angle rounds up to a whole turn.
+    azimuth = np.where(azimuth < 2.0 * np.pi, azimuth, 0.0)
+    return azimuth, np.arctan2(up, np.hypot(east, north))

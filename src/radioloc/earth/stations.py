@@ -1,0 +1,244 @@
+"""Tracking stations: where their reference points stand on the crust, and how well that is known.
+
+A station's position is that of the point its measurements refer to (the intersection of a telescope's axes),
+in the ITRF, moving linearly with its plate. Displacements about it (tides, loading) are other modules of this
+package.
+"""
+
+from __future__ import annotations
+
+import csv
+import difflib
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import J2000_JD
+from radioloc.earth.blq import BlqCoefficients, parse_blq
+from radioloc.errors import StationError
+from radioloc.time import Epochs
+
+KINDS = ("llr", "vlbi", "ttc")
+QUALITIES = ("survey", "rounded")
+
+_DAYS_PER_JULIAN_YEAR = 365.25
+_RADIUS_RANGE_M = (6.35e6, 6.39e6)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Station:
+    """One station.
+
+    Parameters
+    ----------
+    name : str
+        Name in the catalogue.
+    aliases : tuple of str
+        Other names it is found by: codes, CDP pad number.
+    kind : {"llr", "vlbi", "ttc"}
+        Laser ranging, VLBI, or tracking, telemetry and command.
+    itrf_m : array_like, shape (3,)
+        Reference point in the ITRF at `epoch_year`, m.
+    epoch_year : float
+        Epoch of the position, Julian year TT.
+    quality : {"survey", "rounded"}
+        Known to centimetres, or published so coarsely that it is good to 100 m to 1 km only.
+    source : str
+        Where the position comes from.
+    velocity_m_yr : array_like, shape (3,), optional
+        Velocity in the ITRF, m per Julian year; None where it is not known (then the station stands still).
+    ocean_loading : BlqCoefficients, optional
+        Ocean tide loading; None where there are no coefficients, and then the term is missing from a model.
+
+    Raises
+    ------
+    StationError
+        A field is not usable as it stands.
+    """
+
+    name: str
+    aliases: tuple[str, ...]
+    kind: str
+    itrf_m: NDArray[np.float64]
+    epoch_year: float
+    quality: str
+    source: str
+    velocity_m_yr: NDArray[np.float64] | None = None
+    ocean_loading: BlqCoefficients | None = None
+
+    def __post_init__(self) -> None:
+        if not self.name.strip():
+            raise StationError("a station needs a name")
+        if self.kind not in KINDS:
+            raise StationError(f"station {self.name}: kind {self.kind!r} is not one of {', '.join(KINDS)}")
+        if self.quality not in QUALITIES:
+            raise StationError(
+                f"station {self.name}: quality {self.quality!r} is not one of {', '.join(QUALITIES)}"
+            )
+        if not np.isfinite(self.epoch_year):
+            raise StationError(f"station {self.name}: epoch {self.epoch_year} is not a Julian year")
+        object.__setattr__(self, "aliases", tuple(self.aliases))
+        object.__setattr__(self, "itrf_m", self._frozen_vector("itrf_m"))
+        if self.velocity_m_yr is not None:
+            object.__setattr__(self, "velocity_m_yr", self._frozen_vector("velocity_m_yr"))
+        radius_m = float(np.linalg.norm(self.itrf_m))
+        if not _RADIUS_RANGE_M[0] < radius_m < _RADIUS_RANGE_M[1]:
+            raise StationError(
+                f"station {self.name} is {radius_m:.6g} m from the geocentre; the ground is between "
+                f"{_RADIUS_RANGE_M[0]:.2e} and {_RADIUS_RANGE_M[1]:.2e} m: give metres, geocentric"
+            )
+
+    def _frozen_vector(self, field: str) -> NDArray[np.float64]:
+        vector = np.array(getattr(self, field), dtype=np.float64)
+        if vector.shape != (3,) or not np.isfinite(vector).all():
+            raise StationError(f"station {self.name}: {field} must be three finite numbers, but is {vector}")
+        vector.setflags(write=False)
+        return vector
+
+    def __repr__(self) -> str:
+        extras = [] if self.velocity_known else ["velocity not known"]
+        extras += [] if self.ocean_loading is not None else ["no ocean loading"]
+        return f"<Station {self.name} ({', '.join([self.kind, self.quality, *extras])})>"
+
+    @property
+    def velocity_known(self) -> bool:
+        """Whether the station has a velocity; without one it is taken to stand still."""
+        return self.velocity_m_yr is not None
+
+    def position_at(self, tt: Epochs) -> NDArray[np.float64]:
+        """Give the reference point in the ITRF, without tides and loading, m, shape (n, 3).
+
+        Parameters
+        ----------
+        tt : Epochs
+            Epochs in TT.
+
+        Raises
+        ------
+        InputError
+            The epochs are in another scale.
+        """
+        tt.require("TT")
+        if self.velocity_m_yr is None:
+            return np.tile(self.itrf_m, (len(tt), 1))
+        epoch_jd = J2000_JD + (self.epoch_year - 2000.0) * _DAYS_PER_JULIAN_YEAR
+        years = ((tt.jd - epoch_jd) + tt.fraction) / _DAYS_PER_JULIAN_YEAR
+        return self.itrf_m + years[:, np.newaxis] * self.velocity_m_yr
+
+
+class StationCatalogue:
+    """Stations by name; immutable.
+
+    Names and aliases are found whatever their case. Build one from stations of your own, or start from
+    :meth:`default` and add to it with :meth:`with_station`.
+
+    Parameters
+    ----------
+    stations : iterable of Station
+        The stations, each found by its name and its aliases.
+
+    Raises
+    ------
+    StationError
+        Two stations share a name or an alias.
+    """
+
+    __slots__ = ("_by_key", "_stations")
+
+    def __init__(self, stations: Iterable[Station]) -> None:
+        self._stations = tuple(stations)
+        self._by_key: dict[str, Station] = {}
+        for station in self._stations:
+            for label in {_key(label) for label in (station.name, *station.aliases)}:
+                other = self._by_key.setdefault(label, station)
+                if other is not station:
+                    raise StationError(f"stations {other.name} and {station.name} are both called {label!r}")
+
+    @classmethod
+    def default(cls) -> StationCatalogue:
+        """Return the stations that ship with the library."""
+        return _packaged_catalogue()
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the stations, in order."""
+        return tuple(station.name for station in self._stations)
+
+    def get(self, name: str | int) -> Station:
+        """Find a station by its name, an alias or its CDP pad number, whatever the case.
+
+        Raises
+        ------
+        StationError
+            There is no such station; the message lists what comes close and how to add one.
+        """
+        station = self._by_key.get(_key(name))
+        if station is not None:
+            return station
+        close = difflib.get_close_matches(_key(name), self._by_key, n=5, cutoff=0.5)
+        similar = list(dict.fromkeys(self._by_key[label].name for label in close))
+        known = f"similar: {', '.join(similar)}" if similar else f"known: {', '.join(self.names)}"
+        raise StationError(
+            f"station {name!r} is not in the catalogue; {known}. To use one of your own, "
+            "catalogue = catalogue.with_station(Station(name=..., itrf_m=..., ...))"
+        )
+
+    def with_station(self, station: Station) -> StationCatalogue:
+        """Make a new catalogue with the station added, or in the place of the one of its name.
+
+        Raises
+        ------
+        StationError
+            Another station already has one of its aliases, or its name as an alias.
+        """
+        kept = [other for other in self._stations if _key(other.name) != _key(station.name)]
+        return StationCatalogue([*kept, station])
+
+    def __getitem__(self, name: str | int) -> Station:
+        return self.get(name)
+
+    def __contains__(self, name: object) -> bool:
+        return isinstance(name, str | int) and _key(name) in self._by_key
+
+    def __iter__(self) -> Iterator[Station]:
+        return iter(self._stations)
+
+    def __len__(self) -> int:
+        return len(self._stations)
+
+    def __repr__(self) -> str:
+        return f"<StationCatalogue {', '.join(self.names)}>"
+
+
+def _key(name: str | int) -> str:
+    return str(name).strip().upper()
+
+
+@cache
+def _packaged_catalogue() -> StationCatalogue:
+    data = files("radioloc.earth") / "data"
+    loading = parse_blq((data / "ocean_loading.blq").read_text(encoding="utf-8"), "ocean_loading.blq")
+    lines = (data / "stations.csv").read_text(encoding="utf-8").splitlines()
+    return StationCatalogue(
+        _station_from_row(row, loading)
+        for row in csv.DictReader(line for line in lines if not line.startswith("#"))
+    )
+
+
+def _station_from_row(row: dict[str, str], loading: dict[str, BlqCoefficients]) -> Station:
+    velocity = [row[key] for key in ("vx_m_yr", "vy_m_yr", "vz_m_yr")]
+    return Station(
+        name=row["name"],
+        aliases=tuple(row["aliases"].split(";")),
+        kind=row["kind"],
+        itrf_m=np.array([float(row[key]) for key in ("x_m", "y_m", "z_m")]),
+        epoch_year=float(row["epoch_year"]),
+        quality=row["quality"],
+        source=row["source"],
+        velocity_m_yr=np.array([float(v) for v in velocity]) if all(velocity) else None,
+        ocean_loading=loading.get(row["name"]),
+    )

@@ -1,0 +1,118 @@
+import numpy as np
+import pytest
+
+from radioloc.earth.geodesy import (
+    azimuth_elevation,
+    geodetic_from_itrf,
+    itrf_from_geodetic,
+    rot_itrf_to_enu,
+    rot_itrf_to_spherical_enu,
+)
+from radioloc.errors import InputError
+
+ROUNDING_M = 2e-9
+"""Rounding of coordinates of an Earth radius, some units in the last place."""
+
+ROUNDING = 1e-14
+
+EQUATORIAL_RADIUS_M = 6378137.0
+POLAR_RADIUS_M = 6356752.314140356
+"""GRS80 (Moritz 2000); WGS84's is 0.1 mm longer."""
+
+
+def test_axes_of_the_ellipsoid() -> None:
+    place = geodetic_from_itrf([[EQUATORIAL_RADIUS_M, 0.0, 0.0], [0.0, 0.0, POLAR_RADIUS_M + 100.0]])
+    np.testing.assert_allclose(place.height_m, [0.0, 100.0], rtol=0.0, atol=ROUNDING_M)
+    np.testing.assert_allclose(place.latitude_rad, [0.0, np.pi / 2], rtol=0.0, atol=ROUNDING)
+    assert place.longitude_rad[0] == 0.0
+
+
+def test_is_grs80_and_not_wgs84() -> None:
+    """Polar radii differ by 0.10 mm; the tolerance is a tenth of that."""
+    np.testing.assert_allclose(
+        itrf_from_geodetic(0.0, np.pi / 2, 0.0)[2], POLAR_RADIUS_M, rtol=0.0, atol=1e-5
+    )
+
+
+def test_round_trip() -> None:
+    longitude, latitude = np.meshgrid(
+        np.deg2rad([-179.0, -60.0, 0.0, 121.0]), np.deg2rad([-89.0, -30.0, 0.0, 78.0])
+    )
+    itrf_m = itrf_from_geodetic(longitude, latitude, 2800.0)
+    assert itrf_m.shape == (4, 4, 3)
+    place = geodetic_from_itrf(itrf_m)
+    np.testing.assert_allclose(place.longitude_rad, longitude, rtol=0.0, atol=ROUNDING)
+    np.testing.assert_allclose(place.latitude_rad, latitude, rtol=0.0, atol=ROUNDING)
+    np.testing.assert_allclose(place.height_m, 2800.0, rtol=0.0, atol=ROUNDING_M)
+
+
+def test_local_axes_are_those_of_finite_steps() -> None:
+    longitude, latitude, height = 2.1, 0.55, 300.0
+    here = itrf_from_geodetic(longitude, latitude, height)
+    rot = rot_itrf_to_enu(here)
+    steps = [(1e-6, 0.0, 0.0), (0.0, 1e-6, 0.0), (0.0, 0.0, 10.0)]
+    for axis, (d_lon, d_lat, d_h) in enumerate(steps):
+        there = itrf_from_geodetic(longitude + d_lon, latitude + d_lat, height + d_h)
+        back = itrf_from_geodetic(longitude - d_lon, latitude - d_lat, height - d_h)
+        unit = (there - back) / np.linalg.norm(there - back)
+        # Rounding of positions over a step of 6 m or more.
+        np.testing.assert_allclose(rot @ unit, np.eye(3)[axis], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(rot @ rot.T, np.eye(3), rtol=0.0, atol=ROUNDING)
+    assert np.linalg.det(rot) == pytest.approx(1.0, abs=ROUNDING)
+
+
+def test_spherical_up_is_radial_and_east_the_same() -> None:
+    here = itrf_from_geodetic([2.1, -0.4], [0.55, -1.2], 300.0)
+    rot = rot_itrf_to_spherical_enu(here)
+    radial = here / np.linalg.norm(here, axis=-1)[:, np.newaxis]
+    np.testing.assert_allclose(rot[:, 2], radial, rtol=0.0, atol=ROUNDING)
+    np.testing.assert_allclose(rot[:, 0], rot_itrf_to_enu(here)[:, 0], rtol=0.0, atol=ROUNDING)
+    tilt_deg = np.rad2deg(np.arccos(np.einsum("ni,ni->n", rot[:, 2], rot_itrf_to_enu(here)[:, 2])))
+    assert ((tilt_deg > 0.1) & (tilt_deg < 0.193)).all()
+
+
+@pytest.mark.parametrize(
+    ("enu", "azimuth_deg", "elevation_deg"),
+    [
+        ((0.0, 1.0, 0.0), 0.0, 0.0),
+        ((5.0, 0.0, 0.0), 90.0, 0.0),
+        ((0.0, -2.0, 2.0), 180.0, 45.0),
+        ((-1.0, 0.0, -1.0), 270.0, -45.0),
+        ((-1.0, 1.0, np.sqrt(2.0) * np.tan(np.deg2rad(80.0))), 315.0, 80.0),
+    ],
+)
+def test_azimuth_elevation(enu: tuple[float, float, float], azimuth_deg: float, elevation_deg: float) -> None:
+    station_m = itrf_from_geodetic(1.9, -0.7, 50.0)
+    direction = rot_itrf_to_enu(station_m).T @ np.array(enu)
+    azimuth, elevation = azimuth_elevation(direction, station_m)
+    turned = np.deg2rad(azimuth_deg) - azimuth
+    assert np.abs((turned + np.pi) % (2 * np.pi) - np.pi) < ROUNDING
+    assert elevation == pytest.approx(np.deg2rad(elevation_deg), abs=ROUNDING)
+    assert 0.0 <= azimuth < 2.0 * np.pi
+
+
+def test_azimuth_just_west_of_north_is_below_a_whole_turn() -> None:
+    azimuth, _ = azimuth_elevation([0.0, -1e-30, 1.0], [EQUATORIAL_RADIUS_M, 0.0, 0.0])
+    assert azimuth == 0.0
+
+
+def test_azimuth_elevation_over_many_directions() -> None:
+    station_m = itrf_from_geodetic(0.0, 0.0, 0.0)
+    azimuth, elevation = azimuth_elevation([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]], station_m)
+    assert azimuth.shape == elevation.shape == (2,)
+    np.testing.assert_allclose(elevation, [0.0, np.pi / 2], rtol=0.0, atol=ROUNDING)
+
+
+def test_refuses() -> None:
+    with pytest.raises(InputError, match="give metres"):
+        geodetic_from_itrf([6378.137, 0.0, 0.0])
+    with pytest.raises(InputError, match="shape"):
+        geodetic_from_itrf([6378137.0, 0.0])
+    with pytest.raises(InputError, match="finite"):
+        geodetic_from_itrf([np.nan, 0.0, 0.0])
+    with pytest.raises(InputError, match="give radians"):
+        itrf_from_geodetic(0.0, 45.0, 0.0)
+    with pytest.raises(InputError, match="finite"):
+        itrf_from_geodetic(0.0, np.inf, 0.0)
+    with pytest.raises(InputError, match="no length"):
+        azimuth_elevation([0.0, 0.0, 0.0], [EQUATORIAL_RADIUS_M, 0.0, 0.0])

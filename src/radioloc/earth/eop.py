@@ -1,0 +1,312 @@
+"""Daily Earth orientation: the table, and its values between days.
+
+Polar motion, UT1 and celestial pole offsets at 0h UTC of each day come from the IERS 20 C04 series, and after its end
+from Bulletin A, first its measured values and then its predictions. Both refer to the IAU 2006/2000A
+precession-nutation: finals2000A names IAU 2000A alone, but its dX, dY differ from C04 by less than 0.03 mas in the
+mean of 2023 to 2026, when a change of precession model would show as 0.14 mas.
+
+Between days each quantity follows the cubic through the four nearest (Lagrange), as the IERS recommend. UT1 is
+interpolated as UT1-TAI, so that leap seconds leave no step, and without zonal tides, whose fortnightly and shorter
+terms a cubic through daily values would miss. All 62 zonal terms are taken out, not those below 35 days alone: the
+longer ones are smooth to 0.2 ns either way, and one table is simpler than two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field, replace
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+
+import astropy_iers_data
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY, TT_MINUS_TAI_S
+from radioloc.earth.eop_files import EopRows, read_eop_rows
+from radioloc.earth.eop_tides import zonal_tides
+from radioloc.errors import CoverageError, InputError
+from radioloc.time import Epochs, utc_to_tt
+
+_MJD_1972 = 41317.0
+_JD_MINUS_MJD = 2400000.5
+_LARGEST_DAILY_CHANGE_S = 0.1
+"""UT1-TAI changes by a few ms a day; a whole second means a leap second that one side does not know of."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EopValues:
+    """Earth orientation of a table at n epochs, without subdaily terms.
+
+    Parameters
+    ----------
+    ut1_minus_tt_s, ut1_minus_tt_rate : ndarray, shape (n,)
+        UT1 - TT in s and its derivative in s/s.
+    xp_rad, yp_rad, xp_rate_rad_s, yp_rate_rad_s : ndarray, shape (n,)
+        Pole and its derivative.
+    dx_rad, dy_rad, dx_rate_rad_s, dy_rate_rad_s : ndarray, shape (n,)
+        Celestial pole offsets from IAU 2006/2000A and their derivatives.
+    predicted : ndarray of bool, shape (n,)
+        Whether any of the daily values used is a prediction.
+    """
+
+    ut1_minus_tt_s: NDArray[np.float64]
+    ut1_minus_tt_rate: NDArray[np.float64]
+    xp_rad: NDArray[np.float64]
+    yp_rad: NDArray[np.float64]
+    xp_rate_rad_s: NDArray[np.float64]
+    yp_rate_rad_s: NDArray[np.float64]
+    dx_rad: NDArray[np.float64]
+    dy_rad: NDArray[np.float64]
+    dx_rate_rad_s: NDArray[np.float64]
+    dy_rate_rad_s: NDArray[np.float64]
+    predicted: NDArray[np.bool_]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EopTable:
+    """Earth orientation at 0h UTC of successive days.
+
+    Parameters
+    ----------
+    mjd_utc : array_like, shape (n,)
+        Modified Julian dates, rising, from 1972-01-01 on; at least four.
+    xp_rad, yp_rad : array_like, shape (n,)
+        Pole, rad.
+    ut1_minus_utc_s : array_like, shape (n,)
+        UT1 - UTC, s, with its leap steps.
+    dx_rad, dy_rad : array_like, shape (n,)
+        Celestial pole offsets from IAU 2006/2000A, rad; NaN where not given.
+    predicted : array_like of bool, shape (n,)
+        Whether any value of the day is a prediction.
+    sources : sequence of str
+        Where the values come from, for the record of a result.
+
+    Raises
+    ------
+    InputError
+        The columns differ in length, dates do not rise, or UT1 - UTC does not go with the known leap seconds.
+    """
+
+    mjd_utc: NDArray[np.float64]
+    xp_rad: NDArray[np.float64]
+    yp_rad: NDArray[np.float64]
+    ut1_minus_utc_s: NDArray[np.float64]
+    dx_rad: NDArray[np.float64]
+    dy_rad: NDArray[np.float64]
+    predicted: NDArray[np.bool_]
+    sources: tuple[str, ...] = ()
+    _nodes_tt: Epochs = field(init=False, repr=False)
+    _values: NDArray[np.float64] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        names = ("mjd_utc", "xp_rad", "yp_rad", "ut1_minus_utc_s", "dx_rad", "dy_rad", "predicted")
+        for name in names:
+            column = np.array(getattr(self, name), dtype=np.bool_ if name == "predicted" else np.float64)
+            if column.ndim != 1 or len(column) < 4 or len(column) != len(self.mjd_utc):
+                raise InputError(f"EOP column {name} has shape {column.shape}; all need one length, 4 or more")
+            if not name.startswith("d") and not np.isfinite(column).all():
+                raise InputError(f"EOP column {name} holds a value that is not a finite number")
+            column.setflags(write=False)
+            object.__setattr__(self, name, column)
+        if (np.diff(self.mjd_utc) <= 0.0).any():
+            raise InputError("the dates of EOP must rise from row to row")
+        nodes = utc_to_tt(Epochs.from_jd(self.mjd_utc + _JD_MINUS_MJD, 0.0, "UTC"))
+        tt_minus_utc_s = ((nodes.jd - _JD_MINUS_MJD - self.mjd_utc) + nodes.fraction) * SECONDS_PER_DAY
+        # TAI-UTC is whole since 1972; rounding takes away what the fraction of a day lost.
+        tai_minus_utc_s = np.round(tt_minus_utc_s - TT_MINUS_TAI_S)
+        ut1_minus_tt_s = self.ut1_minus_utc_s - tai_minus_utc_s - TT_MINUS_TAI_S
+        jumps = np.abs(np.diff(ut1_minus_tt_s)) > _LARGEST_DAILY_CHANGE_S * np.diff(self.mjd_utc)
+        if jumps.any():
+            day = _day(self.mjd_utc[int(np.argmax(jumps)) + 1])
+            raise InputError(
+                f"UT1-TAI jumps at {day}: UT1-UTC and the list of leap seconds disagree; update astropy-iers-data"
+            )
+        object.__setattr__(self, "_nodes_tt", nodes)
+        values = np.column_stack([ut1_minus_tt_s, self.xp_rad, self.yp_rad, self.dx_rad, self.dy_rad])
+        object.__setattr__(self, "_values", values)
+
+    @classmethod
+    def packaged(cls) -> EopTable:
+        """C04 and then Bulletin A, of the installed ``astropy-iers-data``; read once in a process."""
+        return _packaged_table()
+
+    @classmethod
+    def from_file(cls, path: str | Path) -> EopTable:
+        """Read a C04 or finals2000A file of one's own; the part before 1972 is left out.
+
+        Raises
+        ------
+        FileFormatError
+            As :func:`radioloc.earth.eop_files.read_eop_rows`.
+        InputError
+            As the class.
+        """
+        return cls._from_rows([read_eop_rows(path, _MJD_1972)])
+
+    @classmethod
+    def _from_rows(cls, parts: Sequence[EopRows], note: str = "") -> EopTable:
+        sources = tuple(
+            f"{p.series} {p.path.name}{note}, {_day(p.mjd_utc[0])} to {_day(p.mjd_utc[-1])}, sha256 {p.sha256}"
+            for p in parts
+            if len(p.mjd_utc)
+        )
+
+        def join(name: str) -> NDArray:
+            return np.concatenate([getattr(p, name) for p in parts])
+
+        return cls(
+            join("mjd_utc"),
+            join("xp_arcsec") * ARCSEC_RAD,
+            join("yp_arcsec") * ARCSEC_RAD,
+            join("ut1_minus_utc_s"),
+            join("dx_arcsec") * ARCSEC_RAD,
+            join("dy_arcsec") * ARCSEC_RAD,
+            join("predicted"),
+            sources,
+        )
+
+    @property
+    def first_date(self) -> str:
+        """First day, UTC."""
+        return _day(self.mjd_utc[0])
+
+    @property
+    def last_date(self) -> str:
+        """Last day, measured or predicted, UTC."""
+        return _day(self.mjd_utc[-1])
+
+    @property
+    def last_measured_date(self) -> str | None:
+        """Last day before the first that is predicted after the last measured one, UTC; None where all is predicted."""
+        measured = np.flatnonzero(~self.predicted)
+        return _day(self.mjd_utc[measured[-1]]) if len(measured) else None
+
+    def with_pole_offsets_held(self) -> EopTable:
+        """The table with celestial pole offsets that are not given set to the last one given.
+
+        Bulletin A predicts dX, dY for three months and UT1 and the pole for a year. Held, they are wrong by some
+        0.3 mas (1 cm on the ground), which is little beside what the prediction of UT1 is wrong by then.
+        """
+        given = np.flatnonzero(np.isfinite(self.dx_rad) & np.isfinite(self.dy_rad))
+        if not len(given):
+            raise InputError("the table gives no celestial pole offset that could be held")
+        later = np.arange(len(self.mjd_utc)) > given[-1]
+        return EopTable(
+            self.mjd_utc,
+            self.xp_rad,
+            self.yp_rad,
+            self.ut1_minus_utc_s,
+            np.where(later, self.dx_rad[given[-1]], self.dx_rad),
+            np.where(later, self.dy_rad[given[-1]], self.dy_rad),
+            self.predicted | later,
+            (*self.sources, f"dX, dY held after {_day(self.mjd_utc[given[-1]])}"),
+        )
+
+    def interpolate(self, tt: Epochs, *, zonal: bool = True) -> EopValues:
+        """Values at any epochs within the table.
+
+        Parameters
+        ----------
+        tt : Epochs
+            TT, n epochs.
+        zonal : bool
+            Interpolate UT1 without zonal tides and put them back; without this UT1 is wrong by up to 13 us (6 mm)
+            in the middle between days.
+
+        Raises
+        ------
+        CoverageError
+            An epoch lies outside the table, or where it gives no celestial pole offsets.
+        InputError
+            The epochs are not TT.
+
+        Notes
+        -----
+        Next to the table's ends the cubic through the outermost four days serves. The interpolant is continuous; its
+        rate steps at 0h UTC, by some 1e-11 s/s in UT1.
+        """
+        tt.require("TT")
+        self._require_covered(tt)
+        first = np.clip(np.searchsorted(self._nodes_tt.mjd, tt.mjd, side="right") - 2, 0, len(self.mjd_utc) - 4)
+        stencil = first[:, None] + np.arange(4)
+        node_values = self._values[stencil]
+        self._require_given(tt, node_values)
+        if zonal:
+            days, inverse = np.unique(stencil, return_inverse=True)
+            tide_at_days, _ = zonal_tides(self._nodes_tt[days].centuries_since_j2000())
+            node_values[..., 0] -= tide_at_days[inverse.reshape(stencil.shape)]
+        to_nodes_d = (self._nodes_tt.jd[stencil] - tt.jd[:, None]) + (
+            self._nodes_tt.fraction[stencil] - tt.fraction[:, None]
+        )
+        value, rate_per_day = _cubic_through(to_nodes_d, node_values)
+        rate = rate_per_day / SECONDS_PER_DAY
+        if zonal:
+            tide, tide_rate = zonal_tides(tt.centuries_since_j2000())
+            value[:, 0] += tide
+            rate[:, 0] += tide_rate
+        ut1, xp, yp, dx, dy = value.T
+        ut1_rate, xp_rate, yp_rate, dx_rate, dy_rate = rate.T
+        predicted = self.predicted[stencil].any(axis=1)
+        return EopValues(ut1, ut1_rate, xp, yp, xp_rate, yp_rate, dx, dy, dx_rate, dy_rate, predicted)
+
+    def _require_covered(self, tt: Epochs) -> None:
+        if not len(tt):
+            return
+        after_first = tt.seconds_since(self._nodes_tt[np.zeros(len(tt), dtype=np.int64)])
+        before_last = self._nodes_tt[np.full(len(tt), -1)].seconds_since(tt)
+        outside = (after_first < 0.0) | (before_last < 0.0)
+        if outside.any():
+            days = np.sort(tt[outside].day_strings())
+            early = bool((after_first < 0.0).any())
+            raise CoverageError(
+                "the table of Earth orientation",
+                (f"{self.first_date} UTC", f"{self.last_date} UTC"),
+                (f"{days[0]} TT", f"{days[-1]} TT"),
+                "tables begin in 1972, when the present UTC did"
+                if early and self.mjd_utc[0] == _MJD_1972
+                else "update astropy-iers-data, or read a file that covers it with EopTable.from_file",
+            )
+
+    def _require_given(self, tt: Epochs, node_values: NDArray[np.float64]) -> None:
+        missing = ~np.isfinite(node_values).all(axis=(1, 2))
+        if missing.any():
+            days = np.sort(tt[missing].day_strings())
+            given = self.mjd_utc[np.isfinite(self._values).all(axis=1)]
+            raise CoverageError(
+                "the table of celestial pole offsets dX, dY",
+                (f"{_day(given[0])} UTC", f"{_day(given[-1])} UTC") if len(given) else ("no date", "none"),
+                (f"{days[0]} TT", f"{days[-1]} TT"),
+                "two days are needed on each side: update astropy-iers-data, or for planning accept 1 cm and use "
+                "EopTable.with_pole_offsets_held",
+            )
+
+
+def _cubic_through(
+    to_nodes: NDArray[np.float64], node_values: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Lagrange's cubic through four nodes, and its derivative, at the origin of ``to_nodes``.
+
+    ``to_nodes`` (n, 4) node minus epoch; ``node_values`` (n, 4, k); both results (n, k).
+    """
+    weights = np.empty_like(to_nodes)
+    slopes = np.empty_like(to_nodes)
+    for j in range(4):
+        a, b, c = (to_nodes[:, m] for m in range(4) if m != j)
+        x = to_nodes[:, j]
+        scale = (x - a) * (x - b) * (x - c)
+        weights[:, j] = -a * b * c / scale
+        slopes[:, j] = (a * b + b * c + c * a) / scale
+    return np.einsum("nj,njk->nk", weights, node_values), np.einsum("nj,njk->nk", slopes, node_values)
+
+
+@cache
+def _packaged_table() -> EopTable:
+    c04 = read_eop_rows(astropy_iers_data.IERS_B_FILE, _MJD_1972)
+    bulletin_a = read_eop_rows(astropy_iers_data.IERS_A_FILE, float(c04.mjd_utc[-1]) + 1.0)
+    return EopTable._from_rows([c04, bulletin_a], f" of astropy-iers-data {version('astropy-iers-data')}")
+
+
+def _day(mjd: ArrayLike) -> str:
+    return str(Epochs.from_jd(_JD_MINUS_MJD, mjd, "UTC").day_strings()[0])

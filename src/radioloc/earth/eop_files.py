@@ -1,0 +1,174 @@
+"""Read the files in which the IERS and the USNO publish daily Earth orientation.
+
+Two layouts of fixed columns are read, told apart by their rows: the IERS 20 C04 series (one row per 0h UTC, all
+measured), and Bulletin A's finals2000A (measured values, then a year of predictions, then rows with a date alone).
+Of finals2000A the Bulletin A columns are used, not the monthly Bulletin B beside them.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import FileFormatError
+
+_C04_ROW = re.compile(rb"\d{4}[ \d]{4}[ \d]{4}[ \d]{4} *\d{5}\.\d\d ")
+_FINALS_ROW = re.compile(rb"[ \d]{6} \d{5}\.\d\d [IP ]")
+_LARGEST_POLE_OFFSET_ARCSEC = 0.03
+"""IAU 2000A offsets stay below 9 mas in all published rows; those of the 1980 theory reach 120 mas."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EopRows:
+    """Rows of one file, as they stand in it but for units.
+
+    Parameters
+    ----------
+    path : Path
+        The file.
+    sha256 : str
+        Checksum of the whole file.
+    series : {"C04", "Bulletin A"}
+        What the rows are.
+    mjd_utc : ndarray, shape (n,)
+        Modified Julian dates of the rows, 0h UTC, one a day.
+    xp_arcsec, yp_arcsec : ndarray, shape (n,)
+        Pole.
+    ut1_minus_utc_s : ndarray, shape (n,)
+        UT1 - UTC, with its leap steps.
+    dx_arcsec, dy_arcsec : ndarray, shape (n,)
+        Celestial pole offsets; NaN where the file leaves them blank.
+    predicted : ndarray of bool, shape (n,)
+        Whether any value of the row is a prediction.
+    """
+
+    path: Path
+    sha256: str
+    series: str
+    mjd_utc: NDArray[np.float64]
+    xp_arcsec: NDArray[np.float64]
+    yp_arcsec: NDArray[np.float64]
+    ut1_minus_utc_s: NDArray[np.float64]
+    dx_arcsec: NDArray[np.float64]
+    dy_arcsec: NDArray[np.float64]
+    predicted: NDArray[np.bool_]
+
+
+def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
+    """Read a C04 or finals2000A file.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; which of the two it is, its rows tell.
+    first_mjd_utc : float
+        Leave out rows before this date.
+
+    Raises
+    ------
+    FileFormatError
+        The file is neither, a value is missing or not a number, days are missing, or the pole offsets refer to the
+        1980 nutation theory.
+    OSError
+        The file cannot be read.
+    """
+    path = Path(path)
+    data = path.read_bytes()
+    texts = data.split(b"\n")
+    line_numbers = [k for k, text in enumerate(texts) if text.strip() and not text.startswith(b"#")]
+    if not line_numbers:
+        raise FileFormatError(path, "the file has no rows")
+    head = texts[line_numbers[0]]
+    if _C04_ROW.match(head):
+        series, width, offset_unit = "C04", 218, 1.0
+    elif _FINALS_ROW.match(head):
+        series, width, offset_unit = "Bulletin A", 187, 1e-3
+    else:
+        raise FileFormatError(
+            path,
+            "this is a row of neither IERS 20 C04 (year, month, day, hour, MJD, x, y, UT1-UTC, dX, dY ...) nor "
+            "finals2000A; download eopc04.1962-now or finals2000A.all",
+            line_numbers[0] + 1,
+        )
+    columns = _Columns(path, np.array([texts[k] for k in line_numbers], dtype=f"S{width}"), np.array(line_numbers) + 1)
+    columns = columns.select(columns.numbers("MJD", *((17, 26) if series == "C04" else (8, 15))) >= first_mjd_utc)
+    return EopRows(
+        path, hashlib.sha256(data).hexdigest(), series, *_values(columns, series == "C04", offset_unit)
+    )
+
+
+def _values(columns: _Columns, is_c04: bool, offset_unit: float) -> tuple[NDArray, ...]:
+    if is_c04:
+        places = {"x": (27, 38), "y": (39, 50), "UT1-UTC": (51, 62), "dX": (63, 74), "dY": (75, 86)}
+        mjd = columns.numbers("MJD", 17, 26)
+        predicted = np.zeros(len(mjd), dtype=np.bool_)
+    else:
+        places = {"x": (19, 27), "y": (38, 46), "UT1-UTC": (59, 68), "dX": (98, 106), "dY": (117, 125)}
+        # The rows after the last prediction hold a date alone.
+        filled = np.flatnonzero(columns.present(*places["UT1-UTC"]))
+        columns = columns.select(slice(0, filled[-1] + 1 if len(filled) else 0))
+        mjd = columns.numbers("MJD", 8, 15)
+        predicted = np.any([columns.text(k, k) == b"P" for k in (17, 58, 96)], axis=0)
+    skipped = np.flatnonzero(np.diff(mjd) != 1.0)
+    if len(skipped):
+        k = skipped[0]
+        raise FileFormatError(
+            columns.path, f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed", columns.lines[k + 1]
+        )
+    x, y, ut1 = (columns.numbers(name, *places[name]) for name in ("x", "y", "UT1-UTC"))
+    dx, dy = (offset_unit * columns.numbers(name, *places[name], blank_allowed=not is_c04) for name in ("dX", "dY"))
+    too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
+    if len(too_large):
+        raise FileFormatError(
+            columns.path,
+            "the celestial pole offset is too large to be dX, dY of IAU 2000A: offsets of the 1980 nutation theory "
+            "(dPsi, dEpsilon) are of no use here; take the file with dX, dY",
+            columns.lines[too_large[0]],
+        )
+    return mjd, x, y, ut1, dx, dy, predicted
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Columns:
+    """Rows of fixed width, their columns counted from 1 as the formats' descriptions do."""
+
+    path: Path
+    rows: NDArray[np.bytes_]
+    lines: NDArray[np.int64]
+
+    def select(self, index: NDArray[np.bool_] | slice) -> _Columns:
+        return _Columns(self.path, self.rows[index], self.lines[index])
+
+    def text(self, first: int, last: int) -> NDArray[np.bytes_]:
+        letters = self.rows.view("S1").reshape(len(self.rows), -1)
+        return np.ascontiguousarray(letters[:, first - 1 : last]).view(f"S{last - first + 1}").ravel()
+
+    def present(self, first: int, last: int) -> NDArray[np.bool_]:
+        return np.char.strip(self.text(first, last)) != b""
+
+    def numbers(self, name: str, first: int, last: int, blank_allowed: bool = False) -> NDArray[np.float64]:
+        text = self.text(first, last)
+        if blank_allowed:
+            text = np.where(self.present(first, last), text, b"nan")
+        try:
+            values = text.astype(np.float64)
+        except ValueError:
+            values = None
+        if values is None or (not blank_allowed and not np.isfinite(values).all()):
+            bad = next(k for k, item in enumerate(text) if not _is_number(item, blank_allowed))
+            shown = text[bad].decode("ascii", "replace")
+            problem = f"columns {first} to {last} should hold {name}, but hold {shown!r}"
+            raise FileFormatError(self.path, problem, int(self.lines[bad]))
+        return values
+
+
+def _is_number(text: bytes, nan_allowed: bool) -> bool:
+    try:
+        return bool(np.isfinite(float(text))) or nan_allowed
+    except ValueError:
+        return False

@@ -1,0 +1,173 @@
+"""Tides and libration in polar motion and UT1: the terms that daily tables of Earth orientation leave out.
+
+Three models of the IERS Conventions (2010), each a sum of sines over known arguments, evaluated for all epochs at once
+with its time derivative:
+
+- :func:`zonal_tides`: UT1, 5 days to 18.6 years (section 8.1). They are in the tables; they are taken out before
+  interpolation between days, and put back.
+- :func:`ocean_tides`: xp, yp and UT1, near one and two cycles a day (section 8.2); up to some 0.8 mas and 60 us.
+- :func:`libration`: xp and yp near one, UT1 near two cycles a day, from the Earth's triaxial figure (section 5.5.1
+  and 5.5.3.3); up to 40 uas and 4 us.
+
+The last two are absent from C04 and Bulletin A and are added after interpolation.
+"""
+
+from __future__ import annotations
+
+import erfa
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY
+from radioloc.earth.eop_tide_tables import (
+    EOP_ORTHOWEIGHTS,
+    OCEAN_TIDE_LINES,
+    ORTHOTIDE_FACTORS,
+    POLE_LIBRATION,
+    UT1_LIBRATION,
+    ZONAL_UT1,
+)
+
+_DAYS_PER_CENTURY = 36525.0
+_MJD_J2000 = 51544.5
+_UAS_RAD = 1e-6 * ARCSEC_RAD
+_EOP_UNITS = np.array([_UAS_RAD, _UAS_RAD, 1e-6])
+
+_DELAUNAY_RATES_ARCSEC_CY = np.array(
+    [1717915923.2178, 129596581.0481, 1739527262.8478, 1602961601.2090, -6962890.5431]
+)
+"""Linear terms of l, l', F, D, Omega (IERS 2010 eq. 5.43), arcsec per Julian century; enough for derivatives."""
+
+_GMST_RATE_S_CY = 3155760000.0 + 8640184.812866
+"""Linear term of GMST (Aoki et al. 1982), which chapter 5 uses for these small terms; seconds of time a century."""
+
+
+def zonal_tides(centuries_tt: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Effect of the zonal solid-Earth and ocean tides on UT1, all 62 terms from 5 days to 18.6 years.
+
+    Parameters
+    ----------
+    centuries_tt : array_like, shape (n,)
+        Julian centuries of TT since J2000.
+
+    Returns
+    -------
+    ut1_s : ndarray, shape (n,)
+        Part of UT1 that the tides cause, s.
+    ut1_rate : ndarray, shape (n,)
+        Its time derivative, s/s; the excess length of day is -86400 times this.
+
+    Notes
+    -----
+    IERS Conventions (2010), eq. 8.1 and Table 8.1 (Yoder et al. 1981; Wahr and Bergen 1986; Kantha et al. 1998).
+    """
+    centuries = np.atleast_1d(np.asarray(centuries_tt, dtype=np.float64))
+    angles = _delaunay(centuries) @ ZONAL_UT1[:, :5].T
+    rates = ZONAL_UT1[:, :5] @ _delaunay_rates_rad_s()
+    value, rate = _harmonic_sum(angles, rates, ZONAL_UT1[:, 5:6] * 1e-4, ZONAL_UT1[:, 6:7] * 1e-4)
+    return value[:, 0], rate[:, 0]
+
+
+def ocean_tides(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Diurnal and semidiurnal variations of the pole and UT1 that ocean tides cause.
+
+    Parameters
+    ----------
+    mjd_ut1 : array_like, shape (n,)
+        Modified Julian date, UT1 (UTC serves too).
+
+    Returns
+    -------
+    eop : ndarray, shape (n, 3)
+        xp in rad, yp in rad, UT1 in s.
+    eop_rate : ndarray, shape (n, 3)
+        Their time derivatives, rad/s, rad/s, s/s.
+
+    Notes
+    -----
+    IERS Conventions (2010), section 8.2. The conventional model is a response to the tidal potential and its values
+    two days before and after. As these are sums over the same lines, the response is worked out once for each line,
+    and one sum over 71 lines remains.
+    """
+    days = np.atleast_1d(np.asarray(mjd_ut1, dtype=np.float64)) - 37076.5
+    order, _, phase, frequency = OCEAN_TIDE_LINES.T
+    # A diurnal line is a sine where a semidiurnal one is a cosine.
+    angles = np.multiply.outer(days, frequency) + (phase - np.where(order == 1, np.pi / 2, 0.0))
+    sine, cosine = _ocean_tide_coefficients()
+    value, rate = _harmonic_sum(angles, frequency / SECONDS_PER_DAY, sine, cosine)
+    return value * _EOP_UNITS, rate * _EOP_UNITS
+
+
+def libration(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Diurnal libration of the pole and semidiurnal libration of UT1, from the torque on the Earth's triaxial figure.
+
+    Parameters and returns as :func:`ocean_tides`.
+
+    Notes
+    -----
+    IERS Conventions (2010), Tables 5.1a (its ten diurnal terms; those of long period are in the observed pole) and
+    5.1b. The tables' arguments are GMST + pi, of which one date in UT1 is enough here, and the Delaunay variables.
+    """
+    days = np.atleast_1d(np.asarray(mjd_ut1, dtype=np.float64)) - _MJD_J2000
+    centuries = days / _DAYS_PER_CENTURY
+    gmst_s = 67310.54841 + centuries * (_GMST_RATE_S_CY + centuries * (0.093104 - 6.2e-6 * centuries))
+    chi = np.fmod(gmst_s, SECONDS_PER_DAY) * (2 * np.pi / SECONDS_PER_DAY) + np.pi
+    arguments = np.column_stack([chi, _delaunay(centuries)])
+    chi_rate = _GMST_RATE_S_CY * (2 * np.pi / SECONDS_PER_DAY) / (_DAYS_PER_CENTURY * SECONDS_PER_DAY)
+    argument_rates = np.concatenate([[chi_rate], _delaunay_rates_rad_s()])
+    pole, pole_rate = _harmonic_sum(
+        arguments @ POLE_LIBRATION[:, :6].T,
+        POLE_LIBRATION[:, :6] @ argument_rates,
+        POLE_LIBRATION[:, [6, 8]],
+        POLE_LIBRATION[:, [7, 9]],
+    )
+    ut1, ut1_rate = _harmonic_sum(
+        arguments @ UT1_LIBRATION[:, :6].T,
+        UT1_LIBRATION[:, :6] @ argument_rates,
+        UT1_LIBRATION[:, 6:7],
+        UT1_LIBRATION[:, 7:8],
+    )
+    return np.hstack([pole, ut1]) * _EOP_UNITS, np.hstack([pole_rate, ut1_rate]) * _EOP_UNITS
+
+
+def _delaunay(centuries: NDArray[np.float64]) -> NDArray[np.float64]:
+    """l, l', F, D, Omega in rad, shape (n, 5) (IERS 2010 eq. 5.43)."""
+    return np.column_stack(
+        [f(centuries) for f in (erfa.fal03, erfa.falp03, erfa.faf03, erfa.fad03, erfa.faom03)]
+    )
+
+
+def _delaunay_rates_rad_s() -> NDArray[np.float64]:
+    return _DELAUNAY_RATES_ARCSEC_CY * ARCSEC_RAD / (_DAYS_PER_CENTURY * SECONDS_PER_DAY)
+
+
+def _harmonic_sum(
+    angles: NDArray[np.float64],
+    rates: NDArray[np.float64],
+    sine: NDArray[np.float64],
+    cosine: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Sum of sines and cosines and its derivative.
+
+    ``angles`` (n, m) in rad, ``rates`` (m,) in rad/s, coefficients (m, k); both results (n, k).
+    """
+    s, c = np.sin(angles), np.cos(angles)
+    return s @ sine + c @ cosine, c @ (rates[:, None] * sine) - s @ (rates[:, None] * cosine)
+
+
+def _ocean_tide_coefficients() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Sine and cosine coefficients of xp, yp (uas) and UT1 (us) for each tidal line, each of shape (71, 3).
+
+    For a line of height h and frequency w, potential values two days apart sum to 2 h cos(2 w) and differ by
+    2 h sin(2 w) times the line itself, in phase and in quadrature; the three orthotides then are three real factors.
+    """
+    order, height, _, frequency = OCEAN_TIDE_LINES.T
+    band = order.astype(np.int64) - 1
+    f0, f1, f2, f3, f4, f5 = ORTHOTIDE_FACTORS[band].T
+    lag_cosine, lag_sine = 2.0 * np.cos(2.0 * frequency), 2.0 * np.sin(2.0 * frequency)
+    orthotides = height[:, None] * np.column_stack(
+        [f0, f1 - f2 * lag_cosine, f3 - f4 * lag_cosine + f5 * lag_sine]
+    )
+    weights = EOP_ORTHOWEIGHTS.reshape(3, 2, 3, 2)[:, band]
+    in_phase, quadrature = np.moveaxis(weights, -1, 0)
+    return -np.einsum("lk,elk->le", orthotides, quadrature), np.einsum("lk,elk->le", orthotides, in_phase)

@@ -1,10 +1,11 @@
 """Weighted batch least squares with a-priori information, by orthogonal factorization.
 
-Minimizes, over the parameters x, ``|(o - c(x)) / sigma|^2 + |(x - x_prior) / sigma_prior|^2``. Each Gauss-Newton step
-reduces the whitened partials, the a-priori rows and the right side to a triangle by Householder reflections (Bierman
-1977, chapters IV and V; Lawson and Hanson 1974) and solves that by its singular values, so the condition number is
-never squared by normal equations. A step that does not lower the sum of squares is damped (Levenberg 1944, Marquardt
-1963) in the same singular basis, at no cost in further factorizations.
+Minimizes, over the parameters x, ``|(o - c(x)) / sigma|^2 + |(x - x_prior) / sigma_prior|^2``. Each
+Gauss-Newton step reduces the whitened partials, the a-priori rows and the right side to a triangle by
+Householder reflections (Bierman 1977, chapters IV and V; Lawson and Hanson 1974) and solves that by its
+singular values, so the condition number is never squared by normal equations. A step that does not lower
+the sum of squares is damped (Levenberg 1944, Marquardt 1963) in the same singular basis, at no cost in
+further factorizations.
 """
 
 from __future__ import annotations
@@ -20,9 +21,13 @@ from radioloc.errors import InputError
 from radioloc.estimation.parameters import ParameterSet
 
 ResidualFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
-"""From parameters (p,) to residuals observed - computed (n,) in m, and partials d(computed)/d(parameter) (n, p)."""
+"""From parameters (p,) to residuals observed - computed (n,), m, and d(computed)/d(parameter) (n, p)."""
 
-_ROWS_AT_ONCE = 20000  # bounds the copy that the factorization makes; the triangle carries over from block to block
+# Rows whitened and factorized together: bounds the copies made; the triangle carries over from block to
+# block.
+_ROWS_AT_ONCE = 20000
+# Dampings tried before giving up: each is three times the last, so the step shrinks to nothing.
+_MAX_TRIALS = 30
 
 
 class FitStatus(enum.Enum):
@@ -43,15 +48,16 @@ class FitSettings:
     max_iterations : int
         Limit of Gauss-Newton iterations.
     step_tolerance : float
-        Converged when a step is shorter, in standard deviations over all parameters together (formal ones, or scaled up
-        to what the residuals show). Such a step lowers the sum of squares by its square, so this bounds that too.
+        Converged when a step is shorter, in standard deviations over all parameters together (formal ones,
+        or scaled up to what the residuals show). Such a step lowers the sum of squares by its square, so
+        this bounds that too.
     rank_tolerance : float
-        A combination of parameters is undetermined when its singular value, with all columns scaled to length one,
-        is below this part of the largest. Partials carry rounding of about 1e-13 and light-time cut-offs of 1e-11;
-        what they tell beneath 1e-10 is not information.
+        A combination of parameters is undetermined when its singular value, with all columns scaled to
+        length one, is below this part of the largest. Partials carry rounding of about 1e-13 and light-time
+        cut-offs of 1e-11; what they tell beneath 1e-10 is not information.
     max_sigma : float
-        A combination is undetermined too when its standard deviation exceeds this many parameter scales (metres):
-        beyond about the Moon's radius the linear model that the figure rests on means nothing.
+        A combination is undetermined too when its standard deviation exceeds this many parameter scales
+        (metres): beyond about the Moon's radius the linear model that the figure rests on means nothing.
     """
 
     max_iterations: int = 30
@@ -118,7 +124,7 @@ class Factor:
         return (self.vectors[:, self.determined] @ along) / self.column_norms
 
     def root_covariance(self) -> NDArray[np.float64]:
-        """A matrix whose product with its transpose is the covariance of the determined part, shape (q, r)."""
+        """Square root of the covariance: times its transpose it is the determined part's, shape (q, r)."""
         root: NDArray[np.float64] = self.vectors[:, self.determined] / self.singular_values[self.determined]
         return root / self.column_norms[:, None]
 
@@ -139,8 +145,9 @@ class FitResult:
     x : ndarray, shape (p,)
         Estimated values; undetermined directions stay where they started.
     covariance : ndarray, shape (p, p)
-        Formal covariance from the stated sigmas. Fixed parameters have zeros; a parameter that takes part in an
-        undetermined direction has infinite variance and, as no number is right there, zero covariances.
+        Formal covariance from the stated sigmas. Fixed parameters have zeros; a parameter that takes part
+        in an undetermined direction has infinite variance and, as no number is right there, zero
+        covariances.
     residual_m : ndarray, shape (n,)
         Observed - computed at `x`, for all observations, used or not, m.
     partials : ndarray, shape (n, p)
@@ -242,9 +249,10 @@ def factorize(
     for start in range(0, len(residual_m), _ROWS_AT_ONCE):
         part = slice(start, start + _ROWS_AT_ONCE)
         rows = whiten(np.column_stack([partials[part][:, free], residual_m[part]]), sigma_m[part])
-        triangle = np.linalg.qr(np.vstack([triangle, rows]), mode="r")
+        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r"))
 
-    # Fewer rows than columns leave a trapezoid; rows of zeros complete it and show up as zero singular values.
+    # Fewer rows than columns leave a trapezoid; rows of zeros complete it and show up as zero singular
+    # values.
     matrix = np.zeros((q, q))
     right_side = np.zeros(q)
     height = min(q, len(triangle))
@@ -312,34 +320,52 @@ def fit_least_squares(
         raise InputError(f"used has shape {mask.shape}; {n} observations need ({n},)")
     check_finite(residual_m[mask], partials[mask], parameters)
 
-    chi2 = _sum_of_squares(residual_m, sigma, mask, parameters, x)
-    factor = factorize(residual_m[mask], partials[mask], sigma[mask], parameters, x, settings)
+    def linearize(at: NDArray[np.float64]) -> _Point:
+        residual_m, partials = evaluate(residual_function, at)
+        return _Point(at, residual_m, partials, _sum_of_squares(residual_m, sigma, mask, parameters, at))
+
+    def reduce(point: _Point) -> Factor:
+        return factorize(
+            point.residual_m[mask], point.partials[mask], sigma[mask], parameters, point.x, settings
+        )
+
+    def stepped(point: _Point, factor: Factor, damping: float) -> _Point:
+        x = point.x.copy()
+        x[parameters.free] += factor.step(damping)
+        return linearize(x)
+
+    here = _Point(x, residual_m, partials, _sum_of_squares(residual_m, sigma, mask, parameters, x))
+    factor = reduce(here)
     iterations: list[Iteration] = []
     status = FitStatus.MAX_ITERATIONS
     damping = 0.0
     while len(iterations) < settings.max_iterations:
         length = factor.step_sigmas
-        small = length < settings.step_tolerance * max(1.0, np.sqrt(chi2 / max(1, mask.sum())))
-        lowest = factor.singular_values[factor.determined].min(initial=1.0)
+        small = length < settings.step_tolerance * max(1.0, np.sqrt(here.chi2 / max(1, mask.sum())))
+        lowest = float(factor.singular_values[factor.determined].min(initial=1.0))
         for _ in range(_MAX_TRIALS):
-            trial = x.copy()
-            trial[parameters.free] += factor.step(damping)
-            trial_residual_m, trial_partials = evaluate(residual_function, trial)
-            trial_chi2 = _sum_of_squares(trial_residual_m, sigma, mask, parameters, trial)
-            # A step this small changes the sum of squares by less than its rounding may: it is taken as it is.
-            if small or trial_chi2 <= chi2:
+            trial = stepped(here, factor, damping)
+            # A step this small changes the sum of squares by less than its rounding may: it is taken as it
+            # is.
+            if small or trial.chi2 <= here.chi2:
                 break
-            damping = 10.0 * damping if damping > 0.0 else lowest
+            # A long step in a weak direction leaves the curved valley of low sums; a second one leads back
+            # into it.
+            if np.isfinite(trial.chi2):
+                trial = stepped(trial, reduce(trial), 0.0)
+                if trial.chi2 <= here.chi2:
+                    break
+            damping = 3.0 * damping if damping > 0.0 else lowest
         else:
-            # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m), or the
-            # partials point the wrong way.
-            at_floor = length <= max(0.1, 1e-3 * np.sqrt(chi2))
+            # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m),
+            # or the partials point the wrong way.
+            at_floor = length <= max(0.1, 1e-3 * np.sqrt(here.chi2))
             status = FitStatus.CONVERGED if at_floor else FitStatus.DIVERGED
             break
-        iterations.append(Iteration(chi2, trial_chi2, length, damping))
-        damping = 0.0 if damping <= lowest else 0.1 * damping
-        x, residual_m, partials, chi2 = trial, trial_residual_m, trial_partials, trial_chi2
-        factor = factorize(residual_m[mask], partials[mask], sigma[mask], parameters, x, settings)
+        iterations.append(Iteration(here.chi2, trial.chi2, length, damping))
+        damping = 0.0 if damping <= lowest else damping / 3.0
+        here = trial
+        factor = reduce(here)
         if small:
             status = FitStatus.CONVERGED
             break
@@ -349,13 +375,13 @@ def fit_least_squares(
     n_prior = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
     return FitResult(
         parameters=parameters,
-        x=x,
+        x=here.x,
         covariance=_covariance(factor, parameters),
-        residual_m=residual_m,
-        partials=partials,
+        residual_m=here.residual_m,
+        partials=here.partials,
         sigma_m=sigma,
         used=mask,
-        chi2=chi2,
+        chi2=here.chi2,
         dof=int(mask.sum()) + n_prior - int(factor.determined.sum()),
         status=status,
         iterations=tuple(iterations),
@@ -363,7 +389,14 @@ def fit_least_squares(
     )
 
 
-_MAX_TRIALS = 16  # dampings tried before giving up: each is ten times the last, so the step shrinks to nothing
+@dataclass(frozen=True, slots=True, eq=False)
+class _Point:
+    """The model at one set of values."""
+
+    x: NDArray[np.float64]
+    residual_m: NDArray[np.float64]
+    partials: NDArray[np.float64]
+    chi2: float
 
 
 def evaluate(
@@ -382,7 +415,7 @@ def evaluate(
 
 
 def checked_sigmas(sigma_m: ArrayLike, n: int) -> NDArray[np.float64]:
-    """Standard deviations as an array of shape (n,), all positive and finite."""
+    """Return standard deviations as an array of shape (n,), all positive and finite."""
     try:
         sigma = np.array(np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), (n,)))
     except ValueError:
@@ -393,14 +426,20 @@ def checked_sigmas(sigma_m: ArrayLike, n: int) -> NDArray[np.float64]:
     return sigma
 
 
-def check_finite(residual_m: NDArray[np.float64], partials: NDArray[np.float64], parameters: ParameterSet) -> None:
+def check_finite(
+    residual_m: NDArray[np.float64], partials: NDArray[np.float64], parameters: ParameterSet
+) -> None:
     """Raise :class:`InputError` if residuals or partials are not finite."""
     bad = np.flatnonzero(~np.isfinite(residual_m))
     if len(bad):
-        raise InputError(f"{len(bad)} of {len(residual_m)} residuals are not finite at the start, the first at {bad[0]}")
+        raise InputError(
+            f"{len(bad)} of {len(residual_m)} residuals are not finite at the start, the first at {bad[0]}"
+        )
     if not np.isfinite(partials).all():
         column = int(np.flatnonzero(~np.isfinite(partials).all(axis=0))[0])
-        raise InputError(f"the partials with respect to {parameters.names[column]} are not finite at the start")
+        raise InputError(
+            f"the partials with respect to {parameters.names[column]} are not finite at the start"
+        )
 
 
 def _sum_of_squares(
@@ -421,7 +460,8 @@ def _covariance(factor: Factor, parameters: ParameterSet) -> NDArray[np.float64]
     """Formal covariance over all parameters, shape (p, p)."""
     root = factor.root_covariance()
     covariance_free = root @ root.T
-    # A parameter takes part in an undetermined direction if its share, in units of its scale, is more than rounding.
+    # A parameter takes part in an undetermined direction if its share, in units of its scale, is more than
+    # rounding.
     directions = factor.undetermined_directions() / parameters.scales[parameters.free]
     if len(directions):
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)

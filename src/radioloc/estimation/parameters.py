@@ -20,7 +20,8 @@ class Parameter:
     Parameters
     ----------
     name : str
-        Unique name: the kind, a dot, and what it belongs to, such as ``"position.x_m"`` or ``"range_bias.APOLLO"``.
+        Unique name: the kind, a dot, and what it belongs to, such as ``"position.x_m"`` or
+        ``"range_bias.APOLLO"``.
     unit : str
         Unit of the value as text, such as ``"m"``, ``"rad"``, ``"s"``.
     kind : str
@@ -32,9 +33,10 @@ class Parameter:
     fixed : bool
         Hold the parameter at its a-priori value, as if known exactly.
     scale : float
-        A change of the parameter, in `unit`, that moves an observation by something like one metre: 1 for metres,
-        1/1737400 for a selenographic angle in rad, 0.001 for a time bias in seconds. It makes parameters of
-        different units comparable when directions are named; the estimate does not depend on it.
+        A change of the parameter, in `unit`, that moves an observation by something like one metre: 1 for
+        metres, 1/1737400 for a selenographic angle in rad, 0.001 for a time bias in seconds. It makes
+        parameters of different units comparable when directions are named; the estimate does not depend on
+        it.
 
     Raises
     ------
@@ -57,8 +59,8 @@ class Parameter:
             raise InputError(f"the a-priori value of {self.name} is {self.prior_value}; give a finite number")
         if not self.prior_sigma > 0.0:
             raise InputError(
-                f"the a-priori sigma of {self.name} is {self.prior_sigma}; give a positive number, infinity to leave "
-                "the parameter free, or fixed=True to hold it"
+                f"the a-priori sigma of {self.name} is {self.prior_sigma}; give a positive number, "
+                "infinity to leave the parameter free, or fixed=True to hold it"
             )
         if not (math.isfinite(self.scale) and self.scale > 0.0):
             raise InputError(f"the scale of {self.name} is {self.scale}; give a finite positive number")
@@ -88,7 +90,9 @@ class ParameterSet:
         names = [item.name for item in items]
         doubled = sorted({name for name in names if names.count(name) > 1})
         if doubled:
-            raise InputError(f"parameter names occur more than once: {', '.join(doubled)}; each must be unique")
+            raise InputError(
+                f"parameter names occur more than once: {', '.join(doubled)}; each must be unique"
+            )
         object.__setattr__(self, "parameters", items)
 
     def __len__(self) -> int:
@@ -146,6 +150,8 @@ class ParameterSet:
         return tuple(i for i, item in enumerate(self.parameters) if item.kind == kind)
 
     def changed(self, name: str, **changes: Any) -> ParameterSet:
-        """A copy with some fields of one parameter changed."""
+        """Return a copy with some fields of one parameter changed."""
         k = self.index(name)
-        return ParameterSet((*self.parameters[:k], replace(self.parameters[k], **changes), *self.parameters[k + 1 :]))
+        return ParameterSet(
+            (*self.parameters[:k], replace(self.parameters[k], **changes), *self.parameters[k + 1 :])
+        )

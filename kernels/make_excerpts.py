@@ -9,14 +9,14 @@ The full kernels come inside two published Python packages; fetch them with::
 
     python kernels/make_excerpts.py --spk downloads/skyfield_data-*.whl --pck downloads/lunarsky-*.whl
 
-writes ``de421_1969_2050.bsp``, ``moon_pa_de421_1969_2050.bpc`` and ``registry.toml`` beside this script. Plain kernel
-files are accepted in place of wheels. Neither a clock nor the machine enters the output: the same input gives the same
-bytes. Needs nothing but the standard library.
+writes ``de421_1969_2050.bsp``, ``moon_pa_de421_1969_2050.bpc`` and ``registry.toml`` beside this script.
+Plain kernel files are accepted in place of wheels. Neither a clock nor the machine enters the output: the
+same input gives the same bytes. Needs nothing but the standard library.
 
-The output is a NAIF double precision array file (DAF): 1024-byte records that hold the file record, the comment area,
-one summary record, one name record, and then the arrays. A segment of SPK or binary PCK type 2 is N records
-(MID, RADIUS, coefficients of three components) of equal length, followed by INIT, INTLEN, RSIZE, N. Only INIT and N
-change here; the records are copied as bytes.
+The output is a NAIF double precision array file (DAF): 1024-byte records that hold the file record, the
+comment area, one summary record, one name record, and then the arrays. A segment of SPK or binary PCK type 2
+is N records (MID, RADIUS, coefficients of three components) of equal length, followed by INIT, INTLEN, RSIZE,
+N. Only INIT and N change here; the records are copied as bytes.
 """
 
 from __future__ import annotations
@@ -60,9 +60,7 @@ class Kind:
     excerpt: str
 
 
-SPK = Kind(
-    "SPK", 6, (10, 2, 3, 5, 6, 301, 399), "skyfield-data 7.0.0", "de421.bsp", "de421_1969_2050.bsp"
-)
+SPK = Kind("SPK", 6, (10, 2, 3, 5, 6, 301, 399), "skyfield-data 7.0.0", "de421.bsp", "de421_1969_2050.bsp")
 PCK = Kind(
     "PCK",
     5,
@@ -118,7 +116,7 @@ def read_segments(data: bytes, kind: Kind) -> list[Segment]:
 
 
 def cut(segment: Segment) -> Segment:
-    """The segment with only the records that the span needs."""
+    """Keep only the records that the span needs."""
     init, length, record_words, count = struct.unpack("<4d", segment.array[-4 * WORD_BYTES :])
     if segment.codes[-1] != 2:
         raise SystemExit(f"segment {segment.codes} is of type {segment.codes[-1]}; only type 2 can be cut")
@@ -132,7 +130,7 @@ def cut(segment: Segment) -> Segment:
 
 
 def write_daf(kind: Kind, segments: list[Segment], comments: str) -> bytes:
-    """A DAF with one summary record; the comment area ends its lines with NUL and itself with EOT."""
+    """Lay out a DAF with one summary record; the comment area ends its lines with NUL, itself with EOT."""
     text = comments.encode("ascii").replace(b"\n", b"\0") + b"\4"
     comment_records = [text[i : i + 1000].ljust(RECORD_BYTES, b"\0") for i in range(0, len(text), 1000)]
     summary_number = 2 + len(comment_records)
@@ -188,7 +186,7 @@ and segments of the source are left out. Segments:
 
 
 def make_excerpt(kind: Kind, source: bytes) -> tuple[bytes, str]:
-    """The excerpt's bytes and its entry in the registry."""
+    """Make the excerpt's bytes and its entry in the registry."""
     source_sha256 = hashlib.sha256(source).hexdigest()
     by_code = {segment.codes[0]: segment for segment in read_segments(source, kind)}
     missing = [code for code in kind.segment_codes if code not in by_code]

@@ -1,4 +1,4 @@
-"""Where the Earth, the Moon and the Sun are, and how the Moon is turned: the only home of kilometres and days.
+"""Where the Earth, the Moon and the Sun are, and how the Moon is turned: the only home of km and days.
 
 SI units, ICRF axes and TDB; the DE421 files that ship, or any SPK and binary PCK made of a JPL ephemeris.
 """

@@ -14,7 +14,7 @@ from radioloc.time import Epochs, utc_strings
 def evaluate(
     kernel: Kernel, segment: Segment, tdb: Epochs
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """A segment's three components, their rates and their second derivatives, in the file's units and seconds.
+    """Evaluate a segment: three components, rates and second derivatives, in the file's units and seconds.
 
     Parameters
     ----------
@@ -38,8 +38,9 @@ def evaluate(
 
     Notes
     -----
-    Clenshaw's recurrence b_k = c_k + 2 s b_(k+1) - b_(k+2), differentiated twice with respect to s. The epoch's two
-    floats meet only within a record, so an epoch is resolved to 1e-10 s: 0.1 micrometre of the Moon about the Earth.
+    Clenshaw's recurrence b_k = c_k + 2 s b_(k+1) - b_(k+2), differentiated twice with respect to s. The
+    epoch's two floats meet only within a record, so an epoch is resolved to 1e-10 s: 0.1 micrometre of the
+    Moon about the Earth.
     """
     tdb.require("TDB")
     midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY  # exact: a whole number of half days
@@ -68,7 +69,11 @@ def evaluate(
 
 
 def _require_covered(
-    kernel: Kernel, segment: Segment, tdb: Epochs, midnight_s: NDArray[np.float64], rest_s: NDArray[np.float64]
+    kernel: Kernel,
+    segment: Segment,
+    tdb: Epochs,
+    midnight_s: NDArray[np.float64],
+    rest_s: NDArray[np.float64],
 ) -> None:
     outside = ((midnight_s - segment.start_s) + rest_s < 0) | ((midnight_s - segment.end_s) + rest_s > 0)
     if not outside.any():

@@ -1,8 +1,33 @@
-"""Constants that belong to one ephemeris: masses, lunar Love numbers, angles from principal to mean-Earth axes."""
+"""Constants that belong to one ephemeris: masses, Love numbers, angles from principal to mean-Earth axes.
+
+Sources
+-------
+DE421
+    Masses: Folkner, Williams and Boggs (2009), IPN Progress Report 42-178, and the ephemeris' header. Angles:
+    Williams, Boggs and Folkner (2008), JPL IOM 335-JW,DB,WF-20080314-001, as in NAIF's moon_080317.tf.
+DE430
+    Masses: Folkner, Williams, Boggs, Park and Kuchynka (2014), IPN Progress Report 42-196, table 8. Angles:
+    the same, and Williams, Boggs and Folkner (2013), JPL IOM 335-JW,DB,WF-20130722-016.
+DE440
+    Masses and angles: Park, Folkner, Williams and Boggs (2021), Astron. J. 161, 105, as in the ephemeris'
+    header and NAIF's moon_de440_220930.tf. These angles lead to the mean-Earth axes of DE421, to which lunar
+    maps refer.
+Love numbers
+    One pair for all, being of the Moon and not of an ephemeris: the model of Williams et al. (2014), J.
+    Geophys. Res. Planets 119, 1546. Fits to laser ranges and altimetry range over h2 = 0.037 to 0.048, which
+    is 0.14 m of the constant and 0.04 m of the variable part of the tide under the Earth; the values each
+    ephemeris was fitted with may differ. To use others: ``dataclasses.replace(constants, h2=..., l2=...)``.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+
+from radioloc.errors import InputError
+
+_LUNAR_H2 = 0.0424
+_LUNAR_L2 = 0.0107
+_MASSIVE = ("sun", "earth", "moon", "venus", "jupiter", "saturn")
 
 
 @dataclass(frozen=True, slots=True)
@@ -17,13 +42,13 @@ class EphemerisConstants:
         GM of the Sun, the Earth and the Moon, m^3/s^2.
     gm_venus_m3_s2, gm_jupiter_m3_s2, gm_saturn_m3_s2 : float
         GM of Venus and of the systems of Jupiter and Saturn, m^3/s^2.
-    h2, l2 : float
-        Degree-2 displacement Love numbers of the Moon, radial and tangential.
     pa_to_me_arcsec : tuple of float
-        Angles (about x, y, z) of the rotation from principal to mean-Earth axes, arcsec:
+        Angles about x, y and z of the rotation from principal to mean-Earth axes, arcsec:
         ME = Rx(x) Ry(y) Rz(z) PA, each a rotation of the axes.
     me_frame : str
         The mean-Earth axes that the angles lead to.
+    h2, l2 : float
+        Degree-2 displacement Love numbers of the Moon, radial and tangential.
     """
 
     name: str
@@ -33,19 +58,31 @@ class EphemerisConstants:
     gm_venus_m3_s2: float
     gm_jupiter_m3_s2: float
     gm_saturn_m3_s2: float
-    h2: float
-    l2: float
     pa_to_me_arcsec: tuple[float, float, float]
     me_frame: str
+    h2: float = _LUNAR_H2
+    l2: float = _LUNAR_L2
 
     def gm_m3_s2(self, body: str) -> float:
-        """GM of ``"sun"``, ``"earth"``, ``"moon"``, ``"venus"``, ``"jupiter"`` or ``"saturn"``, m^3/s^2."""
+        """GM of a body by name, m^3/s^2.
+
+        Parameters
+        ----------
+        body : {"sun", "earth", "moon", "venus", "jupiter", "saturn"}
+
+        Raises
+        ------
+        InputError
+            The body is none of these.
+        """
+        if body not in _MASSIVE:
+            raise InputError(f"no GM is known for {body!r}; use one of {', '.join(_MASSIVE)}")
         return float(getattr(self, f"gm_{body}_m3_s2"))
 
 
 CONSTANTS = {
-    c.name: c
-    for c in (
+    constants.name: constants
+    for constants in (
         EphemerisConstants(
             name="DE421",
             gm_sun_m3_s2=132712440040.944e9,
@@ -54,8 +91,6 @@ CONSTANTS = {
             gm_venus_m3_s2=324858.592e9,
             gm_jupiter_m3_s2=126712764.8e9,
             gm_saturn_m3_s2=37940585.2e9,
-            h2=0.0379,
-            l2=0.0105,
             pa_to_me_arcsec=(-0.30, -78.56, -67.92),
             me_frame="ME_DE421",
         ),
@@ -67,8 +102,6 @@ CONSTANTS = {
             gm_venus_m3_s2=324858.592e9,
             gm_jupiter_m3_s2=126712764.8e9,
             gm_saturn_m3_s2=37940585.2e9,
-            h2=0.048,
-            l2=0.0107,
             pa_to_me_arcsec=(-0.285, -78.580, -67.573),
             me_frame="ME_DE430",
         ),
@@ -80,11 +113,9 @@ CONSTANTS = {
             gm_venus_m3_s2=324858.592e9,
             gm_jupiter_m3_s2=126712764.1e9,
             gm_saturn_m3_s2=37940584.8418e9,
-            h2=0.0424,
-            l2=0.0107,
             pa_to_me_arcsec=(-0.2785, -78.6944, -67.8526),
             me_frame="ME_DE421",
         ),
     )
 }
-"""Constants by ephemeris name."""
+"""Constants by the ephemeris' name."""

@@ -47,7 +47,8 @@ class LunarOrientation:
         Raises
         ------
         KernelError
-            As :func:`radioloc.kernels.open_pck`, or the kernel does not hold exactly one of the known lunar frames.
+            As :func:`radioloc.kernels.open_pck`, or the kernel does not hold exactly one of the known lunar
+            frames.
         """
         kernel = open_pck(pck)
         held = sorted({s.target for s in kernel.segments})
@@ -55,8 +56,8 @@ class LunarOrientation:
         if len(codes) != 1:
             known = ", ".join(f"{code} ({name})" for code, name in _FRAMES.items())
             raise KernelError(
-                f"{kernel.file.path} (spanning {kernel.file.start_tdb} to {kernel.file.end_tdb}) holds the NAIF "
-                f"frames {held}, but exactly one of {known} is wanted; use NAIF's lunar PCK of DE421 or DE440"
+                f"{kernel.file.path} (spanning {kernel.file.start_tdb} to {kernel.file.end_tdb}) holds the "
+                f"NAIF frames {held}, but exactly one of {known} is wanted; use NAIF's lunar PCK of DE421 or DE440"
             )
         return cls(_FRAMES[codes[0]], codes[0], kernel)
 
@@ -76,9 +77,10 @@ class LunarOrientation:
         Returns
         -------
         angles_rad, rates_rad_s : ndarray, shape (n, 3)
-            In the order of the 3-1-3 rotations that take the ICRF into the principal axes, Rz(psi) Rx(theta) Rz(phi)
-            (Folkner et al. 2009, section on lunar orientation; :func:`radioloc.lunar.rot_icrf_to_pa`). psi runs on
-            without jumps; its round-off is 1e-12 rad, 2 micrometres on the surface.
+            In the order of the 3-1-3 rotations that take the ICRF into the principal axes, Rz(psi) Rx(theta)
+            Rz(phi) (Folkner et al. 2009, section on lunar orientation;
+            :func:`radioloc.lunar.rot_icrf_to_pa`). psi runs on without jumps; its round-off is 1e-12 rad, 2
+            micrometres on the surface.
 
         Raises
         ------
@@ -87,5 +89,7 @@ class LunarOrientation:
         InputError
             The epochs are not in TDB.
         """
-        angles_rad, rates_rad_s, _ = evaluate(self.pck, self.pck.segment(self.frame_code, _INERTIAL_FRAME), tdb)
+        angles_rad, rates_rad_s, _ = evaluate(
+            self.pck, self.pck.segment(self.frame_code, _INERTIAL_FRAME), tdb
+        )
         return angles_rad, rates_rad_s

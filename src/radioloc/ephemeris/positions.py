@@ -1,4 +1,4 @@
-"""Positions and velocities of the Earth, the Moon, the Sun and the large planets, ICRF axes, TDB, SI units."""
+"""Positions and velocities of the Earth, the Moon, the Sun and large planets: ICRF axes, TDB, SI units."""
 
 from __future__ import annotations
 
@@ -71,8 +71,8 @@ class Ephemeris:
         Raises
         ------
         KernelError
-            As :func:`radioloc.kernels.open_spk`; the Earth, the Moon or the Sun is missing; or the ephemeris is not
-            known and no constants were given.
+            As :func:`radioloc.kernels.open_spk`; the Earth, the Moon or the Sun is missing; or the ephemeris
+            is not known and no constants were given.
         """
         kernel = open_spk(spk)
         for target, center in (
@@ -89,8 +89,8 @@ class Ephemeris:
         name = f"DE{match[1]}" if match else label
         if name not in CONSTANTS:
             raise KernelError(
-                f"{kernel.file.path} calls itself {label!r}, an ephemeris whose constants are not known here (known: "
-                f"{', '.join(CONSTANTS)}); give them as constants="
+                f"{kernel.file.path} calls itself {label!r}, an ephemeris whose constants are not known here "
+                f"(known: {', '.join(CONSTANTS)}); give them as constants="
             )
         return cls(name, CONSTANTS[name], kernel)
 
@@ -125,7 +125,8 @@ class Ephemeris:
 
         Notes
         -----
-        Round-off of the position is some 1e-5 m. The acceleration is the second derivative of the Chebyshev series.
+        Round-off of the position is some 1e-5 m. The acceleration is the second derivative of the Chebyshev
+        series.
         """
         barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
         earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
@@ -157,8 +158,8 @@ class Ephemeris:
 
         Notes
         -----
-        The Moon is its position minus the Earth's, both relative to the Earth-Moon barycentre, so that the 1.5e11 m
-        from the solar system barycentre do not enter: its round-off is below 1e-6 m.
+        The Moon is its position minus the Earth's, both relative to the Earth-Moon barycentre, so that the
+        1.5e11 m from the solar system barycentre do not enter: its round-off is below 1e-6 m.
         """
         earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
         code = _code(body)

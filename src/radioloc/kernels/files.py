@@ -1,7 +1,7 @@
 """Open SPK and binary PCK files of Chebyshev type 2, with every check that a damaged file could fail.
 
-jplephem reads the layout of the file (the DAF); evaluation is left to :mod:`radioloc.ephemeris`, which needs second
-derivatives and refuses epochs outside a segment's own span, where jplephem would extrapolate.
+jplephem reads the layout of the file (the DAF); evaluation is left to :mod:`radioloc.ephemeris`, which needs
+second derivatives and refuses epochs outside a segment's own span, where jplephem would extrapolate.
 """
 
 from __future__ import annotations
@@ -105,7 +105,7 @@ class Kernel:
         return any((s.target, s.center) == (target, center) for s in self.segments)
 
     def segment(self, target: int, center: int) -> Segment:
-        """The segment of this target and center; the last one in the file, as in SPICE, where there are several.
+        """Find the segment of this target and center: where there are several, the last, as in SPICE.
 
         Raises
         ------
@@ -117,8 +117,8 @@ class Kernel:
                 return candidate
         held = ", ".join(f"{s.target} relative to {s.center}" for s in self.segments)
         raise KernelError(
-            f"{self.file.path} (spanning {self.file.start_tdb} to {self.file.end_tdb}) has no segment for NAIF code "
-            f"{target} relative to {center}; it holds {held}. Use a kernel that has it"
+            f"{self.file.path} (spanning {self.file.start_tdb} to {self.file.end_tdb}) has no segment for "
+            f"NAIF code {target} relative to {center}; it holds {held}. Use a kernel that has it"
         )
 
 
@@ -133,8 +133,8 @@ def open_spk(name_or_path: str | Path) -> Kernel:
     Raises
     ------
     KernelError
-        The file is missing, damaged, of another kind, or has no segment of type 2 in the ICRF; a file that carries
-        the name of a kernel that ships has another SHA-256.
+        The file is missing, damaged, of another kind, or has no segment of type 2 in the ICRF; a file that
+        carries the name of a kernel that ships has another SHA-256.
     """
     return _open(name_or_path, "SPK")
 
@@ -157,8 +157,9 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
     entry = registered_as(path)
     if entry is not None and entry.sha256 != sha256:
         raise KernelError(
-            f"{path} (spanning {entry.start_tdb} to {entry.end_tdb}) is damaged: it has SHA-256 {sha256}, but "
-            f"{entry.name} ships with {entry.sha256}; install the package again, or rename the file if it is your own"
+            f"{path} (spanning {entry.start_tdb} to {entry.end_tdb}) is damaged: its SHA-256 is {sha256}, but "
+            f"{entry.name} ships with {entry.sha256}; install the package again, or rename the file if it "
+            "is your own"
         )
     _check_kind(path, kind)
     try:
@@ -170,8 +171,8 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
         raise KernelError(f"{path} is damaged: {error}; fetch or make the file again") from error
     if not segments:
         raise KernelError(
-            f"{path} has no segment of Chebyshev type 2 in the ICRF; use a JPL planetary ephemeris (SPK) or a lunar "
-            "orientation kernel (binary PCK)"
+            f"{path} has no segment of Chebyshev type 2 in the ICRF; use a JPL planetary ephemeris (SPK) or a "
+            "lunar orientation kernel (binary PCK)"
         )
     start_s, end_s = max(s.start_s for s in segments), min(s.end_s for s in segments)
     description = KernelFile(path, kind, sha256, entry is not None, tdb_date(start_s), tdb_date(end_s))
@@ -185,20 +186,22 @@ def _check_kind(path: Path, kind: str) -> None:
     # Before 1999 SPICE wrote NAIF/DAF whatever the kind; those files are SPK here.
     if identity == wanted or (kind == "SPK" and identity == b"NAIF/DAF"):
         return
-    other = next((name for key, name in _KIND_NAMES.items() if identity == f"DAF/{key}".encode().ljust(8)), None)
-    found = f"a {other}" if other else "not a SPICE binary kernel" if identity else "empty"
-    raise KernelError(f"{path} is {found}, but a {_KIND_NAMES[kind]} kernel is wanted; give a file of that kind")
+    names = {f"DAF/{key}".encode().ljust(8): f"a {name}" for key, name in _KIND_NAMES.items()}
+    found = names.get(identity, "not a SPICE binary kernel" if identity else "empty")
+    raise KernelError(
+        f"{path} is {found}, but a {_KIND_NAMES[kind]} kernel is wanted; give a file of that kind"
+    )
 
 
 def _read_segments(daf: DAF, path: Path, kind: str) -> tuple[Segment, ...]:
     integers = {"SPK": 6, "PCK": 5}[kind]
     if (daf.nd, daf.ni) != (2, integers):
-        raise KernelError(f"{path} is damaged: its segment summaries have the wrong layout; fetch the file again")
+        raise KernelError(f"{path} is damaged: its summaries have the wrong layout; fetch the file again")
     held_bytes = path.stat().st_size
     if (daf.free - 1) * _WORD_BYTES > held_bytes:
         raise KernelError(
-            f"{path} is cut short: it has {held_bytes} bytes of the {(daf.free - 1) * _WORD_BYTES} that its header "
-            "announces; fetch the file again"
+            f"{path} is cut short: it has {held_bytes} bytes of the {(daf.free - 1) * _WORD_BYTES} that its "
+            "header announces; fetch the file again"
         )
     seen: set[int] = set()
     for number, _, _ in daf.summary_records():
@@ -211,7 +214,8 @@ def _read_segments(daf: DAF, path: Path, kind: str) -> tuple[Segment, ...]:
         center, frame, data_type = others if kind == "SPK" else (others[0], others[0], others[1])
         if data_type == _CHEBYSHEV_TYPE and frame == _INERTIAL_FRAME:
             text = name.decode("latin-1").strip("\0 ")
-            records = _read_records(daf, path, (start_s, end_s), (first_word, last_word), f"{target} ({text})")
+            words = (first_word, last_word)
+            records = _read_records(daf, path, (start_s, end_s), words, f"{target} ({text})")
             segments.append(Segment(target, center, text, start_s, end_s, *records))
     return tuple(segments)
 

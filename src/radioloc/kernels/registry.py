@@ -65,14 +65,14 @@ def kernel_directory() -> Path:
         if (directory / REGISTRY_NAME).is_file():
             return directory
     raise KernelError(
-        f"the kernels that ship with radioloc are not at {packaged} (installed) or {checkout} (source checkout); "
-        "install the package again"
+        f"the kernels that ship with radioloc are not at {packaged} (installed) or {checkout} (source "
+        "checkout); install the package again"
     )
 
 
 @cache
 def registered() -> tuple[RegisteredKernel, ...]:
-    """The kernels that ship, in the registry's order.
+    """Kernels that ship, in the registry's order.
 
     Raises
     ------
@@ -89,8 +89,8 @@ def find_kernel(name_or_path: str | Path, kind: str | None = None) -> Path:
     Parameters
     ----------
     name_or_path : str or path-like
-        File name of a kernel that ships, the name of its ephemeris (``"DE421"``, with `kind`), or the path of any
-        kernel file.
+        File name of a kernel that ships, the name of its ephemeris (``"DE421"``, with `kind`), or the path of
+        any kernel file.
     kind : {"SPK", "PCK"}, optional
         Which kernel of the ephemeris; needed where two would fit.
 
@@ -114,12 +114,13 @@ def find_kernel(name_or_path: str | Path, kind: str | None = None) -> Path:
     if fits:
         raise KernelError(f"{name!r} stands for more than one kernel; name the file, one of {known}")
     raise KernelError(
-        f"{name!r} is neither a file nor a kernel that ships; give the path of a kernel file, or one of {known}"
+        f"{name!r} is neither a file nor a kernel that ships; give the path of a kernel file, "
+        f"or one of {known}"
     )
 
 
 def registered_as(path: Path) -> RegisteredKernel | None:
-    """The registry's entry for a file of this name, if there is one."""
+    """Find the registry's entry for a file of this name, if there is one."""
     return next((entry for entry in registered() if entry.name == path.name), None)
 
 

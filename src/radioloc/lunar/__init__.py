@@ -1,0 +1,29 @@
+"""The Moon's axes, selenographic coordinates and solid tide."""
+
+from radioloc.lunar.frames import (
+    angular_velocity_pa,
+    rot_icrf_to_iau_moon,
+    rot_icrf_to_pa,
+    rot_icrf_to_pa_rate,
+    rot_pa_to_me,
+)
+from radioloc.lunar.selenographic import (
+    cartesian_partials,
+    cartesian_to_selenographic,
+    east_north_up,
+    selenographic_to_cartesian,
+)
+from radioloc.lunar.tide import solid_tide
+
+__all__ = [
+    "angular_velocity_pa",
+    "cartesian_partials",
+    "cartesian_to_selenographic",
+    "east_north_up",
+    "rot_icrf_to_iau_moon",
+    "rot_icrf_to_pa",
+    "rot_icrf_to_pa_rate",
+    "rot_pa_to_me",
+    "selenographic_to_cartesian",
+    "solid_tide",
+]

@@ -1,0 +1,183 @@
+"""Rotations between the ICRF and the Moon's axes: principal (PA), mean-Earth (ME), the IAU's mean rotation.
+
+A rotation of the axes about x by the angle a is Rx(a) = [[1, 0, 0], [0, cos a, sin a], [0, -sin a, cos a]],
+and so on in turn; ``rot_a_to_b @ vector_in_a`` gives the vector in b.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.constants import ARCSEC_RAD
+from radioloc.ephemeris import EphemerisConstants
+from radioloc.errors import InputError
+from radioloc.time import Epochs
+
+
+def rot_icrf_to_pa(angles_rad: ArrayLike) -> NDArray[np.float64]:
+    """Rotation from the ICRF to the principal axes of the Moon, Rz(psi) Rx(theta) Rz(phi).
+
+    Parameters
+    ----------
+    angles_rad : array_like, shape (..., 3)
+        Euler angles phi, theta, psi, rad (:meth:`radioloc.ephemeris.LunarOrientation.angles`).
+
+    Returns
+    -------
+    ndarray, shape (..., 3, 3)
+
+    Raises
+    ------
+    InputError
+        The last axis is not of length three.
+
+    Notes
+    -----
+    Folkner, Williams and Boggs (2009), IPN Progress Report 42-178, on the orientation of the Moon. The
+    principal axes are those of the ephemeris that the angles are of: PA_DE421 and PA_DE440 differ by up to 1
+    m on the surface.
+    """
+    phi, theta, psi = _angles(angles_rad)
+    return _rotation_z(psi) @ _rotation_x(theta) @ _rotation_z(phi)
+
+
+def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArray[np.float64]:
+    """Angular velocity of the Moon in the ICRF, in principal axes, rad/s, shape (..., 3).
+
+    Parameters
+    ----------
+    angles_rad, rates_rad_s : array_like, shape (..., 3)
+        Euler angles phi, theta, psi and their rates.
+
+    Raises
+    ------
+    InputError
+        The last axis is not of length three.
+
+    Notes
+    -----
+    Folkner, Williams and Boggs (2009), IPN Progress Report 42-178, on the orientation of the Moon.
+    """
+    _, theta, psi = _angles(angles_rad)
+    phi_rate, theta_rate, psi_rate = _angles(rates_rad_s)
+    return np.stack(
+        [
+            phi_rate * np.sin(theta) * np.sin(psi) + theta_rate * np.cos(psi),
+            phi_rate * np.sin(theta) * np.cos(psi) - theta_rate * np.sin(psi),
+            phi_rate * np.cos(theta) + psi_rate,
+        ],
+        axis=-1,
+    )
+
+
+def rot_icrf_to_pa_rate(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArray[np.float64]:
+    """Time derivative of :func:`rot_icrf_to_pa`, 1/s, shape (..., 3, 3).
+
+    Parameters and errors as :func:`angular_velocity_pa`.
+
+    Notes
+    -----
+    dR/dt = -[w] R with the angular velocity w in principal axes and [w] its cross-product matrix. A point at
+    rest in the principal axes moves in the ICRF with (dR/dt)^T r_pa.
+    """
+    x, y, z = np.moveaxis(angular_velocity_pa(angles_rad, rates_rad_s), -1, 0)
+    zero = np.zeros_like(x)
+    minus_cross = np.stack([zero, z, -y, -z, zero, x, y, -x, zero], axis=-1).reshape((*x.shape, 3, 3))
+    return minus_cross @ rot_icrf_to_pa(angles_rad)
+
+
+def rot_pa_to_me(constants: EphemerisConstants) -> NDArray[np.float64]:
+    """Rotation from the principal to the mean-Earth axes, Rx Ry Rz of constant angles, shape (3, 3).
+
+    Parameters
+    ----------
+    constants : EphemerisConstants
+        Of the ephemeris whose principal axes are meant; its ``me_frame`` names the mean-Earth axes.
+
+    Notes
+    -----
+    With DE421's angles a point moves by up to 875 m (the literature often quotes 860 m, from older angles).
+    Frames kernels give the inverse, from ME to PA, as the same three angles with opposite sign and order.
+    """
+    about_x, about_y, about_z = (np.asarray(angle * ARCSEC_RAD) for angle in constants.pa_to_me_arcsec)
+    return _rotation_x(about_x) @ _rotation_y(about_y) @ _rotation_z(about_z)
+
+
+# Archinal et al. (2011), table 2, Moon (NAIF's pck00010.tpc and pck00011.tpc); the WGCCRE report of 2015
+# (Archinal et al. 2018) recommends the ephemeris instead and gives no newer series. Degrees; rates of the
+# arguments per day. Columns: argument, its rate, amplitudes in pole RA (sine), pole declination (cosine), W
+# (sine).
+_IAU_TERMS = np.array(
+    [
+        [125.045, -0.0529921, -3.8787, 1.5419, 3.5610],
+        [250.089, -0.1059842, -0.1204, 0.0239, 0.1208],
+        [260.008, 13.0120009, 0.0700, -0.0278, -0.0642],
+        [176.625, 13.3407154, -0.0172, 0.0068, 0.0158],
+        [357.529, 0.9856003, 0.0, 0.0, 0.0252],
+        [311.589, 26.4057084, 0.0072, -0.0029, -0.0066],
+        [134.963, 13.0649930, 0.0, 0.0009, -0.0047],
+        [276.617, 0.3287146, 0.0, 0.0, -0.0046],
+        [34.226, 1.7484877, 0.0, 0.0, 0.0028],
+        [15.134, -0.1589763, -0.0052, 0.0008, 0.0052],
+        [119.743, 0.0036096, 0.0, 0.0, 0.0040],
+        [239.961, 0.1643573, 0.0, 0.0, 0.0019],
+        [25.053, 12.9590088, 0.0043, -0.0009, -0.0044],
+    ]
+)
+
+
+def rot_icrf_to_iau_moon(tdb: Epochs) -> NDArray[np.float64]:
+    """Rotation from the ICRF to the IAU's mean rotation of the Moon (SPICE's IAU_MOON), shape (n, 3, 3).
+
+    Parameters
+    ----------
+    tdb : Epochs
+        Epochs in TDB, n of them.
+
+    Raises
+    ------
+    InputError
+        The epochs are not in TDB.
+
+    Notes
+    -----
+    Rz(W) Rx(90 deg - delta) Rz(90 deg + alpha) of the pole's right ascension alpha and declination delta and
+    the prime meridian W (Archinal et al. 2011, table 2). The series leaves the axes up to 155 m away from
+    ME_DE421 on the surface; it is for comparison with data given in these axes, not for tracking.
+    """
+    tdb.require("TDB")
+    centuries = tdb.centuries_since_j2000()
+    days = centuries * 36525.0
+    arguments = np.radians(_IAU_TERMS[:, 0] + np.multiply.outer(days, _IAU_TERMS[:, 1]))
+    alpha_deg = 269.9949 + 0.0031 * centuries + np.sin(arguments) @ _IAU_TERMS[:, 2]
+    delta_deg = 66.5392 + 0.0130 * centuries + np.cos(arguments) @ _IAU_TERMS[:, 3]
+    w_deg = 38.3213 + 13.17635815 * days - 1.4e-12 * days**2 + np.sin(arguments) @ _IAU_TERMS[:, 4]
+    return rot_icrf_to_pa(np.radians(np.stack([90.0 + alpha_deg, 90.0 - delta_deg, w_deg], axis=-1)))
+
+
+def _angles(values: ArrayLike) -> NDArray[np.float64]:
+    array = np.asarray(values, dtype=np.float64)
+    if array.ndim == 0 or array.shape[-1] != 3:
+        raise InputError(f"three Euler angles are needed along the last axis, but the shape is {array.shape}")
+    return np.moveaxis(array, -1, 0)
+
+
+def _rotation_x(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    c, s, zero, one = _parts(angle_rad)
+    return np.stack([one, zero, zero, zero, c, s, zero, -s, c], axis=-1).reshape((*c.shape, 3, 3))
+
+
+def _rotation_y(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    c, s, zero, one = _parts(angle_rad)
+    return np.stack([c, zero, -s, zero, one, zero, s, zero, c], axis=-1).reshape((*c.shape, 3, 3))
+
+
+def _rotation_z(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    c, s, zero, one = _parts(angle_rad)
+    return np.stack([c, s, zero, -s, c, zero, zero, zero, one], axis=-1).reshape((*c.shape, 3, 3))
+
+
+def _parts(angle_rad: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
+    c = np.cos(angle_rad)
+    return c, np.sin(angle_rad), np.zeros_like(c), np.ones_like(c)

@@ -1,0 +1,132 @@
+"""Selenographic longitude, latitude and height, and the cartesian coordinates they stand for.
+
+Longitude counts east from the prime meridian, latitude is the angle to the equator, height is above the
+sphere of 1737.4 km (IAU WGCCRE). They belong to axes: the same numbers in PA and ME axes are up to 875 m
+apart, so name the axes in whatever holds them (``lander_me_m``).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError
+
+
+def selenographic_to_cartesian(
+    longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
+) -> NDArray[np.float64]:
+    """Cartesian coordinates of a point, m, shape (..., 3).
+
+    Parameters
+    ----------
+    longitude_rad, latitude_rad, height_m : array_like, shape (...,)
+        East longitude, latitude, rad; height above the sphere of 1737.4 km, m.
+
+    Raises
+    ------
+    InputError
+        A number is not finite, a latitude is beyond a pole, or a height is below the Moon's centre.
+    """
+    longitude, latitude, radius_m = _checked(longitude_rad, latitude_rad, height_m)
+    return radius_m[..., np.newaxis] * _up(longitude, latitude)
+
+
+def cartesian_to_selenographic(
+    point_m: ArrayLike,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Longitude and latitude, rad, and height, m, of a point.
+
+    Parameters
+    ----------
+    point_m : array_like, shape (..., 3)
+        Cartesian coordinates, m.
+
+    Returns
+    -------
+    longitude_rad, latitude_rad, height_m : ndarray, shape (...,)
+        Longitude from -pi to pi, zero at a pole.
+
+    Raises
+    ------
+    InputError
+        The last axis is not of length three, a number is not finite, or the point is the Moon's centre.
+    """
+    point = np.asarray(point_m, dtype=np.float64)
+    if point.ndim == 0 or point.shape[-1] != 3:
+        raise InputError(f"x, y, z are needed along the last axis, but the shape is {point.shape}")
+    x, y, z = np.moveaxis(point, -1, 0)
+    equatorial_m = np.hypot(x, y)
+    radius_m = np.hypot(equatorial_m, z)
+    if not np.isfinite(radius_m).all():
+        raise InputError("a coordinate is not a finite number")
+    if (radius_m == 0.0).any():
+        raise InputError("the Moon's centre has no longitude and latitude")
+    return np.arctan2(y, x), np.arctan2(z, equatorial_m), radius_m - MEAN_LUNAR_RADIUS_M
+
+
+def east_north_up(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> NDArray[np.float64]:
+    """East, north and up unit vectors at a point, as rows, shape (..., 3, 3).
+
+    Parameters
+    ----------
+    longitude_rad, latitude_rad : array_like, shape (...,)
+        East longitude and latitude, rad; at a pole the longitude chooses the meridian.
+
+    Raises
+    ------
+    InputError
+        A number is not finite or a latitude is beyond a pole.
+
+    Notes
+    -----
+    The matrix times a vector gives its east, north and up components.
+    """
+    longitude, latitude, _ = _checked(longitude_rad, latitude_rad, 0.0)
+    cos_lon, sin_lon = np.cos(longitude), np.sin(longitude)
+    cos_lat, sin_lat = np.cos(latitude), np.sin(latitude)
+    east = np.stack([-sin_lon, cos_lon, np.zeros_like(cos_lon)], axis=-1)
+    north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat], axis=-1)
+    return np.stack([east, north, _up(longitude, latitude)], axis=-2)
+
+
+def cartesian_partials(
+    longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
+) -> NDArray[np.float64]:
+    """Partial derivatives of x, y, z (rows) by longitude, latitude and height (columns), shape (..., 3, 3).
+
+    Parameters and errors as :func:`selenographic_to_cartesian`; m/rad, m/rad and 1.
+    """
+    longitude, latitude, radius_m = _checked(longitude_rad, latitude_rad, height_m)
+    scale = np.stack([radius_m * np.cos(latitude), radius_m, np.ones_like(radius_m)], axis=-1)
+    return np.swapaxes(scale[..., np.newaxis] * east_north_up(longitude, latitude), -1, -2)
+
+
+def _up(longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]) -> NDArray[np.float64]:
+    cos_lat = np.cos(latitude_rad)
+    return np.stack(
+        [cos_lat * np.cos(longitude_rad), cos_lat * np.sin(longitude_rad), np.sin(latitude_rad)], axis=-1
+    )
+
+
+def _checked(
+    longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    longitude, latitude, height = np.broadcast_arrays(
+        *(np.asarray(values, dtype=np.float64) for values in (longitude_rad, latitude_rad, height_m))
+    )
+    for name, values in (("longitude", longitude), ("latitude", latitude), ("height", height)):
+        if not np.isfinite(values).all():
+            raise InputError(f"a {name} is not a finite number")
+    if (np.abs(latitude) > np.pi / 2).any():
+        worst = latitude.flat[int(np.argmax(np.abs(latitude)))]
+        raise InputError(
+            f"latitude {worst:.6g} rad is beyond a pole (-pi/2 to pi/2 is allowed); was it given in degrees?"
+        )
+    radius_m = height + MEAN_LUNAR_RADIUS_M
+    if (radius_m <= 0.0).any():
+        raise InputError(
+            f"height {height.min():.6g} m is below the Moon's centre; heights count from 1737.4 km up"
+        )
+    return longitude, latitude, radius_m

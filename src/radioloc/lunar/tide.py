@@ -1,0 +1,111 @@
+"""Solid tide of the Moon: how far the Earth and the Sun move a point of its surface.
+
+The Earth hangs nearly still in the lunar sky, so most of the tide is constant: with h2 = 0.042, 0.55 m up
+under the Earth and 0.27 m down on the great circle 90 degrees away. Around it the tide varies by up to 0.2 m,
+mostly within a month, as the distance of the Earth changes and the librations move it about the sky.
+"""
+
+from __future__ import annotations
+
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.ephemeris import EphemerisConstants
+from radioloc.errors import InputError
+from radioloc.lunar.frames import rot_pa_to_me
+
+# Mean of (a / R)^3 u u^T for the direction u and distance R of the Earth and the Sun, in mean-Earth axes over
+# four nodal periods of 18.6 years from 1969 (DE421); what is off the diagonal, below 2e-4, is 0.2 mm of
+# displacement.
+_EARTH_DISTANCE_M = 384399.0e3
+_EARTH_MEAN = np.diag([0.991596, 0.006339, 0.006820])
+_SUN_DISTANCE_M = 149597870.7e3
+_SUN_MEAN = np.diag([0.500034, 0.500059, 0.000363])
+
+
+def solid_tide(
+    point_pa_m: ArrayLike,
+    earth_pa_m: ArrayLike,
+    sun_pa_m: ArrayLike,
+    constants: EphemerisConstants,
+    permanent: Literal["included", "removed"] = "included",
+) -> NDArray[np.float64]:
+    """Displacement of a surface point by the degree-2 solid tide, principal axes, m, shape (n, 3).
+
+    Parameters
+    ----------
+    point_pa_m : array_like, shape (3,) or (n, 3)
+        The point, principal axes, m.
+    earth_pa_m, sun_pa_m : array_like, shape (n, 3)
+        Positions of the Earth and the Sun relative to the Moon's centre, principal axes, m.
+    constants : EphemerisConstants
+        Masses, Love numbers h2 and l2, and the angles to the mean-Earth axes.
+    permanent : {"included", "removed"}
+        ``"included"``: the whole tide, for coordinates of a Moon free of tides. ``"removed"``: less its mean
+        over many years, for coordinates of the surface as it is on average. The mean is 0.55 m at most.
+
+    Raises
+    ------
+    InputError
+        Shapes do not fit, a position is zero or not finite, or `permanent` is neither of the two words.
+
+    Notes
+    -----
+    IERS Conventions (2010), eq. 7.5, taken over to the Moon (Williams and Boggs 2015, J. Geophys. Res.
+    Planets 120, 689): with the tide-raising tensor S, the sum of GM_j u_j u_j^T / R_j^3 over the Earth and
+    the Sun, and the unit vector r of the point, the displacement is
+
+        (a^4 / GM_Moon) [ h2 (3/2 r.S r - 1/2 tr S) r + 3 l2 (S r - (r.S r) r) ]
+
+    with the mean radius a. The Sun's part is at most 3 mm. Left out are degree 3 (R/a = 1/221 of degree 2 and
+    a Love number about half as large: 1.5 mm, of which all but some 0.4 mm is constant) and the lag by
+    dissipation (quality factor about 38 at a month: up to 3 mm).
+    """
+    if permanent not in ("included", "removed"):
+        raise InputError(f"permanent tide {permanent!r} is not known; use 'included' or 'removed'")
+    point = _vectors(point_pa_m, "point")
+    earth, sun = _vectors(earth_pa_m, "Earth"), _vectors(sun_pa_m, "Sun")
+    if len(earth) != len(sun) or len(point) not in (1, len(earth)):
+        raise InputError(
+            f"{len(earth)} positions of the Earth, {len(sun)} of the Sun and {len(point)} points do not fit; "
+            "give both bodies for each epoch, and one point or one for each epoch"
+        )
+    tensor = constants.gm_earth_m3_s2 * _inverse_cube_dyad(earth)
+    tensor = tensor + constants.gm_sun_m3_s2 * _inverse_cube_dyad(sun)
+    if permanent == "removed":
+        to_me = rot_pa_to_me(constants)
+        tensor = tensor - to_me.T @ _mean_tensor(constants) @ to_me
+    up = point / np.linalg.norm(point, axis=-1, keepdims=True)
+    pull = np.einsum("...ij,...j->...i", tensor, up)
+    along_up = np.einsum("...i,...i->...", pull, up)[..., np.newaxis]
+    trace = np.trace(tensor, axis1=-2, axis2=-1)[..., np.newaxis]
+    radial = constants.h2 * (1.5 * along_up - 0.5 * trace) * up
+    tangential = 3.0 * constants.l2 * (pull - along_up * up)
+    return MEAN_LUNAR_RADIUS_M**4 / constants.gm_moon_m3_s2 * (radial + tangential)
+
+
+def _mean_tensor(constants: EphemerisConstants) -> NDArray[np.float64]:
+    """Mean tide-raising tensor in mean-Earth axes, 1/s^2."""
+    return (
+        constants.gm_earth_m3_s2 / _EARTH_DISTANCE_M**3 * _EARTH_MEAN
+        + constants.gm_sun_m3_s2 / _SUN_DISTANCE_M**3 * _SUN_MEAN
+    )
+
+
+def _inverse_cube_dyad(position_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Dyad u u^T / R^3 of positions of shape (n, 3), shape (n, 3, 3)."""
+    distance_m = np.linalg.norm(position_m, axis=-1)
+    unit = position_m / distance_m[:, np.newaxis]
+    return unit[:, :, np.newaxis] * unit[:, np.newaxis, :] / distance_m[:, np.newaxis, np.newaxis] ** 3
+
+
+def _vectors(position_m: ArrayLike, name: str) -> NDArray[np.float64]:
+    vectors = np.atleast_2d(np.asarray(position_m, dtype=np.float64))
+    if vectors.ndim != 2 or vectors.shape[-1] != 3:
+        raise InputError(f"the position of the {name} has the shape {vectors.shape}; (n, 3) is needed")
+    if not np.isfinite(vectors).all() or not vectors.any(axis=-1).all():
+        raise InputError(f"a position of the {name} is zero or not a finite number")
+    return vectors

@@ -82,5 +82,9 @@ class PredictedEopWarning(RadiolocWarning):
     """Earth orientation parameters used are predictions, not measurements."""
 
 
+class DataQualityWarning(RadiolocWarning):
+    """A file marks its own data as suspect or poor."""
+
+
 class StationQualityWarning(RadiolocWarning):
     """A station's catalogue position is too coarse for the data it is used with."""

@@ -24,14 +24,15 @@ TIME_TAGS = ("transmit", "receive", "bounce")
 KINDS = ("range",)
 """Kinds of measurement; :attr:`Observations.kind` holds indices into this."""
 
-_IN_MEMORY = "in memory"
-# Lowest and highest value that a station on Earth can have recorded; catches Celsius, percent and Pascal.
-_WEATHER_LIMITS = {
+WEATHER_LIMITS = {
     "pressure_hpa": (100.0, 1100.0),
     "temperature_k": (150.0, 350.0),
     "relative_humidity": (0.0, 1.0),
     "wavelength_um": (0.1, 1e9),
 }
+"""Lowest and highest value that a station on Earth can have recorded; catches Celsius, percent and Pascal."""
+
+_IN_MEMORY = "in memory"
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -295,7 +296,7 @@ class Observations:
             column = getattr(self, name)
             wrong = ~(np.isfinite(column) & (column > 0.0))
             self._refuse(wrong, name, column, "must be finite and above zero")
-        for name, (low, high) in _WEATHER_LIMITS.items():
+        for name, (low, high) in WEATHER_LIMITS.items():
             column = getattr(self, name)
             wrong = ~(np.isnan(column) | ((column >= low) & (column <= high)))
             rule = f"must be {low:g} to {high:g}, or left out where it was not recorded"

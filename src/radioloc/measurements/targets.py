@@ -18,7 +18,7 @@ def canonical_target(name: str) -> str:
     Parameters
     ----------
     name : str
-        Any of the names in use, such as ``"Apollo 15"``, ``"AP15"``, ``"Lunokhod 1"``, ``"L1"``; case, hyphens
+        Any of the names in use, such as ``"Apollo 15"``, ``"AP15"``, ``"Lunokhod 1"``; case, hyphens
         and underscores do not matter.
 
     Returns

@@ -1,0 +1,146 @@
+"""UTC dates in bulk and to the last bit: text to epochs and back, seconds of day to epochs.
+
+A UTC epoch is a fraction of a day that lasts 86401 s where a leap second ends it. Whole seconds and parts
+of a second are kept apart on the way, so that text with picoseconds gives the nearest epoch that two floats
+can hold.
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import SECONDS_PER_DAY
+from radioloc.errors import InputError
+from radioloc.time import Epochs, epochs_from_strings, utc_to_tai
+
+_FULL_DATE = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d):(\d\d):(\d\d)(\.\d*)?Z?", re.ASCII)
+_JD_1972 = 2441317.5
+_JD_1970 = 2440587.5
+# Half of a double's bits: a fraction cut here and a whole number of seconds multiply without rounding.
+_SPLIT = float(2**26)
+
+
+def day_lengths_s(jd: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Length of UTC days, s.
+
+    Parameters
+    ----------
+    jd : ndarray, shape (n,)
+        Julian dates of the midnights that begin them.
+
+    Raises
+    ------
+    InputError
+        A day lies before 1972, when UTC had another rate.
+    """
+    days, inverse = np.unique(jd, return_inverse=True)
+    if len(days) and days[0] < _JD_1972:
+        early = Epochs.from_jd(days[0], 0.0, "UTC").day_strings()[0]
+        raise InputError(f"{early} is before 1972, when UTC had another rate than TAI; leave such data out")
+    start = utc_to_tai(Epochs.from_jd(days, 0.0, "UTC"))
+    end = utc_to_tai(Epochs.from_jd(days + 1.0, 0.0, "UTC"))
+    return np.round(end.seconds_since(start))[inverse]
+
+
+def utc_from_seconds_of_day(jd: NDArray[np.float64], seconds: NDArray[np.float64]) -> Epochs:
+    """Epochs from midnights and seconds of day; seconds past the day's end belong to the next day.
+
+    Parameters
+    ----------
+    jd : ndarray, shape (n,)
+        Julian dates of the midnights.
+    seconds : ndarray, shape (n,)
+        UTC seconds since then, from 0 to less than two days.
+    """
+    length_s = day_lengths_s(jd)
+    over = seconds >= length_s
+    jd = jd + over
+    return Epochs.from_jd(jd, (seconds - np.where(over, length_s, 0.0)) / day_lengths_s(jd), "UTC")
+
+
+def utc_from_text(texts: list[str]) -> Epochs:
+    """Read dates such as ``2020-12-01T15:11:00.250000000001``.
+
+    Parameters
+    ----------
+    texts : list of str
+        Dates with time of day; any other form that :func:`radioloc.time.epochs_from_strings` takes is read
+        too, but more slowly.
+
+    Raises
+    ------
+    InputError
+        A date is not of such a form, does not exist or lies before 1972.
+    """
+    matches = [_FULL_DATE.fullmatch(text) for text in texts]
+    dates, hours, minutes, seconds, parts = (
+        zip(*[m.groups("0") for m in matches if m], strict=True) if any(matches) else ((),) * 5
+    )
+    try:
+        midnight = np.array(dates, dtype="datetime64[D]")
+    except ValueError:
+        midnight = np.empty(0, dtype="datetime64[D]")
+    if len(midnight) < len(texts):
+        return _slowly(texts)
+    jd = _JD_1970 + midnight.astype(np.float64)
+    hour, minute, second = (np.array(x, dtype=np.int64) for x in (hours, minutes, seconds))
+    if (hour > 23).any() or (minute > 59).any() or (second > 59).any():
+        return _slowly(texts)
+    part = np.array([float("0" + p) for p in parts])
+    return Epochs.from_jd(
+        jd, _day_fraction(3600 * hour + 60 * minute + second, part, day_lengths_s(jd)), "UTC"
+    )
+
+
+def _slowly(texts: list[str]) -> Epochs:
+    utc = epochs_from_strings(texts, "UTC")
+    day_lengths_s(utc.jd)
+    return utc
+
+
+def _day_fraction(
+    whole_s: NDArray[np.integer] | NDArray[np.float64],
+    part_s: NDArray[np.float64],
+    length_s: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Nearest float to (whole + part) / length."""
+    quotient = whole_s / length_s
+    high = np.floor(quotient * _SPLIT) / _SPLIT
+    remainder_s = (whole_s - high * length_s) - (quotient - high) * length_s
+    return quotient + (remainder_s + part_s) / length_s
+
+
+def utc_to_text(utc: Epochs) -> list[str]:
+    """Write dates as ``yyyy-mm-ddThh:mm:ss.ssssssssssss``, a leap second as second 60.
+
+    Reading them gives back the epoch to 0.5e-12 s or to the last bit, whichever is more; epochs that were
+    read from text with up to 12 decimals come back to the last bit.
+
+    Parameters
+    ----------
+    utc : Epochs
+        Epochs in UTC.
+    """
+    utc.require("UTC")
+    length_s = day_lengths_s(utc.jd)
+    high = np.floor(utc.fraction * _SPLIT) / _SPLIT
+    high_s = high * length_s
+    whole_s = np.floor(high_s)
+    rest_s = (high_s - whole_s) + (utc.fraction - high) * length_s
+    # Late in the day a float of the fraction is 1e-11 s wide: of the decimals it holds, show the shorter.
+    short_s = np.rint(rest_s * 1e10) / 1e10
+    is_short = _day_fraction(whole_s, short_s, length_s) == utc.fraction
+    carry, picoseconds = np.divmod(np.rint(np.where(is_short, short_s, rest_s) * 1e12), 1e12)
+    second = (whole_s + carry).astype(np.int64)
+    new_day = second >= length_s
+    second = np.where(new_day, 0, second)
+    leap = (second >= SECONDS_PER_DAY).astype(np.int64)
+    minute, second = np.divmod(second - leap, 60)
+    hour, minute = np.divmod(minute, 60)
+    days = Epochs(utc.jd + new_day, utc.fraction, "UTC").day_strings()
+    columns = (days, hour, minute, second + leap, picoseconds.astype(np.int64))
+    rows = zip(*(column.tolist() for column in columns), strict=True)
+    return [f"{day}T{h:02d}:{m:02d}:{s:02d}.{part:012d}" for day, h, m, s, part in rows]

@@ -1,0 +1,70 @@
+"""Observations from files of any format that is known: the content says which."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import FileFormatError, InputError
+from radioloc.io.crd import looks_like_crd, parse_crd
+from radioloc.io.duplicates import refuse_duplicates
+from radioloc.io.mini import looks_like_mini, parse_mini
+from radioloc.io.names import Catalogue
+from radioloc.io.table import looks_like_table, parse_table
+from radioloc.io.text_files import read_lines
+from radioloc.measurements.observations import Observations
+
+_Parser = Callable[[str | Path, list[str], Catalogue | None], Observations]
+_FORMATS: tuple[tuple[str, Callable[[list[str]], bool], _Parser], ...] = (
+    ("CRD normal points (first record: H1 CRD)", looks_like_crd, parse_crd),
+    ("MINI normal points (lines start with 51 and a date)", looks_like_mini, parse_mini),
+    (
+        "table of observations (first line names columns: epoch_utc,type,path,...)",
+        looks_like_table,
+        parse_table,
+    ),
+)
+
+
+def read_observations(
+    paths: str | Path | Sequence[str | Path], *, catalogue: Catalogue | None = None
+) -> Observations:
+    """Read one or more files of observations, each plain or gzip, and join them in the order given.
+
+    Parameters
+    ----------
+    paths : path-like or sequence of path-like
+        The files.
+    catalogue : Catalogue, optional
+        Gives stations their catalogue names; the library's own by default. A station that it does not know
+        keeps the name that the file gives it.
+
+    Raises
+    ------
+    FileFormatError
+        A file cannot be read, is of no known format, or is damaged. Names the line.
+    InputError
+        No file was given, or the same observation is there twice, in one file or in two.
+    """
+    files = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    if not files:
+        raise InputError("no file of observations was given; give at least one")
+    if catalogue is None:
+        catalogue = StationCatalogue.default()
+    parts = [_read_file(file, catalogue) for file in files]
+    if len(parts) == 1:
+        return parts[0]
+    observations = Observations.concatenate(parts)
+    refuse_duplicates(observations)
+    return observations
+
+
+def _read_file(path: str | Path, catalogue: Catalogue) -> Observations:
+    lines = read_lines(path)
+    for _, looks_like, parse in _FORMATS:
+        if looks_like(lines):
+            return parse(path, lines, catalogue)
+    first = next(line for line in lines if line.strip())
+    known = "; ".join(name for name, _, _ in _FORMATS)
+    raise FileFormatError(path, f"starts with {first[:40]!r}, which is none of the known formats: {known}")

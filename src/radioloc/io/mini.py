@@ -1,0 +1,161 @@
+"""Lunar laser ranging normal points in the old MINI layout, one per line in fixed columns.
+
+What is measured: the round-trip time of flight; the epoch is UTC of transmission. The uncertainty is one
+standard deviation of the round trip, in 0.1 ps. That it is the round trip's is seen from the public APOLLO
+points of 2006 and 2007: multiplied by the square root of the number of photons it is 0.30 to 0.37 ns (median
+by reflector), like the two-way RMS of 0.14 to 0.43 ns that the same station writes to CRD files today; as an
+uncertainty of one way it would be twice that. Its median is 5 mm of one-way range.
+
+Columns, counted from 1: 1-2 type 51; 3-23 date and time (blanks are zeros); 24-37 time of flight, 0.1 ps;
+38 reflector; 39-43 station; 44-46 photons; 47-52 uncertainty, 0.1 ps; 53-55 signal-to-noise; 56 quality;
+57-62 pressure, 0.01 hPa; 63-66 temperature, 0.1 deg C; 67-68 humidity, %; 69-73 wavelength, 0.1 nm; the
+rest is not used.
+"""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+from radioloc.constants import C_M_S
+from radioloc.errors import FileFormatError, InputError
+from radioloc.io.dates import utc_from_seconds_of_day
+from radioloc.io.duplicates import refuse_duplicates
+from radioloc.io.names import Catalogue, station_name
+from radioloc.io.plausible import require_lunar_flight_time, require_year
+from radioloc.io.text_files import read_lines
+from radioloc.measurements.observations import Link, Observations
+from radioloc.time.scales import calendar_to_jd
+
+REFLECTORS = ("apollo11", "luna17", "apollo14", "apollo15", "luna21")
+"""Targets by the digit in column 38."""
+
+STATIONS = {"70610": "7045", "01910": "7845", "07941": "7941", "71112": "7080"}
+"""Pad numbers of the station codes in columns 39-43."""
+
+_WIDTH = 73
+_INTEGER = re.compile(r" *-?\d+", re.ASCII)
+
+
+def looks_like_mini(lines: list[str]) -> bool:
+    """Whether the first line that is not blank has the shape of a MINI normal point."""
+    first = next((line for line in lines if line.strip()), "")
+    return re.match(r"51(19|20)\d\d[ \d]{17}[ \d]{14}", first, re.ASCII) is not None
+
+
+def read_mini(path: str | Path, *, catalogue: Catalogue | None = None) -> Observations:
+    """Read a MINI file, plain or gzip.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    catalogue : Catalogue, optional
+        Gives stations their catalogue names; without it they keep their pad numbers.
+
+    Raises
+    ------
+    FileFormatError
+        A line is too short, a field is not a number, a date does not exist, a code is unknown or a value is
+        impossible.
+    InputError
+        The same observation is there twice.
+    """
+    return parse_mini(path, read_lines(path), catalogue)
+
+
+def parse_mini(path: str | Path, lines: list[str], catalogue: Catalogue | None) -> Observations:
+    """As :func:`read_mini`, from the file's lines."""
+    rows = []
+    links: dict[str, Link] = {}
+    for number, line in enumerate(lines, start=1):
+        if line.strip():
+            columns = _parse_line(path, number, line)
+            codes = line[37:43].replace(" ", "0")
+            if codes not in links:
+                links[codes] = _link(path, number, codes, catalogue)
+            rows.append((*columns, list(links).index(codes), number))
+    if not rows:
+        raise FileFormatError(path, "has no normal points; fetch it again")
+    jd, second, flight, sigma, pressure, temperature, humidity, wavelength, link, line_numbers = (
+        np.array(column) for column in zip(*rows, strict=True)
+    )
+    observations = Observations.from_columns(
+        epoch=utc_from_seconds_of_day(jd, second),
+        links=tuple(links.values()),
+        link=link,
+        value_m=C_M_S * flight,
+        sigma_m=C_M_S * sigma,
+        pressure_hpa=pressure,
+        temperature_k=temperature,
+        relative_humidity=humidity,
+        wavelength_um=wavelength,
+        files=(str(path),),
+        line=line_numbers,
+    )
+    refuse_duplicates(observations)
+    return observations
+
+
+def _link(path: str | Path, number: int, codes: str, catalogue: Catalogue | None) -> Link:
+    """Link of the reflector's digit and the station's five, columns 38-43."""
+    if not (codes.isascii() and codes.isdigit()):
+        raise FileFormatError(path, f"columns 38-43 (reflector, station) hold {codes!r}, not digits", number)
+    reflector, station_code = int(codes[0]), codes[1:]
+    if reflector >= len(REFLECTORS):
+        known = ", ".join(f"{i} {name}" for i, name in enumerate(REFLECTORS))
+        raise FileFormatError(path, f"reflector {reflector} is not known; the codes are {known}", number)
+    station = station_name((STATIONS.get(station_code, station_code),), catalogue)
+    return Link(station, REFLECTORS[reflector], station)
+
+
+def _parse_line(path: str | Path, number: int, line: str) -> tuple[float, ...]:
+    """Midnight, second of day, flight time and sigma (s), weather and wavelength of one line."""
+    if not line.startswith("51"):
+        raise FileFormatError(path, f"record type {line[:2]!r} is not a MINI normal point (51)", number)
+    if len(line) < _WIDTH:
+        problem = f"the line has {len(line)} of at least {_WIDTH} columns: it was cut; fetch the file again"
+        raise FileFormatError(path, problem, number)
+
+    def integer(first: int, last: int, what: str) -> int:
+        text = line[first - 1 : last]
+        if _INTEGER.fullmatch(text) is None:
+            problem = f"columns {first}-{last} ({what}) hold {text!r}, which is not a number"
+            raise FileFormatError(path, problem, number)
+        return int(text)
+
+    def recorded(first: int, last: int, what: str) -> float:
+        return float(integer(first, last, what)) if line[first - 1 : last].strip() else np.nan
+
+    stamp = line[2:23].replace(" ", "0")
+    if not (stamp.isascii() and stamp.isdigit()):
+        raise FileFormatError(path, f"columns 3-23 (date and time) hold {line[2:23]!r}", number)
+    year, month, day, hour, minute = (int(stamp[a:b]) for a, b in ((0, 4), (4, 6), (6, 8), (8, 10), (10, 12)))
+    second = int(stamp[12:]) / 1e7
+    require_year(path, number, year)
+    try:
+        jd, _ = calendar_to_jd(year, month, day, hour, minute, second)
+    except InputError as error:
+        raise FileFormatError(path, str(error), number) from None
+    flight_s = float(f"{integer(24, 37, 'time of flight')}e-13")
+    require_lunar_flight_time(path, number, flight_s)
+    sigma_s = float(f"{integer(47, 52, 'uncertainty')}e-13")
+    if sigma_s <= 0.0:
+        raise FileFormatError(
+            path, "columns 47-52 (uncertainty) must be above zero; leave the point out", number
+        )
+    # Added in whole hundredths, the kelvins are the float nearest to the decimal number.
+    temperature_k = (recorded(63, 66, "temperature") * 10.0 + 27315.0) / 100.0
+    return (
+        jd,
+        3600.0 * hour + 60.0 * minute + second,
+        flight_s,
+        sigma_s,
+        # No station stands where the pressure is zero: it was not recorded.
+        recorded(57, 62, "pressure") / 100.0 or np.nan,
+        temperature_k,
+        recorded(67, 68, "humidity") / 100.0,
+        recorded(69, 73, "wavelength") / 10000.0,
+    )

@@ -1,8 +1,8 @@
 """Read the files in which the IERS and the USNO publish daily Earth orientation.
 
-Two layouts of fixed columns are read, told apart by their rows: the IERS 20 C04 series (one row per 0h UTC, all
-measured), and Bulletin A's finals2000A (measured values, then a year of predictions, then rows with a date alone).
-Of finals2000A the Bulletin A columns are used, not the monthly Bulletin B beside them.
+Two layouts of fixed columns are read, told apart by their rows: the IERS 20 C04 series (one row per 0h UTC,
+all measured), and Bulletin A's finals2000A (measured values, then a year of predictions, then rows with a
+date alone). Of finals2000A the Bulletin A columns are used, not the monthly Bulletin B beside them.
 """
 
 from __future__ import annotations
@@ -72,8 +72,8 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
     Raises
     ------
     FileFormatError
-        The file is neither, a value is missing or not a number, days are missing, or the pole offsets refer to the
-        1980 nutation theory.
+        The file is neither, a value is missing or not a number, days are missing, or the pole offsets refer
+        to the 1980 nutation theory.
     OSError
         The file cannot be read.
     """
@@ -91,12 +91,16 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
     else:
         raise FileFormatError(
             path,
-            "this is a row of neither IERS 20 C04 (year, month, day, hour, MJD, x, y, UT1-UTC, dX, dY ...) nor "
-            "finals2000A; download eopc04.1962-now or finals2000A.all",
+            "this is a row of neither IERS 20 C04 (year, month, day, hour, MJD, x, y, UT1-UTC, dX, dY ...) "
+            "nor finals2000A; download eopc04.1962-now or finals2000A.all",
             line_numbers[0] + 1,
         )
-    columns = _Columns(path, np.array([texts[k] for k in line_numbers], dtype=f"S{width}"), np.array(line_numbers) + 1)
-    columns = columns.select(columns.numbers("MJD", *((17, 26) if series == "C04" else (8, 15))) >= first_mjd_utc)
+    columns = _Columns(
+        path, np.array([texts[k] for k in line_numbers], dtype=f"S{width}"), np.array(line_numbers) + 1
+    )
+    columns = columns.select(
+        columns.numbers("MJD", *((17, 26) if series == "C04" else (8, 15))) >= first_mjd_utc
+    )
     return EopRows(
         path, hashlib.sha256(data).hexdigest(), series, *_values(columns, series == "C04", offset_unit)
     )
@@ -118,16 +122,20 @@ def _values(columns: _Columns, is_c04: bool, offset_unit: float) -> tuple[NDArra
     if len(skipped):
         k = skipped[0]
         raise FileFormatError(
-            columns.path, f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed", columns.lines[k + 1]
+            columns.path,
+            f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed",
+            columns.lines[k + 1],
         )
     x, y, ut1 = (columns.numbers(name, *places[name]) for name in ("x", "y", "UT1-UTC"))
-    dx, dy = (offset_unit * columns.numbers(name, *places[name], blank_allowed=not is_c04) for name in ("dX", "dY"))
+    dx, dy = (
+        offset_unit * columns.numbers(name, *places[name], blank_allowed=not is_c04) for name in ("dX", "dY")
+    )
     too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
     if len(too_large):
         raise FileFormatError(
             columns.path,
-            "the celestial pole offset is too large to be dX, dY of IAU 2000A: offsets of the 1980 nutation theory "
-            "(dPsi, dEpsilon) are of no use here; take the file with dX, dY",
+            "the celestial pole offset is too large to be dX, dY of IAU 2000A: offsets of the 1980 nutation "
+            "theory (dPsi, dEpsilon) are of no use here; take the file with dX, dY",
             columns.lines[too_large[0]],
         )
     return mjd, x, y, ut1, dx, dy, predicted
@@ -145,7 +153,7 @@ class _Columns:
         return _Columns(self.path, self.rows[index], self.lines[index])
 
     def text(self, first: int, last: int) -> NDArray[np.bytes_]:
-        letters = self.rows.view("S1").reshape(len(self.rows), -1)
+        letters = self.rows.view("S1").reshape(len(self.rows), self.rows.itemsize)
         return np.ascontiguousarray(letters[:, first - 1 : last]).view(f"S{last - first + 1}").ravel()
 
     def present(self, first: int, last: int) -> NDArray[np.bool_]:

@@ -1,13 +1,13 @@
 """Tides and libration in polar motion and UT1: the terms that daily tables of Earth orientation leave out.
 
-Three models of the IERS Conventions (2010), each a sum of sines over known arguments, evaluated for all epochs at once
-with its time derivative:
+Three models of the IERS Conventions (2010), each a sum of sines over known arguments, evaluated for all
+epochs at once with its time derivative:
 
-- :func:`zonal_tides`: UT1, 5 days to 18.6 years (section 8.1). They are in the tables; they are taken out before
-  interpolation between days, and put back.
-- :func:`ocean_tides`: xp, yp and UT1, near one and two cycles a day (section 8.2); up to some 0.8 mas and 60 us.
-- :func:`libration`: xp and yp near one, UT1 near two cycles a day, from the Earth's triaxial figure (section 5.5.1
-  and 5.5.3.3); up to 40 uas and 4 us.
+- :func:`zonal_tides`: UT1, 5 days to 18.6 years (section 8.1). They are in the tables; they are taken out
+  before interpolation between days, and put back.
+- :func:`ocean_tides`: xp, yp and UT1, near one and two cycles a day (section 8.2); up to 1 mas and 90 us.
+- :func:`libration`: xp and yp near one, UT1 near two cycles a day, from the Earth's triaxial figure (section
+  5.5.1 and 5.5.3.3); up to 45 uas and 4 us.
 
 The last two are absent from C04 and Bulletin A and are added after interpolation.
 """
@@ -36,10 +36,12 @@ _EOP_UNITS = np.array([_UAS_RAD, _UAS_RAD, 1e-6])
 _DELAUNAY_RATES_ARCSEC_CY = np.array(
     [1717915923.2178, 129596581.0481, 1739527262.8478, 1602961601.2090, -6962890.5431]
 )
-"""Linear terms of l, l', F, D, Omega (IERS 2010 eq. 5.43), arcsec per Julian century; enough for derivatives."""
+"""Linear terms of l, l', F, D, Omega (IERS 2010 eq. 5.43), arcsec per Julian century; enough for
+derivatives."""
 
 _GMST_RATE_S_CY = 3155760000.0 + 8640184.812866
-"""Linear term of GMST (Aoki et al. 1982), which chapter 5 uses for these small terms; seconds of time a century."""
+"""Linear term of GMST (Aoki et al. 1982), which chapter 5 uses for these small terms; seconds of time a
+century."""
 
 
 def zonal_tides(centuries_tt: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -59,7 +61,8 @@ def zonal_tides(centuries_tt: ArrayLike) -> tuple[NDArray[np.float64], NDArray[n
 
     Notes
     -----
-    IERS Conventions (2010), eq. 8.1 and Table 8.1 (Yoder et al. 1981; Wahr and Bergen 1986; Kantha et al. 1998).
+    IERS Conventions (2010), eq. 8.1 and Table 8.1 (Yoder et al. 1981; Wahr and Bergen 1986; Kantha et al.
+    1998).
     """
     centuries = np.atleast_1d(np.asarray(centuries_tt, dtype=np.float64))
     angles = _delaunay(centuries) @ ZONAL_UT1[:, :5].T
@@ -85,9 +88,9 @@ def ocean_tides(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.flo
 
     Notes
     -----
-    IERS Conventions (2010), section 8.2. The conventional model is a response to the tidal potential and its values
-    two days before and after. As these are sums over the same lines, the response is worked out once for each line,
-    and one sum over 71 lines remains.
+    IERS Conventions (2010), section 8.2. The conventional model is a response to the tidal potential and its
+    values two days before and after. As these are sums over the same lines, the response is worked out once
+    for each line, and one sum over 71 lines remains.
     """
     days = np.atleast_1d(np.asarray(mjd_ut1, dtype=np.float64)) - 37076.5
     order, _, phase, frequency = OCEAN_TIDE_LINES.T
@@ -99,14 +102,25 @@ def ocean_tides(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def libration(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Diurnal libration of the pole and semidiurnal libration of UT1, from the torque on the Earth's triaxial figure.
+    """Diurnal libration of the pole and semidiurnal libration of UT1, from the Earth's triaxial figure.
 
-    Parameters and returns as :func:`ocean_tides`.
+    Parameters
+    ----------
+    mjd_ut1 : array_like, shape (n,)
+        Modified Julian date, UT1 (UTC serves too).
+
+    Returns
+    -------
+    eop : ndarray, shape (n, 3)
+        xp in rad, yp in rad, UT1 in s.
+    eop_rate : ndarray, shape (n, 3)
+        Their time derivatives, rad/s, rad/s, s/s.
 
     Notes
     -----
-    IERS Conventions (2010), Tables 5.1a (its ten diurnal terms; those of long period are in the observed pole) and
-    5.1b. The tables' arguments are GMST + pi, of which one date in UT1 is enough here, and the Delaunay variables.
+    IERS Conventions (2010), Tables 5.1a (its ten diurnal terms; those of long period are in the observed
+    pole) and 5.1b. The tables' arguments are GMST + pi, of which one date in UT1 is enough here, and the
+    Delaunay variables.
     """
     days = np.atleast_1d(np.asarray(mjd_ut1, dtype=np.float64)) - _MJD_J2000
     centuries = days / _DAYS_PER_CENTURY
@@ -159,7 +173,8 @@ def _ocean_tide_coefficients() -> tuple[NDArray[np.float64], NDArray[np.float64]
     """Sine and cosine coefficients of xp, yp (uas) and UT1 (us) for each tidal line, each of shape (71, 3).
 
     For a line of height h and frequency w, potential values two days apart sum to 2 h cos(2 w) and differ by
-    2 h sin(2 w) times the line itself, in phase and in quadrature; the three orthotides then are three real factors.
+    2 h sin(2 w) times the line itself, in phase and in quadrature; the three orthotides then are three real
+    factors.
     """
     order, height, _, frequency = OCEAN_TIDE_LINES.T
     band = order.astype(np.int64) - 1

@@ -1,12 +1,13 @@
 """Earth orientation: the rotation from the terrestrial to the celestial frame, and its rate.
 
-IAU 2006/2000A precession-nutation with the celestial intermediate origin (IERS Conventions 2010, chapter 5): a
-position in the ITRF becomes one in the GCRS by
+IAU 2006/2000A precession-nutation with the celestial intermediate origin (IERS Conventions 2010, chapter 5):
+a position in the ITRF becomes one in the GCRS by
 
     r_gcrs = Q(X, Y, s) R3(-ERA(UT1)) W(xp, yp, s') r_itrf          (IERS 2010, eq. 5.1)
 
-with X, Y of the model plus the measured dX, dY, and with xp, yp, UT1 from :mod:`radioloc.earth.eop` plus what the
-daily tables leave out: diurnal and semidiurnal ocean tides and libration (:mod:`radioloc.earth.eop_tides`).
+with X, Y of the model plus the measured dX, dY, and with xp, yp, UT1 from :mod:`radioloc.earth.eop` plus what
+the daily tables leave out: diurnal and semidiurnal ocean tides and libration
+(:mod:`radioloc.earth.eop_tides`).
 """
 
 from __future__ import annotations
@@ -26,14 +27,15 @@ from radioloc.time import Epochs
 
 _ERA_AT_J2000_TURNS = 0.7790572732640
 _ERA_EXCESS_TURNS_PER_DAY = 0.00273781191135448
-"""Earth rotation angle at J2000 UT1, and turns it gains on whole turns in a day of UT1 (IERS 2010, eq. 5.15)."""
+"""Earth rotation angle at J2000 UT1, and turns it gains on whole turns in a day of UT1 (IERS 2010, eq.
+5.15)."""
 
 _EXCESS_HIGH = np.round(_ERA_EXCESS_TURNS_PER_DAY * 2.0**32) / 2.0**32
 _EXCESS_LOW = _ERA_EXCESS_TURNS_PER_DAY - _EXCESS_HIGH
 
 _CIP_STEP_D = 0.01
-"""Half the step over which the pole's motion is differenced: its curvature is then below 1e-18 rad/s, and round-off
-below 1e-18 rad/s."""
+"""Half the step over which the pole's motion is differenced: curvature and round-off then stay below 1e-17
+rad/s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -74,11 +76,11 @@ class EarthOrientation:
     table : EopTable
         Daily polar motion, UT1 and celestial pole offsets.
     subdaily_tides : bool
-        Diurnal and semidiurnal ocean tides in the pole and UT1; up to 3 cm on the ground.
+        Diurnal and semidiurnal ocean tides; up to 3 cm on the ground by the pole, 4 cm by UT1.
     libration : bool
-        Diurnal libration of the pole, semidiurnal libration of UT1; up to 2 mm on the ground.
+        Diurnal libration of the pole, semidiurnal libration of UT1; up to 2 mm on the ground each.
     zonal_tides : bool
-        Interpolate UT1 between days without zonal tides and put them back; up to 6 mm on the ground.
+        Interpolate UT1 between days without zonal tides and put them back; up to 1.2 mm on the ground.
     """
 
     def __init__(
@@ -147,7 +149,8 @@ class EarthOrientation:
         rotation = np.swapaxes(erfa.c2tcio(gcrs_to_cirs, earth_rotation_angle(ut1), polar_motion), -1, -2)
 
         spin_rad_s = 2 * np.pi * (1.0 + _ERA_EXCESS_TURNS_PER_DAY) / SECONDS_PER_DAY * ut1_per_tt
-        pole, pole_rate = gcrs_to_cirs[:, 2], _pole_rate(tt, gcrs_to_cirs[:, 2], eop.dx_rate_rad_s, eop.dy_rate_rad_s)
+        pole = gcrs_to_cirs[:, 2]
+        pole_rate = _pole_rate(tt, pole, eop.dx_rate_rad_s, eop.dy_rate_rad_s)
         angular_velocity = spin_rad_s[:, None] * pole + np.cross(pole, pole_rate)
         rate = np.cross(angular_velocity[:, None, :], np.swapaxes(rotation, -1, -2))
         rate = np.swapaxes(rate, -1, -2) + rotation @ _polar_motion_rate(
@@ -169,8 +172,8 @@ class EarthOrientation:
 def earth_rotation_angle(ut1: Epochs) -> NDArray[np.float64]:
     """Earth rotation angle, rad, 0 to 2 pi, shape (n,).
 
-    IERS Conventions (2010), eq. 5.15. ERFA's ``era00`` rounds the days since J2000 and loses 4e-14 rad; here whole
-    turns are cast off part by part before they are summed, which loses less than 5e-15 rad.
+    IERS Conventions (2010), eq. 5.15. ERFA's ``era00`` rounds the days since J2000 and loses 4e-14 rad; here
+    whole turns are cast off part by part before they are summed, which loses less than 5e-15 rad.
     """
     ut1.require("UT1")
     days = ut1.jd - 2451545.0
@@ -183,7 +186,7 @@ def earth_rotation_angle(ut1: Epochs) -> NDArray[np.float64]:
 def _pole_rate(
     tt: Epochs, pole: NDArray[np.float64], dx_rate: NDArray[np.float64], dy_rate: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Derivative of the celestial intermediate pole's unit vector in the GCRS, 1/s, shape (n, 3).
+    """Differentiate the celestial intermediate pole's unit vector in the GCRS: 1/s, shape (n, 3).
 
     From IAU 2006/2000B, ten times faster and within 4e-14 rad/s of 2000A (0.3 um/s on the ground).
     """
@@ -198,7 +201,7 @@ def _pole_rate(
 
 
 def _polar_motion_rate(xp_rate: NDArray[np.float64], yp_rate: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Rate of the rotation by polar motion as an antisymmetric matrix, 1/s, to first order in the pole; (n, 3, 3)."""
+    """Rate of the rotation by polar motion to first order in the pole: antisymmetric, 1/s, (n, 3, 3)."""
     matrix = np.zeros((len(xp_rate), 3, 3))
     matrix[:, 2, 0], matrix[:, 0, 2] = xp_rate, -xp_rate
     matrix[:, 1, 2], matrix[:, 2, 1] = yp_rate, -yp_rate

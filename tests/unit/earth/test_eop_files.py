@@ -1,0 +1,102 @@
+import astropy_iers_data
+import numpy as np
+import pytest
+
+from radioloc.earth.eop_files import read_eop_rows
+from radioloc.errors import FileFormatError
+
+C04 = """# a comment
+2020   1   1   0  58849.00    0.076577    0.282336  -0.1771554    0.000101   -0.000108 0 0 0 0
+2020   1   2   0  58850.00    0.075350    0.283000  -0.1775000    0.000110   -0.000110 0 0 0 0
+"""
+
+
+def finals_row(mjd, flags="III", x="0.076577", y="0.282336", ut1="-0.1771554", dx="0.101", dy="-0.108"):
+    row = [" "] * 187
+
+    def put(first, last, text):
+        row[first - 1 : last] = list(f"{text:>{last - first + 1}}")
+
+    put(1, 6, "20 1 1")
+    put(8, 15, f"{mjd:.2f}")
+    for column, flag in zip((17, 58, 96), flags, strict=True):
+        put(column, column, flag)
+    for (first, last), text in zip(
+        ((19, 27), (38, 46), (59, 68), (98, 106), (117, 125)), (x, y, ut1, dx, dy), strict=True
+    ):
+        put(first, last, text)
+    return "".join(row)
+
+
+def write(tmp_path, *rows):
+    path = tmp_path / "eop.txt"
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def test_c04_is_read(tmp_path):
+    rows = read_eop_rows(write(tmp_path, C04.rstrip()))
+    assert rows.series == "C04"
+    np.testing.assert_array_equal(rows.mjd_utc, [58849.0, 58850.0])
+    np.testing.assert_array_equal(rows.xp_arcsec, [0.076577, 0.075350])
+    np.testing.assert_array_equal(rows.ut1_minus_utc_s, [-0.1771554, -0.1775])
+    np.testing.assert_array_equal(rows.dy_arcsec, [-0.000108, -0.000110])
+    assert not rows.predicted.any()
+
+
+def test_bulletin_a_is_read_in_arcseconds_with_its_flags_and_blanks(tmp_path):
+    path = write(
+        tmp_path,
+        finals_row(58849),
+        finals_row(58850, flags="IIP"),
+        finals_row(58851, flags="PP ", dx="", dy=""),
+        finals_row(58852, flags="   ", x="", y="", ut1="", dx="", dy=""),
+    )
+    rows = read_eop_rows(path)
+    assert rows.series == "Bulletin A"
+    np.testing.assert_array_equal(rows.mjd_utc, [58849.0, 58850.0, 58851.0])
+    np.testing.assert_allclose(rows.dx_arcsec[:2], 0.000101, rtol=1e-15)
+    assert np.isnan(rows.dx_arcsec[2])
+    np.testing.assert_array_equal(rows.predicted, [False, True, True])
+
+
+def test_rows_before_a_date_are_left_out(tmp_path):
+    assert list(read_eop_rows(write(tmp_path, C04.rstrip()), 58850.0).mjd_utc) == [58850.0]
+    assert len(read_eop_rows(write(tmp_path, finals_row(58849)), 60000.0).mjd_utc) == 0
+    assert len(read_eop_rows(write(tmp_path, C04.rstrip()), 60000.0).mjd_utc) == 0
+
+
+@pytest.mark.parametrize(
+    ("rows", "line", "words"),
+    [
+        (["# nothing"], None, "no rows"),
+        (["# head", "58849 0.1 0.2"], 2, "neither"),
+        ([C04.rstrip().replace("0.283000", "0.28x000")], 3, "'    0.28x000'"),
+        ([C04.rstrip()[: C04.index("0.000110")]], 3, "should hold dX"),
+        ([C04.rstrip().replace("58850", "58852")], 3, "daily rows"),
+        ([C04.rstrip().replace(" 0.000110", "-0.104000")], 3, "1980"),
+        ([finals_row(58849), finals_row(58850, y="")], None, "hold y"),
+        ([finals_row(58849), finals_row(58850, dx="-104.123")], 2, "1980"),
+        ([finals_row(58849, ut1=""), finals_row(58850)], 1, "hold UT1-UTC"),
+        ([finals_row(58849), finals_row(58850, x="nan")], 2, "hold x"),
+    ],
+)
+def test_what_cannot_be_used_is_named_with_its_line(tmp_path, rows, line, words):
+    with pytest.raises(FileFormatError, match=words) as caught:
+        read_eop_rows(write(tmp_path, *rows))
+    if line is not None:
+        assert caught.value.line == line
+
+
+def test_packaged_files_are_both_read():
+    c04 = read_eop_rows(astropy_iers_data.IERS_B_FILE)
+    bulletin_a = read_eop_rows(astropy_iers_data.IERS_A_FILE)
+    assert (c04.series, bulletin_a.series) == ("C04", "Bulletin A")
+    assert c04.mjd_utc[0] == 37665.0
+    assert bulletin_a.mjd_utc[0] == 41684.0
+    assert bulletin_a.predicted[-1]
+    # Two independent products of the same days: 0.2 mas and 0.1 ms are ten times their usual difference.
+    day_c04, day_a = (np.searchsorted(rows.mjd_utc, np.arange(58000, 60000)) for rows in (c04, bulletin_a))
+    assert np.abs(c04.xp_arcsec[day_c04] - bulletin_a.xp_arcsec[day_a]).max() < 5e-4
+    assert np.abs(c04.ut1_minus_utc_s[day_c04] - bulletin_a.ut1_minus_utc_s[day_a]).max() < 2e-4
+    assert np.abs(np.mean(c04.dx_arcsec[day_c04] - bulletin_a.dx_arcsec[day_a])) < 5e-5

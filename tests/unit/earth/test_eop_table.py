@@ -1,0 +1,203 @@
+import time
+
+import astropy_iers_data
+import numpy as np
+import pytest
+
+from radioloc.constants import ARCSEC_RAD, TT_MINUS_TAI_S
+from radioloc.earth import eop
+from radioloc.earth.eop import EopTable
+from radioloc.errors import CoverageError, FileFormatError, InputError
+from radioloc.time import Epochs, epochs_from_strings, utc_to_tt
+
+MAS_RAD = 1e-3 * ARCSEC_RAD
+
+
+def tt_of(*utc):
+    return utc_to_tt(epochs_from_strings(list(utc)))
+
+
+def table_of(days, **changed):
+    n = len(days)
+    columns = {name: np.zeros(n) for name in ("xp_rad", "yp_rad", "ut1_minus_utc_s", "dx_rad", "dy_rad")}
+    return EopTable(np.asarray(days, float), **(columns | {"predicted": np.zeros(n, bool)} | changed))
+
+
+def days_of(table, first, last, step=1):
+    """Part of a table: its days from first to last, every step-th."""
+    k = np.flatnonzero((table.mjd_utc >= first) & (table.mjd_utc <= last))[::step]
+    names = ("mjd_utc", "xp_rad", "yp_rad", "ut1_minus_utc_s", "dx_rad", "dy_rad", "predicted")
+    return EopTable(*(getattr(table, name)[k] for name in names))
+
+
+@pytest.fixture(scope="module")
+def packaged():
+    return EopTable.packaged()
+
+
+def test_packaged_table_is_c04_then_bulletin_a(packaged):
+    assert packaged.first_date == "1972-01-01"
+    assert packaged.first_date < packaged.last_measured_date < packaged.last_date
+    assert np.all(np.diff(packaged.mjd_utc) == 1.0)
+    assert [source.split(" ")[0] for source in packaged.sources] == ["C04", "Bulletin"]
+    assert all("sha256" in source for source in packaged.sources)
+    assert repr(packaged).startswith("<EopTable 1972-01-01 to 20")
+    # Once predicted, always predicted.
+    assert np.count_nonzero(np.diff(packaged.predicted.astype(int))) == 1
+
+
+def test_packaged_table_loads_in_time():
+    best = np.inf
+    for _ in range(3):
+        start = time.perf_counter()
+        eop._packaged_table.__wrapped__()
+        best = min(best, time.perf_counter() - start)
+    assert best < 1.0  # 0.08 s on a quiet machine; the limit is for a busy one
+
+
+def test_values_at_0h_utc_are_the_tables(packaged):
+    # Rows of eopc04.1962-now: 2016-12-31 before, 2017-01-01 after a leap second.
+    values = packaged.interpolate(tt_of("2016-12-31T00:00:00", "2017-01-01T00:00:00"))
+    k = np.searchsorted(packaged.mjd_utc, [57753.0, 57754.0])
+    np.testing.assert_allclose(values.xp_rad, packaged.xp_rad[k], rtol=0, atol=1e-19)
+    ut1_minus_tai_s = values.ut1_minus_tt_s + TT_MINUS_TAI_S
+    np.testing.assert_allclose(
+        ut1_minus_tai_s, packaged.ut1_minus_utc_s[k] - [36.0, 37.0], rtol=0, atol=1e-13
+    )
+    assert packaged.ut1_minus_utc_s[k[1]] - packaged.ut1_minus_utc_s[k[0]] > 0.9
+
+
+def test_ut1_is_smooth_over_a_leap_second(packaged):
+    tt = tt_of("2016-12-31T23:00:00")
+    tt = Epochs.from_jd(tt.jd, tt.fraction + np.arange(0.0, 7200.0, 2.0) / 86400.0, "TT")
+    ut1 = packaged.interpolate(tt).ut1_minus_tt_s
+    assert np.abs(np.diff(ut1)).max() < 1e-7  # UT1-TAI drifts by 1.2 ms a day, 3e-8 s in 2 s
+
+
+def test_interpolation_is_free_of_noise(packaged):
+    tt = Epochs.from_jd(2459000.5, 0.3 + np.arange(0.0, 600.0, 1.0) / 86400.0, "TT")
+    ut1 = packaged.interpolate(tt).ut1_minus_tt_s
+    x = np.linspace(-1.0, 1.0, len(tt))
+    noise = ut1 - np.polynomial.Polynomial.fit(x, ut1, 4)(x)
+    assert np.abs(noise).max() < 1e-13  # a few times the spacing of floats near 70 s, 1.4e-14 s
+
+
+def test_rates_are_the_derivatives(packaged):
+    tt = Epochs.from_jd(2459000.5 + np.arange(0.0, 200.0, 7.0), 0.4, "TT")
+    values, h = packaged.interpolate(tt), 300.0
+    after, before = packaged.interpolate(tt.shifted(h)), packaged.interpolate(tt.shifted(-h))
+    for name, tolerance in (
+        ("ut1_minus_tt", 1e-14),
+        ("xp", 1e-18),
+        ("yp", 1e-18),
+        ("dx", 1e-18),
+        ("dy", 1e-18),
+    ):
+        unit, rate_unit = ("_s", "_rate") if name == "ut1_minus_tt" else ("_rad", "_rate_rad_s")
+        difference = (getattr(after, name + unit) - getattr(before, name + unit)) / (2 * h)
+        np.testing.assert_allclose(getattr(values, name + rate_unit), difference, rtol=0, atol=tolerance)
+
+
+def test_a_cubic_is_reproduced():
+    days = 58000.0 + np.array([0.0, 1.0, 2.0, 4.0, 5.0, 7.0])
+
+    def cubic(t):
+        return 1e-7 * (3.0 + 0.2 * t - 0.3 * t**2 + 0.04 * t**3)
+
+    table = table_of(days, yp_rad=cubic(days - days[0]))
+    t = np.linspace(0.0, 7.0, 50)
+    # 58000 is 2017-09-04, TT - UTC = 69.184 s
+    tt = Epochs.from_jd(2458000.5, t[:-1] + 69.184 / 86400.0, "TT")
+    np.testing.assert_allclose(table.interpolate(tt).yp_rad, cubic(t[:-1]), rtol=0, atol=1e-20)
+
+
+def test_left_out_days_are_recovered_within_the_documented_error(packaged):
+    # With nodes two days apart UT1 is missed by 11 us and the pole by 0.12 mas (rms); both fall fourfold when
+    # the spacing is halved, so to 3 us and 0.03 mas (1.3 and 1 mm on the ground) for a day.
+    first, last = 58000.0, 61300.0
+    every_other = days_of(packaged, first, last, 2)
+    k = np.searchsorted(packaged.mjd_utc, np.arange(first + 11, last - 11, 2))
+    tt = utc_to_tt(Epochs.from_jd(packaged.mjd_utc[k] + 2400000.5, 0.0, "UTC"))
+    exact = packaged.interpolate(tt)
+    errors = {}
+    for zonal in (True, False):
+        values = every_other.interpolate(tt, zonal=zonal)
+        errors[zonal] = np.std(values.ut1_minus_tt_s - exact.ut1_minus_tt_s)
+        assert np.std(values.xp_rad - exact.xp_rad) < 0.15 * MAS_RAD
+    assert errors[True] < 13e-6
+    assert errors[False] > 1.4 * errors[True]
+
+
+def test_outside_the_table_is_refused(packaged):
+    with pytest.raises(
+        CoverageError, match=r"1972-01-01 UTC to .* but 1969-07-20 TT was asked.*begin in 1972"
+    ):
+        packaged.interpolate(Epochs.from_jd(2440422.5, 0.5, "TT"))
+    with pytest.raises(CoverageError, match=r"but 2099-.* TT was asked for; update"):
+        packaged.interpolate(Epochs.from_jd(2488000.5, 0.5, "TT"))
+
+
+def test_both_ends_are_covered_and_no_further():
+    table = table_of(58000.0 + np.arange(5.0), xp_rad=np.arange(5.0) * 1e-7)
+    ends = tt_of("2017-09-04T00:00:00", "2017-09-08T00:00:00")
+    np.testing.assert_allclose(table.interpolate(ends).xp_rad, [0.0, 4e-7], rtol=0, atol=1e-20)
+    for k, step in ((0, -1e-3), (1, 1e-3)):
+        with pytest.raises(CoverageError):
+            table.interpolate(ends[k].shifted(step))
+
+
+def test_missing_pole_offsets_are_refused_and_can_be_held(packaged):
+    days = 58000.0 + np.arange(12.0)
+    dx = np.where(days < 58006.0, 2e-9, np.nan)
+    table = table_of(days, dx_rad=dx, dy_rad=-dx, predicted=days > 58003.0)
+    # 58006 is 2017-09-10, the first day without offsets: a cubic reaches two days back from it.
+    assert table.interpolate(tt_of("2017-09-07T12:00:00")).dx_rad == pytest.approx(2e-9, abs=1e-22)
+    with pytest.raises(CoverageError, match=r"pole offsets.* to 2017-09-09 UTC, but 2017-09-09 TT was asked"):
+        table.interpolate(tt_of("2017-09-09T12:00:00"))
+    held = table.with_pole_offsets_held()
+    values = held.interpolate(tt_of("2017-09-12T12:00:00"))
+    assert values.dx_rad == pytest.approx(2e-9, abs=1e-22)
+    assert values.dy_rad == pytest.approx(-2e-9, abs=1e-22)
+    assert "held after 2017-09-09" in held.sources[-1]
+
+
+def test_prediction_is_flagged_from_the_first_value_used():
+    days = 58000.0 + np.arange(12.0)
+    table = table_of(days, predicted=days >= 58006.0)
+    utc = [f"2017-09-{day:02d}T12:00:00" for day in (6, 7, 8, 9, 10)]  # 58002.5 to 58006.5
+    np.testing.assert_array_equal(table.interpolate(tt_of(*utc)).predicted, [False, False, True, True, True])
+    assert table.last_measured_date == "2017-09-09"
+
+
+def test_own_files_are_read():
+    table = EopTable.from_file(astropy_iers_data.IERS_A_FILE)
+    assert table.first_date == "1973-01-02"
+    assert table.predicted[-1]
+    assert EopTable.from_file(astropy_iers_data.IERS_B_FILE).first_date == "1972-01-01"
+    with pytest.raises(FileFormatError, match="neither"):
+        EopTable.from_file(astropy_iers_data.IERS_LEAP_SECOND_FILE)
+
+
+@pytest.mark.parametrize(
+    ("days", "changed", "words"),
+    [
+        (58000.0 + np.arange(3.0), {}, "at least 4"),
+        ([58000.0, 58001.0, 58001.0, 58002.0], {}, "rise"),
+        (58000.0 + np.arange(4.0), {"xp_rad": np.zeros(3)}, "xp_rad has shape"),
+        (58000.0 + np.arange(4.0), {"xp_rad": np.array([0, 0, np.nan, 0])}, "not a finite"),
+        (58000.0 + np.arange(4.0), {"ut1_minus_utc_s": np.array([0.4, 0.4, -0.6, -0.6])}, "2017-09-06"),
+    ],
+)
+def test_tables_that_make_no_sense_are_refused(days, changed, words):
+    with pytest.raises(InputError, match=words):
+        table_of(days, **changed)
+
+
+def test_other_scales_are_refused(packaged):
+    with pytest.raises(InputError, match="TT"):
+        packaged.interpolate(epochs_from_strings("2020-01-01"))
+
+
+def test_columns_cannot_be_changed(packaged):
+    with pytest.raises(ValueError, match="read-only"):
+        packaged.xp_rad[0] = 0.0

@@ -1,0 +1,142 @@
+import time
+import warnings
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from radioloc.earth.eop import EopTable
+from radioloc.earth.orientation import EarthOrientation, earth_rotation_angle
+from radioloc.errors import CoverageError, InputError, PredictedEopWarning
+from radioloc.time import Epochs, epochs_from_strings, utc_to_tt
+
+EARTH_RADIUS_M = 6.4e6
+
+
+@pytest.fixture(scope="module")
+def model():
+    return EarthOrientation.default()
+
+
+def years(n=60):
+    return Epochs.from_jd(2451545.0 + np.linspace(0.0, 9000.0, n), 0.137, "TT")
+
+
+def test_matrices_are_rotations(model):
+    rotation = model.evaluate(years()).rot_itrf_to_gcrs
+    identity = rotation @ np.swapaxes(rotation, -1, -2)
+    np.testing.assert_allclose(identity, np.broadcast_to(np.eye(3), identity.shape), rtol=0, atol=1e-15)
+    np.testing.assert_allclose(np.linalg.det(rotation), 1.0, rtol=0, atol=1e-15)
+
+
+def test_sense_of_the_rotation(model):
+    # At J2000.0 Greenwich points to 280.5 deg of right ascension; a quarter day later to 10.7 deg.
+    tt = Epochs.from_jd(2451545.0, np.array([0.0, 0.25]) + 64.0 / 86400.0, "TT")
+    greenwich = model.evaluate(tt).rot_itrf_to_gcrs[:, :, 0]
+    np.testing.assert_allclose(
+        np.degrees(np.arctan2(greenwich[:, 1], greenwich[:, 0])) % 360.0, [280.46, 10.71], rtol=0, atol=0.01
+    )
+
+
+@pytest.mark.parametrize("terms", [True, False])
+def test_rate_is_the_derivative(terms):
+    model = EarthOrientation(EopTable.packaged(), subdaily_tides=terms, libration=terms, zonal_tides=terms)
+    tt, h = years(), 10.0
+    difference = (
+        model.evaluate(tt.shifted(h)).rot_itrf_to_gcrs - model.evaluate(tt.shifted(-h)).rot_itrf_to_gcrs
+    )
+    # A central difference shrinks a rotation at angular velocity w by sin(w h) / (w h).
+    spin = 7.292115e-5
+    difference = difference / (2 * h) / np.sinc(spin * h / np.pi)
+    # 2000B for the pole's motion: 4e-14 rad/s; without the pole's motion at all it would be 8e-12.
+    np.testing.assert_allclose(model.evaluate(tt).rot_itrf_to_gcrs_rate, difference, rtol=0, atol=5e-14)
+
+
+def test_rotation_is_smooth(model):
+    tt = Epochs.from_jd(2459000.5, 0.3 + np.arange(0.0, 600.0, 2.0) / 86400.0, "TT")
+    station = model.evaluate(tt).rot_itrf_to_gcrs @ np.array([EARTH_RADIUS_M, 0.0, 0.0])
+    x = np.linspace(-1.0, 1.0, len(tt))
+    for axis in station.T:
+        noise = axis - np.polynomial.Polynomial.fit(x, axis, 9)(x)
+        assert np.abs(noise).max() < 2e-8  # m; UT1 as a fraction of a day resolves 1e-11 s, 5e-9 m
+
+
+def test_rotation_is_continuous_over_a_leap_second(model):
+    tt = utc_to_tt(epochs_from_strings("2016-12-31T23:59:50"))
+    tt = Epochs.from_jd(tt.jd, tt.fraction + np.arange(0.0, 20.0, 0.25) / 86400.0, "TT")
+    station = model.evaluate(tt).rot_itrf_to_gcrs @ np.array([EARTH_RADIUS_M, 0.0, 0.0])
+    third = np.diff(station, 3, axis=0)
+    assert np.abs(third).max() < 1e-6  # m; the spin's is 4e-8 m, round-off's 4e-8 m, a second's 460 m
+
+
+def test_terms_add_what_they_should(model):
+    tt = years(400)
+    without = {
+        name: EarthOrientation(model.table, **{name: False}).evaluate(tt)
+        for name in ("subdaily_tides", "libration", "zonal_tides")
+    }
+    whole = model.evaluate(tt)
+    sizes = {
+        name: np.abs(whole.rot_itrf_to_gcrs - part.rot_itrf_to_gcrs).max() * EARTH_RADIUS_M
+        for name, part in without.items()
+    }
+    assert 0.02 < sizes["subdaily_tides"] < 0.05
+    assert 0.001 < sizes["libration"] < 0.003
+    assert 0.0003 < sizes["zonal_tides"] < 0.0015
+    np.testing.assert_array_equal(whole.xp_table_rad, without["subdaily_tides"].xp_table_rad)
+    assert np.abs(whole.xp_rad - whole.xp_table_rad).max() > 1e-9
+
+
+def test_earth_rotation_angle_keeps_all_digits():
+    jd = 2400000.5 + np.array([41317.0, 51544.0, 57754.0, 61365.0])
+    fraction = np.array([0.1, 0.999999999, 0.123456789, 0.5])
+    turn = Fraction("0.7790572732640"), Fraction("1.00273781191135448")  # IERS 2010, eq. 5.15
+    got = earth_rotation_angle(Epochs(jd, fraction, "UT1"))
+    for k in range(len(jd)):
+        days = Fraction(jd[k]) + Fraction(fraction[k]) - Fraction(2451545)
+        exact = float((turn[0] + turn[1] * days) % 1) * 2 * np.pi
+        assert got[k] == pytest.approx(exact, abs=1e-14)
+
+
+def test_predictions_warn_once_and_are_flagged(model):
+    last = epochs_from_strings(model.table.last_measured_date)
+    tt = Epochs.from_jd(last.jd[0] + np.array([-10.0, 5.0, 6.0]), 0.5, "TT")
+    with pytest.warns(
+        PredictedEopWarning, match=f"2 of 3 epochs.*measured values end {model.table.last_measured_date}"
+    ) as seen:
+        earth = model.evaluate(tt)
+    assert len(seen) == 1
+    np.testing.assert_array_equal(earth.predicted, [False, True, True])
+
+
+def test_measured_epochs_do_not_warn(model):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert not model.evaluate(years()).predicted.any()
+
+
+def test_apollo_11_is_before_the_table(model):
+    with pytest.raises(CoverageError, match="1972"):
+        model.evaluate(Epochs.from_jd(2440422.5, 0.84, "TT"))
+
+
+def test_utc_is_refused_and_no_epochs_give_none(model):
+    with pytest.raises(InputError, match="TT"):
+        model.evaluate(epochs_from_strings("2020-01-01"))
+    assert model.evaluate(years()[:0]).rot_itrf_to_gcrs.shape == (0, 3, 3)
+
+
+def test_description_names_span_and_terms(model):
+    assert repr(model).startswith("<EarthOrientation 1972-01-01 to ")
+    assert "no added terms" in repr(
+        EarthOrientation(model.table, subdaily_tides=False, libration=False, zonal_tides=False)
+    )
+
+
+def test_400_epochs_take_little_time(model):
+    tt, best = years(400), np.inf
+    for _ in range(3):
+        start = time.perf_counter()
+        model.evaluate(tt)
+        best = min(best, time.perf_counter() - start)
+    assert best < 0.5  # 0.03 s on a quiet machine; the limit is for a busy one

@@ -1,1 +1,48 @@
-"""Fitting parameters to observations, and saying how well they are known."""
+"""Fitting parameters to observations, and saying how well they are known.
+
+The order of work: a :class:`ParameterSet` names what is solved for; :func:`fit_with_editing` fits it to
+residuals by :func:`fit_least_squares`, leaving outliers out; :func:`build_solution` puts the outcome
+together as a :class:`Solution`.
+"""
+
+from radioloc.estimation.build import build_solution, compare_with
+from radioloc.estimation.editing import USED, EditedFit, EditingSettings, fit_with_editing
+from radioloc.estimation.least_squares import (
+    FitResult,
+    FitSettings,
+    FitStatus,
+    Iteration,
+    ResidualFunction,
+    fit_least_squares,
+)
+from radioloc.estimation.observability import Correlation, Direction, Observability, assess_observability
+from radioloc.estimation.parameters import Parameter, ParameterSet
+from radioloc.estimation.solution import Ellipse, ReferenceComparison, Residuals, Solution
+from radioloc.estimation.statistics import FitStatistics, GroupStatistics
+
+__all__ = [
+    "USED",
+    "Correlation",
+    "Direction",
+    "EditedFit",
+    "EditingSettings",
+    "Ellipse",
+    "FitResult",
+    "FitSettings",
+    "FitStatistics",
+    "FitStatus",
+    "GroupStatistics",
+    "Iteration",
+    "Observability",
+    "Parameter",
+    "ParameterSet",
+    "ReferenceComparison",
+    "ResidualFunction",
+    "Residuals",
+    "Solution",
+    "assess_observability",
+    "build_solution",
+    "compare_with",
+    "fit_least_squares",
+    "fit_with_editing",
+]

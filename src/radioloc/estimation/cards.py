@@ -1,0 +1,264 @@
+"""The card of a solution: one list of fields, rendered as text for a terminal and as HTML for a notebook."""
+
+from __future__ import annotations
+
+import html
+import math
+import textwrap
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from radioloc.estimation.statistics import GroupStatistics
+from radioloc.time import utc_strings
+
+if TYPE_CHECKING:
+    from radioloc.estimation.solution import ReferenceComparison, Solution
+
+_WIDTH = 80
+_LABEL_WIDTH = 12
+_MAX_ROWS = 6  # stations, biases, outliers: a card is to fit a screen; to_dict() has them all
+_MAX_OUTLIERS = 3
+_MAX_SENTENCES = 4
+
+
+@dataclass(frozen=True, slots=True)
+class CardField:
+    """A label and what it says: lines of text, or rows of a table under a heading."""
+
+    label: str
+    lines: tuple[str, ...] = ()
+    heading: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+
+
+def card_fields(solution: Solution) -> tuple[CardField, ...]:
+    """What the card of a solution says, in order."""
+    fields = [
+        CardField("solution", (solution.name,)),
+        CardField("status", _status(solution)),
+        CardField("position", _position(solution)),
+        _sigmas(solution),
+    ]
+    fields += [CardField("from", _variance_sources(solution))] if solution.position_estimated else []
+    fields += [CardField("reference", _reference(solution.reference))] if solution.reference else []
+    fields += [_other_parameters(solution)] if _others(solution) else []
+    fields += [CardField("data", _data(solution)), CardField("fit", _fit(solution)), _groups(solution)]
+    fields += [CardField("left out", _left_out(solution))] if solution.fit.total.rejected else []
+    sentences = solution.observability.describe()
+    fields += [CardField("observable", _some(sentences, _MAX_SENTENCES))] if sentences else []
+    fields += [CardField("notes", solution.notes)] if solution.notes else []
+    return tuple(fields)
+
+
+def render_text(fields: tuple[CardField, ...]) -> str:
+    """Fields as text, no line longer than 80 characters."""
+    out = []
+    for item in fields:
+        lines = []
+        for line in item.lines:
+            lines += textwrap.wrap(line, _WIDTH - _LABEL_WIDTH, subsequent_indent="  ") or [""]
+        if item.rows:
+            lines += _columns((item.heading, *item.rows))
+        for k, line in enumerate(lines):
+            out.append(f"{item.label if k == 0 else '':<{_LABEL_WIDTH}}{line}".rstrip())
+    return "\n".join(out)
+
+
+def render_html(fields: tuple[CardField, ...]) -> str:
+    """Fields as an HTML table."""
+    rows = []
+    for item in fields:
+        content = "<br>".join(html.escape(line) for line in item.lines)
+        if item.rows:
+            head = "".join(f"<th>{html.escape(cell)}</th>" for cell in item.heading)
+            body = "".join(
+                "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
+                for row in item.rows
+            )
+            content += f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        label = html.escape(item.label)
+        rows.append(
+            f'<tr><th style="text-align:left">{label}</th><td style="text-align:left">{content}</td></tr>'
+        )
+    return f"<table>{''.join(rows)}</table>"
+
+
+def metres(value_m: float | None) -> str:
+    """Text of a length to three digits, to a tenth of a millimetre at the finest."""
+    if value_m is None or not math.isfinite(value_m):
+        return "undetermined"
+    if value_m == 0.0:
+        return "0"
+    decimals = min(4, max(0, 2 - math.floor(math.log10(abs(value_m)))))
+    return f"{value_m:.{decimals}f}"
+
+
+def _columns(table: tuple[tuple[str, ...], ...]) -> list[str]:
+    """Rows of cells as aligned lines: the first column to the left, the others to the right."""
+    widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
+    # Names give way so that the numbers stay within the card.
+    widths[0] = min(widths[0], _WIDTH - _LABEL_WIDTH - sum(width + 2 for width in widths[1:]))
+    return [
+        f"{_shortened(row[0], widths[0]):<{widths[0]}}"
+        + "".join(f"  {cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))
+        for row in table
+    ]
+
+
+def _shortened(text: str, width: int) -> str:
+    return text if len(text) <= width else text[: width - 1] + "…"
+
+
+def _some(lines: tuple[str, ...], limit: int) -> tuple[str, ...]:
+    if len(lines) <= limit:
+        return lines
+    # The last line holds the advice and stays.
+    return (*lines[: limit - 1], f"... and {len(lines) - limit} more", lines[-1])
+
+
+def _status(solution: Solution) -> tuple[str, ...]:
+    state = "CONVERGED" if solution.converged else solution.status.upper()
+    count = f" ({len(solution.iterations)} iterations, {solution.passes} editing passes)"
+    return (state + count, *((solution.message,) if solution.message else ()))
+
+
+def _position(solution: Solution) -> tuple[str, ...]:
+    longitude_deg, latitude_deg, height_m = solution.selenographic
+    lines = (
+        f"{solution.me_frame}  {longitude_deg:.8f} deg E, {latitude_deg:+.8f} deg N, height {height_m:.3f} m",
+        f"{solution.me_frame}  x {solution.position_me_m[0]:.3f}  y {solution.position_me_m[1]:.3f}  "
+        f"z {solution.position_me_m[2]:.3f} m",
+        f"{solution.pa_frame}  x {solution.position_pa_m[0]:.3f}  y {solution.position_pa_m[1]:.3f}  "
+        f"z {solution.position_pa_m[2]:.3f} m",
+    )
+    return lines if solution.position_estimated else (*lines, "held at its a-priori value")
+
+
+def _sigmas(solution: Solution) -> CardField:
+    levels = [("formal", solution.sigma_enu_m("formal"))]
+    if solution.fit.noise_scale > 1.0:
+        levels.append((f"noise scaled by {solution.fit.noise_scale:.3g}", solution.sigma_enu_m("scaled")))
+    if solution.ephemeris_sigma_enu_m.any():
+        levels.append(("with ephemeris error", solution.sigma_enu_m("total")))
+    rows = tuple(
+        (name, *(metres(s) for s in sigma), metres(float(np.linalg.norm(sigma)))) for name, sigma in levels
+    )
+    ellipse = solution.ellipse()
+    lines = ()
+    if solution.position_estimated and ellipse is not None:
+        lines = (
+            f"horizontal 95 % ellipse {metres(ellipse.semi_major_m)} m x {metres(ellipse.semi_minor_m)} m, "
+            f"major axis at azimuth {ellipse.azimuth_deg:.0f} deg",
+        )
+    return CardField("sigma", lines, ("1 sigma, m", "east", "north", "up", "3D"), rows)
+
+
+def _variance_sources(solution: Solution) -> tuple[str, ...]:
+    shares = solution.variance_shares()
+    if not shares:
+        return ("the position is not determined",)
+    names = {
+        "noise": "the measurement noise",
+        "other parameters": "solving for the other parameters",
+        "misfit": "residuals larger than the stated sigmas",
+        "ephemeris": "the assumed ephemeris error",
+    }
+    parts = [f"{names[key]} {100.0 * part:.0f} %" for key, part in shares.items() if part >= 0.005]
+    return ("of the position's variance: " + ", ".join(parts),)
+
+
+def _reference(reference: ReferenceComparison) -> tuple[str, ...]:
+    line = (
+        f"solution - {reference.name}: east {metres(reference.east_m)}, north {metres(reference.north_m)}, "
+        f"up {metres(reference.up_m)} m; {metres(reference.horizontal_m)} m horizontal, "
+        f"{metres(reference.distance_m)} m in space"
+    )
+    if reference.combined_sigmas is not None:
+        line += f"; {reference.combined_sigmas:.2f} sigmas (95 % are below 2.80)"
+    return (line,)
+
+
+def _others(solution: Solution) -> list[int]:
+    """Parameters that are solved for without being part of the position."""
+    involved = (solution.position_partials != 0.0).any(axis=0)
+    return [k for k in range(len(solution.parameters)) if solution.parameters.free[k] and not involved[k]]
+
+
+def _other_parameters(solution: Solution) -> CardField:
+    others = _others(solution)
+    sigmas = solution.sigmas()
+    rows = []
+    for k in others[:_MAX_ROWS]:
+        item = solution.parameters.parameters[k]
+        prior = (
+            "free" if math.isinf(item.prior_sigma) else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
+        )
+        sigma = f"{sigmas[k]:.3g}" if math.isfinite(sigmas[k]) else "undetermined"
+        rows.append((item.name, f"{solution.values[k]:.6g}", sigma, item.unit, prior))
+    lines = (f"{len(others) - _MAX_ROWS} more are not shown",) if len(others) > _MAX_ROWS else ()
+    return CardField("estimated", lines, ("parameter", "value", "sigma", "unit", "a priori"), tuple(rows))
+
+
+def _data(solution: Solution) -> tuple[str, ...]:
+    rows = solution.residuals
+    if not len(rows):
+        return ("no observations",)
+    order = np.lexsort((rows.epoch_utc.fraction, rows.epoch_utc.jd))[[0, -1]]
+    first, last = rows.epoch_utc[order[:1]], rows.epoch_utc[order[1:]]
+    hours = 24.0 * float((last.jd - first.jd + last.fraction - first.fraction)[0])
+    span = f"{hours:.1f} h" if hours < 72.0 else f"{hours / 24.0:.1f} days"
+    start, stop = (str(utc_strings(epoch, decimals=0)[0]) for epoch in (first, last))
+    stations = len(solution.fit.by_station)
+    return (
+        f"{len(rows)} observations from {stations} station{'s' if stations > 1 else ''} over {span},",
+        f"{start} to {stop} UTC",
+    )
+
+
+def _fit(solution: Solution) -> tuple[str, ...]:
+    fit = solution.fit
+    line = f"{fit.total.used} used, {fit.total.rejected} left out"
+    if fit.total.wrms_m is not None:
+        line += f"; wrms {metres(fit.total.wrms_m)} m"
+        if {group.label for group in fit.by_type} == {"range"}:
+            line += f" of the whole light path ({metres(0.5 * fit.total.wrms_m)} m one way)"
+    if fit.chi2_per_dof is None or fit.chi2_per_dof_bound is None:
+        return (line, "no redundancy: nothing tests the stated sigmas")
+    verdict = f"chi2/dof {fit.chi2_per_dof:.3g} with {fit.dof} degrees of freedom"
+    if fit.chi2_per_dof > fit.chi2_per_dof_bound:
+        verdict += (
+            f": the residuals are {math.sqrt(fit.chi2_per_dof):.3g} times larger than stated "
+            f"(chance allows {fit.chi2_per_dof_bound:.3g} in 99.9 %, Wilson-Hilferty)"
+        )
+    return (line, verdict)
+
+
+def _groups(solution: Solution) -> CardField:
+    def cells(group: GroupStatistics) -> tuple[str, ...]:
+        values = (group.mean_m, group.rms_m, group.wrms_m)
+        return (
+            group.label,
+            str(group.used),
+            str(group.rejected),
+            *("-" if value is None else metres(value) for value in values),
+        )
+
+    groups = solution.fit.by_station
+    lines = (f"{len(groups) - _MAX_ROWS} more are not shown",) if len(groups) > _MAX_ROWS else ()
+    heading = ("residuals, m", "used", "left out", "mean", "rms", "wrms")
+    return CardField("stations", lines, heading, tuple(cells(group) for group in groups[:_MAX_ROWS]))
+
+
+def _left_out(solution: Solution) -> tuple[str, ...]:
+    rows = solution.residuals
+    out = np.flatnonzero(~rows.used)
+    # The largest outliers say most; what was left out from the beginning has its own reasons.
+    out = out[np.argsort(-np.abs(rows.residual_m[out] / rows.sigma_m[out]), kind="stable")]
+    shown = out[:_MAX_OUTLIERS]
+    epochs = utc_strings(rows.epoch_utc[shown], decimals=0)
+    lines = [f"{epoch} {rows.station[k]}: {rows.status[k]}" for k, epoch in zip(shown, epochs, strict=True)]
+    if len(out) > len(shown):
+        lines.append(f"... and {len(out) - len(shown)} more")
+    return tuple(lines)

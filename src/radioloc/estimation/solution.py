@@ -1,0 +1,540 @@
+"""The result of locating a point on the Moon: where it is, how well that is known, and why."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError
+from radioloc.estimation.editing import USED
+from radioloc.estimation.least_squares import Iteration
+from radioloc.estimation.observability import Observability
+from radioloc.estimation.parameters import ParameterSet
+from radioloc.estimation.statistics import FitStatistics, GroupStatistics
+from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
+from radioloc.time import Epochs, utc_strings
+
+Axes = Literal["enu", "pa", "me", "geographic"]
+Level = Literal["total", "scaled", "formal"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residuals:
+    """Observations with what is left of them after the fit; arrays of shape (n,).
+
+    Parameters
+    ----------
+    epoch_utc : Epochs
+        UTC of the event that the time tag names.
+    station, type, path : ndarray of str
+        Station that a bias or a group belongs to, kind of measurement, participants of the light path.
+    observed_m, residual_m, sigma_m : ndarray
+        Observed value, observed - computed, stated standard deviation; m of the whole light path.
+    elevation_deg : ndarray or None
+        Lower of the stations' elevations of the Moon, deg.
+    status : ndarray of str
+        ``"used"`` or the reason why the observation was left out.
+    """
+
+    epoch_utc: Epochs
+    station: NDArray[np.str_]
+    type: NDArray[np.str_]
+    path: NDArray[np.str_]
+    observed_m: NDArray[np.float64]
+    residual_m: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+    elevation_deg: NDArray[np.float64] | None
+    status: NDArray[np.str_]
+
+    def __len__(self) -> int:
+        return len(self.residual_m)
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Which observations took part in the fit, shape (n,)."""
+        return self.status == USED
+
+    @property
+    def computed_m(self) -> NDArray[np.float64]:
+        """Computed values, m, shape (n,)."""
+        return self.observed_m - self.residual_m
+
+
+@dataclass(frozen=True, slots=True)
+class ReferenceComparison:
+    """The estimate less a known position.
+
+    Parameters
+    ----------
+    name : str
+        What it is compared with.
+    east_m, north_m, up_m : float
+        Components at the estimate, m.
+    east_sigmas, north_sigmas, up_sigmas : float or None
+        The same in total standard deviations; None where that is zero or infinite.
+    combined_sigmas : float or None
+        Length of the difference in standard deviations, correlations considered (Mahalanobis distance);
+        below 2.80 in 95 % of cases if both positions are right. None where the covariance has no inverse.
+    """
+
+    name: str
+    east_m: float
+    north_m: float
+    up_m: float
+    east_sigmas: float | None
+    north_sigmas: float | None
+    up_sigmas: float | None
+    combined_sigmas: float | None
+
+    @property
+    def horizontal_m(self) -> float:
+        """Length of the horizontal difference, m."""
+        return math.hypot(self.east_m, self.north_m)
+
+    @property
+    def distance_m(self) -> float:
+        """Length of the difference in space, m."""
+        return math.hypot(self.east_m, self.north_m, self.up_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Ellipse:
+    """An error ellipse in the horizontal plane.
+
+    Parameters
+    ----------
+    semi_major_m, semi_minor_m : float
+        Semi-axes, m.
+    azimuth_deg : float
+        Direction of the major axis from north over east, 0 to 180 deg.
+    """
+
+    semi_major_m: float
+    semi_minor_m: float
+    azimuth_deg: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Solution:
+    """Everything a fit has to say; arrays are read-only.
+
+    Made by :func:`~radioloc.estimation.build.build_solution`. Three levels of uncertainty are kept:
+    ``"formal"`` from the stated sigmas, ``"scaled"`` with the observation noise scaled up to what the
+    residuals show where that is significantly more, ``"total"`` with the assumed error of the ephemeris
+    added to the position. What is called sigma without a further word is the total.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study or the target.
+    converged : bool
+        Whether the fit converged, everything is determined, and the editing settled.
+    status : str
+        How the fit ended, in words.
+    message : str
+        What went wrong or is worth knowing; empty if nothing.
+    parameters : ParameterSet
+        What was solved for, with a-priori values.
+    values : ndarray, shape (p,)
+        Estimated values.
+    formal_covariance, covariance : ndarray, shape (p, p)
+        Formal and scaled; infinite variances for what is not determined.
+    pa_frame, me_frame : str
+        Names of the axes, such as ``"PA_DE421"`` and ``"ME_DE421"``.
+    position_pa_m, position_me_m : ndarray, shape (3,)
+        Estimated position, m.
+    position_partials : ndarray, shape (3, p)
+        d(position_pa)/d(parameter).
+    rot_pa_to_me : ndarray, shape (3, 3)
+        Rotation from principal to mean-Earth axes.
+    ephemeris_sigma_enu_m : ndarray, shape (3,)
+        Assumed error of ephemeris and orientation as seen in the position, east, north, up, m.
+    fit : FitStatistics
+        Residual statistics.
+    residuals : Residuals
+        All observations.
+    observability : Observability
+        What is determined poorly or not at all.
+    iterations : tuple of Iteration
+        History of the last fit.
+    passes : int
+        Fits made while editing.
+    reference : ReferenceComparison or None
+        Difference to a known position.
+    notes : tuple of str
+        Sentences for the reader that the analysis adds, such as caveats about the ephemeris.
+    provenance : mapping
+        Kernels with their hashes, tables, versions, settings.
+    """
+
+    name: str
+    converged: bool
+    status: str
+    message: str
+    parameters: ParameterSet
+    values: NDArray[np.float64]
+    formal_covariance: NDArray[np.float64]
+    covariance: NDArray[np.float64]
+    pa_frame: str
+    me_frame: str
+    position_pa_m: NDArray[np.float64]
+    position_me_m: NDArray[np.float64]
+    position_partials: NDArray[np.float64]
+    rot_pa_to_me: NDArray[np.float64]
+    ephemeris_sigma_enu_m: NDArray[np.float64]
+    fit: FitStatistics
+    residuals: Residuals
+    observability: Observability
+    iterations: tuple[Iteration, ...] = ()
+    passes: int = 1
+    reference: ReferenceComparison | None = None
+    notes: tuple[str, ...] = ()
+    provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def selenographic(self) -> tuple[float, float, float]:
+        """East longitude and latitude in mean-Earth axes, deg, and height above the 1737.4 km sphere, m."""
+        longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self.position_me_m)
+        return math.degrees(float(longitude_rad)), math.degrees(float(latitude_rad)), float(height_m)
+
+    @property
+    def rot_pa_to_enu(self) -> NDArray[np.float64]:
+        """Rotation from principal axes to east, north, up (of mean-Earth axes) at the position, shape (3, 3)."""
+        longitude_rad, latitude_rad, _ = cartesian_to_selenographic(self.position_me_m)
+        rotation: NDArray[np.float64] = east_north_up(longitude_rad, latitude_rad) @ self.rot_pa_to_me
+        return rotation
+
+    @property
+    def position_estimated(self) -> bool:
+        """Whether the position was solved for, not held."""
+        return bool((self.position_partials[:, self.parameters.free] != 0.0).any())
+
+    @property
+    def position_determined(self) -> bool:
+        """Whether no parameter that the position depends on is left undetermined."""
+        involved = (self.position_partials != 0.0).any(axis=0)
+        return bool(np.isfinite(np.diag(self.covariance)[involved]).all())
+
+    def position_covariance(self, axes: Axes = "enu", level: Level = "total") -> NDArray[np.float64]:
+        """Covariance of the position, shape (3, 3).
+
+        Parameters
+        ----------
+        axes : {"enu", "pa", "me", "geographic"}
+            East, north, up at the position; x, y, z in principal or mean-Earth axes, m^2; or longitude,
+            latitude, height in rad, rad, m.
+        level : {"total", "scaled", "formal"}
+            See :class:`Solution`.
+
+        Returns
+        -------
+        ndarray, shape (3, 3)
+            Infinite on the diagonal where the position is not determined.
+
+        Raises
+        ------
+        InputError
+            Axes or level are not known.
+        """
+        if level not in ("total", "scaled", "formal"):
+            raise InputError(f"level {level!r} is not known; use total, scaled or formal")
+        if axes not in ("enu", "pa", "me", "geographic"):
+            raise InputError(f"axes {axes!r} are not known; use enu, pa, me or geographic")
+        if not self.position_determined:
+            return np.diag([np.inf, np.inf, np.inf])
+        covariance = self.formal_covariance if level == "formal" else self.covariance
+        # Parameters without part in the position may have infinite variances; they must not meet the zeros
+        # here.
+        involved = (self.position_partials != 0.0).any(axis=0)
+        root = self.rot_pa_to_enu @ self.position_partials[:, involved]
+        in_enu = root @ covariance[np.ix_(involved, involved)] @ root.T
+        if level == "total":
+            in_enu = in_enu + np.diag(self.ephemeris_sigma_enu_m**2)
+        turned: NDArray[np.float64] = self._from_enu(axes) @ in_enu @ self._from_enu(axes).T
+        return 0.5 * (turned + turned.T)
+
+    def sigma_enu_m(self, level: Level = "total") -> NDArray[np.float64]:
+        """Standard deviations east, north, up, m, shape (3,); infinite where not determined."""
+        return np.sqrt(np.diag(self.position_covariance("enu", level)))
+
+    def sigmas(self, level: Literal["scaled", "formal"] = "scaled") -> NDArray[np.float64]:
+        """Standard deviations of the parameters, each in its unit, shape (p,); infinite where not determined."""
+        return np.sqrt(np.diag(self.formal_covariance if level == "formal" else self.covariance))
+
+    def ellipse(self, probability: float = 0.95, level: Level = "total") -> Ellipse | None:
+        """Horizontal error ellipse that holds the true point with a probability; None if not determined.
+
+        Notes
+        -----
+        For two dimensions the factor to the one-sigma axes is sqrt(-2 ln(1 - probability)), 2.45 for 95 %.
+        """
+        horizontal = self.position_covariance("enu", level)[:2, :2]
+        if not np.isfinite(horizontal).all():
+            return None
+        variances, vectors = np.linalg.eigh(horizontal)
+        factor = math.sqrt(-2.0 * math.log(1.0 - probability))
+        minor, major = factor * np.sqrt(np.maximum(variances, 0.0))
+        azimuth_deg = math.degrees(math.atan2(vectors[0, 1], vectors[1, 1])) % 180.0
+        return Ellipse(float(major), float(minor), azimuth_deg)
+
+    def biases(self, kind: str = "range_bias") -> dict[str, tuple[float, float]]:
+        """Estimated value and scaled sigma of each parameter of a kind, by what it belongs to (its station)."""
+        sigmas = self.sigmas()
+        items = self.parameters.parameters
+        return {
+            items[k].name.partition(".")[2]: (float(self.values[k]), float(sigmas[k]))
+            for k in self.parameters.of_kind(kind)
+        }
+
+    def variance_shares(self) -> dict[str, float]:
+        """What the position's total variance comes from: parts that add up to one, the largest first.
+
+        Notes
+        -----
+        ``noise``: the stated noise, were all other parameters known (conditional covariance). ``other
+        parameters``: what solving for them adds (marginal less conditional). ``misfit``: what scaling to
+        the residuals adds. ``ephemeris``: its assumed error. Empty if the position is held or not
+        determined.
+        """
+        if not (self.position_estimated and self.position_determined):
+            return {}
+        involved = (self.position_partials != 0.0).any(axis=0)
+        known = np.isfinite(np.diag(self.formal_covariance)) & (np.diag(self.formal_covariance) > 0.0)
+        others = known & ~involved
+        conditional = self.formal_covariance[np.ix_(involved, involved)]
+        if others.any():
+            cross = self.formal_covariance[np.ix_(involved, others)]
+            conditional = (
+                conditional
+                - cross
+                @ np.linalg.lstsq(self.formal_covariance[np.ix_(others, others)], cross.T, rcond=None)[0]
+            )
+        root = self.position_partials[:, involved]
+        noise, formal, scaled, total = (
+            float(np.trace(root @ conditional @ root.T)),
+            *(
+                float(np.trace(self.position_covariance("enu", level)))
+                for level in ("formal", "scaled", "total")
+            ),
+        )
+        shares = {
+            "noise": noise / total,
+            "other parameters": (formal - noise) / total,
+            "misfit": (scaled - formal) / total,
+            "ephemeris": (total - scaled) / total,
+        }
+        return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything but the single residuals, in types that JSON has; None where a number is not finite."""
+        longitude_deg, latitude_deg, height_m = self.selenographic
+        return {
+            "name": self.name,
+            "converged": self.converged,
+            "status": self.status,
+            "message": self.message,
+            "position": {
+                "pa": {"frame": self.pa_frame, **_xyz(self.position_pa_m)},
+                "me": {
+                    "frame": self.me_frame,
+                    "longitude_deg": longitude_deg,
+                    "latitude_deg": latitude_deg,
+                    "height_m": height_m,
+                    **_xyz(self.position_me_m),
+                },
+            },
+            "sigma": {
+                **_enu(self.sigma_enu_m("total")),
+                "scaled": _enu(self.sigma_enu_m("scaled")),
+                "formal": _enu(self.sigma_enu_m("formal")),
+                "ephemeris": _enu(self.ephemeris_sigma_enu_m),
+            },
+            "covariance": {
+                "enu_m2": _matrix(self.position_covariance("enu")),
+                "pa_m2": _matrix(self.position_covariance("pa")),
+                "me_m2": _matrix(self.position_covariance("me")),
+                "longitude_latitude_height_rad_rad_m": _matrix(self.position_covariance("geographic")),
+            },
+            "biases": {
+                station: {"value_m": value, "sigma_m": _finite(sigma)}
+                for station, (value, sigma) in self.biases("range_bias").items()
+            },
+            "time_biases": {
+                station: {"value_s": value, "sigma_s": _finite(sigma)}
+                for station, (value, sigma) in self.biases("time_bias").items()
+            },
+            "parameters": self._parameter_rows(),
+            "parameter_covariance": _matrix(self.covariance),
+            "fit": self._fit_dict(),
+            "rejected": self._rejected_rows(),
+            "observability": {
+                "complete": not self.observability.undetermined,
+                "text": list(self.observability.describe()),
+                "singular_values": self.observability.singular_values.tolist(),
+                "condition_number": _finite(self.observability.condition_number),
+            },
+            "reference": None if self.reference is None else self._reference_dict(self.reference),
+            "notes": list(self.notes),
+            "provenance": dict(self.provenance),
+        }
+
+    def to_table(self, what: Literal["residuals", "parameters"] = "residuals") -> Any:
+        """Residuals or parameters as an ``astropy.table.Table``.
+
+        Raises
+        ------
+        InputError
+            astropy is not installed, or something else is asked for.
+        """
+        try:
+            from astropy.table import Table
+        except ImportError as error:
+            raise InputError("a Table needs astropy: pip install 'radioloc[notebook]'") from error
+        if what == "parameters":
+            return Table(self._parameter_rows(finite=False))
+        if what != "residuals":
+            raise InputError(f"there is no table of {what!r}; use residuals or parameters")
+        rows = self.residuals
+        columns = {
+            "epoch_utc": utc_strings(rows.epoch_utc),
+            "type": rows.type,
+            "station": rows.station,
+            "path": rows.path,
+            "observed_m": rows.observed_m,
+            "computed_m": rows.computed_m,
+            "residual_m": rows.residual_m,
+            "sigma_m": rows.sigma_m,
+            "status": rows.status,
+        }
+        if rows.elevation_deg is not None:
+            columns["elevation_deg"] = rows.elevation_deg
+        return Table(columns)
+
+    def __str__(self) -> str:
+        from radioloc.estimation.cards import card_fields, render_text
+
+        return render_text(card_fields(self))
+
+    def __repr__(self) -> str:
+        longitude_deg, latitude_deg, height_m = self.selenographic
+        return (
+            f"<Solution {self.name}: {longitude_deg:.6f} deg E, {latitude_deg:.6f} deg N, {height_m:.1f} m "
+            f"({self.me_frame}), {'converged' if self.converged else 'NOT CONVERGED'}>"
+        )
+
+    def _repr_html_(self) -> str:
+        from radioloc.estimation.cards import card_fields, render_html
+
+        return render_html(card_fields(self))
+
+    def _from_enu(self, axes: Axes) -> NDArray[np.float64]:
+        """Matrix from east, north, up to other axes at the position, shape (3, 3)."""
+        longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self.position_me_m)
+        if axes == "enu":
+            return np.eye(3)
+        if axes == "pa":
+            return self.rot_pa_to_enu.T
+        if axes == "me":
+            return east_north_up(longitude_rad, latitude_rad).T
+        radius_m = MEAN_LUNAR_RADIUS_M + float(height_m)
+        return np.diag([1.0 / (radius_m * math.cos(float(latitude_rad))), 1.0 / radius_m, 1.0])
+
+    def _fit_dict(self) -> dict[str, Any]:
+        total = self.fit.total
+        return {
+            "used": total.used,
+            "rejected": total.rejected,
+            "wrms_m": total.wrms_m,
+            "rms_m": total.rms_m,
+            "mean_m": total.mean_m,
+            "chi2": self.fit.chi2,
+            "dof": self.fit.dof,
+            "chi2_per_dof": self.fit.chi2_per_dof,
+            "chi2_per_dof_bound": self.fit.chi2_per_dof_bound,
+            "noise_scale": self.fit.noise_scale,
+            "robust_scale": self.fit.robust_scale,
+            "iterations": len(self.iterations),
+            "passes": self.passes,
+            "by_station": {group.label: _group(group) for group in self.fit.by_station},
+            "by_type": {group.label: _group(group) for group in self.fit.by_type},
+        }
+
+    def _parameter_rows(self, finite: bool = True) -> list[dict[str, Any]]:
+        limit = _finite if finite else float
+        scaled, formal = self.sigmas("scaled"), self.sigmas("formal")
+        return [
+            {
+                "name": item.name,
+                "unit": item.unit,
+                "value": float(self.values[k]),
+                "sigma": limit(scaled[k]),
+                "formal_sigma": limit(formal[k]),
+                "prior_value": item.prior_value,
+                "prior_sigma": limit(item.prior_sigma),
+                "fixed": item.fixed,
+            }
+            for k, item in enumerate(self.parameters)
+        ]
+
+    def _rejected_rows(self) -> list[dict[str, Any]]:
+        rows = self.residuals
+        out = np.flatnonzero(~rows.used)
+        if not len(out):
+            return []
+        epochs = utc_strings(rows.epoch_utc[out], decimals=3)
+        return [
+            {
+                "epoch_utc": str(epoch),
+                "station": str(rows.station[k]),
+                "path": str(rows.path[k]),
+                "residual_m": _finite(rows.residual_m[k]),
+                "reason": str(rows.status[k]),
+            }
+            for k, epoch in zip(out, epochs, strict=True)
+        ]
+
+    def _reference_dict(self, reference: ReferenceComparison) -> dict[str, Any]:
+        return {
+            "name": reference.name,
+            "east_m": reference.east_m,
+            "north_m": reference.north_m,
+            "up_m": reference.up_m,
+            "horizontal_m": reference.horizontal_m,
+            "distance_m": reference.distance_m,
+            "east_sigmas": reference.east_sigmas,
+            "north_sigmas": reference.north_sigmas,
+            "up_sigmas": reference.up_sigmas,
+            "combined_sigmas": reference.combined_sigmas,
+        }
+
+
+def _finite(value: float) -> float | None:
+    return float(value) if math.isfinite(value) else None
+
+
+def _xyz(vector_m: NDArray[np.float64]) -> dict[str, float]:
+    return dict(zip(("x_m", "y_m", "z_m"), vector_m.tolist(), strict=True))
+
+
+def _enu(vector_m: NDArray[np.float64]) -> dict[str, float | None]:
+    return {name: _finite(v) for name, v in zip(("east_m", "north_m", "up_m"), vector_m, strict=True)}
+
+
+def _matrix(matrix: NDArray[np.float64]) -> list[list[float | None]]:
+    return [[_finite(value) for value in row] for row in matrix]
+
+
+def _group(group: GroupStatistics) -> dict[str, Any]:
+    return {
+        "used": group.used,
+        "rejected": group.rejected,
+        "mean_m": group.mean_m,
+        "rms_m": group.rms_m,
+        "wrms_m": group.wrms_m,
+    }

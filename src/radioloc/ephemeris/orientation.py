@@ -57,7 +57,8 @@ class LunarOrientation:
             known = ", ".join(f"{code} ({name})" for code, name in _FRAMES.items())
             raise KernelError(
                 f"{kernel.file.path} (spanning {kernel.file.start_tdb} to {kernel.file.end_tdb}) holds the "
-                f"NAIF frames {held}, but exactly one of {known} is wanted; use NAIF's lunar PCK of DE421 or DE440"
+                f"NAIF frames {held}, but exactly one of {known} is wanted; use NAIF's lunar PCK of "
+                "DE421 or DE440"
             )
         return cls(_FRAMES[codes[0]], codes[0], kernel)
 

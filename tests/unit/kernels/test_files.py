@@ -1,0 +1,144 @@
+from __future__ import annotations
+
+import contextlib
+import shutil
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from radioloc.errors import KernelError
+from radioloc.kernels import find_kernel, open_pck, open_spk, registered, sha256_of
+
+SPK_PATH = find_kernel("DE421", "SPK")
+PCK_PATH = find_kernel("DE421", "PCK")
+PCK_BYTES = PCK_PATH.read_bytes()
+SUMMARY = (struct.unpack_from("<i", PCK_BYTES, 76)[0] - 1) * 1024
+FIRST_WORD, LAST_WORD = struct.unpack_from("<2i", PCK_BYTES, SUMMARY + 24 + 16 + 12)
+FIRST_BYTE, LAST_BYTE = (FIRST_WORD - 1) * 8, LAST_WORD * 8
+
+
+def written(tmp_path, data, name="own.bpc"):
+    path = tmp_path / name
+    path.write_bytes(bytes(data))
+    return path
+
+
+def test_kernels_that_ship():
+    for kernel in (open_spk("DE421"), open_pck("DE421")):
+        entry = next(e for e in registered() if e.kind == kernel.file.kind)
+        assert kernel.file.registered
+        assert kernel.file.sha256 == entry.sha256
+        assert [s.target for s in kernel.segments] == list(entry.bodies)
+        assert (kernel.file.start_tdb, kernel.file.end_tdb) == ("1969-01-01", "2050-01-01")
+        assert all(s.span == ("1969-01-01", "2050-01-01") for s in kernel.segments)
+
+
+def test_own_file_is_opened_with_its_checksum(tmp_path):
+    own = tmp_path / "own.bsp"
+    shutil.copy(SPK_PATH, own)
+    kernel = open_spk(own)
+    assert not kernel.file.registered
+    assert kernel.file.sha256 == sha256_of(own)
+    np.testing.assert_array_equal(
+        kernel.segment(301, 3).coefficients, open_spk("DE421").segment(301, 3).coefficients
+    )
+
+
+@pytest.mark.parametrize("offset", [100, 1500, FIRST_BYTE + 1000, LAST_BYTE - 5])
+def test_a_flipped_byte_in_a_kernel_that_ships(tmp_path, offset):
+    data = bytearray(PCK_BYTES)
+    data[offset] ^= 0x10
+    path = written(tmp_path, data, PCK_PATH.name)
+    with pytest.raises(
+        KernelError, match=r"moon_pa_de421_1969_2050\.bpc \(spanning 1969-01-01 to 2050-01-01\)"
+    ) as caught:
+        open_pck(path)
+    assert sha256_of(path) in str(caught.value)
+
+
+def test_wrong_kinds(tmp_path):
+    with pytest.raises(KernelError, match=r"binary PCK \(orientation\), but a SPK"):
+        open_spk(PCK_PATH)
+    with pytest.raises(KernelError, match=r"SPK \(positions\), but a binary PCK"):
+        open_pck(SPK_PATH)
+    with pytest.raises(KernelError, match="not a SPICE binary kernel"):
+        open_spk(written(tmp_path, b"KPL/FK\n\\begindata\n" * 100, "text.tf"))
+    with pytest.raises(KernelError, match="is empty"):
+        open_spk(written(tmp_path, b"", "empty.bsp"))
+    with pytest.raises(KernelError, match="neither a file nor a kernel"):
+        open_spk(tmp_path)
+
+
+@pytest.mark.parametrize(
+    "length", [8, 500, 1024, 2048, SUMMARY + 100, SUMMARY + 1024, FIRST_BYTE + 8, LAST_BYTE - 8]
+)
+def test_cut_short(tmp_path, length):
+    with pytest.raises(KernelError, match=r"own\.bpc is (damaged|cut short)"):
+        open_pck(written(tmp_path, PCK_BYTES[:length]))
+
+
+def patched(offset, layout, *values):
+    data = bytearray(PCK_BYTES)
+    struct.pack_into("<" + layout, data, offset, *values)
+    return data
+
+
+@pytest.mark.parametrize(
+    ("offset", "layout", "values", "message"),
+    [
+        (12, "i", (6,), "wrong layout"),
+        (SUMMARY, "d", (SUMMARY / 1024 + 1,), "runs in a circle"),
+        (SUMMARY, "d", (float("inf"),), "damaged"),
+        (SUMMARY, "d", (1e9,), "damaged"),
+        (SUMMARY + 16, "d", (float("nan"),), "damaged"),
+        (SUMMARY + 16, "d", (1e6,), "damaged"),
+        (SUMMARY + 16, "d", (0.0,), "no segment of Chebyshev type 2"),
+        (SUMMARY + 24, "d", (-1e10,), "claims"),
+        (SUMMARY + 24, "d", (float("nan"),), "directory"),
+        (SUMMARY + 24 + 16 + 4, "i", (17,), "no segment of Chebyshev type 2 in the ICRF"),
+        (SUMMARY + 24 + 16 + 8, "i", (3,), "no segment of Chebyshev type 2"),
+        (SUMMARY + 24 + 16 + 12, "i", (-4,), "lies outside the file"),
+        (SUMMARY + 24 + 16 + 16, "i", (10**9,), "lies outside the file"),
+        (LAST_BYTE - 8, "d", (5.5,), "directory"),
+        (LAST_BYTE - 8, "d", (float("nan"),), "directory"),
+        (LAST_BYTE - 16, "d", (33.0,), "directory"),
+        (LAST_BYTE - 24, "d", (-1.0,), "directory"),
+        (LAST_BYTE - 24, "d", (345600.0,), "claims|record whose epoch"),
+        (LAST_BYTE - 32, "d", (0.0,), "claims"),
+        (FIRST_BYTE + 32 * 8 * 50, "d", (0.0,), "record whose epoch"),
+        (FIRST_BYTE + 32 * 8 * 50 + 8, "d", (0.0,), "record whose epoch"),
+        (FIRST_BYTE + 32 * 8 * 50 + 80, "d", (float("nan"),), "not a number"),
+    ],
+)
+def test_damage_to_a_file_of_ones_own(tmp_path, offset, layout, values, message):
+    with pytest.raises(KernelError, match=message) as caught:
+        open_pck(written(tmp_path, patched(offset, layout, *values)))
+    assert "own.bpc" in str(caught.value)
+
+
+@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    offset=st.one_of(
+        st.integers(0, 1023), st.integers(SUMMARY, FIRST_BYTE - 1), st.integers(LAST_BYTE - 32, LAST_BYTE - 1)
+    ),
+    byte=st.integers(0, 255),
+)
+def test_damage_opens_or_raises_our_error(tmp_path, offset, byte):
+    # Whatever a byte of the headers becomes, nothing but a KernelError comes out.
+    data = bytearray(PCK_BYTES)
+    data[offset] = byte
+    with contextlib.suppress(KernelError):
+        open_pck(written(tmp_path, data))
+
+
+def test_missing_body_names_file_span_and_what_there_is():
+    kernel = open_spk("DE421")
+    with pytest.raises(
+        KernelError, match=r"de421_1969_2050\.bsp \(spanning 1969-01-01 to 2050-01-01\).* 4 relative to 0"
+    ):
+        kernel.segment(4, 0)
+    assert kernel.has(301, 3)
+    assert not kernel.has(4, 0)

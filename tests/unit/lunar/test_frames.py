@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.ephemeris import CONSTANTS, LunarOrientation
+from radioloc.errors import InputError
+from radioloc.lunar import (
+    angular_velocity_pa,
+    cartesian_to_selenographic,
+    rot_icrf_to_iau_moon,
+    rot_icrf_to_pa,
+    rot_icrf_to_pa_rate,
+    rot_pa_to_me,
+)
+from radioloc.time import Epochs
+
+ORTHOGONAL = 1e-15 * 5  # a few roundings of the product of three matrices
+ANGLE = st.floats(-1e4, 1e4)
+
+
+def rotation_angles_rad(rot):
+    """Angle of rotation matrices that turn by little, from their antisymmetric part."""
+    x, y, z = (
+        rot[..., 1, 2] - rot[..., 2, 1],
+        rot[..., 2, 0] - rot[..., 0, 2],
+        rot[..., 0, 1] - rot[..., 1, 0],
+    )
+    return np.arcsin(0.5 * np.sqrt(x**2 + y**2 + z**2))
+
+
+@given(ANGLE, ANGLE, ANGLE)
+def test_rotations_are_orthogonal_and_right_handed(phi, theta, psi):
+    rot = rot_icrf_to_pa([phi, theta, psi])
+    np.testing.assert_allclose(rot @ rot.T, np.eye(3), rtol=0, atol=ORTHOGONAL)
+    assert np.linalg.det(rot) == pytest.approx(1.0, abs=ORTHOGONAL)
+
+
+def test_sense_of_the_rotation():
+    # Turned by psi about the pole, a star on the x axis of the ICRF is seen at longitude -psi.
+    star = rot_icrf_to_pa([0.0, 0.0, 0.3]) @ [1.0, 0.0, 0.0]
+    np.testing.assert_allclose(star, [np.cos(0.3), -np.sin(0.3), 0.0], rtol=0, atol=ORTHOGONAL)
+    # The pole leans away from the node by theta: it lies at right ascension phi - 90 degrees.
+    pole = rot_icrf_to_pa([0.5, 0.2, 0.0]).T @ [0.0, 0.0, 1.0]
+    expected = [np.sin(0.2) * np.sin(0.5), -np.sin(0.2) * np.cos(0.5), np.cos(0.2)]
+    np.testing.assert_allclose(pole, expected, rtol=0, atol=ORTHOGONAL)
+
+
+def test_rate_is_the_derivative_of_the_rotation():
+    rng = np.random.default_rng(7)
+    angles, rates = rng.uniform(-3, 3, (50, 3)), rng.uniform(-1, 1, (50, 3))
+    step = 1e-5
+    slope = (rot_icrf_to_pa(angles + step * rates) - rot_icrf_to_pa(angles - step * rates)) / (2 * step)
+    # Third derivative times step^2 / 6, and round-off over the step.
+    np.testing.assert_allclose(rot_icrf_to_pa_rate(angles, rates), slope, rtol=0, atol=1e-9)
+
+
+def test_the_moon_turns_once_a_month_about_its_pole():
+    orientation = LunarOrientation.open()
+    velocity = angular_velocity_pa(*orientation.angles(Epochs.from_jd(2451544.5 + np.arange(0, 6793))))
+    # A turn in 27.321661 days; physical librations keep the pole of rotation within 4' of the z axis.
+    assert velocity[:, 2].mean() == pytest.approx(2 * np.pi / (27.321661 * 86400.0), rel=1e-5)
+    assert (np.hypot(velocity[:, 0], velocity[:, 1]) / velocity[:, 2]).max() < np.radians(4 / 60)
+
+
+def test_wrong_shapes():
+    for wrong in (1.0, [1.0, 2.0], np.zeros((3, 2))):
+        with pytest.raises(InputError, match="three Euler angles"):
+            rot_icrf_to_pa(wrong)
+    with pytest.raises(InputError, match="TDB"):
+        rot_icrf_to_iau_moon(Epochs.from_jd(2451545.0, 0.0, "TT"))
+
+
+def test_distance_between_principal_and_mean_earth_axes():
+    # NAIF's moon_080317.tf says 0.0288473 degrees, 875 m along a great circle; older literature says 860 m.
+    rot = rot_pa_to_me(CONSTANTS["DE421"])
+    rng = np.random.default_rng(1)
+    points = rng.normal(size=(20000, 3))
+    points *= MEAN_LUNAR_RADIUS_M / np.linalg.norm(points, axis=1, keepdims=True)
+    moved_m = np.linalg.norm(points @ rot.T - points, axis=1).max()
+    assert 870.0 < moved_m < 880.0
+    assert np.degrees(rotation_angles_rad(rot)) == pytest.approx(0.0288473, abs=5e-8)
+    assert rotation_angles_rad(rot) * MEAN_LUNAR_RADIUS_M == pytest.approx(874.75, abs=0.01)
+
+
+def test_mean_earth_axes_of_de440_are_those_of_de421():
+    # The principal axes of the two differ by about a metre; so must the rotations to one and the same ME.
+    ours = rot_pa_to_me(CONSTANTS["DE440"]) @ rot_pa_to_me(CONSTANTS["DE421"]).T
+    assert rotation_angles_rad(ours) * MEAN_LUNAR_RADIUS_M < 1.5
+
+
+def test_iau_mean_axes_against_mean_earth_axes():
+    # NAIF's moon_080317.tf, for 2000 to 2020: 155 m at most and 76 m on average.
+    tdb = Epochs.from_jd(2451544.5 + np.arange(0.0, 7305.0, 0.5))
+    me = rot_pa_to_me(CONSTANTS["DE421"]) @ rot_icrf_to_pa(LunarOrientation.open().angles(tdb)[0])
+    apart_m = rotation_angles_rad(rot_icrf_to_iau_moon(tdb) @ np.swapaxes(me, -1, -2)) * MEAN_LUNAR_RADIUS_M
+    assert apart_m.max() == pytest.approx(154.8, abs=0.5)
+    assert apart_m.mean() == pytest.approx(75.5, abs=0.5)
+
+
+# Retroreflectors: principal axes x, y, z, m, and mean-Earth latitude and longitude, degrees, both of DE430
+# (Williams, Boggs and Folkner 2013, JPL IOM 335-JW,DB,WF-20130722-016, tables 6 and 7).
+REFLECTORS = [
+    ("Apollo 11", (1591966.550, 690699.375, 21003.866), (0.6734595, 23.4730244)),
+    ("Apollo 14", (1652689.504, -520997.525, -109730.417), (-3.6441535, -17.4786937)),
+    ("Apollo 15", (1554678.231, 98095.485, 765005.355), (26.1334178, 3.6284572)),
+]
+ROUNDING_M = 0.003  # of the published angles, 1e-7 degrees
+
+
+@pytest.mark.parametrize(("name", "pa_m", "me_deg"), REFLECTORS)
+def test_reflectors_of_de430(name, pa_m, me_deg):
+    longitude, latitude, _ = cartesian_to_selenographic(rot_pa_to_me(CONSTANTS["DE430"]) @ pa_m)
+    radius_m = np.linalg.norm(pa_m)
+    assert np.radians(np.degrees(latitude) - me_deg[0]) * radius_m == pytest.approx(0.0, abs=ROUNDING_M), name
+    assert np.radians(np.degrees(longitude) - me_deg[1]) * radius_m == pytest.approx(0.0, abs=ROUNDING_M), (
+        name
+    )

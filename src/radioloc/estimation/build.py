@@ -120,6 +120,7 @@ def build_solution(
         values=_array("x", fit.x, (p,)),
         formal_covariance=formal,
         covariance=_array("covariance", scaled_covariance(fit, noise_scale), (p, p)),
+        noise_scale=noise_scale,
         pa_frame=pa_frame,
         me_frame=me_frame,
         position_pa_m=position,
@@ -186,7 +187,7 @@ def compare_with(
         except np.linalg.LinAlgError:
             combined = None  # a direction is held: there is no inverse
     east_m, north_m, up_m = (float(d) for d in difference_m)
-    return ReferenceComparison(name, east_m, north_m, up_m, *single, combined_sigmas=combined)
+    return ReferenceComparison(name, east_m, north_m, up_m, single[0], single[1], single[2], combined)
 
 
 def _fit_statistics(edited: EditedFit, residuals: Residuals) -> FitStatistics:

@@ -34,7 +34,7 @@ class CardField:
 
 
 def card_fields(solution: Solution) -> tuple[CardField, ...]:
-    """What the card of a solution says, in order."""
+    """Collect what the card of a solution says, in order."""
     fields = [
         CardField("solution", (solution.name,)),
         CardField("status", _status(solution)),
@@ -47,7 +47,7 @@ def card_fields(solution: Solution) -> tuple[CardField, ...]:
     fields += [CardField("data", _data(solution)), CardField("fit", _fit(solution)), _groups(solution)]
     fields += [CardField("left out", _left_out(solution))] if solution.fit.total.rejected else []
     sentences = solution.observability.describe()
-    fields += [CardField("observable", _some(sentences, _MAX_SENTENCES))] if sentences else []
+    fields += [CardField("observable", sentences[:_MAX_SENTENCES])] if sentences else []
     fields += [CardField("notes", solution.notes)] if solution.notes else []
     return tuple(fields)
 
@@ -73,15 +73,11 @@ def render_html(fields: tuple[CardField, ...]) -> str:
         content = "<br>".join(html.escape(line) for line in item.lines)
         if item.rows:
             head = "".join(f"<th>{html.escape(cell)}</th>" for cell in item.heading)
-            body = "".join(
-                "<tr>" + "".join(f"<td>{html.escape(cell)}</td>" for cell in row) + "</tr>"
-                for row in item.rows
-            )
+            cells = ["".join(f"<td>{html.escape(cell)}</td>" for cell in row) for row in item.rows]
+            body = "".join(f"<tr>{row}</tr>" for row in cells)
             content += f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-        label = html.escape(item.label)
-        rows.append(
-            f'<tr><th style="text-align:left">{label}</th><td style="text-align:left">{content}</td></tr>'
-        )
+        left = 'style="text-align:left"'
+        rows.append(f"<tr><th {left}>{html.escape(item.label)}</th><td {left}>{content}</td></tr>")
     return f"<table>{''.join(rows)}</table>"
 
 
@@ -92,7 +88,7 @@ def metres(value_m: float | None) -> str:
     if value_m == 0.0:
         return "0"
     decimals = min(4, max(0, 2 - math.floor(math.log10(abs(value_m)))))
-    return f"{value_m:.{decimals}f}"
+    return f"{round(value_m, decimals) + 0.0:.{decimals}f}"
 
 
 def _columns(table: tuple[tuple[str, ...], ...]) -> list[str]:
@@ -111,16 +107,14 @@ def _shortened(text: str, width: int) -> str:
     return text if len(text) <= width else text[: width - 1] + "…"
 
 
-def _some(lines: tuple[str, ...], limit: int) -> tuple[str, ...]:
-    if len(lines) <= limit:
-        return lines
-    # The last line holds the advice and stays.
-    return (*lines[: limit - 1], f"... and {len(lines) - limit} more", lines[-1])
+def _plural(count: int, noun: str, ending: str = "s") -> str:
+    return f"{count} {noun}{'' if count == 1 else ending}"
 
 
 def _status(solution: Solution) -> tuple[str, ...]:
     state = "CONVERGED" if solution.converged else solution.status.upper()
-    count = f" ({len(solution.iterations)} iterations, {solution.passes} editing passes)"
+    iterations = _plural(len(solution.iterations), "iteration")
+    count = f" ({iterations}, {_plural(solution.passes, 'editing pass', 'es')})"
     return (state + count, *((solution.message,) if solution.message else ()))
 
 
@@ -138,19 +132,19 @@ def _position(solution: Solution) -> tuple[str, ...]:
 
 def _sigmas(solution: Solution) -> CardField:
     levels = [("formal", solution.sigma_enu_m("formal"))]
-    if solution.fit.noise_scale > 1.0:
-        levels.append((f"noise scaled by {solution.fit.noise_scale:.3g}", solution.sigma_enu_m("scaled")))
+    if solution.noise_scale > 1.0:
+        levels.append((f"noise scaled by {solution.noise_scale:.3g}", solution.sigma_enu_m("scaled")))
     if solution.ephemeris_sigma_enu_m.any():
         levels.append(("with ephemeris error", solution.sigma_enu_m("total")))
     rows = tuple(
         (name, *(metres(s) for s in sigma), metres(float(np.linalg.norm(sigma)))) for name, sigma in levels
     )
     ellipse = solution.ellipse()
-    lines = ()
+    lines: tuple[str, ...] = ()
     if solution.position_estimated and ellipse is not None:
         lines = (
-            f"horizontal 95 % ellipse {metres(ellipse.semi_major_m)} m x {metres(ellipse.semi_minor_m)} m, "
-            f"major axis at azimuth {ellipse.azimuth_deg:.0f} deg",
+            f"95 % ellipse, horizontal: {metres(ellipse.semi_major_m)} m x {metres(ellipse.semi_minor_m)} m, "
+            f"long axis to {ellipse.azimuth_deg:.0f} deg",
         )
     return CardField("sigma", lines, ("1 sigma, m", "east", "north", "up", "3D"), rows)
 
@@ -210,9 +204,9 @@ def _data(solution: Solution) -> tuple[str, ...]:
     hours = 24.0 * float((last.jd - first.jd + last.fraction - first.fraction)[0])
     span = f"{hours:.1f} h" if hours < 72.0 else f"{hours / 24.0:.1f} days"
     start, stop = (str(utc_strings(epoch, decimals=0)[0]) for epoch in (first, last))
-    stations = len(solution.fit.by_station)
+    stations = _plural(len(solution.fit.by_station), "station")
     return (
-        f"{len(rows)} observations from {stations} station{'s' if stations > 1 else ''} over {span},",
+        f"{_plural(len(rows), 'observation')} from {stations} over {span},",
         f"{start} to {stop} UTC",
     )
 

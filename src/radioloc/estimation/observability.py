@@ -60,7 +60,7 @@ class Correlation:
     coefficient: float
 
     def __str__(self) -> str:
-        return f"{self.first} and {self.second} correlate by {self.coefficient:+.3f}"
+        return f"{self.first} with {self.second} {self.coefficient:+.4f}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,10 +105,14 @@ class Observability:
                 ratio = direction.sigma / self.observation_sigma_m
                 line += f", {ratio:.0f} times one observation's {self.observation_sigma_m:.3g} m"
             lines.append(line)
-        lines += [str(correlation) for correlation in self.correlations]
-        advice = self.advice()
-        if advice:
+        if advice := self.advice():
             lines.append(advice)
+        if self.correlations:
+            pairs = "1 pair" if len(self.correlations) == 1 else f"{len(self.correlations)} pairs"
+            worst = "" if len(self.correlations) == 1 else "most of all "
+            lines.append(
+                f"{pairs} of parameters correlated beyond {STRONG_CORRELATION}: {worst}{self.correlations[0]}"
+            )
         return tuple(lines)
 
     def advice(self) -> str:

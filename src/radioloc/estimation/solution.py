@@ -14,7 +14,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.editing import USED
 from radioloc.estimation.least_squares import Iteration
-from radioloc.estimation.observability import Observability
+from radioloc.estimation.observability import Direction, Observability
 from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
@@ -145,6 +145,8 @@ class Solution:
         Estimated values.
     formal_covariance, covariance : ndarray, shape (p, p)
         Formal and scaled; infinite variances for what is not determined.
+    noise_scale : float
+        Factor on the stated sigmas that leads from the formal to the scaled covariance.
     pa_frame, me_frame : str
         Names of the axes, such as ``"PA_DE421"`` and ``"ME_DE421"``.
     position_pa_m, position_me_m : ndarray, shape (3,)
@@ -181,6 +183,7 @@ class Solution:
     values: NDArray[np.float64]
     formal_covariance: NDArray[np.float64]
     covariance: NDArray[np.float64]
+    noise_scale: float
     pa_frame: str
     me_frame: str
     position_pa_m: NDArray[np.float64]
@@ -205,7 +208,7 @@ class Solution:
 
     @property
     def rot_pa_to_enu(self) -> NDArray[np.float64]:
-        """Rotation from principal axes to east, north, up (of mean-Earth axes) at the position, shape (3, 3)."""
+        """Rotation from principal axes to east, north, up (of mean-Earth axes) there, shape (3, 3)."""
         longitude_rad, latitude_rad, _ = cartesian_to_selenographic(self.position_me_m)
         rotation: NDArray[np.float64] = east_north_up(longitude_rad, latitude_rad) @ self.rot_pa_to_me
         return rotation
@@ -260,11 +263,11 @@ class Solution:
         return 0.5 * (turned + turned.T)
 
     def sigma_enu_m(self, level: Level = "total") -> NDArray[np.float64]:
-        """Standard deviations east, north, up, m, shape (3,); infinite where not determined."""
+        """Return standard deviations east, north, up, m, shape (3,); infinite where not determined."""
         return np.sqrt(np.diag(self.position_covariance("enu", level)))
 
     def sigmas(self, level: Literal["scaled", "formal"] = "scaled") -> NDArray[np.float64]:
-        """Standard deviations of the parameters, each in its unit, shape (p,); infinite where not determined."""
+        """Return standard deviations of the parameters, shape (p,); infinite where not determined."""
         return np.sqrt(np.diag(self.formal_covariance if level == "formal" else self.covariance))
 
     def ellipse(self, probability: float = 0.95, level: Level = "total") -> Ellipse | None:
@@ -284,7 +287,7 @@ class Solution:
         return Ellipse(float(major), float(minor), azimuth_deg)
 
     def biases(self, kind: str = "range_bias") -> dict[str, tuple[float, float]]:
-        """Estimated value and scaled sigma of each parameter of a kind, by what it belongs to (its station)."""
+        """Estimated value and scaled sigma of each parameter of a kind, by the station it belongs to."""
         sigmas = self.sigmas()
         items = self.parameters.parameters
         return {
@@ -293,7 +296,7 @@ class Solution:
         }
 
     def variance_shares(self) -> dict[str, float]:
-        """What the position's total variance comes from: parts that add up to one, the largest first.
+        """Name what the position's total variance comes from: parts that add up to one, the largest first.
 
         Notes
         -----
@@ -316,13 +319,10 @@ class Solution:
                 @ np.linalg.lstsq(self.formal_covariance[np.ix_(others, others)], cross.T, rcond=None)[0]
             )
         root = self.position_partials[:, involved]
-        noise, formal, scaled, total = (
-            float(np.trace(root @ conditional @ root.T)),
-            *(
-                float(np.trace(self.position_covariance("enu", level)))
-                for level in ("formal", "scaled", "total")
-            ),
-        )
+        noise = float(np.trace(root @ conditional @ root.T))
+        formal = float(np.trace(self.position_covariance("enu", "formal")))
+        scaled = float(np.trace(self.position_covariance("enu", "scaled")))
+        total = float(np.trace(self.position_covariance("enu", "total")))
         shares = {
             "noise": noise / total,
             "other parameters": (formal - noise) / total,
@@ -378,6 +378,11 @@ class Solution:
                 "text": list(self.observability.describe()),
                 "singular_values": self.observability.singular_values.tolist(),
                 "condition_number": _finite(self.observability.condition_number),
+                "undetermined": [_direction(item) for item in self.observability.undetermined],
+                "weak": [_direction(item) for item in self.observability.weak],
+                "correlations": [
+                    [item.first, item.second, item.coefficient] for item in self.observability.correlations
+                ],
             },
             "reference": None if self.reference is None else self._reference_dict(self.reference),
             "notes": list(self.notes),
@@ -457,7 +462,7 @@ class Solution:
             "dof": self.fit.dof,
             "chi2_per_dof": self.fit.chi2_per_dof,
             "chi2_per_dof_bound": self.fit.chi2_per_dof_bound,
-            "noise_scale": self.fit.noise_scale,
+            "noise_scale": self.noise_scale,
             "robust_scale": self.fit.robust_scale,
             "iterations": len(self.iterations),
             "passes": self.passes,
@@ -528,6 +533,14 @@ def _enu(vector_m: NDArray[np.float64]) -> dict[str, float | None]:
 
 def _matrix(matrix: NDArray[np.float64]) -> list[list[float | None]]:
     return [[_finite(value) for value in row] for row in matrix]
+
+
+def _direction(direction: Direction) -> dict[str, Any]:
+    return {
+        "weights": dict(zip(direction.names, direction.weights, strict=True)),
+        "sigma": _finite(direction.sigma),
+        "unit": direction.unit,
+    }
 
 
 def _group(group: GroupStatistics) -> dict[str, Any]:

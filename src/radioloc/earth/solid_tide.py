@@ -1,0 +1,260 @@
+"""Displacement of a station by the tides of the solid Earth: up to 0.4 m.
+
+The conventional model of the IERS Conventions (2010), section 7.1.1. Step 1 takes the tide that the Moon
+and the Sun raise on an Earth that responds to all frequencies alike: degrees 2 and 3, the dependence on
+latitude, and the part out of phase. Step 2 corrects for the frequencies at which the Earth responds
+otherwise: 31 diurnal tides (near the free core nutation) and 5 of long period (anelasticity).
+
+The permanent part of the tide stays in, as in ITRF practice (the ITRF is conventionally tide free).
+
+This is derived from, and checked against, the routine DEHANTTIDEINEL of the IERS Conventions Centre; it is
+not that software. It is written from the equations, for many epochs at once, and takes UT1 where that takes
+UTC.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
+from radioloc.errors import InputError
+from radioloc.time import Epochs
+
+# Masses in Earth masses and the equatorial radius, as the conventional model has them.
+_SUN_MASS_RATIO = 332946.0482
+_MOON_MASS_RATIO = 0.0123000371
+_EARTH_RADIUS_M = 6378136.6
+
+_MOON_DISTANCE_RANGE_M = (3.4e8, 4.2e8)
+_SUN_DISTANCE_RANGE_M = (1.4e11, 1.6e11)
+
+_H2, _H2_LATITUDE = 0.6078, -0.0006
+_L2, _L2_LATITUDE = 0.0847, 0.0002
+_H3, _L3 = 0.292, 0.015
+"""Nominal Love and Shida numbers (section 7.1.1, eq. 7.2; Table 7.2)."""
+
+_L1_DIURNAL, _L1_SEMIDIURNAL = 0.0012, 0.0024
+_H_IMAG_DIURNAL, _L_IMAG_DIURNAL = -0.0025, -0.0007
+_H_IMAG_SEMIDIURNAL, _L_IMAG_SEMIDIURNAL = -0.0022, -0.0007
+
+_DIURNAL = np.array(
+    [
+        (-3, 0, 2, 0, 0, -0.01, 0.00, 0.00, 0.00),
+        (-3, 2, 0, 0, 0, -0.01, 0.00, 0.00, 0.00),
+        (-2, 0, 1, -1, 0, -0.02, 0.00, 0.00, 0.00),
+        (-2, 0, 1, 0, 0, -0.08, 0.00, -0.01, 0.01),
+        (-2, 2, -1, 0, 0, -0.02, 0.00, 0.00, 0.00),
+        (-1, 0, 0, -1, 0, -0.10, 0.00, 0.00, 0.00),
+        (-1, 0, 0, 0, 0, -0.51, 0.00, -0.02, 0.03),
+        (-1, 2, 0, 0, 0, 0.01, 0.00, 0.00, 0.00),
+        (0, -2, 1, 0, 0, 0.01, 0.00, 0.00, 0.00),
+        (0, 0, -1, 0, 0, 0.02, 0.00, 0.00, 0.00),
+        (0, 0, 1, 0, 0, 0.06, 0.00, 0.00, 0.00),
+        (0, 0, 1, 1, 0, 0.01, 0.00, 0.00, 0.00),
+        (0, 2, -1, 0, 0, 0.01, 0.00, 0.00, 0.00),
+        (1, -3, 0, 0, 1, -0.06, 0.00, 0.00, 0.00),
+        (1, -2, 0, -1, 0, 0.01, 0.00, 0.00, 0.00),
+        (1, -2, 0, 0, 0, -1.23, -0.07, 0.06, 0.01),
+        (1, -1, 0, 0, -1, 0.02, 0.00, 0.00, 0.00),
+        (1, -1, 0, 0, 1, 0.04, 0.00, 0.00, 0.00),
+        (1, 0, 0, -1, 0, -0.22, 0.01, 0.01, 0.00),
+        (1, 0, 0, 0, 0, 12.00, -0.80, -0.67, -0.03),
+        (1, 0, 0, 1, 0, 1.73, -0.12, -0.10, 0.00),
+        (1, 0, 0, 2, 0, -0.04, 0.00, 0.00, 0.00),
+        (1, 1, 0, 0, -1, -0.50, -0.01, 0.03, 0.00),
+        (1, 1, 0, 0, 1, 0.01, 0.00, 0.00, 0.00),
+        (0, 1, 0, 1, -1, -0.01, 0.00, 0.00, 0.00),
+        (1, 2, -2, 0, 0, -0.01, 0.00, 0.00, 0.00),
+        (1, 2, 0, 0, 0, -0.11, 0.01, 0.01, 0.00),
+        (2, -2, 1, 0, 0, -0.01, 0.00, 0.00, 0.00),
+        (2, 0, -1, 0, 0, -0.02, 0.00, 0.00, 0.00),
+        (3, 0, 0, 0, 0, 0.00, 0.00, 0.00, 0.00),
+        (3, 0, 0, 1, 0, 0.00, 0.00, 0.00, 0.00),
+    ]
+)
+"""Table 7.3a: multipliers of s, h, p, N', ps (with tau once); radial in and out of phase, transverse in and
+out of phase, mm."""
+
+_LONG_PERIOD = np.array(
+    [
+        (0, 0, 0, 1, 0, 0.47, 0.16, 0.23, 0.07),
+        (0, 2, 0, 0, 0, -0.20, -0.11, -0.12, -0.05),
+        (1, 0, -1, 0, 0, -0.11, -0.09, -0.08, -0.04),
+        (2, 0, 0, 0, 0, -0.13, -0.15, -0.11, -0.07),
+        (2, 0, 0, 1, 0, -0.05, -0.06, -0.05, -0.03),
+    ]
+)
+"""Table 7.3b, in the columns of :data:`_DIURNAL`."""
+
+# Polynomials in Julian centuries TT since J2000, degrees, lowest power first, that belong to these tables.
+_MEAN_MOON_OF_DATE = (218.31664563, 481267.88194, -0.0014663889, 0.00000185139)
+_PRECESSION = (0.0, 1.396971278, 0.000308889, 0.000000021, 0.000000007)
+_MEAN_SUN_AT_MIDNIGHT = (280.4606184, 36000.7700536, 0.00038793, -0.0000000258)
+_SLOW_ARGUMENTS = (
+    (280.46645, 36000.7697489, 0.00030322222, 0.000000020, -0.00000000654),
+    (83.35324312, 4069.01363525, -0.01032172222, -0.0000124991, 0.00000005263),
+    (234.95544499, 1934.13626197, -0.00207561111, -0.00000213944, 0.00000001650),
+    (282.93734098, 1.71945766667, 0.00045688889, -0.00000001778, -0.00000000334),
+)
+"""h, p, N', ps."""
+
+
+def solid_earth_tide(
+    station_itrf_m: ArrayLike,
+    moon_itrf_m: ArrayLike,
+    sun_itrf_m: ArrayLike,
+    tt: Epochs,
+    ut1_fraction: ArrayLike,
+) -> NDArray[np.float64]:
+    """Displacement of stations by the solid Earth tide.
+
+    Parameters
+    ----------
+    station_itrf_m : array_like, shape (3,) or (n, 3)
+        Stations, ITRF, m.
+    moon_itrf_m, sun_itrf_m : array_like, shape (n, 3)
+        Moon and Sun from the geocentre, ITRF axes, m; 300 m for the Moon and 300 km for the Sun
+        are enough for a micrometre.
+    tt : Epochs
+        Epochs in TT, n of them.
+    ut1_fraction : array_like, shape (n,)
+        UT1 as a fraction of its day (UTC instead costs less than a micrometre).
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        What to add to a station's position, ITRF, m.
+
+    Raises
+    ------
+    InputError
+        The epochs are not in TT, a shape does not fit, a number is not finite, or the Moon or the Sun is not
+        where it can be (kilometres given? one for the other?).
+
+    Notes
+    -----
+    IERS Conventions (2010), eq. 7.5, 7.6, 7.8 to 7.11 (step 1) and 7.12, 7.13 with Tables 7.3a and 7.3b
+    (step 2); Mathews, Dehant and Gipson (1997). Good to about a millimetre; the largest parts are the
+    Moon's (0.36 m) and the Sun's (0.16 m) of degree 2, step 2 (13 mm), degree 3 (2 mm), out of phase (2
+    mm), latitude (1 mm).
+    """
+    tt.require("TT")
+    count = len(tt)
+    station = _positions(station_itrf_m, count, "station")
+    moon = _positions(moon_itrf_m, count, "Moon", _MOON_DISTANCE_RANGE_M)
+    sun = _positions(sun_itrf_m, count, "Sun", _SUN_DISTANCE_RANGE_M)
+    fraction = np.asarray(ut1_fraction, dtype=np.float64)
+    if fraction.shape not in ((), (count,)) or not np.isfinite(fraction).all():
+        raise InputError(f"give the fraction of the UT1 day for {count} epochs, finite")
+
+    enu = np.zeros((count, 3))
+    axes = rot_itrf_to_spherical_enu(station)
+    sin_lat = station[:, 2] / np.linalg.norm(station, axis=-1)
+    longitude = np.arctan2(station[:, 1], station[:, 0])
+    for body, mass_ratio in ((moon, _MOON_MASS_RATIO), (sun, _SUN_MASS_RATIO)):
+        enu += _step_1(axes, sin_lat, longitude, body, mass_ratio)
+    enu += _step_2(sin_lat, longitude, tt.centuries_since_j2000(), fraction)
+    return np.einsum("nij,ni->nj", axes, enu)
+
+
+def _positions(
+    values: ArrayLike, count: int, what: str, distance_range_m: tuple[float, float] = (1e6, 1e7)
+) -> NDArray[np.float64]:
+    given = np.asarray(values, dtype=np.float64)
+    if given.shape not in ((3,), (count, 3)):
+        raise InputError(
+            f"positions of the {what} have shape {given.shape}; with {count} epochs give ({count}, 3)"
+        )
+    distance = np.linalg.norm(given, axis=-1)
+    least, most = distance_range_m
+    if not ((distance > least) & (distance < most)).all():
+        raise InputError(
+            f"the {what} is {distance.min():.6g} to {distance.max():.6g} m from the geocentre; "
+            f"{least:.3g} to {most:.3g} m is possible: give metres, geocentric"
+        )
+    return np.broadcast_to(given, (count, 3))
+
+
+def _step_1(
+    axes: NDArray[np.float64],
+    sin_lat: NDArray[np.float64],
+    longitude: NDArray[np.float64],
+    body_m: NDArray[np.float64],
+    mass_ratio: float,
+) -> NDArray[np.float64]:
+    """Sum the terms of one body in the time domain: east, north, radial, m, shape (n, 3)."""
+    distance = np.linalg.norm(body_m, axis=-1)
+    unit = body_m / distance[:, np.newaxis]
+    # The body's direction in the station's axes; its last component is the cosine of the zenith distance.
+    local = np.einsum("nij,nj->ni", axes, unit)
+    cos_zenith = local[:, 2]
+    scale_2 = mass_ratio * _EARTH_RADIUS_M * (_EARTH_RADIUS_M / distance) ** 3
+    scale_3 = scale_2 * (_EARTH_RADIUS_M / distance)
+
+    # Degrees 2 and 3, in phase (eq. 7.5, 7.6).
+    legendre_2 = (3.0 * sin_lat**2 - 1.0) / 2.0
+    h2 = _H2 + _H2_LATITUDE * legendre_2
+    l2 = _L2 + _L2_LATITUDE * legendre_2
+    toward = scale_2 * 3.0 * l2 * cos_zenith + scale_3 * _L3 * (7.5 * cos_zenith**2 - 1.5)
+    up = scale_2 * h2 * (1.5 * cos_zenith**2 - 0.5) + scale_3 * _H3 * (2.5 * cos_zenith**3 - 1.5 * cos_zenith)
+    east, north = toward * local[:, 0], toward * local[:, 1]
+
+    cos_lat = np.sqrt(1.0 - sin_lat**2)
+    sin_2lat, cos_2lat = 2.0 * sin_lat * cos_lat, 1.0 - 2.0 * sin_lat**2
+    sin_dec = unit[:, 2]
+    cos2_dec = 1.0 - sin_dec**2
+    sin_2dec = 2.0 * sin_dec * np.sqrt(cos2_dec)
+    hour = longitude - np.arctan2(body_m[:, 1], body_m[:, 0])
+    sin_1, cos_1, sin_2, cos_2 = np.sin(hour), np.cos(hour), np.sin(2.0 * hour), np.cos(2.0 * hour)
+
+    # Dependence of the transverse displacement on latitude (eq. 7.8, 7.9; P21 = 1.5 sin 2D, P22 = 3 cos^2 D).
+    diurnal = -_L1_DIURNAL * sin_lat * scale_2 * 1.5 * sin_2dec
+    semidiurnal = -0.5 * _L1_SEMIDIURNAL * sin_lat * cos_lat * scale_2 * 3.0 * cos2_dec
+    north += diurnal * sin_lat * cos_1 + semidiurnal * cos_2
+    east += -diurnal * cos_2lat * sin_1 + semidiurnal * sin_lat * sin_2
+
+    # Out of phase (eq. 7.10, 7.11).
+    diurnal = scale_2 * sin_2dec
+    semidiurnal = scale_2 * cos2_dec
+    up += -0.75 * _H_IMAG_DIURNAL * diurnal * sin_2lat * sin_1
+    up += -0.75 * _H_IMAG_SEMIDIURNAL * semidiurnal * cos_lat**2 * sin_2
+    north += -1.5 * _L_IMAG_DIURNAL * diurnal * cos_2lat * sin_1
+    north += 0.75 * _L_IMAG_SEMIDIURNAL * semidiurnal * sin_2lat * sin_2
+    east += -1.5 * _L_IMAG_DIURNAL * diurnal * sin_lat * cos_1
+    east += -1.5 * _L_IMAG_SEMIDIURNAL * semidiurnal * cos_lat * cos_2
+    return np.stack([east, north, up], axis=-1)
+
+
+def _step_2(
+    sin_lat: NDArray[np.float64],
+    longitude: NDArray[np.float64],
+    centuries_tt: NDArray[np.float64],
+    ut1_fraction: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Sum the corrections in the frequency domain: east, north, radial, m, shape (n, 3)."""
+    moon_of_date = _polynomial(_MEAN_MOON_OF_DATE, centuries_tt)
+    tau = 360.0 * ut1_fraction + _polynomial(_MEAN_SUN_AT_MIDNIGHT, centuries_tt) - moon_of_date
+    moon = moon_of_date + _polynomial(_PRECESSION, centuries_tt)
+    slow = [_polynomial(coefficients, centuries_tt) for coefficients in _SLOW_ARGUMENTS]
+    arguments = np.remainder(np.stack([moon, *slow], axis=-1), 360.0)
+
+    cos_lat = np.sqrt(1.0 - sin_lat**2)
+    theta = np.deg2rad(np.remainder(tau, 360.0)[:, np.newaxis] + arguments @ _DIURNAL[:, :5].T)
+    theta += longitude[:, np.newaxis]
+    sine, cosine = np.sin(theta), np.cos(theta)
+    radial_in, radial_out, transverse_in, transverse_out = _DIURNAL[:, 5:].T
+    up = 2.0 * sin_lat * cos_lat * (sine @ radial_in + cosine @ radial_out)
+    north = (cos_lat**2 - sin_lat**2) * (sine @ transverse_in + cosine @ transverse_out)
+    east = sin_lat * (cosine @ transverse_in - sine @ transverse_out)
+
+    theta = np.deg2rad(arguments @ _LONG_PERIOD[:, :5].T)
+    sine, cosine = np.sin(theta), np.cos(theta)
+    radial_in, radial_out, transverse_in, transverse_out = _LONG_PERIOD[:, 5:].T
+    up += (1.5 * sin_lat**2 - 0.5) * (cosine @ radial_in + sine @ radial_out)
+    north += 2.0 * sin_lat * cos_lat * (cosine @ transverse_in + sine @ transverse_out)
+    return np.stack([east, north, up], axis=-1) * 1e-3
+
+
+def _polynomial(coefficients: tuple[float, ...], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    return np.asarray(np.polynomial.polynomial.polyval(x, coefficients), dtype=np.float64)

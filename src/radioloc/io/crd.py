@@ -150,7 +150,7 @@ def parse_crd(path: str | Path, lines: list[str], catalogue: Catalogue | None) -
             case "H2":
                 station = parse_station(record, catalogue)
             case "H3":
-                target = parse_target(record)
+                target = parse_target(record, version)
             case "H4":
                 if not station or not target:
                     record.fail("comes before the station (H2) and the target (H3) are named")

@@ -161,9 +161,9 @@ def parse_station(record: Record, catalogue: Catalogue | None) -> str:
     return station_name((pad, name), catalogue)
 
 
-def parse_target(record: Record) -> str:
+def parse_target(record: Record, version: int) -> str:
     """Target's canonical name from H3."""
-    record.need(7)
+    record.need(7 if version == 1 else 8)
     if record.integer(6, "target class") in _TRANSPONDERS:
         record.fail("the target is a transponder; only reflectors are modelled")
     name = canonical_target(record.fields[1])

@@ -66,19 +66,24 @@ def write_text(path: str | Path, text: str) -> None:
     Raises
     ------
     FileFormatError
-        The directory is missing or cannot be written to.
+        The directory is missing or cannot be written to, or the text holds half a surrogate pair.
     """
     file = Path(path)
+    try:
+        content = text.encode()
+    except UnicodeEncodeError as error:
+        wrong = text[error.start : error.end]
+        raise FileFormatError(path, f"cannot be written: {wrong!r} is not text; leave it out") from error
     if file.is_dir():
         raise FileFormatError(path, "is a directory; give the name of a file")
     try:
-        handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.", text=False)
+        handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
     except OSError as error:
         problem = f"cannot be written ({error.strerror}); make the directory or choose another"
         raise FileFormatError(path, problem) from error
     try:
-        with os.fdopen(handle, "w", encoding="utf-8", newline="\n") as stream:
-            stream.write(text)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(content)
         # mkstemp makes files that only their owner reads; give this one what the user's umask allows.
         umask = os.umask(0)
         os.umask(umask)

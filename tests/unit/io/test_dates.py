@@ -1,0 +1,82 @@
+"""UTC in bulk: to the last bit, and over leap seconds."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from radioloc.errors import InputError
+from radioloc.io.dates import day_lengths_s, utc_from_seconds_of_day, utc_from_text, utc_to_text
+from radioloc.time import Epochs
+
+JD_2016_12_31 = 2457753.5
+
+
+def test_day_lengths():
+    assert day_lengths_s(np.array([JD_2016_12_31 + 1, JD_2016_12_31, JD_2016_12_31 - 1])).tolist() == [
+        86400.0,
+        86401.0,
+        86400.0,
+    ]
+    with pytest.raises(InputError, match="1971-12-31 is before 1972"):
+        day_lengths_s(np.array([2441316.5]))
+
+
+@given(second=st.integers(0, 86400), picosecond=st.integers(0, 10**12 - 1), leap=st.booleans())
+def test_text_gives_the_nearest_float_and_comes_back(second, picosecond, leap):
+    day, length = ("2016-12-31", 86401) if leap else ("2016-12-30", 86400)
+    second = min(second, length - 1)
+    hour, minute = min(second // 3600, 23), min(second // 60, 1439) % 60
+    rest = second - 3600 * hour - 60 * minute
+    text = f"{day}T{hour:02d}:{minute:02d}:{rest:02d}.{picosecond:012d}"
+    epoch = utc_from_text([text])
+    exact = (second + Fraction(picosecond, 10**12)) / length
+    if exact < 1 - 2.0**-53:
+        ulps = abs(Fraction(float(epoch.fraction[0])) - exact) / Fraction(float(np.spacing(float(exact))))
+        # In the first second of the day only the part counts, rounded twice; the slow path takes second 60.
+        allowed = Fraction(1, 2) if second > 0 and rest < 60 else 2
+        assert ulps <= allowed
+    assert utc_from_text(utc_to_text(epoch)).fraction[0] == pytest.approx(epoch.fraction[0], abs=2.3e-16)
+
+
+def test_picoseconds_survive_in_the_morning():
+    text = "2024-05-13T00:00:01.123456789012"
+    assert utc_to_text(utc_from_text([text])) == [text]
+
+
+def test_known_texts():
+    epochs = Epochs.from_jd([JD_2016_12_31, JD_2016_12_31, JD_2016_12_31], [0.0, 86400.5 / 86401, 0.5], "UTC")
+    assert utc_to_text(epochs) == [
+        "2016-12-31T00:00:00.000000000000",
+        "2016-12-31T23:59:60.500000000000",
+        "2016-12-31T12:00:00.500000000000",
+    ]
+    last = Epochs.from_jd(2460000.5, 1.0 - 2.0**-53, "UTC")
+    assert utc_to_text(last) == ["2023-02-25T23:59:59.999999999990"]
+    with pytest.raises(InputError, match="UTC"):
+        utc_to_text(Epochs.from_jd(2460000.5, 0.0, "TT"))
+
+
+def test_other_forms_are_read_too():
+    epochs = utc_from_text(["2020-060T12:00:00", "2020-02-29T12:00", "2020-02-29 12:00:00Z", "2020-02-29"])
+    assert epochs.day_strings().tolist() == ["2020-02-29"] * 4
+    assert epochs.fraction.tolist() == [0.5, 0.5, 0.5, 0.0]
+    assert len(utc_from_text([])) == 0
+
+
+@pytest.mark.parametrize(
+    "text",
+    ["2021-02-29T00:00:00", "2021-02-28T24:00:00", "2021-02-28T00:60:00", "2021-02-28T00:00:60", "now", ""],
+)
+def test_dates_that_do_not_exist_are_refused(text):
+    with pytest.raises(InputError, match=r"not a date|not a time|no leap second"):
+        utc_from_text(["2021-02-28T00:00:00", text])
+
+
+def test_seconds_past_the_end_belong_to_the_next_day():
+    jd = np.array([JD_2016_12_31, JD_2016_12_31, JD_2016_12_31 + 1])
+    epochs = utc_from_seconds_of_day(jd, np.array([86400.0, 86401.0, 86401.0]))
+    assert (epochs.jd - JD_2016_12_31).tolist() == [0.0, 1.0, 2.0]
+    assert epochs.fraction.tolist() == [86400.0 / 86401.0, 0.0, 1.0 / 86400.0]

@@ -1,0 +1,59 @@
+"""Files of any known format, joined; what is not known is said to be so."""
+
+import gzip
+
+import pytest
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.io.detect import read_observations
+
+
+class NoStations:
+    def get(self, name):
+        from radioloc.errors import StationError
+
+        raise StationError(name)
+
+
+def test_all_formats_together(crd_lines, mini_lines, table_lines, tmp_path):
+    files = []
+    for name, lines in {"c": crd_lines, "m": mini_lines, "t": table_lines[:3]}.items():
+        file = tmp_path / name
+        file.write_bytes(
+            gzip.compress("\n".join(lines).encode()) if name == "c" else "\n".join(lines).encode()
+        )
+        files.append(file)
+    # The table's only row is the first of the MINI file.
+    with pytest.raises(InputError, match=r"t, line 3: this observation is already there, in .*m, line 1"):
+        read_observations(files)
+    read = read_observations(files[:2])
+    assert len(read) == 6
+    assert read.files == (str(files[0]), str(files[1]))
+    assert read.origin(3) == f"{files[1]}, line 1"
+    assert read.paths()[0] == "GRASSE>apollo15>GRASSE"
+    assert len(read_observations(str(files[2]))) == 1
+    assert read_observations(files[:2], catalogue=NoStations()).paths()[0] == "7845>apollo15>7845"
+
+
+def test_the_same_file_twice_is_refused(mini_lines, tmp_path):
+    file = tmp_path / "m"
+    file.write_text("\n".join(mini_lines))
+    with pytest.raises(InputError, match="already there"):
+        read_observations([file, file])
+
+
+@pytest.mark.parametrize(
+    "text", ["hello\n", "CCSDS_TDM_VERS = 2.0\n", "51\n", "H1 CPF 2\n", "# only a comment\n"]
+)
+def test_unknown_formats_list_the_known_ones(text, tmp_path):
+    file = tmp_path / "a"
+    file.write_text(text)
+    with pytest.raises(FileFormatError, match=r"starts with .*CRD.*MINI.*table"):
+        read_observations(file)
+
+
+def test_nothing_to_read(tmp_path):
+    with pytest.raises(InputError, match="at least one"):
+        read_observations([])
+    with pytest.raises(FileFormatError, match="no such file"):
+        read_observations(tmp_path / "none")

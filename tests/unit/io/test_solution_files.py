@@ -1,0 +1,112 @@
+"""Residuals and solutions on disk."""
+
+import csv
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.io.solution_files import write_json, write_residuals
+from radioloc.time import epochs_from_strings
+
+
+def columns(**changes):
+    return {
+        "epoch": epochs_from_strings(["2006-04-07T06:26:30", "2006-04-07T06:32:30.25"]),
+        "types": np.array(["range", "range"]),
+        "paths": ["A>b>A", "C>b>C"],
+        "observed_m": np.array([794279926.1234567, 7.7e8]),
+        "computed_m": [794279926.1, 7.7e8],
+        "residual_m": [0.0234567, -0.0],
+        "sigma_m": [0.016, 1.0],
+        "elevation_deg": [45.0, -1.25],
+        "status": ["used", "rejected"],
+    } | changes
+
+
+def test_residuals_are_one_row_each_in_the_order_given(tmp_path):
+    file = tmp_path / "residuals.csv"
+    write_residuals(file, **columns())
+    with file.open(newline="", encoding="utf-8") as stream:
+        rows = list(csv.reader(stream))
+    assert ",".join(rows[0]) == (
+        "epoch_utc,type,path,observed_m,computed_m,residual_m,sigma_m,elevation_deg,status"
+    )
+    assert rows[1] == [
+        "2006-04-07T06:26:30.000000000000",
+        "range",
+        "A>b>A",
+        "794279926.1234567",
+        "794279926.1000000",
+        "0.023457",
+        "0.016000",
+        "45.0000",
+        "used",
+    ]
+    assert rows[2][0] == "2006-04-07T06:32:30.250000000000"
+    assert rows[2][-1] == "rejected"
+    assert len(rows) == 3
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"computed_m": [np.nan, 7.7e8]}, "computed_m of observation 1 is nan"),
+        ({"sigma_m": [1.0, np.inf]}, "sigma_m of observation 2 is inf"),
+        ({"status": ["used"]}, "status has 1 values, but there are 2"),
+        ({"residual_m": 0.0}, "residual_m has 0 values"),
+    ],
+)
+def test_residuals_that_are_not_whole_are_refused(changes, words, tmp_path):
+    file = tmp_path / "residuals.csv"
+    with pytest.raises(InputError, match=words):
+        write_residuals(file, **columns(**changes))
+    assert not file.exists()
+
+
+def test_json_holds_what_was_given(tmp_path):
+    file = tmp_path / "solution.json"
+    content = {
+        "position_m": np.array([1.5, -2.0, 0.1]),
+        "count": np.int64(3),
+        "sigma_m": np.float64(0.25),
+        "used": np.array([True, False]),
+        "name": "Łuna ±",
+        "nested": {"covariance": np.eye(2), "none": None, "pair": (1, "a"), "flag": True},
+        "file": Path("a/b"),
+    }
+    write_json(file, content)
+    read = json.loads(file.read_text(encoding="utf-8"))
+    assert read == {
+        "position_m": [1.5, -2.0, 0.1],
+        "count": 3,
+        "sigma_m": 0.25,
+        "used": [True, False],
+        "name": "Łuna ±",
+        "nested": {"covariance": [[1.0, 0.0], [0.0, 1.0]], "none": None, "pair": [1, "a"], "flag": True},
+        "file": "a/b",
+    }
+
+
+@pytest.mark.parametrize(
+    ("content", "words"),
+    [
+        ({"a": {"b": [0.0, float("nan")]}}, r"a\.b\[1\] is nan"),
+        ({"a": np.array([[1.0, np.inf]])}, r"a\[0\]\[1\] is inf"),
+        ({"a": np.float32("nan")}, "a is nan"),
+        ({"a": object()}, "a is a object"),
+        ({"a": 1j}, "a is a complex"),
+    ],
+)
+def test_json_refuses_what_it_cannot_hold(content, words, tmp_path):
+    file = tmp_path / "solution.json"
+    with pytest.raises(InputError, match=words):
+        write_json(file, content)
+    assert not file.exists()
+
+
+def test_no_directory(tmp_path):
+    with pytest.raises(FileFormatError, match="make the directory"):
+        write_json(tmp_path / "none" / "a.json", {})

@@ -1,0 +1,171 @@
+"""The project's own table: lossless there and back, and every mistake named with its line."""
+
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from radioloc.constants import C_M_S
+from radioloc.errors import FileFormatError, InputError
+from radioloc.io.table import looks_like_table, parse_table, read_table, write_table
+from radioloc.measurements.observations import Link, Observations
+from radioloc.time import Epochs
+
+NUMBERS = ("value_m", "sigma_m", "pressure_hpa", "temperature_k", "relative_humidity", "wavelength_um")
+# Text with 12 decimals rounds by half of the last one.
+EPOCH_TOLERANCE_S = 0.51e-12
+
+
+def assert_same(one, two, epoch_tolerance_s=0.0):
+    for name in (*NUMBERS, "tag", "kind"):
+        assert np.array_equal(getattr(one, name), getattr(two, name), equal_nan=name in NUMBERS), name
+    assert one.paths().tolist() == two.paths().tolist()
+    days = (one.epoch.jd - two.epoch.jd) + (one.epoch.fraction - two.epoch.fraction)
+    assert np.abs(days).max() * 86400.0 <= epoch_tolerance_s
+
+
+def test_values_of_each_row(table_lines):
+    read = parse_table("a.csv", table_lines, None)
+    assert read.line.tolist() == [3, 5, 6]
+    assert read.paths().tolist() == [
+        "APOLLO>apollo15>APOLLO",
+        "APOLLO>apollo11>APOLLO",
+        "GRASSE>apollo15>GRASSE",
+    ]
+    assert read.tags().tolist() == ["transmit", "receive", "bounce"]
+    assert read.value_m[0] == C_M_S * 2.6494326499837
+    assert read.sigma_m[0] == C_M_S * 5.38e-11
+    assert read.pressure_hpa[0] == 721.6
+    assert np.isnan(read.pressure_hpa).tolist() == [False, True, True]
+    assert np.isnan(read.wavelength_um).tolist() == [False, True, False]
+    assert looks_like_table(table_lines)
+    assert not looks_like_table(["a,b", "epoch_utc,type"])
+
+
+@pytest.mark.parametrize("light_time", [False, True])
+def test_what_was_read_is_written_and_read_again_unchanged(crd_lines, tmp_path, light_time):
+    from radioloc.io.crd import parse_crd
+
+    first = parse_crd("a.np2", crd_lines, None)
+    file = tmp_path / "a.csv"
+    write_table(file, first, light_time=light_time, comments=["one\ntwo", "three"])
+    second = read_table(file)
+    assert_same(first, second)
+    assert file.read_text(encoding="utf-8").startswith("# one\n# two\n# three\nepoch_utc,type,path,")
+    if light_time:
+        assert ",2.581730448437," in file.read_text(encoding="utf-8")
+    again = tmp_path / "b.csv"
+    write_table(again, second, light_time=light_time, comments=["one", "two", "three"])
+    assert again.read_bytes() == file.read_bytes()
+
+
+finite = st.floats(1e-3, 1e12, allow_nan=False)
+
+
+@settings(deadline=None, max_examples=60)
+@given(
+    days=st.lists(st.integers(0, 20000), min_size=1, max_size=5),
+    fraction=st.floats(0.0, 1.0, exclude_max=True),
+    value=finite,
+    sigma=finite,
+    pressure=st.one_of(st.just(np.nan), st.floats(100.0, 1100.0)),
+    tag=st.integers(0, 2),
+)
+def test_any_observations_come_back(days, fraction, value, sigma, pressure, tag, tmp_path_factory):
+    n = len(days)
+    made = Observations.from_columns(
+        epoch=Epochs.from_jd(2441317.5 + np.array(days), fraction, "UTC"),
+        links=(Link("A", "b c", "Ł"),),
+        value_m=value + np.arange(n),
+        sigma_m=sigma,
+        pressure_hpa=pressure,
+        tag=tag,
+    )
+    # Rows that fall together would be refused as duplicates.
+    made = made.select(np.sort(np.unique(made.value_m, return_index=True)[1]))
+    file = tmp_path_factory.mktemp("table") / "a.csv"
+    write_table(file, made)
+    first = read_table(file)
+    assert_same(made, first, EPOCH_TOLERANCE_S)
+    write_table(file, first)
+    assert_same(first, read_table(file))
+
+
+def test_columns_in_any_order_and_half_of_them_quoted():
+    lines = [
+        " time_tag , path,type,sigma_m,observed_m,epoch_utc",
+        '"transmit","A>b>A", range ,0.01,7.9e8,2020-001T00:00:00',
+        "transmit,A>b>A,range,0.01,7.8e8, 2020-01-02 ",
+    ]
+    read = parse_table("a.csv", lines, None)
+    assert read.value_m.tolist() == [7.9e8, 7.8e8]
+    assert read.epoch.day_strings().tolist() == ["2020-01-01", "2020-01-02"]
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "words"),
+    [
+        (",sigma_s,", ",sigma,", 2, "column 'sigma' is not known"),
+        (",light_time_s,", ",sigma_m,", 2, "observed_m or light_time_s is missing"),
+        (",pressure_hpa,", ",observed_m,", 2, "observed_m and light_time_s say the same"),
+        (",pressure_hpa,", ",type,", 2, "'type' is there twice"),
+        (",time_tag,", ",temperature_k,", 2, "there twice"),
+        ("epoch_utc,", "", 2, "epoch_utc is missing"),
+        (",5.38e-11,", ",", 3, "has 9 fields"),
+        (",5.38e-11,", ",5.38e-11,,", 3, "has 11 fields"),
+        (",5.38e-11,", ",5.38f-11,", 3, "'5.38f-11' is not a number"),
+        (",5.38e-11,", ",,", 3, "'' is not a number"),
+        (",5.38e-11,", ",-5.38e-11,", 3, "sigma_m is -0.016"),
+        (",2.6494326499837,", ",nan,", 3, "value_m is nan"),
+        (",2.6494326499837,", ",inf,", 3, "value_m is inf"),
+        (",2.6494326499837,", ",2_6494326499837,", 3, "not a number"),
+        (",721.6,", ",x,", 3, "pressure_hpa: 'x'"),
+        (",721.6,", ",72160,", 3, "100 to 1100"),
+        ("2006-12-01T00:26:56Z", "2006-12-01T24:26:56Z", 6, "not a time of day"),
+        ("2006-12-01T00:26:56Z", "2006-12-32", 6, "not a date that exists"),
+        ("2006-12-01T00:26:56Z", "1971-12-01", 6, "before 1972"),
+        ("2006-12-01T00:26:56Z", "today", 6, "is not a date"),
+        ("2006-12-01T00:26:56Z", "2006-12-01T00:26:60", 6, "no leap second"),
+        (",bounce,", ",reflect,", 6, "use transmit or receive or bounce"),
+        (",range,GRASSE", ",delay,GRASSE", 6, "'delay' is not known"),
+        ("GRASSE>AP15>GRASSE", "GRASSE>AP15", 6, "is not a path"),
+        ("GRASSE>AP15>GRASSE", "GRASSE>>GRASSE", 6, "cannot name"),
+        ("GRASSE>AP15>GRASSE", '"GRASSE>AP15>GRASSE', 6, "quotes|fields"),
+    ],
+)
+def test_what_cannot_be_used_is_refused_with_its_line(table_lines, old, new, line, words):
+    text = "\n".join(table_lines)
+    assert old in text
+    with pytest.raises(FileFormatError, match=words) as caught:
+        parse_table("a.csv", text.replace(old, new, 1).split("\n"), None)
+    assert caught.value.line == line
+
+
+def test_a_table_without_rows_is_refused(table_lines):
+    with pytest.raises(FileFormatError, match="no observations"):
+        parse_table("a.csv", table_lines[:2], None)
+    with pytest.raises(FileFormatError, match="no header"):
+        parse_table("a.csv", table_lines[:1], None)
+
+
+def test_the_same_row_twice_is_refused(table_lines):
+    with pytest.raises(InputError, match=r"a.csv, line 8: .* a.csv, line 5 \(1 such"):
+        parse_table("a.csv", [*table_lines, table_lines[4]], None)
+
+
+def test_a_hundred_thousand_rows_are_quick(tmp_path):
+    n = 100_000
+    made = Observations.from_columns(
+        epoch=Epochs.from_jd(2460000.5, np.linspace(0.0, 0.9, n), "UTC"),
+        links=(Link("A", "b", "A"),),
+        value_m=7.5e8,
+        sigma_m=0.01,
+    )
+    file = tmp_path / "a.csv"
+    start = time.perf_counter()
+    write_table(file, made)
+    assert len(read_table(file)) == n
+    # About 1.5 s; the limit leaves room for a busy machine.
+    assert time.perf_counter() - start < 10.0

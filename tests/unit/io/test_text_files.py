@@ -1,0 +1,87 @@
+"""Files that are not there, not text or not whole."""
+
+import gzip
+import os
+
+import pytest
+
+from radioloc.errors import FileFormatError
+from radioloc.io.text_files import read_lines, write_text
+
+
+def test_plain_gzip_and_line_ends_give_the_same_lines(tmp_path):
+    for name, content in {
+        "plain": b"a\nb\xc2\xb1\n",
+        "dos": b"a\r\nb\xc2\xb1\r\n",
+        "mac": b"a\rb\xc2\xb1\r",
+        "marked": b"\xef\xbb\xbfa\nb\xc2\xb1\n",
+        "zipped.txt": gzip.compress(b"a\nb\xc2\xb1\n"),
+    }.items():
+        (tmp_path / name).write_bytes(content)
+        assert read_lines(tmp_path / name) == ["a", "b±", ""], name
+
+
+@pytest.mark.parametrize(
+    ("content", "words", "line"),
+    [
+        (b"", "is empty", None),
+        (b" \n\t\n", "is empty", None),
+        (gzip.compress(b""), "is empty", None),
+        (gzip.compress(b"a\n" * 100)[:-6], "cut or damaged", None),
+        (gzip.compress(b"a\n" * 100)[:12], "cut or damaged", None),
+        (b"\x1f\x8bnot gzip at all", "cut or damaged", None),
+        (b"\x89PNG\x00\x01\x02", "is not text", None),
+        ("H1 CRD".encode("utf-16"), "is not text", None),
+        (b"a\nb\nc \xe9\n", "byte 0xe9 is not UTF-8", 3),
+    ],
+)
+def test_unreadable_content_is_one_clear_error(tmp_path, content, words, line):
+    file = tmp_path / "a.npt"
+    file.write_bytes(content)
+    with pytest.raises(FileFormatError, match=words) as caught:
+        read_lines(file)
+    assert caught.value.line == line
+    assert str(file) in str(caught.value)
+
+
+def test_missing_file_and_directory(tmp_path):
+    with pytest.raises(FileFormatError, match="no such file"):
+        read_lines(tmp_path / "none.npt")
+    with pytest.raises(FileFormatError, match="is a directory"):
+        read_lines(tmp_path)
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        read_lines("a\0b")
+
+
+@pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")
+def test_file_without_permission(tmp_path):
+    file = tmp_path / "a.npt"
+    file.write_text("a")
+    file.chmod(0)
+    with pytest.raises(FileFormatError, match="cannot be read"):
+        read_lines(file)
+
+
+def test_write_replaces_at_once_and_leaves_nothing_behind(tmp_path):
+    file = tmp_path / "a.txt"
+    write_text(file, "one\n")
+    write_text(file, "two ±\n")
+    assert file.read_bytes() == "two ±\n".encode()
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+    assert file.stat().st_mode & 0o600 == 0o600
+
+
+def test_a_write_that_fails_keeps_the_old_file(tmp_path):
+    file = tmp_path / "a.txt"
+    write_text(file, "one\n")
+    with pytest.raises(FileFormatError, match="is not text"):
+        write_text(file, "two \ud800\n")
+    assert file.read_text() == "one\n"
+    assert [p.name for p in tmp_path.iterdir()] == ["a.txt"]
+
+
+def test_nowhere_to_write(tmp_path):
+    with pytest.raises(FileFormatError, match="make the directory"):
+        write_text(tmp_path / "none" / "a.txt", "one")
+    with pytest.raises(FileFormatError, match="is a directory"):
+        write_text(tmp_path, "one")

@@ -1,0 +1,10 @@
+"""Figures, drawn with matplotlib, which is imported only when a figure is asked for.
+
+Figures are made without pyplot: nothing global changes, no window opens, and they work without a display.
+"""
+
+from radioloc.plotting.figures import save_figure
+from radioloc.plotting.position import plot_position
+from radioloc.plotting.residuals import plot_residuals
+
+__all__ = ["plot_position", "plot_residuals", "save_figure"]

@@ -1,0 +1,89 @@
+"""What all figures share: how they are made, styled, saved, and which unit a length is shown in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from radioloc.errors import InputError
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+"""Colours that people with colour-blindness tell apart (Okabe and Ito 2008)."""
+
+REJECTED_COLOR = "#B00020"
+"""Colour of what was left out."""
+
+_UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
+
+
+def new_figure(width_in: float, height_in: float) -> Figure:
+    """Make an empty figure with a canvas of its own, sizes in inches."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    return figure
+
+
+def style_axes(axes: Axes) -> None:
+    """Give axes the common look: a light grid below the data, no frame at the top and to the right."""
+    axes.grid(True, color="0.9", linewidth=0.6)
+    axes.set_axisbelow(True)
+    for side in ("top", "right"):
+        axes.spines[side].set_visible(False)
+    for side in ("left", "bottom"):
+        axes.spines[side].set_color("0.4")
+    axes.tick_params(labelsize=8, color="0.4")
+
+
+def length_unit(size_m: float) -> tuple[float, str]:
+    """Factor from metres and name of the unit in which lengths of about a size read well.
+
+    Parameters
+    ----------
+    size_m : float
+        A typical length, m.
+
+    Returns
+    -------
+    factor : float
+        Multiply metres by it.
+    name : str
+        ``"mm"``, ``"cm"``, ``"m"`` or ``"km"``.
+    """
+    for limit_m, factor, name in _UNITS:
+        if size_m < limit_m:
+            return factor, name
+    raise InputError(f"a length of {size_m} m has no unit; give a finite number")
+
+
+def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: int = 200) -> None:
+    """Write a figure to files of the formats that their names end in, such as ``.png`` and ``.svg``.
+
+    Parameters
+    ----------
+    figure : matplotlib.figure.Figure
+        The figure.
+    paths : path-like or iterable of path-like
+        One or more files.
+    dpi : int
+        Dots per inch of formats made of dots.
+
+    Raises
+    ------
+    InputError
+        The format is not one that matplotlib writes.
+    """
+    files = [paths] if isinstance(paths, str | Path) else list(paths)
+    known = figure.canvas.get_supported_filetypes()
+    for path in files:
+        ending = Path(path).suffix.removeprefix(".").lower()
+        if ending not in known:
+            raise InputError(f"{path}: figures cannot be written as {ending!r}; use .png, .svg or .pdf")
+        figure.savefig(path, dpi=dpi)

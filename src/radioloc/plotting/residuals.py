@@ -1,0 +1,177 @@
+"""Residuals over time, one panel for each station."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.estimation.solution import Residuals, Solution
+from radioloc.estimation.statistics import group_statistics
+from radioloc.plotting.figures import COLORS, REJECTED_COLOR, length_unit, new_figure, style_axes
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_TITLE = "observed \N{MINUS SIGN} computed"
+_MAX_PANELS = 12
+_PANEL_HEIGHT_IN = 1.75
+_UNIX_EPOCH_JD = 2440587.5
+# Panels share a scale unless one would be squeezed by more than this.
+_MAX_HEIGHT_RATIO = 4.0
+
+
+def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> Figure:
+    """Draw residuals over time, one panel for each station.
+
+    Bars are the stated sigmas. Observations left out are red crosses, or triangles at the edge where they
+    are beyond a panel, which is scaled to the used ones. Ranges have a second scale for the one-way
+    equivalent.
+
+    Parameters
+    ----------
+    solution : Solution or Residuals
+        What to draw.
+    title : str, optional
+        Title; the solution's name by default.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Save it with :func:`~radioloc.plotting.save_figure`.
+
+    Raises
+    ------
+    InputError
+        There are no observations, or more stations than panels fit on a page (12).
+    """
+    residuals = solution.residuals if isinstance(solution, Solution) else solution
+    if not len(residuals):
+        raise InputError("there are no residuals to draw")
+    stations = [str(name) for name in np.unique(residuals.station)]
+    if len(stations) > _MAX_PANELS:
+        raise InputError(f"{len(stations)} stations do not fit on one page; select up to {_MAX_PANELS}")
+    if title is None:
+        title = (f"{solution.name}: " if isinstance(solution, Solution) else "") + _TITLE
+
+    dates = _dates(residuals)
+    half_heights_m = [_half_height(residuals, residuals.station == station) for station in stations]
+    if max(half_heights_m) <= _MAX_HEIGHT_RATIO * min(half_heights_m):
+        half_heights_m = [max(half_heights_m)] * len(stations)
+    figure = new_figure(8.0, 1.1 + _PANEL_HEIGHT_IN * len(stations))
+    panels = figure.subplots(len(stations), 1, sharex=True, squeeze=False)[:, 0]
+    for k, (axes, station) in enumerate(zip(panels, stations, strict=True)):
+        _draw_station(axes, residuals, dates, station, COLORS[k % len(COLORS)], half_heights_m[k])
+    _date_axis(panels[-1], dates)
+    figure.suptitle(title, fontsize=11, fontweight="bold")
+    return figure
+
+
+def _draw_station(
+    axes: Axes,
+    residuals: Residuals,
+    dates: NDArray[np.datetime64],
+    station: str,
+    color: str,
+    half_height_m: float,
+) -> None:
+    mine = residuals.station == station
+    used = mine & residuals.used
+    out = mine & ~residuals.used
+    factor, unit = length_unit(half_height_m)
+    y = factor * residuals.residual_m
+    limit = factor * half_height_m
+    style_axes(axes)
+    axes.axhline(0.0, color="0.4", linewidth=0.8)
+    statistics = group_statistics(station, residuals.residual_m[mine], residuals.sigma_m[mine], used[mine])
+    label = f"{statistics.used} used"
+    if statistics.wrms_m is not None:
+        label += f", wrms {factor * statistics.wrms_m:.3g} {unit}"
+    handles: list[Any] = [
+        axes.errorbar(
+            dates[used],
+            y[used],
+            yerr=factor * residuals.sigma_m[used],
+            fmt="o",
+            markersize=3.2,
+            color=color,
+            markeredgecolor="white",
+            markeredgewidth=0.3,
+            elinewidth=0.7,
+            alpha=0.85,
+            label=label,
+        )
+    ]
+    beyond = np.abs(residuals.residual_m) > half_height_m
+    above, below = beyond & (residuals.residual_m > 0.0), beyond & (residuals.residual_m < 0.0)
+    for which, marker, name in (
+        (out & ~beyond, "x", "left out"),
+        (out & above, "^", "left out, above"),
+        (out & below, "v", "left out, below"),
+    ):
+        if which.any():
+            shown = np.clip(y[which], -0.93 * limit, 0.93 * limit) if marker != "x" else y[which]
+            style: dict[str, Any] = {
+                "marker": marker,
+                "color": REJECTED_COLOR,
+                "markersize": 5,
+                "linestyle": "none",
+            }
+            handles += axes.plot(dates[which], shown, label=f"{which.sum()} {name}", **style)
+    axes.set_ylim(-limit, limit)
+    axes.set_ylabel(f"light path ({unit})", fontsize=8)
+    if set(residuals.type[mine].tolist()) == {"range"}:
+        one_way = axes.secondary_yaxis("right", functions=(_halved, _doubled))
+        one_way.set_ylabel(f"one way ({unit})", fontsize=8, color="0.4")
+        one_way.tick_params(labelsize=8, color="0.4", labelcolor="0.4")
+        one_way.spines["right"].set_visible(False)
+    axes.set_title(station, loc="left", fontsize=9, fontweight="bold", color=color, pad=3)
+    axes.legend(
+        handles=handles,
+        loc="lower right",
+        bbox_to_anchor=(1.0, 0.98),
+        ncols=len(handles),
+        fontsize=8,
+        frameon=False,
+        handletextpad=0.3,
+        borderpad=0.0,
+    )
+
+
+def _halved(values: Any) -> Any:
+    return np.asarray(values) * 0.5
+
+
+def _doubled(values: Any) -> Any:
+    return np.asarray(values) * 2.0
+
+
+def _half_height(residuals: Residuals, mine: NDArray[np.bool_]) -> float:
+    """Half the height of a panel, m: what holds the used residuals, or all of them if none was used."""
+    used = mine & residuals.used
+    shown = used if used.any() else mine
+    reach_m = np.abs(residuals.residual_m[shown]) + residuals.sigma_m[shown]
+    return 1.15 * float(reach_m.max())
+
+
+def _dates(residuals: Residuals) -> NDArray[np.datetime64]:
+    """UTC as numpy dates to the millisecond; a leap second is drawn on the midnight after it."""
+    days = (residuals.epoch_utc.jd - _UNIX_EPOCH_JD).astype(np.int64).astype("datetime64[D]")
+    milliseconds = np.rint(residuals.epoch_utc.fraction * 86400e3).astype("timedelta64[ms]")
+    return days.astype("datetime64[ms]") + milliseconds
+
+
+def _date_axis(axes: Axes, dates: NDArray[np.datetime64]) -> None:
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    locator = AutoDateLocator(minticks=4, maxticks=9)
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    if dates.min() == dates.max():
+        hour = np.timedelta64(1, "h")
+        axes.set_xlim(dates.min() - hour, dates.max() + hour)
+    axes.xaxis.get_offset_text().set_fontsize(8)
+    axes.set_xlabel("UTC", fontsize=9)

@@ -116,7 +116,7 @@ def _day_fraction(
 def utc_to_text(utc: Epochs) -> list[str]:
     """Write dates as ``yyyy-mm-ddThh:mm:ss.ssssssssssss``, a leap second as second 60.
 
-    Reading them gives back the epoch to 0.5e-12 s or to the last bit, whichever is more; epochs that were
+    Reading them gives back the epoch to 1e-12 s or to the last bit, whichever is more; epochs that were
     read from text with up to 12 decimals come back to the last bit.
 
     Parameters

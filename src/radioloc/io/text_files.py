@@ -43,8 +43,6 @@ def read_lines(path: str | Path) -> list[str]:
         except (OSError, EOFError, zlib.error) as error:
             problem = f"is a gzip file that was cut or damaged ({error}); fetch it again"
             raise FileFormatError(path, problem) from error
-    if not content.strip():
-        raise FileFormatError(path, "is empty; fetch or write it again")
     if b"\0" in content:
         raise FileFormatError(
             path, f"is not text (it starts with {content[:8]!r}); give a text file or its gzip"
@@ -57,6 +55,8 @@ def read_lines(path: str | Path) -> list[str]:
         raise FileFormatError(
             path, f"byte 0x{wrong:02x} is not UTF-8; save the file as UTF-8", line
         ) from error
+    if not text.strip():
+        raise FileFormatError(path, "is empty; fetch or write it again")
     return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
 
 

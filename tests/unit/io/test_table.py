@@ -14,8 +14,8 @@ from radioloc.measurements.observations import Link, Observations
 from radioloc.time import Epochs
 
 NUMBERS = ("value_m", "sigma_m", "pressure_hpa", "temperature_k", "relative_humidity", "wavelength_um")
-# Text with 12 decimals rounds by half of the last one.
-EPOCH_TOLERANCE_S = 0.51e-12
+# Text with 12 decimals rounds by half of the last one, the float then by half its own width, here below that.
+EPOCH_TOLERANCE_S = 1e-12
 
 
 def assert_same(one, two, epoch_tolerance_s=0.0):

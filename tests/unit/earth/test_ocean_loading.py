@@ -3,13 +3,7 @@ import pytest
 
 from radioloc.earth.blq import CONSTITUENTS, BlqCoefficients
 from radioloc.earth.geodesy import itrf_from_geodetic, rot_itrf_to_enu
-from radioloc.earth.ocean_loading import (
-    _GIVEN,
-    _tidal_potential,
-    _tide_amplitudes,
-    ocean_loading_displacement,
-    ocean_loading_enu,
-)
+from radioloc.earth.ocean_loading import ocean_loading_displacement, ocean_loading_enu
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.time import Epochs
@@ -26,28 +20,6 @@ def make_coefficients(row: int, constituent: str, amplitude_m: float, lag_rad: f
     amplitude[row, CONSTITUENTS.index(constituent)] = amplitude_m
     lag[row, CONSTITUENTS.index(constituent)] = lag_rad
     return BlqCoefficients("TEST", amplitude, lag, "test")
-
-
-def test_table_of_the_tidal_potential() -> None:
-    multipliers, equilibrium_m = _tidal_potential()
-    assert multipliers.shape == (342, 6)
-    assert len({tuple(row) for row in multipliers}) == 342
-    assert np.abs(equilibrium_m).min() == 0.00005
-    # Cartwright and Edden (1973): M2, S2, N2, K2, K1, O1, P1, Q1, Mf, Mm, Ssa.
-    expected = (0.632208, 0.294107, 0.121046, 0.079915, 0.368645, -0.262232, -0.121995, -0.050208)
-    expected += (-0.066607, -0.035184, -0.030988)
-    found = [equilibrium_m[(multipliers == tide).all(axis=1)][0] for tide in _GIVEN]
-    assert found == list(expected)
-
-
-def test_given_tides_keep_their_amplitudes() -> None:
-    loading = StationCatalogue.default()["SESHAN25"].ocean_loading
-    assert loading is not None
-    multipliers, _ = _tidal_potential()
-    columns = [int(np.flatnonzero((multipliers == tide).all(axis=1))[0]) for tide in _GIVEN]
-    np.testing.assert_allclose(
-        np.abs(_tide_amplitudes(loading)[:, columns]), loading.amplitude_m, rtol=0.0, atol=ROUNDING_M
-    )
 
 
 @pytest.mark.parametrize(("row", "enu"), [(0, (0, 0, 1)), (1, (-1, 0, 0)), (2, (0, -1, 0))])

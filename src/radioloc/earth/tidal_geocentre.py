@@ -1,4 +1,4 @@
-"""Motion of the solid Earth about the centre of mass that it has together with the oceans: up to some 10 mm.
+"""Motion of the solid Earth about the centre of mass that it has together with the oceans: up to some 13 mm.
 
 As the tides move the water, the solid Earth with all stations moves the other way. An ephemeris' Earth is
 the common centre of mass, but ocean loading is given about the solid Earth's; this is the difference, the

@@ -6,8 +6,8 @@ corrected, the station's own delay must have been (record H4): anything else is 
 
 The standard deviation of a normal point is its bin's RMS divided by the square root of the number of its
 ranges, both from record 11, of the two-way time; where the bin's RMS is missing, the session's (record 50)
-stands in. It is 0.6 to 1.6 times (median 0.94) the total uncertainty that APOLLO states in the comments of its
-files of spring 2024, which no other station does.
+stands in. It is 0.6 to 1.6 times (median 0.94) the total uncertainty that APOLLO states in comments in its
+files of spring 2024.
 
 Weather (record 20) is interpolated linearly in time between the records of the same pass, and held before
 the first and after the last; where the nearest record is more than two hours away it counts as not

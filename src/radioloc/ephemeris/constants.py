@@ -13,10 +13,11 @@ DE440
     header and NAIF's moon_de440_220930.tf. These angles lead to the mean-Earth axes of DE421, to which lunar
     maps refer.
 Love numbers
-    One pair for all, being of the Moon and not of an ephemeris: the model of Williams et al. (2014), J.
-    Geophys. Res. Planets 119, 1546. Fits to laser ranges and altimetry range over h2 = 0.037 to 0.048, which
-    is 0.14 m of the constant and 0.04 m of the variable part of the tide under the Earth; the values each
-    ephemeris was fitted with may differ. To use others: ``dataclasses.replace(constants, h2=..., l2=...)``.
+    A reflector's published position goes with the tide it was fitted with, so DE421 keeps the pair that its lunar
+    solution is quoted with, h2 = 0.0379 and l2 = 0.0105. DE430 and DE440 have the model of Williams et al. (2014), J.
+    Geophys. Res. Planets 119, 1546. Fits to laser ranges and altimetry spread over h2 = 0.037 to 0.048, 0.14 m of the
+    constant and 0.04 m of the variable tide under the Earth. To use others:
+    ``dataclasses.replace(constants, h2=..., l2=...)``.
 """
 
 from __future__ import annotations
@@ -25,8 +26,6 @@ from dataclasses import dataclass
 
 from radioloc.errors import InputError
 
-_LUNAR_H2 = 0.0424
-_LUNAR_L2 = 0.0107
 _MASSIVE = ("sun", "earth", "moon", "venus", "jupiter", "saturn")
 
 
@@ -60,8 +59,8 @@ class EphemerisConstants:
     gm_saturn_m3_s2: float
     pa_to_me_arcsec: tuple[float, float, float]
     me_frame: str
-    h2: float = _LUNAR_H2
-    l2: float = _LUNAR_L2
+    h2: float
+    l2: float
 
     def gm_m3_s2(self, body: str) -> float:
         """GM of a body by name, m^3/s^2.
@@ -93,6 +92,8 @@ CONSTANTS = {
             gm_saturn_m3_s2=37940585.2e9,
             pa_to_me_arcsec=(-0.30, -78.56, -67.92),
             me_frame="ME_DE421",
+            h2=0.0379,
+            l2=0.0105,
         ),
         EphemerisConstants(
             name="DE430",
@@ -104,6 +105,8 @@ CONSTANTS = {
             gm_saturn_m3_s2=37940585.2e9,
             pa_to_me_arcsec=(-0.285, -78.580, -67.573),
             me_frame="ME_DE430",
+            h2=0.0424,
+            l2=0.0107,
         ),
         EphemerisConstants(
             name="DE440",
@@ -115,6 +118,8 @@ CONSTANTS = {
             gm_saturn_m3_s2=37940584.8418e9,
             pa_to_me_arcsec=(-0.2785, -78.6944, -67.8526),
             me_frame="ME_DE421",
+            h2=0.0424,
+            l2=0.0107,
         ),
     )
 }

@@ -1,7 +1,7 @@
 """Solid tide of the Moon: how far the Earth and the Sun move a point of its surface.
 
-The Earth hangs nearly still in the lunar sky, so most of the tide is constant: with h2 = 0.042, 0.55 m up
-under the Earth and 0.27 m down on the great circle 90 degrees away. Around it the tide varies by up to 0.2 m,
+The Earth hangs nearly still in the lunar sky, so most of the tide is constant: with h2 = 0.038, 0.49 m up
+under the Earth and 0.24 m down on the great circle 90 degrees away. Around it the tide varies by up to 0.2 m,
 mostly within a month, as the distance of the Earth changes and the librations move it about the sky.
 """
 
@@ -45,7 +45,7 @@ def solid_tide(
         Masses, Love numbers h2 and l2, and the angles to the mean-Earth axes.
     permanent : {"included", "removed"}
         ``"included"``: the whole tide, for coordinates of a Moon free of tides. ``"removed"``: less its mean
-        over many years, for coordinates of the surface as it is on average. The mean is 0.55 m at most.
+        over many years, for coordinates of the surface as it is on average. The mean is 0.49 m at most (DE421).
 
     Raises
     ------

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import ConvergenceError
@@ -67,8 +67,8 @@ def solve_light_path(
     receiver: MovingPoint,
     tag: NDArray[np.int8],
     tag_offset_s: NDArray[np.float64],
-    up_delay_m: NDArray[np.float64],
-    down_delay_m: NDArray[np.float64],
+    up_delay_m: ArrayLike,
+    down_delay_m: ArrayLike,
 ) -> LightPath:
     """Solve the light-time equations of both legs in the BCRS.
 
@@ -80,7 +80,7 @@ def solve_light_path(
         Which event the time tag fixes: 0 transmission, 1 reception, 2 bounce.
     tag_offset_s : ndarray, shape (n,)
         When that event happens, TDB seconds from the reference epochs.
-    up_delay_m, down_delay_m : ndarray, shape (n,)
+    up_delay_m, down_delay_m : array_like, shape () or (n,)
         Delay of each leg beyond its straight length (gravity, media), m.
 
     Raises
@@ -93,6 +93,7 @@ def solve_light_path(
     Moyer (2003), section 8.3. The durations are found by repeated substitution, which contracts by v/c = 1e-4 a step.
     """
     sent, received = tag == TRANSMIT, tag == RECEIVE
+    up_delay_m, down_delay_m = np.asarray(up_delay_m), np.asarray(down_delay_m)
     up_s = np.linalg.norm(relay.position_m - transmitter.position_m, axis=-1) / C_M_S
     down_s = np.linalg.norm(receiver.position_m - relay.position_m, axis=-1) / C_M_S
     for _ in range(_MAX_ITERATIONS):

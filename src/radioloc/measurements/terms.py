@@ -19,12 +19,14 @@ TERMS: dict[str, str] = {
     "solid_earth_tide": "displacement of the stations by the solid Earth tide",
     "pole_tide": "displacement of the stations by the solid Earth pole tide",
     "ocean_loading": "displacement of the stations by ocean tide loading",
+    "tidal_geocentre": "motion of the stations with the solid Earth about the centre of mass, by the ocean tides",
     "station_velocity": "motion of the stations since the epoch of their coordinates",
     "subdaily_eop": "diurnal and semidiurnal ocean tides and libration in pole and UT1",
     "earth_scale": "scale (TT to TDB, solar potential) of geocentric station positions seen from the barycentre",
     "earth_lorentz": "Lorentz contraction of geocentric station positions along the Earth's velocity",
     "lunar_tide": "displacement of the point on the Moon by the solid tide of Earth and Sun",
     "lunar_tide_constant": "the constant part of that tide",
+    "lunar_scale": "scale of positions on the Moon, as for the Earth, seen from the barycentre",
     "lunar_lorentz": "Lorentz contraction of the point's position along the Moon's velocity",
 }
 """Term names and what each stands for."""

@@ -1,0 +1,106 @@
+"""A fixed position on the Moon with the frame it is given in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.ephemeris import EphemerisConstants
+from radioloc.errors import InputError
+from radioloc.lunar.frames import rot_pa_to_me
+from radioloc.lunar.selenographic import cartesian_to_selenographic, selenographic_to_cartesian
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LunarPosition:
+    """A point fixed to the Moon.
+
+    Parameters
+    ----------
+    frame : str
+        ``"PA_DE421"`` (principal axes) or ``"ME_DE421"`` (mean Earth/mean rotation), or those of another ephemeris.
+    xyz_m : ndarray, shape (3,)
+        Cartesian coordinates in that frame, m.
+    """
+
+    frame: str
+    xyz_m: NDArray[np.float64]
+
+    @classmethod
+    def from_cartesian(cls, xyz_m: ArrayLike, frame: str = "PA_DE421") -> LunarPosition:
+        """Build from x, y, z in metres.
+
+        Raises
+        ------
+        InputError
+            Not three finite numbers, or not near the lunar surface.
+        """
+        xyz = np.array(xyz_m, dtype=np.float64)
+        if xyz.shape != (3,) or not np.isfinite(xyz).all():
+            raise InputError(f"a position needs three finite numbers in metres, not {xyz_m!r}")
+        radius_m = float(np.linalg.norm(xyz))
+        if not 1.6e6 < radius_m < 1.9e6:
+            raise InputError(
+                f"a position {radius_m / 1e3:.3f} km from the Moon's centre is not on its surface "
+                "(1737.4 km, give or take 11 km); are the coordinates in metres?"
+            )
+        xyz.flags.writeable = False
+        return cls(_checked_frame(frame), xyz)
+
+    @classmethod
+    def from_selenographic(
+        cls, longitude_deg: float, latitude_deg: float, height_m: float, frame: str = "ME_DE421"
+    ) -> LunarPosition:
+        """Build from east longitude and latitude in degrees and height above the 1737.4 km sphere in metres.
+
+        Raises
+        ------
+        InputError
+            A latitude beyond 90 degrees, a longitude beyond 360, a height no terrain has.
+        """
+        if not -360.0 <= longitude_deg <= 360.0:
+            raise InputError(f"longitude_deg = {longitude_deg!r} is not between -360 and 360")
+        if not -90.0 <= latitude_deg <= 90.0:
+            raise InputError(f"latitude_deg = {latitude_deg!r} is not between -90 and 90")
+        if not -2.0e4 <= height_m <= 2.0e4:
+            raise InputError(
+                f"height_m = {height_m!r} is not a height above the 1737.4 km sphere that the Moon has (-9.2 to 10.8 km)"
+            )
+        xyz_m = selenographic_to_cartesian(np.radians(longitude_deg), np.radians(latitude_deg), height_m)
+        return cls.from_cartesian(xyz_m, frame)
+
+    @property
+    def selenographic(self) -> tuple[float, float, float]:
+        """East longitude and latitude in degrees, height above the 1737.4 km sphere in metres."""
+        longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self.xyz_m)
+        return float(np.degrees(longitude_rad)), float(np.degrees(latitude_rad)), float(height_m)
+
+    def to_axes(self, axes: str, constants: EphemerisConstants) -> LunarPosition:
+        """The same point in principal (``"PA"``) or mean-Earth (``"ME"``) axes of the same ephemeris.
+
+        Raises
+        ------
+        InputError
+            The position belongs to another ephemeris than the constants.
+        """
+        frames = {"PA": f"PA_{constants.name}", "ME": constants.me_frame}
+        if self.frame not in frames.values():
+            raise InputError(
+                f"the position is given in {self.frame}, but the kernels are those of {constants.name}; "
+                f"give it in {frames['PA']} or {frames['ME']}"
+            )
+        if frames[axes] == self.frame:
+            return self
+        rot = rot_pa_to_me(constants)
+        return LunarPosition.from_cartesian((rot if axes == "ME" else rot.T) @ self.xyz_m, frames[axes])
+
+
+def _checked_frame(frame: str) -> str:
+    axes, _, ephemeris = frame.partition("_")
+    if axes not in ("PA", "ME") or not ephemeris:
+        raise InputError(
+            f"frame {frame!r} is not known; use PA_DE421 (principal axes) or ME_DE421 (mean Earth)"
+        )
+    return frame

@@ -1,0 +1,134 @@
+"""Where a point fixed to the Moon is, seen from the barycentre, near the instant at which a signal meets it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S, L_B, L_G
+from radioloc.ephemeris import EarthState
+from radioloc.lunar import rot_icrf_to_pa, rot_icrf_to_pa_rate, solid_tide
+from radioloc.measurements.light_path import MovingPoint
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.station_motion import geocentre_displacement_m
+from radioloc.time import Epochs
+
+_GRAVITATING = ("venus", "jupiter", "saturn")
+
+
+@dataclass(frozen=True, slots=True)
+class LunarMotion:
+    """The Moon near one instant per observation, ready for any point fixed to it.
+
+    Parameters
+    ----------
+    centre : MovingPoint
+        Its centre in the BCRS from the geocentre at the reference epoch.
+    rot_pa_to_icrf, rot_pa_to_icrf_rate : ndarray, shape (n, 3, 3)
+        Orientation of the principal axes and its rate, 1/s.
+    geocentre_m : ndarray, shape (n, 3)
+        The geocentre at that instant, from the geocentre at the reference epoch.
+    geocentric_velocity_m_s : ndarray, shape (n, 3)
+        Velocity of the Moon's centre about the geocentre.
+    moon_gcrs_m : ndarray, shape (n, 3)
+        The Moon's centre from the geocentre.
+    earth_pa_m, sun_pa_m : ndarray, shape (n, 3)
+        Earth and Sun from the Moon's centre, principal axes.
+    shrinking : ndarray, shape (n,)
+        U/c^2 + L_B - L_G with the potential U of the Sun and the Earth at the Moon's centre.
+    bodies_m : dict of str to ndarray, shape (n, 3)
+        Sun and planets, from the geocentre at the reference epoch.
+    """
+
+    centre: MovingPoint
+    rot_pa_to_icrf: NDArray[np.float64]
+    rot_pa_to_icrf_rate: NDArray[np.float64]
+    geocentre_m: NDArray[np.float64]
+    geocentric_velocity_m_s: NDArray[np.float64]
+    moon_gcrs_m: NDArray[np.float64]
+    earth_pa_m: NDArray[np.float64]
+    sun_pa_m: NDArray[np.float64]
+    shrinking: NDArray[np.float64]
+    bodies_m: dict[str, NDArray[np.float64]]
+
+    def point(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> MovingPoint:
+        """Motion of a point with given principal-axes coordinates, shape (3,), m."""
+        pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)
+        if model.has("lunar_tide"):
+            permanent: Literal["included", "removed"] = "included" if model.has("lunar_tide_constant") else "removed"
+            pa_m = pa_m + solid_tide(lander_pa_m, self.earth_pa_m, self.sun_pa_m, model.ephemeris.constants, permanent)
+        r_m = np.einsum("nij,nj->ni", self.rot_pa_to_icrf, pa_m)
+        velocity_m_s = self.centre.velocity_m_s + np.einsum("nij,nj->ni", self.rot_pa_to_icrf_rate, pa_m)
+        v_m_s = self.centre.velocity_m_s
+        seen_m = r_m
+        if model.has("lunar_scale"):
+            seen_m = seen_m - r_m * self.shrinking[:, None]
+        if model.has("lunar_lorentz"):
+            seen_m = seen_m - v_m_s * (np.einsum("ni,ni->n", v_m_s, r_m) / (2.0 * C_M_S**2))[:, None]
+        return MovingPoint(self.centre.offset_s, self.centre.position_m + seen_m, velocity_m_s)
+
+    def geocentric(
+        self, point: MovingPoint, offset_s: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Geocentric position and velocity of a point on the Moon at an instant nearby, shapes (n, 3)."""
+        earth_velocity_m_s = self.centre.velocity_m_s - self.geocentric_velocity_m_s
+        velocity_m_s = point.velocity_m_s - earth_velocity_m_s
+        elapsed_s = (offset_s - point.offset_s)[:, None]
+        return point.position_m - self.geocentre_m + velocity_m_s * elapsed_s, velocity_m_s
+
+
+def lunar_motion(
+    model: PhysicalModel, reference: Epochs, reference_earth: EarthState, offset_s: NDArray[np.float64]
+) -> LunarMotion:
+    """The Moon near given instants.
+
+    Parameters
+    ----------
+    model : PhysicalModel
+    reference : Epochs
+        Reference epochs, TDB; the geocentre then is the origin.
+    reference_earth : EarthState
+        The Earth at the reference epochs.
+    offset_s : ndarray, shape (n,)
+        Instants, TDB seconds from the reference epochs.
+
+    Raises
+    ------
+    CoverageError
+        An epoch lies outside the kernels.
+
+    Notes
+    -----
+    Lengths on the Moon are taken as a ruler there would measure them, in the units of TT, like those on the Earth. Seen
+    from the barycentre they shrink by U/c^2 + L_B - L_G (43 mm of the radius) and along the velocity by the Lorentz
+    contraction -v (v . r) / (2 c^2), up to 9 mm (IERS Conventions 2010, section 11.1, taken over to the Moon).
+    """
+    tdb = reference.shifted(offset_s)
+    earth = model.ephemeris.earth(tdb)
+    moon_m, moon_velocity_m_s = model.ephemeris.geocentric("moon", tdb)
+    sun_m, _ = model.ephemeris.geocentric("sun", tdb)
+    angles_rad, rates_rad_s = model.libration.angles(tdb)
+    rot = rot_icrf_to_pa(angles_rad)
+    constants = model.ephemeris.constants
+    potential = constants.gm_sun_m3_s2 / np.linalg.norm(sun_m - moon_m, axis=-1)
+    potential = potential + constants.gm_earth_m3_s2 / np.linalg.norm(moon_m, axis=-1)
+    geocentre_m = geocentre_displacement_m(reference_earth, offset_s)
+    bodies_m = {"sun": geocentre_m + sun_m}
+    for body in _GRAVITATING:
+        if body in model.ephemeris.bodies:
+            bodies_m[body] = geocentre_m + model.ephemeris.geocentric(body, tdb)[0]
+    return LunarMotion(
+        centre=MovingPoint(offset_s, geocentre_m + moon_m, earth.velocity_m_s + moon_velocity_m_s),
+        rot_pa_to_icrf=np.swapaxes(rot, -1, -2),
+        rot_pa_to_icrf_rate=np.swapaxes(rot_icrf_to_pa_rate(angles_rad, rates_rad_s), -1, -2),
+        geocentre_m=geocentre_m,
+        geocentric_velocity_m_s=moon_velocity_m_s,
+        moon_gcrs_m=moon_m,
+        earth_pa_m=np.einsum("nij,nj->ni", rot, -moon_m),
+        sun_pa_m=np.einsum("nij,nj->ni", rot, sun_m - moon_m),
+        shrinking=potential / C_M_S**2 + (L_B - L_G),
+        bodies_m=bodies_m,
+    )

@@ -1,0 +1,125 @@
+"""What a prediction rests on: ephemeris, lunar orientation, Earth orientation, stations, and the active terms."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from radioloc.earth.eop import EopTable
+from radioloc.earth.orientation import EarthOrientation
+from radioloc.earth.stations import StationCatalogue
+from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.errors import InputError
+from radioloc.kernels import KernelFile
+from radioloc.measurements.terms import TERMS, active_terms
+
+
+@dataclass(frozen=True, slots=True)
+class PhysicalModel:
+    """Everything a measurement model needs besides the observations and the position.
+
+    Parameters
+    ----------
+    ephemeris : Ephemeris
+        Positions of the Earth, the Moon, the Sun and planets.
+    libration : LunarOrientation
+        Orientation of the Moon's principal axes, of the same ephemeris.
+    earth : EarthOrientation
+        Orientation of the Earth.
+    catalogue : StationCatalogue
+        Stations by name.
+    terms : frozenset of str
+        Active terms, from :data:`~radioloc.measurements.terms.TERMS`.
+    """
+
+    ephemeris: Ephemeris
+    libration: LunarOrientation
+    earth: EarthOrientation
+    catalogue: StationCatalogue
+    terms: frozenset[str]
+
+    @classmethod
+    def build(
+        cls,
+        *,
+        ephemeris: str | Path = "DE421",
+        libration: str | Path = "DE421",
+        earth_orientation: str | Path | None = None,
+        catalogue: StationCatalogue | None = None,
+        off: Iterable[str] = (),
+    ) -> PhysicalModel:
+        """Open the kernels and tables.
+
+        Parameters
+        ----------
+        ephemeris, libration : str or path-like
+            ``"DE421"``, which ships with the package, or the path of an SPK and of a binary PCK.
+        earth_orientation : path-like, optional
+            A C04 or finals2000A file; the tables of ``astropy-iers-data`` where it is not given.
+        catalogue : StationCatalogue, optional
+            The stations; the catalogue that ships where it is not given.
+        off : iterable of str
+            Names of terms to leave out.
+
+        Raises
+        ------
+        KernelError, FileFormatError, InputError
+            A file is missing or unusable, the two kernels belong to different ephemerides, or a term is unknown.
+        """
+        terms = active_terms(off)
+        spk = Ephemeris.open(ephemeris)
+        pck = LunarOrientation.open(libration)
+        if pck.frame != f"PA_{spk.name}":
+            raise InputError(
+                f"the lunar orientation is that of {pck.frame.removeprefix('PA_')} but the positions are those of "
+                f"{spk.name}; the two must come from one ephemeris"
+            )
+        table = EopTable.packaged() if earth_orientation is None else EopTable.from_file(earth_orientation)
+        stations = StationCatalogue.default() if catalogue is None else catalogue
+        return cls(spk, pck, _earth_orientation(table, terms), stations, terms)
+
+    def without(self, *names: str) -> PhysicalModel:
+        """The same model with some more terms left out.
+
+        Raises
+        ------
+        InputError
+            A name is not a term.
+        """
+        terms = self.terms & active_terms(names)
+        earth = _earth_orientation(self.earth.table, terms)
+        return PhysicalModel(self.ephemeris, self.libration, earth, self.catalogue, terms)
+
+    def has(self, term: str) -> bool:
+        """Whether a term is active."""
+        return term in self.terms
+
+    def provenance(self) -> dict[str, Any]:
+        """Kernels with their checksums, tables with their dates, terms left out: what a result rests on."""
+        return {
+            "ephemeris": _kernel_record(self.ephemeris.kernel, self.ephemeris.name),
+            "lunar_orientation": _kernel_record(self.libration.kernel, self.libration.frame),
+            "earth_orientation": {
+                "tables": list(self.earth.table.sources),
+                "first": self.earth.table.first_date,
+                "last_measured": self.earth.table.last_measured_date,
+                "last": self.earth.table.last_date,
+            },
+            "terms_off": [name for name in TERMS if name not in self.terms],
+        }
+
+
+def _earth_orientation(table: EopTable, terms: frozenset[str]) -> EarthOrientation:
+    subdaily = "subdaily_eop" in terms
+    return EarthOrientation(table, subdaily_tides=subdaily, libration=subdaily)
+
+
+def _kernel_record(kernel: KernelFile, name: str) -> dict[str, str]:
+    return {
+        "name": name,
+        "file": Path(kernel.path).name,
+        "sha256": kernel.sha256,
+        "span_tdb": f"{kernel.start_tdb} to {kernel.end_tdb}",
+    }

@@ -1,0 +1,293 @@
+"""Two-way and three-way range: the whole light path from a station over a point on the Moon to a station.
+
+What is measured: the time of flight on the receiving side's atomic clock scale (TT rate, as UTC has), times the speed
+of light; a round trip, never its half. The time tag is UTC at the station and names the transmission, the reception or
+(as if by a clock on Earth) the bounce. Two-way is the case of one station.
+
+An arc is prepared once (:class:`RangeArc`): the motion of the stations and of the Moon near each event does not depend
+on where the point is, but for the few microseconds by which the light time changes with it. A prediction for a given
+position is then a light-time solution between straight motions.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.constants import C_M_S, SECONDS_PER_DAY
+from radioloc.earth.stations import Station
+from radioloc.errors import StationError
+from radioloc.measurements.elevation import elevation_and_rate
+from radioloc.measurements.gravitational_delay import gravitational_delay_m
+from radioloc.measurements.light_path import (
+    RECEIVE,
+    TRANSMIT,
+    LightPath,
+    MovingPoint,
+    path_length_partials,
+    solve_light_path,
+)
+from radioloc.measurements.lunar_motion import LunarMotion, lunar_motion
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.station_motion import StationMotion, station_motion
+from radioloc.measurements.terms import TERMS
+from radioloc.measurements.troposphere import SlantDelay, troposphere_delay
+from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
+
+_STRAIGHT_FOR_S = 1e-3
+"""How far from its instant a straight motion is used: the error is below 0.034 m/s^2 * (1e-3 s)^2 / 2 = 2e-8 m."""
+
+
+@dataclass(frozen=True, slots=True)
+class ComputedRange:
+    """Predicted ranges and how they change.
+
+    Parameters
+    ----------
+    range_m : ndarray, shape (n,)
+        Whole light path, m.
+    by_position_pa : ndarray, shape (n, 3)
+        Partial derivatives with respect to the point's principal-axes coordinates, m/m.
+    by_time_m_s : ndarray, shape (n,)
+        Partial derivative with respect to the time tag, m/s.
+    elevation_rad : ndarray, shape (n, 2)
+        Elevation of the point above the transmitter's and the receiver's horizon, without refraction.
+    problem : ndarray of str, shape (n,)
+        Why the model does not hold for an observation; empty where it does.
+    """
+
+    range_m: NDArray[np.float64]
+    by_position_pa: NDArray[np.float64]
+    by_time_m_s: NDArray[np.float64]
+    elevation_rad: NDArray[np.float64]
+    problem: NDArray[np.str_]
+
+
+class RangeArc:
+    """The ranges of one arc, prepared for predictions from any position near an approximate one.
+
+    Parameters
+    ----------
+    model : PhysicalModel
+    observations : Observations
+        Epochs, paths, weather; the measured values are not looked at.
+    approximate_pa_m : ndarray, shape (3,)
+        A position within some hundred kilometres of the point, principal axes.
+
+    Raises
+    ------
+    StationError
+        A station is not in the catalogue; the message names the file and line.
+    CoverageError
+        An epoch lies outside the kernels or the Earth orientation table.
+    """
+
+    def __init__(
+        self, model: PhysicalModel, observations: Observations, approximate_pa_m: NDArray[np.float64]
+    ) -> None:
+        self.model = model
+        self.observations = observations
+        self._tag = observations.tag
+        self._stations, self._transmitter, self._receiver = _stations_of(model, observations)
+        tt = utc_to_tt(observations.epoch)
+        self._reference = Epochs.from_jd(tt.jd, tt.fraction + geocentric_tdb_minus_tt(tt) / SECONDS_PER_DAY, "TDB")
+        self._earth = model.ephemeris.earth(self._reference)
+        self._prepare(np.asarray(approximate_pa_m, dtype=np.float64))
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """Names of the stations that take part, each once."""
+        return tuple(station.name for station in self._stations)
+
+    @property
+    def transmitters(self) -> NDArray[np.int32]:
+        """Index into :attr:`stations` of each observation's transmitter, shape (n,)."""
+        return self._transmitter
+
+    @property
+    def receivers(self) -> NDArray[np.int32]:
+        """Index into :attr:`stations` of each observation's receiver, shape (n,)."""
+        return self._receiver
+
+    @property
+    def predicted_eop(self) -> NDArray[np.bool_]:
+        """Whether an observation rests on predicted Earth orientation, shape (n,)."""
+        return self._up.predicted_eop | self._down.predicted_eop
+
+    def compute(self, lander_pa_m: NDArray[np.float64]) -> ComputedRange:
+        """Predict all ranges for a position.
+
+        Parameters
+        ----------
+        lander_pa_m : ndarray, shape (3,)
+            The point in principal axes of the model's ephemeris, m.
+
+        Raises
+        ------
+        ConvergenceError
+            The light times did not settle.
+        """
+        path, relay = self._solve(lander_pa_m)
+        if self._too_far(path):
+            self._prepare(lander_pa_m)
+            path, relay = self._solve(lander_pa_m)
+        up, down = self._slants(path, relay)
+        length_m = C_M_S * (path.up_s + path.down_s)
+        if self.model.has("tdb_tt"):
+            tdb_tt_s = self._down.tdb_minus_tt_at(path.receive_s) - self._up.tdb_minus_tt_at(path.transmit_s)
+            length_m = length_m - C_M_S * tdb_tt_s
+        by_position, by_time = path_length_partials(path, self._up.point, relay, self._down.point, self._tag)
+        for slant in (up, down):
+            by_time = by_time + slant.delay.by_elevation_m_rad * slant.elevation_rate_rad_s
+        return ComputedRange(
+            range_m=length_m,
+            by_position_pa=np.einsum("ni,nij->nj", by_position, self._moon.rot_pa_to_icrf),
+            by_time_m_s=by_time,
+            elevation_rad=np.stack([up.elevation_rad, down.elevation_rad], axis=-1),
+            problem=np.where(up.problem != "", up.problem, down.problem),
+        )
+
+    def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """Table of terms: by how much each active term changes each computed range, m.
+
+        Parameters
+        ----------
+        lander_pa_m : ndarray, shape (3,)
+            The point in principal axes, m.
+
+        Returns
+        -------
+        dict of str to ndarray, shape (n,)
+            Computed with everything minus computed without that term, in the order of
+            :data:`~radioloc.measurements.terms.TERMS`.
+        """
+        full_m = self.compute(lander_pa_m).range_m
+        table = {}
+        for name in TERMS:
+            if self.model.has(name):
+                without = RangeArc(self.model.without(name), self.observations, lander_pa_m)
+                table[name] = full_m - without.compute(lander_pa_m).range_m
+        return table
+
+    def _prepare(self, lander_pa_m: NDArray[np.float64]) -> None:
+        """Place the straight motions at the events of the path to this position."""
+        zero = np.zeros(len(self.observations))
+        self._up = self._station(self._transmitter, zero)
+        same = np.array_equal(self._transmitter, self._receiver)
+        self._down = self._up if same else self._station(self._receiver, zero)
+        self._moon = lunar_motion(self.model, self._reference, self._earth, zero)
+        # From the tag's instant the straight motions give the events to some nanoseconds.
+        path, _ = self._solve(lander_pa_m)
+        self._up = self._moved(self._up, self._transmitter, path.transmit_s)
+        self._down = self._moved(self._down, self._receiver, path.receive_s)
+        self._moon = lunar_motion(self.model, self._reference, self._earth, path.bounce_s)
+
+    def _station(self, which: NDArray[np.int32], offset_s: NDArray[np.float64]) -> StationMotion:
+        return station_motion(self.model, self._stations, which, self._reference, self._earth, offset_s)
+
+    def _moved(
+        self, motion: StationMotion, which: NDArray[np.int32], offset_s: NDArray[np.float64]
+    ) -> StationMotion:
+        near = np.abs(offset_s - motion.point.offset_s) < _STRAIGHT_FOR_S
+        return motion if bool(near.all()) else self._station(which, offset_s)
+
+    def _too_far(self, path: LightPath) -> bool:
+        moved_s = np.stack(
+            [
+                path.transmit_s - self._up.point.offset_s,
+                path.bounce_s - self._moon.centre.offset_s,
+                path.receive_s - self._down.point.offset_s,
+            ]
+        )
+        return bool((np.abs(moved_s) > _STRAIGHT_FOR_S).any())
+
+    def _solve(self, lander_pa_m: NDArray[np.float64]) -> tuple[LightPath, MovingPoint]:
+        relay = self._moon.point(self.model, lander_pa_m)
+        # The reference epoch reads the tag as the geocentre's TT; the station's differs by up to 2 microseconds.
+        tagged_s = np.where(
+            self._tag == TRANSMIT, self._up.topocentric_s, np.where(self._tag == RECEIVE, self._down.topocentric_s, 0.0)
+        )
+        path = self._path(relay, tagged_s, 0.0, 0.0)
+        up_m, down_m = self._gravity(path, relay)
+        up, down = self._slants(path, relay)
+        up_m, down_m = up_m + up.delay.delay_m, down_m + down.delay.delay_m
+        return self._path(relay, tagged_s, up_m, down_m), relay
+
+    def _path(
+        self, relay: MovingPoint, tagged_s: NDArray[np.float64], up_m: ArrayLike, down_m: ArrayLike
+    ) -> LightPath:
+        return solve_light_path(self._up.point, relay, self._down.point, self._tag, tagged_s, up_m, down_m)
+
+    def _gravity(self, path: LightPath, relay: MovingPoint) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Gravitational delay of both legs, m.
+
+        The Sun and the planets stand still in the barycentric frame to what matters; for the Earth and the Moon, which
+        do not, the frame that moves with the Earth is the one in which they do.
+        """
+        total = [np.zeros(len(self.observations)), np.zeros(len(self.observations))]
+        if not self.model.has("shapiro"):
+            return total[0], total[1]
+        gm = self.model.ephemeris.constants.gm_m3_s2
+        lander_m = relay.at(path.bounce_s)
+        lander_gcrs_m, _ = self._moon.geocentric(relay, path.bounce_s)
+        ends = (self._up, path.transmit_s), (self._down, path.receive_s)
+        for leg, (station, event_s) in enumerate(ends):
+            station_m = station.point.at(event_s)
+            for body, body_m in self._moon.bodies_m.items():
+                total[leg] += gravitational_delay_m(station_m, lander_m, body_m, gm(body))
+            for body, body_m in (("earth", np.zeros(3)), ("moon", self._moon.moon_gcrs_m)):
+                total[leg] += gravitational_delay_m(station.gcrs_m, lander_gcrs_m, body_m, gm(body))
+        return total[0], total[1]
+
+    def _slants(self, path: LightPath, relay: MovingPoint) -> tuple[_Slant, _Slant]:
+        """Elevation and tropospheric delay at both stations."""
+        lander_gcrs_m, velocity_m_s = self._moon.geocentric(relay, path.bounce_s)
+        up, down = (self._slant(station, lander_gcrs_m, velocity_m_s) for station in (self._up, self._down))
+        return up, down
+
+    def _slant(
+        self, station: StationMotion, lander_gcrs_m: NDArray[np.float64], velocity_m_s: NDArray[np.float64]
+    ) -> _Slant:
+        elevation_rad, rate_rad_s = elevation_and_rate(station, lander_gcrs_m, velocity_m_s)
+        if self.model.has("troposphere"):
+            delay = troposphere_delay(self.observations, station, elevation_rad)
+        else:
+            delay = SlantDelay.none(len(elevation_rad))
+        below = np.array([f"below the horizon ({e:.1f} deg)" for e in np.degrees(elevation_rad)], dtype=np.str_)
+        return _Slant(elevation_rad, rate_rad_s, delay, np.where(elevation_rad < 0.0, below, delay.problem))
+
+
+@dataclass(frozen=True, slots=True)
+class _Slant:
+    """The view from one station: elevation, its rate, the delay and what stands against using it."""
+
+    elevation_rad: NDArray[np.float64]
+    elevation_rate_rad_s: NDArray[np.float64]
+    delay: SlantDelay
+    problem: NDArray[np.str_]
+
+
+def _stations_of(
+    model: PhysicalModel, observations: Observations
+) -> tuple[tuple[Station, ...], NDArray[np.int32], NDArray[np.int32]]:
+    """The stations that take part, and for each observation which one transmits and which receives."""
+    found: dict[str, int] = {}
+    stations: list[Station] = []
+    ends = np.zeros((len(observations.links), 2), dtype=np.int32)
+    for i, link in enumerate(observations.links):
+        rows = np.flatnonzero(observations.link == i)
+        if len(rows) == 0:
+            continue
+        for end, name in enumerate((link.transmitter, link.receiver)):
+            try:
+                station = model.catalogue.get(name)
+            except StationError as error:
+                raise StationError(f"{observations.origin(int(rows[0]))}: {error}") from None
+            if station.name not in found:
+                found[station.name] = len(stations)
+                stations.append(station)
+            ends[i, end] = found[station.name]
+    return tuple(stations), ends[observations.link, 0], ends[observations.link, 1]

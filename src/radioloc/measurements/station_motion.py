@@ -1,0 +1,191 @@
+"""Where stations on Earth are, seen from the barycentre, near the instant at which a signal leaves or arrives."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S, L_B, L_G
+from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
+from radioloc.earth.ocean_loading import ocean_loading_displacement
+from radioloc.earth.orientation import EarthRotation
+from radioloc.earth.pole_tide import pole_tide_displacement
+from radioloc.earth.solid_tide import solid_earth_tide
+from radioloc.earth.stations import Station
+from radioloc.earth.tidal_geocentre import tidal_geocentre_displacement
+from radioloc.ephemeris import EarthState
+from radioloc.measurements.light_path import MovingPoint
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt
+
+
+@dataclass(frozen=True, slots=True)
+class StationMotion:
+    """One station per observation, near one instant each.
+
+    Parameters
+    ----------
+    point : MovingPoint
+        Motion in the BCRS from the geocentre at the reference epoch.
+    gcrs_m, gcrs_velocity_m_s : ndarray, shape (n, 3)
+        Geocentric position and velocity.
+    up_gcrs, up_rate_gcrs : ndarray, shape (n, 3)
+        Unit vector of the ellipsoid's normal and its rate, 1/s.
+    tdb_minus_tt_s : ndarray, shape (n,)
+        TDB - TT at the station.
+    topocentric_s : ndarray, shape (n,)
+        The part of it that depends on the place, v_E . r / c^2.
+    tdb_rate : ndarray, shape (n,)
+        Rate of TDB - TT.
+    latitude_rad, height_m : ndarray, shape (n,)
+        Geodetic.
+    predicted_eop : ndarray of bool, shape (n,)
+        Whether Earth orientation was a prediction.
+    """
+
+    point: MovingPoint
+    gcrs_m: NDArray[np.float64]
+    gcrs_velocity_m_s: NDArray[np.float64]
+    up_gcrs: NDArray[np.float64]
+    up_rate_gcrs: NDArray[np.float64]
+    tdb_minus_tt_s: NDArray[np.float64]
+    topocentric_s: NDArray[np.float64]
+    tdb_rate: NDArray[np.float64]
+    latitude_rad: NDArray[np.float64]
+    height_m: NDArray[np.float64]
+    predicted_eop: NDArray[np.bool_]
+
+    def tdb_minus_tt_at(self, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """TDB - TT at the station at another instant nearby, s, shape (n,)."""
+        return self.tdb_minus_tt_s + self.tdb_rate * (offset_s - self.point.offset_s)
+
+
+def station_motion(
+    model: PhysicalModel,
+    stations: tuple[Station, ...],
+    which: NDArray[np.int32],
+    reference: Epochs,
+    reference_earth: EarthState,
+    offset_s: NDArray[np.float64],
+) -> StationMotion:
+    """Motion of stations near given instants.
+
+    Parameters
+    ----------
+    model : PhysicalModel
+    stations : tuple of Station
+        The stations that take part.
+    which : ndarray of int, shape (n,)
+        For each observation, the index of its station.
+    reference : Epochs
+        Reference epochs, TDB; the geocentre then is the origin.
+    reference_earth : EarthState
+        The Earth at the reference epochs.
+    offset_s : ndarray, shape (n,)
+        Instants, TDB seconds from the reference epochs, at most some seconds.
+
+    Raises
+    ------
+    CoverageError
+        An epoch lies outside the kernels or the Earth orientation table.
+
+    Notes
+    -----
+    The event's BCRS place is x_E(TDB) + r - r (U/c^2 + L_B - L_G) - v_E (v_E . r) / (2 c^2), with r the GCRS position
+    scaled for TT, as ITRF coordinates are, and U the potential of Sun and Moon at the geocentre (Moyer 2003, eq. 4-10
+    and 4-17; IERS Conventions 2010, section 11.1). Terms with the Earth's acceleration are below 3 micrometres.
+    """
+    tdb = reference.shifted(offset_s)
+    earth = model.ephemeris.earth(tdb)
+    geocentric_s = geocentric_tdb_minus_tt(tdb)
+    tt = Epochs.from_jd(tdb.jd, tdb.fraction - geocentric_s / 86400.0, "TT")
+    rotation = model.earth.evaluate(tt)
+    rot = rotation.rot_itrf_to_gcrs
+    moon_m, _ = model.ephemeris.geocentric("moon", tdb)
+    sun_m, _ = model.ephemeris.geocentric("sun", tdb)
+    itrf_m, up_itrf = np.empty_like(moon_m), np.empty_like(moon_m)
+    latitude_rad, height_m = np.empty(len(tdb)), np.empty(len(tdb))
+    for i, station in enumerate(stations):
+        rows = np.flatnonzero(which == i)
+        itrf_m[rows] = _displaced_itrf(model, station, tt, rotation, rows, moon_m, sun_m)
+        place = geodetic_from_itrf(station.itrf_m)
+        latitude_rad[rows], height_m[rows] = place.latitude_rad, place.height_m
+        up_itrf[rows] = rot_itrf_to_enu(station.itrf_m)[2]
+
+    gcrs_m = np.einsum("nij,nj->ni", rot, itrf_m)
+    gcrs_velocity_m_s = np.einsum("nij,nj->ni", rotation.rot_itrf_to_gcrs_rate, itrf_m)
+    # The station's own TT is later or earlier than the geocentre's by up to 2 microseconds, in which it moves 1 mm.
+    topocentric_s = topocentric_tdb_minus_tt(earth.velocity_m_s, gcrs_m)
+    gcrs_m = gcrs_m - gcrs_velocity_m_s * topocentric_s[:, None]
+
+    v_m_s = earth.velocity_m_s
+    constants = model.ephemeris.constants
+    potential = constants.gm_sun_m3_s2 / np.linalg.norm(sun_m, axis=-1)
+    potential = (potential + constants.gm_moon_m3_s2 / np.linalg.norm(moon_m, axis=-1)) / C_M_S**2
+    bcrs_m = gcrs_m
+    if model.has("earth_scale"):
+        bcrs_m = bcrs_m - gcrs_m * (potential + (L_B - L_G))[:, None]
+    if model.has("earth_lorentz"):
+        bcrs_m = bcrs_m - v_m_s * (np.einsum("ni,ni->n", v_m_s, gcrs_m) / (2.0 * C_M_S**2))[:, None]
+    return StationMotion(
+        point=MovingPoint(
+            offset_s, geocentre_displacement_m(reference_earth, offset_s) + bcrs_m, v_m_s + gcrs_velocity_m_s
+        ),
+        gcrs_m=gcrs_m,
+        gcrs_velocity_m_s=gcrs_velocity_m_s,
+        up_gcrs=np.einsum("nij,nj->ni", rot, up_itrf),
+        up_rate_gcrs=np.einsum("nij,nj->ni", rotation.rot_itrf_to_gcrs_rate, up_itrf),
+        tdb_minus_tt_s=geocentric_s + topocentric_s,
+        topocentric_s=topocentric_s,
+        tdb_rate=np.einsum("ni,ni->n", v_m_s, v_m_s) / (2.0 * C_M_S**2)
+        + potential
+        - (L_B - L_G)
+        + topocentric_tdb_minus_tt(v_m_s, gcrs_velocity_m_s),
+        latitude_rad=latitude_rad,
+        height_m=height_m,
+        predicted_eop=rotation.predicted,
+    )
+
+
+def geocentre_displacement_m(earth: EarthState, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
+    """How far the geocentre has moved since the reference epochs, m, shape (n, 3).
+
+    Second order in time; the next term, from the Earth's monthly wobble, is 4e-10 m after 3 s.
+    """
+    t = offset_s[:, None]
+    return earth.velocity_m_s * t + earth.acceleration_m_s2 * (0.5 * t**2)
+
+
+def _displaced_itrf(
+    model: PhysicalModel,
+    station: Station,
+    tt: Epochs,
+    rotation: EarthRotation,
+    rows: NDArray[np.intp],
+    moon_gcrs_m: NDArray[np.float64],
+    sun_gcrs_m: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """ITRF position of one station with all its displacements, at the rows that are its own, m, shape (k, 3)."""
+    tt = tt[rows]
+    rest_m = station.position_at(tt) if model.has("station_velocity") else np.tile(station.itrf_m, (len(rows), 1))
+    displaced_m = rest_m
+    if model.has("solid_earth_tide"):
+        to_itrf = np.swapaxes(rotation.rot_itrf_to_gcrs[rows], -1, -2)
+        moon_itrf_m = np.einsum("nij,nj->ni", to_itrf, moon_gcrs_m[rows])
+        sun_itrf_m = np.einsum("nij,nj->ni", to_itrf, sun_gcrs_m[rows])
+        displaced_m = displaced_m + solid_earth_tide(
+            rest_m, moon_itrf_m, sun_itrf_m, tt, rotation.ut1.fraction[rows]
+        )
+    if model.has("pole_tide"):
+        displaced_m = displaced_m + pole_tide_displacement(
+            rest_m, rotation.xp_table_rad[rows], rotation.yp_table_rad[rows], tt
+        )
+    if model.has("ocean_loading") and station.ocean_loading is not None:
+        displaced_m = displaced_m + ocean_loading_displacement(
+            station.ocean_loading, rest_m, tt, rotation.ut1.fraction[rows]
+        )
+    if model.has("tidal_geocentre"):
+        displaced_m = displaced_m + tidal_geocentre_displacement(tt, rotation.ut1.fraction[rows])
+    return displaced_m

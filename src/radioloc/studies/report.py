@@ -1,0 +1,100 @@
+"""What a solution leaves in a folder: ``solution.json``, ``residuals.csv``, plots, and a table of terms."""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from radioloc.errors import InputError
+from radioloc.estimation.solution import Solution
+from radioloc.io.solution_files import write_json, write_residuals
+from radioloc.studies.locate import arc_of
+from radioloc.studies.study import Study
+from radioloc.time import utc_strings
+
+
+def write_report(solution: Solution, folder: str | Path) -> list[Path]:
+    """Write a solution's files and plots.
+
+    Parameters
+    ----------
+    solution : Solution
+    folder : path-like
+        Made where it does not exist; files of the same names are replaced.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made or written to.
+    """
+    folder = _made(folder)
+    rows = solution.residuals
+    elevation_deg = np.zeros(len(rows)) if rows.elevation_deg is None else rows.elevation_deg
+    write_json(folder / "solution.json", solution.to_dict())
+    write_residuals(
+        folder / "residuals.csv",
+        epoch=rows.epoch_utc,
+        types=rows.type,
+        paths=rows.path,
+        observed_m=rows.observed_m,
+        computed_m=rows.computed_m,
+        residual_m=rows.residual_m,
+        sigma_m=rows.sigma_m,
+        elevation_deg=elevation_deg,
+        status=rows.status,
+    )
+    return [folder / "solution.json", folder / "residuals.csv", *_write_plots(solution, folder)]
+
+
+def write_terms(study: Study, solution: Solution, folder: str | Path) -> Path:
+    """Write ``terms.csv``: for each observation, what each active term of the model adds to the computed value.
+
+    Parameters
+    ----------
+    study : Study
+        The study of the solution.
+    solution : Solution
+        Where the terms are evaluated.
+    folder : path-like
+        Made where it does not exist.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made or written to.
+    """
+    arc, _ = arc_of(study)
+    terms = arc.terms(solution.position_pa_m)
+    path = _made(folder) / "terms.csv"
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["epoch_utc", "type", "path", *(f"{name}_m" for name in terms)])
+        columns = (utc_strings(arc.observations.epoch), arc.observations.types(), arc.observations.paths())
+        for row in zip(*columns, *(np.char.mod("%.6f", values) for values in terms.values()), strict=True):
+            writer.writerow(row)
+    return path
+
+
+def _write_plots(solution: Solution, folder: Path) -> list[Path]:
+    from radioloc.plotting import plot_position, plot_residuals, save_figure
+
+    written = list(save_figure(plot_residuals(solution), folder / "residuals"))
+    if solution.position_estimated and solution.position_determined:
+        written += save_figure(plot_position(solution), folder / "position")
+    return written
+
+
+def _made(folder: str | Path) -> Path:
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: the output folder cannot be made: {error.strerror}") from None
+    return folder

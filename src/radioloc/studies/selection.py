@@ -1,0 +1,125 @@
+"""Which of the observations read take part in a study, and how many do not and why."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import InputError, StationError
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.targets import canonical_target
+from radioloc.studies.study import ObservationChoice
+from radioloc.time import Epochs, utc_to_tai
+
+
+def select_observations(
+    observations: Observations, choice: ObservationChoice, catalogue: StationCatalogue
+) -> tuple[Observations, dict[str, int]]:
+    """Keep what a study asks for.
+
+    Parameters
+    ----------
+    observations : Observations
+        All that was read.
+    choice : ObservationChoice
+        Targets, stations and time span to keep.
+    catalogue : StationCatalogue
+        Resolves station names and their aliases.
+
+    Returns
+    -------
+    observations : Observations
+        What is kept, in input order.
+    left_out : dict of str to int
+        How many were not asked for, by reason.
+
+    Raises
+    ------
+    InputError
+        Nothing is left, a target or station named is not among the observations, or the observations are of several
+        targets and none is named.
+    """
+    left_out: dict[str, int] = {}
+    kept = np.ones(len(observations), dtype=bool)
+
+    def keep(mask: NDArray[np.bool_], reason: str) -> None:
+        nonlocal kept
+        count = int((kept & ~mask).sum())
+        if count:
+            left_out[reason] = count
+        kept = kept & mask
+
+    keep(_of_targets(observations, choice.targets), "other target")
+    keep(_of_stations(observations, choice.stations, catalogue), "other station")
+    if len(observations):
+        keep(_within_time(observations, kept, choice), "outside the time span")
+    if not kept.any():
+        why = "; ".join(f"{count} {reason}" for reason, count in left_out.items()) or "the files hold none"
+        raise InputError(f"no observations left ({why}); change targets, stations, start, stop or hours")
+    return observations.select(kept), left_out
+
+
+def _of_targets(observations: Observations, targets: tuple[str, ...] | None) -> NDArray[np.bool_]:
+    present = sorted({canonical_target(observations.links[i].target) for i in np.unique(observations.link)})
+    if targets is None:
+        if len(present) > 1:
+            raise InputError(
+                f"the observations are of several targets ({', '.join(present)}), but one position is fitted; "
+                f'name one: [observations] targets = ["{present[0]}"]'
+            )
+        return np.ones(len(observations), dtype=bool)
+    wanted = {canonical_target(name) for name in targets}
+    missing = sorted(wanted - set(present))
+    if missing:
+        raise InputError(f"no observation of {', '.join(missing)}; the files have {', '.join(present) or 'none'}")
+    if len(wanted) > 1:
+        raise InputError(f"one position is fitted, but several targets are named: {', '.join(sorted(wanted))}")
+    of_link = np.array([canonical_target(link.target) in wanted for link in observations.links], dtype=bool)
+    return of_link[observations.link]
+
+
+def _of_stations(
+    observations: Observations, stations: tuple[str, ...] | None, catalogue: StationCatalogue
+) -> NDArray[np.bool_]:
+    if stations is None:
+        return np.ones(len(observations), dtype=bool)
+    wanted = {catalogue.get(name).name for name in stations}
+    ends = [{_name(catalogue, link.transmitter), _name(catalogue, link.receiver)} for link in observations.links]
+    present = set().union(*ends)
+    missing = sorted(wanted - present)
+    if missing:
+        raise InputError(f"no observation by {', '.join(missing)}; the files have {', '.join(sorted(present))}")
+    of_link = np.array([names <= wanted for names in ends], dtype=bool)
+    return of_link[observations.link]
+
+
+def _name(catalogue: StationCatalogue, name: str) -> str:
+    try:
+        return catalogue.get(name).name
+    except StationError:
+        return name
+
+
+def _within_time(
+    observations: Observations, kept: NDArray[np.bool_], choice: ObservationChoice
+) -> NDArray[np.bool_]:
+    mask = np.ones(len(observations), dtype=bool)
+    if choice.start is None and choice.stop is None and choice.hours is None:
+        return mask
+    epoch = utc_to_tai(observations.epoch)
+    start = utc_to_tai(choice.start) if choice.start is not None else None
+    if start is not None:
+        mask &= epoch.seconds_since(start) >= 0.0
+    if choice.stop is not None:
+        mask &= epoch.seconds_since(utc_to_tai(choice.stop)) <= 0.0
+    if choice.hours is not None:
+        if start is None and (kept & mask).any():
+            start = _earliest(epoch[kept & mask])
+        if start is not None:
+            mask &= epoch.seconds_since(start) <= 3600.0 * choice.hours
+    return mask
+
+
+def _earliest(epoch: Epochs) -> Epochs:
+    return epoch[int(np.lexsort((epoch.fraction, epoch.jd))[0])]

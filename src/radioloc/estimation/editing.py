@@ -201,7 +201,8 @@ def fit_with_editing(
 def outlier_reason(residual_m: float, expected_m: float) -> str:
     """Say why one is left out, such as "outlier: 19.021 m is 612 times its expected 0.031 m"."""
     ratio = abs(residual_m) / expected_m
-    return f"outlier: {_metres(abs(residual_m))} m is {ratio:.3g} times its expected {_metres(expected_m)} m"
+    times = f"{ratio:.0f}" if ratio >= 100.0 else f"{ratio:.3g}"
+    return f"outlier: {_metres(abs(residual_m))} m is {times} times its expected {_metres(expected_m)} m"
 
 
 def _metres(value_m: float) -> str:

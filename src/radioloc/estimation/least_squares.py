@@ -26,8 +26,8 @@ ResidualFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], ND
 # Rows whitened and factorized together: bounds the copies made; the triangle carries over from block to
 # block.
 _ROWS_AT_ONCE = 20000
-# Dampings tried before giving up: each is three times the last, so the step shrinks to nothing.
-_MAX_TRIALS = 30
+# Damping given up at, in largest singular values: the step is then a millionth of the plain one.
+_MAX_DAMPING = 1e3
 
 
 class FitStatus(enum.Enum):
@@ -322,7 +322,9 @@ def fit_least_squares(
 
     def linearize(at: NDArray[np.float64]) -> _Point:
         residual_m, partials = evaluate(residual_function, at)
-        return _Point(at, residual_m, partials, _sum_of_squares(residual_m, sigma, mask, parameters, at))
+        finite = np.isfinite(partials[mask]).all()
+        chi2 = _sum_of_squares(residual_m, sigma, mask, parameters, at) if finite else np.inf
+        return _Point(at, residual_m, partials, chi2)
 
     def reduce(point: _Point) -> Factor:
         return factorize(
@@ -343,14 +345,12 @@ def fit_least_squares(
         length = factor.step_sigmas
         small = length < settings.step_tolerance * max(1.0, np.sqrt(here.chi2 / max(1, mask.sum())))
         lowest = float(factor.singular_values[factor.determined].min(initial=1.0))
-        for _ in range(_MAX_TRIALS):
+        while damping <= _MAX_DAMPING * factor.singular_values[0]:
             trial = stepped(here, factor, damping)
-            # A step this small changes the sum of squares by less than its rounding may: it is taken as it
-            # is.
+            # A step this small changes the sum by less than its rounding may: it is taken as it is.
             if small or trial.chi2 <= here.chi2:
                 break
-            # A long step in a weak direction leaves the curved valley of low sums; a second one leads back
-            # into it.
+            # A long step in a weak direction leaves the curved valley of low sums; a second one leads back.
             if np.isfinite(trial.chi2):
                 trial = stepped(trial, reduce(trial), 0.0)
                 if trial.chi2 <= here.chi2:

@@ -1,0 +1,203 @@
+import numpy as np
+import pytest
+from toy_moon import LANDER_M, ToyMoon
+
+from radioloc.errors import InputError
+from radioloc.estimation import (
+    USED,
+    EditingSettings,
+    FitStatus,
+    Parameter,
+    ParameterSet,
+    fit_least_squares,
+    fit_with_editing,
+)
+from radioloc.estimation.editing import outlier_reason
+from radioloc.estimation.robust import robust_scale
+
+FAR_OFF_M = np.array([3e4, -3e4, 2.5e4])  # 50 km
+# The same observations from another start: the step tolerance, a thousandth of a sigma, and some reserve.
+SAME_ANSWER_SIGMAS = 0.01
+
+
+def observations(model, sigma_m, seed=0, model_error_m=0.0):
+    rng = np.random.default_rng(seed)
+    truth = np.concatenate([LANDER_M, np.zeros(len(model.biased))])
+    # Model errors vary slowly, as tides and atmosphere do, and are not white.
+    slow_m = model_error_m * np.sin(model.time_s / 9000.0 + 1.0)
+    return model.ranges(truth)[0] + sigma_m * rng.normal(size=len(model.time_s)) + slow_m
+
+
+def same_without(model, observed_m, parameters, sigma_m, kept):
+    return fit_least_squares(model.residual_function(observed_m), parameters, sigma_m, used=kept)
+
+
+def test_clean_data_are_all_used():
+    model = ToyMoon(200, 12.0)
+    edited = fit_with_editing(
+        model.residual_function(observations(model, 0.3)), model.parameters(LANDER_M + FAR_OFF_M), 0.3
+    )
+    assert edited.converged
+    assert set(edited.status) == {USED}
+    assert edited.message == ""
+    assert edited.robust_scale == pytest.approx(1.0, abs=0.3)
+
+
+def test_single_blunder_among_good_points_with_stated_millimetres():
+    # Stated 5 mm, real spread 0.6 m: 19 m must go, the good points must not, and the answer must not move.
+    model = ToyMoon(150, 72.0, biases=False)
+    rng = np.random.default_rng(4)
+    observed_m = model.ranges(LANDER_M)[0] + 0.6 * rng.normal(size=150)
+    observed_m[40] += 19.0
+    parameters = model.parameters(LANDER_M + FAR_OFF_M)
+    edited = fit_with_editing(model.residual_function(observed_m), parameters, 0.005)
+    kept = np.arange(150) != 40
+    assert edited.converged
+    np.testing.assert_array_equal(edited.status == USED, kept)
+    assert edited.status[40].startswith("outlier: ")
+    assert " times its expected 0." in edited.status[40]
+    without = same_without(model, observed_m, parameters, 0.005, kept)
+    np.testing.assert_allclose(
+        edited.fit.x, without.x, atol=SAME_ANSWER_SIGMAS * without.sigmas.min(), rtol=0.0
+    )
+
+
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("part", [0.05, 0.15, 0.25])
+def test_many_and_huge_blunders_from_50_km_away(seed, part):
+    # Blunders of 2 m to 100 km, all of one sign for odd seeds, stated 3 mm, model errors of 2 cm.
+    model = ToyMoon(120, 72.0)
+    rng = np.random.default_rng(seed)
+    observed_m = observations(model, 0.003, seed, 0.02)
+    bad = rng.choice(120, int(part * 120), replace=False)
+    signs = np.ones(len(bad)) if seed % 2 else rng.choice([-1.0, 1.0], len(bad))
+    observed_m[bad] += signs * 10.0 ** rng.uniform(0.3, 5.0, len(bad))
+    kept = ~np.isin(np.arange(120), bad)
+    parameters = model.parameters(LANDER_M + FAR_OFF_M)
+    edited = fit_with_editing(model.residual_function(observed_m), parameters, 0.003)
+    assert edited.converged
+    np.testing.assert_array_equal(edited.status == USED, kept)
+    without = same_without(model, observed_m, parameters, 0.003, kept)
+    np.testing.assert_allclose(
+        edited.fit.x, without.x, atol=SAME_ANSWER_SIGMAS * without.sigmas.min(), rtol=0.0
+    )
+
+
+def test_good_points_at_the_limit_come_back():
+    # A point at 4.9 sigmas belongs to the data, one at 8 does not, whatever a first fit made of them.
+    design = np.ones((100, 1))
+    residual = np.random.default_rng(0).normal(size=100)
+    residual = (residual - residual.mean()) / residual.std()
+    residual *= np.clip(2.0 / np.abs(residual), None, 1.0)
+    residual[7], residual[8] = 4.9, 8.0
+    parameters = ParameterSet([Parameter("a", "m", "p")])
+    edited = fit_with_editing(lambda x: (residual - design @ x, design), parameters, 1.0)
+    assert edited.converged
+    used = edited.fit.used
+    offset = residual - edited.fit.x[0]
+    limit = 5.0 * max(1.0, robust_scale(offset, 1))
+    np.testing.assert_array_equal(used, np.abs(offset) <= limit)
+    assert used[7]
+    assert not used[8]
+
+
+def test_too_many_outliers_are_not_cut_away():
+    model = ToyMoon(100, 72.0, biases=False)
+    observed_m = observations(model, 0.01)
+    observed_m[np.random.default_rng(2).choice(100, 40, replace=False)] += np.linspace(50.0, 500.0, 40)
+    edited = fit_with_editing(model.residual_function(observed_m), model.parameters(), 0.01)
+    assert not edited.converged
+    assert edited.fit.used.all()
+    assert "40 of 100 observations exceed 5 sigmas, more than the 30 that may be left out" in edited.message
+    assert "check stations, sigmas and model" in edited.message
+
+
+def test_left_out_beforehand_stays_out_with_its_reason():
+    model = ToyMoon(60, 72.0, biases=False)
+    observed_m = observations(model, 0.01)
+    observed_m[10] += 1e7
+    observed_m[20] += 5.0
+    status = np.full(60, "", dtype=object)
+    status[[10, 11]] = "below the horizon"
+    edited = fit_with_editing(model.residual_function(observed_m), model.parameters(), 0.01, status=status)
+    assert edited.converged
+    assert list(edited.status[[10, 11, 12]]) == ["below the horizon", "below the horizon", USED]
+    assert edited.status[20].startswith("outlier: ")
+    assert edited.fit.used.sum() == 57
+
+
+def test_editing_can_be_switched_off():
+    model = ToyMoon(60, 72.0, biases=False)
+    observed_m = observations(model, 0.01)
+    observed_m[20] += 5.0
+    edited = fit_with_editing(
+        model.residual_function(observed_m), model.parameters(), 0.01, editing=EditingSettings(enabled=False)
+    )
+    assert edited.fit.used.all()
+    assert edited.converged
+
+
+def test_without_redundancy_nothing_is_cut():
+    # With one observation more than parameters nothing tells which is wrong.
+    model = ToyMoon(4, 72.0, biases=False)
+    observed_m = observations(model, 0.01)
+    observed_m[2] += 1000.0
+    edited = fit_with_editing(model.residual_function(observed_m), model.parameters(), 0.01)
+    assert edited.fit.used.all()
+    assert edited.fit.chi2_per_dof > 1e3
+
+
+def test_undetermined_problems_are_edited_too():
+    model = ToyMoon(100, 72.0, biases=False)
+    observed_m = observations(model, 0.01)
+    observed_m[30] += 100.0
+    model_partials = model.residual_function(observed_m)
+
+    def with_double(x):
+        residual_m, partials = model_partials(x[:3])
+        return residual_m - x[3] - x[4], np.hstack([partials, np.ones((100, 2))])
+
+    parameters = ParameterSet(
+        [
+            *model.parameters(),
+            Parameter("range_bias.A", "m", "range_bias"),
+            Parameter("range_bias.B", "m", "range_bias"),
+        ]
+    )
+    edited = fit_with_editing(with_double, parameters, 0.01)
+    assert edited.fit.status is FitStatus.UNOBSERVABLE
+    assert not edited.converged
+    assert np.flatnonzero(~edited.fit.used).tolist() == [30]
+
+
+def test_reason_reads_well():
+    assert outlier_reason(19.021, 0.031) == "outlier: 19.021 m is 614 times its expected 0.031 m"
+    assert outlier_reason(-0.05, 0.00123) == "outlier: 0.050 m is 40.7 times its expected 0.0012 m"
+
+
+def test_robust_scale():
+    rng = np.random.default_rng(0)
+    normal = 3.0 * rng.normal(size=4001)
+    assert robust_scale(normal, 5) == pytest.approx(3.0, rel=0.05)
+    normal[:800] += 1e6
+    assert robust_scale(normal, 5) == pytest.approx(3.0, rel=0.45)
+    assert robust_scale(np.array([]), 3) == 0.0
+    # Five residuals are zero because five parameters pass through them; the others say 2.
+    assert robust_scale(np.array([0.0] * 5 + [2.0] * 4), 5) == pytest.approx(2.0 * 1.4826)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "words"),
+    [({"threshold": 1.0}, "cuts good data"), ({"max_rejected_fraction": 0.7}, "not between 0 and 0.5")],
+)
+def test_unusable_settings_are_refused(kwargs, words):
+    with pytest.raises(InputError, match=words):
+        EditingSettings(**kwargs)
+
+
+def test_status_of_another_length_is_refused():
+    model = ToyMoon(10, 12.0, biases=False)
+    with pytest.raises(InputError, match="status has shape"):
+        fit_with_editing(
+            model.residual_function(observations(model, 0.1)), model.parameters(), 0.1, status=["used"]
+        )

@@ -1,0 +1,240 @@
+import time
+
+import numpy as np
+import pytest
+from toy_moon import LANDER_M, ToyMoon
+
+from radioloc.errors import InputError
+from radioloc.estimation import FitSettings, FitStatus, Parameter, ParameterSet, fit_least_squares
+from radioloc.estimation.least_squares import _ROWS_AT_ONCE
+
+# Solving 5 well-conditioned unknowns in double precision; the closed form itself loses about 1e-12.
+LINEAR_RTOL = 1e-10
+# Ranges of 4e8 m are rounded to 1e-7 m; solving for three biases over 12 h magnifies that up to 1000 times.
+ZERO_NOISE_TOLERANCE_M = 1e-3
+
+
+def linear(n=40, p=5, seed=0):
+    rng = np.random.default_rng(seed)
+    design = rng.normal(size=(n, p))
+    observed = design @ rng.normal(size=p) + rng.normal(size=n)
+    sigma = rng.uniform(0.5, 2.0, size=n)
+    return design, observed, sigma
+
+
+def function(design, observed):
+    return lambda x: (observed - design @ x, design)
+
+
+def free_parameters(p, **kwargs):
+    return ParameterSet([Parameter(f"p.{k}", "m", "p", **kwargs) for k in range(p)])
+
+
+def test_linear_problem_against_closed_form():
+    design, observed, sigma = linear()
+    fit = fit_least_squares(function(design, observed), free_parameters(5), sigma)
+    weighted = design / sigma[:, None]
+    covariance = np.linalg.inv(weighted.T @ weighted)
+    x = covariance @ weighted.T @ (observed / sigma)
+    np.testing.assert_allclose(fit.x, x, rtol=LINEAR_RTOL)
+    np.testing.assert_allclose(fit.covariance, covariance, rtol=LINEAR_RTOL, atol=1e-14)
+    np.testing.assert_allclose(fit.residual_m, observed - design @ x, rtol=LINEAR_RTOL, atol=1e-12)
+    assert fit.chi2 == pytest.approx((((observed - design @ x) / sigma) ** 2).sum(), rel=LINEAR_RTOL)
+    assert (fit.dof, fit.status) == (35, FitStatus.CONVERGED)
+    assert fit.chi2_per_dof == fit.chi2 / 35
+
+
+def test_priors_act_like_observations():
+    design, observed, sigma = linear()
+    values, sigmas = np.array([3.0, -1.0]), np.array([0.2, 0.7])
+    parameters = free_parameters(5)
+    for k in range(2):
+        parameters = parameters.changed(f"p.{k}", prior_value=values[k], prior_sigma=sigmas[k])
+    with_priors = fit_least_squares(function(design, observed), parameters, sigma)
+    more_design, more_observed = np.vstack([design, np.eye(5)[:2]]), np.concatenate([observed, values])
+    as_data = fit_least_squares(
+        function(more_design, more_observed), free_parameters(5), np.concatenate([sigma, sigmas])
+    )
+    np.testing.assert_allclose(with_priors.x, as_data.x, rtol=LINEAR_RTOL)
+    np.testing.assert_allclose(with_priors.covariance, as_data.covariance, rtol=LINEAR_RTOL, atol=1e-14)
+    assert with_priors.chi2 == pytest.approx(as_data.chi2, rel=LINEAR_RTOL)
+    assert with_priors.dof == as_data.dof
+
+
+def test_prior_alone_is_returned_without_data_on_it():
+    design = np.array([[1.0, 0.0]] * 4)
+    parameters = ParameterSet(
+        [Parameter("a", "m", "p"), Parameter("b", "m", "p", prior_value=7.0, prior_sigma=0.3)]
+    )
+    fit = fit_least_squares(function(design, np.array([1.0, 2.0, 3.0, 4.0])), parameters, 1.0)
+    np.testing.assert_allclose(fit.x, [2.5, 7.0])
+    np.testing.assert_allclose(fit.sigmas, [0.5, 0.3])
+    assert fit.converged
+
+
+def test_fixed_parameters_stay():
+    design, observed, sigma = linear()
+    parameters = free_parameters(5).changed("p.2", prior_value=0.4, fixed=True)
+    fit = fit_least_squares(function(design, observed), parameters, sigma, start=np.full(5, 9.0))
+    others = [0, 1, 3, 4]
+    reduced = fit_least_squares(
+        function(design[:, others], observed - 0.4 * design[:, 2]), free_parameters(4), sigma
+    )
+    assert fit.x[2] == 0.4
+    np.testing.assert_allclose(fit.x[others], reduced.x, rtol=LINEAR_RTOL)
+    np.testing.assert_allclose(fit.covariance[np.ix_(others, others)], reduced.covariance, rtol=LINEAR_RTOL)
+    np.testing.assert_array_equal(fit.covariance[2], 0.0)
+    assert fit.dof == reduced.dof
+
+
+@pytest.mark.parametrize("hours", [12.0, 336.0])
+@pytest.mark.parametrize("offset_m", [(0.0, 0.0, 0.0), (3e4, 3e4, -3e4), (-5e4, 1e3, 2e4)])
+def test_zero_noise_recovery_from_far_away(hours, offset_m):
+    model = ToyMoon(200, hours)
+    truth = np.concatenate([LANDER_M, [1.0, -2.0, 3.0]])
+    parameters = model.parameters(LANDER_M + np.array(offset_m))
+    fit = fit_least_squares(model.residual_function(model.ranges(truth)[0]), parameters, 0.3)
+    assert fit.converged
+    assert len(fit.iterations) <= 5
+    np.testing.assert_allclose(fit.x, truth, rtol=0.0, atol=ZERO_NOISE_TOLERANCE_M)
+
+
+def test_curved_valley_of_a_short_arc():
+    # Ten minutes of one station leave 12 km along one direction, far enough for the model to bend: plain
+    # Gauss-Newton steps raise the sum of squares, damped ones alone crawl.
+    model = ToyMoon(200, 1.0 / 6.0, ("A",), biases=False)
+    for seed in range(20):
+        rng = np.random.default_rng(seed)
+        observed_m = model.ranges(LANDER_M)[0] + 0.3 * rng.normal(size=200)
+        parameters = model.parameters(LANDER_M + rng.normal(size=3) * 2e4)
+        fit = fit_least_squares(model.residual_function(observed_m), parameters, 0.3)
+        assert fit.converged
+        assert len(fit.iterations) <= 6
+        gradient = (fit.partials / 0.3).T @ (fit.residual_m / 0.3)
+        # Stationary to a hundredth of a sigma in every direction.
+        assert np.sqrt(gradient @ fit.covariance @ gradient) < 1e-2
+
+
+def test_damping_where_full_steps_overshoot():
+    # The arctangent sends undamped Gauss-Newton from beyond 1.39 further and further away.
+    def arctangent(x):
+        return -np.arctan(x), 1.0 / (1.0 + x[None, :] ** 2)
+
+    fit = fit_least_squares(arctangent, ParameterSet([Parameter("a", "m", "p", 20.0)]), 0.01)
+    assert fit.converged
+    assert abs(fit.x[0]) < 1e-6
+    assert max(step.damping for step in fit.iterations) > 0.0
+
+
+def test_wrong_partials_diverge_and_say_so():
+    design, observed, sigma = linear()
+    fit = fit_least_squares(lambda x: (observed - design @ x, -design), free_parameters(5), sigma)
+    assert fit.status is FitStatus.DIVERGED
+    assert not fit.converged
+
+
+def test_iteration_limit_is_reported():
+    model = ToyMoon(50, 12.0, biases=False)
+    fit = fit_least_squares(
+        model.residual_function(model.ranges(LANDER_M)[0]),
+        model.parameters(LANDER_M + 3e4),
+        0.3,
+        settings=FitSettings(max_iterations=1),
+    )
+    assert fit.status is FitStatus.MAX_ITERATIONS
+    assert len(fit.iterations) == 1
+
+
+def test_unused_observations_do_not_act_but_have_residuals():
+    design, observed, sigma = linear()
+    used = np.arange(40) % 3 > 0
+    bad = np.where(used, observed, 1e9)
+    fit = fit_least_squares(function(design, bad), free_parameters(5), sigma, used=used)
+    part = fit_least_squares(function(design[used], observed[used]), free_parameters(5), sigma[used])
+    np.testing.assert_allclose(fit.x, part.x, rtol=LINEAR_RTOL)
+    assert (np.abs(fit.residual_m[~used]) > 1e8).all()
+
+
+def test_identical_columns_are_undetermined_and_not_inverted():
+    design, observed, sigma = linear()
+    design[:, 4] = design[:, 3]
+    fit = fit_least_squares(function(design, observed), free_parameters(5), sigma)
+    assert fit.status is FitStatus.UNOBSERVABLE
+    assert np.isinf(fit.sigmas[3:]).all()
+    reduced = fit_least_squares(function(design[:, :4], observed), free_parameters(4), sigma)
+    # What is determined is determined as if the surplus parameter were not there.
+    np.testing.assert_allclose(fit.sigmas[:3], reduced.sigmas[:3], rtol=LINEAR_RTOL)
+    np.testing.assert_allclose(fit.x[:3], reduced.x[:3], rtol=LINEAR_RTOL)
+    assert fit.x[3] + fit.x[4] == pytest.approx(reduced.x[3], rel=LINEAR_RTOL)
+    assert fit.dof == reduced.dof
+
+
+def test_fewer_observations_than_parameters():
+    design, observed, sigma = linear(n=3)
+    fit = fit_least_squares(function(design, observed), free_parameters(5), sigma)
+    assert fit.status is FitStatus.UNOBSERVABLE
+    assert int((~fit.factor.determined).sum()) == 2
+    assert (fit.dof, fit.chi2_per_dof) == (0, None)
+
+
+def test_no_information_beyond_the_size_of_the_moon():
+    design = np.array([[1.0, 0.0], [1.0, 1e-9], [1.0, 2e-9]])
+    fit = fit_least_squares(function(design, np.ones(3)), free_parameters(2), 1.0)
+    assert fit.status is FitStatus.UNOBSERVABLE
+    assert np.isfinite(fit.sigmas[0])
+    assert np.isinf(fit.sigmas[1])
+
+
+def test_blocks_of_rows_give_the_same_as_one():
+    design, observed, sigma = linear(n=_ROWS_AT_ONCE + 17)
+    fit = fit_least_squares(function(design, observed), free_parameters(5), sigma)
+    x = np.linalg.lstsq(design / sigma[:, None], observed / sigma, rcond=None)[0]
+    np.testing.assert_allclose(fit.x, x, rtol=LINEAR_RTOL)
+
+
+def test_normal_equations_would_lose_this_one():
+    # Lauchli's matrix: squaring 1e-9 beside 1 leaves nothing in double precision.
+    design = np.vstack([np.ones(3), 1e-9 * np.eye(3)])
+    truth = np.array([1.0, 2.0, 3.0])
+    fit = fit_least_squares(function(design, design @ truth), free_parameters(3), 1e-6)
+    assert fit.converged
+    np.testing.assert_allclose(fit.x, truth, rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("kwargs", "words"),
+    [
+        ({"sigma_m": 0.0}, "sigma of observation 0 is 0.0 m"),
+        ({"sigma_m": np.ones(7)}, "do not belong to 40 observations"),
+        ({"used": np.ones(3, dtype=bool)}, "used has shape"),
+        ({"start": np.ones(3)}, "start has shape"),
+    ],
+)
+def test_unusable_input_is_refused(kwargs, words):
+    design, observed, sigma = linear()
+    with pytest.raises(InputError, match=words):
+        fit_least_squares(function(design, observed), free_parameters(5), **({"sigma_m": sigma} | kwargs))
+
+
+def test_unusable_models_are_refused():
+    design, observed, sigma = linear()
+    broken = np.where(np.arange(40) == 3, np.nan, observed)
+    with pytest.raises(InputError, match="1 of 40 residuals are not finite at the start, the first at 3"):
+        fit_least_squares(function(design, broken), free_parameters(5), sigma)
+    holed = np.where(design == design[2, 1], np.nan, design)
+    with pytest.raises(InputError, match=r"partials with respect to p\.1 are not finite"):
+        fit_least_squares(lambda x: (observed, holed), free_parameters(5), sigma)
+    with pytest.raises(InputError, match="do not belong to 4 parameters"):
+        fit_least_squares(lambda x: (observed, design), free_parameters(4), sigma)
+    with pytest.raises(InputError, match="all parameters are fixed"):
+        fit_least_squares(function(design, observed), free_parameters(5, fixed=True), sigma)
+
+
+def test_a_fit_of_200_by_5_takes_milliseconds():
+    design, observed, sigma = linear(n=200)
+    best_s = np.inf
+    for _ in range(5):
+        start_s = time.perf_counter()
+        fit_least_squares(function(design, observed), free_parameters(5), sigma)
+        best_s = min(best_s, time.perf_counter() - start_s)
+    assert best_s < 0.02  # 1 ms on the machine it was written on

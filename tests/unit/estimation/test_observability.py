@@ -1,0 +1,117 @@
+import numpy as np
+import pytest
+from toy_moon import LANDER_M, ToyMoon
+
+from radioloc.estimation import Parameter, ParameterSet, assess_observability, fit_least_squares
+from radioloc.estimation.observability import correlation_matrix
+
+
+def assess(design, names=None, sigma_m=1.0, **changes):
+    p = design.shape[1]
+    names = names or [f"range_bias.{letter}" for letter in "ABCDEFG"[:p]]
+    parameters = ParameterSet([Parameter(name, "m", "range_bias", **changes) for name in names])
+    fit = fit_least_squares(lambda x: (-design @ x, design), parameters, sigma_m)
+    return assess_observability(fit)
+
+
+def test_two_identical_columns_are_named():
+    design = np.random.default_rng(1).normal(size=(20, 4))
+    design[:, 1] = design[:, 0]
+    found = assess(design)
+    assert len(found.undetermined) == 1
+    assert found.undetermined[0].names == ("range_bias.A", "range_bias.B")
+    np.testing.assert_allclose(found.undetermined[0].weights, [0.5**0.5, -(0.5**0.5)], atol=1e-12)
+    assert "the data do not determine 0.71 range_bias.A - 0.71 range_bias.B" in found.describe()
+    assert found.advice() == "what is missing: an a-priori sigma for range_bias.A, range_bias.B"
+    assert found.condition_number == np.inf
+
+
+def test_two_separate_defects_are_not_mixed():
+    # Any mixture of the two directions is undetermined too; the report keeps them apart.
+    design = np.random.default_rng(1).normal(size=(20, 5))
+    design[:, 1] = 2.0 * design[:, 0]
+    design[:, 4] = 0.0
+    found = assess(design)
+    assert {direction.names for direction in found.undetermined} == {
+        ("range_bias.E",),
+        ("range_bias.A", "range_bias.B"),
+    }
+    assert "the data do not determine range_bias.E" in found.describe()
+    assert "the data do not determine 0.89 range_bias.A - 0.45 range_bias.B" in found.describe()
+
+
+def test_a_prior_on_one_of_two_identical_columns_settles_it():
+    design = np.random.default_rng(1).normal(size=(20, 2))
+    design[:, 1] = design[:, 0]
+    parameters = ParameterSet([Parameter("a", "m", "p", prior_sigma=3.0), Parameter("b", "m", "p")])
+    fit = fit_least_squares(lambda x: (-design @ x, design), parameters, 1e-3)
+    found = assess_observability(fit)
+    assert fit.converged
+    assert found.undetermined == ()
+    # The sum is known to a millimetre; the difference from the prior alone: 3 m times the square root of 2.
+    assert len(found.weak) == 1
+    assert found.weak[0].sigma == pytest.approx(3.0 * 2.0**0.5, rel=1e-6)
+    assert found.correlations[0].coefficient == pytest.approx(-1.0, abs=1e-6)
+
+
+def test_three_free_biases_over_half_a_day_are_weak():
+    model = ToyMoon(200, 12.0)
+    observed_m, _ = model.ranges(np.concatenate([LANDER_M, np.zeros(3)]))
+    fit = fit_least_squares(model.residual_function(observed_m), model.parameters(), 0.3)
+    found = assess_observability(fit)
+    assert fit.converged
+    assert found.undetermined == ()
+    text = found.describe()[0]
+    assert "range_bias.A" in text
+    assert "position.x_m" in text
+    assert " m only (1 sigma), " in text
+    sigma_m = found.weak[0].sigma
+    assert 300.0 < sigma_m < 600.0
+    assert f"{sigma_m:.3g} m only" in text
+    assert f"{sigma_m / 0.3:.0f} times one observation's 0.3 m" in text
+    assert found.advice().startswith("what is missing: an a-priori sigma for range_bias.A, range_bias.B")
+    assert any("pairs of parameters correlated beyond 0.95" in line for line in found.describe())
+
+
+def test_the_worst_weak_direction_is_the_largest_sigma_of_all_combinations():
+    model = ToyMoon(200, 12.0)
+    observed_m, _ = model.ranges(np.concatenate([LANDER_M, np.zeros(3)]))
+    fit = fit_least_squares(model.residual_function(observed_m), model.parameters(), 0.3)
+    worst = assess_observability(fit).weak[0].sigma
+    directions = np.random.default_rng(0).normal(size=(2000, 6))
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    sigmas = np.sqrt(np.einsum("ki,ij,kj->k", directions, fit.covariance, directions))
+    assert sigmas.max() <= worst * (1.0 + 1e-9)
+    assert worst == pytest.approx(np.sqrt(np.linalg.eigvalsh(fit.covariance)[-1]), rel=1e-6)
+
+
+def test_a_good_geometry_has_nothing_to_report():
+    design = np.random.default_rng(1).normal(size=(50, 4))
+    found = assess(design)
+    assert found.describe() == ()
+    assert found.advice() == ""
+    assert found.condition_number == pytest.approx(found.singular_values[0] / found.singular_values[-1])
+
+
+def test_scales_make_units_comparable():
+    # A longitude in rad and a height in metres that are not told apart: equal weights, one metre of each.
+    radius_m = 1737400.0
+    column = np.linspace(1.0, 2.0, 9)
+    design = np.stack([column * radius_m, column], axis=1)
+    parameters = ParameterSet(
+        [
+            Parameter("position.longitude_rad", "rad", "position", scale=1.0 / radius_m),
+            Parameter("position.height_m", "m", "position"),
+        ]
+    )
+    fit = fit_least_squares(lambda x: (-design @ x, design), parameters, 1.0)
+    (direction,) = assess_observability(fit).undetermined
+    np.testing.assert_allclose(np.abs(direction.weights), 0.5**0.5, rtol=1e-9)
+    assert direction.unit == "scales"
+    assert "a longer arc, more stations" in assess_observability(fit).advice()
+
+
+def test_correlations_beside_unknown_parameters_are_zero():
+    covariance = np.array([[4.0, 3.0, 0.0], [3.0, 9.0, 0.0], [0.0, 0.0, np.inf]])
+    expected = np.array([[1.0, 0.5, 0.0], [0.5, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    np.testing.assert_allclose(correlation_matrix(covariance), expected)

@@ -1,0 +1,141 @@
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toy_moon import LANDER_M, ToyMoon, toy_solution
+
+from radioloc.errors import InputError
+from radioloc.plotting import plot_position, plot_residuals, save_figure
+from radioloc.plotting.figures import length_unit
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return toy_solution(
+        ToyMoon(90, 72.0, biases=False),
+        blunders_m={4: 19.0, 7: -1e5},
+        reference_pa_m=LANDER_M,
+        reference_name="truth",
+    )
+
+
+def panels_of(figure):
+    return [axes for axes in figure.axes if axes.get_title(loc="left")]
+
+
+def test_residuals_have_a_panel_for_each_station(solution):
+    panels = panels_of(plot_residuals(solution))
+    assert [axes.get_title(loc="left") for axes in panels] == ["A", "B", "C"]
+    for axes, group in zip(panels, solution.fit.by_station, strict=True):
+        legend = [text.get_text() for text in axes.get_legend().get_texts()]
+        assert legend[0].startswith(f"{group.used} used, wrms ")
+        assert axes.get_ylabel() == "light path (m)"
+
+
+def test_residuals_drawn_are_those_of_the_solution(solution):
+    (line,) = panels_of(plot_residuals(solution))[2].containers[0].lines[:1]
+    mine = (solution.residuals.station == "C") & solution.residuals.used
+    np.testing.assert_allclose(line.get_ydata(), solution.residuals.residual_m[mine])
+    dates = line.get_xdata().astype("datetime64[ms]")
+    assert str(dates[0])[:10] == "2013-12-24"
+    epochs = solution.residuals.epoch_utc[mine]
+    since_first_s = 86400.0 * ((epochs.jd - epochs.jd[0]) + (epochs.fraction - epochs.fraction[0]))
+    np.testing.assert_allclose((dates - dates[0]).astype(float) / 1e3, since_first_s, atol=1.1e-3)
+
+
+def test_outliers_beyond_the_panel_stay_visible(solution):
+    panel = panels_of(plot_residuals(solution))[1]
+    labels = [text.get_text() for text in panel.get_legend().get_texts()]
+    assert labels[1:] == ["1 left out, above", "1 left out, below"]
+    low, high = panel.get_ylim()
+    for line in panel.lines:
+        inside = np.asarray(line.get_ydata(), dtype=float)
+        assert (inside >= low).all()
+        assert (inside <= high).all()
+
+
+def test_stations_of_different_quality_have_scales_of_their_own():
+    model = ToyMoon(90, 72.0, biases=False)
+    solution = toy_solution(model, sigma_m=0.003)
+    wide = np.where(model.station == "A", 1000.0, 1.0) * solution.residuals.residual_m
+    panels = panels_of(plot_residuals(replace(solution.residuals, residual_m=wide)))
+    assert [axes.get_ylabel() for axes in panels] == ["light path (m)", "light path (cm)", "light path (cm)"]
+    # 3 m noise and 3 mm noise each fill their panel: centimetres there reach below 2.
+    assert panels[1].get_ylim()[1] < 2.0
+
+
+def test_stations_of_like_quality_share_a_scale(solution):
+    assert len({axes.get_ylim() for axes in panels_of(plot_residuals(solution))}) == 1
+
+
+def test_no_observations_or_too_many_stations_are_refused(solution):
+    rows = solution.residuals
+    with pytest.raises(InputError, match="90 stations do not fit"):
+        plot_residuals(replace(rows, station=np.array([f"S{k}" for k in range(90)])))
+    empty = {name: getattr(rows, name)[:0] for name in ("epoch_utc", "station", "type", "path", "observed_m")}
+    more = {name: getattr(rows, name)[:0] for name in ("residual_m", "sigma_m", "status")}
+    with pytest.raises(InputError, match="no residuals"):
+        plot_residuals(replace(rows, **empty, **more))
+
+
+def test_one_observation_is_enough():
+    plot_residuals(toy_solution(ToyMoon(1, 1.0, ("A",), biases=False)))
+
+
+def test_position_ellipse_is_that_of_the_solution(solution):
+    axes = plot_position(solution).axes[0]
+    outer, inner = axes.patches
+    expected = solution.ellipse(0.95)
+    assert axes.get_xlabel() == "east of truth (m)"
+    assert outer.height == pytest.approx(2.0 * expected.semi_major_m)
+    assert outer.width == pytest.approx(2.0 * expected.semi_minor_m)
+    assert inner.height == pytest.approx(outer.height / 5.991464547107979**0.5, rel=1e-6)
+    np.testing.assert_allclose(outer.center, [solution.reference.east_m, solution.reference.north_m])
+    # The end of the long axis, turned by the drawn angle, lies at the azimuth of the ellipse.
+    angle = np.radians(outer.angle)
+    end = np.array([-np.sin(angle), np.cos(angle)])
+    azimuth = np.radians(expected.azimuth_deg)
+    np.testing.assert_allclose(end, [np.sin(azimuth), np.cos(azimuth)], atol=1e-12)
+
+
+def test_position_can_be_drawn_about_any_point(solution):
+    axes = plot_position(solution, LANDER_M + np.array([0.0, 100.0, 0.0]), "a priori").axes[0]
+    assert axes.get_xlabel() == "east of a priori (m)"
+    # y is nearly east at this longitude of -0.4 deg.
+    assert axes.patches[0].center[0] == pytest.approx(solution.reference.east_m - 100.0, abs=0.1)
+
+
+def test_undetermined_position_cannot_be_drawn():
+    with pytest.raises(InputError, match="no error ellipse"):
+        plot_position(toy_solution(ToyMoon(1, 1.0, ("A",), biases=False)))
+
+
+def test_figures_are_saved_as_png_and_svg(solution, tmp_path):
+    files = [tmp_path / "residuals.png", tmp_path / "residuals.svg"]
+    save_figure(plot_residuals(solution), files)
+    assert files[0].read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+    assert "<svg" in files[1].read_text()
+    save_figure(plot_position(solution), str(tmp_path / "position.png"))
+    assert (tmp_path / "position.png").exists()
+    with pytest.raises(InputError, match="cannot be written as 'docx'"):
+        save_figure(plot_position(solution), tmp_path / "position.docx")
+
+
+@pytest.mark.parametrize(
+    ("size_m", "unit"),
+    [(1e-4, "mm"), (9e-4, "mm"), (0.02, "cm"), (0.49, "cm"), (3.0, "m"), (999.0, "m"), (5e4, "km")],
+)
+def test_length_unit(size_m, unit):
+    factor, name = length_unit(size_m)
+    assert name == unit
+    assert factor == {"mm": 1e3, "cm": 1e2, "m": 1.0, "km": 1e-3}[unit]
+
+
+def test_matplotlib_is_imported_only_when_used():
+    code = (
+        "import sys, radioloc.plotting, radioloc.estimation;"
+        "sys.exit(any(name in sys.modules for name in ('matplotlib', 'scipy', 'astropy')))"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

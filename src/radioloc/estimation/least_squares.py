@@ -263,7 +263,7 @@ def factorize(
     norms = np.where(norms > 0.0, norms, 1.0 / scales)
     left, s, right = np.linalg.svd(matrix / norms)
     sizes = np.linalg.norm(right / norms / scales, axis=1)
-    determined = (s > settings.rank_tolerance * s[0]) & (s * settings.max_sigma > sizes)
+    determined = (s > settings.rank_tolerance * s.max(initial=0.0)) & (s * settings.max_sigma > sizes)
     return Factor(norms, s, right.T, left.T @ right_side, determined)
 
 
@@ -301,12 +301,10 @@ def fit_least_squares(
     Raises
     ------
     InputError
-        Shapes do not agree, a sigma is not positive and finite, all parameters are fixed, or the residuals or
-        partials at the start are not finite.
+        Shapes do not agree, a sigma is not positive and finite, or the residuals or partials at the start
+        are not finite.
     """
     settings = settings or FitSettings()
-    if not parameters.free.any():
-        raise InputError("all parameters are fixed; leave at least one free")
     x = parameters.prior_values if start is None else np.array(start, dtype=np.float64)
     if x.shape != (len(parameters),):
         raise InputError(f"start has shape {x.shape}; {len(parameters)} parameters need ({len(parameters)},)")
@@ -339,9 +337,10 @@ def fit_least_squares(
     here = _Point(x, residual_m, partials, _sum_of_squares(residual_m, sigma, mask, parameters, x))
     factor = reduce(here)
     iterations: list[Iteration] = []
-    status = FitStatus.MAX_ITERATIONS
+    # With every parameter fixed there is nothing to do but to report the residuals.
+    status = FitStatus.MAX_ITERATIONS if parameters.free.any() else FitStatus.CONVERGED
     damping = 0.0
-    while len(iterations) < settings.max_iterations:
+    while len(iterations) < settings.max_iterations and parameters.free.any():
         length = factor.step_sigmas
         small = length < settings.step_tolerance * max(1.0, np.sqrt(here.chi2 / max(1, mask.sum())))
         lowest = float(factor.singular_values[factor.determined].min(initial=1.0))

@@ -89,11 +89,12 @@ class Observability:
 
     @property
     def condition_number(self) -> float:
-        """Largest over smallest singular value; infinite when something is undetermined."""
-        smallest = float(self.singular_values[-1])
-        if self.undetermined or smallest == 0.0:
+        """Largest over smallest singular value; infinite if something is undetermined, 1 if all is fixed."""
+        if self.undetermined:
             return math.inf
-        return float(self.singular_values[0]) / smallest
+        if not len(self.singular_values):
+            return 1.0
+        return float(self.singular_values[0] / self.singular_values[-1])
 
     def describe(self) -> tuple[str, ...]:
         """Sentences for people; none if all is well determined."""

@@ -14,11 +14,11 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.editing import USED
 from radioloc.estimation.least_squares import Iteration
-from radioloc.estimation.observability import Direction, Observability
+from radioloc.estimation.observability import Observability
 from radioloc.estimation.parameters import ParameterSet
-from radioloc.estimation.statistics import FitStatistics, GroupStatistics
+from radioloc.estimation.statistics import FitStatistics
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
-from radioloc.time import Epochs, utc_strings
+from radioloc.time import Epochs
 
 Axes = Literal["enu", "pa", "me", "geographic"]
 Level = Literal["total", "scaled", "formal"]
@@ -333,61 +333,9 @@ class Solution:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the single residuals, in types that JSON has; None where a number is not finite."""
-        longitude_deg, latitude_deg, height_m = self.selenographic
-        return {
-            "name": self.name,
-            "converged": self.converged,
-            "status": self.status,
-            "message": self.message,
-            "position": {
-                "pa": {"frame": self.pa_frame, **_xyz(self.position_pa_m)},
-                "me": {
-                    "frame": self.me_frame,
-                    "longitude_deg": longitude_deg,
-                    "latitude_deg": latitude_deg,
-                    "height_m": height_m,
-                    **_xyz(self.position_me_m),
-                },
-            },
-            "sigma": {
-                **_enu(self.sigma_enu_m("total")),
-                "scaled": _enu(self.sigma_enu_m("scaled")),
-                "formal": _enu(self.sigma_enu_m("formal")),
-                "ephemeris": _enu(self.ephemeris_sigma_enu_m),
-            },
-            "covariance": {
-                "enu_m2": _matrix(self.position_covariance("enu")),
-                "pa_m2": _matrix(self.position_covariance("pa")),
-                "me_m2": _matrix(self.position_covariance("me")),
-                "longitude_latitude_height_rad_rad_m": _matrix(self.position_covariance("geographic")),
-            },
-            "biases": {
-                station: {"value_m": value, "sigma_m": _finite(sigma)}
-                for station, (value, sigma) in self.biases("range_bias").items()
-            },
-            "time_biases": {
-                station: {"value_s": value, "sigma_s": _finite(sigma)}
-                for station, (value, sigma) in self.biases("time_bias").items()
-            },
-            "parameters": self._parameter_rows(),
-            "parameter_covariance": _matrix(self.covariance),
-            "fit": self._fit_dict(),
-            "rejected": self._rejected_rows(),
-            "observability": {
-                "complete": not self.observability.undetermined,
-                "text": list(self.observability.describe()),
-                "singular_values": self.observability.singular_values.tolist(),
-                "condition_number": _finite(self.observability.condition_number),
-                "undetermined": [_direction(item) for item in self.observability.undetermined],
-                "weak": [_direction(item) for item in self.observability.weak],
-                "correlations": [
-                    [item.first, item.second, item.coefficient] for item in self.observability.correlations
-                ],
-            },
-            "reference": None if self.reference is None else self._reference_dict(self.reference),
-            "notes": list(self.notes),
-            "provenance": dict(self.provenance),
-        }
+        from radioloc.estimation.export import solution_dict
+
+        return solution_dict(self)
 
     def to_table(self, what: Literal["residuals", "parameters"] = "residuals") -> Any:
         """Residuals or parameters as an ``astropy.table.Table``.
@@ -397,29 +345,9 @@ class Solution:
         InputError
             astropy is not installed, or something else is asked for.
         """
-        try:
-            from astropy.table import Table
-        except ImportError as error:
-            raise InputError("a Table needs astropy: pip install 'radioloc[notebook]'") from error
-        if what == "parameters":
-            return Table(self._parameter_rows(finite=False))
-        if what != "residuals":
-            raise InputError(f"there is no table of {what!r}; use residuals or parameters")
-        rows = self.residuals
-        columns = {
-            "epoch_utc": utc_strings(rows.epoch_utc),
-            "type": rows.type,
-            "station": rows.station,
-            "path": rows.path,
-            "observed_m": rows.observed_m,
-            "computed_m": rows.computed_m,
-            "residual_m": rows.residual_m,
-            "sigma_m": rows.sigma_m,
-            "status": rows.status,
-        }
-        if rows.elevation_deg is not None:
-            columns["elevation_deg"] = rows.elevation_deg
-        return Table(columns)
+        from radioloc.estimation.export import solution_table
+
+        return solution_table(self, what)
 
     def __str__(self) -> str:
         from radioloc.estimation.cards import card_fields, render_text
@@ -449,105 +377,3 @@ class Solution:
             return east_north_up(longitude_rad, latitude_rad).T
         radius_m = MEAN_LUNAR_RADIUS_M + float(height_m)
         return np.diag([1.0 / (radius_m * math.cos(float(latitude_rad))), 1.0 / radius_m, 1.0])
-
-    def _fit_dict(self) -> dict[str, Any]:
-        total = self.fit.total
-        return {
-            "used": total.used,
-            "rejected": total.rejected,
-            "wrms_m": total.wrms_m,
-            "rms_m": total.rms_m,
-            "mean_m": total.mean_m,
-            "chi2": self.fit.chi2,
-            "dof": self.fit.dof,
-            "chi2_per_dof": self.fit.chi2_per_dof,
-            "chi2_per_dof_bound": self.fit.chi2_per_dof_bound,
-            "noise_scale": self.noise_scale,
-            "robust_scale": self.fit.robust_scale,
-            "iterations": len(self.iterations),
-            "passes": self.passes,
-            "by_station": {group.label: _group(group) for group in self.fit.by_station},
-            "by_type": {group.label: _group(group) for group in self.fit.by_type},
-        }
-
-    def _parameter_rows(self, finite: bool = True) -> list[dict[str, Any]]:
-        limit = _finite if finite else float
-        scaled, formal = self.sigmas("scaled"), self.sigmas("formal")
-        return [
-            {
-                "name": item.name,
-                "unit": item.unit,
-                "value": float(self.values[k]),
-                "sigma": limit(scaled[k]),
-                "formal_sigma": limit(formal[k]),
-                "prior_value": item.prior_value,
-                "prior_sigma": limit(item.prior_sigma),
-                "fixed": item.fixed,
-            }
-            for k, item in enumerate(self.parameters)
-        ]
-
-    def _rejected_rows(self) -> list[dict[str, Any]]:
-        rows = self.residuals
-        out = np.flatnonzero(~rows.used)
-        if not len(out):
-            return []
-        epochs = utc_strings(rows.epoch_utc[out], decimals=3)
-        return [
-            {
-                "epoch_utc": str(epoch),
-                "station": str(rows.station[k]),
-                "path": str(rows.path[k]),
-                "residual_m": _finite(rows.residual_m[k]),
-                "reason": str(rows.status[k]),
-            }
-            for k, epoch in zip(out, epochs, strict=True)
-        ]
-
-    def _reference_dict(self, reference: ReferenceComparison) -> dict[str, Any]:
-        return {
-            "name": reference.name,
-            "east_m": reference.east_m,
-            "north_m": reference.north_m,
-            "up_m": reference.up_m,
-            "horizontal_m": reference.horizontal_m,
-            "distance_m": reference.distance_m,
-            "east_sigmas": reference.east_sigmas,
-            "north_sigmas": reference.north_sigmas,
-            "up_sigmas": reference.up_sigmas,
-            "combined_sigmas": reference.combined_sigmas,
-        }
-
-
-def _finite(value: float) -> float | None:
-    return float(value) if math.isfinite(value) else None
-
-
-def _xyz(vector_m: NDArray[np.float64]) -> dict[str, float]:
-    return dict(zip(("x_m", "y_m", "z_m"), vector_m.tolist(), strict=True))
-
-
-def _enu(vector_m: NDArray[np.float64]) -> dict[str, float | None]:
-    return {name: _finite(v) for name, v in zip(("east_m", "north_m", "up_m"), vector_m, strict=True)}
-
-
-def _matrix(matrix: NDArray[np.float64]) -> list[list[float | None]]:
-    return [[_finite(value) for value in row] for row in matrix]
-
-
-def _direction(direction: Direction) -> dict[str, Any]:
-    return {
-        "weights": dict(zip(direction.names, direction.weights, strict=True)),
-        "sigma": _finite(direction.sigma),
-        "unit": direction.unit,
-    }
-
-
-def _group(group: GroupStatistics) -> dict[str, Any]:
-    return {
-        "used": group.used,
-        "rejected": group.rejected,
-        "mean_m": group.mean_m,
-        "rms_m": group.rms_m,
-        "wrms_m": group.wrms_m,
-    }

@@ -169,6 +169,16 @@ def test_identical_columns_are_undetermined_and_not_inverted():
     assert fit.dof == reduced.dof
 
 
+def test_with_all_fixed_the_residuals_are_reported():
+    design, observed, sigma = linear()
+    fit = fit_least_squares(function(design, observed), free_parameters(5, fixed=True), sigma)
+    assert fit.converged
+    np.testing.assert_array_equal(fit.x, 0.0)
+    np.testing.assert_array_equal(fit.covariance, 0.0)
+    np.testing.assert_array_equal(fit.residual_m, observed)
+    assert fit.dof == 40
+
+
 def test_fewer_observations_than_parameters():
     design, observed, sigma = linear(n=3)
     fit = fit_least_squares(function(design, observed), free_parameters(5), sigma)
@@ -226,8 +236,6 @@ def test_unusable_models_are_refused():
         fit_least_squares(lambda x: (observed, holed), free_parameters(5), sigma)
     with pytest.raises(InputError, match="do not belong to 4 parameters"):
         fit_least_squares(lambda x: (observed, design), free_parameters(4), sigma)
-    with pytest.raises(InputError, match="all parameters are fixed"):
-        fit_least_squares(function(design, observed), free_parameters(5, fixed=True), sigma)
 
 
 def test_a_fit_of_200_by_5_takes_milliseconds():

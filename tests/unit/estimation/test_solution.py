@@ -239,6 +239,20 @@ def test_held_position():
     assert solution.biases()["A"][1] == pytest.approx(0.3 / 20**0.5, rel=0.05)
 
 
+def test_residuals_with_nothing_estimated():
+    model = ToyMoon(60, 72.0, biases=False)
+    parameters = model.parameters()
+    for axis in "xyz":
+        parameters = parameters.changed(f"position.{axis}_m", fixed=True)
+    solution = toy_solution(model, parameters=parameters, blunders_m={3: 500.0}, reference_pa_m=LANDER_M)
+    assert solution.converged
+    assert solution.fit.total.used == 59
+    assert solution.fit.chi2_per_dof == pytest.approx(1.0, abs=0.6)
+    assert solution.observability.condition_number == 1.0
+    json.dumps(solution.to_dict(), allow_nan=False)
+    assert "held at its a-priori value" in str(solution)
+
+
 def cards():
     yield toy_solution(
         ToyMoon(200, 72.0), blunders_m={k: 50.0 + k for k in range(20)}, reference_pa_m=LANDER_M

@@ -140,6 +140,9 @@ class RangeArc:
             tdb_tt_s = self._down.tdb_minus_tt_at(path.receive_s) - self._up.tdb_minus_tt_at(path.transmit_s)
             length_m = length_m - C_M_S * tdb_tt_s
         by_position, by_time = path_length_partials(path, self._up.point, relay, self._down.point, self._tag)
+        if self.model.has("tdb_tt"):
+            # 1e-5 m/s in two-way, but up to 0.1 m/s between two stations, whose velocities differ.
+            by_time = by_time - C_M_S * (self._down.tdb_rate - self._up.tdb_rate)
         for slant in (up, down):
             by_time = by_time + slant.delay.by_elevation_m_rad * slant.elevation_rate_rad_s
         return ComputedRange(

@@ -152,7 +152,7 @@ def station_motion(
 def geocentre_displacement_m(earth: EarthState, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
     """How far the geocentre has moved since the reference epochs, m, shape (n, 3).
 
-    Second order in time; the next term, from the Earth's monthly wobble, is 4e-10 m after 3 s.
+    Second order in time; the next term, from the Earth's orbit about the Sun, is 5e-9 m after 3 s.
     """
     t = offset_s[:, None]
     return earth.velocity_m_s * t + earth.acceleration_m_s2 * (0.5 * t**2)

@@ -222,7 +222,21 @@ def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
     """Dates as ``yyyy-mm-ddThh:mm:ss.sssssssss``, leap seconds shown as second 60, shape (n,).
 
     Any scale but UTC is written as it stands, without one.
+
+    Parameters
+    ----------
+    utc : Epochs
+        Epochs.
+    decimals : int
+        Decimals of the second, 0 to 9; the last one is rounded, over the end of a day where need be.
+
+    Raises
+    ------
+    InputError
+        More decimals than nine, which ERFA's integers cannot hold.
     """
+    if not 0 <= decimals <= 9:
+        raise InputError(f"decimals = {decimals!r} is not a number of decimals from 0 to 9")
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", erfa.ErfaWarning)
         year, month, day, hms = erfa.d2dtf(utc.scale, decimals, utc.jd, utc.fraction)

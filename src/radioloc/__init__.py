@@ -1,5 +1,76 @@
-"""Where a lander stands on the Moon, from Earth-based tracking, with how well it is known."""
+"""Where a lander stands on the Moon, from Earth-based tracking, with how well it is known.
+
+>>> import radioloc
+>>> study = radioloc.read_study("examples/apollo15/apollo15.toml")  # doctest: +SKIP
+>>> solution = radioloc.locate(study)  # doctest: +SKIP
+>>> print(solution)  # doctest: +SKIP
+"""
 
 from radioloc._version import __version__
+from radioloc.earth.stations import Station, StationCatalogue
+from radioloc.errors import (
+    ConvergenceError,
+    CoverageError,
+    FileFormatError,
+    InputError,
+    KernelError,
+    RadiolocError,
+    RadiolocWarning,
+    StationError,
+)
+from radioloc.estimation import Solution
+from radioloc.io.detect import read_observations
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.observations import Link, Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.range_model import RangeArc
+from radioloc.plotting import plot_position, plot_residuals, save_figure
+from radioloc.studies.locate import arc_of, locate, residuals
+from radioloc.studies.report import write_report
+from radioloc.studies.study import (
+    EstimateChoice,
+    HeightPrior,
+    ModelChoice,
+    ObservationChoice,
+    Reference,
+    Study,
+    read_study,
+)
+from radioloc.time import Epochs, epochs_from_strings
 
-__all__ = ["__version__"]
+__all__ = [
+    "ConvergenceError",
+    "CoverageError",
+    "Epochs",
+    "EstimateChoice",
+    "FileFormatError",
+    "HeightPrior",
+    "InputError",
+    "KernelError",
+    "Link",
+    "LunarPosition",
+    "ModelChoice",
+    "ObservationChoice",
+    "Observations",
+    "PhysicalModel",
+    "RadiolocError",
+    "RadiolocWarning",
+    "RangeArc",
+    "Reference",
+    "Solution",
+    "Station",
+    "StationCatalogue",
+    "StationError",
+    "Study",
+    "__version__",
+    "arc_of",
+    "epochs_from_strings",
+    "locate",
+    "plot_position",
+    "plot_residuals",
+    "read_observations",
+    "read_study",
+    "residuals",
+    "save_figure",
+    "write_report",
+]

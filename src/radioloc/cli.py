@@ -115,7 +115,9 @@ def _show_warning(
     if issubclass(category, RadiolocWarning):
         print(f"radioloc: warning: {message}", file=sys.stderr)
     else:
-        print(warnings.formatwarning(message, category, filename, lineno, line), file=file or sys.stderr, end="")
+        print(
+            warnings.formatwarning(message, category, filename, lineno, line), file=file or sys.stderr, end=""
+        )
 
 
 if __name__ == "__main__":

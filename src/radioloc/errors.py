@@ -63,7 +63,9 @@ class CoverageError(RadiolocError):
         self.covered = covered
         self.asked = asked
         wanted = asked[0] if asked[0] == asked[1] else f"{asked[0]} to {asked[1]}"
-        super().__init__(f"{source} covers {covered[0]} to {covered[1]}, but {wanted} was asked for; {advice}")
+        super().__init__(
+            f"{source} covers {covered[0]} to {covered[1]}, but {wanted} was asked for; {advice}"
+        )
 
 
 class StationError(InputError):

@@ -7,6 +7,7 @@ together as a :class:`Solution`.
 
 from radioloc.estimation.build import build_solution, compare_with
 from radioloc.estimation.editing import USED, EditedFit, EditingSettings, fit_with_editing
+from radioloc.estimation.excess_noise import NoisyFit, fit_with_excess_noise
 from radioloc.estimation.least_squares import (
     FitResult,
     FitSettings,
@@ -33,6 +34,7 @@ __all__ = [
     "FitStatus",
     "GroupStatistics",
     "Iteration",
+    "NoisyFit",
     "Observability",
     "Parameter",
     "ParameterSet",
@@ -45,4 +47,5 @@ __all__ = [
     "compare_with",
     "fit_least_squares",
     "fit_with_editing",
+    "fit_with_excess_noise",
 ]

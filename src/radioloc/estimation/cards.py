@@ -112,6 +112,8 @@ def _plural(count: int, noun: str, ending: str = "s") -> str:
 
 
 def _status(solution: Solution) -> tuple[str, ...]:
+    if not solution.parameters.free.any():
+        return ("NO FIT: observed minus computed at the given position",)
     state = "CONVERGED" if solution.converged else solution.status.upper()
     iterations = _plural(len(solution.iterations), "iteration")
     count = f" ({iterations}, {_plural(solution.passes, 'editing pass', 'es')})"
@@ -131,6 +133,8 @@ def _position(solution: Solution) -> tuple[str, ...]:
 
 
 def _sigmas(solution: Solution) -> CardField:
+    if not solution.position_estimated:
+        return CardField("sigma", ("none: the position was not estimated",))
     levels = [("formal", solution.sigma_enu_m("formal"))]
     if solution.noise_scale > 1.0:
         levels.append((f"noise scaled by {solution.noise_scale:.3g}", solution.sigma_enu_m("scaled")))
@@ -218,15 +222,20 @@ def _fit(solution: Solution) -> tuple[str, ...]:
         line += f"; wrms {metres(fit.total.wrms_m)} m"
         if {group.label for group in fit.by_type} == {"range"}:
             line += f" of the whole light path ({metres(0.5 * fit.total.wrms_m)} m one way)"
+    lines = [line]
+    if fit.excess_noise_m > 0.0:
+        lines.append(
+            f"{metres(fit.excess_noise_m)} m of noise added in quadrature to each stated sigma: the residuals show it"
+        )
     if fit.chi2_per_dof is None or fit.chi2_per_dof_bound is None:
-        return (line, "no redundancy: nothing tests the stated sigmas")
+        return (*lines, "no redundancy: nothing tests the stated sigmas")
     verdict = f"chi2/dof {fit.chi2_per_dof:.3g} with {fit.dof} degrees of freedom"
     if fit.chi2_per_dof > fit.chi2_per_dof_bound:
         verdict += (
             f": the residuals are {math.sqrt(fit.chi2_per_dof):.3g} times larger than stated "
             f"(chance allows {fit.chi2_per_dof_bound:.3g} in 99.9 %, Wilson-Hilferty)"
         )
-    return (line, verdict)
+    return (*lines, verdict)
 
 
 def _groups(solution: Solution) -> CardField:

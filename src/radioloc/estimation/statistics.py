@@ -59,6 +59,8 @@ class FitStatistics:
         What it exceeds by chance in one fit of a thousand.
     robust_scale : float
         Spread of the residuals over their stated sigmas by the median, outliers included.
+    excess_noise_m : float
+        Noise that was added in quadrature to every stated sigma, m; the chi-square is with it.
     """
 
     total: GroupStatistics
@@ -69,6 +71,7 @@ class FitStatistics:
     chi2_per_dof: float | None
     chi2_per_dof_bound: float | None
     robust_scale: float
+    excess_noise_m: float = 0.0
 
     @property
     def noise_scale(self) -> float:

@@ -32,7 +32,9 @@ def elevation_and_rate(
     relative_m_s = velocity_m_s - station.gcrs_velocity_m_s
     unit_rate = (relative_m_s - unit * np.einsum("ni,ni->n", unit, relative_m_s)[:, None]) / distance_m
     sine = np.einsum("ni,ni->n", station.up_gcrs, unit)
-    sine_rate = np.einsum("ni,ni->n", station.up_gcrs, unit_rate) + np.einsum("ni,ni->n", station.up_rate_gcrs, unit)
+    sine_rate = np.einsum("ni,ni->n", station.up_gcrs, unit_rate) + np.einsum(
+        "ni,ni->n", station.up_rate_gcrs, unit
+    )
     # arctan2 keeps its digits near the zenith, where arcsin loses half of them.
     cosine = np.linalg.norm(np.cross(station.up_gcrs, unit), axis=-1)
     return np.arctan2(sine, cosine), sine_rate / np.maximum(cosine, 1e-9)

@@ -127,7 +127,11 @@ def solve_light_path(
 
 
 def path_length_partials(
-    path: LightPath, transmitter: MovingPoint, relay: MovingPoint, receiver: MovingPoint, tag: NDArray[np.int8]
+    path: LightPath,
+    transmitter: MovingPoint,
+    relay: MovingPoint,
+    receiver: MovingPoint,
+    tag: NDArray[np.int8],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Derivatives of the whole path's length c (up + down).
 

@@ -58,8 +58,12 @@ class LunarMotion:
         """Motion of a point with given principal-axes coordinates, shape (3,), m."""
         pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)
         if model.has("lunar_tide"):
-            permanent: Literal["included", "removed"] = "included" if model.has("lunar_tide_constant") else "removed"
-            pa_m = pa_m + solid_tide(lander_pa_m, self.earth_pa_m, self.sun_pa_m, model.ephemeris.constants, permanent)
+            permanent: Literal["included", "removed"] = (
+                "included" if model.has("lunar_tide_constant") else "removed"
+            )
+            pa_m = pa_m + solid_tide(
+                lander_pa_m, self.earth_pa_m, self.sun_pa_m, model.ephemeris.constants, permanent
+            )
         r_m = np.einsum("nij,nj->ni", self.rot_pa_to_icrf, pa_m)
         velocity_m_s = self.centre.velocity_m_s + np.einsum("nij,nj->ni", self.rot_pa_to_icrf_rate, pa_m)
         v_m_s = self.centre.velocity_m_s

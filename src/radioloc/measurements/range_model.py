@@ -93,7 +93,9 @@ class RangeArc:
         self._tag = observations.tag
         self._stations, self._transmitter, self._receiver = _stations_of(model, observations)
         tt = utc_to_tt(observations.epoch)
-        self._reference = Epochs.from_jd(tt.jd, tt.fraction + geocentric_tdb_minus_tt(tt) / SECONDS_PER_DAY, "TDB")
+        self._reference = Epochs.from_jd(
+            tt.jd, tt.fraction + geocentric_tdb_minus_tt(tt) / SECONDS_PER_DAY, "TDB"
+        )
         self._earth = model.ephemeris.earth(self._reference)
         self._prepare(np.asarray(approximate_pa_m, dtype=np.float64))
 
@@ -211,7 +213,9 @@ class RangeArc:
         relay = self._moon.point(self.model, lander_pa_m)
         # The reference epoch reads the tag as the geocentre's TT; the station's differs by up to 2 microseconds.
         tagged_s = np.where(
-            self._tag == TRANSMIT, self._up.topocentric_s, np.where(self._tag == RECEIVE, self._down.topocentric_s, 0.0)
+            self._tag == TRANSMIT,
+            self._up.topocentric_s,
+            np.where(self._tag == RECEIVE, self._down.topocentric_s, 0.0),
         )
         path = self._path(relay, tagged_s, 0.0, 0.0)
         up_m, down_m = self._gravity(path, relay)
@@ -224,7 +228,9 @@ class RangeArc:
     ) -> LightPath:
         return solve_light_path(self._up.point, relay, self._down.point, self._tag, tagged_s, up_m, down_m)
 
-    def _gravity(self, path: LightPath, relay: MovingPoint) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def _gravity(
+        self, path: LightPath, relay: MovingPoint
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Gravitational delay of both legs, m.
 
         The Sun and the planets stand still in the barycentric frame to what matters; for the Earth and the Moon, which
@@ -259,7 +265,9 @@ class RangeArc:
             delay = troposphere_delay(self.observations, station, elevation_rad)
         else:
             delay = SlantDelay.none(len(elevation_rad))
-        below = np.array([f"below the horizon ({e:.1f} deg)" for e in np.degrees(elevation_rad)], dtype=np.str_)
+        below = np.array(
+            [f"below the horizon ({e:.1f} deg)" for e in np.degrees(elevation_rad)], dtype=np.str_
+        )
         return _Slant(elevation_rad, rate_rad_s, delay, np.where(elevation_rad < 0.0, below, delay.problem))
 
 

@@ -169,7 +169,9 @@ def _displaced_itrf(
 ) -> NDArray[np.float64]:
     """ITRF position of one station with all its displacements, at the rows that are its own, m, shape (k, 3)."""
     tt = tt[rows]
-    rest_m = station.position_at(tt) if model.has("station_velocity") else np.tile(station.itrf_m, (len(rows), 1))
+    rest_m = (
+        station.position_at(tt) if model.has("station_velocity") else np.tile(station.itrf_m, (len(rows), 1))
+    )
     displaced_m = rest_m
     if model.has("solid_earth_tide"):
         to_itrf = np.swapaxes(rotation.rot_itrf_to_gcrs[rows], -1, -2)

@@ -61,7 +61,10 @@ def troposphere_delay(
     for wrong, text in (
         (elevation_rad < LEAST_ELEVATION_RAD, "too low for the troposphere model (below 3 degrees)"),
         (np.isnan(wavelength), "no wavelength recorded, which the troposphere model needs"),
-        ((wavelength < shortest) | (wavelength > longest), f"no troposphere model but for {shortest}-{longest} um"),
+        (
+            (wavelength < shortest) | (wavelength > longest),
+            f"no troposphere model but for {shortest}-{longest} um",
+        ),
         (np.isnan(observations.pressure_hpa), "no pressure recorded, which the troposphere model needs"),
         (np.isnan(observations.temperature_k), "no temperature recorded, which the troposphere model needs"),
         (np.isnan(observations.relative_humidity), "no humidity recorded, which the troposphere model needs"),

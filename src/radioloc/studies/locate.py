@@ -16,6 +16,7 @@ from radioloc._version import __version__
 from radioloc.errors import InputError
 from radioloc.estimation.build import build_solution
 from radioloc.estimation.editing import USED, EditingSettings, fit_with_editing
+from radioloc.estimation.excess_noise import NoisyFit, fit_with_excess_noise
 from radioloc.estimation.parameters import Parameter, ParameterSet
 from radioloc.estimation.solution import Solution
 from radioloc.io.detect import read_observations
@@ -95,15 +96,21 @@ def _solve(study: Study, given: Observations | None, estimate: EstimateChoice | 
     status = np.where(a_priori.problem == "", USED, a_priori.problem)
     if estimate is not None and not (status == USED).any():
         raise InputError(f"no observations left: all {len(status)} are rejected, the first one: {status[0]}")
-    edited = fit_with_editing(
-        problem.residuals,
-        problem.parameters,
-        sigma_m,
-        status=status,
-        editing=EditingSettings(enabled=False)
-        if estimate is None
-        else EditingSettings(threshold=estimate.rejection_sigma),
-    )
+    if estimate is None:
+        plain = EditingSettings(enabled=False)
+        fitted = NoisyFit(
+            fit_with_editing(problem.residuals, problem.parameters, sigma_m, status=status, editing=plain),
+            0.0,
+        )
+    else:
+        fitted = fit_with_excess_noise(
+            problem.residuals,
+            problem.parameters,
+            sigma_m,
+            status=status,
+            editing=EditingSettings(threshold=estimate.rejection_sigma),
+        )
+    edited = fitted.edited
     lander_pa_m = problem.position_pa_m(edited.fit.x)
     computed = arc.compute(lander_pa_m)
     reference = None if study.reference is None else study.reference.position.to_axes("PA", constants)
@@ -121,6 +128,7 @@ def _solve(study: Study, given: Observations | None, estimate: EstimateChoice | 
         type=observations.types(),
         elevation_deg=np.degrees(computed.elevation_rad.min(axis=-1)),
         ephemeris_sigma_enu_m=(0.0, 0.0, 0.0) if estimate is None else estimate.ephemeris_sigma_m,
+        excess_noise_m=fitted.excess_noise_m,
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
@@ -163,7 +171,11 @@ class _Problem:
                 "use `radioloc residuals` to see residuals at the given position"
             )
         return cls(
-            arc, ParameterSet(parameters), to_pa, _membership(ranges, arc.receivers), _membership(times, owner)
+            arc,
+            ParameterSet(parameters),
+            to_pa,
+            _membership(ranges, arc.receivers),
+            _membership(times, owner),
         )
 
     def position_pa_m(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -203,7 +215,9 @@ def _position_parameters(
         east_scale = 1.0 / (radius_m * max(math.cos(math.radians(latitude_deg)), 1e-3))
         parameters = [
             Parameter("position.longitude", "rad", "position", math.radians(longitude_deg), scale=east_scale),
-            Parameter("position.latitude", "rad", "position", math.radians(latitude_deg), scale=1.0 / radius_m),
+            Parameter(
+                "position.latitude", "rad", "position", math.radians(latitude_deg), scale=1.0 / radius_m
+            ),
             Parameter("position.height", "m", "position", *height),
         ]
 
@@ -215,7 +229,8 @@ def _position_parameters(
         raise InputError('[estimate] height_prior needs position = "geographic", where height is a parameter')
     fixed = choice.position == "none"
     parameters = [
-        Parameter(f"position.{axis}", "m", "position", float(start[k]), fixed=fixed) for k, axis in enumerate("xyz")
+        Parameter(f"position.{axis}", "m", "position", float(start[k]), fixed=fixed)
+        for k, axis in enumerate("xyz")
     ]
     return parameters, lambda x: (rot @ x, rot)
 
@@ -239,27 +254,41 @@ def _stations_for(
     return sorted(set(chosen))
 
 
-def _bias_parameters(kind: str, names: list[str], unit: str, sigma: float | None, scale: float) -> list[Parameter]:
+def _bias_parameters(
+    kind: str, names: list[str], unit: str, sigma: float | None, scale: float
+) -> list[Parameter]:
     prior_sigma = math.inf if sigma is None else sigma
     return [Parameter(f"{kind}.{name}", unit, kind, 0.0, prior_sigma, scale=scale) for name in names]
 
 
 def _membership(stations: list[int], owner: NDArray[np.int32]) -> NDArray[np.float64]:
-    return np.stack([owner == i for i in stations], axis=-1).astype(np.float64) if stations else np.zeros((len(owner), 0))
+    return (
+        np.stack([owner == i for i in stations], axis=-1).astype(np.float64)
+        if stations
+        else np.zeros((len(owner), 0))
+    )
 
 
 def _notes(
-    study: Study, model: PhysicalModel, arc: RangeArc, left_out: dict[str, int], estimate: EstimateChoice | None
+    study: Study,
+    model: PhysicalModel,
+    arc: RangeArc,
+    left_out: dict[str, int],
+    estimate: EstimateChoice | None,
 ) -> list[str]:
     """What a reader of the result must know about the model and the data."""
     notes = [f"{count} observations were not asked for: {reason}" for reason, count in left_out.items()]
     stations = [model.catalogue.get(name) for name in arc.stations]
     coarse = [s.name for s in stations if s.quality != "survey"]
     if coarse:
-        notes.append(f"positions of {', '.join(coarse)} are rounded in the catalogue, good to 100 m to 1 km only")
+        notes.append(
+            f"positions of {', '.join(coarse)} are rounded in the catalogue, good to 100 m to 1 km only"
+        )
     unloaded = [s.name for s in stations if s.ocean_loading is None]
     if unloaded and model.has("ocean_loading"):
-        notes.append(f"no ocean loading coefficients for {', '.join(unloaded)}: up to about 1 cm is not modelled")
+        notes.append(
+            f"no ocean loading coefficients for {', '.join(unloaded)}: up to about 1 cm is not modelled"
+        )
     predicted = int(arc.predicted_eop.sum())
     if predicted:
         notes.append(f"Earth orientation is predicted, not measured, for {predicted} observations")

@@ -85,9 +85,14 @@ def write_terms(study: Study, solution: Solution, folder: str | Path) -> Path:
 def _write_plots(solution: Solution, folder: Path) -> list[Path]:
     from radioloc.plotting import plot_position, plot_residuals, save_figure
 
-    written = list(save_figure(plot_residuals(solution), folder / "residuals"))
+    figures = {"residuals": plot_residuals(solution)}
     if solution.position_estimated and solution.position_determined:
-        written += save_figure(plot_position(solution), folder / "position")
+        figures["position"] = plot_position(solution)
+    written = []
+    for name, figure in figures.items():
+        paths = [folder / f"{name}.{ending}" for ending in ("png", "svg")]
+        save_figure(figure, paths)
+        written += paths
     return written
 
 

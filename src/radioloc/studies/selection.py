@@ -72,9 +72,13 @@ def _of_targets(observations: Observations, targets: tuple[str, ...] | None) -> 
     wanted = {canonical_target(name) for name in targets}
     missing = sorted(wanted - set(present))
     if missing:
-        raise InputError(f"no observation of {', '.join(missing)}; the files have {', '.join(present) or 'none'}")
+        raise InputError(
+            f"no observation of {', '.join(missing)}; the files have {', '.join(present) or 'none'}"
+        )
     if len(wanted) > 1:
-        raise InputError(f"one position is fitted, but several targets are named: {', '.join(sorted(wanted))}")
+        raise InputError(
+            f"one position is fitted, but several targets are named: {', '.join(sorted(wanted))}"
+        )
     of_link = np.array([canonical_target(link.target) in wanted for link in observations.links], dtype=bool)
     return of_link[observations.link]
 
@@ -85,11 +89,15 @@ def _of_stations(
     if stations is None:
         return np.ones(len(observations), dtype=bool)
     wanted = {catalogue.get(name).name for name in stations}
-    ends = [{_name(catalogue, link.transmitter), _name(catalogue, link.receiver)} for link in observations.links]
+    ends = [
+        {_name(catalogue, link.transmitter), _name(catalogue, link.receiver)} for link in observations.links
+    ]
     present = set().union(*ends)
     missing = sorted(wanted - present)
     if missing:
-        raise InputError(f"no observation by {', '.join(missing)}; the files have {', '.join(sorted(present))}")
+        raise InputError(
+            f"no observation by {', '.join(missing)}; the files have {', '.join(sorted(present))}"
+        )
     of_link = np.array([names <= wanted for names in ends], dtype=bool)
     return of_link[observations.link]
 

@@ -194,7 +194,9 @@ def _position(table: TomlTable) -> tuple[LunarPosition, str]:
     given = [key for key, value in geographic.items() if value is not None]
     table.finish()
     if xyz_m is not None and given:
-        table.fail("position_m", f"give either position_m or longitude and latitude, not both ({', '.join(given)})")
+        table.fail(
+            "position_m", f"give either position_m or longitude and latitude, not both ({', '.join(given)})"
+        )
     try:
         if xyz_m is not None:
             return LunarPosition.from_cartesian(xyz_m, frame), name
@@ -203,7 +205,9 @@ def _position(table: TomlTable) -> tuple[LunarPosition, str]:
     except InputError as error:
         table.fail("position", str(error))
     missing = [key for key in geographic if key not in given]
-    table.fail(missing[0], "is missing; a position is longitude_deg, latitude_deg and height_m, or position_m")
+    table.fail(
+        missing[0], "is missing; a position is longitude_deg, latitude_deg and height_m, or position_m"
+    )
 
 
 def _observations(table: TomlTable | None, path: Path) -> ObservationChoice:

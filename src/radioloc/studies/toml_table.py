@@ -95,7 +95,11 @@ class TomlTable:
     def table(self, key: str) -> TomlTable | None:
         """Take a table inside this one."""
         value = self.take(key)
-        return None if value is None else TomlTable(self._path, f"{self.name}.{key}" if self.name else key, value)
+        return (
+            None
+            if value is None
+            else TomlTable(self._path, f"{self.name}.{key}" if self.name else key, value)
+        )
 
     def tables(self) -> list[TomlTable]:
         """Take all that is left, each a table of its own."""

@@ -54,7 +54,8 @@ class Epochs:
         if scale not in SCALES:
             raise InputError(f"time scale {scale!r} is not known; use one of {', '.join(SCALES)}")
         jd_in, fraction_in = np.broadcast_arrays(
-            np.atleast_1d(np.asarray(jd, dtype=np.float64)), np.atleast_1d(np.asarray(fraction, dtype=np.float64))
+            np.atleast_1d(np.asarray(jd, dtype=np.float64)),
+            np.atleast_1d(np.asarray(fraction, dtype=np.float64)),
         )
         if not (np.isfinite(jd_in).all() and np.isfinite(fraction_in).all()):
             raise InputError("a Julian date is not a finite number")

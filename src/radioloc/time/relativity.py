@@ -50,7 +50,12 @@ def tdb_minus_tt(
     """
     return np.asarray(
         erfa.dtdb(
-            epochs.jd, epochs.fraction, ut1_fraction, longitude_rad, np.asarray(u_m) / 1e3, np.asarray(v_m) / 1e3
+            epochs.jd,
+            epochs.fraction,
+            ut1_fraction,
+            longitude_rad,
+            np.asarray(u_m) / 1e3,
+            np.asarray(v_m) / 1e3,
         )
     )
 

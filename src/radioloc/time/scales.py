@@ -32,7 +32,10 @@ _ISO = re.compile(
 def _leap_seconds_up_to_date() -> bool:
     """Bring ERFA's table up to the one in ``astropy-iers-data``; answers whether anything was added."""
     table = np.loadtxt(astropy_iers_data.IERS_LEAP_SECOND_FILE, comments="#", usecols=(3, 2, 4))
-    known = {(int(y), int(m)) for y, m in zip(erfa.leap_seconds.get()["year"], erfa.leap_seconds.get()["month"], strict=True)}
+    known = {
+        (int(y), int(m))
+        for y, m in zip(erfa.leap_seconds.get()["year"], erfa.leap_seconds.get()["month"], strict=True)
+    }
     fresh = [(int(y), int(m), float(s)) for y, m, s in table if (int(y), int(m)) not in known]
     if fresh:
         erfa.leap_seconds.update(np.array(fresh, dtype=erfa.leap_seconds.get().dtype))
@@ -150,7 +153,9 @@ def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epoch
 def _parse_date(text: str, scale: str) -> tuple[float, float]:
     match = _ISO.fullmatch(text)
     if match is None:
-        raise InputError(f"{text!r} is not a date; write it as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss")
+        raise InputError(
+            f"{text!r} is not a date; write it as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss"
+        )
     year = int(match["year"])
     hour, minute, second = int(match["hour"] or 0), int(match["minute"] or 0), float(match["second"] or 0.0)
     return calendar_to_jd(

@@ -1,0 +1,119 @@
+"""Noise that the residuals show beyond the stated sigmas.
+
+Normal points state what the detector knows: millimetres. The error of a model is centimetres and the same
+for a strong and a weak point, so scaling all sigmas by one factor would let the few strongest points
+decide. What is missing is therefore taken as one more independent error of the same size in every
+observation, added in quadrature, just so large that the residuals fit the sigmas (reduced chi-square of
+one).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.errors import InputError
+from radioloc.estimation.editing import EditedFit, EditingSettings, fit_with_editing
+from radioloc.estimation.least_squares import FitSettings, ResidualFunction
+from radioloc.estimation.parameters import ParameterSet
+from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+
+_MAX_PASSES = 15
+_SETTLED = 1e-3
+"""The excess has settled when it changes by less than this part of itself; its own uncertainty is far larger."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoisyFit:
+    """An edited fit with the noise that was added to the stated sigmas.
+
+    Parameters
+    ----------
+    edited : EditedFit
+        The fit; its sigmas contain the excess.
+    excess_noise_m : float
+        Standard deviation added in quadrature to every stated one, m; zero where the stated ones are enough.
+    """
+
+    edited: EditedFit
+    excess_noise_m: float
+
+
+def fit_with_excess_noise(
+    residual_function: ResidualFunction,
+    parameters: ParameterSet,
+    sigma_m: ArrayLike,
+    *,
+    status: ArrayLike | None = None,
+    editing: EditingSettings | None = None,
+    settings: FitSettings | None = None,
+) -> NoisyFit:
+    """Fit with editing, adding noise to the stated sigmas where the residuals ask for it.
+
+    Parameters and errors as :func:`~radioloc.estimation.editing.fit_with_editing`.
+
+    Notes
+    -----
+    Nothing is added unless the reduced chi-square exceeds what chance allows in 999 of 1000 fits. Fit and
+    excess alternate until the excess settles; observations left out take no part in it and may come back.
+    """
+    stated_m = np.asarray(sigma_m, dtype=np.float64)
+    excess_m = 0.0
+    for _ in range(_MAX_PASSES):
+        edited = fit_with_editing(
+            residual_function,
+            parameters,
+            np.hypot(stated_m, excess_m),
+            status=status,
+            editing=editing,
+            settings=settings,
+        )
+        fit = edited.fit
+        used = fit.used
+        stated_used_m = np.broadcast_to(stated_m, used.shape)[used]
+        dof = int(used.sum()) - int(parameters.free.sum())
+        wanted_m = excess_noise_m(fit.residual_m[used], stated_used_m, dof)
+        if abs(wanted_m - excess_m) <= _SETTLED * wanted_m:
+            return NoisyFit(edited, excess_m)
+        excess_m = wanted_m
+    return NoisyFit(
+        replace(edited, complete=False, message="the excess noise did not settle; " + edited.message),
+        excess_m,
+    )
+
+
+def excess_noise_m(residual_m: NDArray[np.float64], sigma_m: NDArray[np.float64], dof: int) -> float:
+    """Noise to add in quadrature so that the residuals have a reduced chi-square of one, m.
+
+    Parameters
+    ----------
+    residual_m, sigma_m : ndarray, shape (n,)
+        Residuals that were fitted and their stated sigmas.
+    dof : int
+        Degrees of freedom; none or fewer give no excess.
+
+    Returns
+    -------
+    float
+        Zero where the stated sigmas explain the residuals within chance.
+
+    Raises
+    ------
+    InputError
+        The shapes differ.
+    """
+    if residual_m.shape != sigma_m.shape:
+        raise InputError(f"{residual_m.shape} residuals do not fit {sigma_m.shape} sigmas")
+    if dof < 1 or float(((residual_m / sigma_m) ** 2).sum()) <= chi2_quantile(SCALING_PROBABILITY, dof):
+        return 0.0
+    low_m, high_m = 0.0, float(np.sqrt((residual_m**2).sum() / dof))
+    # The sum falls steadily with the excess, and at the upper end is below dof: halving cannot miss.
+    for _ in range(60):
+        middle_m = 0.5 * (low_m + high_m)
+        if float((residual_m**2 / (sigma_m**2 + middle_m**2)).sum()) > dof:
+            low_m = middle_m
+        else:
+            high_m = middle_m
+    return high_m

@@ -29,7 +29,7 @@ from radioloc.measurements.light_path import (
     path_length_partials,
     solve_light_path,
 )
-from radioloc.measurements.lunar_motion import LunarMotion, lunar_motion
+from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import StationMotion, station_motion

@@ -66,7 +66,7 @@ class LunarPosition:
             raise InputError(f"latitude_deg = {latitude_deg!r} is not between -90 and 90")
         if not -2.0e4 <= height_m <= 2.0e4:
             raise InputError(
-                f"height_m = {height_m!r} is not a height above the 1737.4 km sphere that the Moon has (-9.2 to 10.8 km)"
+                f"height_m = {height_m!r} is no height above the 1737.4 km sphere that the Moon has (-9.2 to 10.8 km)"
             )
         xyz_m = selenographic_to_cartesian(np.radians(longitude_deg), np.radians(latitude_deg), height_m)
         return cls.from_cartesian(xyz_m, frame)

@@ -1,10 +1,11 @@
 """TDB - TT: what a clock on Earth differs by from the time of the solar system's barycentre.
 
-Two forms of the same thing. :func:`tdb_minus_tt` is ERFA's series with its truncated terms for a place on Earth.
-:func:`topocentric_tdb_minus_tt` is the exact first-order term v_E . r / c^2 that depends on the place
-(Moyer 2003, eq. 2-23; IERS Conventions 2010, eq. 10.7), from the ephemeris' own velocity; measurements use it
-together with :func:`geocentric_tdb_minus_tt`, because ERFA's truncation leaves up to some 20 ps (6 mm) between
-two places.
+Two forms of the same thing. :func:`tdb_minus_tt` is ERFA's series with its few terms for a place on Earth.
+:func:`topocentric_tdb_minus_tt` is the exact first-order term v_E . r / c^2 that depends on the place (Moyer
+2003, eq. 2-23; IERS Conventions 2010, eq. 10.7), from the ephemeris' own velocity; measurements use it together
+with :func:`geocentric_tdb_minus_tt`. ERFA's terms for a place leave out the second order in the Earth's
+eccentricity and, along the spin axis, what Jupiter and the Moon do to its velocity: up to 1.2 ns at a station
+and 2.2 ns, 0.65 m of three-way range, between two.
 """
 
 from __future__ import annotations

@@ -1,0 +1,50 @@
+"""Observations to predict, and the points they go to: what tests of the measurement chain share."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from radioloc.measurements.observations import TIME_TAGS, Link, Observations
+from radioloc.time import Epochs, tai_to_utc
+
+# JPL's DE421 reflector coordinates, principal axes: radius (m), latitude and east longitude (deg), as in the
+# prediction tables of McDonald Observatory labelled "JPL DE-421".
+_DE421_SPHERICAL = {
+    "apollo11": (1735472.732, 0.6934309, 23.4543075),
+    "luna17": (1734929.200, 38.3330890, -35.0366860),
+    "apollo14": (1736336.135, -3.6233288, -17.4971065),
+    "apollo15": (1735477.340, 26.1551743, 3.6103520),
+    "luna21": (1734639.009, 25.8509928, 30.9087426),
+}
+
+LASER = {"pressure_hpa": 780.0, "temperature_k": 280.0, "relative_humidity": 0.3, "wavelength_um": 0.532}
+"""Weather and wavelength that the troposphere model takes."""
+
+START_TAI_JD = 2459185.5
+"""2020-12-02."""
+
+
+def _cartesian(radius_m: float, latitude_deg: float, longitude_deg: float) -> np.ndarray:
+    lat, lon = np.radians(latitude_deg), np.radians(longitude_deg)
+    return radius_m * np.array([np.cos(lat) * np.cos(lon), np.cos(lat) * np.sin(lon), np.sin(lat)])
+
+
+REFLECTORS_PA_M = {name: _cartesian(*where) for name, where in _DE421_SPHERICAL.items()}
+APOLLO15_PA_M = REFLECTORS_PA_M["apollo15"]
+
+
+def observations(path: str, tai: Epochs, tag: str = "transmit", **columns: object) -> Observations:
+    """Observations at epochs of TAI over one path such as ``KASHI>x>JIAMUSI``; the values mean nothing."""
+    return Observations.from_columns(
+        epoch=tai_to_utc(tai),
+        links=[Link.from_path(path)],
+        value_m=7.7e8,
+        sigma_m=1.0,
+        tag=TIME_TAGS.index(tag),
+        **columns,
+    )
+
+
+def epochs_tai(count: int, hours: float, start_jd: float = START_TAI_JD, start_fraction: float = 0.0) -> Epochs:
+    """Evenly spaced epochs of TAI, both ends included."""
+    return Epochs.from_jd(start_jd, start_fraction + np.linspace(0.0, hours / 24.0, count), "TAI")

@@ -1,0 +1,167 @@
+"""UTC, TAI, TT, TDB and dates as text."""
+
+import numpy as np
+import pytest
+
+from radioloc.errors import CoverageError, InputError
+from radioloc.time import (
+    Epochs,
+    epochs_from_strings,
+    tai_to_tt,
+    tai_to_utc,
+    tdb_to_tt,
+    tt_to_tai,
+    tt_to_tdb,
+    tt_to_utc,
+    utc_strings,
+    utc_to_tai,
+    utc_to_tt,
+)
+from radioloc.time.scales import calendar_to_jd, utc_of
+
+# Last place of a fraction of a day, and one rounding more.
+RESOLUTION_S = 2e-11
+
+# TAI - UTC, s, from the dates given on (IERS Bulletin C).
+TAI_MINUS_UTC = {
+    "1972-01-01": 10,
+    "1972-07-01": 11,
+    "1999-01-01": 32,
+    "2006-01-01": 33,
+    "2012-07-01": 35,
+    "2017-01-01": 37,
+    "2024-05-01": 37,
+}
+
+
+@pytest.mark.parametrize(("date", "leap_s"), TAI_MINUS_UTC.items())
+def test_tai_minus_utc(date, leap_s):
+    tai = utc_to_tai(epochs_from_strings(date))
+    assert tai.seconds_since(epochs_from_strings(date, "TAI")) == pytest.approx(leap_s, abs=RESOLUTION_S)
+    assert utc_to_tt(epochs_from_strings(date)).seconds_since(tai_to_tt(tai)) == 0.0
+    tt = epochs_from_strings(date, "TT")
+    assert utc_to_tt(epochs_from_strings(date)).seconds_since(tt) == pytest.approx(
+        leap_s + 32.184, abs=RESOLUTION_S
+    )
+
+
+def test_leap_second_is_one_second_long():
+    dates = ["2016-12-31T23:59:59", "2016-12-31T23:59:60", "2016-12-31T23:59:60.75", "2017-01-01T00:00:00"]
+    utc = epochs_from_strings(dates)
+    tai = utc_to_tai(utc)
+    since = tai.seconds_since(utc_to_tai(epochs_from_strings([dates[0]] * 4)))
+    assert since == pytest.approx([0.0, 1.0, 1.75, 2.0], abs=RESOLUTION_S)
+    assert utc_strings(utc, 2).tolist() == [f"{d}.00" if "." not in d else d for d in dates]
+    back = tai_to_utc(tai)
+    assert utc_strings(back, 3).tolist() == [f"{d[:19]}.{d[20:] or '0':0<3}" for d in dates]
+    assert utc_strings(epochs_from_strings("2016-12-31T23:59:60.9999999999")).tolist() == [
+        "2017-01-01T00:00:00.000000000"
+    ]
+
+
+def test_the_same_date_in_several_forms():
+    same = epochs_from_strings(["2020-12-01T15:11:00.25", "2020-336T15:11:00.25Z", "2020-12-01 15:11:00.250"])
+    assert np.unique(same.jd).tolist() == [2459184.5]
+    assert np.unique(same.fraction).tolist() == [(15 * 3600 + 11 * 60 + 0.25) / 86400.0]
+    short = epochs_from_strings(["2020-12-01T15:11", "2020-336T15:11:00."])
+    assert np.unique(short.fraction).tolist() == [(15 * 3600 + 11 * 60) / 86400.0]
+    assert epochs_from_strings("2020-336").fraction.tolist() == [0.0]
+    assert epochs_from_strings("2020-366").day_strings().tolist() == ["2020-12-31"]
+
+
+@pytest.mark.parametrize(
+    "date",
+    [
+        "2017-02-29",
+        "2020-02-30",
+        "2020-13-01",
+        "2020-00-10",
+        "2019-366",
+        "2020-367",
+        "2020-000",
+        "2020-12-01T24:00:00",
+        "2020-12-01T12:60:00",
+        "2020-12-01T12:00:61",
+        "2020-12-01T12:00:60",
+        "2020-12-31T23:59:60",
+        "2016-12-31T22:59:60",
+        "2016-12-31T23:58:60",
+        "2016-12-31T23:59:61",
+    ],
+)
+def test_dates_that_do_not_exist_are_refused(date):
+    with pytest.raises(InputError, match=date):
+        epochs_from_strings(date)
+
+
+def test_only_utc_has_leap_seconds():
+    for scale in ("TAI", "TT", "TDB"):
+        with pytest.raises(InputError, match="no leap second"):
+            epochs_from_strings("2016-12-31T23:59:60", scale)
+
+
+@pytest.mark.parametrize("text", ["", "today", "2020-1-1", "2020-12-01T15", "20201201", "2020-12-01T15:11:00+01:00"])
+def test_text_that_is_no_date_is_refused(text):
+    with pytest.raises(InputError, match="is not a date; write it as"):
+        epochs_from_strings(text)
+
+
+@pytest.mark.parametrize("convert", [utc_to_tai, utc_to_tt])
+def test_utc_before_1972_is_refused(convert):
+    epochs = epochs_from_strings(["1980-01-01", "1971-12-31T23:59:59"])
+    with pytest.raises(CoverageError, match="1971-12-31 was asked for") as caught:
+        convert(epochs)
+    assert caught.value.covered[0] == "1972-01-01"
+    convert(epochs_from_strings("1972-01-01"))
+
+
+def test_tai_before_1972_cannot_become_utc():
+    with pytest.raises(CoverageError, match="1971"):
+        tai_to_utc(epochs_from_strings("1971-12-31T12:00:00", "TAI"))
+    with pytest.raises(CoverageError, match="1969-07-20"):
+        tt_to_utc(epochs_from_strings("1969-07-20T20:18:00", "TT"))
+
+
+@pytest.mark.parametrize(
+    ("convert", "wrong"),
+    [
+        (utc_to_tai, "TT"),
+        (tai_to_utc, "UTC"),
+        (tai_to_tt, "UTC"),
+        (tt_to_tai, "TDB"),
+        (tt_to_tdb, "TDB"),
+        (tdb_to_tt, "TT"),
+    ],
+)
+def test_epochs_of_another_scale_are_refused(convert, wrong):
+    with pytest.raises(InputError, match=f"but {wrong} was given"):
+        convert(Epochs.from_jd(2459185.5, 0.0, wrong))
+
+
+@pytest.mark.parametrize("scale", ["UTC", "TAI", "TT", "TDB"])
+def test_any_scale_as_utc(scale):
+    utc = epochs_from_strings("2006-01-01T00:00:10")
+    chain = {"UTC": utc, "TAI": utc_to_tai(utc), "TT": utc_to_tt(utc), "TDB": tt_to_tdb(utc_to_tt(utc))}
+    assert utc_strings(utc_of(chain[scale]), 9).tolist() == ["2006-01-01T00:00:10.000000000"]
+
+
+def test_ut1_cannot_become_utc_without_earth_orientation():
+    with pytest.raises(InputError, match="without Earth orientation"):
+        utc_of(Epochs.from_jd(2459185.5, 0.0, "UT1"))
+
+
+def test_decimals_are_rounded_and_bounded():
+    utc = epochs_from_strings("2020-12-31T23:59:59.999999999")
+    assert utc_strings(utc, 0).tolist() == ["2021-01-01T00:00:00"]
+    assert utc_strings(utc).tolist() == ["2020-12-31T23:59:59.999999999"]
+    for decimals in (-1, 10, 12):
+        with pytest.raises(InputError, match="0 to 9"):
+            utc_strings(utc, decimals)
+
+
+def test_calendar_date_is_shown_in_the_error():
+    assert calendar_to_jd(2020, 12, 1, 15, 11, 0.0) == (2459184.5, (15 * 3600 + 11 * 60) / 86400.0)
+    with pytest.raises(InputError, match=r"2021-02-29T01:02:03\.500000000"):
+        calendar_to_jd(2021, 2, 29, 1, 2, 3.5)
+    with pytest.raises(InputError, match="time of day"):
+        calendar_to_jd(2021, 2, 28, 1, 2, float("nan"))

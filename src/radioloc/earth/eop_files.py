@@ -72,13 +72,14 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
     Raises
     ------
     FileFormatError
-        The file is neither, a value is missing or not a number, days are missing, or the pole offsets refer
-        to the 1980 nutation theory.
-    OSError
-        The file cannot be read.
+        The file cannot be read or is neither, a value is missing or not a number, days are missing, or the
+        pole offsets refer to the 1980 nutation theory.
     """
     path = Path(path)
-    data = path.read_bytes()
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise FileFormatError(path, f"cannot be read: {error.strerror}") from error
     texts = data.split(b"\n")
     line_numbers = [k for k, text in enumerate(texts) if text.strip() and not text.startswith(b"#")]
     if not line_numbers:

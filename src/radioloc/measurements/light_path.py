@@ -1,4 +1,8 @@
-"""The light path from a transmitter over a point on the Moon to a receiver, and how it moves with that point.
+"""The light path between two stations and a point on the Moon, and how it moves with that point.
+
+Two shapes share one solution. A range goes up from the first station to the point and down to the second. A differenced
+delay (VLBI) comes down from the point to both: its first leg runs the other way in time, sign -1, and the first
+station's event, called the transmission below, is an arrival.
 
 All positions are BCRS vectors from one origin per observation, the geocentre at the observation's reference epoch,
 and all times are TDB seconds from that epoch. Barycentric positions of 1.5e11 m would be rounded to 0.03 mm; from
@@ -69,6 +73,7 @@ def solve_light_path(
     tag_offset_s: NDArray[np.float64],
     up_delay_m: ArrayLike,
     down_delay_m: ArrayLike,
+    sign: ArrayLike = 1.0,
 ) -> LightPath:
     """Solve the light-time equations of both legs in the BCRS.
 
@@ -82,6 +87,8 @@ def solve_light_path(
         When that event happens, TDB seconds from the reference epochs.
     up_delay_m, down_delay_m : array_like, shape () or (n,)
         Delay of each leg beyond its straight length (gravity, media), m.
+    sign : array_like, shape () or (n,)
+        1 for a range, -1 for a differenced delay, whose tag then is the first station's (0) or the second's (1).
 
     Raises
     ------
@@ -93,12 +100,12 @@ def solve_light_path(
     Moyer (2003), section 8.3. The durations are found by repeated substitution, which contracts by v/c = 1e-4 a step.
     """
     sent, received = tag == TRANSMIT, tag == RECEIVE
-    up_delay_m, down_delay_m = np.asarray(up_delay_m), np.asarray(down_delay_m)
+    up_delay_m, down_delay_m, sign = np.asarray(up_delay_m), np.asarray(down_delay_m), np.asarray(sign)
     up_s = np.linalg.norm(relay.position_m - transmitter.position_m, axis=-1) / C_M_S
     down_s = np.linalg.norm(receiver.position_m - relay.position_m, axis=-1) / C_M_S
     for _ in range(_MAX_ITERATIONS):
-        bounce_s = tag_offset_s + np.where(sent, up_s, np.where(received, -down_s, 0.0))
-        transmit_s = np.where(sent, tag_offset_s, bounce_s - up_s)
+        bounce_s = tag_offset_s + np.where(sent, sign * up_s, np.where(received, -down_s, 0.0))
+        transmit_s = np.where(sent, tag_offset_s, bounce_s - sign * up_s)
         receive_s = np.where(received, tag_offset_s, bounce_s + down_s)
         relay_m = relay.at(bounce_s)
         up_m = relay_m - transmitter.at(transmit_s)
@@ -120,9 +127,10 @@ def solve_light_path(
                 up_m / up_length_m[:, None],
                 down_m / down_length_m[:, None],
             )
+    open_paths = int(np.sum(~(moved_s < _TOLERANCE_S)))
     raise ConvergenceError(
-        f"light time did not settle within {_MAX_ITERATIONS} iterations "
-        f"(last change {np.nanmax(moved_s):.1e} s); are the positions finite and near the Moon?"
+        f"the light time of {open_paths} of {len(moved_s)} paths did not settle within {_MAX_ITERATIONS} iterations; "
+        "are the positions finite, and the point near the Moon?"
     )
 
 
@@ -132,8 +140,9 @@ def path_length_partials(
     relay: MovingPoint,
     receiver: MovingPoint,
     tag: NDArray[np.int8],
+    sign: ArrayLike = 1.0,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Derivatives of the whole path's length c (up + down).
+    """Derivatives of the whole path's length c (sign up + down).
 
     Returns
     -------
@@ -148,9 +157,9 @@ def path_length_partials(
     v_L dt2), with the tagged event held (or moved) and the others following. The delays' own derivatives are below
     1e-7 and left to the caller.
     """
-    n, m = path.up_unit, path.down_unit
-    c_up_a = C_M_S - _dot(n, transmitter.velocity_m_s)
-    c_up_l = C_M_S - _dot(n, relay.velocity_m_s)
+    n, m, sign = path.up_unit, path.down_unit, np.asarray(sign)
+    c_up_a = C_M_S - sign * _dot(n, transmitter.velocity_m_s)
+    c_up_l = C_M_S - sign * _dot(n, relay.velocity_m_s)
     c_down_l = C_M_S - _dot(m, relay.velocity_m_s)
     c_down_b = C_M_S - _dot(m, receiver.velocity_m_s)
     closing_up = _dot(n, relay.velocity_m_s - transmitter.velocity_m_s)
@@ -161,7 +170,7 @@ def path_length_partials(
     up_first = n / np.where(sent, c_up_l, c_up_a)[:, None]
     down_first = -m / np.where(received, c_down_l, c_down_b)[:, None]
     up_after = -(closing_up / c_up_a)[:, None] * down_first
-    down_after = (closing_down / c_down_b)[:, None] * up_first
+    down_after = (sign * closing_down / c_down_b)[:, None] * up_first
     up = up_first + np.where(received[:, None], up_after, 0.0)
     down = down_first + np.where(sent[:, None], down_after, 0.0)
 
@@ -169,8 +178,9 @@ def path_length_partials(
     up_t = closing_up / np.where(sent, c_up_l, c_up_a)
     down_t = closing_down / np.where(received, c_down_l, c_down_b)
     up_tag = up_t * np.where(received, 1.0 - down_t, 1.0)
-    down_tag = down_t * np.where(sent, 1.0 + up_t, 1.0)
-    return C_M_S * (up + down), C_M_S * (up_tag + down_tag)
+    down_tag = down_t * np.where(sent, 1.0 + sign * up_t, 1.0)
+    by_position = C_M_S * (np.broadcast_to(sign, tag.shape)[:, None] * up + down)
+    return by_position, C_M_S * (sign * up_tag + down_tag)
 
 
 def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

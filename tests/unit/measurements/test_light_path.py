@@ -1,0 +1,150 @@
+"""The light-time solution and its partials against 40 digits."""
+
+from __future__ import annotations
+
+import mpmath as mp
+import numpy as np
+import pytest
+
+from radioloc.constants import C_M_S
+from radioloc.errors import ConvergenceError
+from radioloc.measurements.light_path import (
+    BOUNCE,
+    RECEIVE,
+    TRANSMIT,
+    MovingPoint,
+    path_length_partials,
+    solve_light_path,
+)
+
+# Positions of 4e8 m have a last place of 6e-8 m, durations of 1.3 s one of 2.2e-16 s = 7e-8 m.
+FEW_LAST_PLACES_M = 3e-7
+# The partials are the exact derivatives of the equations that are solved; only round-off remains.
+PARTIALS_RELATIVE = 1e-11
+TAGS = {"transmit": TRANSMIT, "receive": RECEIVE, "bounce": BOUNCE}
+UP_DELAY_M, DOWN_DELAY_M = 9.25, 11.5
+
+
+def moving(offset_s, position_m, velocity_m_s):
+    return MovingPoint(np.array([offset_s]), np.array([position_m]), np.array([velocity_m_s]))
+
+
+# Two stations and a point on the Moon, at their places some seconds from the tag and with barycentric velocities.
+TRANSMITTER = moving(-0.4, [4.1e6, -2.2e6, 4.3e6], [2.1e4, -2.0e4, -8.7e3])
+RELAY = moving(1.1, [2.6e8, 2.5e8, -1.1e8], [2.05e4, -1.95e4, -8.9e3])
+RECEIVER = moving(2.7, [-3.9e6, 3.0e6, 4.1e6], [2.13e4, -2.08e4, -8.7e3])
+
+
+def path_to_40_digits(tag, tag_offset_s=0.3, move_m=(0, 0, 0)):
+    """Up and down in seconds by repeated substitution in 40 digits."""
+    with mp.workdps(40):
+
+        def at(point, t):
+            return [
+                mp.mpf(float(p)) + mp.mpf(float(v)) * (t - mp.mpf(float(point.offset_s[0]))) + d
+                for p, v, d in zip(
+                    point.position_m[0], point.velocity_m_s[0], move_m if point is RELAY else (0, 0, 0), strict=True
+                )
+            ]
+
+        def length(a, b):
+            return mp.sqrt(sum((x - y) ** 2 for x, y in zip(a, b, strict=True)))
+
+        c = mp.mpf(C_M_S)
+        tagged = mp.mpf(tag_offset_s)
+        up = down = mp.mpf("1.3")
+        for _ in range(14):  # contracts by 1e-4 each time
+            bounce = {TRANSMIT: tagged + up, RECEIVE: tagged - down, BOUNCE: tagged}[tag]
+            there = at(RELAY, bounce)
+            up = (length(there, at(TRANSMITTER, bounce - up)) + mp.mpf(UP_DELAY_M)) / c
+            down = (length(at(RECEIVER, bounce + down), there) + mp.mpf(DOWN_DELAY_M)) / c
+        return up, down, bounce
+
+
+def solve(tag, tag_offset_s=0.3):
+    return solve_light_path(
+        TRANSMITTER,
+        RELAY,
+        RECEIVER,
+        np.array([tag], dtype=np.int8),
+        np.array([tag_offset_s]),
+        UP_DELAY_M,
+        DOWN_DELAY_M,
+    )
+
+
+@pytest.mark.parametrize("tag", TAGS.values(), ids=TAGS)
+def test_solution_against_40_digits(tag):
+    up, down, bounce = path_to_40_digits(tag)
+    path = solve(tag)
+    assert abs(float(path.up_s[0] - up)) * C_M_S < FEW_LAST_PLACES_M
+    assert abs(float(path.down_s[0] - down)) * C_M_S < FEW_LAST_PLACES_M
+    assert float(path.bounce_s[0]) == pytest.approx(float(bounce), rel=0, abs=1e-15)
+    assert path.transmit_s[0] == pytest.approx(path.bounce_s[0] - path.up_s[0], rel=0, abs=1e-15)
+    assert path.receive_s[0] == pytest.approx(path.bounce_s[0] + path.down_s[0], rel=0, abs=1e-15)
+    tagged = {TRANSMIT: path.transmit_s, RECEIVE: path.receive_s, BOUNCE: path.bounce_s}[tag]
+    assert tagged.tolist() == [0.3]
+
+
+def test_units_point_along_the_legs():
+    path = solve(BOUNCE)
+    there = RELAY.at(path.bounce_s)
+    for unit, leg in (
+        (path.up_unit, there - TRANSMITTER.at(path.transmit_s)),
+        (path.down_unit, RECEIVER.at(path.receive_s) - there),
+    ):
+        np.testing.assert_allclose(unit, leg / np.linalg.norm(leg), rtol=0, atol=1e-15)
+
+
+def test_tags_may_be_mixed_and_do_not_mix():
+    tags = np.array([TRANSMIT, RECEIVE, BOUNCE], dtype=np.int8)
+    three = [
+        MovingPoint(*(np.repeat(a, 3, axis=0) for a in (p.offset_s, p.position_m, p.velocity_m_s)))
+        for p in (TRANSMITTER, RELAY, RECEIVER)
+    ]
+    together = solve_light_path(*three, tags, np.full(3, 0.3), UP_DELAY_M, DOWN_DELAY_M)
+    alone = [solve(tag) for tag in tags]
+    assert together.up_s == pytest.approx([a.up_s[0] for a in alone], rel=0, abs=1e-15)
+    assert together.down_s == pytest.approx([a.down_s[0] for a in alone], rel=0, abs=1e-15)
+    by_position, by_tag = path_length_partials(together, *three, tags)
+    for row, tag in enumerate(tags):
+        one = path_length_partials(alone[row], TRANSMITTER, RELAY, RECEIVER, tags[row : row + 1])
+        np.testing.assert_allclose(by_position[row], one[0][0], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(by_tag[row], one[1][0], rtol=0, atol=1e-8)
+
+
+@pytest.mark.parametrize("tag", TAGS.values(), ids=TAGS)
+def test_partials_against_40_digits(tag):
+    path = solve(tag)
+    by_position, by_tag = path_length_partials(path, TRANSMITTER, RELAY, RECEIVER, np.array([tag], dtype=np.int8))
+    with mp.workdps(40):
+
+        def length(**changes):
+            up, down, _ = path_to_40_digits(tag, **changes)
+            return mp.mpf(C_M_S) * (up + down)
+
+        # Central differences whose error, step^2 over distance^2, is 1e-17 by position and 1e-13 by tag.
+        step_m = mp.mpf(1)
+        numeric = []
+        for axis in range(3):
+            ahead, behind = [[s * step_m * (k == axis) for k in range(3)] for s in (1, -1)]
+            numeric.append(float((length(move_m=ahead) - length(move_m=behind)) / (2 * step_m)))
+        step_s = mp.mpf("1e-3")
+        start = mp.mpf(0.3)
+        by_time = (length(tag_offset_s=start + step_s) - length(tag_offset_s=start - step_s)) / (2 * step_s)
+    assert np.linalg.norm(by_position[0] - numeric) < PARTIALS_RELATIVE * np.linalg.norm(numeric)
+    assert abs(by_tag[0] - float(by_time)) < PARTIALS_RELATIVE * abs(float(by_time))
+
+
+@pytest.mark.parametrize("broken", ["transmitter", "relay", "receiver"])
+def test_nan_does_not_pass_for_converged(broken):
+    points = {"transmitter": TRANSMITTER, "relay": RELAY, "receiver": RECEIVER}
+    points[broken] = moving(0.0, [np.nan, 0.0, 0.0], [0.0, 0.0, 0.0])
+    with pytest.raises(ConvergenceError, match="of 1 of 1 paths did not settle"):
+        solve_light_path(*points.values(), np.zeros(1, dtype=np.int8), np.zeros(1), 0.0, 0.0)
+
+
+def test_light_cannot_be_outrun():
+    fast = moving(0.0, [1e8, 0.0, 0.0], [0.9 * C_M_S, 0.0, 0.0])
+    with pytest.raises(ConvergenceError, match="of 1 of 1 paths did not settle"):
+        solve_light_path(TRANSMITTER, fast, RECEIVER, np.zeros(1, dtype=np.int8), np.zeros(1), 0.0, 0.0)

@@ -1,0 +1,82 @@
+"""What a model is built of, and what it says it rests on."""
+
+import pytest
+
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import FileFormatError, InputError, KernelError
+from radioloc.kernels import find_kernel
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.terms import TERMS
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build()
+
+
+def test_default_has_everything(model):
+    assert model.terms == frozenset(TERMS)
+    assert model.ephemeris.name == "DE421"
+    assert model.libration.frame == "PA_DE421"
+    assert model.earth.subdaily_tides
+    assert model.earth.libration
+    assert "APOLLO" in model.catalogue
+
+
+def test_leaving_out_leaves_the_first_model_alone(model):
+    fewer = model.without("shapiro", "subdaily_eop")
+    assert not fewer.has("shapiro")
+    assert fewer.has("tdb_tt")
+    assert not fewer.earth.subdaily_tides
+    assert not fewer.earth.libration
+    assert fewer.earth.zonal_tides
+    assert model.has("shapiro")
+    assert model.earth.subdaily_tides
+    # What was out stays out.
+    assert not fewer.without("tdb_tt").has("shapiro")
+    assert not fewer.without("tdb_tt").earth.subdaily_tides
+    assert PhysicalModel.build(off=["shapiro", "subdaily_eop"]).terms == fewer.terms
+
+
+def test_unknown_term_is_refused(model):
+    with pytest.raises(InputError, match="did you mean 'tdb_tt'"):
+        model.without("tdbtt")
+    with pytest.raises(InputError, match="is not a term"):
+        PhysicalModel.build(off=["everything"])
+
+
+def test_provenance_names_files_and_checksums(model):
+    record = model.without("shapiro").provenance()
+    assert record["terms_off"] == ["shapiro"]
+    assert record["ephemeris"]["name"] == "DE421"
+    assert record["ephemeris"]["sha256"] == model.ephemeris.kernel.sha256
+    assert len(record["ephemeris"]["sha256"]) == 64
+    assert record["lunar_orientation"]["name"] == "PA_DE421"
+    assert "TDB" not in record["lunar_orientation"]["file"]
+    assert record["earth_orientation"]["first"] <= "1972-01-02"
+    assert record["earth_orientation"]["last_measured"] < record["earth_orientation"]["last"]
+    assert any("astropy-iers-data" in source for source in record["earth_orientation"]["tables"])
+
+
+def test_files_and_catalogue_of_ones_own(tmp_path):
+    own = StationCatalogue([StationCatalogue.default()["APOLLO"]])
+    by_path = PhysicalModel.build(
+        ephemeris=find_kernel("DE421", "SPK"), libration=find_kernel("DE421", "PCK"), catalogue=own
+    )
+    assert by_path.ephemeris.name == "DE421"
+    assert len(by_path.catalogue) == 1
+    with pytest.raises(KernelError):
+        PhysicalModel.build(ephemeris=tmp_path / "missing.bsp")
+    with pytest.raises(FileFormatError, match=r"missing\.txt: cannot be read"):
+        PhysicalModel.build(earth_orientation=tmp_path / "missing.txt")
+
+
+def test_positions_and_orientation_of_two_ephemerides_are_refused(monkeypatch):
+    import dataclasses
+
+    from radioloc.ephemeris import CONSTANTS, Ephemeris
+
+    other = dataclasses.replace(Ephemeris.open(), name="DE440", constants=CONSTANTS["DE440"])
+    monkeypatch.setattr(Ephemeris, "open", classmethod(lambda cls, spk: other))
+    with pytest.raises(InputError, match="that of DE421 but the positions are those of DE440"):
+        PhysicalModel.build()

@@ -1,6 +1,6 @@
 """The table of observations: one row per measurement, one array per column.
 
-A range is the whole light path from the transmitter over the point on the Moon to the receiver, as the speed
+Every value is in metres. A range is the whole light path from the transmitter over the point on the Moon to the receiver, as the speed
 of light times the time of flight in the station's clock (UTC rate): a round trip, not its half. The epoch is
 UTC and belongs to the event that the time tag names. Millions of rows are meant to fit: no Python object is
 kept per row.
@@ -8,6 +8,7 @@ kept per row.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -21,8 +22,17 @@ from radioloc.time import Epochs, utc_strings
 TIME_TAGS = ("transmit", "receive", "bounce")
 """Events that an epoch can belong to; :attr:`Observations.tag` holds indices into this."""
 
-KINDS = ("range",)
-"""Kinds of measurement; :attr:`Observations.kind` holds indices into this."""
+KINDS = ("range", "vlbi_delay", "doppler")
+"""Kinds of measurement; :attr:`Observations.kind` holds indices into this.
+
+``range``: the whole light path from the first station over the target to the second, m.
+``vlbi_delay``: arrival at the second station minus arrival of the same wavefront at the first, by the stations' clocks,
+times the speed of light, m; tagged at the first station's arrival.
+``doppler``: growth of the whole light path over the count interval, m: range at its end less range at its start, tagged
+with the reception at its middle.
+"""
+
+RANGE, VLBI_DELAY, DOPPLER = range(len(KINDS))
 
 WEATHER_LIMITS = {
     "pressure_hpa": (100.0, 1100.0),
@@ -33,6 +43,7 @@ WEATHER_LIMITS = {
 """Lowest and highest value that a station on Earth can have recorded; catches Celsius, percent and Pascal."""
 
 _IN_MEMORY = "in memory"
+_EARTH_DIAMETER_M = 12.8e6
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -42,7 +53,10 @@ class Link:
     Parameters
     ----------
     transmitter, target, receiver : str
-        Names without spaces at the ends and without ``>`` or ``,``; the two stations may be the same.
+        Names without spaces at the ends and without ``<``, ``>`` or ``,``; the two stations may be the same.
+    differenced : bool
+        The target sends to both stations and the delay of the second behind the first is measured (VLBI); the
+        "transmitter" then is the first station.
 
     Raises
     ------
@@ -53,33 +67,37 @@ class Link:
     transmitter: str
     target: str
     receiver: str
+    differenced: bool = False
 
     def __post_init__(self) -> None:
         for name in (self.transmitter, self.target, self.receiver):
-            if not name or name != name.strip() or any(c in '>,#"' or not c.isprintable() for c in name):
+            if not name or name != name.strip() or any(c in '<>,#"' or not c.isprintable() for c in name):
                 raise InputError(
                     f"{name!r} cannot name a station or a target; "
-                    "give printable text without '>', ',', '#' or quotes"
+                    "give printable text without '<', '>', ',', '#' or quotes"
                 )
 
     @property
     def path(self) -> str:
-        """Text such as ``APOLLO>apollo15>APOLLO``."""
-        return f"{self.transmitter}>{self.target}>{self.receiver}"
+        """Text such as ``APOLLO>apollo15>APOLLO``, or ``SESHAN25<lander>KUNMING`` of a differenced delay."""
+        return f"{self.transmitter}{'<' if self.differenced else '>'}{self.target}>{self.receiver}"
 
     @classmethod
     def from_path(cls, path: str) -> Link:
-        """Read text such as ``APOLLO>apollo15>APOLLO``.
+        """Read text such as ``APOLLO>apollo15>APOLLO`` or ``SESHAN25<lander>KUNMING``.
 
         Raises
         ------
         InputError
-            The text is not three names joined by ``>``.
+            The text is not three names joined by ``>``, or by ``<`` and ``>``.
         """
-        names = [name.strip() for name in path.split(">")]
-        if len(names) != 3:
-            raise InputError(f"{path!r} is not a path; write it as transmitter>target>receiver")
-        return cls(*names)
+        match = re.fullmatch(r"([^<>]+)([<>])([^<>]+)>([^<>]+)", path)
+        if match is None:
+            raise InputError(
+                f"{path!r} is not a path; write it as transmitter>target>receiver, or station1<target>station2 for a delay"
+            )
+        first, arrow, target, second = (part.strip() for part in match.groups())
+        return cls(first, target, second, arrow == "<")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -107,7 +125,12 @@ class Observations:
     pressure_hpa, temperature_k, relative_humidity : ndarray, shape (n,)
         Weather at the station; humidity from 0 to 1. NaN says that it was not recorded.
     wavelength_um : ndarray, shape (n,)
-        Vacuum wavelength of the light or radio signal, micrometres. NaN says that it was not recorded.
+        Vacuum wavelength of the light or of the radio signal on its way down, micrometres. NaN says that it was not
+        recorded.
+    uplink_hz : ndarray, shape (n,)
+        Frequency of the radio signal on its way up. NaN says that it was not recorded or does not apply.
+    count_s : ndarray, shape (n,)
+        Count interval of a Doppler observation, s; NaN for other kinds.
     files : tuple of str
         The files that the rows came from, each once.
     file : ndarray of int32, shape (n,)
@@ -127,6 +150,8 @@ class Observations:
     temperature_k: NDArray[np.float64]
     relative_humidity: NDArray[np.float64]
     wavelength_um: NDArray[np.float64]
+    uplink_hz: NDArray[np.float64]
+    count_s: NDArray[np.float64]
     files: tuple[str, ...]
     file: NDArray[np.int32]
     line: NDArray[np.int32]
@@ -146,6 +171,8 @@ class Observations:
         temperature_k: ArrayLike = np.nan,
         relative_humidity: ArrayLike = np.nan,
         wavelength_um: ArrayLike = np.nan,
+        uplink_hz: ArrayLike = np.nan,
+        count_s: ArrayLike = np.nan,
         files: Sequence[str] = (),
         file: ArrayLike = 0,
         line: ArrayLike | None = None,
@@ -180,6 +207,8 @@ class Observations:
             temperature_k=_column("temperature_k", temperature_k, n),
             relative_humidity=_column("relative_humidity", relative_humidity, n),
             wavelength_um=_column("wavelength_um", wavelength_um, n),
+            uplink_hz=_column("uplink_hz", uplink_hz, n),
+            count_s=_column("count_s", count_s, n),
             files=unique_files,
             file=_recode(file_codes, _codes("file", file, n, len(file_codes), np.int32)),
             line=_column("line", np.arange(1, n + 1) if line is None else line, n, np.int32),
@@ -292,10 +321,24 @@ class Observations:
         return "\n".join(lines)
 
     def _validate(self) -> None:
-        for name in ("value_m", "sigma_m"):
-            column = getattr(self, name)
-            wrong = ~(np.isfinite(column) & (column > 0.0))
-            self._refuse(wrong, name, column, "must be finite and above zero")
+        ranges, doppler = self.kind == RANGE, self.kind == DOPPLER
+        wrong = ~np.isfinite(self.value_m) | (ranges & ~(self.value_m > 0.0))
+        self._refuse(wrong, "value_m", self.value_m, "must be finite, and above zero for a range")
+        wrong = ~(np.isfinite(self.sigma_m) & (self.sigma_m > 0.0))
+        self._refuse(wrong, "sigma_m", self.sigma_m, "must be finite and above zero")
+        delays = self.kind == VLBI_DELAY
+        wrong = delays & (np.abs(self.value_m) > _EARTH_DIAMETER_M)
+        self._refuse(wrong, "value_m", self.value_m, "a VLBI delay is not longer than the Earth (12.8e6 m, 43 ms)")
+        differenced = np.array([link.differenced for link in self.links], dtype=bool)[self.link]
+        self._refuse(
+            differenced != delays, "path", self.value_m, "a VLBI delay, and only it, has a path station1<target>station2"
+        )
+        wrong = delays & (self.tag == TIME_TAGS.index("bounce"))
+        self._refuse(wrong, "time_tag", self.tag, "a VLBI delay is tagged at an arrival, not at the emission")
+        wrong = doppler & ~(np.isfinite(self.count_s) & (self.count_s > 0.0))
+        self._refuse(wrong, "count_s", self.count_s, "a Doppler observation needs its count interval, above zero")
+        wrong = ~np.isnan(self.uplink_hz) & ~((self.uplink_hz > 1e6) & (self.uplink_hz < 1e12))
+        self._refuse(wrong, "uplink_hz", self.uplink_hz, "must be 1e6 to 1e12, or left out")
         for name, (low, high) in WEATHER_LIMITS.items():
             column = getattr(self, name)
             wrong = ~(np.isnan(column) | ((column >= low) & (column <= high)))

@@ -131,7 +131,7 @@ def test_columns_in_any_order_and_half_of_them_quoted():
         (",bounce,", ",reflect,", 6, "use transmit or receive or bounce"),
         (",range,GRASSE", ",delay,GRASSE", 6, "'delay' is not known"),
         ("GRASSE>AP15>GRASSE", "GRASSE>AP15", 6, "is not a path"),
-        ("GRASSE>AP15>GRASSE", "GRASSE>>GRASSE", 6, "cannot name"),
+        ("GRASSE>AP15>GRASSE", "GRASSE>>GRASSE", 6, "is not a path"),
         ("GRASSE>AP15>GRASSE", '"GRASSE>AP15>GRASSE', 6, "quotes|fields"),
     ],
 )

@@ -328,15 +328,27 @@ class Observations:
         self._refuse(wrong, "sigma_m", self.sigma_m, "must be finite and above zero")
         delays = self.kind == VLBI_DELAY
         wrong = delays & (np.abs(self.value_m) > _EARTH_DIAMETER_M)
-        self._refuse(wrong, "value_m", self.value_m, "a VLBI delay is not longer than the Earth (12.8e6 m, 43 ms)")
+        self._refuse(
+            wrong, "value_m", self.value_m, "a VLBI delay is not longer than the Earth (12.8e6 m, 43 ms)"
+        )
         differenced = np.array([link.differenced for link in self.links], dtype=bool)[self.link]
         self._refuse(
-            differenced != delays, "path", self.value_m, "a VLBI delay, and only it, has a path station1<target>station2"
+            differenced != delays,
+            "path",
+            self.value_m,
+            "a VLBI delay, and only it, has a path station1<target>station2",
         )
-        wrong = delays & (self.tag == TIME_TAGS.index("bounce"))
-        self._refuse(wrong, "time_tag", self.tag, "a VLBI delay is tagged at an arrival, not at the emission")
+        wrong = delays & (self.tag != TIME_TAGS.index("receive"))
+        self._refuse(
+            wrong,
+            "time_tag",
+            self.tag,
+            "a VLBI delay is tagged at its arrival at the first station (receive)",
+        )
         wrong = doppler & ~(np.isfinite(self.count_s) & (self.count_s > 0.0))
-        self._refuse(wrong, "count_s", self.count_s, "a Doppler observation needs its count interval, above zero")
+        self._refuse(
+            wrong, "count_s", self.count_s, "a Doppler observation needs its count interval, above zero"
+        )
         wrong = ~np.isnan(self.uplink_hz) & ~((self.uplink_hz > 1e6) & (self.uplink_hz < 1e12))
         self._refuse(wrong, "uplink_hz", self.uplink_hz, "must be 1e6 to 1e12, or left out")
         for name, (low, high) in WEATHER_LIMITS.items():

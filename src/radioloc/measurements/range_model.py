@@ -30,7 +30,7 @@ from radioloc.measurements.light_path import (
     solve_light_path,
 )
 from radioloc.measurements.lunar_motion import lunar_motion
-from radioloc.measurements.observations import Observations
+from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
@@ -90,9 +90,19 @@ class RangeArc:
     ) -> None:
         self.model = model
         self.observations = observations
-        self._tag = observations.tag
-        self._stations, self._transmitter, self._receiver = _stations_of(model, observations)
+        self._stations, transmitter, receiver = _stations_of(model, observations)
         tt = utc_to_tt(observations.epoch)
+        # One path per observation; a Doppler observation is the difference of two, at the ends of its count interval.
+        self._doppler = np.flatnonzero(observations.kind == DOPPLER)
+        rows = np.concatenate([np.arange(len(observations)), self._doppler])
+        half_s = np.where(observations.kind == DOPPLER, 0.5 * observations.count_s, 0.0)
+        half_s = np.concatenate([half_s, -half_s[self._doppler]])
+        tt = tt[rows].shifted(half_s)
+        self._paths = observations.select(rows)
+        self._transmitter, self._receiver = transmitter[rows], receiver[rows]
+        differenced = self._paths.kind == VLBI_DELAY
+        self._sign = np.where(differenced, -1.0, 1.0)
+        self._tag = np.where(differenced, TRANSMIT, self._paths.tag).astype(np.int8)
         self._reference = Epochs.from_jd(
             tt.jd, tt.fraction + geocentric_tdb_minus_tt(tt) / SECONDS_PER_DAY, "TDB"
         )
@@ -107,17 +117,20 @@ class RangeArc:
     @property
     def transmitters(self) -> NDArray[np.int32]:
         """Index into :attr:`stations` of each observation's transmitter, shape (n,)."""
-        return self._transmitter
+        return self._transmitter[: len(self.observations)]
 
     @property
     def receivers(self) -> NDArray[np.int32]:
         """Index into :attr:`stations` of each observation's receiver, shape (n,)."""
-        return self._receiver
+        return self._receiver[: len(self.observations)]
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
-        return self._up.predicted_eop | self._down.predicted_eop
+        predicted = self._up.predicted_eop | self._down.predicted_eop
+        out = predicted[: len(self.observations)].copy()
+        out[self._doppler] |= predicted[len(self.observations) :]
+        return out
 
     def compute(self, lander_pa_m: NDArray[np.float64]) -> ComputedRange:
         """Predict all ranges for a position.
@@ -137,22 +150,27 @@ class RangeArc:
             self._prepare(lander_pa_m)
             path, relay = self._solve(lander_pa_m)
         up, down = self._slants(path, relay)
-        length_m = C_M_S * (path.up_s + path.down_s)
+        length_m = C_M_S * (self._sign * path.up_s + path.down_s)
         if self.model.has("tdb_tt"):
             tdb_tt_s = self._down.tdb_minus_tt_at(path.receive_s) - self._up.tdb_minus_tt_at(path.transmit_s)
             length_m = length_m - C_M_S * tdb_tt_s
-        by_position, by_time = path_length_partials(path, self._up.point, relay, self._down.point, self._tag)
+        by_position, by_time = path_length_partials(
+            path, self._up.point, relay, self._down.point, self._tag, self._sign
+        )
         if self.model.has("tdb_tt"):
             # 1e-5 m/s in two-way, but up to 0.1 m/s between two stations, whose velocities differ.
             by_time = by_time - C_M_S * (self._down.tdb_rate - self._up.tdb_rate)
-        for slant in (up, down):
-            by_time = by_time + slant.delay.by_elevation_m_rad * slant.elevation_rate_rad_s
+        for sign, slant in ((self._sign, up), (1.0, down)):
+            by_time = by_time + sign * slant.delay.by_elevation_m_rad * slant.elevation_rate_rad_s
+        n = len(self.observations)
+        problem = np.where(up.problem != "", up.problem, down.problem)
+        problem[self._doppler] = np.where(problem[self._doppler] != "", problem[self._doppler], problem[n:])
         return ComputedRange(
-            range_m=length_m,
-            by_position_pa=np.einsum("ni,nij->nj", by_position, self._moon.rot_pa_to_icrf),
-            by_time_m_s=by_time,
-            elevation_rad=np.stack([up.elevation_rad, down.elevation_rad], axis=-1),
-            problem=np.where(up.problem != "", up.problem, down.problem),
+            range_m=self._observed(length_m),
+            by_position_pa=self._observed(np.einsum("ni,nij->nj", by_position, self._moon.rot_pa_to_icrf)),
+            by_time_m_s=self._observed(by_time),
+            elevation_rad=np.stack([up.elevation_rad, down.elevation_rad], axis=-1)[:n],
+            problem=problem[:n],
         )
 
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
@@ -177,9 +195,16 @@ class RangeArc:
                 table[name] = full_m - without.compute(lander_pa_m).range_m
         return table
 
+    def _observed(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:
+        """From paths to observations: the path itself, or the difference of two for Doppler."""
+        n = len(self.observations)
+        out = of_paths[:n].copy()
+        out[self._doppler] -= of_paths[n:]
+        return out
+
     def _prepare(self, lander_pa_m: NDArray[np.float64]) -> None:
         """Place the straight motions at the events of the path to this position."""
-        zero = np.zeros(len(self.observations))
+        zero = np.zeros(len(self._paths))
         self._up = self._station(self._transmitter, zero)
         same = np.array_equal(self._transmitter, self._receiver)
         self._down = self._up if same else self._station(self._receiver, zero)
@@ -226,7 +251,9 @@ class RangeArc:
     def _path(
         self, relay: MovingPoint, tagged_s: NDArray[np.float64], up_m: ArrayLike, down_m: ArrayLike
     ) -> LightPath:
-        return solve_light_path(self._up.point, relay, self._down.point, self._tag, tagged_s, up_m, down_m)
+        return solve_light_path(
+            self._up.point, relay, self._down.point, self._tag, tagged_s, up_m, down_m, self._sign
+        )
 
     def _gravity(
         self, path: LightPath, relay: MovingPoint
@@ -236,7 +263,7 @@ class RangeArc:
         The Sun and the planets stand still in the barycentric frame to what matters; for the Earth and the Moon, which
         do not, the frame that moves with the Earth is the one in which they do.
         """
-        total = [np.zeros(len(self.observations)), np.zeros(len(self.observations))]
+        total = [np.zeros(len(self._paths)), np.zeros(len(self._paths))]
         if not self.model.has("shapiro"):
             return total[0], total[1]
         gm = self.model.ephemeris.constants.gm_m3_s2
@@ -262,7 +289,7 @@ class RangeArc:
     ) -> _Slant:
         elevation_rad, rate_rad_s = elevation_and_rate(station, lander_gcrs_m, velocity_m_s)
         if self.model.has("troposphere"):
-            delay = troposphere_delay(self.observations, station, elevation_rad)
+            delay = troposphere_delay(self._paths, station, elevation_rad)
         else:
             delay = SlantDelay.none(len(elevation_rad))
         below = np.array(

@@ -24,9 +24,10 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.range_model import RangeArc
+from radioloc.measurements.terms import TERMS, active_terms
 from radioloc.plotting import plot_position, plot_residuals, save_figure
 from radioloc.studies.locate import arc_of, locate, residuals
-from radioloc.studies.report import write_report
+from radioloc.studies.report import write_report, write_terms
 from radioloc.studies.study import (
     EstimateChoice,
     HeightPrior,
@@ -34,11 +35,12 @@ from radioloc.studies.study import (
     ObservationChoice,
     Reference,
     Study,
-    read_study,
 )
+from radioloc.studies.study_file import read_study
 from radioloc.time import Epochs, epochs_from_strings
 
 __all__ = [
+    "TERMS",
     "ConvergenceError",
     "CoverageError",
     "Epochs",
@@ -63,6 +65,7 @@ __all__ = [
     "StationError",
     "Study",
     "__version__",
+    "active_terms",
     "arc_of",
     "epochs_from_strings",
     "locate",
@@ -73,4 +76,5 @@ __all__ = [
     "residuals",
     "save_figure",
     "write_report",
+    "write_terms",
 ]

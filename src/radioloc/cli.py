@@ -6,17 +6,19 @@ Exit status: 0 converged (or done), 2 bad input, 3 not converged or not observab
 from __future__ import annotations
 
 import argparse
+import os
 import sys
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, TextIO
+from typing import TYPE_CHECKING, NoReturn, TextIO
 
 from radioloc._version import __version__
-from radioloc.errors import RadiolocError, RadiolocWarning
+from radioloc.errors import ConvergenceError, RadiolocError, RadiolocWarning
 
 if TYPE_CHECKING:
     from radioloc.estimation.solution import Solution
+    from radioloc.studies.study import Study
 
 EXIT_DONE, EXIT_BAD_INPUT, EXIT_NOT_CONVERGED = 0, 2, 3
 
@@ -25,16 +27,46 @@ def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
     options = _parser().parse_args(arguments)
     with warnings.catch_warnings():
-        warnings.showwarning = _show_warning
+        # Even where Python is told to make errors of warnings: ours are for the reader, not for a debugger.
+        warnings.simplefilter("default", RadiolocWarning)
+        warnings.showwarning = _shown_once()
         try:
-            return int(options.run(options))
+            status = int(options.run(options))
+            sys.stdout.flush()
+            return status
+        except BrokenPipeError:
+            # Whoever read our output has seen enough, as `head` does. Python would complain again at its end.
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+            return EXIT_DONE
+        except ConvergenceError as error:
+            _complain(str(error))
+            return EXIT_NOT_CONVERGED
         except RadiolocError as error:
-            print(f"radioloc: {error}", file=sys.stderr)
+            _complain(str(error))
+            return EXIT_BAD_INPUT
+        except OSError as error:
+            _complain(f"{error.filename}: {error.strerror}" if error.filename else str(error))
             return EXIT_BAD_INPUT
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser whose errors are one line, as all others."""
+
+    def error(self, message: str) -> NoReturn:
+        _complain(f"{message}; see {self.prog} --help")
+        self.exit(EXIT_BAD_INPUT)
+
+
+def _complain(message: str) -> None:
+    print(f"radioloc: {_one_line(message)}", file=sys.stderr)
+
+
+def _one_line(message: str) -> str:
+    return " ".join(message.split())
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
+    parser = _Parser(
         prog="radioloc", description="Where a lander stands on the Moon, from Earth-based tracking."
     )
     parser.add_argument("--version", action="version", version=f"radioloc {__version__}")
@@ -50,7 +82,7 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument(
             "--terms", action="store_true", help="with --out, also write terms.csv: what each model term adds"
         )
-        command.set_defaults(run=run)
+        command.set_defaults(run=run, parser=command)
     stations = commands.add_parser("stations", help="list the stations that are known by name")
     stations.set_defaults(run=_stations)
     return parser
@@ -58,37 +90,36 @@ def _parser() -> argparse.ArgumentParser:
 
 def _locate(options: argparse.Namespace) -> int:
     from radioloc.studies.locate import locate
-    from radioloc.studies.study import read_study
 
-    study = read_study(options.study)
-    solution = locate(study)
-    _deliver(options, solution)
+    solution = _run(options, locate)
     return EXIT_DONE if solution.converged else EXIT_NOT_CONVERGED
 
 
 def _residuals(options: argparse.Namespace) -> int:
     from radioloc.studies.locate import residuals
-    from radioloc.studies.study import read_study
 
-    _deliver(options, residuals(read_study(options.study)))
+    _run(options, residuals)
     return EXIT_DONE
 
 
-def _deliver(options: argparse.Namespace, solution: Solution) -> None:
-    """Print the card and write the files."""
-    if options.out is not None:
-        from radioloc.studies.report import write_report
+def _run(options: argparse.Namespace, job: Callable[[Study], Solution]) -> Solution:
+    """Do a study, write its files and print its card."""
+    from radioloc.studies.report import write_report, write_terms
+    from radioloc.studies.study_file import read_study
 
+    if options.terms and options.out is None:
+        options.parser.error("--terms needs --out DIR, where to write terms.csv")
+    study = read_study(options.study)
+    solution = job(study)
+    if options.out is not None:
         write_report(solution, options.out)
         if options.terms:
-            from radioloc.studies.report import write_terms
-            from radioloc.studies.study import read_study
-
-            write_terms(read_study(options.study), solution, options.out)
+            write_terms(study, solution, options.out)
     if not options.quiet:
         print(solution)
         if options.out is not None:
             print(f"\nwritten to {options.out}")
+    return solution
 
 
 def _stations(options: argparse.Namespace) -> int:
@@ -103,21 +134,26 @@ def _stations(options: argparse.Namespace) -> int:
     return EXIT_DONE
 
 
-def _show_warning(
-    message: Warning | str,
-    category: type[Warning],
-    filename: str,
-    lineno: int,
-    file: TextIO | None = None,
-    line: str | None = None,
-) -> None:
-    """Show the library's own warnings as one line each, others as Python does."""
-    if issubclass(category, RadiolocWarning):
-        print(f"radioloc: warning: {message}", file=sys.stderr)
-    else:
-        print(
-            warnings.formatwarning(message, category, filename, lineno, line), file=file or sys.stderr, end=""
-        )
+def _shown_once() -> Callable[..., None]:
+    """Make what shows the library's own warnings as one line each, and each once; others as Python does."""
+    seen: set[str] = set()
+
+    def show(
+        message: Warning | str,
+        category: type[Warning],
+        filename: str,
+        lineno: int,
+        file: TextIO | None = None,
+        line: str | None = None,
+    ) -> None:
+        if not issubclass(category, RadiolocWarning):
+            text = warnings.formatwarning(message, category, filename, lineno, line)
+            print(text, file=file or sys.stderr, end="")
+        elif str(message) not in seen:
+            seen.add(str(message))
+            _complain(f"warning: {message}")
+
+    return show
 
 
 if __name__ == "__main__":

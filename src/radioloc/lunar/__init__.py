@@ -14,11 +14,13 @@ from radioloc.lunar.selenographic import (
     selenographic_to_cartesian,
 )
 from radioloc.lunar.tide import solid_tide
+from radioloc.lunar.visibility import earth_elevation_rad
 
 __all__ = [
     "angular_velocity_pa",
     "cartesian_partials",
     "cartesian_to_selenographic",
+    "earth_elevation_rad",
     "east_north_up",
     "rot_icrf_to_iau_moon",
     "rot_icrf_to_pa",

@@ -21,12 +21,34 @@ class LunarPosition:
     ----------
     frame : str
         ``"PA_DE421"`` (principal axes) or ``"ME_DE421"`` (mean Earth/mean rotation), or those of another ephemeris.
-    xyz_m : ndarray, shape (3,)
-        Cartesian coordinates in that frame, m.
+    xyz_m : array_like, shape (3,)
+        Cartesian coordinates in that frame, m; kept as a read-only array.
+
+    Raises
+    ------
+    InputError
+        The frame is not of such a name, or the point is not three finite numbers near the lunar surface.
     """
 
     frame: str
     xyz_m: NDArray[np.float64]
+
+    def __post_init__(self) -> None:
+        _require_frame(self.frame)
+        try:
+            xyz = np.array(self.xyz_m, dtype=np.float64)
+        except (TypeError, ValueError):
+            xyz = np.empty(0)
+        if xyz.shape != (3,) or not np.isfinite(xyz).all():
+            raise InputError(f"a position needs three finite numbers in metres, not {self.xyz_m!r}")
+        radius_m = float(np.linalg.norm(xyz))
+        if not 1.6e6 < radius_m < 1.9e6:
+            raise InputError(
+                f"a position {radius_m / 1e3:.3f} km from the Moon's centre is not on its surface "
+                "(1737.4 km, give or take 11 km); are the coordinates in metres?"
+            )
+        xyz.flags.writeable = False
+        object.__setattr__(self, "xyz_m", xyz)
 
     @classmethod
     def from_cartesian(cls, xyz_m: ArrayLike, frame: str = "PA_DE421") -> LunarPosition:
@@ -37,17 +59,7 @@ class LunarPosition:
         InputError
             Not three finite numbers, or not near the lunar surface.
         """
-        xyz = np.array(xyz_m, dtype=np.float64)
-        if xyz.shape != (3,) or not np.isfinite(xyz).all():
-            raise InputError(f"a position needs three finite numbers in metres, not {xyz_m!r}")
-        radius_m = float(np.linalg.norm(xyz))
-        if not 1.6e6 < radius_m < 1.9e6:
-            raise InputError(
-                f"a position {radius_m / 1e3:.3f} km from the Moon's centre is not on its surface "
-                "(1737.4 km, give or take 11 km); are the coordinates in metres?"
-            )
-        xyz.flags.writeable = False
-        return cls(_checked_frame(frame), xyz)
+        return cls(frame, np.asarray(xyz_m))
 
     @classmethod
     def from_selenographic(
@@ -58,7 +70,7 @@ class LunarPosition:
         Raises
         ------
         InputError
-            A latitude beyond 90 degrees, a longitude beyond 360, a height no terrain has.
+            A number is not finite, a latitude beyond 90 degrees, a longitude beyond 360, a height no terrain has.
         """
         if not -360.0 <= longitude_deg <= 360.0:
             raise InputError(f"longitude_deg = {longitude_deg!r} is not between -360 and 360")
@@ -97,10 +109,9 @@ class LunarPosition:
         return LunarPosition.from_cartesian((rot if axes == "ME" else rot.T) @ self.xyz_m, frames[axes])
 
 
-def _checked_frame(frame: str) -> str:
-    axes, _, ephemeris = frame.partition("_")
+def _require_frame(frame: str) -> None:
+    axes, _, ephemeris = frame.partition("_") if isinstance(frame, str) else ("", "", "")
     if axes not in ("PA", "ME") or not ephemeris:
         raise InputError(
             f"frame {frame!r} is not known; use PA_DE421 (principal axes) or ME_DE421 (mean Earth)"
         )
-    return frame

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
-import csv
 from pathlib import Path
 
 import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
+from radioloc.io.dates import utc_to_text
 from radioloc.io.solution_files import write_json, write_residuals
+from radioloc.io.text_files import write_text
 from radioloc.studies.locate import arc_of
 from radioloc.studies.study import Study
-from radioloc.time import utc_strings
 
 
 def write_report(solution: Solution, folder: str | Path) -> list[Path]:
@@ -32,11 +32,14 @@ def write_report(solution: Solution, folder: str | Path) -> list[Path]:
     Raises
     ------
     InputError
-        The folder cannot be made or written to.
+        The folder cannot be made or written to, or the solution has no elevations.
     """
     folder = _made(folder)
     rows = solution.residuals
-    elevation_deg = np.zeros(len(rows)) if rows.elevation_deg is None else rows.elevation_deg
+    if rows.elevation_deg is None:
+        raise InputError(
+            "the solution has no elevations, which residuals.csv lists; give them to build_solution"
+        )
     write_json(folder / "solution.json", solution.to_dict())
     write_residuals(
         folder / "residuals.csv",
@@ -47,7 +50,7 @@ def write_report(solution: Solution, folder: str | Path) -> list[Path]:
         computed_m=rows.computed_m,
         residual_m=rows.residual_m,
         sigma_m=rows.sigma_m,
-        elevation_deg=elevation_deg,
+        elevation_deg=rows.elevation_deg,
         status=rows.status,
     )
     return [folder / "solution.json", folder / "residuals.csv", *_write_plots(solution, folder)]
@@ -73,12 +76,12 @@ def write_terms(study: Study, solution: Solution, folder: str | Path) -> Path:
     arc, _ = arc_of(study)
     terms = arc.terms(solution.position_pa_m)
     path = _made(folder) / "terms.csv"
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["epoch_utc", "type", "path", *(f"{name}_m" for name in terms)])
-        columns = (utc_strings(arc.observations.epoch), arc.observations.types(), arc.observations.paths())
-        for row in zip(*columns, *(np.char.mod("%.6f", values) for values in terms.values()), strict=True):
-            writer.writerow(row)
+    rows = arc.observations
+    columns = (utc_to_text(rows.epoch), rows.types(), rows.paths())
+    numbers = (np.char.mod("%.6f", values) for values in terms.values())
+    lines = [",".join(["epoch_utc", "type", "path", *(f"{name}_m" for name in terms)])]
+    lines += [",".join(row) for row in zip(*columns, *numbers, strict=True)]
+    write_text(path, "\n".join(lines) + "\n")
     return path
 
 
@@ -91,7 +94,10 @@ def _write_plots(solution: Solution, folder: Path) -> list[Path]:
     written = []
     for name, figure in figures.items():
         paths = [folder / f"{name}.{ending}" for ending in ("png", "svg")]
-        save_figure(figure, paths)
+        try:
+            save_figure(figure, paths)
+        except OSError as error:
+            raise InputError(f"{folder}: the plot of {name} cannot be written: {error.strerror}") from None
         written += paths
     return written
 

@@ -73,11 +73,13 @@ def _of_targets(observations: Observations, targets: tuple[str, ...] | None) -> 
     missing = sorted(wanted - set(present))
     if missing:
         raise InputError(
-            f"no observation of {', '.join(missing)}; the files have {', '.join(present) or 'none'}"
+            f"[observations] targets: no observation of {', '.join(missing)}; "
+            f"the files have {', '.join(present) or 'none'}"
         )
     if len(wanted) > 1:
         raise InputError(
-            f"one position is fitted, but several targets are named: {', '.join(sorted(wanted))}"
+            "[observations] targets: one position is fitted, but several targets are named: "
+            f"{', '.join(sorted(wanted))}"
         )
     of_link = np.array([canonical_target(link.target) in wanted for link in observations.links], dtype=bool)
     return of_link[observations.link]
@@ -88,7 +90,10 @@ def _of_stations(
 ) -> NDArray[np.bool_]:
     if stations is None:
         return np.ones(len(observations), dtype=bool)
-    wanted = {catalogue.get(name).name for name in stations}
+    try:
+        wanted = {catalogue.get(name).name for name in stations}
+    except StationError as error:
+        raise StationError(f"[observations] stations: {error}") from None
     ends = [
         {_name(catalogue, link.transmitter), _name(catalogue, link.receiver)} for link in observations.links
     ]
@@ -96,7 +101,8 @@ def _of_stations(
     missing = sorted(wanted - present)
     if missing:
         raise InputError(
-            f"no observation by {', '.join(missing)}; the files have {', '.join(sorted(present))}"
+            f"[observations] stations: no observation by {', '.join(missing)}; "
+            f"the files have {', '.join(sorted(present))}"
         )
     of_link = np.array([names <= wanted for names in ends], dtype=bool)
     return of_link[observations.link]

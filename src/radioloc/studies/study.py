@@ -1,24 +1,28 @@
-"""The study file: what to locate, from which observations, with which model.
+"""What a study is: what to locate, from which observations, with which model.
 
-Everything about the file's form is here; what the numbers mean is decided where they are used.
+The records check themselves, so a study built in Python is held to the same rules as one read from a file
+(:mod:`radioloc.studies.study_file`).
 """
 
 from __future__ import annotations
 
-import tomllib
+import math
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import Any
 
-import numpy as np
-
-from radioloc.earth.stations import Station, StationCatalogue
+from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.terms import active_terms
-from radioloc.studies.toml_table import TomlTable
-from radioloc.time import Epochs, epochs_from_strings
+from radioloc.time import Epochs, utc_to_tai
 
 POSITION_FORMS = ("geographic", "cartesian", "none")
+HEIGHT_LIMITS_M = (-2.0e4, 2.0e4)
+"""Beyond any terrain: heights above the 1737.4 km sphere run from -9.2 to 10.8 km."""
+LOWEST_REJECTION_SIGMA = 2.0
+"""Below this good data would be cut: of normal residuals one in 22 exceeds two sigmas."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,9 +31,9 @@ class ObservationChoice:
 
     Parameters
     ----------
-    files : tuple of Path
+    files : path-like or iterable of path-like
         Files to read, globs already resolved.
-    targets, stations : tuple of str or None
+    targets, stations : str or iterable of str, or None
         Targets and stations to keep; all where ``None``.
     start, stop : Epochs or None
         First and last epoch to keep, UTC.
@@ -38,6 +42,11 @@ class ObservationChoice:
     extra_sigma_m : float
         Error of the model and of the instruments beyond what the files state, added in quadrature to each stated
         sigma, metres of the whole light path.
+
+    Raises
+    ------
+    InputError
+        A list is empty, a number is not above zero, or the start is not before the stop.
     """
 
     files: tuple[Path, ...] = ()
@@ -48,13 +57,47 @@ class ObservationChoice:
     hours: float | None = None
     extra_sigma_m: float = 0.0
 
+    def __post_init__(self) -> None:
+        files = (self.files,) if isinstance(self.files, (str, Path)) else self.files
+        object.__setattr__(self, "files", tuple(Path(file) for file in files))
+        for key in ("targets", "stations"):
+            value = getattr(self, key)
+            if value is not None:
+                object.__setattr__(self, key, _names(key, value))
+                if not getattr(self, key):
+                    raise InputError(f"{key} names none; leave it out to keep all {key}")
+        for key in ("start", "stop"):
+            _require_single_epoch(key, getattr(self, key))
+        if self.start is not None and self.stop is not None:
+            length_s = utc_to_tai(self.stop).seconds_since(utc_to_tai(self.start))
+            if not (length_s > 0.0).all():
+                raise InputError("stop must be later than start")
+        if self.hours is not None:
+            _require_positive("hours", self.hours)
+        _require_not_negative("extra_sigma_m", self.extra_sigma_m)
+
 
 @dataclass(frozen=True, slots=True)
 class HeightPrior:
-    """Prior on the height above the 1737.4 km sphere."""
+    """Prior on the height above the 1737.4 km sphere.
+
+    Raises
+    ------
+    InputError
+        A height that no terrain has, or a sigma that is not above zero.
+    """
 
     height_m: float
     sigma_m: float
+
+    def __post_init__(self) -> None:
+        low_m, high_m = HEIGHT_LIMITS_M
+        if not low_m <= self.height_m <= high_m:
+            raise InputError(
+                f"height_m = {self.height_m!r} is no height above the 1737.4 km sphere that the Moon has "
+                "(-9.2 to 10.8 km)"
+            )
+        _require_positive("sigma_m", self.sigma_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,19 +107,24 @@ class EstimateChoice:
     Parameters
     ----------
     position : {"geographic", "cartesian", "none"}
-        Parameters of the position: longitude, latitude, height; x, y, z; or held.
-    range_bias : tuple of str or "all" or "none"
+        Parameters of the position: along the sphere and in height; x, y, z; or held.
+    range_bias : iterable of str or "all" or "none"
         Stations whose range bias is estimated.
     range_bias_sigma_m : float or None
         Prior sigma of each bias about zero; free where ``None``.
     time_bias, time_bias_sigma_s
         Likewise for an offset of a station's time tags.
     height_prior : HeightPrior or None
-        Prior on the height.
+        Prior on the height; needs the geographic parameters, of which the height is one.
     ephemeris_sigma_m : tuple of float
         Error to be assumed of the lunar ephemeris and orientation as seen in the position: east, north, up.
     rejection_sigma : float
-        An observation is rejected when its residual exceeds so many of its expected sigmas.
+        An observation is rejected when its residual exceeds so many of its expected sigmas; 2 or more.
+
+    Raises
+    ------
+    InputError
+        A value is not one of these.
     """
 
     position: str = "geographic"
@@ -88,6 +136,34 @@ class EstimateChoice:
     ephemeris_sigma_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rejection_sigma: float = 5.0
 
+    def __post_init__(self) -> None:
+        if self.position not in POSITION_FORMS:
+            allowed = ", ".join(f'"{form}"' for form in POSITION_FORMS)
+            raise InputError(f"position must be one of {allowed}, not {self.position!r}")
+        for key in ("range_bias", "time_bias"):
+            value = getattr(self, key)
+            if value in ("all", "none"):
+                continue
+            if isinstance(value, str):
+                raise InputError(f'{key} must be a list of stations, "all" or "none", not {value!r}')
+            object.__setattr__(self, key, _names(key, value))
+        for key in ("range_bias_sigma_m", "time_bias_sigma_s"):
+            if getattr(self, key) is not None:
+                _require_positive(key, getattr(self, key))
+        if self.height_prior is not None and self.position != "geographic":
+            raise InputError('height_prior needs position = "geographic", where the height is a parameter')
+        if len(self.ephemeris_sigma_m) != 3:
+            raise InputError(
+                f"ephemeris_sigma_m must be three numbers (east, north, up), not {self.ephemeris_sigma_m!r}"
+            )
+        for value in self.ephemeris_sigma_m:
+            _require_not_negative("ephemeris_sigma_m", value)
+        if not (math.isfinite(self.rejection_sigma) and self.rejection_sigma >= LOWEST_REJECTION_SIGMA):
+            raise InputError(
+                f"rejection_sigma must be {LOWEST_REJECTION_SIGMA:g} or more, not {self.rejection_sigma!r}: "
+                "less cuts good data"
+            )
+
 
 @dataclass(frozen=True, slots=True)
 class ModelChoice:
@@ -96,17 +172,27 @@ class ModelChoice:
     Parameters
     ----------
     terms : frozenset of str
-        Active terms.
+        Active terms, as :func:`~radioloc.measurements.terms.active_terms` gives them.
     ephemeris, libration : str
         Registered name or path of the SPK and of the binary PCK.
     earth_orientation : Path or None
         A C04 or finals2000A file in place of the installed tables.
+
+    Raises
+    ------
+    InputError
+        A term is not one of the model.
     """
 
     terms: frozenset[str] = field(default_factory=active_terms)
     ephemeris: str = "DE421"
     libration: str = "DE421"
     earth_orientation: Path | None = None
+
+    def __post_init__(self) -> None:
+        terms = frozenset(_names("terms", self.terms))
+        active_terms(terms)  # knows every name, or says which it does not
+        object.__setattr__(self, "terms", terms)
 
 
 @dataclass(frozen=True, slots=True)
@@ -144,229 +230,27 @@ class Study:
     name: str = "study"
 
 
-def read_study(path: str | Path) -> Study:
-    """Read a study file.
-
-    Parameters
-    ----------
-    path : path-like
-        A TOML file; paths in it are relative to its folder.
-
-    Raises
-    ------
-    InputError
-        The file cannot be read, is not TOML, or has an unknown key or an unusable value; the message names it.
-    """
-    path = Path(path)
-    try:
-        content = tomllib.loads(path.read_text(encoding="utf-8"))
-    except FileNotFoundError:
-        raise InputError(f"{path}: there is no such study file") from None
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(f"{path}: the study file cannot be read: {error}") from None
-    except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
-    top = TomlTable(path, "", content)
-    target = top.table("target")
-    if target is None:
-        raise InputError(f"{path}: [target] is missing; it gives the a-priori position")
-    reference = top.table("reference")
-    position, _ = _position(target)
-    study = Study(
-        target=position,
-        observations=_observations(top.table("observations"), path),
-        estimate=_estimate(top.table("estimate")),
-        model=_model(top.table("model"), path),
-        catalogue=_stations(top.table("stations")),
-        reference=None if reference is None else Reference(*_position(reference)),
-        name=path.stem,
-    )
-    top.finish()
-    return study
+def _names(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:
+    names = (value,) if isinstance(value, str) else tuple(value)
+    for name in names:
+        if not isinstance(name, str) or not name.strip():
+            raise InputError(f"{key} must be names, not {name!r}")
+    return names
 
 
-def _position(table: TomlTable) -> tuple[LunarPosition, str]:
-    name = table.text("name") or table.name
-    frame = table.text("frame") or "ME_DE421"
-    xyz_m = table.vector("position_m")
-    lon, lat, height = (table.number(key) for key in ("longitude_deg", "latitude_deg", "height_m"))
-    geographic = {"longitude_deg": lon, "latitude_deg": lat, "height_m": height}
-    given = [key for key, value in geographic.items() if value is not None]
-    table.finish()
-    if xyz_m is not None and given:
-        table.fail(
-            "position_m", f"give either position_m or longitude and latitude, not both ({', '.join(given)})"
-        )
-    try:
-        if xyz_m is not None:
-            return LunarPosition.from_cartesian(xyz_m, frame), name
-        if lon is not None and lat is not None and height is not None:
-            return LunarPosition.from_selenographic(lon, lat, height, frame), name
-    except InputError as error:
-        table.fail("position", str(error))
-    missing = [key for key in geographic if key not in given]
-    table.fail(
-        missing[0], "is missing; a position is longitude_deg, latitude_deg and height_m, or position_m"
-    )
+def _require_positive(key: str, value: float) -> None:
+    if not (math.isfinite(value) and value > 0.0):
+        raise InputError(f"{key} must be above zero, not {value!r}")
 
 
-def _observations(table: TomlTable | None, path: Path) -> ObservationChoice:
-    if table is None:
-        raise InputError(f"{path}: [observations] is missing; it names the files to read")
-    patterns = table.texts("files")
-    if not patterns:
-        table.fail("files", "is missing; name at least one file (relative to the study file, globs allowed)")
-    files: list[Path] = []
-    for pattern in patterns:
-        found = _matches(path.parent, pattern)
-        if not found:
-            table.fail("files", f"{pattern!r} matches no file in {path.parent.resolve()}")
-        files += [f for f in found if f not in files]
-    start, stop = (_epoch(table, key) for key in ("start", "stop"))
-    choice = ObservationChoice(
-        files=tuple(files),
-        targets=table.texts("targets"),
-        stations=table.texts("stations"),
-        start=start,
-        stop=stop,
-        hours=table.number("hours", positive=True),
-        extra_sigma_m=table.number("extra_sigma_m") or 0.0,
-    )
-    table.finish()
-    if choice.extra_sigma_m < 0:
-        table.fail("extra_sigma_m", f"must not be negative, not {choice.extra_sigma_m!r}")
-    if start is not None and stop is not None and start.mjd[0] >= stop.mjd[0]:
-        table.fail("stop", "must be later than start")
-    return choice
+def _require_not_negative(key: str, value: float) -> None:
+    if not (math.isfinite(value) and value >= 0.0):
+        raise InputError(f"{key} must not be negative, not {value!r}")
 
 
-def _matches(folder: Path, pattern: str) -> list[Path]:
-    plain = folder / pattern
-    if plain.is_file():
-        return [plain]
-    if Path(pattern).is_absolute():
-        anchor = Path(Path(pattern).anchor)
-        return sorted(p for p in anchor.glob(str(Path(pattern).relative_to(anchor))) if p.is_file())
-    return sorted(p for p in folder.glob(pattern) if p.is_file())
-
-
-def _epoch(table: TomlTable, key: str) -> Epochs | None:
-    value = table.take(key)
+def _require_single_epoch(key: str, value: Any) -> None:
     if value is None:
-        return None
-    try:
-        # TOML dates arrive as datetime objects; their ISO form is what the text form would be.
-        text = value if isinstance(value, str) else value.isoformat().replace("+00:00", "")
-        return epochs_from_strings(text)
-    except (AttributeError, InputError) as error:
-        table.fail(key, str(error) if isinstance(error, InputError) else f"must be a UTC date, not {value!r}")
-
-
-def _estimate(table: TomlTable | None) -> EstimateChoice:
-    if table is None:
-        return EstimateChoice()
-    default = EstimateChoice()
-    prior = table.table("height_prior")
-    choice = EstimateChoice(
-        position=table.choice("position", POSITION_FORMS) or default.position,
-        range_bias=_station_names(table, "range_bias"),
-        range_bias_sigma_m=table.number("range_bias_sigma_m", positive=True),
-        time_bias=_station_names(table, "time_bias"),
-        time_bias_sigma_s=table.number("time_bias_sigma_s", positive=True),
-        height_prior=None if prior is None else _height_prior(prior),
-        ephemeris_sigma_m=_east_north_up(table, "ephemeris_sigma_m"),
-        rejection_sigma=table.number("rejection_sigma", positive=True) or default.rejection_sigma,
-    )
-    table.finish()
-    return choice
-
-
-def _station_names(table: TomlTable, key: str) -> tuple[str, ...] | str:
-    value = table.take(key)
-    if value is None:
-        return "none"
-    if isinstance(value, str) and value in ("all", "none"):
-        return value
-    if isinstance(value, list) and all(isinstance(v, str) for v in value):
-        return tuple(value)
-    table.fail(key, f'must be a list of stations, "all" or "none", not {value!r}')
-
-
-def _height_prior(table: TomlTable) -> HeightPrior:
-    height_m = table.number("height_m")
-    sigma_m = table.number("sigma_m", positive=True)
-    if "dem" in table:
-        table.fail("dem", "terrain models are not read yet; give the height itself as height_m")
-    table.finish()
-    if height_m is None or sigma_m is None:
-        table.fail("height_m", "height_m and sigma_m are both needed, in metres")
-    return HeightPrior(height_m, sigma_m)
-
-
-def _east_north_up(table: TomlTable, key: str) -> tuple[float, float, float]:
-    value = table.take(key)
-    if value is None:
-        return (0.0, 0.0, 0.0)
-    values = value if isinstance(value, list) else [value] * 3
-    if len(values) != 3:
-        table.fail(key, f"must be one number or three (east, north, up), not {value!r}")
-    east, north, up = (table.as_number(key, v) for v in values)
-    if min(east, north, up) < 0:
-        table.fail(key, f"must not be negative, not {value!r}")
-    return east, north, up
-
-
-def _model(table: TomlTable | None, path: Path) -> ModelChoice:
-    if table is None:
-        return ModelChoice()
-    default = ModelChoice()
-    try:
-        terms = active_terms(table.texts("off") or ())
-    except InputError as error:
-        table.fail("off", str(error))
-    eop = table.text("earth_orientation")
-    choice = ModelChoice(
-        terms=terms,
-        ephemeris=_kernel(table.text("ephemeris"), path) or default.ephemeris,
-        libration=_kernel(table.text("libration"), path) or default.libration,
-        earth_orientation=None if eop is None else path.parent / eop,
-    )
-    table.finish()
-    return choice
-
-
-def _kernel(name: str | None, path: Path) -> str | None:
-    """A registered name as it is; anything that looks like a file relative to the study file."""
-    if name is None or not Path(name).suffix:
-        return name
-    return str(path.parent / name)
-
-
-def _stations(table: TomlTable | None) -> StationCatalogue:
-    catalogue = StationCatalogue.default()
-    if table is None:
-        return catalogue
-    for entry in table.tables():
-        name = entry.name.removeprefix("stations.")
-        itrf_m = entry.vector("itrf_m")
-        if itrf_m is None:
-            entry.fail("itrf_m", "is missing; give the station's ITRF x, y, z in metres")
-        velocity_m_yr = entry.vector("velocity_m_yr")
-        epoch_year = entry.number("epoch")
-        aliases = entry.texts("aliases") or ()
-        entry.finish()
-        try:
-            station = Station(
-                name=name,
-                aliases=aliases,
-                kind="ttc",
-                itrf_m=np.array(itrf_m),
-                epoch_year=2000.0 if epoch_year is None else epoch_year,
-                quality="survey",
-                source="study file",
-                velocity_m_yr=None if velocity_m_yr is None else np.array(velocity_m_yr),
-            )
-        except InputError as error:
-            entry.fail("itrf_m", str(error))
-        catalogue = catalogue.with_station(station)
-    return catalogue
+        return
+    if not isinstance(value, Epochs) or len(value) != 1:
+        raise InputError(f'{key} must be one epoch, such as epochs_from_strings("2024-05-02"), not {value!r}')
+    value.require("UTC")

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any, NoReturn, TypeVar
 
 from radioloc.errors import InputError
+
+_Made = TypeVar("_Made")
+_LONGEST_SHOWN = 80
 
 
 class TomlTable:
@@ -28,13 +31,26 @@ class TomlTable:
         self._path = path
         self.name = name
         if not isinstance(content, Mapping):
-            raise InputError(f"{path}: [{name}] must be a table, not {content!r}")
+            raise InputError(f"{path}: [{name}] must be a table, not {_shown(content)}")
         self._content = dict(content)
         self._asked: list[str] = []
 
     def fail(self, key: str, problem: str) -> NoReturn:
         """Raise :class:`InputError` about one key."""
         raise InputError(f"{self._path}: [{self.name}] {key}: {problem}")
+
+    def build(self, make: Callable[..., _Made], **fields: Any) -> _Made:
+        """Call with the fields that were given, so that others keep their defaults; errors name this table.
+
+        Raises
+        ------
+        InputError
+            As the callable says, with file and table in front.
+        """
+        try:
+            return make(**{key: value for key, value in fields.items() if value is not None})
+        except InputError as error:
+            raise InputError(f"{self._path}: [{self.name}] {error}") from None
 
     def __contains__(self, key: str) -> bool:
         return key in self._content
@@ -44,43 +60,43 @@ class TomlTable:
         self._asked.append(key)
         return self._content.pop(key, None)
 
-    def number(self, key: str, *, positive: bool = False) -> float | None:
+    def holds_text(self, key: str) -> bool:
+        """Whether a key is there and its value is a string."""
+        return isinstance(self._content.get(key), str)
+
+    def number(self, key: str) -> float | None:
         """Take a finite number."""
         value = self.take(key)
-        return None if value is None else self.as_number(key, value, positive=positive)
+        return None if value is None else self.as_number(key, value)
 
-    def as_number(self, key: str, value: Any, *, positive: bool = False) -> float:
+    def as_number(self, key: str, value: Any) -> float:
         """Check that a value is a finite number."""
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not math.isfinite(value):
-            self.fail(key, f"must be a finite number, not {value!r}")
-        if positive and value <= 0:
-            self.fail(key, f"must be above zero, not {value!r}")
-        return float(value)
+        if isinstance(value, bool) or not isinstance(value, (int, float)):
+            self.fail(key, f"must be a number, not {_shown(value)}")
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            self.fail(key, f"must be a finite number, not {_shown(value)}")
+        return number
 
     def text(self, key: str) -> str | None:
-        """Take a string."""
+        """Take a string that is not empty."""
         value = self.take(key)
-        if value is not None and not isinstance(value, str):
-            self.fail(key, f"must be a string, not {value!r}")
-        return value
-
-    def choice(self, key: str, allowed: tuple[str, ...]) -> str | None:
-        """Take a string that must be one of some."""
-        value = self.text(key)
-        if value is not None and value not in allowed:
-            self.fail(key, f"{value!r} is not one of {', '.join(map(repr, allowed))}")
+        if value is not None and not (isinstance(value, str) and value.strip()):
+            self.fail(key, f"must be a string that is not empty, not {_shown(value)}")
         return value
 
     def texts(self, key: str) -> tuple[str, ...] | None:
-        """Take a list of strings; a single string stands for a list of one."""
+        """Take a list of strings, none of them empty; a single string stands for a list of one."""
         value = self.take(key)
         if value is None:
             return None
-        if isinstance(value, str):
-            return (value,)
-        if not isinstance(value, list) or not all(isinstance(v, str) for v in value):
-            self.fail(key, f"must be a list of strings, not {value!r}")
-        return tuple(value)
+        values = [value] if isinstance(value, str) else value
+        if not isinstance(values, list) or not all(isinstance(v, str) and v.strip() for v in values):
+            self.fail(key, f"must be a list of strings that are not empty, not {_shown(value)}")
+        return tuple(values)
 
     def vector(self, key: str) -> tuple[float, float, float] | None:
         """Take three numbers."""
@@ -88,7 +104,7 @@ class TomlTable:
         if value is None:
             return None
         if not isinstance(value, list) or len(value) != 3:
-            self.fail(key, f"must be a list of three numbers, not {value!r}")
+            self.fail(key, f"must be a list of three numbers, not {_shown(value)}")
         x, y, z = (self.as_number(key, v) for v in value)
         return x, y, z
 
@@ -112,3 +128,9 @@ class TomlTable:
             hint = f"; did you mean {near[0]!r}?" if near else f"; the keys are {', '.join(self._asked)}"
             where = f"[{self.name}] " if self.name else ""
             raise InputError(f"{self._path}: {where}{key!r} is not known{hint}")
+
+
+def _shown(value: Any) -> str:
+    """What was given, short enough for a message of one line."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."

@@ -1,0 +1,40 @@
+"""Where the Earth stands in the sky of a point on the Moon."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.lunar.frames import rot_icrf_to_pa
+from radioloc.time import Epochs
+
+
+def earth_elevation_rad(
+    ephemeris: Ephemeris, libration: LunarOrientation, tdb: Epochs, point_pa_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Elevation of the Earth's centre above the horizontal plane of a point on the Moon, rad, shape (n,).
+
+    Light time, aberration and the Earth's radius, 1 degree together, are left out: this tells the near side from
+    the far side, not sunrise to the minute.
+
+    Parameters
+    ----------
+    ephemeris, libration : Ephemeris, LunarOrientation
+        Where the Moon is and how it is turned.
+    tdb : Epochs
+        Epochs, TDB.
+    point_pa_m : ndarray, shape (3,)
+        The point in the libration's principal axes, m.
+
+    Raises
+    ------
+    CoverageError
+        An epoch lies outside the kernels.
+    """
+    moon_m, _ = ephemeris.geocentric("moon", tdb)
+    angles_rad, _ = libration.angles(tdb)
+    to_earth_m = np.einsum("nij,nj->ni", rot_icrf_to_pa(angles_rad), -moon_m) - point_pa_m
+    up = point_pa_m / np.linalg.norm(point_pa_m)
+    sine = (to_earth_m @ up) / np.linalg.norm(to_earth_m, axis=-1)
+    return np.arcsin(np.clip(sine, -1.0, 1.0))

@@ -1,0 +1,244 @@
+"""Reading a study from a TOML file: every mistake in it is one sentence naming the file, the table and the key."""
+
+from __future__ import annotations
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+
+from radioloc.earth.stations import Station, StationCatalogue
+from radioloc.errors import InputError
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.terms import active_terms
+from radioloc.studies.study import (
+    EstimateChoice,
+    HeightPrior,
+    ModelChoice,
+    ObservationChoice,
+    Reference,
+    Study,
+)
+from radioloc.studies.toml_table import TomlTable
+from radioloc.time import Epochs, epochs_from_strings
+
+_FASTEST_PLATE_M_YR = 1.0
+"""Plates move by up to 0.1 m a year; more is another unit."""
+_STATION_YEARS = (1900.0, 2100.0)
+"""An epoch outside is no Julian year but another count of days."""
+
+
+def read_study(path: str | Path) -> Study:
+    """Read a study file.
+
+    Parameters
+    ----------
+    path : path-like
+        A TOML file; paths in it are relative to its folder.
+
+    Raises
+    ------
+    InputError
+        The file cannot be read, is not TOML, or has an unknown key or an unusable value; the message names it.
+    """
+    path = Path(path)
+    top = TomlTable(path, "", _content(path))
+    target, observations, estimate, model, stations, reference = (
+        top.table(key) for key in ("target", "observations", "estimate", "model", "stations", "reference")
+    )
+    top.finish()  # before anything else, so that a misspelt table is not called missing
+    if target is None:
+        raise InputError(f"{path}: [target] is missing; it gives the a-priori position")
+    if observations is None:
+        raise InputError(f"{path}: [observations] is missing; it names the files to read")
+    return Study(
+        target=_position(target)[0],
+        observations=_observations(observations, path.parent),
+        estimate=EstimateChoice() if estimate is None else _estimate(estimate),
+        model=ModelChoice() if model is None else _model(model, path.parent),
+        catalogue=StationCatalogue.default() if stations is None else _catalogue(stations),
+        reference=None if reference is None else Reference(*_position(reference)),
+        name=path.stem,
+    )
+
+
+def _content(path: Path) -> dict[str, object]:
+    try:
+        # Some editors put a byte order mark in front, which TOML does not know.
+        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+    except FileNotFoundError:
+        raise InputError(f"{path}: there is no such study file") from None
+    except IsADirectoryError:
+        raise InputError(f"{path}: is a directory; give the study file in it") from None
+    except OSError as error:
+        raise InputError(f"{path}: the study file cannot be read: {error.strerror}") from None
+    except UnicodeDecodeError as error:
+        raise InputError(
+            f"{path}: byte 0x{error.object[error.start]:02x} is not UTF-8; save the study file as UTF-8"
+        ) from None
+    except (ValueError, RecursionError) as error:  # of the former TOMLDecodeError is one
+        raise InputError(f"{path}: not valid TOML: {error}") from None
+
+
+def _position(table: TomlTable) -> tuple[LunarPosition, str]:
+    name = table.text("name") or table.name
+    frame = table.text("frame") or "ME_DE421"
+    xyz_m = table.vector("position_m")
+    geographic = {key: table.number(key) for key in ("longitude_deg", "latitude_deg", "height_m")}
+    table.finish()
+    given = [key for key, value in geographic.items() if value is not None]
+    if xyz_m is not None and given:
+        table.fail(
+            "position_m", f"give either position_m or longitude and latitude, not both ({', '.join(given)})"
+        )
+    if xyz_m is not None:
+        return table.build(LunarPosition.from_cartesian, xyz_m=xyz_m, frame=frame), name
+    missing = [key for key in geographic if key not in given]
+    if missing:
+        table.fail(
+            missing[0], "is missing; a position is longitude_deg, latitude_deg and height_m, or position_m"
+        )
+    return table.build(LunarPosition.from_selenographic, **geographic, frame=frame), name
+
+
+def _observations(table: TomlTable, folder: Path) -> ObservationChoice:
+    patterns = table.texts("files")
+    fields = {
+        "targets": table.texts("targets"),
+        "stations": table.texts("stations"),
+        "start": _epoch(table, "start"),
+        "stop": _epoch(table, "stop"),
+        "hours": table.number("hours"),
+        "extra_sigma_m": table.number("extra_sigma_m"),
+    }
+    table.finish()
+    if not patterns:
+        table.fail("files", "is missing; name at least one file (relative to the study file, globs allowed)")
+    files: list[Path] = []
+    for pattern in patterns:
+        found = _matches(folder, pattern)
+        if not found:
+            table.fail("files", f"{pattern!r} matches no file in {folder.resolve()}")
+        files += [file for file in found if file not in files]
+    return table.build(ObservationChoice, files=tuple(files), **fields)
+
+
+def _matches(folder: Path, pattern: str) -> list[Path]:
+    """Files of a name or a glob, sorted; none also for what pathlib does not take as either."""
+    try:
+        plain = folder / pattern
+        if plain.is_file():
+            return [plain]
+        start = Path(plain.anchor) if Path(pattern).is_absolute() else folder
+        relative = str(Path(pattern).relative_to(start)) if Path(pattern).is_absolute() else pattern
+        return sorted(found for found in start.glob(relative) if found.is_file())
+    except (ValueError, IndexError, NotImplementedError):
+        return []
+
+
+def _epoch(table: TomlTable, key: str) -> Epochs | None:
+    value = table.take(key)
+    if value is None:
+        return None
+    try:
+        # TOML dates arrive as datetime objects; their ISO form is what the text form would be.
+        text = value if isinstance(value, str) else value.isoformat().replace("+00:00", "")
+        return epochs_from_strings(text)
+    except (AttributeError, InputError) as error:
+        table.fail(key, str(error) if isinstance(error, InputError) else f"must be a UTC date, not {value!r}")
+
+
+def _estimate(table: TomlTable) -> EstimateChoice:
+    prior = table.table("height_prior")
+    fields = {
+        "position": table.text("position"),
+        "range_bias": _stations(table, "range_bias"),
+        "range_bias_sigma_m": table.number("range_bias_sigma_m"),
+        "time_bias": _stations(table, "time_bias"),
+        "time_bias_sigma_s": table.number("time_bias_sigma_s"),
+        "ephemeris_sigma_m": _east_north_up(table, "ephemeris_sigma_m"),
+        "rejection_sigma": table.number("rejection_sigma"),
+    }
+    table.finish()
+    return table.build(EstimateChoice, height_prior=None if prior is None else _height_prior(prior), **fields)
+
+
+def _stations(table: TomlTable, key: str) -> tuple[str, ...] | str | None:
+    """Take a list of stations; a single string is the word "all" or "none"."""
+    return table.text(key) if table.holds_text(key) else table.texts(key)
+
+
+def _height_prior(table: TomlTable) -> HeightPrior:
+    if "dem" in table:
+        table.fail("dem", "terrain models are not read yet; give the height itself as height_m")
+    height_m, sigma_m = table.number("height_m"), table.number("sigma_m")
+    table.finish()
+    if height_m is None or sigma_m is None:
+        table.fail("height_m" if height_m is None else "sigma_m", "is missing; give both, in metres")
+    return table.build(HeightPrior, height_m=height_m, sigma_m=sigma_m)
+
+
+def _east_north_up(table: TomlTable, key: str) -> tuple[float, ...] | None:
+    """Take three numbers, or one for all three."""
+    value = table.take(key)
+    if value is None:
+        return None
+    values = value if isinstance(value, list) else [value] * 3
+    return tuple(table.as_number(key, v) for v in values)
+
+
+def _model(table: TomlTable, folder: Path) -> ModelChoice:
+    off = table.texts("off") or ()
+    fields = {key: _kernel(table.text(key), folder) for key in ("ephemeris", "libration")}
+    eop = table.text("earth_orientation")
+    table.finish()
+    if eop is not None and not (folder / eop).is_file():
+        table.fail("earth_orientation", f"there is no file {eop!r} in {folder.resolve()}")
+    try:
+        terms = active_terms(off)
+    except InputError as error:
+        table.fail("off", str(error))
+    return table.build(
+        ModelChoice, terms=terms, earth_orientation=None if eop is None else folder / eop, **fields
+    )
+
+
+def _kernel(name: str | None, folder: Path) -> str | None:
+    """A registered name as it is; anything that looks like a file relative to the study file."""
+    if name is None or not Path(name).suffix:
+        return name
+    return str(folder / name)
+
+
+def _catalogue(table: TomlTable) -> StationCatalogue:
+    """The catalogue that ships, with the stations of the study added or in the place of those of the same name."""
+    catalogue = StationCatalogue.default()
+    for entry in table.tables():
+        name = entry.name.removeprefix("stations.")
+        itrf_m, velocity_m_yr = entry.vector("itrf_m"), entry.vector("velocity_m_yr")
+        epoch_year = entry.number("epoch")
+        aliases = entry.texts("aliases") or ()
+        entry.finish()
+        if itrf_m is None:
+            entry.fail("itrf_m", "is missing; give the station's ITRF x, y, z in metres")
+        if velocity_m_yr is not None and float(np.linalg.norm(velocity_m_yr)) > _FASTEST_PLATE_M_YR:
+            entry.fail("velocity_m_yr", f"no station moves like {velocity_m_yr}; give metres per year")
+        if epoch_year is not None and not _STATION_YEARS[0] <= epoch_year <= _STATION_YEARS[1]:
+            entry.fail("epoch", f"must be a Julian year such as 2010.0, not {epoch_year!r}")
+        # Data name stations by codes and pads; those, and the loading of the site, stay with a station that only
+        # gets another position.
+        known = catalogue.get(name) if name in catalogue else None
+        station = entry.build(
+            Station,
+            name=name if known is None else known.name,
+            aliases=tuple(dict.fromkeys([*(() if known is None else known.aliases), *aliases])),
+            kind="ttc" if known is None else known.kind,
+            itrf_m=np.array(itrf_m),
+            epoch_year=2000.0 if epoch_year is None else epoch_year,
+            quality="survey",
+            source="study file",
+            velocity_m_yr=None if velocity_m_yr is None else np.array(velocity_m_yr),
+            ocean_loading=None if known is None else known.ocean_loading,
+        )
+        catalogue = entry.build(catalogue.with_station, station=station)
+    return catalogue

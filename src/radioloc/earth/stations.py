@@ -184,7 +184,7 @@ class StationCatalogue:
         known = f"similar: {', '.join(similar)}" if similar else f"known: {', '.join(self.names)}"
         raise StationError(
             f"station {name!r} is not in the catalogue; {known}. To use one of your own, "
-            "catalogue = catalogue.with_station(Station(name=..., itrf_m=..., ...))"
+            "describe it under [stations.NAME] in the study file, or catalogue.with_station(Station(...)) in Python"
         )
 
     def with_station(self, station: Station) -> StationCatalogue:

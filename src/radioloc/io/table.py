@@ -40,8 +40,9 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.io.dates import utc_from_text, utc_to_text
 from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.names import Catalogue, named_link
+from radioloc.io.plausible import FLIGHT_TIME_LIMITS_S, require_lunar_flight_time
 from radioloc.io.text_files import read_lines, write_text
-from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.observations import KINDS, RANGE, TIME_TAGS, Link, Observations
 
 _TEXT = ("epoch_utc", "type", "path", "time_tag")
 _VALUE = ("observed_m", "light_time_s")
@@ -123,6 +124,12 @@ def parse_table(path: str | Path, lines: list[str], catalogue: Catalogue | None)
         line=numbers,
         **{name: column(name, _optional_floats) for name in _WEATHER if name in table},
     )
+    low_s, high_s = FLIGHT_TIME_LIMITS_S
+    flight_s = observations.value_m / C_M_S
+    absurd = (observations.kind == RANGE) & ~((flight_s > low_s) & (flight_s < high_s))
+    if absurd.any():
+        row = int(np.argmax(absurd))
+        require_lunar_flight_time(path, int(observations.line[row]), float(flight_s[row]))
     refuse_duplicates(observations)
     return observations
 

@@ -68,7 +68,7 @@ finite = st.floats(1e-3, 1e12, allow_nan=False)
 @given(
     days=st.lists(st.integers(0, 20000), min_size=1, max_size=5),
     fraction=st.floats(0.0, 1.0, exclude_max=True),
-    value=finite,
+    value=st.floats(6.6e8, 8.3e8),  # round trips between Earth and Moon
     sigma=finite,
     pressure=st.one_of(st.just(np.nan), st.floats(100.0, 1100.0)),
     tag=st.integers(0, 2),
@@ -91,6 +91,16 @@ def test_any_observations_come_back(days, fraction, value, sigma, pressure, tag,
     assert_same(made, first, EPOCH_TOLERANCE_S)
     write_table(file, first)
     assert_same(first, read_table(file))
+
+
+@pytest.mark.parametrize("value", ["6.5e8", "8.5e8", "12.0"])
+def test_range_that_no_light_takes_to_the_moon_is_refused(value):
+    lines = [
+        "epoch_utc,type,path,observed_m,sigma_m,time_tag",
+        f"2020-01-01,range,A>b>A,{value},0.01,transmit",
+    ]
+    with pytest.raises(FileFormatError, match=r"line 2: the time of flight is .* 2.2 to 2.8 s"):
+        parse_table("a.csv", lines, None)
 
 
 def test_columns_in_any_order_and_half_of_them_quoted():

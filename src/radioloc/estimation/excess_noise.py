@@ -58,33 +58,52 @@ def fit_with_excess_noise(
     -----
     Nothing is added unless the reduced chi-square exceeds what chance allows in 999 of 1000 fits. Fit and
     excess alternate until the excess settles; observations left out take no part in it and may come back.
+    Where excess and selection drive each other in a circle, the largest excess of the circle is taken.
     """
     stated_m = np.asarray(sigma_m, dtype=np.float64)
-    excess_m = 0.0
-    for _ in range(_MAX_PASSES):
-        edited = fit_with_editing(
-            residual_function,
-            parameters,
-            np.hypot(stated_m, excess_m),
-            status=status,
-            editing=editing,
-            settings=settings,
+
+    def fit_with(excess_m: float) -> EditedFit:
+        sigmas_m = np.hypot(stated_m, excess_m)
+        return fit_with_editing(
+            residual_function, parameters, sigmas_m, status=status, editing=editing, settings=settings
         )
-        fit = edited.fit
-        used = fit.used
+
+    tried_m: list[float] = [0.0]
+    for _ in range(_MAX_PASSES):
+        edited = fit_with(tried_m[-1])
+        used = edited.fit.used
         stated_used_m = np.broadcast_to(stated_m, used.shape)[used]
         dof = int(used.sum()) - int(parameters.free.sum())
-        wanted_m = excess_noise_m(fit.residual_m[used], stated_used_m, dof)
-        if abs(wanted_m - excess_m) <= _SETTLED * wanted_m:
-            return NoisyFit(edited, excess_m)
-        excess_m = wanted_m
-    return NoisyFit(
-        replace(edited, complete=False, message="the excess noise did not settle; " + edited.message),
-        excess_m,
-    )
+        # Significance is asked for once; asked again, it would take away what it had just found to be there.
+        probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
+        wanted_m = excess_noise_m(edited.fit.residual_m[used], stated_used_m, dof, probability)
+        if _same(wanted_m, tried_m[-1]):
+            return NoisyFit(edited, tried_m[-1])
+        repeated = [k for k, earlier_m in enumerate(tried_m) if _same(wanted_m, earlier_m)]
+        if repeated:
+            largest_m = max(tried_m[repeated[0] :])
+            edited = fit_with(largest_m)
+            wavering = "the excess noise and the outliers depend on each other: the largest excess was taken"
+            return NoisyFit(_with_message(edited, wavering), largest_m)
+        tried_m.append(wanted_m)
+    edited = replace(fit_with(tried_m[-1]), complete=False)
+    return NoisyFit(_with_message(edited, "the excess noise did not settle"), tried_m[-1])
 
 
-def excess_noise_m(residual_m: NDArray[np.float64], sigma_m: NDArray[np.float64], dof: int) -> float:
+def _same(one_m: float, other_m: float) -> bool:
+    return abs(one_m - other_m) <= _SETTLED * one_m
+
+
+def _with_message(edited: EditedFit, message: str) -> EditedFit:
+    return replace(edited, message="; ".join(text for text in (message, edited.message) if text))
+
+
+def excess_noise_m(
+    residual_m: NDArray[np.float64],
+    sigma_m: NDArray[np.float64],
+    dof: int,
+    probability: float | None = SCALING_PROBABILITY,
+) -> float:
     """Noise to add in quadrature so that the residuals have a reduced chi-square of one, m.
 
     Parameters
@@ -93,11 +112,14 @@ def excess_noise_m(residual_m: NDArray[np.float64], sigma_m: NDArray[np.float64]
         Residuals that were fitted and their stated sigmas.
     dof : int
         Degrees of freedom; none or fewer give no excess.
+    probability : float or None
+        An excess is called for when chi-square is above what chance alone stays below with this probability;
+        with ``None`` when it is above one per degree of freedom.
 
     Returns
     -------
     float
-        Zero where the stated sigmas explain the residuals within chance.
+        Zero where the stated sigmas explain the residuals.
 
     Raises
     ------
@@ -106,7 +128,10 @@ def excess_noise_m(residual_m: NDArray[np.float64], sigma_m: NDArray[np.float64]
     """
     if residual_m.shape != sigma_m.shape:
         raise InputError(f"{residual_m.shape} residuals do not fit {sigma_m.shape} sigmas")
-    if dof < 1 or float(((residual_m / sigma_m) ** 2).sum()) <= chi2_quantile(SCALING_PROBABILITY, dof):
+    if dof < 1:
+        return 0.0
+    limit = float(dof) if probability is None else chi2_quantile(probability, dof)
+    if float(((residual_m / sigma_m) ** 2).sum()) <= limit:
         return 0.0
     low_m, high_m = 0.0, float(np.sqrt((residual_m**2).sum() / dof))
     # The sum falls steadily with the excess, and at the upper end is below dof: halving cannot miss.

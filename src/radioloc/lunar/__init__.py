@@ -1,4 +1,4 @@
-"""The Moon's axes, selenographic coordinates and solid tide."""
+"""The Moon's axes, selenographic coordinates, solid tide and terrain."""
 
 from radioloc.lunar.frames import (
     angular_velocity_pa,
@@ -13,10 +13,12 @@ from radioloc.lunar.selenographic import (
     east_north_up,
     selenographic_to_cartesian,
 )
+from radioloc.lunar.terrain import TerrainModel
 from radioloc.lunar.tide import solid_tide
 from radioloc.lunar.visibility import earth_elevation_rad
 
 __all__ = [
+    "TerrainModel",
     "angular_velocity_pa",
     "cartesian_partials",
     "cartesian_to_selenographic",

@@ -1,0 +1,321 @@
+"""Height and slope of the lunar terrain at a point, from an elevation map.
+
+Heights are above the sphere of 1737.4 km, at longitude and latitude in the mean-Earth (ME) axes, in which lunar
+maps are drawn: a position in principal axes is to be turned first (:func:`radioloc.lunar.rot_pa_to_me`), or its
+terrain is read up to 875 m away.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError
+from radioloc.lunar.selenographic import (
+    cartesian_to_selenographic,
+    east_north_up,
+    selenographic_to_cartesian,
+)
+from radioloc.lunar.terrain_grid import MapGrid
+from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M, CellReader, TerrainMetadata, open_map
+
+Floats = NDArray[np.float64]
+
+_STENCIL_CELLS = {"bilinear": 2, "bicubic": 4}
+_LARGEST_ROUGHNESS_RADIUS_M = 1.0e5
+_RINGS = 16  # points on a radius, at most, at which roughness looks up cells
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TerrainModel:
+    """The terrain of one map; build with :meth:`open`.
+
+    Parameters
+    ----------
+    metadata : TerrainMetadata
+        Files with checksums, reference system, bounds, resolution, what the values are.
+    interpolation : str
+        ``"bilinear"`` (continuous; the slope jumps from cell to cell) or ``"bicubic"`` (the slope is continuous).
+    """
+
+    metadata: TerrainMetadata
+    interpolation: str
+    _grid: MapGrid = field(repr=False)
+    _reader: CellReader = field(repr=False)
+
+    @classmethod
+    def open(
+        cls,
+        path: str | Path,
+        *,
+        interpolation: Literal["bilinear", "bicubic"] = "bilinear",
+        radius_m: float | None = None,
+        unit: Literal["m", "km"] | None = None,
+    ) -> TerrainModel:
+        """Open an elevation map: PDS3 or PDS4 label, ISIS cube, GeoTIFF, any format and projection that GDAL reads.
+
+        Parameters
+        ----------
+        path : path-like
+            The map; of an image with its label in another file, the label.
+        interpolation : str
+            ``"bilinear"`` or ``"bicubic"`` (cubic convolution, Keys 1981, a = -1/2).
+        radius_m : float, optional
+            Radius of the sphere to which the map's heights refer, m; without it, that of the map's reference system.
+        unit : str, optional
+            ``"m"`` or ``"km"``, where the file does not say or says wrong.
+
+        Raises
+        ------
+        FileFormatError
+            Not a file that GDAL reads as one band of numbers with a map projection.
+        InputError
+            rasterio is not installed; another body's map, axes that are not mean-Earth, longitudes that count west,
+            an ellipsoid; a unit that is ambiguous; values that are no heights or radii of the Moon.
+
+        Notes
+        -----
+        Whether the values are heights or radii is seen from their size, which differs by 1737 km.
+        """
+        if interpolation not in _STENCIL_CELLS:
+            raise InputError(f"interpolation = {interpolation!r} is not known; use 'bilinear' or 'bicubic'")
+        metadata, grid, reader = open_map(path, radius_m=radius_m, unit=unit)
+        return cls(metadata, interpolation, grid, reader)
+
+    def height_m(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> Floats:
+        """Height of the terrain above the sphere of 1737.4 km, m, shape (...,).
+
+        Parameters and errors as :meth:`height_and_slope`.
+        """
+        longitude, latitude = _checked(longitude_rad, latitude_rad)
+        row, column = self._grid.cells(longitude.ravel(), latitude.ravel())
+        heights, t_row, t_column = self._stencil(longitude.ravel(), latitude.ravel(), row, column)
+        weights = [_weights(self.interpolation, t)[0] for t in (t_row, t_column)]
+        return np.einsum("nij,ni,nj->n", heights, *weights).reshape(longitude.shape)[()]
+
+    def height_and_slope(
+        self, longitude_rad: ArrayLike, latitude_rad: ArrayLike
+    ) -> tuple[Floats, Floats, Floats]:
+        """Height of the terrain and its derivatives by longitude and latitude.
+
+        Parameters
+        ----------
+        longitude_rad, latitude_rad : array_like, shape (...,)
+            East longitude (-2 pi to 2 pi) and latitude in mean-Earth axes, rad.
+
+        Returns
+        -------
+        height_m : ndarray, shape (...,)
+            Above the sphere of 1737.4 km, m.
+        height_by_longitude_m_rad, height_by_latitude_m_rad : ndarray, shape (...,)
+            Derivatives of the interpolated height, m/rad. The slope toward the east is the first divided by
+            radius times cosine of latitude.
+
+        Raises
+        ------
+        InputError
+            A coordinate is not finite or out of range; a point is outside the map, at a void, or at a value
+            that no lunar terrain has.
+        FileFormatError
+            The file can no longer be read.
+
+        Notes
+        -----
+        The derivative by row and column is that of the interpolation polynomial; that of row and column by
+        longitude and latitude is a difference over 2e-6 rad of the map projection, good to a part in 1e8.
+        At a pole the longitude names the direction, as in :func:`radioloc.lunar.east_north_up`; a cylindrical
+        map has a height there for each longitude.
+        """
+        longitude, latitude = _checked(longitude_rad, latitude_rad)
+        row, column, by_angle = self._grid.cells_and_derivatives(longitude.ravel(), latitude.ravel())
+        heights, t_row, t_column = self._stencil(longitude.ravel(), latitude.ravel(), row, column)
+        row_weights = _weights(self.interpolation, t_row)
+        column_weights = _weights(self.interpolation, t_column)
+        height, by_row, by_column = (
+            np.einsum("nij,ni,nj->n", heights, row_weights[i], column_weights[j]).reshape(longitude.shape)
+            for i, j in ((0, 0), (1, 0), (0, 1))
+        )
+        derivatives = by_angle.reshape(2, 2, *longitude.shape)
+        by_longitude, by_latitude = by_row * derivatives[:, 0] + by_column * derivatives[:, 1]
+        return height[()], by_longitude[()], by_latitude[()]
+
+    def roughness_m(
+        self, longitude_rad: ArrayLike, latitude_rad: ArrayLike, radius_m: float | None = None
+    ) -> Floats:
+        """Scatter of the map's heights about the plane that fits them best around a point, m, shape (...,).
+
+        Parameters
+        ----------
+        longitude_rad, latitude_rad : array_like, shape (...,)
+            As :meth:`height_and_slope`.
+        radius_m : float, optional
+            Radius of the neighbourhood on the ground, m; at least (and by default) one and a half cells of the map,
+            which hold nine cells.
+
+        Returns
+        -------
+        ndarray
+            Root of the sum of squared residuals divided by n - 3, from at most some 800 cells spread evenly.
+
+        Raises
+        ------
+        InputError
+            As :meth:`height_and_slope`, for any cell of the neighbourhood; a radius that is not positive or beyond
+            100 km; fewer than four cells, or cells on one line.
+        """
+        if radius_m is not None and not 0.0 < radius_m <= _LARGEST_ROUGHNESS_RADIUS_M:
+            raise InputError(
+                f"radius_m = {radius_m!r} is not between 0 and {_LARGEST_ROUGHNESS_RADIUS_M:.0f} m"
+            )
+        longitude, latitude = _checked(longitude_rad, latitude_rad)
+        least_m = 1.5 * self.metadata.resolution_m
+        reach_m = least_m if radius_m is None else max(radius_m, least_m)
+        points = zip(longitude.ravel(), latitude.ravel(), strict=True)
+        return np.array([self._scatter_m(*point, reach_m) for point in points]).reshape(longitude.shape)[()]
+
+    def sigma_m(
+        self,
+        longitude_rad: ArrayLike,
+        latitude_rad: ArrayLike,
+        own_sigma_m: float,
+        radius_m: float | None = None,
+    ) -> Floats:
+        """Standard deviation of a height prior, sqrt(own^2 + roughness^2), m, shape (...,).
+
+        Parameters
+        ----------
+        longitude_rad, latitude_rad, radius_m
+            As :meth:`roughness_m`.
+        own_sigma_m : float
+            Standard deviation of the map's own heights, m.
+
+        Raises
+        ------
+        InputError
+            As :meth:`roughness_m`; ``own_sigma_m`` is not positive.
+        """
+        if not 0.0 < own_sigma_m < math.inf:
+            raise InputError(f"own_sigma_m = {own_sigma_m!r} is not a positive number of metres")
+        return np.hypot(own_sigma_m, self.roughness_m(longitude_rad, latitude_rad, radius_m))
+
+    def _stencil(
+        self, longitude: Floats, latitude: Floats, row: Floats, column: Floats
+    ) -> tuple[Floats, Floats, Floats]:
+        """Heights of the cells around points, shape (n, size, size), and the points' places among them."""
+        size = _STENCIL_CELLS[self.interpolation]
+        shown = np.isfinite(row) & np.isfinite(column)
+        self._require(shown, longitude, latitude)
+        first_row, t_row = _first_cell(row, self._grid.rows, size)
+        first_column, t_column = _first_cell(column, self._grid.columns, size)
+        steps = np.arange(size)
+        rows = np.broadcast_to((first_row[:, None] + steps)[:, :, None], (row.size, size, size))
+        columns = np.broadcast_to((first_column[:, None] + steps)[:, None, :], (row.size, size, size))
+        return self._heights(rows, columns, longitude, latitude), t_row, t_column
+
+    def _heights(
+        self, rows: NDArray[np.int64], columns: NDArray[np.int64], longitude: Floats, latitude: Floats
+    ) -> Floats:
+        """Heights of the cells that belong to each point (first axis), all of them there and plausible."""
+        rows, columns, inside = self._grid.wrapped(rows, columns)
+        others = tuple(range(1, rows.ndim))
+        self._require(np.asarray(inside.all(axis=others)), longitude, latitude)
+        heights = self._reader.heights_m(rows, columns)
+        void = np.asarray(np.isnan(heights).any(axis=others))
+        if void.any():
+            raise InputError(
+                f"{self.metadata.path} has a void in the cells around {_named(longitude, latitude, void)}; "
+                "fill the map, use another, or take the position without a terrain prior"
+            )
+        wrong = np.asarray(((heights < LOWEST_M) | (heights > HIGHEST_M)).any(axis=others))
+        if wrong.any():
+            worst_m = heights[wrong].flat[np.argmax(np.abs(heights[wrong]))]
+            raise InputError(
+                f"{self.metadata.path} has a height of {worst_m:.6g} m around {_named(longitude, latitude, wrong)}, "
+                f"which the Moon has nowhere ({LOWEST_M:.0f} to {HIGHEST_M:.0f} m): a void value or a scale that "
+                "the file does not declare?"
+            )
+        return heights
+
+    def _require(self, inside: NDArray[np.bool_], longitude: Floats, latitude: Floats) -> None:
+        if not inside.all():
+            raise InputError(
+                f"{_named(longitude, latitude, ~inside)} is outside {self.metadata.path} or too near its edge for the "
+                f"cells that are needed around it; the map covers {self.metadata.coverage}"
+            )
+
+    def _scatter_m(self, longitude: float, latitude: float, reach_m: float) -> float:
+        axes = east_north_up(longitude, latitude)
+        spacing_m = max(self.metadata.resolution_m, reach_m / _RINGS)
+        count = int(reach_m / spacing_m)
+        offsets_m = spacing_m * np.arange(-count, count + 1)
+        east_m, north_m = (grid.ravel() for grid in np.meshgrid(offsets_m, offsets_m))
+        near = np.hypot(east_m, north_m) <= reach_m
+        tangent_m = np.stack([east_m[near], north_m[near], np.full(near.sum(), MEAN_LUNAR_RADIUS_M)], axis=-1)
+        longitudes, latitudes, _ = cartesian_to_selenographic(tangent_m @ axes)
+        row, column = self._grid.cells(longitudes, latitudes)
+        here = np.array([longitude]), np.array([latitude])
+        self._require(np.array([np.isfinite(row).all() and np.isfinite(column).all()]), *here)
+        rows, columns, _ = self._grid.wrapped(np.rint(row).astype(np.int64), np.rint(column).astype(np.int64))
+        cells = np.unique(np.stack([rows, columns]), axis=1)
+        heights_m = self._heights(cells[0][None], cells[1][None], *here)[0]
+        centres = self._grid.longitude_latitude(cells[0].astype(np.float64), cells[1].astype(np.float64))
+        local_m = selenographic_to_cartesian(*centres, 0.0) @ axes.T
+        design = np.column_stack([np.ones(heights_m.size), local_m[:, :2] / reach_m])
+        if np.linalg.matrix_rank(design) < 3 or heights_m.size < 4:
+            raise InputError(
+                f"{heights_m.size} cells within {reach_m:.6g} m of {_named(*here, np.array([True]))} do not make a "
+                "plane with scatter; give a larger radius_m"
+            )
+        residuals_m = heights_m - design @ np.linalg.lstsq(design, heights_m, rcond=None)[0]
+        return math.sqrt(float(residuals_m @ residuals_m) / (heights_m.size - 3))
+
+
+def _first_cell(position: Floats, cells: int, size: int) -> tuple[NDArray[np.int64], Floats]:
+    """First cell of the stencil along one axis, and the place from 0 to 1 between its two middle cells."""
+    half = size // 2
+    # a point on the centre of the last cell that can be a middle one needs no cell beyond it
+    lower = np.where(position == cells - half, cells - half - 1.0, np.floor(position))
+    return lower.astype(np.int64) - (half - 1), position - lower
+
+
+def _weights(interpolation: str, t: Floats) -> tuple[Floats, Floats]:
+    """Weights of the cells along one axis at place t, and their derivatives by t, shape (n, size)."""
+    one = np.ones_like(t)
+    if interpolation == "bilinear":
+        return np.stack([1.0 - t, t], axis=-1), np.stack([-one, one], axis=-1)
+    t2, t3 = t * t, t * t * t
+    weights = [-t3 + 2.0 * t2 - t, 3.0 * t3 - 5.0 * t2 + 2.0, -3.0 * t3 + 4.0 * t2 + t, t3 - t2]
+    slopes = [
+        -3.0 * t2 + 4.0 * t - 1.0,
+        9.0 * t2 - 10.0 * t,
+        -9.0 * t2 + 8.0 * t + 1.0,
+        3.0 * t2 - 2.0 * t,
+    ]
+    return 0.5 * np.stack(weights, axis=-1), 0.5 * np.stack(slopes, axis=-1)
+
+
+def _checked(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> tuple[Floats, Floats]:
+    longitude, latitude = np.broadcast_arrays(
+        np.asarray(longitude_rad, dtype=np.float64), np.asarray(latitude_rad, dtype=np.float64)
+    )
+    if not (np.isfinite(longitude).all() and np.isfinite(latitude).all()):
+        raise InputError("a longitude or latitude is not a finite number")
+    if (np.abs(longitude) > 2.0 * math.pi).any() or (np.abs(latitude) > math.pi / 2).any():
+        raise InputError(
+            "a longitude is beyond 2 pi or a latitude beyond pi / 2; are they in degrees instead of radians?"
+        )
+    return longitude, latitude
+
+
+def _named(longitude: Floats, latitude: Floats, which: NDArray[np.bool_]) -> str:
+    """The first of the points meant, in degrees, and how many more there are."""
+    first = int(np.flatnonzero(which)[0])
+    more = int(which.sum()) - 1
+    text = f"longitude {np.degrees(longitude[first]):.6f}, latitude {np.degrees(latitude[first]):.6f} degrees"
+    return f"{text} (and {more} more points)" if more else text

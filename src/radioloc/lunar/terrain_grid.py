@@ -1,0 +1,219 @@
+"""Where a longitude and latitude fall among the cells of a map of the Moon.
+
+A position in the grid is two floats, row and column, counted so that the centre of a cell has whole numbers:
+the cell (0, 0) reaches from -0.5 to 0.5. GDAL's transform counts from a cell's corner; the half cell between
+the two is added here and nowhere else. Maps whose columns go all around are closed: column -1 is the last one,
+and the row beyond the pole is the first row half a turn away.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from types import ModuleType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+
+_STEP_RAD = 1e-6  # 1.7 m on the ground: rounding of map coordinates leaves a part in 1e9 of a derivative
+_AROUND_TOLERANCE_CELLS = 0.1  # a label's rounded map scale leaves a global map open by less than this
+_CYLINDRICAL = {"longlat", "latlong", "eqc", "cea", "merc", "mill"}
+_ROWS_EVEN_IN_LATITUDE = {"longlat", "latlong", "eqc"}
+
+
+def load_rasterio() -> ModuleType:
+    """The module ``rasterio``, imported when the first map is opened.
+
+    Raises
+    ------
+    InputError
+        It is not installed.
+    """
+    try:
+        import rasterio
+        import rasterio.warp
+    except ImportError as error:
+        raise InputError(
+            "terrain maps are read through rasterio, which is not installed; pip install 'radioloc[terrain]'"
+        ) from error
+    return rasterio
+
+
+@dataclass(frozen=True, slots=True)
+class MapGrid:
+    """The cells of a map and its projection.
+
+    Parameters
+    ----------
+    crs, geographic : rasterio.crs.CRS
+        Of the map, and of longitude and latitude in degrees on the same sphere.
+    rows, columns : int
+        Size of the map.
+    affine : tuple of float
+        a, b, c, d, e, f of x = a u + b v + c and y = d u + e v + f with u, v the column and row counted from the
+        map's corner.
+    resolution_m : float
+        Size of a cell where the projection is true to scale, m.
+    columns_around : float or None
+        Columns in a full turn of longitude; None where the projection has no such number.
+    closed : bool
+        The map's columns go all around, ``columns_around`` is a whole number.
+    fold_north, fold_south : int or None
+        Row r beyond a pole is the row fold - r, half a turn away; None where the map does not reach the pole.
+    """
+
+    crs: Any
+    geographic: Any
+    rows: int
+    columns: int
+    affine: tuple[float, float, float, float, float, float]
+    resolution_m: float
+    columns_around: float | None = None
+    closed: bool = False
+    fold_north: int | None = None
+    fold_south: int | None = None
+
+    @classmethod
+    def of_map(cls, crs: Any, affine: tuple[float, ...], rows: int, columns: int, sphere_m: float) -> MapGrid:
+        """Build from the map's reference system (rasterio), transform, size and sphere radius in metres.
+
+        A global cylindrical map whose width misses a full turn by less than a tenth of a cell is taken to close:
+        labels round their map scale (LDEM_4 by 3 m in 10916 km).
+        """
+        rasterio = load_rasterio()
+        geographic = rasterio.crs.CRS.from_proj4(f"+proj=longlat +R={sphere_m!r} +no_defs")
+        a, b, c, d, e, f = affine
+        scale_m = math.radians(1.0) * sphere_m if crs.is_geographic else crs.linear_units_factor[1]
+        resolution_m = math.sqrt(abs(a * e - b * d)) * scale_m
+        grid = cls(crs, geographic, rows, columns, (a, b, c, d, e, f), resolution_m)
+        definition = crs.to_dict()
+        name = definition.get("proj")
+        if name not in _CYLINDRICAL or b != 0.0 or d != 0.0:
+            return grid
+        centre_rad = math.radians(float(definition.get("lon_0", 0.0)))
+        quarter = np.array([centre_rad - math.pi / 4, centre_rad + math.pi / 4])
+        x, _ = grid._project(quarter, np.zeros(2))
+        around = 4.0 * abs(float(x[1] - x[0]) / a)
+        if abs(around - columns) < _AROUND_TOLERANCE_CELLS:
+            stretch_x = around / columns
+            stretch_y = stretch_x if abs(a) == abs(e) else 1.0
+            a, c, e, f = a * stretch_x, c * stretch_x, e * stretch_y, f * stretch_y
+            around = float(columns)
+        elif abs(around - round(around)) < 1e-6 * around:
+            around = float(round(around))
+        closed = around == round(around) and columns >= around
+        folds: list[int | None] = [None, None]
+        if closed and round(around) % 2 == 0 and name in _ROWS_EVEN_IN_LATITUDE:
+            _, y = grid._project(np.full(2, centre_rad), np.array([math.pi / 2, -math.pi / 2]))
+            twice = 2.0 * ((y - f) / e - 0.5)
+            folds = [round(float(t)) if abs(t - round(t)) < 0.1 else None for t in twice]
+        return cls(crs, geographic, rows, columns, (a, b, c, d, e, f), resolution_m, around, closed, *folds)
+
+    def cells(
+        self, longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Row and column of points, shape (n,); infinite where the projection does not show the point."""
+        a, b, c, d, e, f = self.affine
+        x, y = self._project(longitude_rad, latitude_rad)
+        determinant = a * e - b * d
+        column = (e * (x - c) - b * (y - f)) / determinant - 0.5
+        row = (a * (y - f) - d * (x - c)) / determinant - 0.5
+        if self.columns_around is not None:
+            column = column - self.columns_around * np.floor((column + 0.5) / self.columns_around)
+        return row, column
+
+    def cells_and_derivatives(
+        self, longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Row and column, shape (n,), and their derivatives, cells per radian, shape (2, 2, n).
+
+        The derivatives ``[0]`` are by longitude, ``[1]`` by latitude; of row ``[:, 0]`` and column ``[:, 1]``.
+        They are differences over 2e-6 rad, one-sided at a pole.
+        """
+        north = np.minimum(latitude_rad + _STEP_RAD, math.pi / 2)
+        south = np.maximum(latitude_rad - _STEP_RAD, -math.pi / 2)
+        here = longitude_rad
+        longitudes = np.concatenate([here, here + _STEP_RAD, here - _STEP_RAD, here, here])
+        latitudes = np.concatenate([latitude_rad, latitude_rad, latitude_rad, north, south])
+        rows, columns = self.cells(longitudes, latitudes)
+        row, column = rows.reshape(5, -1), columns.reshape(5, -1)
+        steps = np.stack([np.full_like(north, 2.0 * _STEP_RAD), north - south])
+        with np.errstate(invalid="ignore"):  # inf - inf: the caller refuses points that are not finite
+            changes = np.stack([row[1::2] - row[2::2], column[1::2] - column[2::2]], axis=1)
+            if self.columns_around is not None:
+                changes[:, 1] -= self.columns_around * np.round(changes[:, 1] / self.columns_around)
+        return row[0], column[0], changes / steps[:, np.newaxis]
+
+    def wrapped(
+        self, rows: NDArray[np.int64], columns: NDArray[np.int64]
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.bool_]]:
+        """Rows and columns as they stand in the file, and whether the map has such a cell."""
+        if self.closed and self.columns_around is not None:
+            around = round(self.columns_around)
+            beyond = np.zeros(rows.shape, dtype=bool)
+            if self.fold_north is not None:
+                beyond |= 2 * rows < self.fold_north
+                rows = np.where(2 * rows < self.fold_north, self.fold_north - rows, rows)
+            if self.fold_south is not None:
+                beyond |= 2 * rows > self.fold_south
+                rows = np.where(2 * rows > self.fold_south, self.fold_south - rows, rows)
+            columns = np.mod(np.where(beyond, columns + around // 2, columns), around)
+        inside = (rows >= 0) & (rows < self.rows) & (columns >= 0) & (columns < self.columns)
+        return rows, columns, inside
+
+    def longitude_latitude(
+        self, rows: NDArray[np.float64], columns: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Longitude and latitude, rad, of positions in the grid, shape (n,); infinite where there is no Moon."""
+        a, b, c, d, e, f = self.affine
+        u, v = np.asarray(columns, dtype=np.float64) + 0.5, np.asarray(rows, dtype=np.float64) + 0.5
+        x, y = a * u + b * v + c, d * u + e * v + f
+        longitude_deg, latitude_deg = _transform(self.crs, self.geographic, x, y)
+        return np.radians(longitude_deg), np.radians(latitude_deg)
+
+    def coverage(self) -> str:
+        """What the map covers, for messages."""
+        if self.columns_around is not None:
+            middle = 0.5 * (self.rows - 1)
+            _, south_north = self.longitude_latitude(
+                np.array([self.rows - 0.5, -0.5]), np.full(2, 0.5 * (self.columns - 1))
+            )
+            latitudes = "latitudes {:.4f} to {:.4f}".format(*sorted(np.degrees(south_north)))
+            if self.closed:
+                return f"all longitudes, {latitudes} degrees"
+            first, last = self.longitude_latitude(np.full(2, middle), np.array([0.0, self.columns - 1.0]))[0]
+            half_cell = 180.0 / self.columns_around
+            west = math.degrees(first) - half_cell
+            span = math.degrees((last - first) % (2.0 * math.pi)) + 2.0 * half_cell
+            return f"longitudes {west:.4f} to {west + span:.4f}, {latitudes} degrees"
+        centre = self.longitude_latitude(
+            np.array([0.5 * (self.rows - 1)]), np.array([0.5 * (self.columns - 1)])
+        )
+        width_km, height_km = (n * self.resolution_m / 1e3 for n in (self.columns, self.rows))
+        longitude_deg, latitude_deg = (float(np.degrees(v[0])) for v in centre)
+        return (
+            f"about {width_km:.4g} km by {height_km:.4g} km around "
+            f"longitude {longitude_deg:.4f}, latitude {latitude_deg:.4f} degrees"
+        )
+
+    def _project(
+        self, longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        return _transform(self.geographic, self.crs, np.degrees(longitude_rad), np.degrees(latitude_rad))
+
+
+def _transform(
+    source: Any, target: Any, x: NDArray[np.float64], y: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    rasterio = load_rasterio()
+    try:
+        xs, ys = rasterio.warp.transform(source, target, x, y)
+    except rasterio._err.CPLE_BaseError:  # one point that the projection cannot show fails them all
+        if x.size == 1:
+            return np.full(1, np.inf), np.full(1, np.inf)
+        pairs = [_transform(source, target, x[i : i + 1], y[i : i + 1]) for i in range(x.size)]
+        return np.concatenate([p[0] for p in pairs]), np.concatenate([p[1] for p in pairs])
+    return np.asarray(xs, dtype=np.float64), np.asarray(ys, dtype=np.float64)

@@ -142,7 +142,8 @@ def station_motion(
         tdb_rate=np.einsum("ni,ni->n", v_m_s, v_m_s) / (2.0 * C_M_S**2)
         + potential
         - (L_B - L_G)
-        + topocentric_tdb_minus_tt(v_m_s, gcrs_velocity_m_s),
+        + topocentric_tdb_minus_tt(v_m_s, gcrs_velocity_m_s)
+        + topocentric_tdb_minus_tt(earth.acceleration_m_s2, gcrs_m),
         latitude_rad=latitude_rad,
         height_m=height_m,
         predicted_eop=rotation.predicted,

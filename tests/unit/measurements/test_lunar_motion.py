@@ -1,0 +1,124 @@
+"""A point on the Moon seen from the barycentre."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from arc_cases import APOLLO15_PA_M, REFLECTORS_PA_M
+
+from radioloc.constants import C_M_S
+from radioloc.lunar import rot_icrf_to_pa, solid_tide
+from radioloc.measurements.lunar_motion import lunar_motion
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.terms import TERMS
+from radioloc.time import Epochs
+
+REFERENCE = Epochs.from_jd(2459185.5 + 13.7 * np.arange(27), 0.25, "TDB")
+COUNT = len(REFERENCE)
+
+# psi, which runs on since the kernel's start, reaches 1e4 rad; its last place turns the surface by 3 micrometres.
+LAST_PLACE_OF_PSI_M = 4e-6
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build()
+
+
+@pytest.fixture(scope="module")
+def bare():
+    return PhysicalModel.build(off=TERMS)
+
+
+def moon(model, offset_s=0.0):
+    return lunar_motion(model, REFERENCE, model.ephemeris.earth(REFERENCE), np.full(COUNT, offset_s))
+
+
+def place(model, offset_s=0.0, pa_m=APOLLO15_PA_M):
+    return moon(model, offset_s).point(model, pa_m).position_m
+
+
+def test_bare_point_is_the_centre_and_a_rotation(bare):
+    centre_m, _ = bare.ephemeris.geocentric("moon", REFERENCE)
+    angles_rad, _ = bare.libration.angles(REFERENCE)
+    expected = centre_m + np.swapaxes(rot_icrf_to_pa(angles_rad), -1, -2) @ APOLLO15_PA_M
+    np.testing.assert_allclose(place(bare), expected, rtol=0, atol=1e-7)
+
+
+def test_velocity_is_the_motion_of_the_position(model):
+    there = (place(model, 1.0) - place(model, -1.0)) / 2.0
+    # Contraction and tide change by less than 1e-7 m/s.
+    np.testing.assert_allclose(
+        moon(model).point(model, APOLLO15_PA_M).velocity_m_s, there, rtol=0, atol=LAST_PLACE_OF_PSI_M
+    )
+
+
+def test_straight_motion_holds_for_a_millisecond(model):
+    now = moon(model).point(model, APOLLO15_PA_M)
+    for offset_s in (-1e-3, 1e-3):
+        # The curvature, 3e-3 m/s^2 over a millisecond, is 1.5e-9 m.
+        assert np.abs(now.at(np.full(COUNT, offset_s)) - place(model, offset_s)).max() < LAST_PLACE_OF_PSI_M
+
+
+def test_tide_is_added_in_the_moons_axes(model):
+    state = moon(model)
+    turned = np.einsum("nij,ni->nj", state.rot_pa_to_icrf, place(model) - place(model.without("lunar_tide")))
+    tide = solid_tide(APOLLO15_PA_M, state.earth_pa_m, state.sun_pa_m, model.ephemeris.constants)
+    np.testing.assert_allclose(turned, tide, rtol=0, atol=3e-7)
+    assert 0.3 < np.linalg.norm(tide, axis=-1).max() < 0.7
+    varying = place(model.without("lunar_tide_constant")) - place(model.without("lunar_tide"))
+    assert 0.01 < np.linalg.norm(varying, axis=-1).max() < 0.25
+
+
+def test_scale_and_contraction(model):
+    full, state = place(model), moon(model)
+    rest = np.einsum("nij,j->ni", state.rot_pa_to_icrf, APOLLO15_PA_M)
+    v = state.centre.velocity_m_s
+    scale = full - place(model.without("lunar_scale"))
+    contraction = full - place(model.without("lunar_lorentz"))
+    ratio = -np.einsum("ni,ni->n", scale, rest) / np.einsum("ni,ni->n", rest, rest)
+    sun_m, _ = model.ephemeris.geocentric("sun", REFERENCE)
+    distance_au = np.linalg.norm(sun_m - state.moon_gcrs_m, axis=-1) / 1.495978707e11
+    # L_C, the Sun, and the Earth at 384400 km (1.15e-11).
+    np.testing.assert_allclose(ratio, 1.48082686741e-8 + 9.87062e-9 / distance_au + 1.15e-11, rtol=0, atol=2e-12)
+    assert np.linalg.norm(scale, axis=-1) == pytest.approx(np.full(COUNT, 0.043), abs=0.001)
+    # The tide of 0.5 m is contracted with the rest: 2e-9 m.
+    np.testing.assert_allclose(
+        contraction, -v * np.einsum("ni,ni->n", v, rest)[:, None] / (2 * C_M_S**2), rtol=0, atol=3e-7
+    )
+    assert 0.006 < np.linalg.norm(contraction, axis=-1).max() < 0.009
+
+
+def test_earth_and_sun_in_the_moons_axes(model):
+    state = moon(model)
+    towards_earth = state.earth_pa_m / np.linalg.norm(state.earth_pa_m, axis=-1)[:, None]
+    # The x axis points at the Earth but for librations of up to 8 and 7 degrees.
+    assert (np.degrees(np.arccos(towards_earth[:, 0])) < 11.0).all()
+    distance_m = np.linalg.norm(state.sun_pa_m, axis=-1)
+    assert ((distance_m > 1.46e11) & (distance_m < 1.53e11)).all()
+
+
+def test_geocentric_place_at_another_instant(model):
+    """Both the point and the geocentre move on; the difference needs neither to be at its own instant."""
+    near = moon(model)
+    there_m, velocity_m_s = near.geocentric(near.point(model, APOLLO15_PA_M), np.full(COUNT, 1e-3))
+    later = moon(model, 1e-3)
+    expected_m, expected_m_s = later.geocentric(later.point(model, APOLLO15_PA_M), np.full(COUNT, 1e-3))
+    np.testing.assert_allclose(there_m, expected_m, rtol=0, atol=LAST_PLACE_OF_PSI_M)
+    np.testing.assert_allclose(velocity_m_s, expected_m_s, rtol=0, atol=1e-5)
+    np.testing.assert_allclose(
+        np.linalg.norm(there_m - near.moon_gcrs_m, axis=-1), np.linalg.norm(APOLLO15_PA_M), rtol=0, atol=10.0
+    )
+
+
+def test_any_point_of_one_prepared_moon(model):
+    state = moon(model)
+    for pa_m in REFLECTORS_PA_M.values():
+        point = state.point(model, pa_m)
+        radius_m = np.linalg.norm(point.position_m - state.centre.position_m, axis=-1)
+        # The tide of half a metre; scale and contraction are centimetres.
+        assert np.abs(radius_m - np.linalg.norm(pa_m)).max() < 0.7
+
+
+def test_bodies_are_those_of_the_kernel(model):
+    assert set(moon(model).bodies_m) == {"sun", "venus", "jupiter", "saturn"}

@@ -1,0 +1,440 @@
+"""The whole chain: sizes of terms, time tags, links, partials, and why an observation is not computed."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from arc_cases import APOLLO15_PA_M, LASER, REFLECTORS_PA_M, epochs_tai, observations
+
+from radioloc.constants import C_M_S
+from radioloc.earth.eop import EopTable
+from radioloc.earth.orientation import EarthOrientation
+from radioloc.errors import ConvergenceError, CoverageError, PredictedEopWarning, StationError
+from radioloc.lunar import cartesian_partials, cartesian_to_selenographic, selenographic_to_cartesian
+from radioloc.measurements.observations import TIME_TAGS, Link, Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.range_model import RangeArc
+from radioloc.measurements.terms import TERMS
+from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, tdb_to_tt, tt_to_tai, utc_to_tai
+
+# The chain's noise is some micrometres at most; what is the same by definition has to agree to this.
+SAME_M = 1e-6
+
+# Relative to the norm of the partials. What the analytic ones leave out: how the lunar tide turns with the point
+# (4e-7), how gravity and the troposphere change along with it (1e-7 above 20 degrees).
+PARTIALS_RELATIVE = 1e-6
+
+CHINESE = ("JIAMUSI", "KASHI", "NEUQUEN")
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build()
+
+
+@pytest.fixture(scope="module")
+def radio(model):
+    return model.without("troposphere")
+
+
+def computed(model, path, tai, tag="transmit", pa_m=APOLLO15_PA_M, **columns):
+    return RangeArc(model, observations(path, tai, tag, **columns), pa_m).compute(pa_m)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Terms
+
+
+# What each term adds to a round trip between Apache Point and Apollo 15 with the Moon up to 90 degrees from the
+# meridian, m: least and most, by the physics of it.
+BOUNDS_M = {
+    # 2 x (7.6 m by the Sun (1.7 % by the Earth's distance, 7 % by the Moon's) + 4 cm by the Earth), less than 1 mm by
+    # Moon and planets.
+    "shapiro": (13.8, 16.3),
+    # c x 2.7 s x (3.3e-10 over the year + 1.3e-10 over the day), of either sign.
+    "tdb_tt": (-0.38, 0.38),
+    # Twice 1.9 m at the zenith at 2.8 km, times up to 1/sin(20 deg).
+    "troposphere": (3.2, 11.0),
+    "ionosphere": (0.0, 0.0),
+    # Up to 0.4 m up, so shorter, one way.
+    "solid_earth_tide": (-0.85, 0.30),
+    # 2 x 33 mm per arcsecond of the pole's 0.2 arcseconds.
+    "pole_tide": (-0.014, 0.014),
+    # No coefficients for Apache Point.
+    "ocean_loading": (0.0, 0.0),
+    "tidal_geocentre": (-0.03, 0.03),
+    # 6.3 to 7.5 years of 14 mm a year, towards or away.
+    "station_velocity": (-0.22, 0.22),
+    "subdaily_eop": (-0.12, 0.12),
+    # 2 x 2.47e-8 of the station's place along the line, which is at least sin(20 deg) of 6.37e6 m.
+    "earth_scale": (0.09, 0.32),
+    # 2 x up to 4.9e-9 of it.
+    "earth_lorentz": (-0.063, 0.063),
+    # Twice 0.49 m constant (cosine of 26 deg off the middle) and up to 0.2 m variable.
+    "lunar_tide": (-1.3, -0.4),
+    "lunar_tide_constant": (-0.80, -0.65),
+    # 2 x 43 mm x cosine of 18 to 34 degrees between the reflector's vertical and the Earth.
+    "lunar_scale": (0.068, 0.086),
+    "lunar_lorentz": (-0.001, 0.018),
+}
+
+
+@pytest.fixture(scope="module")
+def apollo_terms(model):
+    """Terms at all hours at which the Moon stands above 20 degrees, over 13 months in steps of a day and 50 minutes."""
+    tai = Epochs.from_jd(2453832.5, 1.0347 * np.arange(400), "TAI")
+    every = observations("APOLLO>apollo15>APOLLO", tai, **LASER)
+    high = RangeArc(model, every, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(axis=1) > np.radians(20.0)
+    other = observations("APOLLO>apollo15>APOLLO", tai.shifted(-6 * 3600.0), **LASER)
+    more = RangeArc(model, other, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(axis=1) > np.radians(20.0)
+    chosen = Observations.concatenate([every.select(np.flatnonzero(high)), other.select(np.flatnonzero(more))])
+    assert len(chosen) > 150
+    return RangeArc(model, chosen, APOLLO15_PA_M).terms(APOLLO15_PA_M)
+
+
+def test_table_has_every_active_term_in_order(model, apollo_terms):
+    assert list(apollo_terms) == list(TERMS)
+    fewer = model.without("shapiro", "troposphere")
+    table = RangeArc(fewer, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M).terms(APOLLO15_PA_M)
+    assert list(table) == [name for name in TERMS if name not in ("shapiro", "troposphere")]
+
+
+@pytest.mark.parametrize("term", TERMS)
+def test_size_of_each_term(apollo_terms, term):
+    least, most = BOUNDS_M[term]
+    value = apollo_terms[term]
+    assert value.min() >= least
+    assert value.max() <= most
+    # The bounds are bounds of something: a term that was lost would be near zero.
+    if least < most:
+        assert np.abs(value).max() > 0.1 * max(abs(least), abs(most))
+
+
+def test_terms_add_up(model):
+    """Everything minus nothing is the sum of the terms, but for the products of pairs: 15 m of light time in which
+    the Earth moves 1.5 mm, 0.5 m of displacement in gradients of 1e-6."""
+    table = observations("APOLLO>apollo15>APOLLO", epochs_tai(5, 3.0, 2454040.5, 0.35), **LASER)
+    arc = RangeArc(model, table, APOLLO15_PA_M)
+    terms = arc.terms(APOLLO15_PA_M)
+    # The constant tide is a part of the tide and would count twice.
+    total_m = sum(value for name, value in terms.items() if name != "lunar_tide_constant")
+    nothing_m = RangeArc(model.without(*TERMS), table, APOLLO15_PA_M).compute(APOLLO15_PA_M).range_m
+    np.testing.assert_allclose(arc.compute(APOLLO15_PA_M).range_m - nothing_m, total_m, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize(("path", "reach_m"), [("KASHI>x>JIAMUSI", 440.0), ("KASHI>x>NEUQUEN", 1060.0)])
+def test_tdb_tt_of_three_way_reaches_hundreds_of_metres(radio, path, reach_m):
+    tai = epochs_tai(193, 48.0)
+    full = computed(radio, path, tai).range_m
+    term = full - computed(radio.without("tdb_tt"), path, tai).range_m
+    assert np.abs(term).max() == pytest.approx(reach_m, abs=10.0)
+    # It has the period of a day and both signs: no bias takes its place.
+    assert term.min() < -0.75 * reach_m
+    assert term.max() > 0.75 * reach_m
+
+
+def test_without_tdb_tt_flight_is_counted_in_tdb(radio):
+    """Two-way it is centimetres to decimetres: c times 2.6 s times the rate of TDB - TT."""
+    tai = epochs_tai(25, 24.0)
+    term = computed(radio, "KASHI>x>KASHI", tai).range_m
+    term = term - computed(radio.without("tdb_tt"), "KASHI>x>KASHI", tai).range_m
+    assert 0.1 < np.abs(term).max() < 0.37
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Links and time tags
+
+
+@pytest.mark.parametrize("tag", TIME_TAGS)
+def test_two_way_is_three_way_with_one_station(radio, tag):
+    """A station and its double under another name, on the way up or down, make no difference."""
+    kashi = radio.catalogue["KASHI"]
+    double = dataclasses.replace(kashi, name="DOUBLE", aliases=())
+    both = dataclasses.replace(radio, catalogue=radio.catalogue.with_station(double))
+    tai = epochs_tai(9, 24.0)
+    two_way = computed(both, "KASHI>x>KASHI", tai, tag)
+    for path in ("KASHI>x>DOUBLE", "DOUBLE>x>KASHI"):
+        three_way = computed(both, path, tai, tag)
+        assert np.abs(three_way.range_m - two_way.range_m).max() < SAME_M
+        np.testing.assert_allclose(three_way.by_position_pa, two_way.by_position_pa, rtol=0, atol=1e-12)
+        np.testing.assert_allclose(three_way.by_time_m_s, two_way.by_time_m_s, rtol=0, atol=1e-6)
+        np.testing.assert_allclose(three_way.elevation_rad, two_way.elevation_rad, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("path", ["KASHI>x>KASHI", "KASHI>x>NEUQUEN", "NEUQUEN>x>JIAMUSI"])
+def test_the_same_path_by_each_of_its_tags(radio, path):
+    """What leaves at t arrives at t + range / c by the stations' clocks, and there is one path between the two."""
+    tai = epochs_tai(9, 24.0)
+    arc = RangeArc(radio, observations(path, tai, "transmit"), APOLLO15_PA_M)
+    sent = arc.compute(APOLLO15_PA_M)
+    received = computed(radio, path, tai.shifted(sent.range_m / C_M_S), "receive")
+    assert np.abs(received.range_m - sent.range_m).max() < SAME_M
+    # The bounce is told by the geocentre's clock: its TDB less the geocentre's TDB - TT.
+    solved, _ = arc._solve(APOLLO15_PA_M)
+    bounce = tt_to_tai(tdb_to_tt(arc._reference.shifted(solved.bounce_s)))
+    bounced = computed(radio, path, bounce, "bounce")
+    assert np.abs(bounced.range_m - sent.range_m).max() < SAME_M
+    for other in (received, bounced):
+        np.testing.assert_allclose(other.by_position_pa, sent.by_position_pa, rtol=0, atol=2e-5)
+        np.testing.assert_allclose(other.elevation_rad, sent.elevation_rad, rtol=0, atol=1e-9)
+
+
+def test_tag_matters(radio):
+    tai = epochs_tai(9, 24.0)
+    sent, received, bounced = (computed(radio, "KASHI>x>NEUQUEN", tai, tag).range_m for tag in TIME_TAGS)
+    assert np.abs(received - sent).max() > 500.0
+    assert np.abs(bounced - sent).max() > 250.0
+
+
+def test_mixed_links_and_tags_are_each_computed_as_if_alone(radio):
+    paths = [f"{a}>x>{b}" for a in CHINESE for b in CHINESE]
+    count = len(paths) * len(TIME_TAGS)
+    tai = epochs_tai(count, 30.0)
+    which = np.arange(count)
+    mixed = Observations.from_columns(
+        epoch=observations(paths[0], tai).epoch,
+        links=[Link.from_path(path) for path in paths],
+        link=which % len(paths),
+        tag=which // len(paths),
+        value_m=7.7e8,
+        sigma_m=1.0,
+    )
+    arc = RangeArc(radio, mixed, APOLLO15_PA_M)
+    together = arc.compute(APOLLO15_PA_M)
+    assert arc.stations == CHINESE
+    for row in range(count):
+        tag, path = TIME_TAGS[row // len(paths)], paths[row % len(paths)]
+        alone = computed(radio, path, tai[row], tag)
+        assert abs(together.range_m[row] - alone.range_m[0]) < SAME_M
+        # Prepared at the tag or, in the mixture, microseconds from it, in which the vertical turns by 1e-10 rad.
+        np.testing.assert_allclose(together.elevation_rad[row], alone.elevation_rad[0], rtol=0, atol=3e-10)
+        sender, _, receiver = path.split(">")
+        assert arc.stations[arc.transmitters[row]] == sender
+        assert arc.stations[arc.receivers[row]] == receiver
+
+
+def test_station_by_alias_is_one_station(radio):
+    links = [Link("KS", "x", "KASHI"), Link("kashgar", "x", "CDS-KS")]
+    table = Observations.from_columns(
+        epoch=observations("KASHI>x>KASHI", epochs_tai(2, 1.0)).epoch, links=links, link=[0, 1], value_m=7e8, sigma_m=1
+    )
+    assert RangeArc(radio, table, APOLLO15_PA_M).stations == ("KASHI",)
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Preparation
+
+
+@pytest.mark.parametrize("tag", TIME_TAGS)
+def test_arc_prepared_far_away(radio, tag):
+    """50 km off is 0.17 ms of light, within which the straight motions serve; 2000 km needs preparing anew."""
+    table = observations("KASHI>x>NEUQUEN", epochs_tai(9, 24.0), tag)
+    fresh = RangeArc(radio, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    for away_m in ([5e4, 0.0, 0.0], [0.0, 3e4, -4e4]):
+        arc = RangeArc(radio, table, APOLLO15_PA_M + away_m)
+        prepared = arc._moon
+        assert np.abs(arc.compute(APOLLO15_PA_M).range_m - fresh.range_m).max() < SAME_M
+        assert arc._moon is prepared
+    arc = RangeArc(radio, table, -APOLLO15_PA_M)
+    prepared = arc._moon
+    again = arc.compute(APOLLO15_PA_M)
+    assert arc._moon is not prepared
+    assert np.abs(again.range_m - fresh.range_m).max() < SAME_M
+    np.testing.assert_allclose(again.by_position_pa, fresh.by_position_pa, rtol=0, atol=1e-11)
+    # And nothing of it is left behind.
+    assert arc.compute(APOLLO15_PA_M).range_m.tolist() == again.range_m.tolist()
+
+
+def test_position_that_is_not_finite(radio):
+    arc = RangeArc(radio, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M)
+    with pytest.raises((ConvergenceError, ValueError), match=r"settle|finite"):
+        arc.compute(np.array([np.nan, 0.0, 0.0]))
+
+
+def test_all_reflectors_lie_on_the_near_side(radio):
+    """The range is shorter than to the Moon's centre and back by about twice the radius times a cosine."""
+    tai = epochs_tai(3, 24.0)
+    centre_m = computed(radio, "KASHI>x>KASHI", tai, pa_m=APOLLO15_PA_M * 1e-6).range_m
+    for pa_m in REFLECTORS_PA_M.values():
+        nearer_m = centre_m - computed(radio, "KASHI>x>KASHI", tai, pa_m=pa_m).range_m
+        assert ((nearer_m > 1.7e6) & (nearer_m < 3.5e6)).all()
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# Partials
+
+
+def relative_error(analytic, numeric):
+    return np.linalg.norm(analytic - numeric, axis=-1).max() / np.linalg.norm(numeric, axis=-1).min()
+
+
+@pytest.mark.parametrize("tag", TIME_TAGS)
+@pytest.mark.parametrize("path", ["GRASSE>x>GRASSE", "KASHI>x>JIAMUSI", "NEUQUEN>x>KASHI"])
+def test_partials_by_position(model, radio, path, tag):
+    laser = "GRASSE" in path
+    tai = epochs_tai(5, 3.0, 2460311.5, 0.1) if laser else epochs_tai(9, 48.0)
+    table = observations(path, tai, tag, **(LASER if laser else {}))
+    arc = RangeArc(model if laser else radio, table, APOLLO15_PA_M)
+    here = arc.compute(APOLLO15_PA_M)
+    if laser:
+        assert (np.degrees(here.elevation_rad) > 20.0).all()
+    # Third differences over 100 m are 1e-13 relative, round-off of 7e8 m is 1e-9.
+    step_m = 100.0
+    numeric = np.stack(
+        [
+            (arc.compute(APOLLO15_PA_M + away).range_m - arc.compute(APOLLO15_PA_M - away).range_m) / (2 * step_m)
+            for away in step_m * np.eye(3)
+        ],
+        axis=-1,
+    )
+    assert relative_error(here.by_position_pa, numeric) < PARTIALS_RELATIVE
+
+    place = np.array(cartesian_to_selenographic(APOLLO15_PA_M))
+    analytic = here.by_position_pa @ cartesian_partials(*place)
+    steps = np.array([6e-5, 6e-5, 100.0])
+    numeric = np.stack(
+        [
+            (
+                arc.compute(selenographic_to_cartesian(*(place + away))).range_m
+                - arc.compute(selenographic_to_cartesian(*(place - away))).range_m
+            )
+            / (2 * away.sum())
+            for away in np.diag(steps)
+        ],
+        axis=-1,
+    )
+    # The steps are of one length on the ground, which makes the columns comparable.
+    assert relative_error(analytic * steps, numeric * steps) < PARTIALS_RELATIVE
+
+
+@pytest.mark.parametrize("tag", TIME_TAGS)
+@pytest.mark.parametrize("path", ["GRASSE>x>GRASSE", "KASHI>x>KASHI", "KASHI>x>JIAMUSI", "NEUQUEN>x>KASHI"])
+def test_partials_by_time_tag(model, radio, path, tag):
+    laser = "GRASSE" in path
+    tai = epochs_tai(5, 3.0, 2460311.5, 0.1) if laser else epochs_tai(145, 48.0)
+    some_model, weather = (model, LASER) if laser else (radio, {})
+    here = computed(some_model, path, tai, tag, **weather)
+    if laser:
+        assert (np.degrees(here.elevation_rad) > 20.0).all()
+    # Through the Earth gravity has no say in what is observed.
+    seen = here.problem == ""
+    assert seen.sum() >= 5
+    # Third differences over 0.5 s are 1e-7 m/s, round-off 1e-6 m/s.
+    step_s = 0.5
+    ahead, behind = (computed(some_model, path, tai.shifted(s), tag, **weather).range_m for s in (step_s, -step_s))
+    error_m_s = here.by_time_m_s - (ahead - behind) / (2 * step_s)
+    speed_m_s = np.linalg.norm(here.by_time_m_s[seen])
+    assert np.linalg.norm(error_m_s[seen]) < PARTIALS_RELATIVE * speed_m_s
+    # Left out: gravity's own rate (2e-5 m/s) and the tides' (5e-5 m/s). A time bias of 0.1 s is right to 10 micrometres.
+    assert np.abs(error_m_s[seen]).max() < 1e-4
+
+
+# ---------------------------------------------------------------------------------------------------------------------
+# What is not computed, and why
+
+
+def test_below_the_horizon(radio, model):
+    tai = epochs_tai(49, 48.0)
+    for some_model, weather in ((radio, {}), (model, LASER)):
+        found = computed(some_model, "KASHI>x>NEUQUEN", tai, **weather)
+        down = found.elevation_rad < 0.0
+        assert down.any()
+        assert not down.all()
+        for row in range(49):
+            assert ("below the horizon" in found.problem[row]) == bool(down[row].any())
+        assert np.isfinite(found.range_m).all()
+    lowest = np.degrees(found.elevation_rad[down[:, 0], 0])
+    assert found.problem[down[:, 0]][0] == f"below the horizon ({lowest[0]:.1f} deg)"
+
+
+def test_below_three_degrees_only_the_troposphere_is_missing(model, radio):
+    tai = epochs_tai(721, 24.0)
+    found = computed(model, "GRASSE>x>GRASSE", tai, **LASER)
+    highest = np.degrees(found.elevation_rad).min(axis=1)
+    low = (highest > 0.0) & (highest < 3.0)
+    assert low.sum() > 10
+    assert all("below 3 degrees" in text for text in found.problem[low])
+    assert (found.problem[highest > 3.0] == "").all()
+    assert (computed(radio, "GRASSE>x>GRASSE", tai).problem[low] == "").all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"pressure_hpa": np.nan}, "no pressure"),
+        ({"temperature_k": np.nan}, "no temperature"),
+        ({"relative_humidity": np.nan}, "no humidity"),
+        ({"wavelength_um": np.nan}, "no wavelength"),
+        ({"wavelength_um": 1.55}, "0.3545-1.0645 um"),
+    ],
+)
+def test_missing_weather(model, radio, changes, words):
+    tai = epochs_tai(3, 1.0, 2460311.5, 0.1)
+    found = computed(model, "GRASSE>x>GRASSE", tai, **(LASER | changes))
+    assert all(words in text for text in found.problem)
+    without = computed(radio, "GRASSE>x>GRASSE", tai, **(LASER | changes))
+    assert (without.problem == "").all()
+
+
+def test_unknown_station_names_file_and_line(radio):
+    tai = epochs_tai(3, 1.0)
+    table = Observations.from_columns(
+        epoch=observations("KASHI>x>KASHI", tai).epoch,
+        links=[Link("KASHI", "x", "KASHI"), Link("KASHI", "x", "KASHGAN")],
+        link=[0, 0, 1],
+        value_m=7e8,
+        sigma_m=1.0,
+        files=["pass.tdm"],
+        line=[7, 8, 19],
+    )
+    with pytest.raises(StationError, match=r"pass\.tdm, line 19: station 'KASHGAN' .* KASHI"):
+        RangeArc(radio, table, APOLLO15_PA_M)
+    # A link that no row uses is not looked up.
+    assert RangeArc(radio, table.select([0, 1]), APOLLO15_PA_M).stations == ("KASHI",)
+
+
+@pytest.mark.parametrize("date", ["2050-06-01", "2051-01-01"])
+def test_epochs_outside_kernels_or_earth_orientation(radio, date):
+    table = Observations.from_columns(
+        epoch=epochs_from_strings(date), links=[Link("KASHI", "x", "KASHI")], value_m=7e8, sigma_m=1.0
+    )
+    with pytest.raises(CoverageError, match=r"kernel|Earth orientation|\.bsp"):
+        RangeArc(radio, table, APOLLO15_PA_M)
+
+
+def test_epochs_after_the_last_of_earth_orientation(radio):
+    after = Epochs.from_jd(2400000.5 + radio.earth.table.mjd_utc[-1] + 2.0, 0.0, "TAI")
+    with pytest.raises(CoverageError, match="Earth orientation"):
+        RangeArc(radio, observations("KASHI>x>KASHI", after), APOLLO15_PA_M)
+
+
+def test_predicted_earth_orientation_is_flagged(radio):
+    whole = EopTable.packaged()
+    marked = dataclasses.replace(whole, predicted=whole.mjd_utc > 59186.0)
+    some = dataclasses.replace(radio, earth=EarthOrientation(marked))
+    tai = epochs_tai(3, 72.0, 2459184.5)
+    with pytest.warns(PredictedEopWarning, match="predicted, not measured, at 2 of 3"):
+        arc = RangeArc(some, observations("KASHI>x>JIAMUSI", tai), APOLLO15_PA_M)
+    # The cubic between 2 and 3 December rests on the 4th too, which is marked.
+    assert arc.predicted_eop.tolist() == [False, True, True]
+    assert not RangeArc(radio, observations("KASHI>x>JIAMUSI", tai), APOLLO15_PA_M).predicted_eop.any()
+
+
+def test_no_observations_are_no_error(radio):
+    none = observations("KASHI>x>KASHI", epochs_tai(2, 1.0)).select(np.zeros(2, dtype=bool))
+    found = RangeArc(radio, none, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    assert found.range_m.shape == (0,)
+    assert found.by_position_pa.shape == (0, 3)
+
+
+def test_leap_second_does_not_show(radio):
+    """Ranges around the leap second of 2016 follow one another smoothly in TAI."""
+    tai = utc_to_tai(epochs_from_strings("2016-12-31T23:59:55")).shifted(0.5)
+    tai = Epochs.concatenate([tai.shifted(s) for s in np.arange(11.0)])
+    range_m = computed(radio, "KASHI>x>KASHI", tai).range_m
+    seconds = np.arange(11.0)
+    left = range_m - np.polynomial.Polynomial.fit(seconds, range_m, 3)(seconds)
+    assert np.abs(left).max() < 1e-5
+    assert tai_to_tt(tai).scale == "TT"

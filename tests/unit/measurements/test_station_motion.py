@@ -1,0 +1,196 @@
+"""Stations seen from the barycentre: motion, displacements, relativity of lengths and of clocks."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+from radioloc.constants import C_M_S, L_B, L_G
+from radioloc.earth.stations import StationCatalogue
+from radioloc.ephemeris import Ephemeris
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.station_motion import geocentre_displacement_m, station_motion
+from radioloc.measurements.terms import TERMS
+from radioloc.time import Epochs, geocentric_tdb_minus_tt
+
+REFERENCE = Epochs.from_jd(2459185.5 + 13.7 * np.arange(27), 0.0, "TDB")
+COUNT = len(REFERENCE)
+STATIONS = tuple(StationCatalogue.default()[name] for name in ("GRASSE", "APOLLO", "KASHI"))
+WHICH = np.arange(COUNT, dtype=np.int32) % 3
+DISPLACEMENTS = ("solid_earth_tide", "pole_tide", "ocean_loading", "tidal_geocentre", "station_velocity")
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build()
+
+
+@pytest.fixture(scope="module")
+def bare():
+    return PhysicalModel.build(off=TERMS)
+
+
+def motion(model, offset_s=0.0, stations=STATIONS, which=WHICH):
+    earth = model.ephemeris.earth(REFERENCE)
+    return station_motion(model, stations, which, REFERENCE, earth, np.full(COUNT, offset_s))
+
+
+def without(model, *terms):
+    return motion(model.without(*terms)).point.position_m
+
+
+def test_the_geocentre_moves_as_the_ephemeris_says():
+    """Against its own barycentric positions, whose differences are rounded to 3e-5 m, and jerk: 5e-9 m at 3 s."""
+    ephemeris = Ephemeris.open()
+    start = ephemeris.earth(REFERENCE)
+    for offset_s in (-2.7, 1.3, 3.0):
+        moved = ephemeris.earth(REFERENCE.shifted(offset_s)).position_m - start.position_m
+        predicted = geocentre_displacement_m(start, np.full(COUNT, offset_s))
+        np.testing.assert_allclose(predicted, moved, rtol=0, atol=2e-4)
+    # The second order is seen at a longer offset, where it is 3 mm per 1 s^2 and the third still 2e-4 m.
+    moved = ephemeris.earth(REFERENCE.shifted(100.0)).position_m - start.position_m
+    np.testing.assert_allclose(
+        geocentre_displacement_m(start, np.full(COUNT, 100.0)), moved, rtol=0, atol=1e-3
+    )
+    assert np.abs(start.acceleration_m_s2).max() * 100.0**2 / 2 > 20.0
+
+
+def test_velocity_is_the_motion_of_the_position(model):
+    # Over +-2 s the third derivative of the spin, 2.5e-6 m/s^3, differences to 2e-6 m/s; round-off to less.
+    # Tides move the station by some 1e-5 m/s, which is left out of the velocity (1e-8 m in a millisecond).
+    there = motion(model, 2.0).point.position_m - motion(model, -2.0).point.position_m
+    np.testing.assert_allclose(motion(model).point.velocity_m_s, there / 4.0, rtol=0, atol=5e-5)
+
+
+def test_straight_motion_holds_for_a_millisecond(model):
+    """The bound that the light path relies on: 2e-8 m, here with round-off of positions near 6e6 m."""
+    now = motion(model).point
+    for offset_s in (-1e-3, 1e-3):
+        there = motion(model, offset_s).point.position_m
+        assert np.abs(now.at(np.full(COUNT, offset_s)) - there).max() < 5e-8
+
+
+def test_bare_station_is_rotated_only(bare):
+    station = motion(bare)
+    rotation = bare.earth.evaluate(
+        Epochs.from_jd(REFERENCE.jd, REFERENCE.fraction - geocentric_tdb_minus_tt(REFERENCE) / 86400.0, "TT")
+    )
+    itrf_m = np.array([STATIONS[i].itrf_m for i in WHICH])
+    turned = np.einsum("nij,nj->ni", rotation.rot_itrf_to_gcrs, itrf_m)
+    # The station's own TT is up to 2.1 microseconds off the geocentre's, in which it turns by up to 1 mm.
+    late = turned - station.gcrs_m
+    np.testing.assert_allclose(
+        late, station.gcrs_velocity_m_s * station.topocentric_s[:, None], rtol=0, atol=1e-8
+    )
+    assert 1e-4 < np.abs(late).max() < 1e-3
+    np.testing.assert_array_equal(station.point.position_m, station.gcrs_m)
+
+
+def test_scale_and_contraction(model):
+    """Against the transformation written once more: r (1 - U/c^2 - L_C) - v (v.r) / (2 c^2)."""
+    full = motion(model)
+    earth = model.ephemeris.earth(REFERENCE)
+    r, v = full.gcrs_m, earth.velocity_m_s
+    scale = full.point.position_m - without(model, "earth_scale")
+    contraction = full.point.position_m - without(model, "earth_lorentz")
+    # U of the Sun at 1 au is 9.87e-9 c^2, of the Moon 1.4e-13; L_C = 1.4808268674e-8 (IERS 2010, table 1.1).
+    ratio = -np.einsum("ni,ni->n", scale, r) / np.einsum("ni,ni->n", r, r)
+    distance_au = np.linalg.norm(model.ephemeris.geocentric("sun", REFERENCE)[0], axis=-1) / 1.495978707e11
+    np.testing.assert_allclose(ratio, 1.48082686741e-8 + 9.87062e-9 / distance_au, rtol=0, atol=1e-12)
+    np.testing.assert_allclose(np.cross(scale, r) / 6.4e6, 0.0, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(
+        contraction, -v * np.einsum("ni,ni->n", v, r)[:, None] / (2 * C_M_S**2), rtol=0, atol=1e-8
+    )
+    assert L_B - L_G == pytest.approx(1.48082686741e-8, abs=1e-17)
+    assert 0.15 < np.linalg.norm(scale, axis=-1).max() < 0.16
+    assert 0.02 < np.linalg.norm(contraction, axis=-1).max() < 0.035
+
+
+# Largest displacement of a station by each term, m: what the docstrings of these terms promise.
+@pytest.mark.parametrize(
+    ("term", "least", "most"),
+    [
+        ("solid_earth_tide", 0.10, 0.45),
+        ("pole_tide", 0.001, 0.026),
+        ("ocean_loading", 0.001, 0.02),
+        ("tidal_geocentre", 0.002, 0.014),
+        ("station_velocity", 0.1, 0.5),
+        ("subdaily_eop", 0.003, 0.06),
+    ],
+)
+def test_size_of_displacements(model, term, least, most):
+    moved_m = np.linalg.norm(motion(model).point.position_m - without(model, term), axis=-1)
+    assert least < moved_m.max() < most
+
+
+def test_a_station_without_loading_or_velocity_stands_as_it_is(model):
+    kashi = WHICH == 2
+    assert STATIONS[2].ocean_loading is None
+    assert STATIONS[2].velocity_m_yr is None
+    full = motion(model).point.position_m
+    for term in ("ocean_loading", "station_velocity"):
+        moved = np.linalg.norm(full - without(model, term), axis=-1)
+        assert (moved[kashi] == 0.0).all()
+        assert (moved[~kashi] > 0.0).any()
+
+
+def test_displacements_add_up(model):
+    """Each depends on the others only by where they act: 0.5 m over 6.4e6 m of 0.4 m."""
+    none = without(model, *DISPLACEMENTS)
+    alone = sum(
+        without(model, *(t for t in DISPLACEMENTS if t != term)) - none for term in DISPLACEMENTS
+    )
+    np.testing.assert_allclose(motion(model).point.position_m - none, alone, rtol=0, atol=1e-6)
+
+
+def test_clock(model):
+    """TDB - TT at the station and its rate, which is that of v^2/2 and the potential, against differences."""
+    station = motion(model)
+    earth = model.ephemeris.earth(REFERENCE)
+    np.testing.assert_allclose(
+        station.topocentric_s,
+        np.einsum("ni,ni->n", earth.velocity_m_s, station.gcrs_m) / C_M_S**2,
+        rtol=0,
+        atol=1e-15,
+    )
+    step_s = 600.0
+    ahead, behind = motion(model, step_s), motion(model, -step_s)
+    rate = (ahead.tdb_minus_tt_s - behind.tdb_minus_tt_s) / (2 * step_s)
+    # Left out: the potential of the planets (Jupiter's 1.8e-12, Saturn's 3e-13).
+    # Over a millisecond, for which the rate is used, that is 1 micrometre.
+    np.testing.assert_allclose(station.tdb_rate, rate, rtol=0, atol=4e-12)
+    assert np.abs(station.tdb_rate).max() > 2e-10
+    np.testing.assert_allclose(
+        station.tdb_minus_tt_at(np.full(COUNT, 1e-3)),
+        station.tdb_minus_tt_s + 1e-3 * station.tdb_rate,
+        rtol=0,
+        atol=1e-18,
+    )
+
+
+def test_vertical_and_place(model):
+    station = motion(model)
+    np.testing.assert_allclose(np.linalg.norm(station.up_gcrs, axis=-1), 1.0, rtol=0, atol=1e-14)
+    down_m = np.einsum("ni,ni->n", station.up_gcrs, station.gcrs_m)
+    # The ellipsoid's normal is at most 0.19 deg off the radius.
+    assert (down_m > np.linalg.norm(station.gcrs_m, axis=-1) * np.cos(np.radians(0.2))).all()
+    rate = (motion(model, 1.0).up_gcrs - motion(model, -1.0).up_gcrs) / 2.0
+    np.testing.assert_allclose(station.up_rate_gcrs, rate, rtol=0, atol=1e-12)
+    assert np.degrees(station.latitude_rad[:3]) == pytest.approx([43.75, 32.78, 38.42], abs=0.02)
+    assert station.height_m[:2] == pytest.approx([1323.0, 2788.0], abs=30.0)
+
+
+def test_predicted_orientation_is_marked(model):
+    last = model.earth.table
+    marked = dataclasses.replace(last, predicted=last.mjd_utc > 59300.0)
+    from radioloc.earth.orientation import EarthOrientation
+    from radioloc.errors import PredictedEopWarning
+
+    some = dataclasses.replace(model, earth=EarthOrientation(marked))
+    with pytest.warns(PredictedEopWarning):
+        predicted = motion(some).predicted_eop
+    np.testing.assert_array_equal(predicted, REFERENCE.mjd > 59298.5)
+    assert predicted.any()
+    assert not predicted.all()

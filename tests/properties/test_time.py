@@ -29,7 +29,9 @@ NINE_DECIMALS_S = 0.5e-9 + FEW_LAST_PLACES_S
 DAYS = st.integers(2441317, 2469806).map(lambda day: day + 0.5)  # 1972 to 2049
 DAYS_WITH_LEAP_SECOND = st.sampled_from([2441498.5, 2441682.5, 2453735.5, 2456108.5, 2457203.5, 2457753.5])
 NEAR_MIDNIGHT = st.one_of(
-    st.floats(0.0, 1e-9), st.floats(1.0 - 1e-9, 1.0, exclude_max=True), st.floats(0.99998, 1.0, exclude_max=True)
+    st.floats(0.0, 1e-9),
+    st.floats(1.0 - 1e-9, 1.0, exclude_max=True),
+    st.floats(0.99998, 1.0, exclude_max=True),
 )
 FRACTIONS = st.one_of(st.floats(0.0, 1.0, exclude_max=True), NEAR_MIDNIGHT)
 ALL_DAYS = st.one_of(DAYS, DAYS_WITH_LEAP_SECOND)
@@ -72,7 +74,10 @@ def test_nanoseconds_are_read_and_written_as_they_stand(second, nanosecond, jd):
 
 @settings(max_examples=400, deadline=None)
 @given(
-    st.floats(2.4e6, 2.5e6), st.floats(-2.0, 2.0), st.floats(-1e6, 1e6), st.sampled_from(["TAI", "TT", "TDB", "UT1"])
+    st.floats(2.4e6, 2.5e6),
+    st.floats(-2.0, 2.0),
+    st.floats(-1e6, 1e6),
+    st.sampled_from(["TAI", "TT", "TDB", "UT1"]),
 )
 def test_normal_form_and_shift_lose_nothing(jd, fraction, seconds, scale):
     epochs = Epochs.from_jd(jd, fraction, scale)

@@ -154,5 +154,10 @@ def test_lunar_constants_show_in_the_range_itself(model, apollo15):
 
     whole_m = rms_m(model)
     assert whole_m < 0.065
-    for term, factor in (("lunar_tide_constant", 5.0), ("earth_scale", 2.0), ("lunar_scale", 1.3), ("earth_lorentz", 1.1)):
+    for term, factor in (
+        ("lunar_tide_constant", 5.0),
+        ("earth_scale", 2.0),
+        ("lunar_scale", 1.3),
+        ("earth_lorentz", 1.1),
+    ):
         assert rms_m(model.without(term)) > factor * whole_m, term

@@ -22,10 +22,11 @@ from radioloc.measurements.range_model import RangeArc
 from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, utc_to_tt
 
-# SPICE's epoch is one float: 0.06 to 0.12 microseconds, in which the Earth moves 1.8 to 3.6 mm along its orbit; positions
-# from the barycentre are rounded to 0.03 mm. The path closes between two such epochs.
+# SPICE's epoch is one float: 0.06 to 0.12 microseconds, in which the Earth moves 1.8 to 3.6 mm along its orbit, and
+# positions from the barycentre are rounded to 0.03 mm. The path closes between two such epochs: 1.5 mm at most here.
 SPICE_EPOCH_M = 5e-3
-# With the epoch's remainder made good by the velocities what is left is the round-off of 1.5e11 m, once per vector.
+# With the epoch's remainder made good by the velocities what is left is the round-off of 1.5e11 m, once per vector:
+# 0.06 mm at most here.
 ROUND_OFF_M = 2e-4
 
 
@@ -82,7 +83,9 @@ class Station:
         geocentric_s = erfa.dtdb(tdb.jd, tdb.fraction, 0.0, 0.0, 0.0, 0.0)[0]
         topocentric_s = 0.0
         for _ in range(2):
-            place_m = self.gcrs_m(Epochs.from_jd(tdb.jd, tdb.fraction, "TT").shifted(-geocentric_s - topocentric_s))
+            place_m = self.gcrs_m(
+                Epochs.from_jd(tdb.jd, tdb.fraction, "TT").shifted(-geocentric_s - topocentric_s)
+            )
             topocentric_s = earth[3:] @ place_m / C_M_S**2
         return earth[:3] + rest_s * earth[3:] + place_m, geocentric_s + topocentric_s
 

@@ -45,6 +45,8 @@ def observations(path: str, tai: Epochs, tag: str = "transmit", **columns: objec
     )
 
 
-def epochs_tai(count: int, hours: float, start_jd: float = START_TAI_JD, start_fraction: float = 0.0) -> Epochs:
+def epochs_tai(
+    count: int, hours: float, start_jd: float = START_TAI_JD, start_fraction: float = 0.0
+) -> Epochs:
     """Evenly spaced epochs of TAI, both ends included."""
     return Epochs.from_jd(start_jd, start_fraction + np.linspace(0.0, hours / 24.0, count), "TAI")

@@ -19,7 +19,8 @@ def still_station(up, gcrs_m=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), up_rate=
     """Only what elevation needs."""
     row = {name: np.array([v]) for name, v in (("gcrs_m", gcrs_m), ("gcrs_velocity_m_s", velocity))}
     rest = dict.fromkeys(
-        ("tdb_minus_tt_s", "topocentric_s", "tdb_rate", "latitude_rad", "height_m", "predicted_eop"), np.zeros(1)
+        ("tdb_minus_tt_s", "topocentric_s", "tdb_rate", "latitude_rad", "height_m", "predicted_eop"),
+        np.zeros(1),
     )
     return StationMotion(point=None, up_gcrs=np.array([up]), up_rate_gcrs=np.array([up_rate]), **row, **rest)
 
@@ -35,7 +36,9 @@ def test_elevation_by_hand(degrees):
 
 def test_rate_has_the_points_the_stations_and_the_verticals_part():
     point, r = np.array([[0.0, 3.8e8, 0.0]]), 3.8e8
-    _, moving_point = elevation_and_rate(still_station((0.0, 0.0, 1.0)), point, np.array([[5.0, 7.0, 1000.0]]))
+    _, moving_point = elevation_and_rate(
+        still_station((0.0, 0.0, 1.0)), point, np.array([[5.0, 7.0, 1000.0]])
+    )
     assert moving_point[0] == pytest.approx(1000.0 / r, rel=1e-12)
     station = still_station((0.0, 0.0, 1.0), velocity=(0.0, 0.0, 400.0))
     assert elevation_and_rate(station, point, np.zeros((1, 3)))[1][0] == pytest.approx(-400.0 / r, rel=1e-12)

@@ -37,7 +37,11 @@ def delay_to_40_digits(start_m, end_m, body_m, gm, bending=True):
             return mp.sqrt(sum((mp.mpf(float(x)) - mp.mpf(float(y))) ** 2 for x, y in zip(a, b, strict=True)))
 
         k = 2 * mp.mpf(gm) / mp.mpf(C_M_S) ** 2
-        r1, r2, r12 = distance(start_m[0], body_m[0]), distance(end_m[0], body_m[0]), distance(start_m[0], end_m[0])
+        r1, r2, r12 = (
+            distance(start_m[0], body_m[0]),
+            distance(end_m[0], body_m[0]),
+            distance(start_m[0], end_m[0]),
+        )
         extra = k if bending else 0
         return float(k * mp.log((r1 + r2 + r12 + extra) / (r1 + r2 - r12 + extra)))
 
@@ -71,7 +75,9 @@ def test_bending_matters_at_the_limb_of_the_sun():
 def test_sizes():
     """One way to the Moon: 7.6 m by the Sun, some 3 to 5 cm by the Earth."""
     assert gravitational_delay_m(*CASES["sun aside"][0], GM_SUN)[0] == pytest.approx(7.59, abs=0.01)
-    assert gravitational_delay_m(*CASES["earth, moon at the horizon"][0], GM_EARTH)[0] == pytest.approx(0.042, abs=0.002)
+    assert gravitational_delay_m(*CASES["earth, moon at the horizon"][0], GM_EARTH)[0] == pytest.approx(
+        0.042, abs=0.002
+    )
     assert gravitational_delay_m(*CASES["earth, station below the moon"][0], GM_EARTH)[0] == pytest.approx(
         2 * GM_EARTH / C_M_S**2 * np.log((6.4e6 + MOON_M) / 6.4e6), abs=1e-6
     )
@@ -82,4 +88,6 @@ def test_there_and_back_is_the_same_and_frames_do_not_matter():
     there = gravitational_delay_m(start, end, body, gm)
     assert gravitational_delay_m(end, start, body, gm) == pytest.approx(there, rel=0, abs=ROUND_OFF_M)
     moved = np.array([[3e10, -2e10, 1e10]])
-    assert gravitational_delay_m(start + moved, end + moved, body + moved, gm) == pytest.approx(there, rel=0, abs=1e-9)
+    assert gravitational_delay_m(start + moved, end + moved, body + moved, gm) == pytest.approx(
+        there, rel=0, abs=1e-9
+    )

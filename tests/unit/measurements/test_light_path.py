@@ -43,7 +43,10 @@ def path_to_40_digits(tag, tag_offset_s=0.3, move_m=(0, 0, 0)):
             return [
                 mp.mpf(float(p)) + mp.mpf(float(v)) * (t - mp.mpf(float(point.offset_s[0]))) + d
                 for p, v, d in zip(
-                    point.position_m[0], point.velocity_m_s[0], move_m if point is RELAY else (0, 0, 0), strict=True
+                    point.position_m[0],
+                    point.velocity_m_s[0],
+                    move_m if point is RELAY else (0, 0, 0),
+                    strict=True,
                 )
             ]
 
@@ -107,7 +110,7 @@ def test_tags_may_be_mixed_and_do_not_mix():
     assert together.up_s == pytest.approx([a.up_s[0] for a in alone], rel=0, abs=1e-15)
     assert together.down_s == pytest.approx([a.down_s[0] for a in alone], rel=0, abs=1e-15)
     by_position, by_tag = path_length_partials(together, *three, tags)
-    for row, tag in enumerate(tags):
+    for row in range(3):
         one = path_length_partials(alone[row], TRANSMITTER, RELAY, RECEIVER, tags[row : row + 1])
         np.testing.assert_allclose(by_position[row], one[0][0], rtol=0, atol=1e-13)
         np.testing.assert_allclose(by_tag[row], one[1][0], rtol=0, atol=1e-8)
@@ -116,7 +119,9 @@ def test_tags_may_be_mixed_and_do_not_mix():
 @pytest.mark.parametrize("tag", TAGS.values(), ids=TAGS)
 def test_partials_against_40_digits(tag):
     path = solve(tag)
-    by_position, by_tag = path_length_partials(path, TRANSMITTER, RELAY, RECEIVER, np.array([tag], dtype=np.int8))
+    by_position, by_tag = path_length_partials(
+        path, TRANSMITTER, RELAY, RECEIVER, np.array([tag], dtype=np.int8)
+    )
     with mp.workdps(40):
 
         def length(**changes):

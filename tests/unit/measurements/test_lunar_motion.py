@@ -80,7 +80,9 @@ def test_scale_and_contraction(model):
     sun_m, _ = model.ephemeris.geocentric("sun", REFERENCE)
     distance_au = np.linalg.norm(sun_m - state.moon_gcrs_m, axis=-1) / 1.495978707e11
     # L_C, the Sun, and the Earth at 384400 km (1.15e-11).
-    np.testing.assert_allclose(ratio, 1.48082686741e-8 + 9.87062e-9 / distance_au + 1.15e-11, rtol=0, atol=2e-12)
+    np.testing.assert_allclose(
+        ratio, 1.48082686741e-8 + 9.87062e-9 / distance_au + 1.15e-11, rtol=0, atol=2e-12
+    )
     assert np.linalg.norm(scale, axis=-1) == pytest.approx(np.full(COUNT, 0.043), abs=0.001)
     # The tide of 0.5 m is contracted with the rest: 2e-9 m.
     np.testing.assert_allclose(

@@ -86,10 +86,16 @@ def apollo_terms(model):
     """Terms at all hours at which the Moon stands above 20 degrees, over 13 months in steps of a day and 50 minutes."""
     tai = Epochs.from_jd(2453832.5, 1.0347 * np.arange(400), "TAI")
     every = observations("APOLLO>apollo15>APOLLO", tai, **LASER)
-    high = RangeArc(model, every, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(axis=1) > np.radians(20.0)
+    high = RangeArc(model, every, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
+        axis=1
+    ) > np.radians(20.0)
     other = observations("APOLLO>apollo15>APOLLO", tai.shifted(-6 * 3600.0), **LASER)
-    more = RangeArc(model, other, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(axis=1) > np.radians(20.0)
-    chosen = Observations.concatenate([every.select(np.flatnonzero(high)), other.select(np.flatnonzero(more))])
+    more = RangeArc(model, other, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
+        axis=1
+    ) > np.radians(20.0)
+    chosen = Observations.concatenate(
+        [every.select(np.flatnonzero(high)), other.select(np.flatnonzero(more))]
+    )
     assert len(chosen) > 150
     return RangeArc(model, chosen, APOLLO15_PA_M).terms(APOLLO15_PA_M)
 
@@ -97,7 +103,9 @@ def apollo_terms(model):
 def test_table_has_every_active_term_in_order(model, apollo_terms):
     assert list(apollo_terms) == list(TERMS)
     fewer = model.without("shapiro", "troposphere")
-    table = RangeArc(fewer, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M).terms(APOLLO15_PA_M)
+    table = RangeArc(fewer, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M).terms(
+        APOLLO15_PA_M
+    )
     assert list(table) == [name for name in TERMS if name not in ("shapiro", "troposphere")]
 
 
@@ -218,7 +226,11 @@ def test_mixed_links_and_tags_are_each_computed_as_if_alone(radio):
 def test_station_by_alias_is_one_station(radio):
     links = [Link("KS", "x", "KASHI"), Link("kashgar", "x", "CDS-KS")]
     table = Observations.from_columns(
-        epoch=observations("KASHI>x>KASHI", epochs_tai(2, 1.0)).epoch, links=links, link=[0, 1], value_m=7e8, sigma_m=1
+        epoch=observations("KASHI>x>KASHI", epochs_tai(2, 1.0)).epoch,
+        links=links,
+        link=[0, 1],
+        value_m=7e8,
+        sigma_m=1,
     )
     assert RangeArc(radio, table, APOLLO15_PA_M).stations == ("KASHI",)
 
@@ -284,7 +296,8 @@ def test_partials_by_position(model, radio, path, tag):
     step_m = 100.0
     numeric = np.stack(
         [
-            (arc.compute(APOLLO15_PA_M + away).range_m - arc.compute(APOLLO15_PA_M - away).range_m) / (2 * step_m)
+            (arc.compute(APOLLO15_PA_M + away).range_m - arc.compute(APOLLO15_PA_M - away).range_m)
+            / (2 * step_m)
             for away in step_m * np.eye(3)
         ],
         axis=-1,
@@ -323,11 +336,13 @@ def test_partials_by_time_tag(model, radio, path, tag):
     assert seen.sum() >= 5
     # Third differences over 0.5 s are 1e-7 m/s, round-off 1e-6 m/s.
     step_s = 0.5
-    ahead, behind = (computed(some_model, path, tai.shifted(s), tag, **weather).range_m for s in (step_s, -step_s))
+    ahead, behind = (
+        computed(some_model, path, tai.shifted(s), tag, **weather).range_m for s in (step_s, -step_s)
+    )
     error_m_s = here.by_time_m_s - (ahead - behind) / (2 * step_s)
     speed_m_s = np.linalg.norm(here.by_time_m_s[seen])
     assert np.linalg.norm(error_m_s[seen]) < PARTIALS_RELATIVE * speed_m_s
-    # Left out: gravity's own rate (2e-5 m/s) and the tides' (5e-5 m/s). A time bias of 0.1 s is right to 10 micrometres.
+    # Left out: gravity's own rate (2e-5 m/s) and the tides' (5e-5 m/s). A time bias of 0.1 s is right to 10 um.
     assert np.abs(error_m_s[seen]).max() < 1e-4
 
 

@@ -103,7 +103,7 @@ def test_scale_and_contraction(model):
     np.testing.assert_allclose(
         contraction, -v * np.einsum("ni,ni->n", v, r)[:, None] / (2 * C_M_S**2), rtol=0, atol=1e-8
     )
-    assert L_B - L_G == pytest.approx(1.48082686741e-8, abs=1e-17)
+    assert pytest.approx(1.48082686741e-8, abs=1e-17) == L_B - L_G
     assert 0.15 < np.linalg.norm(scale, axis=-1).max() < 0.16
     assert 0.02 < np.linalg.norm(contraction, axis=-1).max() < 0.035
 
@@ -139,9 +139,7 @@ def test_a_station_without_loading_or_velocity_stands_as_it_is(model):
 def test_displacements_add_up(model):
     """Each depends on the others only by where they act: 0.5 m over 6.4e6 m of 0.4 m."""
     none = without(model, *DISPLACEMENTS)
-    alone = sum(
-        without(model, *(t for t in DISPLACEMENTS if t != term)) - none for term in DISPLACEMENTS
-    )
+    alone = sum(without(model, *(t for t in DISPLACEMENTS if t != term)) - none for term in DISPLACEMENTS)
     np.testing.assert_allclose(motion(model).point.position_m - none, alone, rtol=0, atol=1e-6)
 
 

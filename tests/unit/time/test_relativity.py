@@ -38,12 +38,18 @@ def test_geocentric_is_the_series_without_a_place():
     epochs = Epochs.from_jd(2440000.5 + 1000.0 * np.arange(30), 0.3, "TT")
     zero = np.zeros(30)
     assert geocentric_tdb_minus_tt(epochs).tolist() == tdb_minus_tt(epochs, zero, zero, zero, zero).tolist()
-    assert 1.5e-3 < np.abs(geocentric_tdb_minus_tt(Epochs.from_jd(2459000.5 + np.arange(366), 0.0))).max() < 1.7e-3
+    assert (
+        1.5e-3
+        < np.abs(geocentric_tdb_minus_tt(Epochs.from_jd(2459000.5 + np.arange(366), 0.0))).max()
+        < 1.7e-3
+    )
 
 
 @pytest.mark.parametrize("name", ["APOLLO", "GRASSE", "KASHI", "NEUQUEN", "SESHAN25"])
 def test_topocentric_part_against_the_series(name):
-    tt = Epochs.from_jd(np.repeat(2453736.5 + 61.0 * np.arange(12), 24), np.tile(np.arange(24) / 24.0, 12), "TT")
+    tt = Epochs.from_jd(
+        np.repeat(2453736.5 + 61.0 * np.arange(12), 24), np.tile(np.arange(24) / 24.0, 12), "TT"
+    )
     rotation = EarthOrientation.default().evaluate(tt)
     x_m, y_m, z_m = StationCatalogue.default().get(name).itrf_m
     tdb = tt_to_tdb(tt)

@@ -100,7 +100,9 @@ def test_only_utc_has_leap_seconds():
             epochs_from_strings("2016-12-31T23:59:60", scale)
 
 
-@pytest.mark.parametrize("text", ["", "today", "2020-1-1", "2020-12-01T15", "20201201", "2020-12-01T15:11:00+01:00"])
+@pytest.mark.parametrize(
+    "text", ["", "today", "2020-1-1", "2020-12-01T15", "20201201", "2020-12-01T15:11:00+01:00"]
+)
 def test_text_that_is_no_date_is_refused(text):
     with pytest.raises(InputError, match="is not a date; write it as"):
         epochs_from_strings(text)

@@ -1,0 +1,409 @@
+"""What the documentation says is so: links, files, keys, columns, terms and sizes, commands and code."""
+
+from __future__ import annotations
+
+import re
+import shlex
+import tomllib
+from dataclasses import replace
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc.cli import main
+from radioloc.estimation.export import solution_dict
+from radioloc.io import table
+from radioloc.io.solution_files import RESIDUAL_COLUMNS
+from radioloc.measurements.terms import TERMS
+from radioloc.studies.toml_table import TomlTable
+from radioloc.time import tai_to_utc, utc_to_tai
+
+ROOT = Path(__file__).resolve().parents[2]
+DOCS = ROOT / "docs"
+PAGES = sorted(DOCS.rglob("*.md"))
+OTHER_PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "kernels/README.md")]
+PHYSICS = DOCS / "physics.md"
+
+ROUNDED_MM = 0.06
+"""Sizes in the tables have one decimal, and hardly depend on the values of Earth orientation."""
+
+REVISED_MM = 0.5
+"""Residuals do depend on them: what a revision of the IERS series may move."""
+
+MILLIMETRES = 1000.0
+
+
+class Block(NamedTuple):
+    """A fenced block of a page; `file` is what a first line such as ``# study.toml`` names."""
+
+    language: str
+    text: str
+    file: str | None
+
+
+def blocks(page: Path) -> list[Block]:
+    found = []
+    for language, text in re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(), re.MULTILINE | re.DOTALL):
+        name = re.match(r"# (\S+\.(?:toml|csv))\n", text)
+        found.append(Block(language, text, name[1] if name else None))
+    return found
+
+
+def prose(page: Path) -> str:
+    """Text of a page without its fenced blocks."""
+    return re.sub(r"^```.*?^```$", "", page.read_text(), flags=re.MULTILINE | re.DOTALL)
+
+
+def anchors(page: Path) -> set[str]:
+    """Anchors that GitHub gives to the headings."""
+    headings = re.findall(r"^#+ (.*)$", prose(page), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", heading.strip().lower()).replace(" ", "-") for heading in headings}
+
+
+def rows_of_table(page: Path, first_heading: str) -> list[list[str]]:
+    """Cells of the rows of the table whose heading begins with a word, without heading and ruler."""
+    lines = page.read_text().splitlines()
+    start = next(k for k, line in enumerate(lines) if line.startswith(f"| {first_heading} |"))
+    rows = []
+    for line in lines[start + 2 :]:
+        if not line.startswith("|"):
+            return rows
+        rows.append([cell.strip() for cell in re.split(r"(?<!\\)\|", line)[1:-1]])
+    return rows
+
+
+def quoted(text: str) -> set[str]:
+    return set(re.findall(r"`([^`]+)`", text))
+
+
+# Pages as text.
+
+
+@pytest.mark.parametrize("page", [*PAGES, *OTHER_PAGES], ids=lambda p: str(p.relative_to(ROOT)))
+def test_links_lead_somewhere(page):
+    for address in re.findall(r"\[[^\]]*\]\(([^)\s]+)\)", prose(page)):
+        if re.match(r"[a-z]+:", address):
+            continue
+        name, _, anchor = address.partition("#")
+        target = (page.parent / name).resolve() if name else page
+        assert target.exists(), f"{page.name}: {address}"
+        if anchor:
+            assert anchor in anchors(target), f"{page.name}: {address}"
+
+
+def test_index_lists_every_page():
+    listed = {
+        (DOCS / a).resolve() for a in re.findall(r"\]\(([^)#]+\.md)\)", (DOCS / "index.md").read_text())
+    }
+    assert listed == {page for page in PAGES if page.name != "index.md"}
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(DOCS)))
+def test_files_named_are_there(page):
+    for name in quoted(prose(page)):
+        if re.match(r"(tests|examples|kernels|docs|src)/\S*$", name):
+            assert (ROOT / name).exists(), f"{page.name}: {name}"
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(DOCS)))
+def test_formulas_are_closed(page):
+    text = page.read_text()
+    assert text.count("```") % 2 == 0
+    for formula in [b.text for b in blocks(page) if b.language == "math"]:
+        assert formula.count("{") == formula.count("}")
+        assert formula.count(r"\left") == formula.count(r"\right")
+        assert formula.count("$") == 0
+
+
+# What the code has against what the pages say.
+
+
+def test_every_term_has_its_row_in_order():
+    assert [row[0].strip("`") for row in rows_of_table(PHYSICS, "term")] == list(TERMS)
+
+
+def test_every_term_is_explained_in_its_section():
+    text = PHYSICS.read_text()
+    for row in rows_of_table(PHYSICS, "term"):
+        term, anchor = row[0], re.search(r"#([\w-]+)\)", row[5])[1]
+        parts = re.split(r"^##+ (.*)$", text, flags=re.MULTILINE)
+        sections = {
+            re.sub(r"[^\w\- ]", "", title.lower()).replace(" ", "-"): body
+            for title, body in zip(parts[1::2], parts[2::2], strict=True)
+        }
+        assert term in sections[anchor], f"{term} is not in the section {anchor}"
+
+
+def documented_keys() -> dict[str, set[str]]:
+    """Keys by table, from the headings and tables of the page of the study file."""
+    keys: dict[str, set[str]] = {}
+    names: list[str] = []
+    for line in prose(DOCS / "reference" / "study-file.md").splitlines():
+        if line.startswith("## "):
+            names = re.findall(r"\[([\w.]+)\]", line)
+        elif match := re.match(r"\| `(\w+)` \|", line):
+            for name in names:
+                keys.setdefault(name, set()).add(match[1])
+    return keys
+
+
+def test_every_key_of_the_study_file(workspace, monkeypatch):
+    asked: dict[str, set[str]] = {}
+    take = TomlTable.take
+
+    def noted(self, key):
+        name = "stations.NAME" if self.name.startswith("stations.") else self.name
+        asked.setdefault(name, set()).add(key)
+        return take(self, key)
+
+    monkeypatch.setattr(TomlTable, "take", noted)
+    [example] = [b for b in blocks(DOCS / "reference" / "study-file.md") if b.file == "everything.toml"]
+    (workspace / example.file).write_text(example.text)
+    (workspace / "my_c04.txt").touch()
+    study = radioloc.read_study(workspace / example.file)
+    del asked[""]
+    # Stations are found under any name, and the prior is a table within a table.
+    asked.pop("stations", None)
+    assert asked.pop("estimate.height_prior") == {"height_m", "sigma_m"}
+    assert documented_keys() == asked
+    # The example shows every key but those that exclude each other.
+    written = tomllib.loads(example.text)
+    shown = {**written, "stations.NAME": written["stations"]["MYSITE"]}
+    shown["target"] |= shown["reference"]
+    for name, keys in asked.items():
+        assert set(shown[name]) | ({"position_m"} if name == "target" else set()) >= keys - {
+            "longitude_deg",
+            "latitude_deg",
+            "height_m",
+        }
+    assert study.name == "everything"
+
+
+def test_every_column_of_the_table_of_observations():
+    page = DOCS / "reference" / "observation-table.md"
+    assert {row[0].strip("`") for row in rows_of_table(page, "column")} == set(table._COLUMNS)
+
+
+def test_every_column_of_residuals():
+    page = DOCS / "reference" / "output-files.md"
+    assert tuple(row[0].strip("`") for row in rows_of_table(page, "column")) == RESIDUAL_COLUMNS
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return radioloc.locate(radioloc.read_study(ROOT / "examples" / "apollo15" / "apollo15.toml"))
+
+
+def test_every_key_of_the_solution(solution):
+    page = DOCS / "reference" / "output-files.md"
+    documented = set().union(*(quoted(row[0]) for row in rows_of_table(page, "key")))
+    whole = {"biases", "time_biases", "provenance"}  # described as a whole
+
+    def keys(value, where):
+        if isinstance(value, dict) and where not in whole:
+            starred = where in ("fit.by_station", "fit.by_type")
+            for name, item in value.items():
+                if starred:
+                    yield f"{where}.*"
+                else:
+                    yield from keys(item, f"{where}.{name}" if where else name)
+        else:
+            yield where
+
+    assert documented - {"reference"} == set(keys(solution_dict(solution), ""))
+
+
+# Sizes, measured again.
+
+
+@pytest.fixture(scope="module")
+def model():
+    return radioloc.PhysicalModel.build()
+
+
+def laser_ranges():
+    """Ranges of 2006 and 2007 by reflector, and where JPL has it, from the page."""
+    positions = {
+        row[0]: np.array([float(cell) for cell in row[1:]]) for row in rows_of_table(PHYSICS, "reflector")
+    }
+    files = [
+        *(ROOT / "examples/apollo15").glob("*.csv"),
+        *(ROOT / "examples/reflectors_2006-2007").glob("*.csv"),
+    ]
+    observed = {o.links[0].target: o for o in map(radioloc.read_observations, sorted(files))}
+    assert sum(len(o) for o in observed.values()) == 200
+    return {target: (o, positions[target]) for target, o in observed.items()}
+
+
+def three_way_terms(model):
+    """Terms of the arc that the page describes, where both stations see the lander above 5 degrees."""
+    stations = ("JIAMUSI", "KASHI", "NEUQUEN")
+    links = [radioloc.Link(a, "lander", b) for a in stations for b in stations if a != b]
+    start = utc_to_tai(radioloc.epochs_from_strings("2020-12-01T15:11:00"))
+    epochs = tai_to_utc(start[np.zeros(288, dtype=int)].shifted(600.0 * np.arange(288)))
+    lander = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+    lander_pa_m = lander.to_axes("PA", model.ephemeris.constants).xyz_m
+    plan = radioloc.Observations.from_columns(
+        epoch=radioloc.Epochs.concatenate([epochs] * len(links)),
+        links=links,
+        link=np.repeat(np.arange(len(links)), len(epochs)),
+        value_m=7.6e8,
+        sigma_m=1.0,
+        tag=1,
+    )
+    arc = radioloc.RangeArc(model.without("troposphere"), plan, lander_pa_m)
+    high = (np.degrees(arc.compute(lander_pa_m).elevation_rad) > 5.0).all(axis=1)
+    return radioloc.RangeArc(arc.model, plan.select(high), lander_pa_m).terms(lander_pa_m)
+
+
+def assert_sizes(row, columns, added_m):
+    size_mm = MILLIMETRES * np.array([np.abs(added_m).max(), np.sqrt(np.mean(added_m**2))])
+    stated_mm = [float(row[k]) for k in columns]
+    np.testing.assert_allclose(stated_mm, size_mm, rtol=0.0, atol=ROUNDED_MM, err_msg=row[0])
+
+
+def test_two_way_sizes_of_all_terms(model):
+    added: dict[str, list] = {}
+    for observed, where in laser_ranges().values():
+        for name, values in radioloc.RangeArc(model, observed, where).terms(where).items():
+            added.setdefault(name, []).append(values)
+    for row in rows_of_table(PHYSICS, "term"):
+        assert_sizes(row, (1, 2), np.concatenate(added[row[0].strip("`")]))
+
+
+def test_three_way_sizes_of_all_terms(model):
+    added = three_way_terms(model)
+    assert len(added["shapiro"]) == 280
+    for row in rows_of_table(PHYSICS, "term"):
+        if row[0] == "`troposphere`":
+            assert row[3:5] == ["-", "-"]
+        else:
+            assert_sizes(row, (3, 4), added[row[0].strip("`")])
+
+
+def one_way_mm(model, observed, where):
+    computed = radioloc.RangeArc(model, observed, where).compute(where)
+    return 0.5 * MILLIMETRES * (observed.value_m - computed.range_m)
+
+
+def test_residuals_of_real_data_with_nothing_fitted(model):
+    text = PHYSICS.read_text()
+    for target, (observed, where) in laser_ranges().items():
+        residual_mm = one_way_mm(model, observed, where)
+        mad_mm = np.median(np.abs(residual_mm - np.median(residual_mm)))
+        match = re.search(rf"^\| {target} \| (\d+) \| ([\d.]+) \| ([\d.]+) \|$", text, re.MULTILINE)
+        assert int(match[1]) == len(observed)
+        np.testing.assert_allclose(
+            [float(match[2]), float(match[3])], [mad_mm, residual_mm.mean()], rtol=0.0, atol=REVISED_MM
+        )
+
+
+def test_means_with_other_choices(model):
+    ephemeris = model.ephemeris
+    other = replace(ephemeris, constants=replace(ephemeris.constants, h2=0.0424, l2=0.0107))
+    variants = [
+        model,
+        model.without("lunar_scale"),
+        model.without("lunar_tide_constant"),
+        replace(model, ephemeris=other),
+    ]
+    ranges = laser_ranges()
+    for row, variant in zip(rows_of_table(PHYSICS, "variant"), variants, strict=True):
+        means_mm = [one_way_mm(variant, *ranges[target]).mean() for target in sorted(ranges)]
+        stated_mm = [float(cell) for cell in row[1:]]
+        np.testing.assert_allclose(stated_mm, means_mm, rtol=0.0, atol=REVISED_MM, err_msg=row[0])
+
+
+@pytest.mark.parametrize(("file", "label"), [("apollo15", "2006 to 2007"), ("apollo15_2024", "May 2024")])
+def test_fits_of_the_examples(file, label):
+    found = radioloc.locate(radioloc.read_study(ROOT / "examples" / "apollo15" / f"{file}.toml"))
+    [row] = [row for row in rows_of_table(PHYSICS, "fit") if row[0] == f"Apollo 15, {label}"]
+    stated = [float(cell.split()[0]) for cell in row[1:]]
+    assert stated[0] == len(found.residuals)
+    measured = [
+        found.reference.distance_m,
+        found.reference.horizontal_m,
+        np.linalg.norm(found.sigma_enu_m("formal")),
+        MILLIMETRES * found.fit.excess_noise_m,
+    ]
+    near = [0.02, 0.02, 0.02, 2.0]  # rounding, and a revision of the IERS series
+    assert (np.abs(np.array(stated[1:]) - measured) < near).all(), measured
+
+
+# Commands and code.
+
+
+@pytest.fixture
+def workspace(tmp_path, monkeypatch):
+    """A folder that has the project's examples and kernels, to work in."""
+    for name in ("examples", "kernels"):
+        (tmp_path / name).symlink_to(ROOT / name)
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+def without_numbers(text: str) -> str:
+    """Words of a card: values change in the last digit from machine to machine, and line breaks with them."""
+    return " ".join(re.sub(r"[-+]?\d[\d.]*", "#", text).split())
+
+
+def runs(language: str) -> list[Path]:
+    return [page for page in PAGES if any(block.language == language for block in blocks(page))]
+
+
+@pytest.mark.parametrize(
+    "page", sorted({*runs("sh"), *runs("python")}), ids=lambda p: str(p.relative_to(DOCS))
+)
+def test_commands_and_code_run(page, workspace, capsys):
+    for block in blocks(page):
+        if block.file:
+            (workspace / block.file).write_text(block.text)
+    for block in blocks(page):
+        if block.language == "sh":
+            for line in block.text.splitlines():
+                program, *arguments = shlex.split(line, comments=True)
+                assert program == "radioloc"
+                if arguments == ["--version"]:
+                    with pytest.raises(SystemExit) as ended:
+                        main(arguments)
+                    assert ended.value.code == 0
+                else:
+                    assert main(arguments) == 0, line
+        elif block.language == "python":
+            exec(compile(block.text, str(page), "exec"), {})
+        elif block.language == "text" and block.text.startswith("solution "):
+            assert without_numbers(block.text) in without_numbers(capsys.readouterr().out)
+
+
+@pytest.mark.parametrize("page", runs("toml"), ids=lambda p: str(p.relative_to(DOCS)))
+def test_toml_is_a_study_or_part_of_one(page, workspace):
+    (workspace / "my_c04.txt").touch()
+    for block in blocks(page):
+        if block.language != "toml":
+            continue
+        content = tomllib.loads(block.text)
+        assert set(content) <= {"target", "observations", "estimate", "model", "stations", "reference"}
+        if block.file:
+            for data in blocks(page):
+                if data.file and data.file.endswith(".csv"):
+                    (workspace / data.file).write_text(data.text)
+            (workspace / block.file).write_text(block.text)
+            radioloc.read_study(workspace / block.file)
+
+
+def test_every_command_and_option_is_described(capsys):
+    page = (DOCS / "reference" / "command-line.md").read_text()
+    texts = []
+    for arguments in (["--help"], ["locate", "--help"], ["residuals", "--help"]):
+        with pytest.raises(SystemExit):
+            main(arguments)
+        texts.append(capsys.readouterr().out)
+    commands = re.findall(r"^    ([a-z]+)(?: |$)", texts[0], re.MULTILINE)
+    assert {"locate", "residuals", "stations"} <= set(commands)
+    for command in commands:
+        assert f"`radioloc {command}" in page, command
+    for option in set(re.findall(r"--\w+", "".join(texts))) - {"--help"}:
+        assert f"`{option}" in page or f"radioloc {option}" in page, option

@@ -115,14 +115,15 @@ class MapGrid:
     def cells(
         self, longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Row and column of points, shape (n,); infinite where the projection does not show the point."""
+        """Row and column of points, shape (n,); not finite where the projection does not show the point."""
         a, b, c, d, e, f = self.affine
         x, y = self._project(longitude_rad, latitude_rad)
         determinant = a * e - b * d
-        column = (e * (x - c) - b * (y - f)) / determinant - 0.5
-        row = (a * (y - f) - d * (x - c)) / determinant - 0.5
-        if self.columns_around is not None:
-            column = column - self.columns_around * np.floor((column + 0.5) / self.columns_around)
+        with np.errstate(invalid="ignore"):  # infinities make NaN, which the caller refuses as well
+            column = (e * (x - c) - b * (y - f)) / determinant - 0.5
+            row = (a * (y - f) - d * (x - c)) / determinant - 0.5
+            if self.columns_around is not None:
+                column = column - self.columns_around * np.floor((column + 0.5) / self.columns_around)
         return row, column
 
     def cells_and_derivatives(
@@ -141,7 +142,7 @@ class MapGrid:
         rows, columns = self.cells(longitudes, latitudes)
         row, column = rows.reshape(5, -1), columns.reshape(5, -1)
         steps = np.stack([np.full_like(north, 2.0 * _STEP_RAD), north - south])
-        with np.errstate(invalid="ignore"):  # inf - inf: the caller refuses points that are not finite
+        with np.errstate(invalid="ignore"):
             changes = np.stack([row[1::2] - row[2::2], column[1::2] - column[2::2]], axis=1)
             if self.columns_around is not None:
                 changes[:, 1] -= self.columns_around * np.round(changes[:, 1] / self.columns_around)
@@ -173,6 +174,13 @@ class MapGrid:
         x, y = a * u + b * v + c, d * u + e * v + f
         longitude_deg, latitude_deg = _transform(self.crs, self.geographic, x, y)
         return np.radians(longitude_deg), np.radians(latitude_deg)
+
+    def bounds(self) -> tuple[float, float, float, float]:
+        """Left, bottom, right, top of the map's outer edges, in the map's coordinates."""
+        a, b, c, d, e, f = self.affine
+        x = [a * u + b * v + c for u in (0, self.columns) for v in (0, self.rows)]
+        y = [d * u + e * v + f for u in (0, self.columns) for v in (0, self.rows)]
+        return min(x), min(y), max(x), max(y)
 
     def coverage(self) -> str:
         """What the map covers, for messages."""

@@ -217,7 +217,7 @@ def _described(
         files=tuple(_fingerprint(Path(name)) for name in dataset.files if Path(name).is_file()),
         crs=dataset.crs.to_wkt(),
         coordinate_system=coordinate_system,
-        bounds=tuple(dataset.bounds),
+        bounds=grid.bounds(),
         coverage=grid.coverage(),
         resolution_m=grid.resolution_m,
         quantity=quantity,

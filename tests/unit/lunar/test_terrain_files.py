@@ -1,0 +1,253 @@
+"""Elevation maps as files: formats, labels, units, reference spheres, and the maps that are refused."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import rasterio
+from rasterio.crs import CRS
+from rasterio.transform import Affine
+from terrain_maps import (
+    BILINEAR_M,
+    EQC,
+    FLOAT32_M,
+    GLOBE,
+    HERE,
+    HERE_M,
+    MAPS,
+    SLOPING,
+    SMALL,
+    degrees,
+    grid_of_points,
+    heights_of_map,
+    surface_m,
+    write,
+    write_pds3,
+)
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.lunar import TerrainModel
+
+QUANTISED_M = BILINEAR_M + 0.25  # half of the 0.5 m step
+
+
+def test_point_registered_geotiff_is_not_shifted(tmp_path):
+    # GDAL stores the tie point at the first cell's centre then, and its transform stays that of the corner
+    proj4, affine, rows, columns, (lon, lat) = MAPS["transverse Mercator"]
+    path = write(
+        tmp_path / "p.tif", heights_of_map(proj4, affine, rows, columns), proj4, affine, AREA_OR_POINT="Point"
+    )
+    np.testing.assert_allclose(
+        TerrainModel.open(path).height_m(lon, lat), surface_m(lon, lat), rtol=0, atol=BILINEAR_M
+    )
+
+
+@pytest.mark.parametrize(("driver", "name"), [("ISIS3", "a.cub"), ("PDS4", "a.xml")])
+@pytest.mark.parametrize("projection", ["equirectangular about 180", "polar stereographic, south"])
+def test_other_formats(tmp_path, driver, name, projection):
+    proj4, affine, rows, columns, (lon, lat) = MAPS[projection]
+    path = write(tmp_path / name, heights_of_map(proj4, affine, rows, columns), proj4, affine, driver)
+    model = TerrainModel.open(path)
+    assert model.metadata.driver == driver
+    np.testing.assert_allclose(model.height_m(lon, lat), surface_m(lon, lat), rtol=0, atol=BILINEAR_M)
+
+
+@pytest.mark.parametrize("north", [True, False])
+def test_pds3_polar_by_the_equations_of_its_catalogue(tmp_path, north):
+    """Cells placed by LOLA's own equations (DSMAP_POLAR.CAT, 2021): X = (I - N/2 - 0.5) MAP_SCALE and so on."""
+    n, scale_m = 80, 15000.0
+    i, j = np.meshgrid(np.arange(1, n + 1), np.arange(1, n + 1))
+    x, y = (i - n / 2 - 0.5) * scale_m, (j - n / 2 - 0.5) * scale_m
+    colatitude = 2.0 * np.arctan(0.5 * np.hypot(x, y) / 1737400.0)
+    lon = np.arctan2(x, y if north else -y)
+    lat = np.pi / 2 - colatitude if north else colatitude - np.pi / 2
+    path = write_pds3(
+        tmp_path, surface_m(lon, lat), projection="POLAR STEREOGRAPHIC", lat_0=90 if north else -90, lon_0=0,
+        map_scale="15000 <m/pix>",
+    )  # fmt: skip
+    model = TerrainModel.open(path)
+    at = grid_of_points((-180, 180), (72.0, 90.0) if north else (-90.0, -72.0))
+    np.testing.assert_allclose(model.height_m(*at), surface_m(*at), rtol=0, atol=QUANTISED_M)
+
+
+def test_pds3_global_map_closes_in_spite_of_its_rounded_scale(tmp_path):
+    row, column = np.mgrid[0:360, 0:720]
+    heights = surface_m(np.radians((column + 0.5) * 0.5), np.radians(90.0 - (row + 0.5) * 0.5))
+    path = write_pds3(tmp_path, heights, projection="SIMPLE CYLINDRICAL", map_scale="15162 <m/pix>")
+    model = TerrainModel.open(path)  # 15161.675 m is exact: 117 m too much at either end
+    np.testing.assert_allclose(model.height_m(*GLOBE), surface_m(*GLOBE), rtol=0, atol=QUANTISED_M)
+    lon, lat = degrees((-1e-9, 10.0), (1e-9, 10.0))
+    first, second = model.height_m(lon, lat)
+    assert first == pytest.approx(second, abs=1e-5)
+
+
+def test_pds3_regional_tile_of_floats_in_kilometres(tmp_path):
+    row, column = np.mgrid[0:60, 0:90]  # 0 to 30 N, 0 to 45 E, about a centre at 180 as LOLA's tiles are
+    heights = surface_m(np.radians((column + 0.5) * 0.5), np.radians(30.0 - (row + 0.5) * 0.5))
+    path = write_pds3(
+        tmp_path, heights, projection="SIMPLE CYLINDRICAL", map_scale="15.16167521 <km/pix>", type="PC_REAL", bits=32,
+        bytes=360, unit="KILOMETER", scale=1, offset="1737.4", line_offset=59.5, sample_offset=359.5,
+    )  # fmt: skip
+    model = TerrainModel.open(path)
+    assert (model.metadata.quantity, model.metadata.unit) == ("radius", "km")
+    at = grid_of_points((0.5, 44.5), (0.5, 29.5))
+    np.testing.assert_allclose(model.height_m(*at), surface_m(*at), rtol=0, atol=BILINEAR_M)
+    with pytest.raises(
+        InputError, match=r"covers longitudes 0\.0000 to 45\.0000, latitudes 0\.0000 to 30\.0000"
+    ):
+        model.height_m(*degrees((46.0, 10.0)))
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"target": "MARS"}, "map of MARS"),
+        ({"sense": "WEST"}, "counts longitude west"),
+        ({"axes": "PRINCIPAL AXES OF DE421"}, "principal axes"),
+        ({"unit": "DEGREE"}, "DEGREE.*say unit="),
+    ],
+)
+def test_pds3_labels_refused(tmp_path, changes, message):
+    path = write_pds3(
+        tmp_path,
+        np.full((36, 72), 100.0),
+        projection="SIMPLE CYLINDRICAL",
+        map_scale="151616.75 <m/pix>",
+        **changes,
+    )
+    with pytest.raises(InputError, match=message):
+        TerrainModel.open(path)
+
+
+def test_image_of_a_detached_label_names_the_label(tmp_path):
+    write_pds3(
+        tmp_path, np.full((36, 72), 100.0), projection="SIMPLE CYLINDRICAL", map_scale="151616.75 <m/pix>"
+    )
+    with pytest.raises(FileFormatError, match=r"\.LBL"):
+        TerrainModel.open(tmp_path / "MAP.IMG")
+
+
+@pytest.mark.parametrize(
+    ("values", "kwargs", "open_with", "quantity", "unit", "shift_m"),
+    [
+        (SLOPING, {"units": "metre"}, {}, "height", "m", 0.0),
+        (SLOPING / 1e3, {"units": "KILOMETER"}, {}, "height", "km", 0.0),
+        (SLOPING, {"units": None}, {}, "height", "m", 0.0),  # 760 m is no height in km
+        (SLOPING / 1e3, {"units": None}, {"unit": "km"}, "height", "km", 0.0),
+        (SLOPING / 1e3 + 1737.4, {"units": "km", "dtype": "float64"}, {}, "radius", "km", 0.0),
+        (SLOPING + 1737400.0, {"units": None, "dtype": "float64"}, {}, "radius", "m", 0.0),
+        (SLOPING * 2.0, {"dtype": "int16", "scale": 0.5, "offset": 0.0}, {}, "height", "m", 0.0),
+        (SLOPING * 2.0, {"dtype": "int16", "scale": 0.5, "offset": 1737400.0}, {}, "radius", "m", 0.0),
+        (SLOPING, {}, {"radius_m": 1738000.0}, "height", "m", 600.0),
+    ],
+)
+def test_units_and_references(tmp_path, values, kwargs, open_with, quantity, unit, shift_m):
+    model = TerrainModel.open(write(tmp_path / "a.tif", values, EQC, SMALL, **kwargs), **open_with)
+    assert (model.metadata.quantity, model.metadata.unit) == (quantity, unit)
+    assert model.height_m(*HERE)[0] == pytest.approx(HERE_M + shift_m, abs=FLOAT32_M)
+
+
+def test_heights_above_the_map_s_own_sphere(tmp_path):
+    proj4, affine = "+proj=longlat +R=1738000 +no_defs", Affine(0.5, 0, -5, 0, -0.5, 5)
+    model = TerrainModel.open(write(tmp_path / "a.tif", SLOPING, proj4, affine))
+    assert model.metadata.reference_radius_m == 1738000.0
+    assert model.height_m(*HERE)[0] == pytest.approx(HERE_M + 600.0, abs=FLOAT32_M)
+
+
+@pytest.mark.parametrize(
+    ("values", "kwargs", "open_with", "message"),
+    [
+        (SLOPING / 1e3, {"units": None}, {}, "metres or kilometres; say unit="),
+        (
+            SLOPING / 1e3 + 1737.4,
+            {"units": None},
+            {},
+            "metres or kilometres; say unit=",
+        ),  # a plain at 1737 m, or radii
+        (SLOPING, {"units": "degree"}, {}, "in \\['degree'\\], not in metres"),
+        (SLOPING, {"units": "km"}, {}, "neither heights .* nor radii"),
+        (SLOPING + 20e3, {}, {}, "neither heights .* nor radii"),
+        (SLOPING + 1737400.0, {}, {"radius_m": 1738000.0}, "these are radii"),
+        (SLOPING, {}, {"radius_m": 1737.4}, "no radius of the Moon in metres"),
+        (SLOPING, {}, {"unit": "ft"}, "use 'm' or 'km'"),
+        (SLOPING, {}, {"interpolation": "cubic"}, "use 'bilinear' or 'bicubic'"),
+        (SLOPING, {"TARGET_NAME": "Mercury"}, {}, "map of Mercury"),
+        (SLOPING, {"dtype": "uint8"}, {}, "no elevation map"),
+        (np.full((20, 20), -9999.0), {"nodata": -9999.0}, {}, "is void"),
+    ],
+)
+def test_maps_refused(tmp_path, values, kwargs, open_with, message):
+    path = write(
+        tmp_path / "a.tif", np.clip(values, -1e9, 255) if "dtype" in kwargs else values, EQC, SMALL, **kwargs
+    )
+    with pytest.raises(InputError, match=message):
+        TerrainModel.open(path, **open_with)
+
+
+@pytest.mark.parametrize(
+    ("reference", "message"),
+    [
+        ("+proj=eqc +R=3396190", "not a map of the Moon: .* 3396.190 km"),
+        ("EPSG:4326", "not a map of the Moon: .*WGS 84.* 6378.137 km"),
+        ("+proj=longlat +a=1738100 +b=1736000", "refers to an ellipsoid"),
+    ],
+)
+def test_other_bodies_refused(tmp_path, reference, message):
+    affine = Affine(0.5, 0, -5, 0, -0.5, 5)
+    with pytest.raises(InputError, match=message):
+        TerrainModel.open(write(tmp_path / "a.tif", SLOPING, reference, affine))
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")  # of the file's writing
+def test_map_without_projection_refused(tmp_path):
+    with pytest.raises(FileFormatError, match="does not say where its cells lie"):
+        TerrainModel.open(write(tmp_path / "a.tif", SLOPING, None, Affine.identity()))
+
+
+def test_several_bands_refused(tmp_path):
+    profile = {"driver": "GTiff", "width": 20, "height": 20, "count": 3, "dtype": "float32"}
+    with rasterio.open(
+        tmp_path / "a.tif", "w", crs=CRS.from_string(EQC), transform=SMALL, **profile
+    ) as dataset:
+        dataset.write(np.stack([SLOPING.astype("float32")] * 3))
+    with pytest.raises(FileFormatError, match="3 band"):
+        TerrainModel.open(tmp_path / "a.tif")
+
+
+def test_missing_file():
+    with pytest.raises(InputError, match="there is no terrain map"):
+        TerrainModel.open("nowhere.tif")
+
+
+def test_metadata_and_files(tmp_path):
+    path = write_pds3(
+        tmp_path, np.full((36, 72), 100.0), projection="SIMPLE CYLINDRICAL", map_scale="151616.75 <m/pix>"
+    )
+    about = TerrainModel.open(path).metadata
+    assert {f.path.name: f.size_bytes for f in about.files} == {
+        "MAP.LBL": path.stat().st_size,
+        "MAP.IMG": 5184,
+    }
+    # sha256sum of 5184 bytes c8 00 c8 00 ...
+    assert [f.sha256 for f in about.files if f.path.name == "MAP.IMG"] == [MAP_SHA256]
+    assert (about.scale, about.offset, about.quantity, about.unit) == (0.5, 1737400.0, "radius", "m")
+    assert about.coordinate_system == "MEAN EARTH/POLAR AXIS OF DE421"
+    assert about.coverage == "all longitudes, latitudes -90.0000 to 90.0000 degrees"
+
+
+MAP_SHA256 = "13eb2a6155b0aa89661b38114ecc546d83d71c15f973b2490484827705623726"
+
+
+def test_rasterio_is_imported_only_for_a_map():
+    code = "import sys, radioloc, radioloc.lunar; sys.exit('rasterio' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_missing_rasterio_says_what_to_install(monkeypatch, tmp_path):
+    path = write(tmp_path / "a.tif", SLOPING, EQC, SMALL)
+    monkeypatch.setitem(sys.modules, "rasterio", None)
+    with pytest.raises(InputError, match=r"pip install 'radioloc\[terrain\]'"):
+        TerrainModel.open(path)

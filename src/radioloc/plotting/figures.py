@@ -20,6 +20,9 @@ REJECTED_COLOR = "#B00020"
 
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
 
+_UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
+"""Metadata that keeps the time of writing out of a file; PNG has none."""
+
 
 def new_figure(width_in: float, height_in: float) -> Figure:
     """Make an empty figure with a canvas of its own, sizes in inches."""
@@ -80,10 +83,14 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: i
     InputError
         The format is not one that matplotlib writes.
     """
+    from matplotlib import rc_context
+
     files = [paths] if isinstance(paths, str | Path) else list(paths)
     known = figure.canvas.get_supported_filetypes()
     for path in files:
         ending = Path(path).suffix.removeprefix(".").lower()
         if ending not in known:
             raise InputError(f"{path}: figures cannot be written as {ending!r}; use .png, .svg or .pdf")
-        figure.savefig(path, dpi=dpi)
+        # Neither the hour nor chance belongs in a figure: the same figure makes the same file.
+        with rc_context({"svg.hashsalt": "radioloc"}):
+            figure.savefig(path, dpi=dpi, metadata=_UNDATED.get(ending))

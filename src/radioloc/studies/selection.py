@@ -12,6 +12,9 @@ from radioloc.measurements.targets import canonical_target
 from radioloc.studies.study import ObservationChoice
 from radioloc.time import Epochs, utc_to_tai
 
+_ROUNDING_S = 1e-9
+"""Both ends of a span belong to it; epochs are rounded to 1e-11 s."""
+
 
 def select_observations(
     observations: Observations, choice: ObservationChoice, catalogue: StationCatalogue
@@ -124,14 +127,14 @@ def _within_time(
     epoch = utc_to_tai(observations.epoch)
     start = utc_to_tai(choice.start) if choice.start is not None else None
     if start is not None:
-        mask &= epoch.seconds_since(start) >= 0.0
+        mask &= epoch.seconds_since(start) >= -_ROUNDING_S
     if choice.stop is not None:
-        mask &= epoch.seconds_since(utc_to_tai(choice.stop)) <= 0.0
+        mask &= epoch.seconds_since(utc_to_tai(choice.stop)) <= _ROUNDING_S
     if choice.hours is not None:
         if start is None and (kept & mask).any():
             start = _earliest(epoch[kept & mask])
         if start is not None:
-            mask &= epoch.seconds_since(start) <= 3600.0 * choice.hours
+            mask &= epoch.seconds_since(start) <= 3600.0 * choice.hours + _ROUNDING_S
     return mask
 
 

@@ -1,0 +1,102 @@
+"""What is kept, in which order, and how what is not kept is counted."""
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc import Link, ObservationChoice, Observations, StationCatalogue, epochs_from_strings
+from radioloc.studies.selection import select_observations
+
+CATALOGUE = StationCatalogue.default()
+LINKS = (
+    Link("APOLLO", "apollo15", "APOLLO"),
+    Link("GRASSE", "Apollo 15", "GRASSE"),
+    Link("APOLLO", "apollo15", "GRASSE"),
+    Link("APOLLO", "apollo11", "APOLLO"),
+    Link("NEW", "apollo15", "NEW"),
+)
+
+
+def observations(link, dates):
+    n = len(link)
+    return Observations.from_columns(
+        epoch=epochs_from_strings(dates), links=LINKS, link=link, value_m=7.7e8 + np.arange(n), sigma_m=0.01
+    )
+
+
+def some():
+    days = ["2024-05-03", "2024-05-01", "2024-05-02", "2024-05-02T12:00:00", "2024-05-04", "2024-05-05"]
+    return observations([0, 1, 2, 3, 4, 0], days)
+
+
+def kept(choice, given=None):
+    chosen, left_out = select_observations(given or some(), choice, CATALOGUE)
+    rows = (chosen.value_m - 7.7e8).astype(int).tolist()
+    assert len(rows) + sum(left_out.values()) == len(given or some())
+    return rows, left_out
+
+
+def test_target_by_any_of_its_names():
+    assert kept(ObservationChoice(targets="AP15")) == ([0, 1, 2, 4, 5], {"other target": 1})
+    assert kept(ObservationChoice(targets=["apollo-11", "Apollo 11"])) == ([3], {"other target": 5})
+
+
+def test_several_targets_need_a_choice():
+    with pytest.raises(radioloc.InputError, match=r"several targets \(apollo11, apollo15\).*name one"):
+        kept(ObservationChoice())
+    with pytest.raises(radioloc.InputError, match="several targets are named: apollo11, apollo15"):
+        kept(ObservationChoice(targets=["apollo11", "apollo15"]))
+    with pytest.raises(
+        radioloc.InputError, match="no observation of luna17; the files have apollo11, apollo15"
+    ):
+        kept(ObservationChoice(targets="lunokhod1"))
+
+
+def test_stations_take_part_only_with_both_ends():
+    fifteen = {"targets": "apollo15"}
+    assert kept(ObservationChoice(**fifteen, stations="7045"))[0] == [0, 5]
+    assert kept(ObservationChoice(**fifteen, stations=["GRASSE", "apollo"]))[0] == [0, 1, 2, 5]
+    with pytest.raises(
+        radioloc.InputError, match="no observation by MATERA; the files have APOLLO, GRASSE, NEW"
+    ):
+        kept(ObservationChoice(**fifteen, stations="MATERA"))
+    with pytest.raises(radioloc.StationError, match=r"\[observations\] stations: station 'NOPE'"):
+        kept(ObservationChoice(**fifteen, stations="NOPE"))
+
+
+def test_span_includes_its_ends():
+    span = ObservationChoice(
+        targets="apollo15", start=epochs_from_strings("2024-05-02"), stop=epochs_from_strings("2024-05-04")
+    )
+    assert kept(span) == ([0, 2, 4], {"other target": 1, "outside the time span": 2})
+
+
+def test_hours_count_from_the_first_that_is_left():
+    assert kept(ObservationChoice(targets="apollo15", hours=48.0))[0] == [0, 1, 2]
+    # Without GRASSE's the first is the one of 3 May.
+    assert kept(ObservationChoice(targets="apollo15", stations="APOLLO", hours=48.0))[0] == [0, 5]
+    start = epochs_from_strings("2024-05-02T06:00:00")
+    assert kept(ObservationChoice(targets="apollo15", start=start, hours=24.0))[0] == [0]
+
+
+def test_hours_are_those_of_atoms_over_a_leap_second():
+    given = observations([0, 0, 0], ["2016-12-31T23:00:00", "2016-12-31T23:59:60", "2017-01-01T00:00:00"])
+    assert kept(ObservationChoice(hours=1.0), given)[0] == [0, 1]
+    assert kept(ObservationChoice(hours=3601.0 / 3600.0), given)[0] == [0, 1, 2]
+
+
+@pytest.mark.parametrize("span", [{"start": "2030-01-01"}, {"stop": "1990-01-01"}])
+def test_nothing_left_says_why(span):
+    choice = ObservationChoice(
+        targets="apollo15", **{key: epochs_from_strings(day) for key, day in span.items()}
+    )
+    with pytest.raises(
+        radioloc.InputError, match=r"no observations left \(1 other target; 5 outside the time span\)"
+    ):
+        kept(choice)
+
+
+def test_nothing_to_begin_with():
+    none = some().select([])
+    with pytest.raises(radioloc.InputError, match=r"no observations left \(the files hold none\)"):
+        select_observations(none, ObservationChoice(), CATALOGUE)

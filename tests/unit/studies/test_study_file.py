@@ -1,0 +1,384 @@
+"""The study file: every key arrives where it belongs, every mistake is a sentence with file, table and key."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc import InputError, read_study
+
+TARGET = '[target]\nframe = "ME_DE421"\nlongitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n'
+FILES = '[observations]\nfiles = ["d.csv"]\n'
+ITRF = "itrf_m = [-1463998.9085, -5166632.7635, 3435012.8835]\n"
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "d.csv").write_text("x", encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture
+def read(folder):
+    def read(text):
+        path = folder / "s.toml"
+        path.write_bytes(text if isinstance(text, bytes) else text.encode())
+        return read_study(path)
+
+    return read
+
+
+def refused(read, text, message):
+    with pytest.raises(InputError) as caught:
+        read(text)
+    assert message in str(caught.value)
+    assert "s.toml: " in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_every_key_arrives(read, folder):
+    (folder / "eop.txt").write_text("x", encoding="utf-8")
+    study = read(
+        TARGET
+        + """
+[observations]
+files = ["d.csv"]
+targets = "apollo15"
+stations = ["APOLLO", "GRASSE"]
+start = 2006-04-07
+stop = "2006-04-09T12:00:00"
+hours = 12
+extra_sigma_m = 0.02
+[estimate]
+position = "geographic"
+range_bias = ["APOLLO"]
+range_bias_sigma_m = 0.5
+time_bias = "all"
+time_bias_sigma_s = 1e-6
+height_prior = { height_m = -1900.0, sigma_m = 5.0 }
+ephemeris_sigma_m = [0.1, 0.2, 0.3]
+rejection_sigma = 4
+[stations.MINE]
+itrf_m = [6378000.0, 0.0, 0.0]
+velocity_m_yr = [0.01, 0.0, 0.0]
+epoch = 2010.0
+aliases = ["9999"]
+[model]
+off = ["shapiro", "pole_tide"]
+ephemeris = "sub/de.bsp"
+libration = "DE421"
+earth_orientation = "eop.txt"
+[reference]
+name = "JPL"
+frame = "PA_DE421"
+position_m = [1554678.949, 98094.118, 765004.906]
+"""
+    )
+    assert study.name == "s"
+    assert study.target.frame == "ME_DE421"
+    assert study.target.selenographic == pytest.approx((3.5, 26.0, -1000.0))
+    chosen = study.observations
+    assert chosen.files == (folder / "d.csv",)
+    assert (chosen.targets, chosen.stations) == (("apollo15",), ("APOLLO", "GRASSE"))
+    assert chosen.start.day_strings()[0] == "2006-04-07"
+    assert chosen.stop.fraction[0] == 0.5
+    assert (chosen.hours, chosen.extra_sigma_m) == (12.0, 0.02)
+    assert study.estimate == radioloc.EstimateChoice(
+        position="geographic",
+        range_bias=("APOLLO",),
+        range_bias_sigma_m=0.5,
+        time_bias="all",
+        time_bias_sigma_s=1e-6,
+        height_prior=radioloc.HeightPrior(-1900.0, 5.0),
+        ephemeris_sigma_m=(0.1, 0.2, 0.3),
+        rejection_sigma=4.0,
+    )
+    assert set(radioloc.TERMS) - study.model.terms == {"shapiro", "pole_tide"}
+    assert study.model.ephemeris == str(folder / "sub" / "de.bsp")
+    assert study.model.libration == "DE421"
+    assert study.model.earth_orientation == folder / "eop.txt"
+    mine = study.catalogue.get("9999")
+    assert (mine.name, mine.epoch_year, mine.velocity_m_yr.tolist()) == ("MINE", 2010.0, [0.01, 0.0, 0.0])
+    assert (study.reference.name, study.reference.position.frame) == ("JPL", "PA_DE421")
+
+
+def test_defaults_are_those_of_the_records(read, folder):
+    study = read(TARGET + FILES)
+    assert study.estimate == radioloc.EstimateChoice()
+    assert study.model == radioloc.ModelChoice()
+    assert study.observations == radioloc.ObservationChoice(files=(folder / "d.csv",))
+    assert study.reference is None
+    assert study.catalogue is radioloc.StationCatalogue.default()
+
+
+def test_one_number_of_ephemeris_error_stands_for_three(read):
+    assert read(TARGET + FILES + "[estimate]\nephemeris_sigma_m = 2\n").estimate.ephemeris_sigma_m == (
+        2.0,
+        2.0,
+        2.0,
+    )
+
+
+def test_byte_order_mark_is_passed_over(read):
+    assert read(b"\xef\xbb\xbf" + (TARGET + FILES).encode()).name == "s"
+
+
+def test_dates_as_toml_or_as_text_are_the_same(read):
+    forms = ["2006-10-01T06:00:00Z", "2006-10-01T06:00:00", '"2006-10-01 06:00:00"', '"2006-274T06:00:00"']
+    starts = [read(TARGET + FILES + f"start = {form}\n").observations.start for form in forms]
+    assert all((s.jd[0], s.fraction[0]) == (starts[0].jd[0], 0.25) for s in starts)
+
+
+@pytest.mark.parametrize("pattern", ["*.csv", "d.*", "?.csv", "[cd].csv", "./*.csv", "**/d.csv"])
+def test_globs(pattern, read, folder):
+    study = read(TARGET + f'[observations]\nfiles = ["{pattern}"]\n')
+    assert [file.resolve() for file in study.observations.files] == [(folder / "d.csv").resolve()]
+
+
+def test_globs_are_sorted_and_a_file_is_taken_once(read, folder):
+    for name in ("b.csv", "a.csv"):
+        (folder / name).write_text("x", encoding="utf-8")
+    study = read(TARGET + '[observations]\nfiles = ["d.csv", "*.csv", "./d.csv"]\n')
+    assert [file.name for file in study.observations.files] == ["d.csv", "a.csv", "b.csv"]
+
+
+def test_a_name_that_looks_like_a_glob_is_a_name_first(read, folder):
+    (folder / "a[1].csv").write_text("x", encoding="utf-8")
+    study = read(TARGET + '[observations]\nfiles = ["a[1].csv"]\n')
+    assert [file.name for file in study.observations.files] == ["a[1].csv"]
+
+
+@pytest.mark.parametrize("glob", [False, True])
+def test_absolute_names(glob, read, folder):
+    pattern = f"{folder}/{'*' if glob else 'd'}.csv"
+    assert read(TARGET + f'[observations]\nfiles = ["{pattern}"]\n').observations.files == (folder / "d.csv",)
+
+
+@pytest.mark.parametrize("name", ["APOLLO", "7045", "apollo"])
+def test_replaced_station_keeps_its_names_and_its_loading(name, read):
+    study = read(TARGET + FILES + f"[stations.{name}]\n{ITRF}")
+    before = radioloc.StationCatalogue.default().get("GRASSE")
+    ours, theirs = study.catalogue.get("7045"), radioloc.StationCatalogue.default().get("APOLLO")
+    assert ours is study.catalogue.get("APOLLO")
+    assert ours.itrf_m.tolist() == [-1463998.9085, -5166632.7635, 3435012.8835]
+    assert (ours.name, ours.aliases, ours.kind) == (theirs.name, theirs.aliases, theirs.kind)
+    assert ours.ocean_loading is theirs.ocean_loading
+    assert ours.velocity_m_yr is None
+    assert study.catalogue.get("GRASSE") is before
+    assert len(study.catalogue) == len(radioloc.StationCatalogue.default())
+
+
+def test_replaced_station_keeps_the_loading_coefficients_it_has(read):
+    loaded = next(s for s in radioloc.StationCatalogue.default() if s.ocean_loading is not None)
+    study = read(TARGET + FILES + f"[stations.{loaded.name}]\nitrf_m = {loaded.itrf_m.tolist()}\n")
+    assert study.catalogue.get(loaded.name).ocean_loading is loaded.ocean_loading
+
+
+def test_station_epoch_and_velocity(read):
+    text = f"[stations.APOLLO]\n{ITRF}velocity_m_yr = [0.02, 0.0, 0.0]\nepoch = 2010\n"
+    station = read(TARGET + FILES + text).catalogue.get("7045")
+    tt = radioloc.epochs_from_strings("2020-01-01T12:00:00", "TT")
+    assert station.position_at(tt)[0, 0] - station.itrf_m[0] == pytest.approx(0.2, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ("", "[target] is missing"),
+        (TARGET, "[observations] is missing"),
+        (b"\xff\xfe", "byte 0xff is not UTF-8"),
+        ("[target\n", "not valid TOML"),
+        (b"\x00\x00", "not valid TOML"),
+        ("a = " + "9" * 5000, "not valid TOML"),
+        ("a = " + "[" * 3000, "not valid TOML"),
+        (FILES.replace("observations", "observation") + TARGET, "did you mean 'observations'?"),
+        (TARGET.replace("target", "taget") + FILES, "did you mean 'target'?"),
+        ("[[target]]\n" + FILES, "[target] must be a table"),
+        ("target = 3\n" + FILES, "[target] must be a table, not 3"),
+        (TARGET + FILES + "[refrence]\n", "did you mean 'reference'?"),
+        (TARGET + FILES + "[reference]\n", "[reference] longitude_deg: is missing"),
+        (TARGET + FILES + "[reference]\nname = 3\n", "[reference] name: must be a string"),
+    ],
+)
+def test_file_as_a_whole(content, message, read):
+    refused(read, content, message)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        ("3.5", "nan", "longitude_deg: must be a finite number, not nan"),
+        ("3.5", "inf", "longitude_deg: must be a finite number, not inf"),
+        ("3.5", "9" * 400, "longitude_deg: must be a finite number"),
+        ("3.5", '"3.5"', "longitude_deg: must be a number, not '3.5'"),
+        ("3.5", "true", "longitude_deg: must be a number, not True"),
+        ("3.5", "361", "longitude_deg = 361.0 is not between -360 and 360"),
+        ("26.0", "90.01", "latitude_deg = 90.01 is not between -90 and 90"),
+        ("-1000.0", "1e6", "height_m = 1000000.0 is no height"),
+        ("longitude_deg", "longitud_deg", "did you mean 'longitude_deg'?"),
+        ("height_m = -1000.0\n", "", "height_m: is missing"),
+        ("height_m", "position_m = [1, 2, 3]\nheight_m", "give either position_m or longitude and latitude"),
+        ("ME_DE421", "IAU", "frame 'IAU' is not known; use PA_DE421 (principal axes) or ME_DE421"),
+        ("ME_DE421", "me_de421", "frame 'me_de421' is not known"),
+        ('"ME_DE421"', "3", "frame: must be a string"),
+    ],
+)
+def test_target(old, new, message, read):
+    refused(read, TARGET.replace(old, new) + FILES, "[target] ")
+    refused(read, TARGET.replace(old, new) + FILES, message)
+
+
+@pytest.mark.parametrize(
+    ("position", "message"),
+    [
+        ("[1554.6, 98.0, 765.0]", "are the coordinates in metres?"),
+        ("[1554.6, 98.0]", "must be a list of three numbers"),
+        ('"here"', "must be a list of three numbers"),
+        ("[nan, 0.0, 0.0]", "must be a finite number"),
+    ],
+)
+def test_cartesian_target(position, message, read):
+    refused(read, f"[target]\nposition_m = {position}\n" + FILES, message)
+
+
+NO_FILES = """
+[] | [""] | 3 | [3] | ["no.csv"] | ["no*.csv"] | ["."] | ["**x"] | ["/"] | ["///"] | ["\\u0000"]
+| ["/no/such/*.csv"] | ["..."] | ["[a"] | [["d.csv"]] | {}
+"""
+
+
+@pytest.mark.parametrize("files", [text.strip() for text in NO_FILES.split("|")])
+def test_files(files, read):
+    refused(read, TARGET + f"[observations]\nfiles = {files}\n", "[observations] files: ")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("targets = []", "targets names none"),
+        ("stations = []", "stations names none"),
+        ("targets = 3", "targets: must be a list of strings"),
+        ("targets = [3]", "targets: must be a list of strings"),
+        ('stations = ""', "stations: must be a list of strings that are not empty"),
+        ('start = "2007-13-01"', "start: '2007-13-01' is not a date that exists"),
+        ("start = 2006-10-01T00:00:00+02:00", "start: '2006-10-01T00:00:00+02:00' is not a date"),
+        ("start = 10:00:00", "start: '10:00:00' is not a date"),
+        ("start = 3", "start: must be a UTC date, not 3"),
+        ("stop = [2006-10-01]", "stop: must be a UTC date"),
+        ("stop = true", "stop: must be a UTC date, not True"),
+        ('start = ""', "start: '' is not a date"),
+        ('start = "2007-01-01"\nstop = "2006-01-01"', "stop must be later than start"),
+        ('start = "2007-01-01"\nstop = "2007-01-01"', "stop must be later than start"),
+        ("hours = 0", "hours must be above zero, not 0.0"),
+        ("hours = -1", "hours must be above zero"),
+        ("hours = nan", "hours: must be a finite number"),
+        ('hours = "3"', "hours: must be a number"),
+        ("extra_sigma_m = -1", "extra_sigma_m must not be negative"),
+        ("hourz = 3", "did you mean 'hours'?"),
+    ],
+)
+def test_observations(line, message, read):
+    refused(read, TARGET + FILES + line + "\n", "[observations] ")
+    refused(read, TARGET + FILES + line + "\n", message)
+
+
+def test_misspelt_files_is_not_called_missing(read):
+    refused(read, TARGET + FILES.replace("files", "file"), "'file' is not known; did you mean 'files'?")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('position = "round"', 'position must be one of "geographic", "cartesian", "none"'),
+        ("position = 3", "position: must be a string"),
+        ('range_bias = "some"', 'must be a list of stations, "all" or "none"'),
+        ("range_bias = 3", "range_bias: must be a list of strings"),
+        ('range_bias = [""]', "range_bias: must be a list of strings"),
+        ("range_bias_sigma_m = 0", "range_bias_sigma_m must be above zero"),
+        ("range_bias_sigma_m = inf", "range_bias_sigma_m: must be a finite number"),
+        ("time_bias_sigma_s = -1", "time_bias_sigma_s must be above zero"),
+        ('ephemeris_sigma_m = "a"', "ephemeris_sigma_m: must be a number"),
+        ("ephemeris_sigma_m = [1, 2]", "ephemeris_sigma_m must be three numbers"),
+        ("ephemeris_sigma_m = [1, 2, -3]", "ephemeris_sigma_m must not be negative"),
+        ("ephemeris_sigma_m = -1", "ephemeris_sigma_m must not be negative"),
+        ("rejection_sigma = 1", "rejection_sigma must be 2 or more"),
+        ("foo = 1", "'foo' is not known"),
+        ("height_prior = 3", "[estimate.height_prior] must be a table"),
+        ("height_prior = {}", "[estimate.height_prior] height_m: is missing"),
+        ("height_prior = { height_m = 0 }", "[estimate.height_prior] sigma_m: is missing"),
+        (
+            "height_prior = { height_m = 1e9, sigma_m = 1 }",
+            "[estimate.height_prior] height_m = 1000000000.0 is no",
+        ),
+        (
+            "height_prior = { height_m = 0, sigma_m = 0 }",
+            "[estimate.height_prior] sigma_m must be above zero",
+        ),
+        ("height_prior = { height_m = 0, sigma_m = 1, x = 3 }", "[estimate.height_prior] 'x' is not known"),
+        ('position = "none"\nheight_prior = { height_m = 0, sigma_m = 1 }', 'needs position = "geographic"'),
+    ],
+)
+def test_estimate(line, message, read):
+    refused(read, TARGET + FILES + "[estimate]\n" + line + "\n", message)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('off = ["shapro"]', "off: 'shapro' is not a term of the model; did you mean 'shapiro'?"),
+        ("off = [3]", "off: must be a list of strings"),
+        ("off = 3", "off: must be a list of strings"),
+        ("ephemeris = 3", "ephemeris: must be a string"),
+        ('libration = ""', "libration: must be a string that is not empty"),
+        ('earth_orientation = "no.txt"', "earth_orientation: there is no file 'no.txt' in "),
+        ('earth_orientation = "."', "earth_orientation: there is no file '.' in "),
+        ("terms = []", "'terms' is not known"),
+    ],
+)
+def test_model(line, message, read):
+    refused(read, TARGET + FILES + "[model]\n" + line + "\n", "[model] ")
+    refused(read, TARGET + FILES + "[model]\n" + line + "\n", message)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("[stations]\nX = 3\n", "[stations.X] must be a table, not 3"),
+        ("[stations.X]\n", "[stations.X] itrf_m: is missing"),
+        ("[stations.X]\nitrfm = [1, 2, 3]\n", "[stations.X] 'itrfm' is not known; did you mean 'itrf_m'?"),
+        ("[stations.X]\nitrf_m = [1, 2]\n", "[stations.X] itrf_m: must be a list of three numbers"),
+        ("[stations.X]\nitrf_m = [1, 2, 3]\n", "[stations.X] station X is 3.74166 m from the geocentre"),
+        ('[stations.""]\n' + ITRF, "a station needs a name"),
+        ("[stations.X]\nepoch = 51544\n" + ITRF, "[stations.X] epoch: must be a Julian year such as 2010.0"),
+        ('[stations.X]\nepoch = "2000"\n' + ITRF, "[stations.X] epoch: must be a number"),
+        (
+            "[stations.X]\nvelocity_m_yr = [-14.5, 1.2, 3.2]\n" + ITRF,
+            "[stations.X] velocity_m_yr: no station moves",
+        ),
+        (
+            '[stations.X]\naliases = ["7045"]\n' + ITRF,
+            "[stations.X] stations APOLLO and X are both called '7045'",
+        ),
+    ],
+)
+def test_stations(text, message, read):
+    refused(read, TARGET + FILES + text, message)
+
+
+def test_no_file_and_no_folder(tmp_path):
+    with pytest.raises(InputError, match=r"no.toml: there is no such study file"):
+        read_study(tmp_path / "no.toml")
+    with pytest.raises(InputError, match=r"is a directory; give the study file in it"):
+        read_study(tmp_path)
+    (tmp_path / "a").write_text("x", encoding="utf-8")
+    with pytest.raises(InputError, match=r"the study file cannot be read: Not a directory"):
+        read_study(tmp_path / "a" / "b.toml")
+
+
+def test_examples_are_studies():
+    examples = sorted((Path(__file__).resolve().parents[3] / "examples").glob("*/*.toml"))
+    assert examples
+    for example in examples:
+        study = read_study(str(example))
+        assert np.linalg.norm(study.target.xyz_m) == pytest.approx(1.7374e6, rel=0.01)

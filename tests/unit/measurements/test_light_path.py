@@ -35,8 +35,8 @@ RELAY = moving(1.1, [2.6e8, 2.5e8, -1.1e8], [2.05e4, -1.95e4, -8.9e3])
 RECEIVER = moving(2.7, [-3.9e6, 3.0e6, 4.1e6], [2.13e4, -2.08e4, -8.7e3])
 
 
-def path_to_40_digits(tag, tag_offset_s=0.3, move_m=(0, 0, 0)):
-    """Up and down in seconds by repeated substitution in 40 digits."""
+def path_to_40_digits(tag, sign=1, tag_offset_s=0.3, move_m=(0, 0, 0)):
+    """Up and down in seconds by repeated substitution in 40 digits; with sign -1 "up" runs from the point, too."""
     with mp.workdps(40):
 
         def at(point, t):
@@ -57,14 +57,14 @@ def path_to_40_digits(tag, tag_offset_s=0.3, move_m=(0, 0, 0)):
         tagged = mp.mpf(tag_offset_s)
         up = down = mp.mpf("1.3")
         for _ in range(14):  # contracts by 1e-4 each time
-            bounce = {TRANSMIT: tagged + up, RECEIVE: tagged - down, BOUNCE: tagged}[tag]
+            bounce = {TRANSMIT: tagged + sign * up, RECEIVE: tagged - down, BOUNCE: tagged}[tag]
             there = at(RELAY, bounce)
-            up = (length(there, at(TRANSMITTER, bounce - up)) + mp.mpf(UP_DELAY_M)) / c
+            up = (length(there, at(TRANSMITTER, bounce - sign * up)) + mp.mpf(UP_DELAY_M)) / c
             down = (length(at(RECEIVER, bounce + down), there) + mp.mpf(DOWN_DELAY_M)) / c
         return up, down, bounce
 
 
-def solve(tag, tag_offset_s=0.3):
+def solve(tag, sign=1, tag_offset_s=0.3):
     return solve_light_path(
         TRANSMITTER,
         RELAY,
@@ -73,17 +73,22 @@ def solve(tag, tag_offset_s=0.3):
         np.array([tag_offset_s]),
         UP_DELAY_M,
         DOWN_DELAY_M,
+        sign,
     )
 
 
+both_signs = pytest.mark.parametrize("sign", [1, -1], ids=["range", "differenced delay"])
+
+
+@both_signs
 @pytest.mark.parametrize("tag", TAGS.values(), ids=TAGS)
-def test_solution_against_40_digits(tag):
-    up, down, bounce = path_to_40_digits(tag)
-    path = solve(tag)
+def test_solution_against_40_digits(tag, sign):
+    up, down, bounce = path_to_40_digits(tag, sign)
+    path = solve(tag, sign)
     assert abs(float(path.up_s[0] - up)) * C_M_S < FEW_LAST_PLACES_M
     assert abs(float(path.down_s[0] - down)) * C_M_S < FEW_LAST_PLACES_M
     assert float(path.bounce_s[0]) == pytest.approx(float(bounce), rel=0, abs=1e-15)
-    assert path.transmit_s[0] == pytest.approx(path.bounce_s[0] - path.up_s[0], rel=0, abs=1e-15)
+    assert path.transmit_s[0] == pytest.approx(path.bounce_s[0] - sign * path.up_s[0], rel=0, abs=1e-15)
     assert path.receive_s[0] == pytest.approx(path.bounce_s[0] + path.down_s[0], rel=0, abs=1e-15)
     tagged = {TRANSMIT: path.transmit_s, RECEIVE: path.receive_s, BOUNCE: path.bounce_s}[tag]
     assert tagged.tolist() == [0.3]
@@ -116,17 +121,18 @@ def test_tags_may_be_mixed_and_do_not_mix():
         np.testing.assert_allclose(by_tag[row], one[1][0], rtol=0, atol=1e-8)
 
 
+@both_signs
 @pytest.mark.parametrize("tag", TAGS.values(), ids=TAGS)
-def test_partials_against_40_digits(tag):
-    path = solve(tag)
+def test_partials_against_40_digits(tag, sign):
+    path = solve(tag, sign)
     by_position, by_tag = path_length_partials(
-        path, TRANSMITTER, RELAY, RECEIVER, np.array([tag], dtype=np.int8)
+        path, TRANSMITTER, RELAY, RECEIVER, np.array([tag], dtype=np.int8), sign
     )
     with mp.workdps(40):
 
         def length(**changes):
-            up, down, _ = path_to_40_digits(tag, **changes)
-            return mp.mpf(C_M_S) * (up + down)
+            up, down, _ = path_to_40_digits(tag, sign, **changes)
+            return mp.mpf(C_M_S) * (sign * up + down)
 
         # Central differences whose error, step^2 over distance^2, is 1e-17 by position and 1e-13 by tag.
         step_m = mp.mpf(1)

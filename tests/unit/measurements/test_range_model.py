@@ -120,6 +120,33 @@ def test_size_of_each_term(apollo_terms, term):
         assert np.abs(value).max() > 0.1 * max(abs(least), abs(most))
 
 
+def test_shapiro_is_the_sum_over_all_bodies(radio):
+    """Added up once more from plain geometry: a signal along a chord at one instant, all bodies at rest."""
+    tai = epochs_tai(9, 48.0)
+    found = computed(radio, "KASHI>x>KASHI", tai, "bounce")
+    term_m = found.range_m - computed(radio.without("shapiro"), "KASHI>x>KASHI", tai, "bounce").range_m
+    arc = RangeArc(radio, observations("KASHI>x>KASHI", tai, "bounce"), APOLLO15_PA_M)
+    now = arc._reference
+    station_m = radio.earth.evaluate(tdb_to_tt(now)).rot_itrf_to_gcrs @ radio.catalogue["KASHI"].itrf_m
+    moon_m, _ = radio.ephemeris.geocentric("moon", now)
+    lander_m = moon_m + np.einsum("nij,j->ni", arc._moon.rot_pa_to_icrf, APOLLO15_PA_M)
+    chord_m = np.linalg.norm(lander_m - station_m, axis=-1)
+    by_body_m = {}
+    for body in ("sun", "earth", "moon", "venus", "jupiter", "saturn"):
+        body_m = np.zeros((9, 3)) if body == "earth" else radio.ephemeris.geocentric(body, now)[0]
+        both_m = np.linalg.norm(station_m - body_m, axis=-1) + np.linalg.norm(lander_m - body_m, axis=-1)
+        k_m = 2.0 * radio.ephemeris.constants.gm_m3_s2(body) / C_M_S**2
+        by_body_m[body] = 2.0 * k_m * np.log((both_m + chord_m + k_m) / (both_m - chord_m + k_m))
+    # Each leg is 1e-6 to 1e-5 longer or shorter than the chord; through the Earth its logarithm changes faster.
+    seen = found.problem == ""
+    assert seen.sum() >= 4
+    np.testing.assert_allclose(term_m[seen], sum(by_body_m.values())[seen], rtol=0, atol=2e-5)
+    # The Moon's part and that of a planet would be missed.
+    assert by_body_m["moon"].min() > 3e-4
+    assert by_body_m["jupiter"].min() > 1e-3
+    assert by_body_m["saturn"].min() > 1e-4
+
+
 def test_terms_add_up(model):
     """Everything minus nothing is the sum of the terms, but for the products of pairs: 15 m of light time in which
     the Earth moves 1.5 mm, 0.5 m of displacement in gradients of 1e-6."""

@@ -8,7 +8,11 @@ import numpy as np
 import pytest
 
 from radioloc.constants import C_M_S, L_B, L_G
+from radioloc.earth.ocean_loading import ocean_loading_displacement
+from radioloc.earth.pole_tide import pole_tide_displacement
+from radioloc.earth.solid_tide import solid_earth_tide
 from radioloc.earth.stations import StationCatalogue
+from radioloc.earth.tidal_geocentre import tidal_geocentre_displacement
 from radioloc.ephemeris import Ephemeris
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import geocentre_displacement_m, station_motion
@@ -123,6 +127,35 @@ def test_scale_and_contraction(model):
 def test_size_of_displacements(model, term, least, most):
     moved_m = np.linalg.norm(motion(model).point.position_m - without(model, term), axis=-1)
     assert least < moved_m.max() < most
+
+
+@pytest.mark.parametrize("term", ["solid_earth_tide", "pole_tide", "ocean_loading", "tidal_geocentre"])
+def test_displacements_are_those_of_their_functions(model, term):
+    """At the station's TT, with Moon and Sun in the ITRF, the tables' pole and UT1; turned into the GCRS."""
+    tt = Epochs.from_jd(REFERENCE.jd, REFERENCE.fraction - geocentric_tdb_minus_tt(REFERENCE) / 86400.0, "TT")
+    rotation = model.earth.evaluate(tt)
+    moon_m, sun_m = (
+        np.einsum("nji,nj->ni", rotation.rot_itrf_to_gcrs, model.ephemeris.geocentric(body, REFERENCE)[0])
+        for body in ("moon", "sun")
+    )
+    moved_m = np.einsum(
+        "nji,nj->ni", rotation.rot_itrf_to_gcrs, motion(model).point.position_m - without(model, term)
+    )
+    for i, station in enumerate(STATIONS):
+        rows = np.flatnonzero(i == WHICH)
+        at, fraction = station.position_at(tt[rows]), rotation.ut1.fraction[rows]
+        expected_m = np.zeros((len(rows), 3))
+        if term == "solid_earth_tide":
+            expected_m = solid_earth_tide(at, moon_m[rows], sun_m[rows], tt[rows], fraction)
+        elif term == "pole_tide":
+            pole = rotation.xp_table_rad[rows], rotation.yp_table_rad[rows]
+            expected_m = pole_tide_displacement(at, *pole, tt[rows])
+        elif term == "tidal_geocentre":
+            expected_m = tidal_geocentre_displacement(tt[rows], fraction)
+        elif station.ocean_loading is not None:
+            expected_m = ocean_loading_displacement(station.ocean_loading, at, tt[rows], fraction)
+        # Seen from the barycentre 3e-8 shorter; positions are rounded to 1e-9 m.
+        np.testing.assert_allclose(moved_m[rows], expected_m, rtol=0, atol=3e-8)
 
 
 def test_a_station_without_loading_or_velocity_stands_as_it_is(model):

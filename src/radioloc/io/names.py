@@ -46,4 +46,5 @@ def named_link(link: Link, catalogue: Catalogue | None) -> Link:
         station_name((link.transmitter,), catalogue),
         canonical_target(link.target),
         station_name((link.receiver,), catalogue),
+        link.differenced,
     )

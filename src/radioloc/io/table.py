@@ -7,20 +7,24 @@ The first line that is not a comment (``#``) or blank names the columns, in any 
 
 ========================  ====================================================================================
 ``epoch_utc``             UTC of the event that ``time_tag`` names, ``yyyy-mm-ddThh:mm:ss.ssssssssssss``
-``type``                  ``range``
-``path``                  ``transmitter>target>receiver``
-``observed_m``            whole light path (round trip), m; or, instead,
-``light_time_s``          time of flight (round trip), s
+``type``                  ``range``, ``vlbi_delay`` or ``doppler``
+``path``                  ``transmitter>target>receiver``, or ``station1<target>station2`` of a VLBI delay
+``observed_m``            whole light path (round trip), m; for the other types as
+                          :data:`radioloc.measurements.observations.KINDS` says; or, instead,
+``light_time_s``          time of flight (round trip), s; for the other types ``observed_m`` over the speed of light
 ``sigma_m``               standard deviation of the whole light path, m; or, instead,
 ``sigma_s``               standard deviation of the time of flight, s
 ``time_tag``              ``transmit``, ``receive`` or ``bounce``
 ``pressure_hpa``          pressure at the station, hPa
 ``temperature_k``         temperature, K
 ``relative_humidity``     from 0 to 1
-``wavelength_um``         vacuum wavelength, micrometres
+``wavelength_um``         vacuum wavelength of the light or of the radio signal on its way down, micrometres
+``uplink_hz``             frequency of the radio signal on its way up, Hz
+``count_s``               count interval of Doppler, s
 ========================  ====================================================================================
 
-The last four may be left out, whole or, with an empty field, for a row: then they were not recorded.
+The last six may be left out, whole or, with an empty field, for a row: then they were not recorded. A Doppler
+observation needs its count interval.
 Numbers are written with as many digits as give back the same float.
 """
 
@@ -48,7 +52,8 @@ _TEXT = ("epoch_utc", "type", "path", "time_tag")
 _VALUE = ("observed_m", "light_time_s")
 _SIGMA = ("sigma_m", "sigma_s")
 _WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity", "wavelength_um")
-_COLUMNS = (*_TEXT[:3], *_VALUE, *_SIGMA, _TEXT[3], *_WEATHER)
+_RADIO = ("uplink_hz", "count_s")
+_COLUMNS = (*_TEXT[:3], *_VALUE, *_SIGMA, _TEXT[3], *_WEATHER, *_RADIO)
 
 
 def looks_like_table(lines: list[str]) -> bool:
@@ -122,14 +127,14 @@ def parse_table(path: str | Path, lines: list[str], catalogue: Catalogue | None)
         sigma_m=numbers_of("sigma_m") if "sigma_m" in table else C_M_S * numbers_of("sigma_s"),
         files=(str(path),),
         line=numbers,
-        **{name: column(name, _optional_floats) for name in _WEATHER if name in table},
+        **{name: column(name, _optional_floats) for name in (*_WEATHER, *_RADIO) if name in table},
     )
     low_s, high_s = FLIGHT_TIME_LIMITS_S
     flight_s = observations.value_m / C_M_S
     absurd = (observations.kind == RANGE) & ~((flight_s > low_s) & (flight_s < high_s))
     if absurd.any():
-        row = int(np.argmax(absurd))
-        require_lunar_flight_time(path, int(observations.line[row]), float(flight_s[row]))
+        first = int(np.argmax(absurd))
+        require_lunar_flight_time(path, int(observations.line[first]), float(flight_s[first]))
     refuse_duplicates(observations)
     return observations
 
@@ -165,8 +170,10 @@ def write_table(
         _SIGMA[light_time]: _texts(observations.sigma_m / unit),
         "time_tag": observations.tags().tolist(),
     }
-    for name in _WEATHER:
-        columns[name] = _texts(getattr(observations, name))
+    for name in (*_WEATHER, *_RADIO):
+        column = getattr(observations, name)
+        if name in _WEATHER or not np.isnan(column).all():
+            columns[name] = _texts(column)
     lines = [f"# {comment}".rstrip() for text in comments for comment in text.split("\n")]
     lines.append(",".join(columns))
     lines += map(",".join, zip(*columns.values(), strict=True))

@@ -103,6 +103,46 @@ def test_range_that_no_light_takes_to_the_moon_is_refused(value):
         parse_table("a.csv", lines, None)
 
 
+def test_delays_and_doppler_come_back_with_their_frequencies_and_count_intervals(tmp_path):
+    made = Observations.from_columns(
+        epoch=Epochs.from_jd(2459185.5, np.array([0.1, 0.2, 0.3]), "UTC"),
+        links=(Link("A", "b", "A"), Link("A", "b", "C", differenced=True)),
+        link=[0, 1, 0],
+        kind=[0, 1, 2],
+        tag=1,
+        value_m=[7.9e8, -1.25e6, -3.5],
+        sigma_m=[3.0, 0.5, 0.001],
+        wavelength_um=35394.6,
+        uplink_hz=[7.2e9, np.nan, 7.2e9],
+        count_s=[np.nan, np.nan, 60.0],
+    )
+    file = tmp_path / "a.csv"
+    write_table(file, made)
+    read = read_table(file)
+    assert_same(made, read, EPOCH_TOLERANCE_S)
+    for name in ("uplink_hz", "count_s"):
+        assert np.array_equal(getattr(read, name), getattr(made, name), equal_nan=True), name
+    assert read.types().tolist() == ["range", "vlbi_delay", "doppler"]
+    assert read.paths().tolist() == ["A>b>A", "A<b>C", "A>b>A"]
+
+
+def test_doppler_without_its_count_interval_is_refused_with_its_line():
+    lines = [
+        "epoch_utc,type,path,observed_m,sigma_m,time_tag,count_s",
+        "2020-12-01T00:00:00,doppler,A>b>A,3.5,0.001,receive,60",
+        "2020-12-01T00:01:00,doppler,A>b>A,3.5,0.001,receive,",
+    ]
+    with pytest.raises(FileFormatError, match="count interval") as caught:
+        parse_table("a.csv", lines, None)
+    assert caught.value.line == 3
+
+
+def test_columns_of_radio_alone_are_not_written_for_light(tmp_path, table_lines):
+    file = tmp_path / "a.csv"
+    write_table(file, parse_table("a.csv", table_lines, None))
+    assert "uplink_hz" not in file.read_text(encoding="utf-8")
+
+
 def test_columns_in_any_order_and_half_of_them_quoted():
     lines = [
         " time_tag , path,type,sigma_m,observed_m,epoch_utc",

@@ -1,0 +1,38 @@
+"""Simulated tracking: what can be seen, what is measured when, how the world departs from the model, noise."""
+
+from radioloc.simulation.noise import Noise, NoiseModel
+from radioloc.simulation.schedule import (
+    Plan,
+    Schedule,
+    Session,
+    all_ranges,
+    baselines,
+    three_way,
+    two_way,
+)
+from radioloc.simulation.simulate import Simulated, World, simulate
+from radioloc.simulation.truth import Clock, Truth
+from radioloc.simulation.visibility import Elevations, Masks, Window, elevations, hidden_by_moon, windows
+
+__all__ = [
+    "Clock",
+    "Elevations",
+    "Masks",
+    "Noise",
+    "NoiseModel",
+    "Plan",
+    "Schedule",
+    "Session",
+    "Simulated",
+    "Truth",
+    "Window",
+    "World",
+    "all_ranges",
+    "baselines",
+    "elevations",
+    "hidden_by_moon",
+    "simulate",
+    "three_way",
+    "two_way",
+    "windows",
+]

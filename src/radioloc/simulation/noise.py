@@ -1,0 +1,210 @@
+"""Random errors of simulated observations: white, coloured, drifting and wild.
+
+Every series of random numbers has its own stream, seeded by the seed and by a label that says what it is for: kind,
+link or station, first epoch and step of the session. A link's errors are therefore the same whatever else is simulated,
+in whatever order, and whatever part of the session is seen. Series run over all epochs of a session.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from itertools import accumulate
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.measurements.observations import KINDS, VLBI_DELAY
+from radioloc.simulation.schedule import Plan, Session
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """What one series of errors is made of; the parts add up.
+
+    Parameters
+    ----------
+    white_m : float
+        Standard deviation of the part that is independent from epoch to epoch, m.
+    coloured_m, correlation_s : float
+        Standard deviation, m, and correlation time, s, of a stationary first-order Gauss-Markov process, whose
+        autocovariance is coloured_m^2 exp(-|dt| / correlation_s).
+    walk_m_sqrt_s : float
+        Growth of a random walk that starts at zero with the session, m per square root of a second.
+    outlier_fraction, outlier_m : float
+        How many epochs get a wild error, and its size, m: even between half and one and a half of it, of either sign.
+
+    Raises
+    ------
+    InputError
+        A number is negative or not finite, a fraction exceeds one, or coloured noise has no correlation time.
+    """
+
+    white_m: float = 0.0
+    coloured_m: float = 0.0
+    correlation_s: float = 0.0
+    walk_m_sqrt_s: float = 0.0
+    outlier_fraction: float = 0.0
+    outlier_m: float = 0.0
+
+    def __post_init__(self) -> None:
+        for name in self.__slots__:
+            value = getattr(self, name)
+            if not (math.isfinite(value) and value >= 0.0):
+                raise InputError(f"noise: {name} is {value!r}; give a number that is not negative")
+        if self.outlier_fraction > 1.0:
+            raise InputError(f"noise: outlier_fraction is {self.outlier_fraction}; it is a part of one")
+        if self.coloured_m > 0.0 and self.correlation_s == 0.0:
+            raise InputError("noise: coloured_m needs a correlation_s; use white_m for none")
+
+    def series(
+        self, n: int, step_s: float, seed: int, label: str
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """One realization at n epochs of equal step.
+
+        Parameters
+        ----------
+        n : int
+            Number of epochs.
+        step_s : float
+            From epoch to epoch, s.
+        seed : int
+            Not negative.
+        label : str
+            What the series is for; another label gives an independent series.
+
+        Returns
+        -------
+        error_m : ndarray, shape (n,)
+        is_outlier : ndarray of bool, shape (n,)
+        """
+        error_m = np.zeros(n)
+        is_outlier = np.zeros(n, dtype=bool)
+        if self.white_m:
+            error_m += self.white_m * generator(seed, f"{label} white").standard_normal(n)
+        if self.coloured_m:
+            drive = generator(seed, f"{label} coloured").standard_normal(n)
+            error_m += self.coloured_m * gauss_markov(drive, math.exp(-step_s / self.correlation_s))
+        if self.walk_m_sqrt_s:
+            steps = generator(seed, f"{label} walk").standard_normal(n)
+            steps[:1] = 0.0
+            error_m += self.walk_m_sqrt_s * math.sqrt(step_s) * np.cumsum(steps)
+        if self.outlier_fraction and self.outlier_m:
+            random = generator(seed, f"{label} outliers")
+            is_outlier = random.random(n) < self.outlier_fraction
+            size_m = self.outlier_m * (0.5 + random.random(n)) * random.choice([-1.0, 1.0], n)
+            error_m += np.where(is_outlier, size_m, 0.0)
+        return error_m, is_outlier
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseModel:
+    """Random errors of all observations.
+
+    Parameters
+    ----------
+    link : mapping of str to Noise
+        By kind of measurement, the errors of each link, independent between links: of a baseline, the thermal noise of
+        its correlation.
+    vlbi_station : Noise
+        Errors of each VLBI station's arrival times (clock, instrument, air): a delay has its second station's less
+        its first one's, so that delays around a triangle add to nothing. Six baselines of four stations hold only
+        three independent delays of these.
+
+    Raises
+    ------
+    InputError
+        A kind is not known.
+    """
+
+    link: Mapping[str, Noise] = field(default_factory=dict)
+    vlbi_station: Noise = field(default_factory=Noise)
+
+    def __post_init__(self) -> None:
+        for kind in self.link:
+            if kind not in KINDS:
+                raise InputError(f"noise of kind {kind!r} is not known; use {', '.join(KINDS)}")
+
+    def draw(self, plan: Plan, seed: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """One realization for everything planned.
+
+        Parameters
+        ----------
+        plan : Plan
+        seed : int
+            Not negative.
+
+        Returns
+        -------
+        noise_m : ndarray, shape (n,)
+        is_outlier : ndarray of bool, shape (n,)
+            Whether a wild error of the link or of one of its stations is in it.
+
+        Raises
+        ------
+        InputError
+            The seed is not a whole number from zero up.
+        """
+        observations = plan.observations
+        noise_m, is_outlier = np.zeros(len(observations)), np.zeros(len(observations), dtype=bool)
+        groups = np.unique(np.stack([plan.session, observations.link], axis=1), axis=0)
+        for session_index, link_index in groups.tolist():
+            rows = np.flatnonzero((plan.session == session_index) & (observations.link == link_index))
+            session, link = plan.sessions[session_index], observations.links[link_index]
+            parts = [(1.0, self.link.get(session.kind, Noise()), link.path)]
+            if KINDS.index(session.kind) == VLBI_DELAY:
+                parts += [
+                    (1.0, self.vlbi_station, link.receiver),
+                    (-1.0, self.vlbi_station, link.transmitter),
+                ]
+            for sign, noise, name in parts:
+                error_m, wild = _of_session(session, noise, seed, name)
+                noise_m[rows] += sign * error_m[plan.slot[rows]]
+                is_outlier[rows] |= wild[plan.slot[rows]]
+        return noise_m, is_outlier
+
+
+def generator(seed: int, label: str) -> np.random.Generator:
+    """Stream of random numbers that depends on a seed and a label alone.
+
+    Raises
+    ------
+    InputError
+        The seed is not a whole number from zero up.
+    """
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed is {seed!r}; give a whole number from zero up")
+    words = np.frombuffer(hashlib.sha256(label.encode()).digest(), dtype="<u4")
+    # Named, as what default_rng stands for may change from one numpy to the next.
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([int(seed), *words.tolist()])))
+
+
+def gauss_markov(drive: NDArray[np.float64], step_correlation: float) -> NDArray[np.float64]:
+    """Stationary first-order Gauss-Markov process of unit variance.
+
+    Parameters
+    ----------
+    drive : ndarray, shape (n,)
+        Independent normal numbers of unit variance.
+    step_correlation : float
+        Correlation from one epoch to the next, exp(-step / correlation time).
+
+    Notes
+    -----
+    x_0 = w_0, x_k = f x_(k-1) + sqrt(1 - f^2) w_k (Gelb 1974, Applied Optimal Estimation, chapter 3).
+    """
+    scaled = drive * math.sqrt(1.0 - step_correlation**2)
+    scaled[:1] = drive[:1]
+    return np.array(list(accumulate(scaled.tolist(), lambda x, w: step_correlation * x + w)))
+
+
+def _of_session(
+    session: Session, noise: Noise, seed: int, name: str
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    epochs = session.epochs()
+    start = f"{float(epochs.jd[0])!r} {float(epochs.fraction[0])!r}"
+    label = f"{session.kind} {name} {start} {float(session.step_s)!r}"
+    return noise.series(len(epochs), session.step_s, seed, label)

@@ -1,0 +1,249 @@
+"""Who sees whom: the target above the stations' horizons, the stations above the target's, and from when to when.
+
+An elevation belongs to the instant at which the signal is at the station. The point on the Moon is taken one light time
+earlier, for a signal that comes down; for one that goes up the direction differs by 2 arcseconds, 0.1 s of rise or set.
+Refraction is left out, as in the measurement model. For a point on the surface the Moon's own horizon is what hides the
+Earth; for one above it, :func:`hidden_by_moon`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M, SECONDS_PER_DAY
+from radioloc.earth.geodesy import rot_itrf_to_enu
+from radioloc.errors import InputError
+from radioloc.lunar import rot_icrf_to_pa
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.time import (
+    Epochs,
+    epochs_from_strings,
+    tai_to_tt,
+    tai_to_utc,
+    tt_to_tdb,
+    utc_strings,
+    utc_to_tai,
+)
+
+_SEARCH_STEP_S = 300.0
+_SECONDS_TO = 0.1
+"""Rise and set are found to this before they are rounded to whole seconds."""
+
+
+@dataclass(frozen=True, slots=True)
+class Masks:
+    """Elevations below which nothing is tracked, deg.
+
+    Parameters
+    ----------
+    station_deg : float
+        Of the target above a station's horizon.
+    target_deg : float
+        Of a station above the target's horizon: what terrain or antenna at the target leaves free.
+    by_station_deg : mapping of str to float
+        Stations (by their catalogue names) with a mask of their own.
+
+    Raises
+    ------
+    InputError
+        A mask is not between -90 and 90.
+    """
+
+    station_deg: float = 10.0
+    target_deg: float = 0.0
+    by_station_deg: Mapping[str, float] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        for mask_deg in (self.station_deg, self.target_deg, *self.by_station_deg.values()):
+            if not -90.0 <= mask_deg <= 90.0:
+                raise InputError(f"an elevation mask of {mask_deg!r} deg is not between -90 and 90")
+
+    def of(self, station: str) -> float:
+        """Mask of a station, deg."""
+        return self.by_station_deg.get(station, self.station_deg)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Elevations:
+    """Elevations at both ends of n signals at k stations.
+
+    Parameters
+    ----------
+    stations : tuple of str
+        Catalogue names.
+    at_station_rad : ndarray, shape (n, k)
+        Of the target above each station's horizon (the plane normal to the ellipsoid's vertical).
+    at_target_rad : ndarray, shape (n, k)
+        Of each station above the target's horizon (the plane normal to its radius).
+    """
+
+    stations: tuple[str, ...]
+    at_station_rad: NDArray[np.float64]
+    at_target_rad: NDArray[np.float64]
+
+    def margin_rad(self, masks: Masks) -> NDArray[np.float64]:
+        """How far the lower of both elevations is above its mask, shape (n, k); below zero is not seen."""
+        station_rad = np.radians([masks.of(name) for name in self.stations])
+        return np.minimum(
+            self.at_station_rad - station_rad, self.at_target_rad - np.radians(masks.target_deg)
+        )
+
+
+def elevations(
+    model: PhysicalModel, target_pa_m: NDArray[np.float64], stations: Sequence[str], tt: Epochs
+) -> Elevations:
+    """Elevations of a point on the Moon and of the stations above each other's horizons.
+
+    Parameters
+    ----------
+    model : PhysicalModel
+        Where Earth, Moon and stations are; its terms (tides, media) do not matter here.
+    target_pa_m : ndarray, shape (3,)
+        The point in principal axes, m.
+    stations : sequence of str
+        Names or aliases.
+    tt : Epochs
+        TT at the stations, n epochs.
+
+    Raises
+    ------
+    StationError
+        A station is not in the catalogue.
+    CoverageError
+        An epoch lies outside the kernels or the Earth orientation table.
+    """
+    tdb = tt_to_tdb(tt)
+    moon_m, velocity_m_s = model.ephemeris.geocentric("moon", tdb)
+    light_time_s = np.linalg.norm(moon_m, axis=-1) / C_M_S
+    moon_m = moon_m - velocity_m_s * light_time_s[:, None]
+    rot_icrf_to_body = rot_icrf_to_pa(model.libration.angles(tdb.shifted(-light_time_s))[0])
+    from_moon_m = np.einsum("nji,j->ni", rot_icrf_to_body, target_pa_m)
+    target_gcrs_m, target_up = moon_m + from_moon_m, from_moon_m / np.linalg.norm(target_pa_m)
+    rot_itrf_to_gcrs = model.earth.evaluate(tt).rot_itrf_to_gcrs
+    found = [model.catalogue.get(name) for name in stations]
+    at_station, at_target = np.empty((len(tt), len(found))), np.empty((len(tt), len(found)))
+    for k, station in enumerate(found):
+        station_gcrs_m = np.einsum("nij,nj->ni", rot_itrf_to_gcrs, station.position_at(tt))
+        station_up = rot_itrf_to_gcrs @ rot_itrf_to_enu(station.itrf_m)[2]
+        at_station[:, k] = _elevation_rad(target_gcrs_m - station_gcrs_m, station_up)
+        at_target[:, k] = _elevation_rad(station_gcrs_m - target_gcrs_m, target_up)
+    return Elevations(tuple(station.name for station in found), at_station, at_target)
+
+
+def hidden_by_moon(
+    point_m: ArrayLike, station_m: ArrayLike, radius_m: float = MEAN_LUNAR_RADIUS_M
+) -> NDArray[np.bool_]:
+    """Whether the Moon, a sphere, stands between a point above it and a station.
+
+    Parameters
+    ----------
+    point_m, station_m : array_like, shape (..., 3)
+        From the Moon's centre, in the same axes, m.
+    radius_m : float
+        Radius of the sphere, m.
+
+    Returns
+    -------
+    ndarray of bool, shape (...,)
+    """
+    point, ray = np.asarray(point_m), np.asarray(station_m) - np.asarray(point_m)
+    along = -np.sum(point * ray, axis=-1) / np.sum(ray * ray, axis=-1)
+    nearest_m = np.linalg.norm(point + np.clip(along, 0.0, 1.0)[..., None] * ray, axis=-1)
+    return np.asarray(nearest_m < radius_m)
+
+
+@dataclass(frozen=True, slots=True)
+class Window:
+    """A time in which all of some stations see the target.
+
+    Parameters
+    ----------
+    start_utc, stop_utc : str
+        First and last whole second in which all do.
+    rises, sets : bool
+        Whether it begins and ends by a rise and a set rather than by the limits of the search.
+    """
+
+    start_utc: str
+    stop_utc: str
+    rises: bool
+    sets: bool
+
+
+def windows(
+    model: PhysicalModel,
+    target_pa_m: NDArray[np.float64],
+    stations: Sequence[str],
+    start_utc: str,
+    stop_utc: str,
+    masks: Masks | None = None,
+) -> list[Window]:
+    """When all the stations see the target at once, rise and set to the second.
+
+    A window or a gap shorter than five minutes, as of a target that grazes a mask, can be missed.
+
+    Parameters
+    ----------
+    model : PhysicalModel
+    target_pa_m : ndarray, shape (3,)
+        Principal axes, m.
+    stations : sequence of str
+        Names or aliases, at least one.
+    start_utc, stop_utc : str
+        Limits of the search.
+    masks : Masks, optional
+        10 deg at the stations and the horizon at the target where not given.
+
+    Raises
+    ------
+    InputError
+        No station, or the limits are not in order.
+    StationError, CoverageError
+        As :func:`elevations`.
+    """
+    masks = masks or Masks()
+    if not stations:
+        raise InputError("no station; name at least one")
+    limits = utc_to_tai(epochs_from_strings([start_utc, stop_utc], "UTC"))
+    length_s = float(limits[1].seconds_since(limits[0])[0])
+    if not length_s > 0.0:
+        raise InputError(f"the search starts at {start_utc} but stops at {stop_utc}; it must stop later")
+
+    def margin_rad(offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        tt = tai_to_tt(limits[np.zeros(len(offset_s), dtype=np.int64)].shifted(offset_s))
+        return elevations(model, target_pa_m, stations, tt).margin_rad(masks).min(axis=-1)
+
+    grid_s = np.linspace(0.0, length_s, max(2, int(np.ceil(length_s / _SEARCH_STEP_S)) + 1))
+    seen = margin_rad(grid_s) >= 0.0
+    changes = np.flatnonzero(seen[1:] != seen[:-1])
+    low_s, high_s = grid_s[changes], grid_s[changes + 1]
+    while len(changes) and float((high_s - low_s).max()) > _SECONDS_TO:
+        middle_s = 0.5 * (low_s + high_s)
+        before = (margin_rad(middle_s) >= 0.0) == seen[changes]
+        low_s, high_s = np.where(before, middle_s, low_s), np.where(before, high_s, middle_s)
+    crossings_s = 0.5 * (low_s + high_s)
+    starts_s = np.concatenate([[0.0] * bool(seen[0]), crossings_s[~seen[changes]]])
+    stops_s = np.concatenate([crossings_s[seen[changes]], [length_s] * bool(seen[-1])])
+    return [
+        Window(
+            _text(limits[0], start, up=True), _text(limits[0], stop, up=False), start > 0.0, stop < length_s
+        )
+        for start, stop in zip(starts_s.tolist(), stops_s.tolist(), strict=True)
+    ]
+
+
+def _text(origin_tai: Epochs, offset_s: float, *, up: bool) -> str:
+    """UTC at the whole second nearest within the window; UTC's seconds tick with those of TAI."""
+    day_s = float(origin_tai.fraction[0]) * SECONDS_PER_DAY + offset_s
+    rounded = np.ceil(day_s - _SECONDS_TO) if up else np.floor(day_s + _SECONDS_TO)
+    return str(utc_strings(tai_to_utc(origin_tai.shifted(offset_s + rounded - day_s)), decimals=0)[0])
+
+
+def _elevation_rad(away_m: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
+    # arctan2 keeps its digits near the zenith, where arcsin loses half of them.
+    across = np.linalg.norm(np.cross(up, away_m), axis=-1)
+    return np.arctan2(np.einsum("ni,ni->n", up, away_m), across)

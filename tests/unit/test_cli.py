@@ -1,0 +1,397 @@
+"""The command line as its user meets it: exit status, one line for what is wrong, the card, the files."""
+
+import csv
+import gzip
+import json
+import os
+import subprocess
+import sys
+import warnings
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc import cli
+from radioloc.errors import ConvergenceError, DataQualityWarning
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+TABLE = EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv"
+JPL_PA_M = np.array([1554678.949, 98094.118, 765004.906])  # JPL IOM 335-JW,DB,WF-20080314-001, DE421
+
+TARGET = '[target]\nframe = "ME_DE421"\nlongitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n'
+
+# Three normal points of Apache Point to Apollo 15 as the ILRS publishes them (EUROLAS Data Center, May 2024), without
+# the records that say nothing of the range.
+CRD = """\
+h1 CRD  2 2025  6 26 21
+h2       APOL 7045 95  1  4       ILRS
+h3 apollo15        103  103       na 0 1  3
+h4  1 2024  5  2 11 33  1 2024  5  2 11 37  4  1 0 0 0 1 0 2 0
+c0 0     532.0 std3 lpd apd4 cesm  na  na  na  na
+11 41695.0000000 2.4382990776324 std3 2  243.0     91     264.9      na      na       na    na 0 193.8
+20 41695.000  723.75 280.34   34 1
+50 std3  264.9     na     na   na 1
+h8
+h4  1 2024  5  2 11 56  3 2024  5  2 11 58 31  1 0 0 0 1 0 2 0
+11 43045.0000000 2.4358884133254 std3 2  148.0     67     278.4      na      na       na    na 0 131.1
+20 43045.000  723.99 280.21   35 1
+h8
+h9
+"""
+
+
+class Outcome:
+    """Exit status and what was said."""
+
+    def __init__(self, status, out, err):
+        self.status, self.out, self.err = status, out, err
+
+
+@pytest.fixture
+def folder(tmp_path):
+    lines = TABLE.read_text(encoding="utf-8").splitlines(keepends=True)
+    (tmp_path / "d.csv").write_text("".join(lines[:4] + lines[4::7]), encoding="utf-8")
+    return tmp_path
+
+
+@pytest.fixture
+def run(folder, capsys):
+    def run(content, *arguments, command="locate"):
+        study = folder / "s.toml"
+        if content is not None:
+            study.write_text(content, encoding="utf-8")
+        try:
+            status = cli.main([command, str(study), *map(str, arguments)])
+        except SystemExit as end:
+            status = end.code
+        return Outcome(status, *capsys.readouterr())
+
+    return run
+
+
+def study_of(files="d.csv", more="", target=TARGET):
+    return f'{target}[observations]\nfiles = ["{files}"]\n{more}'
+
+
+def refused(outcome, *parts):
+    assert outcome.status == 2
+    assert outcome.out == ""
+    assert outcome.err.startswith("radioloc: ")
+    assert outcome.err.count("\n") == 1
+    assert outcome.err.endswith("\n")
+    for part in parts:
+        assert part in outcome.err
+
+
+def rows_of(file):
+    with file.open(encoding="utf-8", newline="") as stream:
+        return list(csv.DictReader(stream))
+
+
+def test_locate_prints_a_card_and_writes_the_files(run, folder):
+    reference = f'[reference]\nname = "JPL"\nframe = "PA_DE421"\nposition_m = {JPL_PA_M.tolist()}\n'
+    outcome = run(study_of(more=reference), "--out", folder / "out" / "new")
+    assert outcome.status == 0
+    assert outcome.err == ""
+    for part in ("CONVERGED", "ME_DE421", "PA_DE421", "ellipse", "solution - JPL", "APOLLO", "written to "):
+        assert part in outcome.out
+    assert all(len(line) <= 80 for line in outcome.out.splitlines() if not line.startswith("written to "))
+    solution = json.loads((folder / "out" / "new" / "solution.json").read_text(encoding="utf-8"))
+    found_m = [solution["position"]["pa"][f"{axis}_m"] for axis in "xyz"]
+    assert np.linalg.norm(found_m - JPL_PA_M) < 0.8
+    rows = rows_of(folder / "out" / "new" / "residuals.csv")
+    assert solution["fit"]["used"] + solution["fit"]["rejected"] == len(rows)
+    used = [row["status"] for row in rows].count("used")
+    assert used == solution["fit"]["used"]
+
+
+def test_quiet_writes_the_same_files_and_says_nothing(run, folder):
+    run(study_of(), "--out", folder / "a")
+    outcome = run(study_of(), "--out", folder / "b", "--quiet")
+    assert (outcome.status, outcome.out, outcome.err) == (0, "", "")
+    names = sorted(file.name for file in (folder / "a").iterdir())
+    assert {"solution.json", "residuals.csv", "residuals.png", "position.png"} <= set(names)
+    assert names == sorted(file.name for file in (folder / "b").iterdir())
+    for name in names:
+        assert (folder / "a" / name).read_bytes() == (folder / "b" / name).read_bytes(), name
+
+
+def test_terms(run, folder):
+    outcome = run(study_of(), "--out", folder / "out", "--terms", "--quiet")
+    assert outcome.status == 0
+    assert len(rows_of(folder / "out" / "terms.csv")) == len(rows_of(folder / "out" / "residuals.csv"))
+    refused(run(study_of(), "--terms"), "--terms needs --out DIR")
+
+
+def test_residuals_command_fits_nothing(run, folder):
+    target = f'[target]\nframe = "PA_DE421"\nposition_m = {JPL_PA_M.tolist()}\n'
+    outcome = run(study_of(target=target), "--out", folder / "out", command="residuals")
+    assert outcome.status == 0
+    assert "NO FIT" in outcome.out
+    rows = rows_of(folder / "out" / "residuals.csv")
+    assert all(row["status"] == "used" for row in rows)
+    assert all(abs(float(row["residual_m"])) < 1.0 for row in rows)
+    solution = json.loads((folder / "out" / "solution.json").read_text(encoding="utf-8"))
+    assert [solution["position"]["pa"][f"{axis}_m"] for axis in "xyz"] == JPL_PA_M.tolist()
+
+
+@pytest.mark.parametrize("count", [1, 2])
+def test_not_observable_ends_with_3_and_says_what_is_missing(count, run, folder):
+    lines = TABLE.read_text(encoding="utf-8").splitlines(keepends=True)
+    (folder / "d.csv").write_text("".join(lines[: 4 + count]), encoding="utf-8")
+    outcome = run(study_of(), "--out", folder / "out")
+    assert outcome.status == 3
+    assert "NOT OBSERVABLE" in outcome.out
+    assert "what is missing: " in outcome.out
+    solution = json.loads((folder / "out" / "solution.json").read_text(encoding="utf-8"))
+    assert solution["converged"] is False
+    assert solution["sigma"]["east_m"] is None
+    assert run(study_of(), "--quiet").status == 3
+
+
+def test_light_time_that_does_not_settle_ends_with_3(run, monkeypatch):
+    def fails(study):
+        raise ConvergenceError("the light time did not settle")
+
+    monkeypatch.setattr("radioloc.studies.locate.locate", fails)
+    outcome = run(study_of())
+    assert (outcome.status, outcome.out, outcome.err) == (3, "", "radioloc: the light time did not settle\n")
+
+
+def test_crd_is_told_by_its_content(run, folder):
+    (folder / "d.csv").write_text(CRD, encoding="utf-8")
+    outcome = run(study_of(more="[estimate]\nheight_prior = { height_m = -1922.0, sigma_m = 1.0 }\n"))
+    assert outcome.status in (0, 3)
+    assert "2 observations from 1 station" in outcome.out
+    assert run(study_of(), command="residuals").status == 0
+
+
+def test_replaced_station_is_found_by_the_names_in_the_data(run, folder):
+    # The data say 7045; the study gives APOLLO another place, 300 m up.
+    (folder / "d.csv").write_text(CRD, encoding="utf-8")
+    apollo = radioloc.StationCatalogue.default().get("APOLLO")
+    up = apollo.itrf_m * (1.0 + 300.0 / np.linalg.norm(apollo.itrf_m))
+    here = run(study_of(), "--out", folder / "a", "--quiet", command="residuals")
+    moved = f"[stations.APOLLO]\nitrf_m = {up.tolist()}\nvelocity_m_yr = {apollo.velocity_m_yr.tolist()}\n"
+    moved += f"epoch = {apollo.epoch_year}\n"
+    there = run(study_of(more=moved), "--out", folder / "b", "--quiet", command="residuals")
+    assert (here.status, there.status) == (0, 0)
+    for one, two in zip(*(rows_of(folder / name / "residuals.csv") for name in "ab"), strict=True):
+        # The path shortens by twice 300 m times the sine of the elevation, but that up is not quite the vertical.
+        change_m = float(two["residual_m"]) - float(one["residual_m"])
+        assert change_m == pytest.approx(600.0 * np.sin(np.radians(float(one["elevation_deg"]))), abs=3.0)
+
+
+def test_gzip_and_globs(run, folder):
+    table = (folder / "d.csv").read_bytes()
+    (folder / "d.csv").unlink()
+    head, rows = table.split(b"\n")[:4], table.split(b"\n")[4:-1]
+    for name, part in (("a.csv.gz", rows[:10]), ("b.csv.gz", rows[10:])):
+        (folder / name).write_bytes(gzip.compress(b"\n".join([*head, *part]) + b"\n"))
+    outcome = run(study_of("*.gz"), "--out", folder / "out")
+    assert outcome.status == 0
+    assert len(rows_of(folder / "out" / "residuals.csv")) == len(rows)
+
+
+def test_not_selected_are_counted(run, folder):
+    outcome = run(study_of(more="start = 2006-10-01\n"), "--out", folder / "out")
+    solution = json.loads((folder / "out" / "solution.json").read_text(encoding="utf-8"))
+    left_out = solution["provenance"]["not_selected"]
+    assert list(left_out) == ["outside the time span"]
+    count = left_out["outside the time span"]
+    given = radioloc.read_observations(folder / "d.csv")
+    assert count + len(rows_of(folder / "out" / "residuals.csv")) == len(given)
+    assert f"{count} observations not asked for: outside the time span" in outcome.out
+
+
+def data(folder, text):
+    (folder / "d.csv").write_bytes(text if isinstance(text, bytes) else text.encode())
+
+
+def table_with(old, new):
+    lines = TABLE.read_text(encoding="utf-8").splitlines(keepends=True)
+    return "".join([*lines[:4], lines[4].replace(old, new), *lines[5:60:9]])
+
+
+@pytest.mark.parametrize(
+    ("text", "parts"),
+    [
+        ("hello\n", ["none of the known formats"]),
+        (b"\x00\x01\x02", ["is not text"]),
+        ("", ["is empty"]),
+        (gzip.compress(CRD.encode())[:200], ["gzip file that was cut"]),
+        (CRD[: CRD.index("h8")], ["line 9", "was cut"]),
+        (CRD.replace("h9\n", ""), ["was cut"]),
+        (CRD.replace("h4  1 2024  5  2", "h4  1 2024 13 42", 1), ["line 4", "not a date that exists"]),
+        (CRD.replace(" 2.4382", " -2.4382"), ["line 6", "time of flight is -2.438"]),
+        (CRD.replace(" 2.4382", " 0.0123"), ["line 6", "time of flight is 0.012", "2.2 to 2.8 s"]),
+        (CRD.replace(" 2.4382990776324", " nan"), ["line 6", "not a number"]),
+        (CRD.replace("41695.0000000", "91695.0000000"), ["line 6", "outside the pass"]),
+        (
+            CRD.replace("APOL 7045", "XXXX 9999"),
+            ["line 6", "station '9999' is not in the catalogue", "[stations.NAME]"],
+        ),
+        (CRD.replace("2024  5", "2035  5"), ["line 6", "Earth orientation", "2035-05-02"]),
+        (CRD.replace("2024  5", "2060  5"), ["line 6", "de421", "2060-05-02"]),
+        (table_with("2006-04-07", "2006-02-30"), ["line 5", "not a date that exists"]),
+        (table_with("2006-04-07", "1960-04-07"), ["line 5", "before 1972"]),
+        (table_with("2006-04-07", "2060-04-07"), ["line 5", "de421"]),
+        (table_with("2.6494", "-2.6494"), ["line 5"]),
+        (table_with("2.6494", "7.6494"), ["line 5", "time of flight"]),
+        (table_with("5.38e-11", "0"), ["line 5", "sigma"]),
+        (table_with("APOLLO>apollo15>APOLLO", "NOPE>apollo15>NOPE"), ["line 5", "station 'NOPE'"]),
+        (table_with("APOLLO>apollo15>APOLLO", "APOLLO>apollo15"), ["line 5", "is not a path"]),
+        (table_with("range", "rnage"), ["line 5", "'rnage' is not known"]),
+        (table_with("721.6", "72160"), ["line 5", "pressure_hpa"]),
+    ],
+)
+def test_bad_data(text, parts, run, folder):
+    data(folder, text)
+    refused(run(study_of()), "d.csv", *parts)
+
+
+@pytest.mark.parametrize(
+    ("content", "parts"),
+    [
+        (None, ["s.toml", "no such study file"]),
+        ("[target\n", ["s.toml", "not valid TOML"]),
+        (
+            study_of().replace("longitude_deg", "longitud_deg"),
+            ["s.toml: [target]", "did you mean 'longitude_deg'?"],
+        ),
+        (study_of("no.csv"), ["s.toml: [observations] files", "'no.csv' matches no file in "]),
+        (study_of("s.toml"), ["s.toml: starts with '[target]'", "none of the known formats"]),
+        (study_of(more='targets = ["apollo11"]\n'), ["[observations] targets", "the files have apollo15"]),
+        (study_of(more='stations = ["GRASSE"]\n'), ["[observations] stations", "the files have APOLLO"]),
+        (
+            study_of(more='stations = ["NOPE"]\n'),
+            ["[observations] stations", "'NOPE' is not in the catalogue"],
+        ),
+        (study_of(more="start = 2030-01-01\n"), ["no observations left", "outside the time span"]),
+        (
+            study_of(more='[estimate]\nrange_bias = ["GRASSE"]\n'),
+            ["[estimate] range_bias", "no observation of GRASSE"],
+        ),
+        (study_of(more='[estimate]\nposition = "none"\n'), ["nothing to estimate"]),
+        (
+            study_of(more='[estimate]\nheight_prior = { dem = "x.img", sigma_m = 10 }\n'),
+            ["[estimate.height_prior]"],
+        ),
+        (study_of(more='[model]\noff = ["shapro"]\n'), ["[model] off", "did you mean 'shapiro'?"]),
+        (study_of(more='[model]\nephemeris = "no.bsp"\n'), ["no.bsp"]),
+        (study_of(more='[model]\nephemeris = "DE999"\n'), ["DE999"]),
+        (study_of(more='[model]\nephemeris = "d.csv"\n'), ["d.csv"]),
+        (study_of(more='[model]\nlibration = "cut.bpc"\n'), ["cut.bpc", "cut short"]),
+        (study_of(more='[model]\nearth_orientation = "d.csv"\n'), ["d.csv"]),
+        (study_of(more='[model]\nearth_orientation = "no.txt"\n'), ["[model] earth_orientation", "no.txt"]),
+        (study_of().replace("3.5", "178.5"), ["all 22 are rejected", "below the target's horizon"]),
+        (study_of().replace("ME_DE421", "PA_DE440"), ["[target] frame", "PA_DE440"]),
+    ],
+)
+def test_bad_studies(content, parts, run, folder):
+    kernel = Path(__file__).resolve().parents[2] / "kernels" / "moon_pa_de421_1969_2050.bpc"
+    (folder / "cut.bpc").write_bytes(kernel.read_bytes()[:50000])
+    refused(run(content), *parts)
+
+
+def test_study_that_is_a_folder(folder, capsys):
+    assert cli.main(["locate", str(folder)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err == f"radioloc: {folder}: is a directory; give the study file in it\n"
+
+
+def test_output_that_cannot_be_written(run, folder):
+    refused(run(study_of(), "--out", folder / "d.csv"), "d.csv", "cannot be made: File exists")
+    refused(run(study_of(), "--out", folder / "d.csv" / "x"), "cannot be made: Not a directory")
+    (folder / "out" / "residuals.csv").mkdir(parents=True)
+    refused(run(study_of(), "--out", folder / "out"), "residuals.csv")
+
+
+def test_any_other_trouble_with_files_is_one_line(run, monkeypatch):
+    def full(study):
+        raise OSError(28, "No space left on device", "x.png")
+
+    monkeypatch.setattr("radioloc.studies.locate.locate", full)
+    refused(run(study_of()), "x.png: No space left on device")
+
+
+def test_wrong_arguments_are_one_line(run, capsys):
+    refused(run(study_of(), "--frobnicate"), "--frobnicate", "--help")
+    for arguments in ([], ["locate"], ["frob", "x"]):
+        with pytest.raises(SystemExit) as end:
+            cli.main(arguments)
+        refused(Outcome(end.value.code, *capsys.readouterr()), "--help")
+
+
+def test_help_and_version(capsys):
+    for arguments, text in ((["--version"], radioloc.__version__), (["locate", "--help"], "STUDY.toml")):
+        with pytest.raises(SystemExit) as end:
+            cli.main(arguments)
+        assert end.value.code == 0
+        assert text in capsys.readouterr().out
+
+
+def test_stations_are_listed(capsys):
+    assert cli.main(["stations"]) == 0
+    out = capsys.readouterr().out
+    assert len(out.splitlines()) == len(radioloc.StationCatalogue.default())
+    assert "7045" in out
+
+
+def test_warnings_of_the_library_are_single_lines_said_once(run, monkeypatch):
+    def warns(study):
+        for _ in range(3):
+            warnings.warn("poor\n  data", DataQualityWarning, stacklevel=1)
+        return radioloc.studies.locate.residuals(study)
+
+    monkeypatch.setattr("radioloc.studies.locate.locate", warns)
+    outcome = run(study_of(), "--quiet")
+    assert outcome.out == ""
+    assert outcome.err == "radioloc: warning: poor data\n"
+
+
+def test_predicted_earth_orientation_is_said(run, folder):
+    table = radioloc.PhysicalModel.build().earth.table
+    # Some weeks after the last measurement, whenever the tables were installed.
+    measured = radioloc.epochs_from_strings(table.last_measured_date)
+    date = radioloc.Epochs.from_jd(measured.jd + 30.0, measured.fraction, "UTC").day_strings()[0]
+    lines = TABLE.read_text(encoding="utf-8").splitlines(keepends=True)
+    rows = [line.replace(line[:10], date) for line in lines[4:60:9]]
+    data(folder, "".join(lines[:4] + rows))
+    outcome = run(study_of(), command="residuals")
+    assert outcome.status == 0, outcome.err
+    assert outcome.err.count("\n") == 1
+    assert outcome.err.startswith("radioloc: warning: Earth orientation is predicted")
+    assert "Earth orientation is predicted, not measured, for " in " ".join(outcome.out.split())
+
+
+def process(*arguments, **options):
+    environment = {**os.environ, **options.pop("environment", {})}
+    command = [sys.executable, "-m", "radioloc.cli", *map(str, arguments)]
+    return subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment, **options)
+
+
+def test_as_a_program(run, folder):
+    expected = run(study_of(more="[estimate]\nephemeris_sigma_m = [0.3, 0.4, 0.5]\n"))
+    # Whatever Python is told about warnings, and from any folder.
+    for environment in ({}, {"PYTHONWARNINGS": "error"}, {"LC_ALL": "C", "PYTHONUTF8": "0"}):
+        done = process("locate", folder / "s.toml", cwd="/", environment=environment)
+        assert (done.returncode, done.stdout, done.stderr) == (0, expected.out, "")
+    (folder / "s.toml").write_text("[taget]\n", encoding="utf-8")
+    failed = process("locate", folder / "s.toml")
+    refused(Outcome(failed.returncode, failed.stdout, failed.stderr), "did you mean 'target'?")
+
+
+def test_reader_that_stops_reading(folder, run):
+    run(study_of())
+    read, write = os.pipe()
+    os.close(read)
+    command = [sys.executable, "-m", "radioloc.cli", "locate", str(folder / "s.toml")]
+    try:
+        done = subprocess.run(command, stdout=write, stderr=subprocess.PIPE, text=True, timeout=60)
+    finally:
+        os.close(write)
+    assert (done.returncode, done.stderr) == (0, "")

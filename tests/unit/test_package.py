@@ -1,0 +1,80 @@
+"""The public face: names, what importing costs, and the first lines that a user types."""
+
+import subprocess
+import sys
+import types
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import radioloc
+
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "apollo15" / "apollo15.toml"
+IMPORT_LIMIT_S = 1.0
+
+
+def test_public_names_exist_once_and_are_described():
+    assert len(set(radioloc.__all__)) == len(radioloc.__all__)
+    for name in radioloc.__all__:
+        value = getattr(radioloc, name)
+        if isinstance(value, type | types.FunctionType):
+            assert value.__doc__, name
+
+
+def test_import_is_light_and_quick():
+    heavy = ("matplotlib", "astropy", "scipy", "pandas", "numba")
+    code = (
+        "import time; import numpy; start = time.perf_counter(); import radioloc, sys; "
+        "print(time.perf_counter() - start); "
+        f"print([m for m in {heavy!r} if m in sys.modules])"
+    )
+    seconds, modules = subprocess.run(
+        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True, timeout=60
+    ).stdout.splitlines()
+    assert float(seconds) < IMPORT_LIMIT_S
+    assert modules == "[]"
+
+
+def test_locating_needs_no_plots():
+    code = (
+        "import radioloc, sys; "
+        f"print(radioloc.locate(radioloc.read_study({str(EXAMPLE)!r})).converged); "
+        "print([m for m in ('matplotlib', 'astropy', 'scipy') if m in sys.modules])"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
+    )
+    assert done.stdout.splitlines() == ["True", "[]"]
+
+
+def test_first_lines_of_the_guide():
+    study = radioloc.read_study(EXAMPLE)
+    solution = radioloc.locate(study)
+    assert "CONVERGED" in str(solution)
+    html = solution._repr_html_()
+    assert html.startswith("<table>")
+    assert html.count("<table>") == html.count("</table>")
+    for text in ("CONVERGED", "ME_DE421", "APOLLO"):
+        assert text in html
+    assert solution.to_dict()["converged"] is True
+    assert len(radioloc.residuals(study).residuals) == 153
+
+
+def test_a_study_built_in_python_with_observations_passed():
+    read = radioloc.read_study(EXAMPLE)
+    study = radioloc.Study(
+        target=radioloc.LunarPosition("PA_DE421", (1554700.0, 98000.0, 765000.0)),
+        estimate=radioloc.EstimateChoice(position="cartesian"),
+        model=radioloc.ModelChoice(terms=radioloc.active_terms(["ionosphere"])),
+        name="mine",
+    )
+    solution = radioloc.locate(study, radioloc.read_observations(read.observations.files))
+    assert solution.name == "mine"
+    assert np.linalg.norm(solution.position_pa_m - radioloc.locate(read).position_pa_m) < 1e-3
+
+
+def test_a_study_without_files_says_so():
+    study = radioloc.Study(target=radioloc.LunarPosition("PA_DE421", (1554700.0, 98000.0, 765000.0)))
+    with pytest.raises(radioloc.InputError, match="no file of observations was given"):
+        radioloc.locate(study)

@@ -23,7 +23,7 @@ from radioloc.io.detect import read_observations
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.range_model import RangeArc
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.measurements.terms import TERMS, active_terms
 from radioloc.plotting import plot_position, plot_residuals, save_figure
 from radioloc.studies.locate import arc_of, locate, residuals
@@ -57,7 +57,7 @@ __all__ = [
     "PhysicalModel",
     "RadiolocError",
     "RadiolocWarning",
-    "RangeArc",
+    "TrackingArc",
     "Reference",
     "Solution",
     "Station",

@@ -20,7 +20,7 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.measurements.observations import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.range_model import RangeArc
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, utc_to_tt
 
@@ -180,10 +180,10 @@ def model():
 def test_path_against_40_digits(model, sender, receiver, tag, jd, fraction):
     fewer = model.without(*(set(TERMS) - {*GEOMETRIC_TERMS, "subdaily_eop"}))
     table = observations(f"{sender}>apollo15>{receiver}", Epochs.from_jd(jd, fraction, "TAI"), tag)
-    ours_m = RangeArc(fewer, table, APOLLO15_PA_M).compute(APOLLO15_PA_M).range_m[0]
+    ours_m = TrackingArc(fewer, table, APOLLO15_PA_M).compute(APOLLO15_PA_M).value_m[0]
     catalogue = StationCatalogue.default()
     with mp.workdps(DIGITS):
-        exact_m = FortyDigits(fewer.terms).range_m(
+        exact_m = FortyDigits(fewer.terms).value_m(
             catalogue[sender].itrf_m, catalogue[receiver].itrf_m, APOLLO15_PA_M, tag, utc_to_tt(table.epoch)
         )
         difference_m = float(mpf(ours_m) - exact_m)
@@ -197,10 +197,10 @@ def test_successive_ranges_are_smooth(model, tag, path, spacing_s):
     count = 101
     tai = epochs_tai(count, spacing_s * (count - 1) / 3600.0, 2460310.5, 0.28)
     table = observations(path, tai, tag, **LASER)
-    computed = RangeArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    computed = TrackingArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
     assert (computed.problem == "").all()
     elapsed_s = tai.seconds_since(tai[np.zeros(count, dtype=int)])
     # Over 100 s the fourth order, 1e-16 m/s^4 or so times (50 s)^4, is below a micrometre.
-    fit = np.polynomial.Polynomial.fit(elapsed_s, computed.range_m, 4)
-    noise_m = computed.range_m - fit(elapsed_s)
+    fit = np.polynomial.Polynomial.fit(elapsed_s, computed.value_m, 4)
+    noise_m = computed.value_m - fit(elapsed_s)
     assert np.abs(noise_m).max() < ROUGHNESS_M < GOAL_M

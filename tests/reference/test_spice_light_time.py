@@ -18,7 +18,7 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.kernels import find_kernel
 from radioloc.measurements.observations import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.range_model import RangeArc
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, utc_to_tt
 
@@ -130,7 +130,7 @@ def range_by_spice(sender, receiver, tag, tt, keep_rest):
 )
 def test_bare_geometry(model, sender, receiver, jd, fraction, tag):
     table = observations(f"{sender}>apollo15>{receiver}", Epochs.from_jd(jd, fraction, "TAI"), tag)
-    ours_m = RangeArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M).range_m[0]
+    ours_m = TrackingArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M).value_m[0]
     eop = EopTable.packaged()
     ends = Station(sender, eop), Station(receiver, eop)
     tt = utc_to_tt(table.epoch)

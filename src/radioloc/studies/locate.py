@@ -22,7 +22,7 @@ from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.range_model import RangeArc
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.measurements.terms import TERMS
 from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
@@ -60,7 +60,7 @@ def residuals(study: Study, observations: Observations | None = None) -> Solutio
     return _solve(study, observations, None)
 
 
-def arc_of(study: Study, observations: Observations | None = None) -> tuple[RangeArc, NDArray[np.float64]]:
+def arc_of(study: Study, observations: Observations | None = None) -> tuple[TrackingArc, NDArray[np.float64]]:
     """The prepared arc of a study and its a-priori position in principal axes, for predictions and tables of terms.
 
     Parameters and errors as :func:`locate`.
@@ -132,22 +132,22 @@ def _observations(study: Study, observations: Observations | None) -> tuple[Obse
     return select_observations(observations, study.observations, study.catalogue)
 
 
-def _arc(model: PhysicalModel, observations: Observations, target_pa: LunarPosition) -> RangeArc:
+def _arc(model: PhysicalModel, observations: Observations, target_pa: LunarPosition) -> TrackingArc:
     try:
-        return RangeArc(model, observations, target_pa.xyz_m)
+        return TrackingArc(model, observations, target_pa.xyz_m)
     except CoverageError:
         # The kernel or table does not know the files: say which observation lies outside, the first or the last.
         order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
         for row in (int(order[0]), int(order[-1])):
             try:
-                RangeArc(model, observations.select([row]), target_pa.xyz_m)
+                TrackingArc(model, observations.select([row]), target_pa.xyz_m)
             except CoverageError as error:
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
         raise
 
 
-def _status(arc: RangeArc, lander_pa_m: NDArray[np.float64]) -> NDArray[np.str_]:
+def _status(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> NDArray[np.str_]:
     """Which observations can be used at all, seen from the a-priori position, and why others cannot."""
     status = np.where((problem := arc.compute(lander_pa_m).problem) == "", USED, problem).astype(object)
     tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch))
@@ -183,7 +183,7 @@ def _fit(
 
 
 def _notes(
-    model: PhysicalModel, arc: RangeArc, left_out: dict[str, int], estimate: EstimateChoice | None
+    model: PhysicalModel, arc: TrackingArc, left_out: dict[str, int], estimate: EstimateChoice | None
 ) -> list[str]:
     """What a reader of the result must know about the model and the data."""
     notes = [f"{_count(count)} not asked for: {reason}" for reason, count in left_out.items()]

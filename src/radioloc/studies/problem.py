@@ -16,7 +16,7 @@ from radioloc.estimation.parameters import Parameter, ParameterSet
 from radioloc.lunar import east_north_up
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import TIME_TAGS
-from radioloc.measurements.range_model import RangeArc
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.study import EstimateChoice, HeightPrior
 
 PositionFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
@@ -29,7 +29,7 @@ class Problem:
 
     Parameters
     ----------
-    arc : RangeArc
+    arc : TrackingArc
     parameters : ParameterSet
         Three of the position, then range biases, then time biases.
     position : PositionFunction
@@ -39,7 +39,7 @@ class Problem:
         Which observations a station's time bias shifts.
     """
 
-    arc: RangeArc
+    arc: TrackingArc
     parameters: ParameterSet
     position: PositionFunction
     bias_columns: NDArray[np.float64]
@@ -48,7 +48,7 @@ class Problem:
     @classmethod
     def of(
         cls,
-        arc: RangeArc,
+        arc: TrackingArc,
         target_pa: LunarPosition,
         estimate: EstimateChoice | None,
         catalogue: StationCatalogue,
@@ -57,7 +57,7 @@ class Problem:
 
         Parameters
         ----------
-        arc : RangeArc
+        arc : TrackingArc
         target_pa : LunarPosition
             A-priori position in principal axes.
         estimate : EstimateChoice or None
@@ -113,7 +113,7 @@ class Problem:
         computed = self.arc.compute(lander_pa_m)
         n_range = self.bias_columns.shape[1]
         by_time = self.time_columns * computed.by_time_m_s[:, None]
-        total_m = computed.range_m + self.bias_columns @ x[3 : 3 + n_range] + by_time @ x[3 + n_range :]
+        total_m = computed.value_m + self.bias_columns @ x[3 : 3 + n_range] + by_time @ x[3 + n_range :]
         partials = np.hstack([computed.by_position_pa @ by_parameters, self.bias_columns, by_time])
         return self.arc.observations.value_m - total_m, partials
 
@@ -165,7 +165,7 @@ def _stations_of(
     key: str,
     names: tuple[str, ...] | str,
     catalogue: StationCatalogue,
-    arc: RangeArc,
+    arc: TrackingArc,
     owner: NDArray[np.int32],
 ) -> list[int]:
     """Indices of the stations that get a parameter of one kind."""

@@ -162,7 +162,7 @@ def test_bias_alone(apollo15):
 def test_time_bias_is_found_out(apollo15, near15, model):
     # All tags late by 10 ms: what was observed belongs to 10 ms earlier than it says.
     late_s = 0.010
-    arc = radioloc.RangeArc(model, apollo15, np.array(JPL_PA_M["apollo15"]))
+    arc = radioloc.TrackingArc(model, apollo15, np.array(JPL_PA_M["apollo15"]))
     by_time_m_s = arc.compute(np.array(JPL_PA_M["apollo15"])).by_time_m_s
     assert abs(by_time_m_s).max() > 100.0
     observed = changed(apollo15, slice(None), late_s * by_time_m_s)
@@ -216,7 +216,7 @@ def thinned(apollo15, near15, model):
     """Some observations, their solution, and what each term adds to them."""
     few = apollo15.select(slice(None, None, 12))
     full = fit(few, near15)
-    return few, full, radioloc.RangeArc(model, few, full.position_pa_m).terms(full.position_pa_m)
+    return few, full, radioloc.TrackingArc(model, few, full.position_pa_m).terms(full.position_pa_m)
 
 
 @pytest.mark.parametrize("term", list(radioloc.TERMS))
@@ -309,4 +309,4 @@ def test_arc_for_predictions(apollo15, near15, solution):
     arc, start_pa_m = radioloc.arc_of(Study(target=near15), apollo15)
     assert start_pa_m == pytest.approx(near15.to_axes("PA", arc.model.ephemeris.constants).xyz_m)
     computed = arc.compute(solution.position_pa_m)
-    assert computed.range_m == pytest.approx(solution.residuals.computed_m, abs=1e-6)
+    assert computed.value_m == pytest.approx(solution.residuals.computed_m, abs=1e-6)

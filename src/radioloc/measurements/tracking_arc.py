@@ -1,10 +1,14 @@
-"""Two-way and three-way range: the whole light path from a station over a point on the Moon to a station.
+"""An arc of tracking: predictions of ranges, VLBI delays and Doppler for a point on the Moon, with partials.
 
-What is measured: the time of flight on the receiving side's atomic clock scale (TT rate, as UTC has), times the speed
-of light; a round trip, never its half. The time tag is UTC at the station and names the transmission, the reception or
-(as if by a clock on Earth) the bounce. Two-way is the case of one station.
+What is measured, all in metres and by the stations' atomic clocks (TT rate, as UTC has):
 
-An arc is prepared once (:class:`RangeArc`): the motion of the stations and of the Moon near each event does not depend
+- range, two- or three-way: the time of flight from a station over the point to a station, a round trip, never its half.
+  The time tag is UTC at the station and names the transmission, the reception or (as if by a clock at the geocentre) the
+  bounce. Two-way is the case of one station.
+- VLBI delay: arrival at the second station less arrival of the same wavefront at the first; tagged with the first.
+- Doppler: growth of the range over the count interval, tagged at its middle; the difference of two ranges.
+
+An arc is prepared once (:class:`TrackingArc`): the motion of the stations and of the Moon near each event does not depend
 on where the point is, but for the few microseconds by which the light time changes with it. A prediction for a given
 position is then a light-time solution between straight motions.
 """
@@ -42,13 +46,13 @@ _STRAIGHT_FOR_S = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
-class ComputedRange:
-    """Predicted ranges and how they change.
+class Computed:
+    """Predicted observations and how they change.
 
     Parameters
     ----------
-    range_m : ndarray, shape (n,)
-        Whole light path, m.
+    value_m : ndarray, shape (n,)
+        Range, delay or growth of the range, m.
     by_position_pa : ndarray, shape (n, 3)
         Partial derivatives with respect to the point's principal-axes coordinates, m/m.
     by_time_m_s : ndarray, shape (n,)
@@ -59,15 +63,15 @@ class ComputedRange:
         Why the model does not hold for an observation; empty where it does.
     """
 
-    range_m: NDArray[np.float64]
+    value_m: NDArray[np.float64]
     by_position_pa: NDArray[np.float64]
     by_time_m_s: NDArray[np.float64]
     elevation_rad: NDArray[np.float64]
     problem: NDArray[np.str_]
 
 
-class RangeArc:
-    """The ranges of one arc, prepared for predictions from any position near an approximate one.
+class TrackingArc:
+    """The observations of one arc, prepared for predictions from any position near an approximate one.
 
     Parameters
     ----------
@@ -132,8 +136,8 @@ class RangeArc:
         out[self._doppler] |= predicted[len(self.observations) :]
         return out
 
-    def compute(self, lander_pa_m: NDArray[np.float64]) -> ComputedRange:
-        """Predict all ranges for a position.
+    def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
+        """Predict all observations for a position.
 
         Parameters
         ----------
@@ -165,8 +169,8 @@ class RangeArc:
         n = len(self.observations)
         problem = np.where(up.problem != "", up.problem, down.problem)
         problem[self._doppler] = np.where(problem[self._doppler] != "", problem[self._doppler], problem[n:])
-        return ComputedRange(
-            range_m=self._observed(length_m),
+        return Computed(
+            value_m=self._observed(length_m),
             by_position_pa=self._observed(np.einsum("ni,nij->nj", by_position, self._moon.rot_pa_to_icrf)),
             by_time_m_s=self._observed(by_time),
             elevation_rad=np.stack([up.elevation_rad, down.elevation_rad], axis=-1)[:n],
@@ -174,7 +178,7 @@ class RangeArc:
         )
 
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Table of terms: by how much each active term changes each computed range, m.
+        """Table of terms: by how much each active term changes each computed value, m.
 
         Parameters
         ----------
@@ -187,12 +191,12 @@ class RangeArc:
             Computed with everything minus computed without that term, in the order of
             :data:`~radioloc.measurements.terms.TERMS`.
         """
-        full_m = self.compute(lander_pa_m).range_m
+        full_m = self.compute(lander_pa_m).value_m
         table = {}
         for name in TERMS:
             if self.model.has(name):
-                without = RangeArc(self.model.without(name), self.observations, lander_pa_m)
-                table[name] = full_m - without.compute(lander_pa_m).range_m
+                without = TrackingArc(self.model.without(name), self.observations, lander_pa_m)
+                table[name] = full_m - without.compute(lander_pa_m).value_m
         return table
 
     def _observed(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -12,7 +12,7 @@ from radioloc.constants import C_M_S
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.measurements.observations import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.range_model import RangeArc
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs
 
 # Noise of both ranges that are compared, the surface's by the last place of the lunar angle psi (3 micrometres) first.
@@ -46,7 +46,7 @@ def arc_and_point(model, case, prepared_off_m=(0.0, 0.0, 0.0), shift_s=0.0, tag=
     tai = Epochs.from_jd(case["day"] + 0.5, case["fraction"], "TAI").shifted(shift_s)
     table = observations(f"{case['sender']}>x>{case['receiver']}", tai, tag or case["tag"])
     point_pa_m = selenographic_to_cartesian(case["longitude"], case["latitude"], case["height"])
-    return RangeArc(model, table, point_pa_m + prepared_off_m), point_pa_m
+    return TrackingArc(model, table, point_pa_m + prepared_off_m), point_pa_m
 
 
 @settings(max_examples=40, deadline=None)
@@ -55,7 +55,7 @@ def test_partials_by_position(model, case):
     arc, point_pa_m = arc_and_point(model, case)
     step_m = 100.0
     numeric = [
-        (arc.compute(point_pa_m + away).range_m[0] - arc.compute(point_pa_m - away).range_m[0]) / (2 * step_m)
+        (arc.compute(point_pa_m + away).value_m[0] - arc.compute(point_pa_m - away).value_m[0]) / (2 * step_m)
         for away in step_m * np.eye(3)
     ]
     analytic = arc.compute(point_pa_m).by_position_pa[0]
@@ -68,7 +68,7 @@ def test_partials_by_time(model, case):
     arc, point_pa_m = arc_and_point(model, case)
     step_s = 0.5
     ahead, behind = (
-        arc_and_point(model, case, shift_s=s)[0].compute(point_pa_m).range_m[0] for s in (step_s, -step_s)
+        arc_and_point(model, case, shift_s=s)[0].compute(point_pa_m).value_m[0] for s in (step_s, -step_s)
     )
     analytic = arc.compute(point_pa_m).by_time_m_s[0]
     # Gravity of the Earth below the horizon changes at up to 2e-4 m/s, solid tides at 5e-5 m/s.
@@ -79,9 +79,9 @@ def test_partials_by_time(model, case):
 @given(case=CASES)
 def test_transmit_and_receive_tags_tell_one_path(model, case):
     sent, point_pa_m = arc_and_point(model, case, tag="transmit")
-    range_m = sent.compute(point_pa_m).range_m
+    range_m = sent.compute(point_pa_m).value_m
     received, _ = arc_and_point(model, case, tag="receive", shift_s=range_m / C_M_S)
-    assert abs(received.compute(point_pa_m).range_m - range_m)[0] < SAME_M
+    assert abs(received.compute(point_pa_m).value_m - range_m)[0] < SAME_M
 
 
 @settings(max_examples=40, deadline=None)
@@ -90,6 +90,6 @@ def test_preparation_does_not_matter(model, case, away):
     near, point_pa_m = arc_and_point(model, case)
     far, _ = arc_and_point(model, case, prepared_off_m=away)
     one, other = near.compute(point_pa_m), far.compute(point_pa_m)
-    assert abs(one.range_m - other.range_m)[0] < SAME_M
+    assert abs(one.value_m - other.value_m)[0] < SAME_M
     np.testing.assert_allclose(one.by_position_pa, other.by_position_pa, rtol=0, atol=1e-8)
     assert one.problem.tolist() == other.problem.tolist() or abs(one.elevation_rad).min() < 1e-3

@@ -15,7 +15,7 @@ from radioloc.errors import ConvergenceError, CoverageError, PredictedEopWarning
 from radioloc.lunar import cartesian_partials, cartesian_to_selenographic, selenographic_to_cartesian
 from radioloc.measurements.observations import TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.range_model import RangeArc
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, tdb_to_tt, tt_to_tai, utc_to_tai
 
@@ -40,7 +40,7 @@ def radio(model):
 
 
 def computed(model, path, tai, tag="transmit", pa_m=APOLLO15_PA_M, **columns):
-    return RangeArc(model, observations(path, tai, tag, **columns), pa_m).compute(pa_m)
+    return TrackingArc(model, observations(path, tai, tag, **columns), pa_m).compute(pa_m)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -86,24 +86,24 @@ def apollo_terms(model):
     """Terms at all hours at which the Moon stands above 20 degrees, over 13 months in steps of a day and 50 minutes."""
     tai = Epochs.from_jd(2453832.5, 1.0347 * np.arange(400), "TAI")
     every = observations("APOLLO>apollo15>APOLLO", tai, **LASER)
-    high = RangeArc(model, every, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
+    high = TrackingArc(model, every, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
         axis=1
     ) > np.radians(20.0)
     other = observations("APOLLO>apollo15>APOLLO", tai.shifted(-6 * 3600.0), **LASER)
-    more = RangeArc(model, other, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
+    more = TrackingArc(model, other, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
         axis=1
     ) > np.radians(20.0)
     chosen = Observations.concatenate(
         [every.select(np.flatnonzero(high)), other.select(np.flatnonzero(more))]
     )
     assert len(chosen) > 150
-    return RangeArc(model, chosen, APOLLO15_PA_M).terms(APOLLO15_PA_M)
+    return TrackingArc(model, chosen, APOLLO15_PA_M).terms(APOLLO15_PA_M)
 
 
 def test_table_has_every_active_term_in_order(model, apollo_terms):
     assert list(apollo_terms) == list(TERMS)
     fewer = model.without("shapiro", "troposphere")
-    table = RangeArc(fewer, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M).terms(
+    table = TrackingArc(fewer, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M).terms(
         APOLLO15_PA_M
     )
     assert list(table) == [name for name in TERMS if name not in ("shapiro", "troposphere")]
@@ -124,8 +124,8 @@ def test_shapiro_is_the_sum_over_all_bodies(radio):
     """Added up once more from plain geometry: a signal along a chord at one instant, all bodies at rest."""
     tai = epochs_tai(9, 48.0)
     found = computed(radio, "KASHI>x>KASHI", tai, "bounce")
-    term_m = found.range_m - computed(radio.without("shapiro"), "KASHI>x>KASHI", tai, "bounce").range_m
-    arc = RangeArc(radio, observations("KASHI>x>KASHI", tai, "bounce"), APOLLO15_PA_M)
+    term_m = found.value_m - computed(radio.without("shapiro"), "KASHI>x>KASHI", tai, "bounce").value_m
+    arc = TrackingArc(radio, observations("KASHI>x>KASHI", tai, "bounce"), APOLLO15_PA_M)
     now = arc._reference
     station_m = radio.earth.evaluate(tdb_to_tt(now)).rot_itrf_to_gcrs @ radio.catalogue["KASHI"].itrf_m
     moon_m, _ = radio.ephemeris.geocentric("moon", now)
@@ -151,19 +151,19 @@ def test_terms_add_up(model):
     """Everything minus nothing is the sum of the terms, but for the products of pairs: 15 m of light time in which
     the Earth moves 1.5 mm, 0.5 m of displacement in gradients of 1e-6."""
     table = observations("APOLLO>apollo15>APOLLO", epochs_tai(5, 3.0, 2454040.5, 0.35), **LASER)
-    arc = RangeArc(model, table, APOLLO15_PA_M)
+    arc = TrackingArc(model, table, APOLLO15_PA_M)
     terms = arc.terms(APOLLO15_PA_M)
     # The constant tide is a part of the tide and would count twice.
     total_m = sum(value for name, value in terms.items() if name != "lunar_tide_constant")
-    nothing_m = RangeArc(model.without(*TERMS), table, APOLLO15_PA_M).compute(APOLLO15_PA_M).range_m
-    np.testing.assert_allclose(arc.compute(APOLLO15_PA_M).range_m - nothing_m, total_m, rtol=0, atol=1e-5)
+    nothing_m = TrackingArc(model.without(*TERMS), table, APOLLO15_PA_M).compute(APOLLO15_PA_M).value_m
+    np.testing.assert_allclose(arc.compute(APOLLO15_PA_M).value_m - nothing_m, total_m, rtol=0, atol=1e-5)
 
 
 @pytest.mark.parametrize(("path", "reach_m"), [("KASHI>x>JIAMUSI", 440.0), ("KASHI>x>NEUQUEN", 1060.0)])
 def test_tdb_tt_of_three_way_reaches_hundreds_of_metres(radio, path, reach_m):
     tai = epochs_tai(193, 48.0)
-    full = computed(radio, path, tai).range_m
-    term = full - computed(radio.without("tdb_tt"), path, tai).range_m
+    full = computed(radio, path, tai).value_m
+    term = full - computed(radio.without("tdb_tt"), path, tai).value_m
     assert np.abs(term).max() == pytest.approx(reach_m, abs=10.0)
     # It has the period of a day and both signs: no bias takes its place.
     assert term.min() < -0.75 * reach_m
@@ -173,8 +173,8 @@ def test_tdb_tt_of_three_way_reaches_hundreds_of_metres(radio, path, reach_m):
 def test_without_tdb_tt_flight_is_counted_in_tdb(radio):
     """Two-way it is centimetres to decimetres: c times 2.6 s times the rate of TDB - TT."""
     tai = epochs_tai(25, 24.0)
-    term = computed(radio, "KASHI>x>KASHI", tai).range_m
-    term = term - computed(radio.without("tdb_tt"), "KASHI>x>KASHI", tai).range_m
+    term = computed(radio, "KASHI>x>KASHI", tai).value_m
+    term = term - computed(radio.without("tdb_tt"), "KASHI>x>KASHI", tai).value_m
     assert 0.1 < np.abs(term).max() < 0.37
 
 
@@ -192,7 +192,7 @@ def test_two_way_is_three_way_with_one_station(radio, tag):
     two_way = computed(both, "KASHI>x>KASHI", tai, tag)
     for path in ("KASHI>x>DOUBLE", "DOUBLE>x>KASHI"):
         three_way = computed(both, path, tai, tag)
-        assert np.abs(three_way.range_m - two_way.range_m).max() < SAME_M
+        assert np.abs(three_way.value_m - two_way.value_m).max() < SAME_M
         np.testing.assert_allclose(three_way.by_position_pa, two_way.by_position_pa, rtol=0, atol=1e-12)
         np.testing.assert_allclose(three_way.by_time_m_s, two_way.by_time_m_s, rtol=0, atol=1e-6)
         np.testing.assert_allclose(three_way.elevation_rad, two_way.elevation_rad, rtol=0, atol=1e-12)
@@ -202,15 +202,15 @@ def test_two_way_is_three_way_with_one_station(radio, tag):
 def test_the_same_path_by_each_of_its_tags(radio, path):
     """What leaves at t arrives at t + range / c by the stations' clocks, and there is one path between the two."""
     tai = epochs_tai(9, 24.0)
-    arc = RangeArc(radio, observations(path, tai, "transmit"), APOLLO15_PA_M)
+    arc = TrackingArc(radio, observations(path, tai, "transmit"), APOLLO15_PA_M)
     sent = arc.compute(APOLLO15_PA_M)
-    received = computed(radio, path, tai.shifted(sent.range_m / C_M_S), "receive")
-    assert np.abs(received.range_m - sent.range_m).max() < SAME_M
+    received = computed(radio, path, tai.shifted(sent.value_m / C_M_S), "receive")
+    assert np.abs(received.value_m - sent.value_m).max() < SAME_M
     # The bounce is told by the geocentre's clock: its TDB less the geocentre's TDB - TT.
     solved, _ = arc._solve(APOLLO15_PA_M)
     bounce = tt_to_tai(tdb_to_tt(arc._reference.shifted(solved.bounce_s)))
     bounced = computed(radio, path, bounce, "bounce")
-    assert np.abs(bounced.range_m - sent.range_m).max() < SAME_M
+    assert np.abs(bounced.value_m - sent.value_m).max() < SAME_M
     for other in (received, bounced):
         np.testing.assert_allclose(other.by_position_pa, sent.by_position_pa, rtol=0, atol=2e-5)
         np.testing.assert_allclose(other.elevation_rad, sent.elevation_rad, rtol=0, atol=1e-9)
@@ -218,7 +218,7 @@ def test_the_same_path_by_each_of_its_tags(radio, path):
 
 def test_tag_matters(radio):
     tai = epochs_tai(9, 24.0)
-    sent, received, bounced = (computed(radio, "KASHI>x>NEUQUEN", tai, tag).range_m for tag in TIME_TAGS)
+    sent, received, bounced = (computed(radio, "KASHI>x>NEUQUEN", tai, tag).value_m for tag in TIME_TAGS)
     assert np.abs(received - sent).max() > 500.0
     assert np.abs(bounced - sent).max() > 250.0
 
@@ -236,13 +236,13 @@ def test_mixed_links_and_tags_are_each_computed_as_if_alone(radio):
         value_m=7.7e8,
         sigma_m=1.0,
     )
-    arc = RangeArc(radio, mixed, APOLLO15_PA_M)
+    arc = TrackingArc(radio, mixed, APOLLO15_PA_M)
     together = arc.compute(APOLLO15_PA_M)
     assert arc.stations == CHINESE
     for row in range(count):
         tag, path = TIME_TAGS[row // len(paths)], paths[row % len(paths)]
         alone = computed(radio, path, tai[row], tag)
-        assert abs(together.range_m[row] - alone.range_m[0]) < SAME_M
+        assert abs(together.value_m[row] - alone.value_m[0]) < SAME_M
         # Prepared at the tag or, in the mixture, microseconds from it, in which the vertical turns by 1e-10 rad.
         np.testing.assert_allclose(together.elevation_rad[row], alone.elevation_rad[0], rtol=0, atol=3e-10)
         sender, _, receiver = path.split(">")
@@ -259,7 +259,7 @@ def test_station_by_alias_is_one_station(radio):
         value_m=7e8,
         sigma_m=1,
     )
-    assert RangeArc(radio, table, APOLLO15_PA_M).stations == ("KASHI",)
+    assert TrackingArc(radio, table, APOLLO15_PA_M).stations == ("KASHI",)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -270,24 +270,24 @@ def test_station_by_alias_is_one_station(radio):
 def test_arc_prepared_far_away(radio, tag):
     """50 km off is 0.17 ms of light, within which the straight motions serve; 2000 km needs preparing anew."""
     table = observations("KASHI>x>NEUQUEN", epochs_tai(9, 24.0), tag)
-    fresh = RangeArc(radio, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    fresh = TrackingArc(radio, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
     for away_m in ([5e4, 0.0, 0.0], [0.0, 3e4, -4e4]):
-        arc = RangeArc(radio, table, APOLLO15_PA_M + away_m)
+        arc = TrackingArc(radio, table, APOLLO15_PA_M + away_m)
         prepared = arc._moon
-        assert np.abs(arc.compute(APOLLO15_PA_M).range_m - fresh.range_m).max() < SAME_M
+        assert np.abs(arc.compute(APOLLO15_PA_M).value_m - fresh.value_m).max() < SAME_M
         assert arc._moon is prepared
-    arc = RangeArc(radio, table, -APOLLO15_PA_M)
+    arc = TrackingArc(radio, table, -APOLLO15_PA_M)
     prepared = arc._moon
     again = arc.compute(APOLLO15_PA_M)
     assert arc._moon is not prepared
-    assert np.abs(again.range_m - fresh.range_m).max() < SAME_M
+    assert np.abs(again.value_m - fresh.value_m).max() < SAME_M
     np.testing.assert_allclose(again.by_position_pa, fresh.by_position_pa, rtol=0, atol=1e-11)
     # And nothing of it is left behind.
-    assert arc.compute(APOLLO15_PA_M).range_m.tolist() == again.range_m.tolist()
+    assert arc.compute(APOLLO15_PA_M).value_m.tolist() == again.value_m.tolist()
 
 
 def test_position_that_is_not_finite(radio):
-    arc = RangeArc(radio, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M)
+    arc = TrackingArc(radio, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M)
     with pytest.raises((ConvergenceError, ValueError), match=r"settle|finite"):
         arc.compute(np.array([np.nan, 0.0, 0.0]))
 
@@ -295,9 +295,9 @@ def test_position_that_is_not_finite(radio):
 def test_all_reflectors_lie_on_the_near_side(radio):
     """The range is shorter than to the Moon's centre and back by about twice the radius times a cosine."""
     tai = epochs_tai(3, 24.0)
-    centre_m = computed(radio, "KASHI>x>KASHI", tai, pa_m=APOLLO15_PA_M * 1e-6).range_m
+    centre_m = computed(radio, "KASHI>x>KASHI", tai, pa_m=APOLLO15_PA_M * 1e-6).value_m
     for pa_m in REFLECTORS_PA_M.values():
-        nearer_m = centre_m - computed(radio, "KASHI>x>KASHI", tai, pa_m=pa_m).range_m
+        nearer_m = centre_m - computed(radio, "KASHI>x>KASHI", tai, pa_m=pa_m).value_m
         assert ((nearer_m > 1.7e6) & (nearer_m < 3.5e6)).all()
 
 
@@ -315,7 +315,7 @@ def test_partials_by_position(model, radio, path, tag):
     laser = "GRASSE" in path
     tai = epochs_tai(5, 3.0, 2460311.5, 0.1) if laser else epochs_tai(9, 48.0)
     table = observations(path, tai, tag, **(LASER if laser else {}))
-    arc = RangeArc(model if laser else radio, table, APOLLO15_PA_M)
+    arc = TrackingArc(model if laser else radio, table, APOLLO15_PA_M)
     here = arc.compute(APOLLO15_PA_M)
     if laser:
         assert (np.degrees(here.elevation_rad) > 20.0).all()
@@ -323,7 +323,7 @@ def test_partials_by_position(model, radio, path, tag):
     step_m = 100.0
     numeric = np.stack(
         [
-            (arc.compute(APOLLO15_PA_M + away).range_m - arc.compute(APOLLO15_PA_M - away).range_m)
+            (arc.compute(APOLLO15_PA_M + away).value_m - arc.compute(APOLLO15_PA_M - away).value_m)
             / (2 * step_m)
             for away in step_m * np.eye(3)
         ],
@@ -337,8 +337,8 @@ def test_partials_by_position(model, radio, path, tag):
     numeric = np.stack(
         [
             (
-                arc.compute(selenographic_to_cartesian(*(place + away))).range_m
-                - arc.compute(selenographic_to_cartesian(*(place - away))).range_m
+                arc.compute(selenographic_to_cartesian(*(place + away))).value_m
+                - arc.compute(selenographic_to_cartesian(*(place - away))).value_m
             )
             / (2 * away.sum())
             for away in np.diag(steps)
@@ -364,7 +364,7 @@ def test_partials_by_time_tag(model, radio, path, tag):
     # Third differences over 0.5 s are 1e-7 m/s, round-off 1e-6 m/s.
     step_s = 0.5
     ahead, behind = (
-        computed(some_model, path, tai.shifted(s), tag, **weather).range_m for s in (step_s, -step_s)
+        computed(some_model, path, tai.shifted(s), tag, **weather).value_m for s in (step_s, -step_s)
     )
     error_m_s = here.by_time_m_s - (ahead - behind) / (2 * step_s)
     speed_m_s = np.linalg.norm(here.by_time_m_s[seen])
@@ -386,7 +386,7 @@ def test_below_the_horizon(radio, model):
         assert not down.all()
         for row in range(49):
             assert ("below the horizon" in found.problem[row]) == bool(down[row].any())
-        assert np.isfinite(found.range_m).all()
+        assert np.isfinite(found.value_m).all()
     lowest = np.degrees(found.elevation_rad[down[:, 0], 0])
     assert found.problem[down[:, 0]][0] == f"below the horizon ({lowest[0]:.1f} deg)"
 
@@ -432,9 +432,9 @@ def test_unknown_station_names_file_and_line(radio):
         line=[7, 8, 19],
     )
     with pytest.raises(StationError, match=r"pass\.tdm, line 19: station 'KASHGAN' .* KASHI"):
-        RangeArc(radio, table, APOLLO15_PA_M)
+        TrackingArc(radio, table, APOLLO15_PA_M)
     # A link that no row uses is not looked up.
-    assert RangeArc(radio, table.select([0, 1]), APOLLO15_PA_M).stations == ("KASHI",)
+    assert TrackingArc(radio, table.select([0, 1]), APOLLO15_PA_M).stations == ("KASHI",)
 
 
 @pytest.mark.parametrize("date", ["2050-06-01", "2051-01-01"])
@@ -443,13 +443,13 @@ def test_epochs_outside_kernels_or_earth_orientation(radio, date):
         epoch=epochs_from_strings(date), links=[Link("KASHI", "x", "KASHI")], value_m=7e8, sigma_m=1.0
     )
     with pytest.raises(CoverageError, match=r"kernel|Earth orientation|\.bsp"):
-        RangeArc(radio, table, APOLLO15_PA_M)
+        TrackingArc(radio, table, APOLLO15_PA_M)
 
 
 def test_epochs_after_the_last_of_earth_orientation(radio):
     after = Epochs.from_jd(2400000.5 + radio.earth.table.mjd_utc[-1] + 2.0, 0.0, "TAI")
     with pytest.raises(CoverageError, match="Earth orientation"):
-        RangeArc(radio, observations("KASHI>x>KASHI", after), APOLLO15_PA_M)
+        TrackingArc(radio, observations("KASHI>x>KASHI", after), APOLLO15_PA_M)
 
 
 def test_predicted_earth_orientation_is_flagged(radio):
@@ -458,16 +458,16 @@ def test_predicted_earth_orientation_is_flagged(radio):
     some = dataclasses.replace(radio, earth=EarthOrientation(marked))
     tai = epochs_tai(3, 72.0, 2459184.5)
     with pytest.warns(PredictedEopWarning, match="predicted, not measured, at 2 of 3"):
-        arc = RangeArc(some, observations("KASHI>x>JIAMUSI", tai), APOLLO15_PA_M)
+        arc = TrackingArc(some, observations("KASHI>x>JIAMUSI", tai), APOLLO15_PA_M)
     # The cubic between 2 and 3 December rests on the 4th too, which is marked.
     assert arc.predicted_eop.tolist() == [False, True, True]
-    assert not RangeArc(radio, observations("KASHI>x>JIAMUSI", tai), APOLLO15_PA_M).predicted_eop.any()
+    assert not TrackingArc(radio, observations("KASHI>x>JIAMUSI", tai), APOLLO15_PA_M).predicted_eop.any()
 
 
 def test_no_observations_are_no_error(radio):
     none = observations("KASHI>x>KASHI", epochs_tai(2, 1.0)).select(np.zeros(2, dtype=bool))
-    found = RangeArc(radio, none, APOLLO15_PA_M).compute(APOLLO15_PA_M)
-    assert found.range_m.shape == (0,)
+    found = TrackingArc(radio, none, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    assert found.value_m.shape == (0,)
     assert found.by_position_pa.shape == (0, 3)
 
 
@@ -475,7 +475,7 @@ def test_leap_second_does_not_show(radio):
     """Ranges around the leap second of 2016 follow one another smoothly in TAI."""
     tai = utc_to_tai(epochs_from_strings("2016-12-31T23:59:55")).shifted(0.5)
     tai = Epochs.concatenate([tai.shifted(s) for s in np.arange(11.0)])
-    range_m = computed(radio, "KASHI>x>KASHI", tai).range_m
+    range_m = computed(radio, "KASHI>x>KASHI", tai).value_m
     seconds = np.arange(11.0)
     left = range_m - np.polynomial.Polynomial.fit(seconds, range_m, 3)(seconds)
     assert np.abs(left).max() < 1e-5

@@ -80,7 +80,7 @@ def geocentric_m(geocentric, model, first, second, tag, kind="range"):
     places_m = model.catalogue[first].itrf_m, model.catalogue[second].itrf_m
     if kind == "vlbi_delay":
         return geocentric.vlbi_delay_m(*places_m)
-    return geocentric.value_m(*places_m, tag)
+    return geocentric.range_m(*places_m, tag)
 
 
 def difference_m(model, point_pa_m, geocentric, *path):

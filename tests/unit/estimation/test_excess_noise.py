@@ -1,0 +1,164 @@
+"""Noise beyond the stated sigmas: none where they suffice, the right size where they do not, always an end."""
+
+import math
+
+import numpy as np
+import pytest
+
+from radioloc.errors import InputError
+from radioloc.estimation import (
+    USED,
+    EditingSettings,
+    Parameter,
+    ParameterSet,
+    fit_with_editing,
+    fit_with_excess_noise,
+)
+from radioloc.estimation.excess_noise import excess_noise_m
+
+
+def line(n, sigma_m, excess_m, seed):
+    """A straight line with two parameters, its noise, and the sigmas that are stated."""
+    rng = np.random.default_rng(seed)
+    partials = np.column_stack([np.ones(n), np.linspace(-1.0, 1.0, n)])
+    stated_m = np.broadcast_to(sigma_m, n) * np.exp(0.3 * rng.standard_normal(n))
+    observed_m = partials @ [2.0, -3.0] + rng.standard_normal(n) * np.hypot(stated_m, excess_m)
+    return partials, observed_m, stated_m
+
+
+def fit(partials, observed_m, stated_m, **options):
+    parameters = ParameterSet(Parameter(f"slope.{k}", "m", "slope") for k in range(partials.shape[1]))
+    return fit_with_excess_noise(
+        lambda x: (observed_m - partials @ x, partials), parameters, stated_m, **options
+    )
+
+
+def reduced(found, excess_m, stated_m):
+    used = found.edited.fit.used
+    residual_m = found.edited.fit.residual_m[used]
+    return float((residual_m**2 / (stated_m[used] ** 2 + excess_m**2)).sum() / (used.sum() - 2))
+
+
+def test_nothing_is_added_to_sigmas_that_suffice():
+    problem = line(200, 0.01, 0.0, 1)
+    found = fit(*problem)
+    assert found.excess_noise_m == 0.0
+    assert found.edited.converged
+    parameters = ParameterSet(Parameter(f"slope.{k}", "m", "slope") for k in range(2))
+    plain = fit_with_editing(lambda x: (problem[1] - problem[0] @ x, problem[0]), parameters, problem[2])
+    assert np.array_equal(found.edited.fit.x, plain.fit.x)
+
+
+def test_excess_makes_the_residuals_fit():
+    problem = line(400, 0.005, 0.05, 2)
+    found = fit(*problem)
+    assert found.edited.converged
+    assert found.excess_noise_m == pytest.approx(0.05, rel=0.1)  # its own sigma is 1 / sqrt(2 * 400) = 3.5 %
+    assert reduced(found, found.excess_noise_m, problem[2]) == pytest.approx(1.0, abs=5e-3)
+    assert found.edited.fit.sigma_m == pytest.approx(np.hypot(problem[2], found.excess_noise_m))
+
+
+def test_strong_observations_do_not_decide_alone():
+    # One observation claims to be a thousand times better than it is.
+    partials, observed_m, stated_m = line(100, 0.03, 0.03, 3)
+    stated_m = stated_m.copy()
+    stated_m[10], observed_m[10] = 3e-5, observed_m[10] + 0.06
+    found = fit(partials, observed_m, stated_m)
+    assert found.edited.converged
+    assert abs(found.edited.fit.x - [2.0, -3.0]).max() < 0.03
+    assert found.edited.fit.sigma_m.min() > 0.01
+
+
+def test_outliers_are_not_taken_for_noise():
+    partials, observed_m, stated_m = line(150, 0.005, 0.04, 4)
+    observed_m[[3, 77, 140]] += [19.0, -2.0, 400.0]
+    found = fit(partials, observed_m, stated_m)
+    assert found.excess_noise_m == pytest.approx(0.04, rel=0.2)
+    assert np.flatnonzero(found.edited.status != USED).tolist() == [3, 77, 140]
+
+
+def test_observations_left_out_from_the_beginning_stay_out():
+    partials, observed_m, stated_m = line(60, 0.005, 0.04, 5)
+    status = np.full(60, USED, dtype=object)
+    status[::6] = "below the horizon"
+    observed_m[::6] += 1e3
+    found = fit(partials, observed_m, stated_m, status=status)
+    assert (found.edited.status[::6] == "below the horizon").all()
+    assert found.excess_noise_m < 0.08
+
+
+def test_editing_settings_are_handed_on():
+    partials, observed_m, stated_m = line(60, 0.01, 0.0, 6)
+    observed_m[7] += 0.5
+    found = fit(partials, observed_m, stated_m, editing=EditingSettings(enabled=False))
+    assert (found.edited.status == USED).all()
+    assert found.excess_noise_m > 0.03
+
+
+@pytest.mark.parametrize("n", [1, 2])
+def test_no_redundancy_no_excess(n):
+    found = fit(*line(n, 0.01, 5.0, 7))
+    assert found.excess_noise_m == 0.0
+    assert found.edited.converged == (n == 2)
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_comes_to_an_end_that_holds_together(seed):
+    rng = np.random.default_rng(seed)
+    partials, observed_m, stated_m = line(int(rng.integers(5, 60)), 0.005, rng.choice([0.0, 0.01, 0.1]), seed)
+    stated_m = stated_m * np.exp(rng.uniform(0.0, 2.5) * rng.standard_normal(len(stated_m)))
+    hit = rng.random(len(observed_m)) < 0.12
+    observed_m = observed_m + hit * rng.choice([-1.0, 1.0], len(hit)) * np.exp(
+        rng.uniform(-4.0, 3.0, len(hit))
+    )
+    found = fit(partials, observed_m, stated_m)
+    assert found.edited.converged
+    if found.excess_noise_m > 0.0 and not found.edited.message:
+        assert reduced(found, found.excess_noise_m, stated_m) == pytest.approx(1.0, abs=5e-3)
+
+
+def circling():
+    """Sigmas that spread by a factor of a thousand, and outliers: excess and selection drive each other.
+
+    Found by search; what it takes is that a larger excess lets a different set of observations in.
+    """
+    rng = np.random.default_rng(1078)
+    n, p = int(rng.integers(5, 60)), int(rng.integers(1, 4))
+    partials = rng.standard_normal((n, p))
+    stated_m = 0.005 * np.exp(rng.uniform(0, 2.5) * rng.standard_normal(n))
+    rng.choice([0, 0.003, 0.01, 0.03, 0.1]), rng.choice(["n", "t", "out"])
+    observed_m = partials @ np.ones(p) + rng.standard_normal(n) * stated_m
+    hit = rng.choice(n, n // 8, replace=False)
+    observed_m[hit] += rng.choice([-1, 1], len(hit)) * np.exp(rng.uniform(-4, 3, len(hit)))
+    return partials, observed_m, stated_m
+
+
+def test_a_circle_ends_at_its_largest_excess():
+    partials, observed_m, stated_m = circling()
+    found = fit(partials, observed_m, stated_m)
+    assert found.edited.converged
+    assert found.edited.message.startswith("the excess noise and the outliers depend on each other")
+    assert found.excess_noise_m > 0.0
+    assert found.edited.fit.sigma_m == pytest.approx(np.hypot(stated_m, found.excess_noise_m))
+
+
+def test_excess_by_hand():
+    # Equal sigmas: (sum r^2) / dof = sigma^2 + excess^2.
+    residual_m = np.array([3.0, -4.0, 5.0, -1.0]) * 0.1
+    expected_m = math.sqrt((residual_m**2).sum() / 3 - 0.01**2)
+    assert excess_noise_m(residual_m, np.full(4, 0.01), 3) == pytest.approx(expected_m, rel=1e-9)
+
+
+def test_significance_can_be_asked_for_or_not():
+    # Chi-square 6 with 4 degrees of freedom is nothing unusual, but it is above one per degree.
+    residual_m, sigma_m = np.full(6, 0.01), np.full(6, 0.01)
+    assert excess_noise_m(residual_m, sigma_m, 4) == 0.0
+    assert excess_noise_m(residual_m, sigma_m, 4, None) == pytest.approx(0.01 * math.sqrt(0.5), rel=1e-9)
+    assert excess_noise_m(0.1 * residual_m, sigma_m, 4, None) == 0.0
+    assert excess_noise_m(np.zeros(6), sigma_m, 4, None) == 0.0
+    assert excess_noise_m(residual_m * 1e6, sigma_m, 0) == 0.0
+
+
+def test_shapes_must_agree():
+    with pytest.raises(InputError, match=r"\(3,\) residuals do not fit \(2,\) sigmas"):
+        excess_noise_m(np.ones(3), np.ones(2), 1)

@@ -1,0 +1,107 @@
+"""A point on the Moon with its frame: what is refused, and that the forms agree."""
+
+import numpy as np
+import pytest
+
+from radioloc.ephemeris import Ephemeris
+from radioloc.errors import InputError
+from radioloc.lunar.position import LunarPosition
+
+# JPL's position of the Apollo 15 reflector, PA_DE421 (JPL IOM 335-JW,DB,WF-20080314-001, 2008).
+PA_M = (1554678.949, 98094.118, 765004.906)
+# From mean-Earth to principal axes of DE421 by turns about x, y and z (Folkner, Williams and Boggs 2009, IPN Progress
+# Report 42-178).
+ME_TO_PA_ARCSEC = (0.30, 78.56, 67.92)
+ROUNDING_M = 1e-8
+
+
+@pytest.fixture(scope="module")
+def constants():
+    return Ephemeris.open().constants
+
+
+def test_frames_are_the_published_turns_apart(constants):
+    a, b, c = np.radians(np.array(ME_TO_PA_ARCSEC) / 3600.0)
+    about_x = np.array([[1, 0, 0], [0, np.cos(a), np.sin(a)], [0, -np.sin(a), np.cos(a)]])
+    about_y = np.array([[np.cos(b), 0, -np.sin(b)], [0, 1, 0], [np.sin(b), 0, np.cos(b)]])
+    about_z = np.array([[np.cos(c), np.sin(c), 0], [-np.sin(c), np.cos(c), 0], [0, 0, 1]])
+    in_me = LunarPosition.from_cartesian(PA_M, "PA_DE421").to_axes("ME", constants)
+    assert in_me.frame == "ME_DE421"
+    assert about_z @ about_y @ about_x @ in_me.xyz_m == pytest.approx(PA_M, abs=ROUNDING_M)
+    assert np.linalg.norm(in_me.xyz_m - PA_M) > 500.0  # not the same axes
+
+
+def test_there_and_back(constants):
+    one = LunarPosition.from_selenographic(-130.0, -89.7, 1500.0, "ME_DE421")
+    assert one.to_axes("ME", constants) is one
+    back = one.to_axes("PA", constants).to_axes("ME", constants)
+    assert back.xyz_m == pytest.approx(one.xyz_m, abs=ROUNDING_M)
+    assert back.selenographic == pytest.approx((-130.0, -89.7, 1500.0), abs=1e-7)
+
+
+@pytest.mark.parametrize(
+    ("lon", "lat", "h"), [(0, 90, 0), (12, -90, -9000), (180, 0, 1e4), (-360, 1, 0), (359, 1, 0)]
+)
+def test_geographic_forms(lon, lat, h):
+    one = LunarPosition.from_selenographic(lon, lat, h)
+    assert np.linalg.norm(one.xyz_m) == pytest.approx(1737400.0 + h, abs=ROUNDING_M)
+    again = LunarPosition.from_selenographic(*one.selenographic)
+    assert again.xyz_m == pytest.approx(one.xyz_m, abs=ROUNDING_M)
+
+
+def test_is_read_only_and_owns_its_numbers():
+    given = np.array(PA_M)
+    one = LunarPosition("PA_DE421", given)
+    given[0] = 0.0
+    assert one.xyz_m[0] == PA_M[0]
+    with pytest.raises(ValueError, match="read-only"):
+        one.xyz_m[0] = 1.0
+
+
+@pytest.mark.parametrize(
+    ("xyz_m", "message"),
+    [
+        ((1554.7, 98.1, 765.0), "1.735 km from the Moon's centre.*in metres"),
+        ((0.0, 0.0, 0.0), "from the Moon's centre"),
+        ((1e9, 0.0, 0.0), "from the Moon's centre"),
+        ((1.7e6, 0.0), "three finite numbers"),
+        ((1.7e6, 0.0, np.nan), "three finite numbers"),
+        ((1.7e6, 0.0, np.inf), "three finite numbers"),
+        ("here", "three finite numbers"),
+        (None, "three finite numbers"),
+        ([PA_M], "three finite numbers"),
+    ],
+)
+def test_what_is_no_point_of_the_surface(xyz_m, message):
+    for build in (LunarPosition.from_cartesian, lambda xyz: LunarPosition("PA_DE421", xyz)):
+        with pytest.raises(InputError, match=message):
+            build(xyz_m)
+
+
+@pytest.mark.parametrize("frame", ["", "PA", "PA_", "ME", "IAU_MOON", "pa_de421", "MOON_PA", None, 3])
+def test_unknown_frame(frame):
+    with pytest.raises(InputError, match="is not known; use PA_DE421"):
+        LunarPosition.from_cartesian(PA_M, frame)
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ((361.0, 0.0, 0.0), "longitude_deg"),
+        ((np.nan, 0.0, 0.0), "longitude_deg"),
+        ((0.0, 90.001, 0.0), "latitude_deg"),
+        ((0.0, np.nan, 0.0), "latitude_deg"),
+        ((0.0, 0.0, 20001.0), "height_m"),
+        ((0.0, 0.0, -np.inf), "height_m"),
+        ((0.0, 0.0, np.nan), "height_m"),
+    ],
+)
+def test_impossible_coordinates(values, message):
+    with pytest.raises(InputError, match=message):
+        LunarPosition.from_selenographic(*values)
+
+
+@pytest.mark.parametrize("frame", ["PA_DE440", "ME_DE430"])
+def test_position_of_another_ephemeris(frame, constants):
+    with pytest.raises(InputError, match=f"{frame}, but the kernels are those of DE421"):
+        LunarPosition.from_cartesian(PA_M, frame).to_axes("PA", constants)

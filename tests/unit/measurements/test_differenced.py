@@ -1,0 +1,202 @@
+"""VLBI delay and Doppler: what they are made of, and their partials."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from arc_cases import APOLLO15_PA_M, epochs_tai
+
+from radioloc.constants import C_M_S
+from radioloc.earth.eop import EopTable
+from radioloc.earth.orientation import EarthOrientation
+from radioloc.errors import PredictedEopWarning
+from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.tracking_arc import TrackingArc
+from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
+
+# The noise of two ranges that are differenced.
+SAME_M = 1e-6
+
+# Relative to the partials, which are small differences of two legs' or two epochs'. Left out of the analytic ones is how
+# the Moon's tide and gravity change with the point, 4e-7 relative, the same for both.
+DELAY_PARTIALS = 1e-6
+DOPPLER_PARTIALS = 2e-6
+
+# By time: gravity's own rate and the tides' are left out. In a delay that is up to 7e-5 m/s; in Doppler it is the
+# change of that during the count interval.
+DELAY_RATE_M_S = 1e-4
+DOPPLER_RATE_M_S = 2e-6
+
+BASELINES = [("SESHAN25", "URUMQI"), ("URUMQI", "SESHAN25"), ("MIYUN50", "KUNMING")]
+LINKS = [("KASHI", "KASHI"), ("KASHI", "JIAMUSI"), ("NEUQUEN", "KASHI")]
+COUNT_S = 60.0
+# Over China the Moon is up, and over Kashi and Neuquen together for a while.
+TAI = epochs_tai(13, 24.0)
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build(off=["troposphere"])
+
+
+def arc_of(model, kind, ends, tai=TAI, tag="receive", count_s=np.nan):
+    observations = Observations.from_columns(
+        epoch=tai_to_utc(tai),
+        links=[Link(ends[0], "apollo15", ends[1], kind == "vlbi_delay")],
+        value_m=1.0,
+        sigma_m=1.0,
+        kind=KINDS.index(kind),
+        tag=TIME_TAGS.index(tag),
+        count_s=count_s,
+    )
+    return TrackingArc(model, observations, APOLLO15_PA_M)
+
+
+def compute(model, kind, ends, tai=TAI, **more):
+    return arc_of(model, kind, ends, tai, **more).compute(APOLLO15_PA_M)
+
+
+def numeric_by_position(arc, step_m=3e4):
+    """Central differences over 60 km: the third order leaves 1e-9 of the change, round-off 1e-11."""
+    return np.stack(
+        [
+            (arc.compute(APOLLO15_PA_M + away).value_m - arc.compute(APOLLO15_PA_M - away).value_m)
+            / (2 * step_m)
+            for away in step_m * np.eye(3)
+        ],
+        axis=-1,
+    )
+
+
+@pytest.mark.parametrize("ends", BASELINES, ids="-".join)
+def test_delay_is_the_difference_of_two_ranges(model, ends):
+    """One wave sent by the first station comes back to it and to the second; the way up is common."""
+    first, second = ends
+    back = compute(model, "range", (first, first), tag="transmit")
+    across = compute(model, "range", (first, second), tag="transmit")
+    arrival = TAI.shifted(back.value_m / C_M_S)
+    delay = compute(model, "vlbi_delay", ends, arrival)
+    np.testing.assert_allclose(delay.value_m, across.value_m - back.value_m, rtol=0, atol=SAME_M)
+    assert 1e5 < np.abs(delay.value_m).max() < 3.3e6
+    np.testing.assert_allclose(delay.elevation_rad, across.elevation_rad, rtol=0, atol=2e-4)
+
+
+@pytest.mark.parametrize("ends", BASELINES, ids="-".join)
+def test_delay_seen_from_the_other_station(model, ends):
+    """Tagged at its arrival at the other station, the same wave has the opposite delay."""
+    delay_m = compute(model, "vlbi_delay", ends).value_m
+    other = compute(model, "vlbi_delay", ends[::-1], TAI.shifted(delay_m / C_M_S))
+    np.testing.assert_allclose(other.value_m, -delay_m, rtol=0, atol=SAME_M)
+
+
+def test_delay_of_a_station_behind_itself(model):
+    found = compute(model, "vlbi_delay", ("KASHI", "KASHI"))
+    assert np.abs(found.value_m).max() < SAME_M
+    assert np.abs(found.by_position_pa).max() < 1e-12
+    assert np.abs(found.by_time_m_s).max() < 1e-6
+
+
+@pytest.mark.parametrize("tag", TIME_TAGS)
+@pytest.mark.parametrize("ends", LINKS, ids="-".join)
+def test_doppler_is_range_at_the_end_less_range_at_the_start(model, ends, tag):
+    doppler = compute(model, "doppler", ends, tag=tag, count_s=COUNT_S)
+    end, start = (compute(model, "range", ends, TAI.shifted(s), tag=tag) for s in (COUNT_S / 2, -COUNT_S / 2))
+    np.testing.assert_allclose(doppler.value_m, end.value_m - start.value_m, rtol=0, atol=SAME_M)
+    np.testing.assert_allclose(
+        doppler.by_position_pa, end.by_position_pa - start.by_position_pa, rtol=0, atol=1e-9
+    )
+    # Below the horizon at either end is below it.
+    up = (end.problem == "") & (start.problem == "")
+    assert ((doppler.problem == "") == up).all()
+
+
+def test_doppler_is_the_rate_of_range(model):
+    doppler = compute(model, "doppler", ("KASHI", "JIAMUSI"), count_s=COUNT_S)
+    rate_m_s = compute(model, "range", ("KASHI", "JIAMUSI")).by_time_m_s
+    # The third derivative, 2 x 465 m/s (7.3e-5 / s)^2, times 60^2 / 24.
+    np.testing.assert_allclose(doppler.value_m / COUNT_S, rate_m_s, rtol=0, atol=1e-3)
+
+
+@pytest.mark.parametrize("ends", BASELINES, ids="-".join)
+def test_partials_of_delay_by_position(model, ends):
+    arc = arc_of(model, "vlbi_delay", ends)
+    analytic, numeric = arc.compute(APOLLO15_PA_M).by_position_pa, numeric_by_position(arc)
+    # The two legs' directions differ by the baseline over the distance, up to 8e-3.
+    size = np.linalg.norm(numeric, axis=1)
+    assert 1e-4 < size.min() < size.max() < 1e-2
+    error = np.linalg.norm(analytic - numeric, axis=1)
+    assert error.max() < DELAY_PARTIALS * size.max()
+
+
+@pytest.mark.parametrize("tag", TIME_TAGS)
+@pytest.mark.parametrize("ends", LINKS, ids="-".join)
+def test_partials_of_doppler_by_position(model, ends, tag):
+    arc = arc_of(model, "doppler", ends, tag=tag, count_s=COUNT_S)
+    analytic, numeric = arc.compute(APOLLO15_PA_M).by_position_pa, numeric_by_position(arc)
+    # Twice the turn of the line of sight against the Moon's axes in a minute: 2 x 60 s x 1e-6 / s.
+    size = np.linalg.norm(numeric, axis=1)
+    assert 2e-5 < size.max() < 4e-4
+    error = np.linalg.norm(analytic - numeric, axis=1)
+    assert error.max() < DOPPLER_PARTIALS * size.max()
+
+
+def numeric_by_time(model, kind, ends, step_s=0.5, **more):
+    ahead, behind = (compute(model, kind, ends, TAI.shifted(s), **more).value_m for s in (step_s, -step_s))
+    return (ahead - behind) / (2 * step_s)
+
+
+@pytest.mark.parametrize("ends", BASELINES, ids="-".join)
+def test_partials_of_delay_by_time(model, ends):
+    found = compute(model, "vlbi_delay", ends)
+    seen = found.problem == ""
+    assert seen.sum() >= 5
+    error_m_s = found.by_time_m_s - numeric_by_time(model, "vlbi_delay", ends)
+    assert np.abs(found.by_time_m_s).max() > 30.0
+    assert np.abs(error_m_s[seen]).max() < DELAY_RATE_M_S
+
+
+@pytest.mark.parametrize("tag", TIME_TAGS)
+@pytest.mark.parametrize("ends", LINKS, ids="-".join)
+def test_partials_of_doppler_by_time(model, ends, tag):
+    found = compute(model, "doppler", ends, tag=tag, count_s=COUNT_S)
+    seen = found.problem == ""
+    assert seen.any()
+    error_m_s = found.by_time_m_s - numeric_by_time(
+        model, "doppler", ends, step_s=20.0, tag=tag, count_s=COUNT_S
+    )
+    assert np.abs(found.by_time_m_s[seen]).max() > 0.5
+    assert np.abs(error_m_s[seen]).max() < DOPPLER_RATE_M_S
+
+
+def test_kinds_are_each_computed_as_if_alone(model):
+    """Ranges, delays and Doppler of different links in one table."""
+    cases = [
+        ("range", ("KASHI", "JIAMUSI"), np.nan),
+        ("vlbi_delay", ("SESHAN25", "URUMQI"), np.nan),
+        ("doppler", ("KASHI", "KASHI"), COUNT_S),
+        ("vlbi_delay", ("KUNMING", "MIYUN50"), np.nan),
+        ("doppler", ("NEUQUEN", "KASHI"), 10.0),
+    ]
+    alone = [arc_of(model, kind, ends, count_s=count_s) for kind, ends, count_s in cases]
+    order = np.arange(len(cases) * len(TAI)).reshape(len(cases), -1).T.ravel()
+    table = Observations.concatenate([arc.observations for arc in alone]).select(order)
+    together = TrackingArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    apart = [arc.compute(APOLLO15_PA_M) for arc in alone]
+    for name, tolerance in (("value_m", SAME_M), ("by_position_pa", 1e-9), ("by_time_m_s", 1e-6)):
+        expected = np.concatenate([getattr(one, name) for one in apart])[order]
+        np.testing.assert_allclose(getattr(together, name), expected, rtol=0, atol=tolerance)
+    assert together.problem.tolist() == np.concatenate([one.problem for one in apart])[order].tolist()
+
+
+def test_predicted_orientation_at_the_end_alone_marks_a_doppler_observation(model):
+    whole = EopTable.packaged()
+    # From 0h UTC on 2 December on, the cubic between days rests on the 4th, which is marked.
+    marked = dataclasses.replace(whole, predicted=whole.mjd_utc >= 59187.0)
+    some = dataclasses.replace(model, earth=EarthOrientation(marked))
+    tai = utc_to_tai(epochs_from_strings(["2020-12-01T23:59:20", "2020-12-02T00:00:10"]))
+    with pytest.warns(PredictedEopWarning, match="predicted, not measured, at 1 of"):
+        arc = arc_of(some, "doppler", ("KASHI", "JIAMUSI"), tai, count_s=COUNT_S)
+    assert arc.predicted_eop.tolist() == [False, True]

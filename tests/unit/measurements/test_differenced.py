@@ -20,14 +20,14 @@ from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
 # The noise of two ranges that are differenced.
 SAME_M = 1e-6
 
-# Relative to the partials, which are small differences of two legs' or two epochs'. Left out of the analytic ones is how
-# the Moon's tide and gravity change with the point, 4e-7 relative, the same for both.
-DELAY_PARTIALS = 1e-6
-DOPPLER_PARTIALS = 2e-6
+# Relative to the partials, which are small differences of two legs' or two epochs'. Left out of the analytic ones is
+# how the Moon's tide and gravity change with the point, 4e-7 relative, the same for both.
+DELAY_PARTIALS = 3e-7
+DOPPLER_PARTIALS = 1e-6
 
 # By time: gravity's own rate and the tides' are left out. In a delay that is up to 7e-5 m/s; in Doppler it is the
 # change of that during the count interval.
-DELAY_RATE_M_S = 1e-4
+DELAY_RATE_M_S = 7e-5
 DOPPLER_RATE_M_S = 2e-6
 
 BASELINES = [("SESHAN25", "URUMQI"), ("URUMQI", "SESHAN25"), ("MIYUN50", "KUNMING")]

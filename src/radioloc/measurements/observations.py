@@ -357,7 +357,7 @@ class Observations:
             rule = f"must be {low:g} to {high:g}, or left out where it was not recorded"
             self._refuse(wrong, name, column, rule)
 
-    def _refuse(self, wrong: NDArray[np.bool_], name: str, column: NDArray[np.float64], rule: str) -> None:
+    def _refuse(self, wrong: NDArray[np.bool_], name: str, column: NDArray[Any], rule: str) -> None:
         if not wrong.any():
             return
         row = int(np.argmax(wrong))

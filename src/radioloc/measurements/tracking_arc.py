@@ -38,7 +38,7 @@ from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
-from radioloc.measurements.troposphere import SlantDelay, troposphere_delay
+from radioloc.measurements.troposphere import SHORTEST_RADIO_UM, SlantDelay, troposphere_delay
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 
 _STRAIGHT_FOR_S = 1e-3
@@ -57,6 +57,8 @@ class Computed:
         Partial derivatives with respect to the point's principal-axes coordinates, m/m.
     by_time_m_s : ndarray, shape (n,)
         Partial derivative with respect to the time tag, m/s.
+    by_zenith_wet : ndarray, shape (n, 2)
+        Partial derivatives with respect to the wet zenith delay at the first and at the second station, m/m.
     elevation_rad : ndarray, shape (n, 2)
         Elevation of the point above the transmitter's and the receiver's horizon, without refraction.
     problem : ndarray of str, shape (n,)
@@ -66,6 +68,7 @@ class Computed:
     value_m: NDArray[np.float64]
     by_position_pa: NDArray[np.float64]
     by_time_m_s: NDArray[np.float64]
+    by_zenith_wet: NDArray[np.float64]
     elevation_rad: NDArray[np.float64]
     problem: NDArray[np.str_]
 
@@ -105,6 +108,10 @@ class TrackingArc:
         self._paths = observations.select(rows)
         self._transmitter, self._receiver = transmitter[rows], receiver[rows]
         differenced = self._paths.kind == VLBI_DELAY
+        # Without a recorded wavelength, a laser station's signal is light and any other's is radio.
+        laser = np.array([station.kind == "llr" for station in self._stations], dtype=bool)[self._receiver]
+        wavelength = self._paths.wavelength_um
+        self._radio = np.where(np.isnan(wavelength), ~laser, wavelength >= SHORTEST_RADIO_UM)
         self._sign = np.where(differenced, -1.0, 1.0)
         self._tag = np.where(differenced, TRANSMIT, self._paths.tag).astype(np.int8)
         self._reference = Epochs.from_jd(
@@ -173,6 +180,9 @@ class TrackingArc:
             value_m=self._observed(length_m),
             by_position_pa=self._observed(np.einsum("ni,nij->nj", by_position, self._moon.rot_pa_to_icrf)),
             by_time_m_s=self._observed(by_time),
+            by_zenith_wet=self._observed(
+                np.stack([self._sign * up.delay.by_zenith_wet, down.delay.by_zenith_wet], axis=-1)
+            ),
             elevation_rad=np.stack([up.elevation_rad, down.elevation_rad], axis=-1)[:n],
             problem=problem[:n],
         )
@@ -285,15 +295,24 @@ class TrackingArc:
     def _slants(self, path: LightPath, relay: MovingPoint) -> tuple[_Slant, _Slant]:
         """Elevation and tropospheric delay at both stations."""
         lander_gcrs_m, velocity_m_s = self._moon.geocentric(relay, path.bounce_s)
-        up, down = (self._slant(station, lander_gcrs_m, velocity_m_s) for station in (self._up, self._down))
+        up, down = (
+            self._slant(station, which, lander_gcrs_m, velocity_m_s)
+            for station, which in ((self._up, self._transmitter), (self._down, self._receiver))
+        )
         return up, down
 
     def _slant(
-        self, station: StationMotion, lander_gcrs_m: NDArray[np.float64], velocity_m_s: NDArray[np.float64]
+        self,
+        station: StationMotion,
+        which: NDArray[np.int32],
+        lander_gcrs_m: NDArray[np.float64],
+        velocity_m_s: NDArray[np.float64],
     ) -> _Slant:
         elevation_rad, rate_rad_s = elevation_and_rate(station, lander_gcrs_m, velocity_m_s)
         if self.model.has("troposphere"):
-            delay = troposphere_delay(self._paths, station, elevation_rad)
+            delay = troposphere_delay(
+                self._paths, station, elevation_rad, self._radio, which == self._receiver
+            )
         else:
             delay = SlantDelay.none(len(elevation_rad))
         below = np.array(

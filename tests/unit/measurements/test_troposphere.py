@@ -36,7 +36,7 @@ def test_delay_is_that_of_the_optical_model():
     ("changes", "words"),
     [
         ({"wavelength_um": np.nan}, "no wavelength"),
-        ({"wavelength_um": 35000.0}, "no troposphere model but for 0.3545-1.0645 um"),
+        ({"wavelength_um": 10.6}, "no troposphere model but for 0.3545-1.0645 um"),
         ({"wavelength_um": 0.3}, "no troposphere model but for"),
         ({"pressure_hpa": np.nan}, "no pressure"),
         ({"temperature_k": np.nan}, "no temperature"),

@@ -33,9 +33,11 @@ import pytest
 
 from radioloc.constants import ARCSEC_RAD, C_M_S
 from radioloc.earth.eop import EopTable
-from radioloc.earth.geodesy import rot_itrf_to_enu
+from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
+from radioloc.earth.mapping_functions import niell
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.pole_tide import pole_tide_displacement, secular_pole_rad
+from radioloc.earth.radio_troposphere import zenith_hydrostatic_delay_m
 from radioloc.earth.stations import StationCatalogue
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
@@ -124,6 +126,17 @@ OCEAN_POLE_TIDE = {
     "URUMQI": (-0.027824, -0.022538, 0.003070, 0.025613, 0.029362, 0.024282),
     "MIYUN50": (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
 }
+
+# At 50400 s: elevation (deg) and delay by dry air (us) of each station.
+CALC_DRY = {
+    "SESHAN25": (49.38839580069, 0.01010493380982),
+    "TIANMA65": (49.35082820228, 0.01008734973090),
+    "KUNMING": (37.93038672113, 0.009894087623169),
+    "URUMQI": (19.69994472405, 0.01776253794561),
+    "MIYUN50": (40.43308961188, 0.01160664637738),
+}
+DRY_S = 0.6e-12
+"""Of delays of 10 to 18 ns."""
 
 VLBI_FOLDER = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "vlbi"
 
@@ -301,6 +314,18 @@ def test_the_rest_is_what_calc_does_otherwise(model):
     earth = orientation_as_calc_interpolates_it()
     as_calc = model_of(earth, stations_as_calc_places_them(earth))
     assert largest(differences(as_calc, point_pa_m)) < AS_CALC_DOES_S
+
+
+@pytest.mark.parametrize("name", CALC_DRY)
+def test_delay_by_dry_air(name):
+    """With the weather that CALC takes where none is given, and Niell's mapping function."""
+    elevation_deg, dry_us = CALC_DRY[name]
+    place = geodetic_from_itrf(np.array(STATIONS_ITRF_M[name]))
+    pressure_hpa = 1013.25 * (1.0 - 6.5e-3 * place.height_m / 293.15) ** 5.26
+    zenith_m = zenith_hydrostatic_delay_m(pressure_hpa, place.latitude_rad, place.height_m)
+    day_of_year = 87.583
+    mapping = niell(np.radians(elevation_deg), place.latitude_rad, place.height_m, day_of_year)
+    assert abs(zenith_m * mapping.hydrostatic / C_M_S - 1e-6 * dry_us) < DRY_S
 
 
 @pytest.fixture(scope="module")

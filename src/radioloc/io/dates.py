@@ -91,7 +91,7 @@ def utc_from_text(texts: list[str]) -> Epochs:
         return _slowly(texts)
     part = np.array([float("0" + p) for p in parts])
     return Epochs.from_jd(
-        jd, _day_fraction(3600 * hour + 60 * minute + second, part, day_lengths_s(jd)), "UTC"
+        jd, day_fraction(3600 * hour + 60 * minute + second, part, day_lengths_s(jd)), "UTC"
     )
 
 
@@ -101,7 +101,7 @@ def _slowly(texts: list[str]) -> Epochs:
     return utc
 
 
-def _day_fraction(
+def day_fraction(
     whole_s: NDArray[np.integer] | NDArray[np.float64],
     part_s: NDArray[np.float64],
     length_s: NDArray[np.float64],
@@ -132,7 +132,7 @@ def utc_to_text(utc: Epochs) -> list[str]:
     rest_s = (high_s - whole_s) + (utc.fraction - high) * length_s
     # Late in the day a float of the fraction is 1e-11 s wide: of the decimals it holds, show the shorter.
     short_s = np.rint(rest_s * 1e10) / 1e10
-    is_short = _day_fraction(whole_s, short_s, length_s) == utc.fraction
+    is_short = day_fraction(whole_s, short_s, length_s) == utc.fraction
     carry, picoseconds = np.divmod(np.rint(np.where(is_short, short_s, rest_s) * 1e12), 1e12)
     second = (whole_s + carry).astype(np.int64)
     new_day = second >= length_s

@@ -14,7 +14,12 @@ _GZIP_MAGIC = b"\x1f\x8b"
 
 
 def read_lines(path: str | Path) -> list[str]:
-    """Lines of a text file, plain or gzip (told by its content, not its name), without line ends.
+    """Lines of a text file, plain or gzip, without line ends; as :func:`read_text`."""
+    return read_text(path).split("\n")
+
+
+def read_text(path: str | Path) -> str:
+    """Text of a file, plain or gzip (told by its content, not its name), with lines ended by line feeds.
 
     Parameters
     ----------
@@ -57,7 +62,7 @@ def read_lines(path: str | Path) -> list[str]:
         ) from error
     if not text.strip():
         raise FileFormatError(path, "is empty; fetch or write it again")
-    return text.replace("\r\n", "\n").replace("\r", "\n").split("\n")
+    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
 
 
 def write_text(path: str | Path, text: str) -> None:

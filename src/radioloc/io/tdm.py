@@ -1,0 +1,105 @@
+"""CCSDS Tracking Data Messages (TDM) 1.0 and 2.0, KVN and XML: files to observations.
+
+What is measured: the light path from a station over the target to a station, its growth, or the delay of a
+signal between two stations; see :mod:`radioloc.io.tdm_observations`. What a message does not say (uncertainties, the
+length of a range unit, whether a range is the round trip or half of it) is given as a
+:class:`radioloc.io.tdm_agreement.TdmAgreement`.
+
+Source: Tracking Data Message, Recommended Standard CCSDS 503.0-B-2, June 2020.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.io.names import Catalogue
+from radioloc.io.tdm_agreement import TdmAgreement
+from radioloc.io.tdm_file import TdmFile
+from radioloc.io.tdm_kvn import looks_like_kvn, parse_kvn
+from radioloc.io.tdm_observations import tdm_observations
+from radioloc.io.tdm_xml import looks_like_xml, parse_xml
+from radioloc.io.text_files import read_text
+from radioloc.measurements.observations import Observations
+
+# Where a file's first lines are looked for.
+_START = 20_000
+
+
+def looks_like_tdm(lines: Sequence[str]) -> bool:
+    """Whether the first lines are those of a message, KVN or XML."""
+    return looks_like_kvn(lines) or looks_like_xml("\n".join(lines[:200]))
+
+
+def read_tdm_file(path: str | Path) -> TdmFile:
+    """Read the content of a message, KVN or XML, plain or gzip, as its records.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+
+    Raises
+    ------
+    FileFormatError
+        The file cannot be read, is no message, was cut, or holds what the standard does not allow. Names the line.
+    """
+    text = read_text(path)
+    if looks_like_xml(text):
+        return parse_xml(path, text)
+    if looks_like_kvn(text[:_START].split("\n")):
+        return parse_kvn(path, text.split("\n"))
+    first = next(line for line in text.split("\n") if line.strip())
+    problem = f"starts with {first[:40]!r}; a TDM starts with CCSDS_TDM_VERS = 2.0, or is XML with <tdm>"
+    raise FileFormatError(path, problem, 1)
+
+
+def read_tdm(
+    paths: str | Path | Sequence[str | Path],
+    agreement: TdmAgreement,
+    *,
+    catalogue: Catalogue | None = None,
+) -> Observations:
+    """Read one or more messages, each KVN or XML, plain or gzip, as observations.
+
+    Parameters
+    ----------
+    paths : path-like or sequence of path-like
+        The files; transmitted frequencies, clocks and weather in one count for the measurements of all.
+    agreement : TdmAgreement
+        What the files do not say, ``sigma_m`` at the least.
+    catalogue : Catalogue, optional
+        As in :func:`radioloc.io.tdm_observations.tdm_observations`: with one, every station must be in it.
+
+    Returns
+    -------
+    Observations
+        Segment by segment, in each by keyword, in order of time. What became no observation is logged;
+        :func:`radioloc.io.tdm_observations.tdm_observations` gives it to the program.
+
+    Raises
+    ------
+    FileFormatError
+        A file cannot be read, or holds what is not a message or not modelled. Names the line.
+    InputError
+        No file was given, the agreement lacks a standard deviation, or an observation is there twice.
+
+    Warns
+    -----
+    DataQualityWarning
+        A segment says of its data that they are degraded.
+    """
+    files = [paths] if isinstance(paths, (str, Path)) else list(paths)
+    if not files:
+        raise InputError("no TDM was given; give at least one file")
+    messages = [read_tdm_file(file) for file in files]
+    return tdm_observations(messages, agreement, catalogue=catalogue).observations
+
+
+def parse_tdm(
+    path: str | Path, lines: list[str], catalogue: Catalogue | None, agreement: TdmAgreement
+) -> Observations:
+    """As :func:`read_tdm`, from one file's lines."""
+    message = parse_kvn(path, lines) if looks_like_kvn(lines) else parse_xml(path, "\n".join(lines))
+    return tdm_observations(message, agreement, catalogue=catalogue).observations

@@ -1,0 +1,118 @@
+"""What a Tracking Data Message leaves to be agreed between the agencies that exchange it, or does not say at all.
+
+Source: CCSDS 503.0-B-2 (2020), annex D.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.errors import InputError
+from radioloc.measurements.observations import KINDS, Link
+from radioloc.time import Epochs
+
+CONVENTIONS = ("round_trip", "half")
+"""Whether RANGE and DOPPLER_* mean the whole light path or half of it (annex D, items 31 and 32)."""
+
+LightTime = Callable[[Epochs, Link, str], ArrayLike]
+"""Whole light times, s, of epochs (UTC) on a link, tagged ``"transmit"`` or ``"receive"``."""
+
+
+@dataclass(frozen=True, slots=True)
+class TdmAgreement:
+    """What must be known to turn a message into observations and is not in it.
+
+    Parameters
+    ----------
+    sigma_m : mapping of str to float
+        Standard deviation of each kind of observation (``"range"``, ``"vlbi_delay"``, ``"doppler"``), m: the
+        standard has no keyword for it. Of the whole light path, and for Doppler of its growth over the count
+        interval.
+    range_convention : {"round_trip", "half"}
+        What RANGE is: the whole light path, or half of it.
+    doppler_convention : {"round_trip", "half"}
+        What DOPPLER_INTEGRATED and DOPPLER_INSTANTANEOUS are: the rate of the whole light path, or half of it.
+    range_unit_s : float, optional
+        Length of one range unit (RANGE_UNITS = RU), s of time of flight, of whatever RANGE is by its convention.
+    turnaround : tuple of int, optional
+        Numerator and denominator of the transponder's ratio of downlink to uplink frequency, where the file does
+        not give it.
+    delays_removed : bool
+        TRANSMIT_DELAY_n and RECEIVE_DELAY_n are no longer in the data and time tags (item 14).
+    apply_clocks : bool
+        Correct time tags, three-way ranges and VLBI delays by CLOCK_BIAS and CLOCK_DRIFT.
+    light_time_s : float or callable, optional
+        Whole light time, s, known beforehand: a number, or a function of epochs (UTC, n), link and time tag that
+        gives n of them. It settles how often a range has gone through its modulus, and when a received
+        frequency was sent where the uplink is not constant.
+
+    Raises
+    ------
+    InputError
+        A value is not one that can be.
+    """
+
+    sigma_m: Mapping[str, float] = field(default_factory=dict)
+    range_convention: str = "round_trip"
+    doppler_convention: str = "round_trip"
+    range_unit_s: float | None = None
+    turnaround: tuple[int, int] | None = None
+    delays_removed: bool = False
+    apply_clocks: bool = True
+    light_time_s: float | LightTime | None = None
+
+    def __post_init__(self) -> None:
+        for kind, sigma in self.sigma_m.items():
+            if kind not in KINDS:
+                raise InputError(f"sigma_m: {kind!r} is not a kind of observation; use {', '.join(KINDS)}")
+            if not (math.isfinite(sigma) and sigma > 0.0):
+                raise InputError(f"sigma_m: {kind} is {sigma}, but must be finite and above zero, in metres")
+        for name in ("range_convention", "doppler_convention"):
+            if getattr(self, name) not in CONVENTIONS:
+                raise InputError(f"{name} = {getattr(self, name)!r}; use {' or '.join(CONVENTIONS)}")
+        unit = self.range_unit_s
+        if unit is not None and not (math.isfinite(unit) and unit > 0.0):
+            raise InputError(f"range_unit_s = {unit}, but must be finite and above zero, in seconds")
+        ratio = self.turnaround
+        if ratio is not None and not (len(ratio) == 2 and all(isinstance(x, int) and x > 0 for x in ratio)):
+            raise InputError(f"turnaround = {ratio!r}; give two whole numbers such as (880, 749)")
+        light = self.light_time_s
+        if light is not None and not callable(light) and not (math.isfinite(light) and light > 0.0):
+            raise InputError(f"light_time_s = {light!r}; give seconds above zero or a function")
+
+    def sigma_of(self, kind: str) -> float:
+        """Standard deviation of a kind of observation, m.
+
+        Raises
+        ------
+        InputError
+            It was not given.
+        """
+        if kind not in self.sigma_m:
+            raise InputError(
+                f"a TDM says nothing of uncertainties, and it holds {kind} observations: "
+                f"give sigma_m = {{{kind!r}: ...}}, metres of the whole light path"
+            )
+        return float(self.sigma_m[kind])
+
+    def known_light_time_s(self, epoch: Epochs, link: Link, tag: str) -> NDArray[np.float64] | None:
+        """Whole light times known beforehand, s, shape (n,); None where nothing was given.
+
+        Raises
+        ------
+        InputError
+            The function does not give one light time above zero for each epoch.
+        """
+        if self.light_time_s is None:
+            return None
+        given = self.light_time_s(epoch, link, tag) if callable(self.light_time_s) else self.light_time_s
+        light_s = np.asarray(given, dtype=np.float64)
+        if light_s.shape not in ((), (len(epoch),)) or not (np.isfinite(light_s) & (light_s > 0.0)).all():
+            problem = f"gave shape {light_s.shape} for {len(epoch)} epochs, or values that are not above zero"
+            raise InputError(f"light_time_s of {link.path} {problem}; give one light time in seconds each")
+        return np.broadcast_to(light_s, (len(epoch),))

@@ -23,8 +23,8 @@ from radioloc.io.detect import read_observations
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.measurements.terms import TERMS, active_terms
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.plotting import plot_position, plot_residuals, save_figure
 from radioloc.studies.locate import arc_of, locate, residuals
 from radioloc.studies.report import write_report, write_terms
@@ -57,13 +57,13 @@ __all__ = [
     "PhysicalModel",
     "RadiolocError",
     "RadiolocWarning",
-    "TrackingArc",
     "Reference",
     "Solution",
     "Station",
     "StationCatalogue",
     "StationError",
     "Study",
+    "TrackingArc",
     "__version__",
     "active_terms",
     "arc_of",

@@ -22,8 +22,8 @@ from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.measurements.terms import TERMS
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
 from radioloc.studies.study import EstimateChoice, Study

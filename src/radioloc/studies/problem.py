@@ -15,12 +15,14 @@ from radioloc.errors import InputError, StationError
 from radioloc.estimation.parameters import Parameter, ParameterSet
 from radioloc.lunar import east_north_up
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.observations import TIME_TAGS
+from radioloc.measurements.observations import RANGE, TIME_TAGS, VLBI_DELAY
 from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.study import EstimateChoice, HeightPrior
 
 PositionFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 """From the three position parameters to the principal-axes position, m, and its partials (3, 3)."""
+
+_NOBODY = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,9 +77,14 @@ class Problem:
             position, function = _on_sphere(target_pa.xyz_m, choice.height_prior)
         else:
             position, function = _cartesian(target_pa.xyz_m, fixed=choice.position == "none")
-        owner = np.where(arc.observations.tag == TIME_TAGS.index("transmit"), arc.transmitters, arc.receivers)
-        ranges = _stations_of("range_bias", choice.range_bias, catalogue, arc, arc.receivers)
-        times = _stations_of("time_bias", choice.time_bias, catalogue, arc, owner)
+        rows = arc.observations
+        # A range's bias is the receiver's; a delay has none of that kind, and in Doppler it drops out.
+        ranging = np.where(rows.kind == RANGE, arc.receivers, _NOBODY)
+        # The clock behind a time tag is the transmitter's or the receiver's; of a delay the first station's.
+        first = (rows.tag == TIME_TAGS.index("transmit")) | (rows.kind == VLBI_DELAY)
+        tagging = np.where(first, arc.transmitters, arc.receivers)
+        ranges = _stations_of("range_bias", choice.range_bias, catalogue, arc, ranging)
+        times = _stations_of("time_bias", choice.time_bias, catalogue, arc, tagging)
         names = arc.stations
         parameters = [
             *position,
@@ -93,8 +100,8 @@ class Problem:
             arc,
             ParameterSet(parameters),
             function,
-            _membership(ranges, arc.receivers),
-            _membership(times, owner),
+            _membership(ranges, ranging),
+            _membership(times, tagging),
         )
 
     def position_pa_m(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -168,8 +175,8 @@ def _stations_of(
     arc: TrackingArc,
     owner: NDArray[np.int32],
 ) -> list[int]:
-    """Indices of the stations that get a parameter of one kind."""
-    taking_part = [int(i) for i in np.unique(owner)]
+    """Indices of the stations that get a parameter of one kind, from whose each observation is, shape (n,)."""
+    taking_part = [int(i) for i in np.unique(owner) if i != _NOBODY]
     if names == "none":
         return []
     if names == "all":
@@ -182,7 +189,9 @@ def _stations_of(
             raise StationError(f"[estimate] {key}: {error}") from None
         if station not in arc.stations or arc.stations.index(station) not in taking_part:
             present = ", ".join(arc.stations[i] for i in taking_part)
-            raise InputError(f"[estimate] {key}: no observation of {station}; the stations are {present}")
+            raise InputError(
+                f"[estimate] {key}: no observation of {station} that has one; the stations are {present or 'none'}"
+            )
         chosen.add(arc.stations.index(station))
     return sorted(chosen)
 

@@ -1,10 +1,13 @@
 """Partials against central differences, at the poles too, and who owns a bias."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 import radioloc
 from radioloc import EstimateChoice, HeightPrior, LunarPosition
+from radioloc.measurements.observations import KINDS, TIME_TAGS
 from radioloc.studies.problem import Problem
 
 PLACES = {
@@ -104,3 +107,28 @@ def test_lander_near_a_pole_is_found_from_across_the_pole(form, lon, lat, apollo
     found = radioloc.locate(study, observations)
     assert found.converged
     assert np.linalg.norm(found.position_pa_m - truth.xyz_m) < 1e-3
+
+
+def test_biases_by_kind_of_measurement(near15, model):
+    kinds = ["range", "range", "range", "vlbi_delay", "doppler"]
+    tags = ["transmit", "receive", "bounce", "receive", "receive"]
+    arc = SimpleNamespace(
+        stations=("APOLLO", "GRASSE"),
+        transmitters=np.zeros(5, dtype=np.int32),
+        receivers=np.ones(5, dtype=np.int32),
+        observations=SimpleNamespace(
+            kind=np.array([KINDS.index(kind) for kind in kinds]),
+            tag=np.array([TIME_TAGS.index(tag) for tag in tags]),
+        ),
+    )
+    start = near15.to_axes("PA", model.ephemeris.constants)
+    catalogue = radioloc.StationCatalogue.default()
+    problem = Problem.of(arc, start, EstimateChoice(range_bias="all", time_bias="all"), catalogue)
+    names = [p.name for p in problem.parameters][3:]
+    assert names == ["range_bias.GRASSE", "time_bias.APOLLO", "time_bias.GRASSE"]
+    assert problem.bias_columns.tolist() == [[1], [1], [1], [0], [0]]
+    assert problem.time_columns.tolist() == [[1, 0], [0, 1], [0, 1], [1, 0], [0, 1]]
+    with pytest.raises(
+        radioloc.InputError, match="no observation of APOLLO that has one; the stations are GRASSE"
+    ):
+        Problem.of(arc, start, EstimateChoice(range_bias=["APOLLO"]), catalogue)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from radioloc.earth.mapping_functions import continued_fraction, height_correction, niell
+from radioloc.earth.vmf3 import vmf3
 
 GREEN_BANK_LATITUDE_RAD = 0.6708665767
 GREEN_BANK_MJD = 55055.0
@@ -68,3 +69,68 @@ def test_niell_near_the_global_mapping_function() -> None:
     factors = niell(GREEN_BANK_ELEVATION_RAD, GREEN_BANK_LATITUDE_RAD, 844.715, 224.0)
     assert factors.hydrostatic == pytest.approx(3.4252455193391387, abs=1e-4)
     assert factors.wet == pytest.approx(3.4495891161824193, abs=1e-4)
+
+
+GRAZ_ELEVATIONS_DEG = (30.0, 10.0, 5.0)
+
+
+@pytest.mark.parametrize(
+    ("hydrostatic_a", "wet_a", "height_m", "hydrostatic", "wet"),
+    [
+        (0.00120480, 0.00058178, 0.0, (1.9929, 5.5575, 10.1579), (1.9965, 5.6568, 10.7460)),
+        (0.00121094, 0.00053970, 538.30, (1.9929, 5.5586, 10.1638), (1.9968, 5.6640, 10.7955)),
+    ],
+)
+def test_vmf3_at_graz(
+    hydrostatic_a: float,
+    wet_a: float,
+    height_m: float,
+    hydrostatic: tuple[float, ...],
+    wet: tuple[float, ...],
+) -> None:
+    """Printed by vmf3.m and vmf3_ht.m of TU Wien for 2024-01-01, with a of the file of sites and of GPT3."""
+    factors = vmf3(
+        np.deg2rad(GRAZ_ELEVATIONS_DEG),
+        hydrostatic_a,
+        wet_a,
+        np.deg2rad(47.0671),
+        np.deg2rad(15.4935),
+        1.0,
+        height_m,
+    )
+    np.testing.assert_allclose(factors.hydrostatic, hydrostatic, rtol=0.0, atol=5e-5)
+    np.testing.assert_allclose(factors.wet, wet, rtol=0.0, atol=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("hydrostatic_a", "wet_a", "latitude_deg", "longitude_deg", "day", "elevation_deg", "hydrostatic", "wet"),
+    [
+        (0.00127683, 0.00060955, 38.4, 280.0, 223.5, 15.0, 3.798573498079678, 3.8317942899906696),
+        (0.00121, 0.0004, -30.0, 149.6, 196.5, 5.0, 10.157384072638775, 10.965122378181029),
+        (0.00118, 0.00055, -89.0, 10.0, 364.5, 10.0, 5.561766292285158, 5.662004821124551),
+        (0.00115, 0.0004, 65.0, -147.0, 14.5, 3.0, 14.873454470935258, 17.14691742885985),
+    ],
+)
+def test_vmf3_against_orekit(
+    hydrostatic_a: float,
+    wet_a: float,
+    latitude_deg: float,
+    longitude_deg: float,
+    day: float,
+    elevation_deg: float,
+    hydrostatic: float,
+    wet: float,
+) -> None:
+    """ViennaThree of Orekit 13.1, for which noon of 1 January is day 1."""
+    factors = vmf3(
+        np.deg2rad(elevation_deg),
+        hydrostatic_a,
+        wet_a,
+        np.deg2rad(latitude_deg),
+        np.deg2rad(longitude_deg),
+        day,
+        0.0,
+    )
+    # Rounding of a mapping function near 16 through sums of 182 harmonics.
+    np.testing.assert_allclose(factors.hydrostatic, hydrostatic, rtol=0.0, atol=10.0 * MAPPING)
+    np.testing.assert_allclose(factors.wet, wet, rtol=0.0, atol=10.0 * MAPPING)

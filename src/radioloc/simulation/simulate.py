@@ -13,7 +13,7 @@ from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import KINDS, RANGE, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.range_model import RangeArc
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.simulation.noise import NoiseModel
 from radioloc.simulation.schedule import Plan, Schedule
 from radioloc.simulation.truth import Truth
@@ -184,7 +184,7 @@ def _computed_m(
     world: PhysicalModel, observations: Observations, target_pa_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Prediction of the observations, refused where the model does not hold."""
-    computed = RangeArc(world, observations, target_pa_m).compute(target_pa_m)
+    computed = TrackingArc(world, observations, target_pa_m).compute(target_pa_m)
     wrong = np.flatnonzero(computed.problem != "")
     if len(wrong):
         row = int(wrong[0])
@@ -194,7 +194,7 @@ def _computed_m(
             f"{len(wrong)} of {len(observations)} observations cannot be simulated; the first, a {kind} of {link}: "
             f"{computed.problem[row]}; raise the elevation mask, or leave the term out of the model"
         )
-    return computed.range_m
+    return computed.value_m
 
 
 def _departures(truth: Truth) -> list[tuple[str, Any]]:

@@ -21,7 +21,7 @@ def trial(excess_m, seed):
 
 
 def test_seldom_added_for_nothing():
-    added = sum(trial(0.0, seed)[0].excess_noise_m > 0.0 for seed in range(TRIALS))
+    added = sum(trial(0.0, seed)[0].excess_noise_m["all"] > 0.0 for seed in range(TRIALS))
     assert added <= 3  # one of a thousand is meant; four of 300 have a chance of 3e-4
 
 
@@ -31,7 +31,7 @@ def test_size_and_coverage(excess_m):
     for seed in range(TRIALS):
         found, error = trial(excess_m, seed)
         assert found.edited.converged
-        excesses.append(found.excess_noise_m)
+        excesses.append(found.excess_noise_m["all"])
         errors.append(error)
     # Standard error of the mean: about 1 / sqrt(2 * 57 * 300) = 0.5 % of it; it is biased by as much.
     assert np.mean(excesses) == pytest.approx(excess_m, rel=0.03)

@@ -39,7 +39,7 @@ def build_solution(
     type: Sequence[str] | NDArray[np.str_] | str = "range",
     elevation_deg: ArrayLike | None = None,
     ephemeris_sigma_enu_m: ArrayLike = (0.0, 0.0, 0.0),
-    excess_noise_m: float = 0.0,
+    excess_noise_m: Mapping[str, float] | None = None,
     scale_covariance: bool = True,
     reference_pa_m: ArrayLike | None = None,
     reference_name: str = "reference",
@@ -73,8 +73,8 @@ def build_solution(
         Lower of the stations' elevations, deg.
     ephemeris_sigma_enu_m : array_like, shape (3,)
         Assumed error of ephemeris and orientation as seen in the position, east, north, up, m.
-    excess_noise_m : float
-        Noise that was added in quadrature to the stated sigmas, m.
+    excess_noise_m : mapping of str to float, optional
+        Noise that was added in quadrature to the stated sigmas of each type, m.
     scale_covariance : bool
         Scale the observation noise to what the residuals show, where that is significantly more than stated.
     reference_pa_m : array_like, shape (3,), optional
@@ -108,7 +108,7 @@ def build_solution(
     )
     if len(epoch_utc) != n:
         raise InputError(f"there are {len(epoch_utc)} epochs for {n} observations")
-    statistics = _fit_statistics(edited, residuals, excess_noise_m)
+    statistics = _fit_statistics(edited, residuals, excess_noise_m or {})
     rotation = _array("rot_pa_to_me", rot_pa_to_me, (3, 3))
     position = _array("position_pa_m", position_pa_m, (3,))
     noise_scale = statistics.noise_scale if scale_covariance else 1.0
@@ -193,7 +193,9 @@ def compare_with(
     return ReferenceComparison(name, east_m, north_m, up_m, single[0], single[1], single[2], combined)
 
 
-def _fit_statistics(edited: EditedFit, residuals: Residuals, excess_noise_m: float) -> FitStatistics:
+def _fit_statistics(
+    edited: EditedFit, residuals: Residuals, excess_noise_m: Mapping[str, float]
+) -> FitStatistics:
     fit = edited.fit
     columns = (residuals.residual_m, residuals.sigma_m, residuals.status == USED)
     bound = chi2_quantile(SCALING_PROBABILITY, fit.dof) / fit.dof if fit.dof > 0 else None
@@ -206,7 +208,7 @@ def _fit_statistics(edited: EditedFit, residuals: Residuals, excess_noise_m: flo
         chi2_per_dof=fit.chi2_per_dof,
         chi2_per_dof_bound=bound,
         robust_scale=edited.robust_scale,
-        excess_noise_m=excess_noise_m,
+        excess_noise_m=dict(excess_noise_m),
     )
 
 

@@ -223,9 +223,10 @@ def _fit(solution: Solution) -> tuple[str, ...]:
         if {group.label for group in fit.by_type} == {"range"}:
             line += f" of the whole light path ({metres(0.5 * fit.total.wrms_m)} m one way)"
     lines = [line]
-    if fit.excess_noise_m > 0.0:
+    added = {kind: excess_m for kind, excess_m in fit.excess_noise_m.items() if excess_m > 0.0}
+    for kind, excess_m in added.items():
         lines.append(
-            f"{metres(fit.excess_noise_m)} m of noise added in quadrature to each stated sigma: the residuals show it"
+            f"{metres(excess_m)} m of noise added in quadrature to each stated sigma of {kind}: the residuals show it"
         )
     if fit.chi2_per_dof is None or fit.chi2_per_dof_bound is None:
         return (*lines, "no redundancy: nothing tests the stated sigmas")

@@ -33,12 +33,12 @@ class NoisyFit:
     ----------
     edited : EditedFit
         The fit; its sigmas contain the excess.
-    excess_noise_m : float
-        Standard deviation added in quadrature to every stated one, m; zero where the stated ones are enough.
+    excess_noise_m : dict of str to float
+        Standard deviation added in quadrature to every stated one of a group, m; zero where those are enough.
     """
 
     edited: EditedFit
-    excess_noise_m: float
+    excess_noise_m: dict[str, float]
 
 
 def fit_with_excess_noise(
@@ -46,13 +46,15 @@ def fit_with_excess_noise(
     parameters: ParameterSet,
     sigma_m: ArrayLike,
     *,
+    groups: ArrayLike | None = None,
     status: ArrayLike | None = None,
     editing: EditingSettings | None = None,
     settings: FitSettings | None = None,
 ) -> NoisyFit:
     """Fit with editing, adding noise to the stated sigmas where the residuals ask for it.
 
-    Parameters and errors as :func:`~radioloc.estimation.editing.fit_with_editing`.
+    Parameters and errors as :func:`~radioloc.estimation.editing.fit_with_editing`, and `groups`, labels of shape (n,):
+    each group of observations (ranges, delays) has its own excess; one for all without them.
 
     Notes
     -----
@@ -61,37 +63,62 @@ def fit_with_excess_noise(
     Where excess and selection drive each other in a circle, the largest excess of the circle is taken.
     """
     stated_m = np.asarray(sigma_m, dtype=np.float64)
+    labels, group = np.unique(["all"] if groups is None else groups, return_inverse=True)
 
-    def fit_with(excess_m: float) -> EditedFit:
-        sigmas_m = np.hypot(stated_m, excess_m)
+    def fit_with(excess_m: NDArray[np.float64]) -> EditedFit:
+        sigmas_m = np.hypot(stated_m, excess_m[group])
         return fit_with_editing(
             residual_function, parameters, sigmas_m, status=status, editing=editing, settings=settings
         )
 
-    tried_m: list[float] = [0.0]
+    def noisy(edited: EditedFit, excess_m: NDArray[np.float64]) -> NoisyFit:
+        return NoisyFit(edited, dict(zip(labels.tolist(), excess_m.tolist(), strict=True)))
+
+    tried_m = [np.zeros(len(labels))]
     for _ in range(_MAX_PASSES):
         edited = fit_with(tried_m[-1])
-        used = edited.fit.used
-        stated_used_m = np.broadcast_to(stated_m, used.shape)[used]
-        dof = int(used.sum()) - int(parameters.free.sum())
         # Significance is asked for once; asked again, it would take away what it had just found to be there.
         probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
-        wanted_m = excess_noise_m(edited.fit.residual_m[used], stated_used_m, dof, probability)
+        wanted_m = _wanted_m(
+            edited, stated_m, np.broadcast_to(group, edited.fit.used.shape), len(labels), probability
+        )
+        if probability is None:
+            # A group that was explained by its stated sigmas at first stays without.
+            wanted_m = np.where(tried_m[1] > 0.0, wanted_m, 0.0)
         if _same(wanted_m, tried_m[-1]):
-            return NoisyFit(edited, tried_m[-1])
+            return noisy(edited, tried_m[-1])
         repeated = [k for k, earlier_m in enumerate(tried_m) if _same(wanted_m, earlier_m)]
         if repeated:
-            largest_m = max(tried_m[repeated[0] :])
+            largest_m = np.max(tried_m[repeated[0] :], axis=0)
             edited = fit_with(largest_m)
             wavering = "the excess noise and the outliers depend on each other: the largest excess was taken"
-            return NoisyFit(_with_message(edited, wavering), largest_m)
+            return noisy(_with_message(edited, wavering), largest_m)
         tried_m.append(wanted_m)
     edited = replace(fit_with(tried_m[-1]), complete=False)
-    return NoisyFit(_with_message(edited, "the excess noise did not settle"), tried_m[-1])
+    return noisy(_with_message(edited, "the excess noise did not settle"), tried_m[-1])
 
 
-def _same(one_m: float, other_m: float) -> bool:
-    return abs(one_m - other_m) <= _SETTLED * one_m
+def _wanted_m(
+    edited: EditedFit,
+    stated_m: NDArray[np.float64],
+    group: NDArray[np.intp],
+    count: int,
+    probability: float | None,
+) -> NDArray[np.float64]:
+    """Excess that the residuals of each group ask for; the parameters' degrees of freedom are shared in proportion."""
+    fit = edited.fit
+    free_part = float(fit.parameters.free.sum()) / max(int(fit.used.sum()), 1)
+    stated_m = np.broadcast_to(stated_m, fit.used.shape)
+    wanted_m = np.zeros(count)
+    for k in range(count):
+        mine = fit.used & (group == k)
+        dof = int(round(mine.sum() * (1.0 - free_part)))
+        wanted_m[k] = excess_noise_m(fit.residual_m[mine], stated_m[mine], dof, probability)
+    return wanted_m
+
+
+def _same(one_m: NDArray[np.float64], other_m: NDArray[np.float64]) -> bool:
+    return bool((np.abs(one_m - other_m) <= _SETTLED * one_m).all())
 
 
 def _with_message(edited: EditedFit, message: str) -> EditedFit:

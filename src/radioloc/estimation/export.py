@@ -121,7 +121,7 @@ def _fit_dict(solution: Solution) -> dict[str, Any]:
         "dof": solution.fit.dof,
         "chi2_per_dof": solution.fit.chi2_per_dof,
         "chi2_per_dof_bound": solution.fit.chi2_per_dof_bound,
-        "excess_noise_m": solution.fit.excess_noise_m,
+        "excess_noise_m": dict(solution.fit.excess_noise_m),
         "noise_scale": solution.noise_scale,
         "robust_scale": solution.fit.robust_scale,
         "iterations": len(solution.iterations),

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from statistics import NormalDist
 
 import numpy as np
@@ -59,8 +59,8 @@ class FitStatistics:
         What it exceeds by chance in one fit of a thousand.
     robust_scale : float
         Spread of the residuals over their stated sigmas by the median, outliers included.
-    excess_noise_m : float
-        Noise that was added in quadrature to every stated sigma, m; the chi-square is with it.
+    excess_noise_m : dict of str to float
+        Noise that was added in quadrature to every stated sigma of a type, m; the chi-square is with it.
     """
 
     total: GroupStatistics
@@ -71,7 +71,7 @@ class FitStatistics:
     chi2_per_dof: float | None
     chi2_per_dof_bound: float | None
     robust_scale: float
-    excess_noise_m: float = 0.0
+    excess_noise_m: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def noise_scale(self) -> float:

@@ -167,7 +167,7 @@ def _fit(
         edited = fit_with_editing(
             problem.residuals, problem.parameters, sigma_m, status=status, editing=as_given
         )
-        return NoisyFit(edited, 0.0)
+        return NoisyFit(edited, {})
     if not (status == USED).any():
         raise InputError(
             f"no observations left: all {len(status)} are rejected, the first one because: {status[0]}; "
@@ -177,6 +177,7 @@ def _fit(
         problem.residuals,
         problem.parameters,
         sigma_m,
+        groups=problem.arc.observations.types(),
         status=status,
         editing=EditingSettings(threshold=estimate.rejection_sigma),
     )

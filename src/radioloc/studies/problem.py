@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -13,11 +14,15 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, StationError
 from radioloc.estimation.parameters import Parameter, ParameterSet
-from radioloc.lunar import east_north_up
+from radioloc.ephemeris import EphemerisConstants
+from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import RANGE, TIME_TAGS, VLBI_DELAY
 from radioloc.measurements.tracking_arc import TrackingArc
-from radioloc.studies.study import EstimateChoice, HeightPrior
+from radioloc.studies.nuisance import NUISANCES, Nuisance
+from radioloc.studies.study import EstimateChoice, HeightPrior, TerrainPrior
+
+logger = logging.getLogger(__name__)
 
 PositionFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 """From the three position parameters to the principal-axes position, m, and its partials (3, 3)."""
@@ -33,19 +38,16 @@ class Problem:
     ----------
     arc : TrackingArc
     parameters : ParameterSet
-        Three of the position, then range biases, then time biases.
+        Three of the position, then the nuisance parameters, kind by kind.
     position : PositionFunction
-    bias_columns : ndarray, shape (n, number of range biases)
-        Partials of the range biases.
-    time_columns : ndarray, shape (n, number of time biases)
-        Which observations a station's time bias shifts.
+    nuisances : tuple of (Nuisance, list of int)
+        The kinds that are estimated, each with the indices of its stations.
     """
 
     arc: TrackingArc
     parameters: ParameterSet
     position: PositionFunction
-    bias_columns: NDArray[np.float64]
-    time_columns: NDArray[np.float64]
+    nuisances: tuple[tuple[Nuisance, list[int]], ...]
 
     @classmethod
     def of(
@@ -70,39 +72,42 @@ class Problem:
         Raises
         ------
         InputError
-            A bias is asked for of a station without observations, or nothing at all is to be estimated.
+            A parameter is asked for of a station without observations, or nothing at all is to be estimated.
         """
         choice = EstimateChoice(position="none") if estimate is None else estimate
-        if choice.position == "geographic":
-            position, function = _on_sphere(target_pa.xyz_m, choice.height_prior)
-        else:
+        if choice.position != "geographic":
             position, function = _cartesian(target_pa.xyz_m, fixed=choice.position == "none")
-        rows = arc.observations
-        # A range's bias is the receiver's; a delay has none of that kind, and in Doppler it drops out.
-        ranging = np.where(rows.kind == RANGE, arc.receivers, _NOBODY)
-        # The clock behind a time tag is the transmitter's or the receiver's; of a delay the first station's.
-        first = (rows.tag == TIME_TAGS.index("transmit")) | (rows.kind == VLBI_DELAY)
-        tagging = np.where(first, arc.transmitters, arc.receivers)
-        ranges = _stations_of("range_bias", choice.range_bias, catalogue, arc, ranging)
-        times = _stations_of("time_bias", choice.time_bias, catalogue, arc, tagging)
-        names = arc.stations
-        parameters = [
-            *position,
-            *_biases("range_bias", [names[i] for i in ranges], "m", choice.range_bias_sigma_m, 1.0),
-            *_biases("time_bias", [names[i] for i in times], "s", choice.time_bias_sigma_s, 1e-3),
-        ]
+        elif isinstance(choice.height_prior, TerrainPrior):
+            position, function = _on_terrain(
+                target_pa.xyz_m, choice.height_prior, arc.model.ephemeris.constants
+            )
+        else:
+            position, function = _on_sphere(target_pa.xyz_m, choice.height_prior)
+        parameters = list(position)
+        nuisances = []
+        for nuisance in NUISANCES:
+            stations = _stations_of(nuisance, getattr(choice, nuisance.key), catalogue, arc)
+            sigma = getattr(choice, nuisance.sigma_key)
+            prior_sigma = math.inf if sigma is None else sigma
+            parameters += [
+                Parameter(
+                    f"{nuisance.key}.{arc.stations[i]}",
+                    nuisance.unit,
+                    nuisance.key,
+                    0.0,
+                    prior_sigma,
+                    scale=nuisance.scale,
+                )
+                for i in stations
+            ]
+            if stations:
+                nuisances.append((nuisance, stations))
         if estimate is not None and all(p.fixed for p in parameters):
             raise InputError(
                 'nothing to estimate: [estimate] position is "none" and no bias is asked for; '
                 "use `radioloc residuals` to see residuals at the given position"
             )
-        return cls(
-            arc,
-            ParameterSet(parameters),
-            function,
-            _membership(ranges, ranging),
-            _membership(times, tagging),
-        )
+        return cls(arc, ParameterSet(parameters), function, tuple(nuisances))
 
     def position_pa_m(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Position at parameters x, principal axes, m."""
@@ -118,10 +123,10 @@ class Problem:
         """Observed minus computed (n,), m, and partials of the computed (n, p)."""
         lander_pa_m, by_parameters = self.position(x[:3])
         computed = self.arc.compute(lander_pa_m)
-        n_range = self.bias_columns.shape[1]
-        by_time = self.time_columns * computed.by_time_m_s[:, None]
-        total_m = computed.value_m + self.bias_columns @ x[3 : 3 + n_range] + by_time @ x[3 + n_range :]
-        partials = np.hstack([computed.by_position_pa @ by_parameters, self.bias_columns, by_time])
+        columns = [computed.by_position_pa @ by_parameters]
+        columns += [nuisance.columns(self.arc, computed, stations) for nuisance, stations in self.nuisances]
+        partials = np.hstack(columns)
+        total_m = computed.value_m + partials[:, 3:] @ x[3:]
         return self.arc.observations.value_m - total_m, partials
 
 
@@ -168,39 +173,65 @@ def _cartesian(start_pa_m: NDArray[np.float64], *, fixed: bool) -> tuple[list[Pa
     return parameters, lambda x: (x, np.eye(3))
 
 
+def _on_terrain(
+    start_pa_m: NDArray[np.float64], prior: TerrainPrior, constants: EphemerisConstants
+) -> tuple[list[Parameter], PositionFunction]:
+    """East and north along the sphere, and the height above the terrain there.
+
+    The prior on the height above the terrain follows the terrain with its slope wherever the estimate goes, and is
+    still a prior on one parameter.
+    """
+    _, on_sphere = _on_sphere(start_pa_m, None)
+    start_height_m = float(np.linalg.norm(start_pa_m)) - MEAN_LUNAR_RADIUS_M
+    rot = rot_pa_to_me(constants)
+    longitude_rad, latitude_rad, _ = cartesian_to_selenographic(rot @ start_pa_m)
+    terrain_m = float(prior.terrain.height_m(longitude_rad, latitude_rad))
+    sigma_m = float(prior.terrain.sigma_m(longitude_rad, latitude_rad, prior.sigma_m))
+    parameters = [
+        Parameter("position.east", "m", "position", 0.0),
+        Parameter("position.north", "m", "position", 0.0),
+        Parameter("position.height_above_terrain", "m", "position", 0.0, sigma_m),
+    ]
+    logger.info("terrain under the a-priori position: %.1f m, given height %.1f m", terrain_m, start_height_m)
+
+    def position(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        below_pa_m, along = on_sphere(np.array([x[0], x[1], 0.0]))
+        me_m, along_me = rot @ below_pa_m, rot @ along
+        longitude, latitude, _ = cartesian_to_selenographic(me_m)
+        height_m, by_longitude, by_latitude = (
+            float(v) for v in prior.terrain.height_and_slope(longitude, latitude)
+        )
+        east, north, _ = east_north_up(longitude, latitude)
+        radius_m = MEAN_LUNAR_RADIUS_M
+        slope = by_longitude / (radius_m * math.cos(float(latitude))) * (east @ along_me[:, :2])
+        slope = slope + by_latitude / radius_m * (north @ along_me[:, :2])
+        pa_m, partials = on_sphere(np.array([x[0], x[1], height_m + x[2]]))
+        partials[:, :2] += np.outer(partials[:, 2], slope)
+        return pa_m, partials
+
+    return parameters, position
+
+
 def _stations_of(
-    key: str,
-    names: tuple[str, ...] | str,
-    catalogue: StationCatalogue,
-    arc: TrackingArc,
-    owner: NDArray[np.int32],
+    nuisance: Nuisance, names: tuple[str, ...] | str, catalogue: StationCatalogue, arc: TrackingArc
 ) -> list[int]:
-    """Indices of the stations that get a parameter of one kind, from whose each observation is, shape (n,)."""
-    taking_part = [int(i) for i in np.unique(owner) if i != _NOBODY]
+    """Indices of the stations that get a parameter of one kind."""
     if names == "none":
         return []
+    taking_part = nuisance.stations(arc)
     if names == "all":
-        return taking_part
+        # Only differences of clocks show: the first station keeps the time for all.
+        return taking_part[1:] if nuisance.key.startswith("clock") else taking_part
     chosen = set()
     for name in names:
         try:
             station = catalogue.get(name).name
         except StationError as error:
-            raise StationError(f"[estimate] {key}: {error}") from None
+            raise StationError(f"[estimate] {nuisance.key}: {error}") from None
         if station not in arc.stations or arc.stations.index(station) not in taking_part:
-            present = ", ".join(arc.stations[i] for i in taking_part)
+            present = ", ".join(arc.stations[i] for i in taking_part) or "none"
             raise InputError(
-                f"[estimate] {key}: no observation of {station} that has one; the stations are {present or 'none'}"
+                f"[estimate] {nuisance.key}: no observation of {station} that has one; the stations are {present}"
             )
         chosen.add(arc.stations.index(station))
     return sorted(chosen)
-
-
-def _biases(kind: str, names: list[str], unit: str, sigma: float | None, scale: float) -> list[Parameter]:
-    prior_sigma = math.inf if sigma is None else sigma
-    return [Parameter(f"{kind}.{name}", unit, kind, 0.0, prior_sigma, scale=scale) for name in names]
-
-
-def _membership(stations: list[int], owner: NDArray[np.int32]) -> NDArray[np.float64]:
-    """Ones where an observation is of a station, shape (n, number of stations)."""
-    return (owner[:, None] == np.array(stations, dtype=np.int64)).astype(np.float64)

@@ -14,6 +14,7 @@ from typing import Any
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
+from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.terms import active_terms
 from radioloc.time import Epochs, utc_to_tai
@@ -77,6 +78,16 @@ class ObservationChoice:
         _require_not_negative("extra_sigma_m", self.extra_sigma_m)
 
 
+STATION_PARAMETERS = {
+    "range_bias": "range_bias_sigma_m",
+    "time_bias": "time_bias_sigma_s",
+    "clock": "clock_sigma_s",
+    "clock_rate": "clock_rate_sigma_s_s",
+    "zenith_delay": "zenith_delay_sigma_m",
+}
+"""Parameters that each station can have, by the key that lists the stations, with the key of their prior."""
+
+
 @dataclass(frozen=True, slots=True)
 class HeightPrior:
     """Prior on the height above the 1737.4 km sphere.
@@ -101,6 +112,30 @@ class HeightPrior:
 
 
 @dataclass(frozen=True, slots=True)
+class TerrainPrior:
+    """Prior on the height that follows a terrain model.
+
+    Parameters
+    ----------
+    terrain : TerrainModel
+        Heights in mean-Earth axes.
+    sigma_m : float
+        The model's own error, m; the roughness of the terrain about the a-priori position is added to it.
+
+    Raises
+    ------
+    InputError
+        The sigma is not above zero.
+    """
+
+    terrain: TerrainModel
+    sigma_m: float
+
+    def __post_init__(self) -> None:
+        _require_positive("sigma_m", self.sigma_m)
+
+
+@dataclass(frozen=True, slots=True)
 class EstimateChoice:
     """What is estimated, with which priors.
 
@@ -114,7 +149,11 @@ class EstimateChoice:
         Prior sigma of each bias about zero; free where ``None``.
     time_bias, time_bias_sigma_s
         Likewise for an offset of a station's time tags.
-    height_prior : HeightPrior or None
+    clock, clock_sigma_s, clock_rate, clock_rate_sigma_s_s
+        Likewise for offset and rate of a VLBI station's clock; ``"all"`` leaves out the first station, the reference.
+    zenith_delay, zenith_delay_sigma_m
+        Likewise for what the wet zenith delay of radio signals is beyond the model.
+    height_prior : HeightPrior or TerrainPrior or None
         Prior on the height; needs the geographic parameters, of which the height is one.
     ephemeris_sigma_m : tuple of float
         Error to be assumed of the lunar ephemeris and orientation as seen in the position: east, north, up.
@@ -132,7 +171,13 @@ class EstimateChoice:
     range_bias_sigma_m: float | None = None
     time_bias: tuple[str, ...] | str = "none"
     time_bias_sigma_s: float | None = None
-    height_prior: HeightPrior | None = None
+    clock: tuple[str, ...] | str = "none"
+    clock_sigma_s: float | None = None
+    clock_rate: tuple[str, ...] | str = "none"
+    clock_rate_sigma_s_s: float | None = None
+    zenith_delay: tuple[str, ...] | str = "none"
+    zenith_delay_sigma_m: float | None = None
+    height_prior: HeightPrior | TerrainPrior | None = None
     ephemeris_sigma_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rejection_sigma: float = 5.0
 
@@ -140,14 +185,14 @@ class EstimateChoice:
         if self.position not in POSITION_FORMS:
             allowed = ", ".join(f'"{form}"' for form in POSITION_FORMS)
             raise InputError(f"position must be one of {allowed}, not {self.position!r}")
-        for key in ("range_bias", "time_bias"):
+        for key in STATION_PARAMETERS:
             value = getattr(self, key)
             if value in ("all", "none"):
                 continue
             if isinstance(value, str):
                 raise InputError(f'{key} must be a list of stations, "all" or "none", not {value!r}')
             object.__setattr__(self, key, _names(key, value))
-        for key in ("range_bias_sigma_m", "time_bias_sigma_s"):
+        for key in STATION_PARAMETERS.values():
             if getattr(self, key) is not None:
                 _require_positive(key, getattr(self, key))
         if self.height_prior is not None and self.position != "geographic":

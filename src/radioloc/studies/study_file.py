@@ -9,15 +9,18 @@ import numpy as np
 
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.errors import InputError
+from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.terms import active_terms
 from radioloc.studies.study import (
+    STATION_PARAMETERS,
     EstimateChoice,
     HeightPrior,
     ModelChoice,
     ObservationChoice,
     Reference,
     Study,
+    TerrainPrior,
 )
 from radioloc.studies.toml_table import TomlTable
 from radioloc.time import Epochs, epochs_from_strings
@@ -54,7 +57,7 @@ def read_study(path: str | Path) -> Study:
     return Study(
         target=_position(target)[0],
         observations=_observations(observations, path.parent),
-        estimate=EstimateChoice() if estimate is None else _estimate(estimate),
+        estimate=EstimateChoice() if estimate is None else _estimate(estimate, path.parent),
         model=ModelChoice() if model is None else _model(model, path.parent),
         catalogue=StationCatalogue.default() if stations is None else _catalogue(stations),
         reference=None if reference is None else Reference(*_position(reference)),
@@ -148,19 +151,19 @@ def _epoch(table: TomlTable, key: str) -> Epochs | None:
         table.fail(key, str(error) if isinstance(error, InputError) else f"must be a UTC date, not {value!r}")
 
 
-def _estimate(table: TomlTable) -> EstimateChoice:
+def _estimate(table: TomlTable, folder: Path) -> EstimateChoice:
     prior = table.table("height_prior")
     fields = {
         "position": table.text("position"),
-        "range_bias": _stations(table, "range_bias"),
-        "range_bias_sigma_m": table.number("range_bias_sigma_m"),
-        "time_bias": _stations(table, "time_bias"),
-        "time_bias_sigma_s": table.number("time_bias_sigma_s"),
+        **{key: _stations(table, key) for key in STATION_PARAMETERS},
+        **{key: table.number(key) for key in STATION_PARAMETERS.values()},
         "ephemeris_sigma_m": _east_north_up(table, "ephemeris_sigma_m"),
         "rejection_sigma": table.number("rejection_sigma"),
     }
     table.finish()
-    return table.build(EstimateChoice, height_prior=None if prior is None else _height_prior(prior), **fields)
+    return table.build(
+        EstimateChoice, height_prior=None if prior is None else _height_prior(prior, folder), **fields
+    )
 
 
 def _stations(table: TomlTable, key: str) -> tuple[str, ...] | str | None:
@@ -168,11 +171,19 @@ def _stations(table: TomlTable, key: str) -> tuple[str, ...] | str | None:
     return table.text(key) if table.holds_text(key) else table.texts(key)
 
 
-def _height_prior(table: TomlTable) -> HeightPrior:
-    if "dem" in table:
-        table.fail("dem", "terrain models are not read yet; give the height itself as height_m")
+def _height_prior(table: TomlTable, folder: Path) -> HeightPrior | TerrainPrior:
+    dem, interpolation = table.text("dem"), table.text("interpolation")
     height_m, sigma_m = table.number("height_m"), table.number("sigma_m")
     table.finish()
+    if dem is not None:
+        if height_m is not None:
+            table.fail("height_m", "give either dem or height_m, not both")
+        if sigma_m is None:
+            table.fail("sigma_m", "is missing; give the error of the terrain model, in metres")
+        terrain = table.build(TerrainModel.open, path=folder / dem, interpolation=interpolation or "bilinear")
+        return table.build(TerrainPrior, terrain=terrain, sigma_m=sigma_m)
+    if interpolation is not None:
+        table.fail("interpolation", "belongs to a terrain model; name one as dem")
     if height_m is None or sigma_m is None:
         table.fail("height_m" if height_m is None else "sigma_m", "is missing; give both, in metres")
     return table.build(HeightPrior, height_m=height_m, sigma_m=sigma_m)

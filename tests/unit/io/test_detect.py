@@ -43,7 +43,7 @@ def test_the_same_file_twice_is_refused(mini_lines, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "text", ["hello\n", "CCSDS_TDM_VERS = 2.0\n", "51\n", "H1 CPF 2\n", "# only a comment\n"]
+    "text", ["hello\n", "CCSDS_OEM_VERS = 2.0\n", "51\n", "H1 CPF 2\n", "# only a comment\n"]
 )
 def test_unknown_formats_list_the_known_ones(text, tmp_path):
     file = tmp_path / "a"

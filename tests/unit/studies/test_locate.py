@@ -124,7 +124,7 @@ def test_residuals_fit_nothing(apollo15, near15):
     found = radioloc.residuals(study, apollo15)
     assert np.array_equal(found.position_pa_m, JPL_PA_M["apollo15"])
     assert found.fit.total.used == len(apollo15)
-    assert found.fit.excess_noise_m == 0.0
+    assert set(found.fit.excess_noise_m.values()) <= {0.0}
     assert np.array_equal(found.residuals.sigma_m, apollo15.sigma_m)
     assert found.provenance["estimate"] is None
     assert "NO FIT" in str(found)
@@ -234,7 +234,7 @@ def test_each_term_can_be_left_out(term, thinned, near15):
 def test_extra_sigma_is_added_in_quadrature(apollo15, near15):
     study = Study(target=near15, observations=ObservationChoice(extra_sigma_m=0.2))
     found = radioloc.locate(study, apollo15)
-    assert found.fit.excess_noise_m == 0.0
+    assert set(found.fit.excess_noise_m.values()) <= {0.0}
     assert found.residuals.sigma_m == pytest.approx(np.hypot(apollo15.sigma_m, 0.2))
 
 

@@ -77,9 +77,8 @@ def test_each_station_has_its_own_bias(late15, model, near15):
     problem = Problem.of(arc, start, choice, radioloc.StationCatalogue.default())
     assert [p.name for p in problem.parameters][3:] == ["range_bias.GRASSE", "range_bias.MATERA"]
     receivers = np.array(arc.stations)[arc.receivers]
-    assert np.array_equal(
-        problem.bias_columns, np.stack([receivers == n for n in ("GRASSE", "MATERA")], axis=-1)
-    )
+    _, partials = problem.residuals(problem.parameters.prior_values)
+    assert np.array_equal(partials[:, 3:], np.stack([receivers == n for n in ("GRASSE", "MATERA")], axis=-1))
 
 
 @pytest.mark.parametrize(("lon", "lat"), [(0.0, -90.0), (45.0, -89.9), (10.0, 88.5), (88.0, 0.0)])
@@ -126,8 +125,12 @@ def test_biases_by_kind_of_measurement(near15, model):
     problem = Problem.of(arc, start, EstimateChoice(range_bias="all", time_bias="all"), catalogue)
     names = [p.name for p in problem.parameters][3:]
     assert names == ["range_bias.GRASSE", "time_bias.APOLLO", "time_bias.GRASSE"]
-    assert problem.bias_columns.tolist() == [[1], [1], [1], [0], [0]]
-    assert problem.time_columns.tolist() == [[1, 0], [0, 1], [0, 1], [1, 0], [0, 1]]
+    computed = SimpleNamespace(by_time_m_s=np.array([10.0, 20.0, 30.0, 40.0, 50.0]))
+    columns = [nuisance.columns(arc, computed, stations).tolist() for nuisance, stations in problem.nuisances]
+    assert columns == [
+        [[1], [1], [1], [0], [0]],
+        [[10, 0], [0, 20], [0, 30], [40, 0], [0, 50]],
+    ]
     with pytest.raises(
         radioloc.InputError, match="no observation of APOLLO that has one; the stations are GRASSE"
     ):

@@ -1,0 +1,183 @@
+"""KVN messages: what is read, and that each way of being wrong is one clear error that names the line."""
+
+import numpy as np
+import pytest
+from tdm_messages import RANGES, THREE_WAY, TWO_WAY, kvn
+
+from radioloc.errors import FileFormatError
+from radioloc.io import tdm_kvn
+from radioloc.io.tdm_kvn import looks_like_kvn, parse_kvn
+
+
+def read(*segments, **more):
+    return parse_kvn("a.kvn", kvn(*segments, **more))
+
+
+def test_header_metadata_and_records():
+    lines = kvn((THREE_WAY | {"RANGE_UNITS": "KM", "PATH": "1, 2, 3"}, ["COMMENT on data", "", *RANGES]))
+    lines[1:1] = ["COMMENT  two words ", "COMMENT"]
+    message = parse_kvn("a.kvn", lines)
+    assert message.header.comments == ("two words", "")
+    assert (message.header.originator, message.header.message_id) == ("TEST", "")
+    (segment,) = message.segments
+    assert segment.metadata["RANGE_UNITS"] == "km"
+    assert segment.metadata["PATH"] == "1,2,3"
+    assert segment.data_comments == ("on data",)
+    assert segment.keywords() == ("RANGE",)
+    # Kilometres become metres in the decimal number, not in the float.
+    assert segment.value.tolist() == [768800123.4567, 768801500.0]
+    assert [lines[n - 1] for n in segment.line] == RANGES
+    assert lines[segment.line_of("MODE") - 1] == "MODE = SEQUENTIAL"
+    assert len(message) == 2
+
+
+def test_spaces_and_tabs_do_not_matter():
+    records = ["RANGE=2021-03-28T14:00:00.250   768800.1234567  ", "\tRANGE  =\t2021-03-28T14:01:00 768801.5"]
+    plain, spaced = read((TWO_WAY, RANGES)), read((TWO_WAY, records))
+    assert np.array_equal(plain.segments[0].value, spaced.segments[0].value)
+    assert np.array_equal(plain.segments[0].epoch.fraction, spaced.segments[0].epoch.fraction)
+
+
+@pytest.mark.parametrize("chunk", [1, 2, 3, 100])
+def test_chunks_join_seamlessly(chunk, monkeypatch):
+    records = [f"RANGE = 2021-03-28T14:00:{i:02d} {768800 + i}.5" for i in range(7)]
+    records[3:3] = ["", "COMMENT between"]
+    monkeypatch.setattr(tdm_kvn, "_CHUNK", chunk)
+    lines = kvn((TWO_WAY, records))
+    (segment,) = parse_kvn("a.kvn", lines).segments
+    assert segment.value.tolist() == [768800500.0 + 1000.0 * i for i in range(7)]
+    assert [lines[n - 1] for n in segment.line] == [r for r in records if r.startswith("RANGE")]
+    assert segment.data_comments == ("between",)
+
+
+def test_own_exponents_of_values():
+    units = {"MODE": "SEQUENTIAL", "RANGE_UNITS": "s"}
+    values = ["1.25E+00", "125e-2", "+1.25", "0001.25"]
+    records = [f"RANGE = 2021-03-28T14:00:0{i} {value}" for i, value in enumerate(values)]
+    assert read((TWO_WAY | units, records)).segments[0].value.tolist() == [1.25] * 4
+    assert read((TWO_WAY, records)).segments[0].value.tolist() == [1250.0] * 4
+    percent = ["RHUMIDITY = 2021-03-28T14:00:00 4.5e1"]
+    assert read((TWO_WAY, percent)).segments[0].value.tolist() == [0.45]
+
+
+def test_what_looks_like_kvn():
+    assert looks_like_kvn(["", "  CCSDS_TDM_VERS=2.0"])
+    assert not looks_like_kvn(["CCSDS_OEM_VERS = 2.0"])
+    assert not looks_like_kvn([])
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"TIME_SYSTEM": None}, "no TIME_SYSTEM"),
+        ({"TIME_SYSTEM": "SCLK"}, "TIME_SYSTEM: 'SCLK' cannot be read; use one of UTC, TAI"),
+        ({"TIME_SYSTEM": "UT1"}, "cannot be read"),
+        (
+            {"PATH": "1,2,4"},
+            r"PATH = 1,2,4 names participant 4, but there are only PARTICIPANT_1, PARTICIPANT_2",
+        ),
+        ({"PATH": "1;2;1"}, "PATH: '1;2;1' is not a list of participants"),
+        ({"PATH": "1,2,6"}, "not a list of participants"),
+        ({"MODE": "DOUBLE_DIFF"}, "MODE: 'DOUBLE_DIFF' is not one of SEQUENTIAL, SINGLE_DIFF"),
+        ({"MODE": ""}, "MODE: has no value"),
+        ({"RANGE_UNITS": "m"}, "RANGE_UNITS: 'm' is not one of km, s, RU"),
+        ({"RANGE_MODULUS": "-1"}, "RANGE_MODULUS: -1 must not be negative"),
+        ({"RANGE_MODULUS": "nan"}, "'nan' is not a finite number"),
+        ({"INTEGRATION_INTERVAL": "0"}, "must be above zero"),
+        ({"INTEGRATION_REF": "BEGIN"}, "not one of START, MIDDLE, END"),
+        ({"TURNAROUND_NUMERATOR": "880.5"}, "not a whole number"),
+        ({"RECEIVE_DELAY_1": "1_0"}, "not a finite number"),
+        ({"CORRECTION_RANGE": "1.0"}, "CORRECTION_RANGE without CORRECTIONS_APPLIED"),
+        ({"START_TIME": "2021-02-30T00:00:00"}, "START_TIME: .* not a date that exists"),
+        ({"PARTICIPANT_6": "X"}, "PARTICIPANT_6: is not a metadata keyword"),
+        ({"Mode2": "X"}, "not a metadata keyword"),
+    ],
+)
+def test_wrong_metadata(change, problem):
+    with pytest.raises(FileFormatError, match=problem) as caught:
+        read((TWO_WAY | change, RANGES))
+    lines = kvn((TWO_WAY | change, RANGES))
+    named = lines[caught.value.line - 1]
+    assert named.split(" =")[0] in (*change, "TIME_SYSTEM", "META_START", "PARTICIPANT_1")
+
+
+def test_no_participant():
+    with pytest.raises(FileFormatError, match="no PARTICIPANT_1"):
+        read(({"TIME_SYSTEM": "UTC"}, RANGES))
+
+
+def test_mixed_time_systems():
+    with pytest.raises(FileFormatError, match="TIME_SYSTEM is TAI, but UTC in the segments before; mixed"):
+        read((TWO_WAY, RANGES), (TWO_WAY | {"TIME_SYSTEM": "TAI"}, RANGES))
+
+
+@pytest.mark.parametrize(
+    ("record", "problem"),
+    [
+        ("RANGE = 2021-03-28T14:02:00 NaN", "'NaN' is not a finite number"),
+        ("RANGE = 2021-03-28T14:02:00 inf", "'inf' is not a finite number"),
+        ("RANGE = 2021-03-28T14:02:00 1e999", "'1e999' is not a finite number"),
+        ("RANGE = 2021-03-28T14:02:00 76_8", "'76_8' is not a finite number"),
+        ("RANGE = 2021-03-28T14:02:00 7e6e3", "'7e6e3' is not a finite number"),
+        ("RANGE = 2021-03-28T14:02:00", "is not a record keyword = epoch value"),
+        ("RANGE = 2021-03-28T14:02:00 1.0 km", "is not a record"),
+        ("RANGE 2021-03-28T14:02:00 1.0 =", "is not a record"),
+        ("RANGE", "is not a record"),
+        ("range = 2021-03-28T14:02:00 1.0", "'range' is not a data keyword"),
+        ("PARTICIPANT_1 = 2021-03-28T14:02:00 1.0", "'PARTICIPANT_1' is not a data keyword"),
+        ("RANGE = 2021-03-28T14:02:60 1.0", "no leap second then in UTC"),
+        ("RANGE = 2021-02-29T14:02:00 1.0", "not a date that exists"),
+        ("RANGE = 2021-366T14:02:00 1.0", "not a date that exists"),
+        ("RANGE = 2021-03-28 1.0", "not a date that exists"),
+        ("RANGE = 2021-03-28T14:02 1.0", "not a date that exists"),
+        ("RANGE = 1969-03-28T14:02:00 1.0", "years 1972 to 2100"),
+        ("RANGE = 2021-03-28T14:02:00.1234567890123456789 1.0", "with up to 18 decimals"),
+        ("RANGE = 2021-03-28T14:01:00 768805.0", "RANGE is there twice at one epoch, first in line"),
+        ("RANGE = 2021-03-28T14:00:59.9 768805.0", "RANGE is earlier than that of line"),
+        ("RANGE = 2021-03-28T14:02:00 ٣.0", "not a printable ASCII"),
+        ("RANGE = 2021-03-28T14:02:00\x0b1.0", "not a printable ASCII"),
+        ("META_START", "is not a record"),
+    ],
+)
+def test_wrong_record(record, problem):
+    lines = kvn((TWO_WAY, [*RANGES, record]))
+    with pytest.raises(FileFormatError, match=problem) as caught:
+        parse_kvn("a.kvn", lines)
+    assert lines[caught.value.line - 1] == record
+
+
+def test_a_field_that_slipped_to_the_next_line_is_seen():
+    records = ["RANGE = 2021-03-28T14:00:00", "1.0 RANGE = 2021-03-28T14:01:00 2.0"]
+    with pytest.raises(FileFormatError, match="is not a record"):
+        read((TWO_WAY, records))
+
+
+def test_order_of_data_that_nothing_needs_does_not_matter():
+    angles = ["ANGLE_1 = 2021-03-28T14:01:00 1.0", "ANGLE_1 = 2021-03-28T14:00:00 1.0"]
+    assert len(read((TWO_WAY, [*RANGES, *angles]))) == 4
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        (lambda lines: lines[:-1], "ends before DATA_STOP: it was cut"),
+        (lambda lines: lines[: lines.index("META_STOP")], "ends before META_STOP: it was cut"),
+        (lambda lines: lines[: lines.index("DATA_START")], "ends where DATA_START must come: it was cut"),
+        (lambda lines: lines[:3], "ends before META_START: it was cut"),
+        (lambda lines: [*lines, "more"], "'more' stands where META_START must come"),
+        (lambda lines: [line for line in lines if "RANGE" not in line], "has no record"),
+        (lambda lines: [line for line in lines if "ORIGINATOR" not in line], "header has no ORIGINATOR"),
+        (lambda lines: ["CCSDS_TDM_VERS = 3.0", *lines[1:]], "versions 1.0 and 2.0 are read"),
+        (lambda lines: [*lines[:2], "AUTHOR = X", *lines[2:]], "'AUTHOR' is not a keyword of the header"),
+        (lambda lines: [*lines[:2], lines[1], *lines[2:]], "CREATION_DATE is there twice, first in line 2"),
+        (lambda lines: [*lines[:4], "what is this", *lines[4:]], "not a line keyword = value"),
+        (
+            lambda lines: [*lines[:1], "CREATION_DATE = soon", *lines[2:]],
+            "CREATION_DATE: 'soon' is not a date",
+        ),
+        (lambda lines: [lines[0], lines[1], "ORIGINATOR = \xc4", *lines[3:]], "not a printable ASCII"),
+    ],
+)
+def test_wrong_structure(change, problem):
+    with pytest.raises(FileFormatError, match=problem):
+        parse_kvn("a.kvn", change(kvn((TWO_WAY, RANGES))))

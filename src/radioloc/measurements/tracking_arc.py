@@ -15,7 +15,9 @@ position is then a light-time solution between straight motions.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import copy
+from dataclasses import dataclass, fields, is_dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -187,6 +189,34 @@ class TrackingArc:
             problem=problem[:n],
         )
 
+    def select(self, which: Any) -> TrackingArc:
+        """The arc of some of the observations, already prepared.
+
+        Preparing is nearly all the work of an arc: shorter arcs of the same observations are best taken from the longest.
+
+        Parameters
+        ----------
+        which : mask, slice or indices
+            As for :meth:`~radioloc.measurements.observations.Observations.select`.
+        """
+        n = len(self.observations)
+        rows = np.arange(n)[which]
+        second = np.full(n, -1)
+        second[self._doppler] = n + np.arange(len(self._doppler))
+        paths = np.concatenate([rows, second[rows][second[rows] >= 0]])
+        part = copy.copy(self)
+        part.observations = self.observations.select(rows)
+        part._doppler = np.flatnonzero(second[rows] >= 0)
+        part._stations, transmitter, receiver = _stations_of(self.model, part.observations)
+        path_rows = np.concatenate([np.arange(len(rows)), part._doppler])
+        part._transmitter, part._receiver = transmitter[path_rows], receiver[path_rows]
+        part._paths = self._paths.select(paths)
+        part._radio, part._sign, part._tag = self._radio[paths], self._sign[paths], self._tag[paths]
+        part._reference, part._earth = self._reference[paths], _rows_of(self._earth, paths)
+        part._up, part._down = _rows_of(self._up, paths), _rows_of(self._down, paths)
+        part._moon = _rows_of(self._moon, paths)
+        return part
+
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Table of terms: by how much each active term changes each computed value, m.
 
@@ -319,6 +349,16 @@ class TrackingArc:
             [f"below the horizon ({e:.1f} deg)" for e in np.degrees(elevation_rad)], dtype=np.str_
         )
         return _Slant(elevation_rad, rate_rad_s, delay, np.where(elevation_rad < 0.0, below, delay.problem))
+
+
+def _rows_of(value: Any, rows: NDArray[np.intp]) -> Any:
+    """Some rows of an array, or of all arrays of a record, which have one row per path."""
+    if is_dataclass(value):
+        parts = {field.name: _rows_of(getattr(value, field.name), rows) for field in fields(value)}
+        return replace(value, **parts)  # type: ignore[type-var]
+    if isinstance(value, dict):
+        return {key: _rows_of(item, rows) for key, item in value.items()}
+    return value[rows]
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,0 +1,95 @@
+"""Part of a prepared arc is what would be prepared of the part."""
+
+from dataclasses import fields
+
+import numpy as np
+import pytest
+from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
+
+import radioloc
+from radioloc.measurements.observations import KINDS, TIME_TAGS
+from radioloc.measurements.tracking_arc import TrackingArc
+from radioloc.time import tai_to_utc
+
+SAME_M = 1e-6
+"""Some roundings of a range of 8e8 m, 1.2e-7 m each: the events may be placed in another number of steps."""
+
+
+@pytest.fixture(scope="module")
+def arc():
+    """Ranges, delays and Doppler of five stations, mixed."""
+    tai = epochs_tai(7, 6.0)
+    ranges = observations("KASHI>x>JIAMUSI", tai, "receive", wavelength_um=35000.0)
+    light = observations("APOLLO>x>APOLLO", tai, **LASER)
+    delay, doppler = (
+        radioloc.Observations.from_columns(
+            epoch=tai_to_utc(tai),
+            links=[radioloc.Link.from_path(path)],
+            value_m=1.0,
+            sigma_m=1.0,
+            tag=TIME_TAGS.index("receive"),
+            kind=KINDS.index(kind),
+            **more,
+        )
+        for path, kind, more in (
+            ("SESHAN25<x>URUMQI", "vlbi_delay", {}),
+            ("KASHI>x>KASHI", "doppler", {"count_s": 60.0}),
+        )
+    )
+    mixed = radioloc.Observations.concatenate([doppler, ranges, light, delay])
+    order = np.random.default_rng(4).permutation(len(mixed))
+    return TrackingArc(radioloc.PhysicalModel.build(), mixed.select(order), APOLLO15_PA_M)
+
+
+def assert_same(one, other, atol=0.0):
+    for field in fields(one):
+        first, second = getattr(one, field.name), getattr(other, field.name)
+        if field.name == "problem":
+            assert (first == second).all()
+        else:
+            np.testing.assert_allclose(first, second, rtol=0.0, atol=atol, err_msg=field.name)
+
+
+@pytest.mark.parametrize("which", ["mask", "indices", "slice"])
+def test_part_is_computed_as_the_whole(arc, which):
+    rows = {
+        "mask": np.arange(len(arc.observations)) % 3 == 1,
+        "indices": np.array([20, 3, 11, 4, 27]),
+        "slice": slice(5, 19),
+    }[which]
+    part, whole = arc.select(rows).compute(APOLLO15_PA_M), arc.compute(APOLLO15_PA_M)
+    for field in fields(whole):
+        assert (getattr(part, field.name) == getattr(whole, field.name)[rows]).all(), field.name
+
+
+def test_part_is_what_a_new_arc_would_be(arc):
+    rows = np.flatnonzero(arc.observations.kind != KINDS.index("range"))
+    part = arc.select(rows)
+    fresh = TrackingArc(arc.model, arc.observations.select(rows), APOLLO15_PA_M)
+    assert part.stations == fresh.stations == ("KASHI", "SESHAN25", "URUMQI")
+    assert (part.transmitters == fresh.transmitters).all()
+    assert (part.receivers == fresh.receivers).all()
+    assert (part.predicted_eop == fresh.predicted_eop).all()
+    assert_same(part.compute(APOLLO15_PA_M), fresh.compute(APOLLO15_PA_M), atol=SAME_M)
+
+
+def test_part_of_a_part(arc):
+    twice = arc.select(slice(4, 24)).select([1, 7, 9])
+    once = arc.select([5, 11, 13])
+    assert_same(twice.compute(APOLLO15_PA_M), once.compute(APOLLO15_PA_M))
+
+
+def test_a_part_taken_elsewhere_leaves_the_whole_alone(arc):
+    before = arc.compute(APOLLO15_PA_M)
+    # So far that the light time changes by more than a motion is taken to be straight.
+    away_m = -APOLLO15_PA_M
+    part = arc.select(slice(0, 10))
+    fresh = TrackingArc(arc.model, arc.observations.select(slice(0, 10)), away_m)
+    assert_same(part.compute(away_m), fresh.compute(away_m), atol=SAME_M)
+    assert_same(arc.compute(APOLLO15_PA_M), before)
+
+
+def test_nothing_selected(arc):
+    part = arc.select([])
+    assert len(part.compute(APOLLO15_PA_M).value_m) == 0
+    assert part.stations == ()

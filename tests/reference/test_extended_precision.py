@@ -20,8 +20,8 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.measurements.observations import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.measurements.terms import TERMS
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs, utc_to_tt
 
 GOAL_M = 5e-5
@@ -137,7 +137,7 @@ class FortyDigits:
         potential += self.gm("earth") / mp.norm(self.body(399, t)[0] - moon_m)
         return moon_m + self.scaled(place, moon_m_s, potential, "lunar_scale", "lunar_lorentz")
 
-    def range_m(self, transmitter_m, receiver_m, pa_m, tag, tt):
+    def value_m(self, transmitter_m, receiver_m, pa_m, tag, tt):
         """Whole path for a tag at one epoch of TT (the station's own, or the geocentre's for the bounce)."""
         c = mpf(C_M_S)
         tt_s = mpf(tt.jd[0] - 2451545.0) * 86400 + mpf(tt.fraction[0]) * 86400

@@ -18,8 +18,8 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.kernels import find_kernel
 from radioloc.measurements.observations import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.measurements.terms import TERMS
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs, utc_to_tt
 
 # SPICE's epoch is one float: 0.06 to 0.12 microseconds, in which the Earth moves 1.8 to 3.6 mm along its orbit, and

@@ -112,7 +112,7 @@ def _wanted_m(
     wanted_m = np.zeros(count)
     for k in range(count):
         mine = fit.used & (group == k)
-        dof = int(round(mine.sum() * (1.0 - free_part)))
+        dof = round(mine.sum() * (1.0 - free_part))
         wanted_m[k] = excess_noise_m(fit.residual_m[mine], stated_m[mine], dof, probability)
     return wanted_m
 

@@ -1,8 +1,8 @@
 """The table of observations: one row per measurement, one array per column.
 
-Every value is in metres. A range is the whole light path from the transmitter over the point on the Moon to the receiver, as the speed
-of light times the time of flight in the station's clock (UTC rate): a round trip, not its half. The epoch is
-UTC and belongs to the event that the time tag names. Millions of rows are meant to fit: no Python object is
+Every value is in metres. A range is the whole light path from the transmitter over the point on the Moon to the
+receiver, as the speed of light times the time of flight in the station's clock (UTC rate): a round trip, not its half.
+The epoch is UTC and belongs to the event that the time tag names. Millions of rows are meant to fit: no Python object is
 kept per row.
 """
 
@@ -94,7 +94,7 @@ class Link:
         match = re.fullmatch(r"([^<>]+)([<>])([^<>]+)>([^<>]+)", path)
         if match is None:
             raise InputError(
-                f"{path!r} is not a path; write it as transmitter>target>receiver, or station1<target>station2 for a delay"
+                f"{path!r} is not a path; write it as transmitter>target>receiver, or station1<target>station2"
             )
         first, arrow, target, second = (part.strip() for part in match.groups())
         return cls(first, target, second, arrow == "<")

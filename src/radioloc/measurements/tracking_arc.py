@@ -3,14 +3,14 @@
 What is measured, all in metres and by the stations' atomic clocks (TT rate, as UTC has):
 
 - range, two- or three-way: the time of flight from a station over the point to a station, a round trip, never its half.
-  The time tag is UTC at the station and names the transmission, the reception or (as if by a clock at the geocentre) the
-  bounce. Two-way is the case of one station.
+  The time tag is UTC at the station and names the transmission, the reception or (as if by a clock at the geocentre)
+  the bounce. Two-way is the case of one station.
 - VLBI delay: arrival at the second station less arrival of the same wavefront at the first; tagged with the first.
 - Doppler: growth of the range over the count interval, tagged at its middle; the difference of two ranges.
 
-An arc is prepared once (:class:`TrackingArc`): the motion of the stations and of the Moon near each event does not depend
-on where the point is, but for the few microseconds by which the light time changes with it. A prediction for a given
-position is then a light-time solution between straight motions.
+An arc is prepared once (:class:`TrackingArc`): the motion of the stations and of the Moon near each event does not
+depend on where the point is, but for the few microseconds by which the light time changes with it. A prediction for a
+given position is then a light-time solution between straight motions.
 """
 
 from __future__ import annotations

@@ -88,8 +88,8 @@ def troposphere_delay(
 
     Notes
     -----
-    :func:`radioloc.earth.optical_troposphere.optical_delay`; for radio IERS Conventions (2010), section 9.2, with zenith
-    delays of Saastamoinen (Davis et al. 1985) and mapping functions of Niell (1996).
+    :func:`radioloc.earth.optical_troposphere.optical_delay`; for radio IERS Conventions (2010), section 9.2, with
+    zenith delays of Saastamoinen (Davis et al. 1985) and mapping functions of Niell (1996).
     """
     n = len(observations)
     if radio is None:

@@ -104,5 +104,5 @@ NUISANCES = (
     Nuisance("clock_rate", "s/s", 1e-5 / C_M_S, _clock_rate),
     Nuisance("zenith_delay", "m", 0.3, _zenith_delay),
 )
-"""The kinds: a bias of the receiver's ranges; an offset of the time tags; offset and rate of a VLBI station's clock; what
-the wet delay at the zenith is beyond the model."""
+"""The kinds: a bias of the receiver's ranges; an offset of the time tags; offset and rate of a VLBI station's clock;
+what the wet delay at the zenith is beyond the model."""

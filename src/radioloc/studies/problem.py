@@ -12,12 +12,11 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import StationCatalogue
+from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError, StationError
 from radioloc.estimation.parameters import Parameter, ParameterSet
-from radioloc.ephemeris import EphemerisConstants
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.observations import RANGE, TIME_TAGS, VLBI_DELAY
 from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.nuisance import NUISANCES, Nuisance
 from radioloc.studies.study import EstimateChoice, HeightPrior, TerrainPrior

@@ -1,0 +1,36 @@
+import pytest
+
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.tracking_arc import TrackingArc
+
+
+@pytest.fixture(scope="session")
+def model():
+    return PhysicalModel.build(off=["troposphere"])
+
+
+@pytest.fixture(scope="session")
+def lander():
+    return LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+
+
+@pytest.fixture(scope="session")
+def lander_pa_m(lander, model):
+    return lander.to_axes("PA", model.ephemeris.constants).xyz_m
+
+
+@pytest.fixture(scope="session")
+def compute():
+    """The measurement model's prediction of observations."""
+
+    def predicted(model, observations, target_pa_m):
+        return TrackingArc(model, observations, target_pa_m).compute(target_pa_m)
+
+    return predicted
+
+
+@pytest.fixture(scope="session")
+def predict_m(compute):
+    """The same, the values alone."""
+    return lambda model, observations, target_pa_m: compute(model, observations, target_pa_m).value_m

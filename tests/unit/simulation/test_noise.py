@@ -1,0 +1,144 @@
+"""Streams that depend on seed and label alone, and the parts of which noise is made."""
+
+import numpy as np
+import pytest
+
+from radioloc.errors import InputError
+from radioloc.simulation import Masks, Noise, NoiseModel, Schedule, Session, baselines, two_way
+from radioloc.simulation.noise import gauss_markov, generator
+
+START, STOP = "2020-12-01T15:11", "2020-12-01T21:00"
+VLBI = ("SESHAN25", "MIYUN50", "KUNMING", "URUMQI")
+NOISE = NoiseModel(
+    {
+        "range": Noise(
+            white_m=1.0, coloured_m=2.0, correlation_s=3600.0, outlier_fraction=0.1, outlier_m=50.0
+        ),
+        "vlbi_delay": Noise(white_m=0.1),
+    },
+    vlbi_station=Noise(white_m=0.3, walk_m_sqrt_s=0.01),
+)
+
+
+def by_row(schedule, model, lander_pa_m, seed=7, noise=NOISE):
+    plan = schedule.plan(model, lander_pa_m)
+    noise_m, wild = noise.draw(plan, seed)
+    keys = zip(plan.observations.paths().tolist(), plan.observations.epoch.mjd.round(6).tolist(), strict=True)
+    return dict(zip(keys, zip(noise_m.tolist(), wild.tolist(), strict=True), strict=True))
+
+
+def ranges(*stations):
+    return Session("range", two_way(*stations), START, STOP, 300.0, 1.0)
+
+
+def delays(*stations):
+    return Session("vlbi_delay", baselines(*stations), START, STOP, 300.0, 1.0)
+
+
+def test_a_links_noise_does_not_depend_on_what_else_there_is(model, lander_pa_m):
+    few = by_row(Schedule([ranges("KASHI"), delays(*VLBI[:2])]), model, lander_pa_m)
+    many = by_row(Schedule([delays(*VLBI), ranges("JIAMUSI", "KASHI")]), model, lander_pa_m)
+    assert len(few) > 100
+    assert few.items() < many.items()
+    # Nor on what of it is seen, or under which of its names a station goes.
+    high = by_row(Schedule([ranges("KS"), delays(*VLBI[:2])], Masks(50.0)), model, lander_pa_m)
+    assert high.items() < few.items()
+
+
+def test_seeds_give_other_noise_and_the_same_one_the_same(model, lander_pa_m):
+    schedule = Schedule([ranges("KASHI")])
+    one, again, other = (by_row(schedule, model, lander_pa_m, seed) for seed in (1, 1, 2))
+    assert one == again
+    assert not set(one.values()) & set(other.values())
+
+
+def test_station_noise_closes_around_triangles_and_thermal_noise_does_not(model, lander_pa_m):
+    plan = Schedule([delays(*VLBI)]).plan(model, lander_pa_m)
+    paths = plan.observations.paths()
+
+    def closure_m(noise):
+        noise_m, _ = noise.draw(plan, 3)
+        ab, bc, ac = (
+            noise_m[paths == f"{a}<lander>{b}"]
+            for a, b in ((0, 1), (1, 2), (0, 2))
+            for a, b in ((VLBI[a], VLBI[b]),)
+        )
+        return ab + bc - ac
+
+    station = NoiseModel(vlbi_station=Noise(white_m=1.0, coloured_m=1.0, correlation_s=600.0))
+    assert np.abs(closure_m(station)).max() < 1e-12
+    assert closure_m(NoiseModel({"vlbi_delay": Noise(white_m=1.0)})).std() > 1.0
+
+
+def test_a_later_station_is_added_and_an_earlier_one_subtracted(model, lander_pa_m):
+    plan = Schedule([delays("SESHAN25", "MIYUN50")]).plan(model, lander_pa_m)
+    swapped = Schedule([delays("MIYUN50", "SESHAN25")]).plan(model, lander_pa_m)
+    noise = NoiseModel(vlbi_station=Noise(white_m=1.0))
+    np.testing.assert_array_equal(noise.draw(plan, 5)[0], -noise.draw(swapped, 5)[0])
+
+
+def test_no_noise_is_nothing(model, lander_pa_m):
+    noise_m, wild = NoiseModel().draw(Schedule([ranges("KASHI"), delays(*VLBI)]).plan(model, lander_pa_m), 1)
+    assert not noise_m.any()
+    assert not wild.any()
+
+
+def test_outliers_are_as_many_and_as_large_as_asked_for():
+    error_m, wild = Noise(white_m=1e-3, outlier_fraction=0.05, outlier_m=100.0).series(20000, 1.0, 1, "a")
+    # Binomial of 20000 at 0.05: 1e-5 and 1 - 1e-5 quantiles.
+    assert 872 <= wild.sum() <= 1133
+    assert np.abs(error_m[wild]).min() > 49.9
+    assert np.abs(error_m[wild]).max() < 150.1
+    assert 0.4 < (error_m[wild] > 0.0).mean() < 0.6
+    assert np.abs(error_m[~wild]).max() < 0.01
+    # The rest is what it is without them.
+    plain_m, _ = Noise(white_m=1e-3).series(20000, 1.0, 1, "a")
+    assert (error_m[~wild] == plain_m[~wild]).all()
+
+
+def test_gauss_markov_recursion():
+    drive = np.array([1.0, 2.0, -1.0])
+    f, g = 0.6, 0.8
+    expected = [1.0, f * 1.0 + g * 2.0, f * (f * 1.0 + g * 2.0) - g]
+    np.testing.assert_allclose(gauss_markov(drive, f), expected, rtol=0.0, atol=1e-15)
+    np.testing.assert_array_equal(gauss_markov(drive, 0.0), drive)
+    np.testing.assert_array_equal(gauss_markov(drive, 1.0), np.ones(3))
+
+
+def test_random_walk_starts_at_zero_and_grows_with_the_root_of_time():
+    ends = [Noise(walk_m_sqrt_s=0.5).series(101, 4.0, seed, "a")[0] for seed in range(400)]
+    assert all(walk[0] == 0.0 for walk in ends)
+    # 0.5 m per root second over 400 s is 10 m; the standard deviation of 400 normals is within 16 % but for 1e-5.
+    assert np.std([walk[-1] for walk in ends]) == pytest.approx(10.0, rel=0.16)
+
+
+def test_the_streams_stay_what_they_are():
+    # Data that were simulated once shall come out again with later versions of numpy and of this library.
+    np.testing.assert_array_equal(
+        generator(1, "a").standard_normal(3), [-0.3946934246141611, 1.2311401672853206, -1.4378506738724737]
+    )
+    np.testing.assert_array_equal(
+        generator(2**40, "range KASHI").random(2), [0.5799109649627061, 0.4155108311970416]
+    )
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"white_m": -1.0}, "white_m is -1.0"),
+        ({"coloured_m": np.nan}, "coloured_m is nan"),
+        ({"coloured_m": 1.0}, "needs a correlation_s"),
+        ({"outlier_fraction": 1.5}, "part of one"),
+    ],
+)
+def test_noise_that_cannot_be(given, words):
+    with pytest.raises(InputError, match=words):
+        Noise(**given)
+
+
+def test_kinds_and_seeds_that_cannot_be():
+    with pytest.raises(InputError, match="'delay' is not known"):
+        NoiseModel({"delay": Noise()})
+    for seed in (-1, 1.0, True, None):
+        with pytest.raises(InputError, match="whole number"):
+            generator(seed, "a")

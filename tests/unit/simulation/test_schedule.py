@@ -1,0 +1,177 @@
+"""Epochs to the bit, links by kind, and nothing that is not seen."""
+
+import numpy as np
+import pytest
+
+from radioloc.errors import InputError, StationError
+from radioloc.measurements.observations import Link
+from radioloc.simulation import (
+    Masks,
+    Schedule,
+    Session,
+    all_ranges,
+    baselines,
+    elevations,
+    three_way,
+    two_way,
+    windows,
+)
+from radioloc.time import epochs_from_strings, utc_strings, utc_to_tt
+
+RANGERS = ("JIAMUSI", "KASHI", "NEUQUEN")
+START, STOP = "2020-12-01T15:11:00", "2020-12-03T15:10:00"
+
+
+def test_pairs():
+    assert two_way("A", "B") == (("A", "A"), ("B", "B"))
+    assert three_way("A", "B", "C") == (("A", "B"), ("A", "C"))
+    assert set(all_ranges("A", "B")) == {*two_way("A", "B"), ("A", "B"), ("B", "A")}
+    assert baselines("A", "B", "C", "D") == (
+        ("A", "B"),
+        ("A", "C"),
+        ("A", "D"),
+        ("B", "C"),
+        ("B", "D"),
+        ("C", "D"),
+    )
+
+
+def test_epochs_are_the_nearest_floats_of_the_dates():
+    session = Session("range", two_way("KASHI"), START, STOP, 60.0, 1.0)
+    epochs = session.epochs()
+    assert len(epochs) == 2880
+    texts = utc_strings(epochs).tolist()
+    assert (texts[0], texts[-1]) == ("2020-12-01T15:11:00.000000000", "2020-12-03T15:10:00.000000000")
+    again = epochs_from_strings(texts, "UTC")
+    assert (again.jd == epochs.jd).all()
+    assert (again.fraction == epochs.fraction).all()
+    tenths = Session("range", two_way("KASHI"), "2020-12-01T23:59:59", "2020-12-02T00:00:00.95", 0.1, 1.0)
+    assert utc_strings(tenths.epochs()[[9, 10, -1]], decimals=3).tolist() == [
+        "2020-12-01T23:59:59.900",
+        "2020-12-02T00:00:00.000",
+        "2020-12-02T00:00:00.900",
+    ]
+
+
+def test_nothing_is_measured_below_a_mask_and_all_that_is_above_is(model, lander_pa_m, compute):
+    masks = Masks(10.0, by_station_deg={"NEUQUEN": 20.0})
+    session = Session("range", two_way(*RANGERS), START, STOP, 60.0, 1.0)
+    observations = Schedule([session], masks).plan(model, lander_pa_m).observations
+    by_model = compute(model, observations, lander_pa_m)
+    assert (by_model.problem == "").all()
+    for name in RANGERS:
+        rows = np.array([link.receiver == name for link in observations.links])[observations.link]
+        # The model's elevation of the sending differs by 2 arcsec.
+        assert np.degrees(by_model.elevation_rad[rows]).min() > masks.of(name) - 1e-3
+        seen_s = sum(
+            60.0 * len(Session("range", two_way(name), w.start_utc, w.stop_utc, 60.0, 1.0).epochs())
+            for w in windows(model, lander_pa_m, [name], START, STOP, masks)
+        )
+        # One epoch more or less at each rise and set.
+        assert abs(60.0 * rows.sum() - seen_s) <= 60.0 * 6
+
+
+def test_the_targets_own_horizon_counts(model, lander_pa_m):
+    session = Session("range", two_way("KASHI"), START, STOP, 600.0, 1.0)
+    everything = Schedule([session]).plan(model, lander_pa_m).observations
+    at_target = elevations(model, lander_pa_m, ["KASHI"], utc_to_tt(everything.epoch)).at_target_rad
+    middle_deg = float(np.degrees(np.median(at_target)))
+    fewer = Schedule([session], Masks(target_deg=middle_deg)).plan(model, lander_pa_m).observations
+    assert 0.4 < len(fewer) / len(everything) < 0.6
+
+
+def test_one_station_sends_at_a_time(model, lander_pa_m):
+    session = Session("range", all_ranges(*RANGERS), START, STOP, 60.0, 1.0, one_uplink=True)
+    observations = Schedule([session], Masks(5.0)).plan(model, lander_pa_m).observations
+    keys = np.round(observations.epoch.mjd * 1440.0).astype(int)
+    senders = np.array([RANGERS.index(link.transmitter) for link in observations.links])[observations.link]
+    for key in np.unique(keys):
+        assert len(set(senders[keys == key].tolist())) == 1
+    assert set(senders.tolist()) == {0, 1, 2}
+    # A later one sends only where the earlier ones do not see the target.
+    alone = Schedule([Session("range", two_way("JIAMUSI"), START, STOP, 60.0, 1.0)], Masks(5.0))
+    minutes = np.round(alone.plan(model, lander_pa_m).observations.epoch.mjd * 1440.0).astype(int)
+    assert set(minutes.tolist()) == set(keys[senders == 0].tolist())
+    assert {"JIAMUSI>lander>KASHI", "KASHI>lander>NEUQUEN"} < set(observations.paths().tolist())
+
+
+def test_kinds_go_together_in_the_order_of_time(model, lander_pa_m):
+    sessions = [
+        Session("vlbi_delay", baselines("SESHAN25", "BJ", "ULMQ"), START, "2020-12-01T16:00", 300.0, 0.5),
+        Session(
+            "doppler",
+            two_way("KS"),
+            START,
+            "2020-12-01T15:40",
+            60.0,
+            1e-3,
+            count_s=60.0,
+            uplink_hz=7.2e9,
+            wavelength_um=35394.6,
+        ),
+    ]
+    plan = Schedule(sessions).plan(model, lander_pa_m, "ce5")
+    observations = plan.observations
+    assert (np.diff(observations.epoch.mjd) >= 0.0).all()
+    assert set(observations.links) == {
+        Link("SESHAN25", "ce5", "MIYUN50", True),
+        Link("SESHAN25", "ce5", "URUMQI", True),
+        Link("MIYUN50", "ce5", "URUMQI", True),
+        Link("KASHI", "ce5", "KASHI"),
+    }
+    doppler = observations.types() == "doppler"
+    assert doppler.sum() == 30
+    assert (observations.count_s[doppler] == 60.0).all()
+    assert np.isnan(observations.count_s[~doppler]).all()
+    assert (observations.sigma_m == np.where(doppler, 1e-3, 0.5)).all()
+    assert (observations.uplink_hz[doppler] == 7.2e9).all()
+    assert set(observations.tags().tolist()) == {"receive"}
+    for i, session in enumerate(sessions):
+        rows = plan.session == i
+        assert (session.epochs().fraction[plan.slot[rows]] == observations.epoch.fraction[rows]).all()
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"kind": "delay"}, "'delay' is not known"),
+        ({"kind": "vlbi_delay"}, "two different stations"),
+        ({"pairs": ()}, "at least one pair"),
+        ({"pairs": two_way("KASHI", "KASHI")}, "none twice"),
+        ({"step_s": 0.0}, "step_s is 0.0"),
+        ({"sigma_m": np.nan}, "sigma_m is nan"),
+        ({"time_tag": "reflect"}, "'reflect' is not known"),
+    ],
+)
+def test_sessions_that_cannot_be(changes, words):
+    given = {
+        "kind": "range",
+        "pairs": two_way("KASHI"),
+        "start_utc": START,
+        "stop_utc": STOP,
+        "step_s": 60.0,
+        "sigma_m": 1.0,
+    }
+    with pytest.raises(InputError, match=words):
+        Session(**(given | changes))
+
+
+def test_what_cannot_be_planned_is_refused(model, lander_pa_m):
+    def planned(*sessions, masks=None):
+        return Schedule(sessions, masks or Masks()).plan(model, lander_pa_m)
+
+    session = Session("range", two_way("KASHI"), START, STOP, 600.0, 1.0)
+    with pytest.raises(InputError, match="at least one session"):
+        planned()
+    with pytest.raises(InputError, match="nothing can be seen"):
+        planned(session, masks=Masks(89.0))
+    with pytest.raises(InputError, match="same link at the same time"):
+        planned(session, Session("range", two_way("KS"), START, STOP, 1200.0, 1.0))
+    with pytest.raises(StationError, match="KASHY"):
+        planned(Session("range", two_way("KASHY"), START, STOP, 600.0, 1.0))
+    with pytest.raises(InputError, match="count interval"):
+        planned(Session("doppler", two_way("KASHI"), START, STOP, 600.0, 1.0))
+    with pytest.raises(InputError, match="stops earlier"):
+        planned(Session("range", two_way("KASHI"), STOP, START, 600.0, 1.0))
+    with pytest.raises(InputError, match="leap second"):
+        Session("range", two_way("KASHI"), "2016-12-31T12:00", "2017-01-01T12:00", 600.0, 1.0).epochs()

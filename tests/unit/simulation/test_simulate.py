@@ -1,0 +1,93 @@
+"""The record adds up, and what the model cannot do is not simulated."""
+
+import numpy as np
+import pytest
+
+from radioloc.errors import InputError
+from radioloc.lunar.position import LunarPosition
+from radioloc.simulation import (
+    Masks,
+    Noise,
+    NoiseModel,
+    Schedule,
+    Session,
+    Truth,
+    World,
+    baselines,
+    simulate,
+    two_way,
+)
+
+START, STOP = "2020-12-01T15:11", "2020-12-01T20:11"
+SCHEDULE = Schedule(
+    [
+        Session("range", two_way("JIAMUSI", "KASHI"), START, STOP, 600.0, 3.0),
+        Session("vlbi_delay", baselines("SESHAN25", "KUNMING"), START, STOP, 600.0, 0.5),
+    ]
+)
+TRUTH = Truth(
+    range_bias_m={"KASHI": 4.0}, zenith_delay_m={"KUNMING": 0.1}, station_enu_m={"KS": (1.0, 0.0, 0.0)}
+)
+NOISE = NoiseModel({"range": Noise(white_m=1.0, outlier_fraction=0.2, outlier_m=40.0)}, Noise(white_m=0.1))
+
+
+def test_the_record_adds_up(lander, lander_pa_m, model):
+    made = simulate(SCHEDULE, lander, TRUTH, NOISE, model=model, seed=4, name="ce5")
+    parts = made.error_free_m + made.noise_m + sum(made.added_m.values())
+    np.testing.assert_allclose(made.observations.value_m, parts, rtol=0.0, atol=3e-7)
+    assert set(made.added_m) == {"range_bias", "troposphere"}
+    assert (made.target_pa_m == lander_pa_m).all()
+    assert (made.truth, made.noise, made.seed) == (TRUTH, NOISE, 4)
+    assert {link.target for link in made.observations.links} == {"ce5"}
+    assert set(made.observations.sigma_m.tolist()) == {3.0, 0.5}
+    assert 0 < made.is_outlier.sum() < len(made.observations)
+    assert np.abs(made.noise_m[made.is_outlier]).min() > 15.0
+    with pytest.raises(ValueError, match="read-only"):
+        made.observations.value_m[0] = 1.0
+
+
+def test_a_prepared_world_gives_the_same_for_a_seed_and_another_for_another(lander, model):
+    world = World.prepare(SCHEDULE, lander, TRUTH, model=model)
+    one, two, other = (world.draw(NOISE, seed=seed) for seed in (4, 4, 5))
+    direct = simulate(SCHEDULE, lander, TRUTH, NOISE, model=model, seed=4)
+    assert (one.observations.value_m == two.observations.value_m).all()
+    assert (one.observations.value_m == direct.observations.value_m).all()
+    assert (one.observations.value_m != other.observations.value_m).all()
+    assert (world.draw().noise_m == 0.0).all()
+
+
+def test_the_order_of_sessions_does_not_matter(lander, model):
+    turned = Schedule(tuple(reversed(SCHEDULE.sessions)))
+    one, two = (
+        simulate(s, lander, TRUTH, NOISE, model=model, seed=4).observations for s in (SCHEDULE, turned)
+    )
+    order_one, order_two = (
+        np.lexsort((o.paths(), o.types(), o.epoch.fraction, o.epoch.jd)) for o in (one, two)
+    )
+    assert (one.value_m[order_one] == two.value_m[order_two]).all()
+    assert (one.paths()[order_one] == two.paths()[order_two]).all()
+
+
+def test_the_summary_says_what_was_put_in(lander, model):
+    text = simulate(SCHEDULE, lander, TRUTH, NOISE, model=model, seed=4).summary()
+    for words in (
+        "seed 4",
+        "KASHI>lander>KASHI",
+        "range_bias_m: KASHI 4.0",
+        "zenith_delay_m: KUNMING 0.1",
+        "station_enu_m: KS (1.0, 0.0, 0.0)",
+        "noise of range: white_m 1.0, outlier_fraction 0.2, outlier_m 40.0",
+        "noise of station arrivals (VLBI): white_m 0.1",
+        "781081.77",
+    ):
+        assert words in text
+    assert "libration" not in text
+
+
+def test_what_the_model_does_not_hold_for_is_refused(lander, model):
+    low = Schedule([Session("range", two_way("KASHI"), START, "2020-12-02T08:00", 600.0, 1.0)], Masks(-90.0))
+    words = r"\d+ of 101 observations cannot be simulated; .* range of KASHI>lander>KASHI: below the horizon"
+    with pytest.raises(InputError, match=words):
+        simulate(low, lander, model=model)
+    with pytest.raises(InputError, match="PA_DE421 or ME_DE421"):
+        simulate(SCHEDULE, LunarPosition("ME_DE440", lander.xyz_m), model=model)

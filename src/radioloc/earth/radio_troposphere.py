@@ -81,9 +81,12 @@ def zenith_hydrostatic_delay_m(
     pressure = within("pressure", pressure_hpa, "the hydrostatic delay")
     latitude = within("latitude", latitude_rad, "the hydrostatic delay")
     height = within("height", height_m, "the hydrostatic delay")
-    # Gravity at the column's centre of mass against its mean.
-    gravity = 1.0 - 0.00266 * np.cos(2.0 * latitude) - 0.28e-6 * height
-    return np.asarray(_HYDROSTATIC_M_HPA * pressure / gravity)
+    return np.asarray(_HYDROSTATIC_M_HPA * pressure / column_gravity(latitude, height))
+
+
+def column_gravity(latitude_rad: ArrayLike, height_m: ArrayLike) -> NDArray[np.float64]:
+    """Gravity at the centre of mass of the column of air over a place, as a fraction of its mean."""
+    return np.asarray(1.0 - 0.00266 * np.cos(2.0 * np.asarray(latitude_rad)) - 0.28e-6 * np.asarray(height_m))
 
 
 def zenith_wet_delay_m(vapour_pressure_hpa: ArrayLike, temperature_k: ArrayLike) -> NDArray[np.float64]:

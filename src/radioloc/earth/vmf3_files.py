@@ -1,0 +1,394 @@
+"""Coefficients of VMF3 and zenith delays every six hours, from the files of the VMF data server of TU Wien.
+
+Two kinds of file are read, plain or gzip:
+
+- of sites, by day or year, such as ``2024001.vmf3_r`` or ``y2024.vmf3_r``: one line for a station and an epoch with its
+  name, MJD, a hydrostatic, a wet, zenith delays hydrostatic and wet (m), pressure (hPa), temperature (degrees Celsius)
+  and vapour pressure (hPa), all at the station; in the files ``.v3gr_r`` horizontal gradients follow, in millimetres;
+- of the whole Earth, such as ``VMF3_20240101.H00``, on a grid of 1 or 5 degrees: latitude, longitude, the two a on
+  the ellipsoid, and the two zenith delays at the height of the file ``orography_ell_1x1`` or ``_5x5``. From there they
+  are taken to the station's height. Gradients in the maps ``V3GR_20240101.H00`` are left aside.
+
+Epochs are UTC. The hydrostatic delay at the zenith of these files is some 2.5 mm above that which the formula of
+Saastamoinen gives for their pressure, for other constants of refractivity; the wet delay is good to 1 to 2 cm.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.earth.checks import within
+from radioloc.earth.lat_lon_grid import LatLonGrid, sort_into_grid
+from radioloc.earth.radio_troposphere import column_gravity
+from radioloc.earth.text_lines import numbers_of, read_lines, table_of
+from radioloc.errors import CoverageError, FileFormatError, InputError
+from radioloc.time import Epochs, epochs_from_strings
+from radioloc.time.scales import utc_of
+
+_LONGEST_GAP_D = 0.2501
+"""Epochs are six hours apart."""
+
+_SITE_COLUMNS = (8, 12)
+_GRID_COLUMNS = {"VMF3": 6, "V3GR": 10}
+_CELSIUS_K = 273.15
+_WET_SCALE_HEIGHT_M = 2000.0
+_LARGEST_A = 2e-3
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Vmf3Values:
+    """What a file of VMF3 gives for observations; arrays of shape (n,).
+
+    Parameters
+    ----------
+    hydrostatic_a, wet_a : ndarray
+        Coefficients a of the mapping functions.
+    height_above_a_m : ndarray
+        Height of the station above that for which `hydrostatic_a` holds, m; see :func:`radioloc.earth.vmf3.vmf3`.
+    zenith_hydrostatic_m, zenith_wet_m : ndarray
+        Zenith delays at the station, m.
+    """
+
+    hydrostatic_a: NDArray[np.float64]
+    wet_a: NDArray[np.float64]
+    height_above_a_m: NDArray[np.float64]
+    zenith_hydrostatic_m: NDArray[np.float64]
+    zenith_wet_m: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Vmf3Site:
+    """Series of VMF3 of one station.
+
+    Parameters
+    ----------
+    station : str
+        Name in the file.
+    mjd_utc : ndarray, shape (k,)
+        Epochs, rising.
+    values : ndarray, shape (k, 4)
+        a hydrostatic, a wet, zenith hydrostatic delay (m), zenith wet delay (m).
+    pressure_hpa, temperature_k, vapour_pressure_hpa : ndarray, shape (k,)
+        Weather of the model at the station.
+    gradients_m : ndarray, shape (k, 4), or None
+        Gradients north hydrostatic, east hydrostatic, north wet, east wet, m; None where the files have none.
+    """
+
+    station: str
+    mjd_utc: NDArray[np.float64]
+    values: NDArray[np.float64]
+    pressure_hpa: NDArray[np.float64]
+    temperature_k: NDArray[np.float64]
+    vapour_pressure_hpa: NDArray[np.float64]
+    gradients_m: NDArray[np.float64] | None
+
+    def at(self, epochs: Epochs) -> Vmf3Values:
+        """Values at epochs, linear between the file's.
+
+        Parameters
+        ----------
+        epochs : Epochs
+            n epochs, of any scale but UT1.
+
+        Raises
+        ------
+        CoverageError
+            An epoch is before the first, after the last, or between two that are more than six hours apart.
+        """
+        before, weight = _between(self.mjd_utc, epochs, f"VMF3 of {self.station}")
+        values = _blend(self.values, before, weight)
+        return Vmf3Values(values[:, 0], values[:, 1], np.zeros(len(epochs)), values[:, 2], values[:, 3])
+
+    def gradients_at_m(self, epochs: Epochs) -> NDArray[np.float64]:
+        """Gradients at epochs, shape (n, 4), columns as `gradients_m`; errors as :meth:`at`.
+
+        Raises
+        ------
+        InputError
+            The files have none.
+        """
+        if self.gradients_m is None:
+            raise InputError(f"the files of {self.station} hold no gradients; read files .v3gr_r")
+        before, weight = _between(self.mjd_utc, epochs, f"VMF3 of {self.station}")
+        return _blend(self.gradients_m, before, weight)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Vmf3Grids:
+    """Maps of VMF3 at several epochs.
+
+    Parameters
+    ----------
+    grid : LatLonGrid
+        The points.
+    mjd_utc : ndarray, shape (k,)
+        Epochs, rising.
+    values : ndarray, shape (k, rows, columns, 4)
+        a hydrostatic and wet on the ellipsoid; zenith delays hydrostatic and wet (m) at `height_m`.
+    height_m : ndarray, shape (rows, columns)
+        Height of the points above the ellipsoid, m.
+    """
+
+    grid: LatLonGrid
+    mjd_utc: NDArray[np.float64]
+    values: NDArray[np.float64]
+    height_m: NDArray[np.float64]
+
+    def at(
+        self, epochs: Epochs, latitude_rad: ArrayLike, longitude_rad: ArrayLike, height_m: ArrayLike
+    ) -> Vmf3Values:
+        """Values at epochs and places: linear in time, bilinear in space, zenith delays taken to the height.
+
+        Parameters
+        ----------
+        epochs : Epochs
+            n epochs, of any scale but UT1.
+        latitude_rad, longitude_rad, height_m : array_like, shape () or (n,)
+            Geodetic latitude and east longitude, rad, and height above the ellipsoid, m.
+
+        Raises
+        ------
+        CoverageError
+            As :meth:`Vmf3Site.at`.
+        InputError
+            A place is nearer to a pole than the outermost latitude of the grid, or not possible.
+
+        Notes
+        -----
+        Kouba (2008), eq. 3 to 5: pressure falls as in the standard atmosphere, the wet delay with a scale height of
+        2 km. Over a height of 1 km between station and grid the hydrostatic delay is wrong by some 5 mm.
+        """
+        latitude, longitude, height, _ = np.broadcast_arrays(
+            within("latitude", latitude_rad, "VMF3"),
+            within("longitude", longitude_rad, "VMF3"),
+            within("height", height_m, "VMF3"),
+            epochs.fraction,
+        )
+        before, weight = _between(self.mjd_utc, epochs, "the maps of VMF3")
+        row, column, share = self.grid.corners(latitude, longitude)
+        near, far = (self.values[k[:, None], row, column] for k in (before, before + 1))
+        corners = near + weight[:, None, None] * (far - near)
+        below = self.height_m[row, column]
+        above = height[:, None] - below
+        pressure_ratio = (1.0 - 2.26e-5 * above) ** 5.225
+        gravity_ratio = column_gravity(latitude[:, None], below) / column_gravity(latitude, height)[:, None]
+        corners[..., 2] *= pressure_ratio * gravity_ratio
+        corners[..., 3] *= np.exp(-above / _WET_SCALE_HEIGHT_M)
+        a_h, a_w, hydrostatic, wet = np.einsum("nc,ncv->vn", share, corners)
+        return Vmf3Values(a_h, a_w, height.copy(), hydrostatic, wet)
+
+
+def read_vmf3_sites(paths: Sequence[str | Path]) -> dict[str, Vmf3Site]:
+    """Read files of sites, of one or more days or years.
+
+    Parameters
+    ----------
+    paths : sequence of path-like
+        The files, in any order.
+
+    Returns
+    -------
+    dict
+        Series by the station's name as it stands in the files.
+
+    Raises
+    ------
+    FileFormatError
+        A line has other than 9 or 13 columns, a number cannot be read or is impossible, or a station has one
+        epoch twice.
+    InputError
+        No file is given, or a station has gradients in some files only.
+    OSError
+        A file cannot be opened.
+    """
+    if not paths:
+        raise InputError("no file of VMF3 is given")
+    rows: dict[str, list[tuple[Path, int, list[float]]]] = {}
+    for path in map(Path, paths):
+        for number, line in enumerate(read_lines(path), start=1):
+            words = line.split()
+            if not words or words[0][0] in "#!%":
+                continue
+            if len(words) - 1 not in _SITE_COLUMNS:
+                problem = (
+                    f"{len(words)} columns, but a file of sites has 9 (name, MJD, ah, aw, zhd, zwd, p, T, e) "
+                    "or, with gradients, 13"
+                )
+                raise FileFormatError(path, problem, number)
+            numbers = numbers_of(path, number, words[1:], "a value of VMF3")
+            _require_coefficients(path, number, np.array(numbers[1:5]))
+            rows.setdefault(words[0], []).append((path, number, numbers))
+        if not rows:
+            raise FileFormatError(path, "there is no line of a station")
+    return {station: _site(station, entries) for station, entries in rows.items()}
+
+
+def read_vmf3_grids(paths: Sequence[str | Path], orography: str | Path) -> Vmf3Grids:
+    """Read maps of VMF3 and the heights they are given for.
+
+    Parameters
+    ----------
+    paths : sequence of path-like
+        The maps, one epoch each, in any order, all on one grid.
+    orography : path-like
+        The file ``orography_ell_1x1`` or ``orography_ell_5x5`` that goes with the grid: one height above the
+        ellipsoid (m) for each of its points, in their order.
+
+    Raises
+    ------
+    FileFormatError
+        A file is not such a map, a number cannot be read or is impossible, or points, epochs or heights are missing or
+        too many.
+    InputError
+        No map is given.
+    OSError
+        A file cannot be opened.
+    """
+    if not paths:
+        raise InputError("no map of VMF3 is given")
+    maps: dict[float, tuple[Path, NDArray[np.float64]]] = {}
+    for path in map(Path, paths):
+        mjd, table = _read_map(path)
+        if mjd in maps:
+            raise FileFormatError(path, f"has the epoch MJD {mjd:.2f} of {maps[mjd][0]}; give one of them")
+        first = next(iter(maps.values()), (path, table))
+        if table.shape != first[1].shape or (table[:, :2] != first[1][:, :2]).any():
+            raise FileFormatError(path, f"has other points than {first[0]}; give maps of one grid")
+        maps[mjd] = path, table
+    try:
+        grid, order = sort_into_grid(table[:, 0], table[:, 1], "the map of VMF3")
+    except InputError as error:
+        raise FileFormatError(path, str(error)) from error
+    mjds = np.array(sorted(maps))
+    values = np.stack([maps[mjd][1][order, 2:] for mjd in mjds])
+    return Vmf3Grids(grid, mjds, values, _read_orography(orography, order))
+
+
+def _site(station: str, entries: list[tuple[Path, int, list[float]]]) -> Vmf3Site:
+    if len({len(numbers) for _, _, numbers in entries}) > 1:
+        raise InputError(f"{station} has gradients in some files only; give files of one kind")
+    entries = sorted(entries, key=lambda entry: entry[2][0])
+    for (path, line, earlier), (_, _, later) in zip(entries[1:], entries, strict=False):
+        if earlier[0] == later[0]:
+            raise FileFormatError(path, f"{station} has the epoch MJD {earlier[0]:.2f} twice", line)
+    table = np.array([numbers for _, _, numbers in entries])
+    gradients = 1e-3 * table[:, 8:] if table.shape[1] > _SITE_COLUMNS[0] else None
+    return Vmf3Site(
+        station, table[:, 0], table[:, 1:5], table[:, 5], table[:, 6] + _CELSIUS_K, table[:, 7], gradients
+    )
+
+
+def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
+    header: dict[str, tuple[int, str]] = {}
+    rows = []
+    for number, line in enumerate(read_lines(path), start=1):
+        if line.lstrip().startswith("!"):
+            key, _, text = line.lstrip(" !").partition(":")
+            header.setdefault(key.strip(), (number, text.strip()))
+        elif line.strip():
+            rows.append((number, line))
+    number, content = header.get("Data_types", (1, ""))
+    kind = content[:4]
+    if kind not in _GRID_COLUMNS:
+        problem = (
+            f"the header's Data_types says {content!r}; a map VMF3 or V3GR (lat lon ah aw zhd zwd ...) is "
+            "wanted: the coefficients of VMF1 go with other b and c"
+        )
+        raise FileFormatError(path, problem, number)
+    number, content = header.get("Scale_factor", (1, "1"))
+    if numbers_of(path, number, [content], "a scale factor") != [1.0]:
+        raise FileFormatError(path, f"the scale factor is {content}, but 1 is known", number)
+    if "Epoch" not in header:
+        raise FileFormatError(path, "the header has no line '! Epoch:'")
+    number, content = header["Epoch"]
+    parts = numbers_of(path, number, content.split(), "an epoch")
+    if len(parts) != 6:
+        raise FileFormatError(path, "the epoch must be year month day hour minute second", number)
+    date = "{:04.0f}-{:02.0f}-{:02.0f}T{:02.0f}:{:02.0f}:{:02.0f}".format(*parts)
+    try:
+        mjd = float(epochs_from_strings(date, "UTC").mjd[0])
+    except InputError as error:
+        raise FileFormatError(path, str(error), number) from error
+    table = table_of(path, rows, _GRID_COLUMNS[kind], f"a map {content}")[:, :6]
+    if not len(table):
+        raise FileFormatError(path, "there is no point")
+    bad = np.flatnonzero(~_possible(table[:, 2:]))
+    if len(bad):
+        _require_coefficients(path, rows[bad[0]][0], table[bad[0], 2:])
+    return mjd, table
+
+
+def _read_orography(path: str | Path, order: NDArray[np.int64]) -> NDArray[np.float64]:
+    heights: list[float] = []
+    for number, line in enumerate(read_lines(path), start=1):
+        if not line.lstrip().startswith(("!", "%", "#")):
+            heights.extend(numbers_of(path, number, line.split(), "a height"))
+    if len(heights) != order.size:
+        problem = (
+            f"has {len(heights)} heights, but the map has {order.size} points; take that of the grid's step"
+        )
+        raise FileFormatError(path, problem)
+    return np.array(heights)[order]
+
+
+def _possible(values: NDArray[np.float64]) -> NDArray[np.bool_]:
+    a, delays = values[..., :2], values[..., 2:4]
+    return (
+        ((a > 0.0) & (a < _LARGEST_A)).all(axis=-1)
+        & (delays[..., 0] > 0.5)
+        & (delays[..., 0] < 2.7)
+        & (delays[..., 1] >= -0.01)
+        & (delays[..., 1] < 1.0)
+    )
+
+
+def _require_coefficients(path: Path, line: int, values: NDArray[np.float64]) -> None:
+    if not _possible(values):
+        shown = ", ".join(f"{value:g}" for value in values[:4])
+        problem = f"ah, aw, zhd, zwd are {shown}; near 0.0012, 0.0005, 2.3 m and 0.1 m are possible"
+        raise FileFormatError(path, problem, line)
+
+
+def _between(
+    mjd_utc: NDArray[np.float64], epochs: Epochs, source: str
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Index of the epoch before each, and the share of the way to the next."""
+    mjd = utc_of(epochs).mjd
+    outside = (mjd < mjd_utc[0]) | (mjd > mjd_utc[-1])
+    if len(mjd_utc) < 2 or outside.any():
+        wrong = mjd[outside] if outside.any() else mjd
+        raise CoverageError(
+            source,
+            (_shown(mjd_utc[0]), _shown(mjd_utc[-1])),
+            (_shown(wrong.min()), _shown(wrong.max())),
+            "read the files of the days before and after too",
+        )
+    before = np.clip(np.searchsorted(mjd_utc, mjd, side="right") - 1, 0, len(mjd_utc) - 2)
+    gap = mjd_utc[before + 1] - mjd_utc[before]
+    # On an epoch itself no neighbour is needed.
+    wide = np.flatnonzero((gap > _LONGEST_GAP_D) & (mjd != mjd_utc[before]) & (mjd != mjd_utc[before + 1]))
+    if len(wide):
+        k = before[wide[0]]
+        raise CoverageError(
+            f"{source}, which lacks epochs,",
+            (_shown(mjd_utc[0]), f"{_shown(mjd_utc[k])}, and from {_shown(mjd_utc[k + 1])}"),
+            (_shown(mjd[wide[0]]),) * 2,
+            "read the files between too",
+        )
+    return before, (mjd - mjd_utc[before]) / gap
+
+
+def _shown(mjd: float) -> str:
+    day = Epochs.from_jd(2400000.5, mjd, "UTC")
+    return f"{day.day_strings()[0]} {24.0 * day.fraction[0]:04.1f} h UTC"
+
+
+def _blend(
+    values: NDArray[np.float64], before: NDArray[np.int64], weight: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    return values[before] + weight[:, None] * (values[before + 1] - values[before])

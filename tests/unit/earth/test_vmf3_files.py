@@ -1,0 +1,247 @@
+import gzip
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from radioloc.earth.radio_troposphere import zenith_hydrostatic_delay_m
+from radioloc.earth.vmf3_files import read_vmf3_grids, read_vmf3_sites
+from radioloc.errors import CoverageError, FileFormatError, InputError
+from radioloc.time import epochs_from_strings, utc_to_tt
+
+SITES = """\
+# name  mjd  ah  aw  zhd  zwd  p  T  e
+GRAZ      60310.00  0.00120480  0.00058178  2.1686  0.1047   951.19   6.89   8.47
+WETTZELL  60310.00  0.00120100  0.00057000  2.1500  0.0900   943.00   5.00   8.00
+GRAZ      60310.25  0.00119426  0.00052434  2.1723  0.0706   953.07   3.26   6.49
+GRAZ      60310.50  0.00119736  0.00043794  2.1776  0.0535   955.28   5.43   6.92
+WETTZELL  60310.25  0.00120000  0.00055000  2.1520  0.0800   944.00   4.00   7.00
+"""
+"""Lines of GRAZ as published on the VMF data server for 2024-01-01."""
+
+WITH_GRADIENTS = """\
+ADEA      58496.00  0.00120787  0.00065184  2.2275  0.0626   979.44  -3.07   2.67  -0.406   0.051   0.112   0.023
+ADEA      58496.25  0.00120787  0.00065184  2.2275  0.0626   979.44  -3.07   2.67  -0.206   0.051   0.112   0.025
+"""
+
+LATITUDES = np.arange(87.5, -88.0, -5.0)
+LONGITUDES = np.arange(2.5, 360.0, 5.0)
+
+
+def written(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+@pytest.fixture
+def sites(tmp_path: Path) -> Path:
+    return written(tmp_path / "2024001.vmf3_r", SITES)
+
+
+def test_site_at_and_between_epochs(sites: Path) -> None:
+    series = read_vmf3_sites([sites])
+    assert set(series) == {"GRAZ", "WETTZELL"}
+    graz = series["GRAZ"]
+    values = graz.at(
+        epochs_from_strings(
+            ["2024-01-01", "2024-01-01T03:00:00", "2024-01-01T07:30:00", "2024-01-01T12:00:00"]
+        )
+    )
+    np.testing.assert_allclose(
+        values.hydrostatic_a, [1.2048e-3, 1.19953e-3, 1.195035e-3, 1.19736e-3], rtol=1e-12
+    )
+    np.testing.assert_allclose(values.wet_a, [5.8178e-4, 5.5306e-4, 5.0274e-4, 4.3794e-4], rtol=1e-12)
+    np.testing.assert_allclose(values.zenith_hydrostatic_m, [2.1686, 2.17045, 2.173625, 2.1776], rtol=1e-12)
+    np.testing.assert_allclose(values.zenith_wet_m, [0.1047, 0.08765, 0.066325, 0.0535], rtol=1e-12)
+    np.testing.assert_array_equal(values.height_above_a_m, np.zeros(4))
+    np.testing.assert_allclose(graz.temperature_k, [280.04, 276.41, 278.58])
+    assert graz.pressure_hpa[0] == 951.19
+    assert graz.vapour_pressure_hpa[-1] == 6.92
+
+
+def test_any_time_scale(sites: Path) -> None:
+    utc = epochs_from_strings(["2024-01-01T04:00:00"])
+    graz = read_vmf3_sites([sites])["GRAZ"]
+    np.testing.assert_allclose(graz.at(utc).wet_a, graz.at(utc_to_tt(utc)).wet_a, rtol=1e-12)
+
+
+def test_zenith_delay_of_the_file_is_that_of_its_pressure(sites: Path) -> None:
+    """GRAZ stands 538.30 m above the ellipsoid at 47.0671 degrees."""
+    graz = read_vmf3_sites([sites])["GRAZ"]
+    computed = zenith_hydrostatic_delay_m(graz.pressure_hpa, np.deg2rad(47.0671), 538.30)
+    # The server integrates the column with other constants of refractivity: 2.4 to 3.0 mm more here.
+    np.testing.assert_allclose(graz.values[:, 2] - computed, 0.0027, atol=4e-4)
+
+
+def test_days_join_in_any_order_and_gzip(sites: Path, tmp_path: Path) -> None:
+    later = tmp_path / "2024002.vmf3_r"
+    later.write_bytes(gzip.compress(SITES.replace("60310", "60311").encode()))
+    series = read_vmf3_sites([later, sites])["GRAZ"]
+    np.testing.assert_array_equal(series.mjd_utc, [60310.0, 60310.25, 60310.5, 60311.0, 60311.25, 60311.5])
+    assert len(series.at(epochs_from_strings(["2024-01-01T12:00:00", "2024-01-02T00:00:00"])).wet_a) == 2
+    with pytest.raises(
+        CoverageError, match=r"lacks epochs, covers .* 12.0 h UTC, and from 2024-01-02 00.0 h"
+    ):
+        series.at(epochs_from_strings(["2024-01-01T12:00:01"]))
+
+
+def test_gradients(sites: Path, tmp_path: Path) -> None:
+    path = written(tmp_path / "2019013.v3gr_d", WITH_GRADIENTS)
+    site = read_vmf3_sites([path])["ADEA"]
+    noon = epochs_from_strings(["2019-01-13T03:00:00"])
+    np.testing.assert_allclose(site.gradients_at_m(noon), [[-0.306e-3, 0.051e-3, 0.112e-3, 0.024e-3]])
+    with pytest.raises(InputError, match="GRAZ hold no gradients"):
+        read_vmf3_sites([sites])["GRAZ"].gradients_at_m(noon)
+    mixed = written(tmp_path / "more.vmf3_d", "ADEA 58496.50 0.0012 0.0006 2.2 0.06 979.44 -3.07 2.67\n")
+    with pytest.raises(InputError, match="ADEA has gradients in some files only"):
+        read_vmf3_sites([path, mixed])
+
+
+@pytest.mark.parametrize("date", ["2023-12-31T23:59:00", "2024-01-01T12:00:01"])
+def test_outside_the_files(sites: Path, date: str) -> None:
+    with pytest.raises(
+        CoverageError, match=r"VMF3 of GRAZ covers 2024-01-01 00.0 h UTC to 2024-01-01 12.0 h UTC"
+    ):
+        read_vmf3_sites([sites])["GRAZ"].at(epochs_from_strings([date]))
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "what"),
+    [
+        ("0.00119426", "0.0011x", 4, "'0.0011x' is not a number"),
+        ("0.00119426", "nan", 4, "'nan' is not a number"),
+        ("0.00119426", "1.19426", 4, "ah, aw, zhd, zwd are 1.19426"),
+        ("2.1723", "2172.3", 4, "2172.3, 0.0706; near"),
+        ("  953.07", "", 4, "8 columns"),
+        ("60310.25  0.00119426", "60310.00  0.00119426", 4, "GRAZ has the epoch MJD 60310.00 twice"),
+    ],
+)
+def test_damaged_file_of_sites(tmp_path: Path, old: str, new: str, line: int, what: str) -> None:
+    path = written(tmp_path / "bad.vmf3_r", SITES.replace(old, new))
+    with pytest.raises(FileFormatError, match=what) as caught:
+        read_vmf3_sites([path])
+    assert caught.value.line == line
+
+
+def test_nothing_to_read(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="no file"):
+        read_vmf3_sites([])
+    with pytest.raises(InputError, match="no map"):
+        read_vmf3_grids([], "orography_ell_5x5")
+    with pytest.raises(FileFormatError, match="is empty"):
+        read_vmf3_sites([written(tmp_path / "empty", "\n")])
+    with pytest.raises(FileFormatError, match="no line of a station"):
+        read_vmf3_sites([written(tmp_path / "comments", "# nothing\n")])
+
+
+def map_text(hour: int, kind: str = "VMF3", shift: float = 0.0, tail: str = "") -> str:
+    """Map whose values are linear in latitude and time, and along a parallel stand on one height."""
+    lines = [
+        "! Version:            1.0",
+        f"! Data_types:         {kind} (lat lon ah aw zhd zwd)",
+        f"! Epoch:              2024 01 01 {hour:02d} 00  0.0",
+        "! Scale_factor:       1.e+00",
+        "! Range/resolution:   -87.5 87.5 2.5 357.5 5 5",
+        "! Comment:            a test",
+    ]
+    for latitude in LATITUDES:
+        for longitude in LONGITUDES:
+            a_h = 1.2e-3 + 1e-6 * latitude + 1e-6 * hour
+            wet = 0.1 + shift * np.cos(np.deg2rad(longitude))
+            lines.append(f"{latitude:5.1f} {longitude:5.1f} {a_h:.8f} 0.00055000 2.2000 {wet:.6f}{tail}")
+    return "\n".join(lines) + "\n"
+
+
+def orography_text(height_m: float = 300.0) -> str:
+    return f"{height_m:.2f}\n" * (len(LATITUDES) * len(LONGITUDES))
+
+
+@pytest.fixture
+def maps(tmp_path: Path) -> tuple[list[Path], Path]:
+    paths = [written(tmp_path / f"VMF3_20240101.H{hour:02d}", map_text(hour)) for hour in (6, 0)]
+    return paths, written(tmp_path / "orography_ell_5x5", orography_text())
+
+
+def test_map_in_space_and_time(maps: tuple[list[Path], Path]) -> None:
+    grids = read_vmf3_grids(*maps)
+    epochs = epochs_from_strings(["2024-01-01T00:00:00", "2024-01-01T03:00:00", "2024-01-01T06:00:00"])
+    latitude_deg = np.array([35.0, -20.0, 87.5])
+    values = grids.at(epochs, np.deg2rad(latitude_deg), np.deg2rad([0.0, -116.9, 355.0]), 300.0)
+    np.testing.assert_allclose(
+        values.hydrostatic_a, 1.2e-3 + 1e-6 * latitude_deg + 1e-6 * np.array([0.0, 3.0, 6.0]), rtol=1e-10
+    )
+    np.testing.assert_allclose(values.wet_a, 5.5e-4)
+    np.testing.assert_allclose(values.height_above_a_m, 300.0)
+    # At the map's own height nothing changes.
+    np.testing.assert_allclose(values.zenith_hydrostatic_m, 2.2, rtol=1e-12)
+    np.testing.assert_allclose(values.zenith_wet_m, 0.1, rtol=1e-12)
+
+
+def test_zenith_delays_are_taken_to_the_height(maps: tuple[list[Path], Path]) -> None:
+    grids = read_vmf3_grids(*maps)
+    values = grids.at(epochs_from_strings(["2024-01-01"]), 0.6, 1.0, 1300.0)
+    # Kouba (2008): by way of the pressure that gives 2.2 m at 300 m.
+    pressure_hpa = 2.2 / zenith_hydrostatic_delay_m(1.0e3, 0.6, 300.0) * 1.0e3
+    above_hpa = pressure_hpa * (1.0 - 2.26e-5 * 1000.0) ** 5.225
+    expected = zenith_hydrostatic_delay_m(above_hpa, 0.6, 1300.0)
+    np.testing.assert_allclose(values.zenith_hydrostatic_m, expected, rtol=1e-12)
+    np.testing.assert_allclose(values.zenith_wet_m, 0.1 * np.exp(-0.5), rtol=1e-12)
+
+
+def test_map_with_gradients_and_along_a_parallel(tmp_path: Path, maps: tuple[list[Path], Path]) -> None:
+    paths = [
+        written(tmp_path / f"V3GR.H{hour:02d}", map_text(hour, "V3GR", 0.05, " 0.1 0.2 0.3 0.4"))
+        for hour in (0, 6)
+    ]
+    grids = read_vmf3_grids(paths, maps[1])
+    epochs = epochs_from_strings(["2024-01-01T01:00:00"] * 3)
+    values = grids.at(epochs, 0.5, np.deg2rad([0.0, 92.5, 182.5]), 300.0)
+    # Across the meridian of Greenwich the chord over 5 degrees is 1e-3 below the cosine.
+    np.testing.assert_allclose(
+        values.zenith_wet_m, 0.1 + 0.05 * np.cos(np.deg2rad([2.5, 92.5, 182.5])), rtol=0.0, atol=1e-6
+    )
+
+
+@pytest.mark.parametrize(
+    ("text", "line", "what"),
+    [
+        (map_text(0).replace("VMF3 (", "VMF1 ("), 2, "VMF1 go with other b and c"),
+        (map_text(0).replace("! Epoch", "! Epic"), None, "no line '! Epoch:'"),
+        (map_text(0).replace("01 01 00 00", "13 01 00 00"), 3, "not a date that exists"),
+        (map_text(0).replace("01 01 00 00", "01 01 00"), 3, "year month day hour minute second"),
+        (map_text(0).replace("1.e+00", "1.e-03"), 4, "scale factor is 1.e-03"),
+        (map_text(0).replace("0.00055000", "0.00x", 1), 7, "'0.00x' is not a number"),
+        (map_text(0).replace("0.00055000", "0.5", 1), 7, "ah, aw, zhd, zwd are"),
+        (map_text(0).replace("0.00055000", "", 1), 7, "5 columns"),
+        (map_text(0).replace("87.5   2.5 0", "87.5   7.5 0", 1), None, "do not fill a grid"),
+        ("\n".join(map_text(0).splitlines()[:6]), None, "no point"),
+    ],
+)
+def test_damaged_map(tmp_path: Path, text: str, line: int | None, what: str) -> None:
+    path = written(tmp_path / "VMF3_bad.H00", text)
+    with pytest.raises(FileFormatError, match=what) as caught:
+        read_vmf3_grids([path], written(tmp_path / "orography", orography_text()))
+    assert caught.value.line == line
+
+
+def test_maps_that_do_not_go_together(tmp_path: Path, maps: tuple[list[Path], Path]) -> None:
+    paths, orography = maps
+    with pytest.raises(FileFormatError, match=r"has the epoch MJD 60310.25 of .*H06"):
+        read_vmf3_grids([paths[0], paths[0]], orography)
+    other = written(tmp_path / "VMF3.H12", "\n".join(map_text(12).splitlines()[:-1]))
+    with pytest.raises(FileFormatError, match="has other points than"):
+        read_vmf3_grids([paths[0], other], orography)
+    short = written(tmp_path / "orography_ell_1x1", orography_text()[:-7])
+    with pytest.raises(FileFormatError, match="has 2591 heights, but the map has 2592 points"):
+        read_vmf3_grids(paths, short)
+
+
+def test_map_asked_for_what_it_has_not(maps: tuple[list[Path], Path]) -> None:
+    grids = read_vmf3_grids(*maps)
+    with pytest.raises(CoverageError, match="the maps of VMF3 covers"):
+        grids.at(epochs_from_strings(["2024-01-01T06:30:00"]), 0.5, 0.5, 0.0)
+    epochs = epochs_from_strings(["2024-01-01T05:30:00"])
+    with pytest.raises(InputError, match=r"reaches from latitude -87.5 to 87.5"):
+        grids.at(epochs, np.deg2rad(89.0), 0.5, 0.0)
+    with pytest.raises(InputError, match="height is 10000"):
+        grids.at(epochs, 0.5, 0.5, 10000.0)

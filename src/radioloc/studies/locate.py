@@ -65,21 +65,62 @@ def arc_of(study: Study, observations: Observations | None = None) -> tuple[Trac
 
     Parameters and errors as :func:`locate`.
     """
+    arc, _ = prepared_arc(study, observations)
+    return arc, position_in_pa("[target]", study.target, arc.model.ephemeris.constants).xyz_m
+
+
+def prepared_arc(
+    study: Study, observations: Observations | None = None
+) -> tuple[TrackingArc, dict[str, int]]:
+    """The prepared arc of a study, and how many observations were not asked for, by reason.
+
+    Parameters and errors as :func:`locate`.
+    """
     model = _model(study)
-    chosen, _ = _observations(study, observations)
-    target = _in_pa("[target]", study.target, model.ephemeris.constants)
-    return _arc(model, chosen, target), target.xyz_m
+    constants = model.ephemeris.constants
+    target = position_in_pa("[target]", study.target, constants)
+    # A reference in a wrong frame is to be told before the work, not after it.
+    if study.reference is not None:
+        position_in_pa("[reference]", study.reference.position, constants)
+    for reference in study.references:
+        position_in_pa(f"[references] {reference.name}", reference.position, constants)
+    chosen, left_out = _observations(study, observations)
+    return _arc(model, chosen, target), left_out
 
 
 def _solve(study: Study, given: Observations | None, estimate: EstimateChoice | None) -> Solution:
-    model = _model(study)
+    arc, left_out = prepared_arc(study, given)
+    return fit_arc(study, arc, left_out, estimate)
+
+
+def fit_arc(
+    study: Study, arc: TrackingArc, left_out: dict[str, int], estimate: EstimateChoice | None
+) -> Solution:
+    """Fit an arc that has been prepared already.
+
+    Parameters
+    ----------
+    study : Study
+        Its observations and kernels are those of the arc.
+    arc : TrackingArc
+    left_out : dict of str to int
+        How many observations the arc leaves out, by reason.
+    estimate : EstimateChoice or None
+        What to estimate; nothing where ``None``.
+
+    Raises
+    ------
+    RadiolocError
+        As :func:`locate`.
+    """
+    model, observations = arc.model, arc.observations
     constants = model.ephemeris.constants
-    target = _in_pa("[target]", study.target, constants)
+    target = position_in_pa("[target]", study.target, constants)
     reference = (
-        None if study.reference is None else _in_pa("[reference]", study.reference.position, constants)
+        None
+        if study.reference is None
+        else position_in_pa("[reference]", study.reference.position, constants)
     )
-    observations, left_out = _observations(study, given)
-    arc = _arc(model, observations, target)
     problem = Problem.of(arc, target, estimate, study.catalogue)
     fitted = _fit(study, problem, estimate, _status(arc, target.xyz_m))
     x = fitted.edited.fit.x
@@ -119,7 +160,8 @@ def _model(study: Study) -> PhysicalModel:
     )
 
 
-def _in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
+def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
+    """A position of the study in principal axes; an error names its table."""
     try:
         return position.to_axes("PA", constants)
     except InputError as error:

@@ -262,6 +262,9 @@ class Study:
     catalogue : StationCatalogue
         The stations known to the study.
     reference : Reference or None
+        A known position to compare the result with.
+    references : iterable of Reference
+        Further ones, for the table of an arc-length study.
     name : str
         Shown on the result card.
     """
@@ -272,7 +275,11 @@ class Study:
     model: ModelChoice = field(default_factory=ModelChoice)
     catalogue: StationCatalogue = field(default_factory=StationCatalogue.default)
     reference: Reference | None = None
+    references: tuple[Reference, ...] = ()
     name: str = "study"
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "references", tuple(self.references))
 
 
 def _names(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:

@@ -46,8 +46,9 @@ def read_study(path: str | Path) -> Study:
     """
     path = Path(path)
     top = TomlTable(path, "", _content(path))
-    target, observations, estimate, model, stations, reference = (
-        top.table(key) for key in ("target", "observations", "estimate", "model", "stations", "reference")
+    target, observations, estimate, model, stations, reference, references = (
+        top.table(key)
+        for key in ("target", "observations", "estimate", "model", "stations", "reference", "references")
     )
     top.finish()  # before anything else, so that a misspelt table is not called missing
     if target is None:
@@ -61,6 +62,7 @@ def read_study(path: str | Path) -> Study:
         model=ModelChoice() if model is None else _model(model, path.parent),
         catalogue=StationCatalogue.default() if stations is None else _catalogue(stations),
         reference=None if reference is None else Reference(*_position(reference)),
+        references=() if references is None else _references(references),
         name=path.stem,
     )
 
@@ -102,6 +104,11 @@ def _position(table: TomlTable) -> tuple[LunarPosition, str]:
             missing[0], "is missing; a position is longitude_deg, latitude_deg and height_m, or position_m"
         )
     return table.build(LunarPosition.from_selenographic, **geographic, frame=frame), name
+
+
+def _references(table: TomlTable) -> tuple[Reference, ...]:
+    found = [_position(entry) for entry in table.tables()]
+    return tuple(Reference(position, name.removeprefix("references.")) for position, name in found)
 
 
 def _observations(table: TomlTable, folder: Path) -> ObservationChoice:

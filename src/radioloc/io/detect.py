@@ -12,6 +12,10 @@ from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.mini import looks_like_mini, parse_mini
 from radioloc.io.names import Catalogue
 from radioloc.io.table import looks_like_table, parse_table
+from radioloc.io.tdm import looks_like_tdm, parse_tdm
+from radioloc.io.tdm_agreement import TdmAgreement
+from radioloc.io.tdm_file import TdmFile
+from radioloc.io.tdm_observations import tdm_observations
 from radioloc.io.text_files import read_lines
 from radioloc.measurements.observations import Observations
 
@@ -27,8 +31,14 @@ _FORMATS: tuple[tuple[str, Callable[[list[str]], bool], _Parser], ...] = (
 )
 
 
+_TDM = "CCSDS Tracking Data Message (CCSDS_TDM_VERS = 2.0, or XML with <tdm>)"
+
+
 def read_observations(
-    paths: str | Path | Sequence[str | Path], *, catalogue: Catalogue | None = None
+    paths: str | Path | Sequence[str | Path],
+    *,
+    catalogue: Catalogue | None = None,
+    tdm: TdmAgreement | None = None,
 ) -> Observations:
     """Read one or more files of observations, each plain or gzip, and join them in the order given.
 
@@ -38,7 +48,10 @@ def read_observations(
         The files.
     catalogue : Catalogue, optional
         Gives stations their catalogue names; the library's own by default. A station that it does not know
-        keeps the name that the file gives it.
+        keeps the name that the file gives it, except in a TDM, where it is an error.
+    tdm : TdmAgreement, optional
+        What Tracking Data Messages do not say; their standard deviations must be given. All messages are read as
+        one, in the place of the first: clocks, weather and frequencies of one count for the others.
 
     Raises
     ------
@@ -52,7 +65,19 @@ def read_observations(
         raise InputError("no file of observations was given; give at least one")
     if catalogue is None:
         catalogue = StationCatalogue.default()
-    parts = [_read_file(file, catalogue) for file in files]
+    parts: list[Observations] = []
+    messages: list[TdmFile] = []
+    place = 0
+    for file in files:
+        lines = read_lines(file)
+        if looks_like_tdm(lines):
+            place = place if messages else len(parts)
+            messages.append(parse_tdm(file, lines))
+        else:
+            parts.append(_parse(file, lines, catalogue))
+    if messages:
+        agreement = tdm or TdmAgreement()
+        parts.insert(place, tdm_observations(messages, agreement, catalogue=catalogue).observations)
     if len(parts) == 1:
         return parts[0]
     observations = Observations.concatenate(parts)
@@ -60,11 +85,10 @@ def read_observations(
     return observations
 
 
-def _read_file(path: str | Path, catalogue: Catalogue) -> Observations:
-    lines = read_lines(path)
+def _parse(path: str | Path, lines: list[str], catalogue: Catalogue) -> Observations:
     for _, looks_like, parse in _FORMATS:
         if looks_like(lines):
             return parse(path, lines, catalogue)
     first = next(line for line in lines if line.strip())
-    known = "; ".join(name for name, _, _ in _FORMATS)
+    known = "; ".join([*(name for name, _, _ in _FORMATS), _TDM])
     raise FileFormatError(path, f"starts with {first[:40]!r}, which is none of the known formats: {known}")

@@ -23,7 +23,7 @@ from radioloc.io.tdm_xml import looks_like_xml, parse_xml
 from radioloc.io.text_files import read_text
 from radioloc.measurements.observations import Observations
 
-# Where a file's first lines are looked for.
+# Characters among which a file's first line is.
 _START = 20_000
 
 
@@ -47,9 +47,10 @@ def read_tdm_file(path: str | Path) -> TdmFile:
     """
     text = read_text(path)
     if looks_like_xml(text):
+        # Not through lines, which would have to be joined again.
         return parse_xml(path, text)
     if looks_like_kvn(text[:_START].split("\n")):
-        return parse_kvn(path, text.split("\n"))
+        return parse_tdm(path, text.split("\n"))
     first = next(line for line in text.split("\n") if line.strip())
     problem = f"starts with {first[:40]!r}; a TDM starts with CCSDS_TDM_VERS = 2.0, or is XML with <tdm>"
     raise FileFormatError(path, problem, 1)
@@ -97,9 +98,6 @@ def read_tdm(
     return tdm_observations(messages, agreement, catalogue=catalogue).observations
 
 
-def parse_tdm(
-    path: str | Path, lines: list[str], catalogue: Catalogue | None, agreement: TdmAgreement
-) -> Observations:
-    """As :func:`read_tdm`, from one file's lines."""
-    message = parse_kvn(path, lines) if looks_like_kvn(lines) else parse_xml(path, "\n".join(lines))
-    return tdm_observations(message, agreement, catalogue=catalogue).observations
+def parse_tdm(path: str | Path, lines: list[str]) -> TdmFile:
+    """As :func:`read_tdm_file`, from the file's lines."""
+    return parse_kvn(path, lines) if looks_like_kvn(lines) else parse_xml(path, "\n".join(lines))

@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError
 from radioloc.io.tdm_file import TdmFile, TdmSegment
-from radioloc.io.tdm_keywords import SENT, SENT_RATE
+from radioloc.io.tdm_keywords import MEASURED, SENT, SENT_RATE
 from radioloc.io.tdm_paths import Names, numbers, participant
 from radioloc.io.tdm_times import seconds_from
 from radioloc.time import Epochs
@@ -130,8 +130,13 @@ class Sent:
                 found.setdefault((names.key(sender), names.key(to)), []).append((file, segment, n, place))
         return cls(found, delays_removed)
 
-    def find(self, pair: tuple[str, str], band: str, place: int, n: int) -> SentFrequency | None:
-        """Frequency sent from one to another: of the segment itself, else of the others of its band.
+    def find(
+        self, pair: tuple[str, str], band: str, place: int, n: int, *, needed: bool
+    ) -> SentFrequency | None:
+        """Frequency sent from one to another: of the segment itself, else of others of its band.
+
+        Others are segments that hold no measurement: a frequency that stands beside measurements is that of these.
+        Where the frequency is needed and there is none such, it is looked for there too.
 
         Parameters
         ----------
@@ -141,6 +146,8 @@ class Sent:
             TRANSMIT_BAND of the segment; empty where it does not say.
         place, n : int
             The segment, and the number of the participant in it.
+        needed : bool
+            Whether the measurement cannot be made use of without.
 
         Raises
         ------
@@ -152,6 +159,8 @@ class Sent:
         own = [part for part in parts if part[2:] == (n, place)]
         if own:
             return self._joined(own)
+        alone = [part for part in parts if not set(part[1].keywords()) & set(MEASURED)]
+        parts = parts if needed and not alone else alone
         bands = [part[1].metadata.get("TRANSMIT_BAND", "").upper() for part in parts]
         if band:
             chosen = band.upper() if band.upper() in bands else ""

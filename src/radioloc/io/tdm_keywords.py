@@ -98,6 +98,9 @@ SENT_RATE = tuple(_each("TRANSMIT_FREQ_RATE"))
 NOT_MODELLED = ("DOPPLER_COUNT", *_each("RECEIVE_PHASE_CT"), *_each("TRANSMIT_PHASE_CT"))
 """Measurements of the path that no observation can be made of."""
 
+MEASURED = ("RANGE", *RANGE_RATES, *RECEIVED, *DELAYS, *NOT_MODELLED)
+"""Measurements of the path."""
+
 ORDERED = ("RANGE", *RANGE_RATES, *DELAYS, *RECEIVED, *SENT, *SENT_RATE, *CLOCKS, *WEATHER)
 """Data that observations are made of or need: their epochs must be in order, each once."""
 

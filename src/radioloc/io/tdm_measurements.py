@@ -89,9 +89,11 @@ class SegmentReader:
         self.tag = segment.metadata.get("TIMETAG_REF", "RECEIVE").lower()
         target = shared.names.key(participant(segment, self.signal.target))
         band = segment.metadata.get("TRANSMIT_BAND", "")
-        self.sent: SentFrequency | None = (
-            None if delay else shared.sent.find((self.ends[0], target), band, place, self.signal.first)
-        )
+        self.sent: SentFrequency | None = None
+        if not delay:
+            needed = bool(set(RECEIVED) & set(segment.keywords()))
+            pair = (self.ends[0], target)
+            self.sent = shared.sent.find(pair, band, place, self.signal.first, needed=needed)
 
     def fail(self, keyword: str, problem: str) -> FileFormatError:
         """Error at the first record of a data keyword, or at the line of a metadata keyword."""

@@ -26,13 +26,12 @@ from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_clocks import Clocks
 from radioloc.io.tdm_file import TdmFile, TdmSegment
 from radioloc.io.tdm_frequencies import Sent
-from radioloc.io.tdm_keywords import CODE, DATA, DELAYS, NOT_MODELLED, RANGE_RATES, RECEIVED
+from radioloc.io.tdm_keywords import CODE, DATA, DELAYS, MEASURED, NOT_MODELLED, RANGE_RATES, RECEIVED
 from radioloc.io.tdm_measurements import SegmentReader, Shared
 from radioloc.io.tdm_paths import Names
 from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs
 
-_MEASURED = ("RANGE", *RANGE_RATES, *RECEIVED, *DELAYS, *NOT_MODELLED)
 _log = logging.getLogger(__name__)
 
 
@@ -110,7 +109,7 @@ def tdm_observations(
 
 def _read_segment(shared: Shared, place: int, file: TdmFile, segment: TdmSegment) -> None:
     """Add the observations of one segment."""
-    held = [keyword for keyword in segment.keywords() if keyword in _MEASURED]
+    held = [keyword for keyword in segment.keywords() if keyword in MEASURED]
     # Beside range rates, or beside ranges and without a count interval, a received frequency is no measurement.
     beside = {"RANGE", *RANGE_RATES} if "INTEGRATION_INTERVAL" not in segment.metadata else {*RANGE_RATES}
     measured = [keyword for keyword in held if keyword not in RECEIVED or not beside & set(held)]

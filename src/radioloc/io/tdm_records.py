@@ -162,7 +162,7 @@ def _utc(texts: Sequence[str], time_system: str) -> Epochs:
         index = int(np.argmax(dates.wrong))
         problem = (
             f"{texts[index]!r} is not a date that exists in the years {YEARS[0]} to {YEARS[1]}, "
-            "written as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss"
+            f"written as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss with up to {_MOST_DECIMALS} decimals"
         )
         raise _RecordError(index, problem)
     if time_system != "UTC" and dates.zulu.any():
@@ -248,7 +248,7 @@ def _read_decimals(
     last = characters[np.arange(n), np.maximum(length - 1, 0)]
     zulu = last == ord("Z")
     end = length - zulu
-    wrong = (end == 1) | ((end > 0) & (characters[:, 0] != ord(".")))
+    wrong = (end == 1) | (end > 1 + _MOST_DECIMALS) | ((end > 0) & (characters[:, 0] != ord(".")))
     digits, scale = np.zeros(n, dtype=np.int64), np.ones(n)
     for place in range(1, width - 1):
         inside = place < end

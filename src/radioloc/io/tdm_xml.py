@@ -38,6 +38,8 @@ _CHILDREN = {
     "header": _HEADER,
 }
 _BRANCHES = ("tdm", "header", "body", "segment", "metadata", "data", "observation")
+# Stands, as a processing instruction, where observations were cut out.
+_CUT = "observations-cut-out"
 # Characters that are taken apart at once: enough to be quick, few enough not to fill the memory.
 _CHUNK = 8_000_000
 
@@ -81,7 +83,7 @@ class _Block(NamedTuple):
 def _cut(text: str) -> tuple[str, list[_Block]]:
     """Text with the observations of each data section cut out, its lines kept; and what was cut out."""
     # What a comment or a CDATA section holds may look like elements but is none.
-    root = None if "<!" in text else re.search(r"<([\w.-]+:)?tdm[\s>]", text)
+    root = None if "<!" in text or _CUT in text else re.search(r"<([\w.-]+:)?tdm[\s>]", text)
     if root is None:
         return text, []
     prefix = root[1] or ""
@@ -98,10 +100,11 @@ def _cut(text: str) -> tuple[str, list[_Block]]:
         if start < 0 or end < start:
             return text, []
         line += text.count("\n", done, start)
-        blocks.append(_Block(text[start:end], line, prefix))
         newlines = text.count("\n", start, end)
+        block = _Block(text[start:end], line, prefix)
+        blocks.append(block)
         line += newlines
-        kept += [text[done:start], "\n" * newlines]
+        kept += [text[done:start], f"<?{_CUT} {len(blocks) - 1}?>", "\n" * newlines]
         done = end
     return "".join([*kept, text[done:]]), blocks
 
@@ -109,7 +112,7 @@ def _cut(text: str) -> tuple[str, list[_Block]]:
 def _plain_records(path: str, block: _Block, metadata: dict[str, str]) -> Records:
     """Records of observations that all have the form <observation><EPOCH>t</EPOCH><KEY>v</KEY></observation>."""
     prefix, text = block.prefix, block.text
-    if not text.isascii():
+    if not text.isascii() or "&" in text:
         raise _NotPlainError
     end_tag = f"</{prefix}observation>"
     parts = []
@@ -183,6 +186,8 @@ class _XmlReader:
         self.parser.EndElementHandler = self.end
         self.parser.CharacterDataHandler = self.characters
         self.parser.StartDoctypeDeclHandler = self.doctype
+        self.parser.ProcessingInstructionHandler = self.instruction
+        self.block: _Block | None = None
         self.open: list[_Open] = [_Open("", 1)]
         self.version = ""
         self.header: TdmHeader | None = None
@@ -208,6 +213,10 @@ class _XmlReader:
 
     def doctype(self, *_: object) -> None:
         raise self.fail("a document type is not part of a TDM; remove the line <!DOCTYPE ...>")
+
+    def instruction(self, name: str, content: str) -> None:
+        if name == _CUT and self.blocks:
+            self.block = self.blocks[int(content)]
 
     def characters(self, text: str) -> None:
         self.open[-1].text.append(text)
@@ -279,8 +288,10 @@ class _XmlReader:
     def data(self, done: _Open) -> None:
         if self.metadata is None or (self.segments and self.segments[-1].lines is self.metadata.lines):
             raise self.fail("a second <data> in one segment; leave one out", done.line)
-        if self.blocks:
-            records = _plain_records(self.path, self.blocks.pop(0), self.checked)
+        if self.block is not None and self.observations:
+            raise _NotPlainError
+        if self.block is not None:
+            records = _plain_records(self.path, self.block, self.checked)
         elif self.observations:
             keywords, epochs, values, lines = (
                 list(column) for column in zip(*self.observations, strict=True)
@@ -290,7 +301,7 @@ class _XmlReader:
             )
         else:
             raise self.fail("the data section has no observation; leave the segment out", done.line)
-        self.observations = []
+        self.observations, self.block = [], None
         segment = TdmSegment(
             metadata=self.checked,
             lines=self.metadata.lines,

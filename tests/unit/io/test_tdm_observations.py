@@ -1,0 +1,573 @@
+"""From messages to observations: every keyword that changes a value or a time tag, and what is refused."""
+
+import logging
+import warnings
+
+import numpy as np
+import pytest
+from tdm_messages import DELAY, RANGES, THREE_WAY, TWO_WAY, kvn
+
+from radioloc.constants import C_M_S
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.io.tdm_agreement import TdmAgreement
+from radioloc.io.tdm_kvn import parse_kvn
+from radioloc.io.tdm_observations import tdm_observations
+from radioloc.measurements.observations import Link
+from radioloc.time import epochs_from_strings, utc_to_tai
+
+SIGMA_M = {"range": 2.0, "vlbi_delay": 0.3, "doppler": 1e-3}
+VALUE_TOLERANCE_M = 5e-7  # some floats of 7.7e8 m
+GROWTH_TOLERANCE_M = 8e-6  # a ratio of frequencies rounded four times (1e-16 each), times 60 light-seconds
+EPOCH_TOLERANCE_S = 3e-11  # a float of the day's fraction, moved once
+LIGHT_S = 2.5
+
+
+def readout(*segments, catalogue=None, path="a.kvn", **agreement):
+    message = parse_kvn(path, kvn(*segments))
+    agreement = TdmAgreement(**({"sigma_m": SIGMA_M} | agreement))
+    return tdm_observations(message, agreement, catalogue=catalogue)
+
+
+def read(*segments, **more):
+    return readout(*segments, **more).observations
+
+
+def seconds_after(observations, text):
+    return utc_to_tai(observations.epoch).seconds_since(utc_to_tai(epochs_from_strings(text)))
+
+
+# Ranges
+
+
+def test_two_way_range():
+    got = read((TWO_WAY, RANGES))
+    assert got.links == (Link("KASHI", "lander", "KASHI"),)
+    assert got.value_m.tolist() == [768800123.4567, 768801500.0]
+    assert got.sigma_m.tolist() == [2.0, 2.0]
+    assert got.types().tolist() == ["range"] * 2
+    assert got.tags().tolist() == ["receive"] * 2
+    assert got.origin(1) == "a.kvn, line 13"
+    assert np.isnan(got.uplink_hz).all()
+    assert np.isnan(got.count_s).all()
+
+
+def test_three_way_range_and_catalogue_names():
+    metadata = THREE_WAY | {"PARTICIPANT_1": "ks", "PARTICIPANT_2": "Apollo 15", "TIMETAG_REF": "transmit"}
+    got = read((metadata, RANGES), catalogue=StationCatalogue.default())
+    assert got.links == (Link("KASHI", "apollo15", "JIAMUSI"),)
+    assert got.tags().tolist() == ["transmit"] * 2
+
+
+def test_units_of_range():
+    flight_s = ["RANGE = 2021-03-28T14:00:00 2.5644"]
+    assert read((TWO_WAY | {"RANGE_UNITS": "s"}, flight_s)).value_m[0] == C_M_S * 2.5644
+    units = ["RANGE = 2021-03-28T14:00:00 2564400"]
+    unit = TWO_WAY | {"RANGE_UNITS": "RU"}
+    got = read((unit, units), range_unit_s=1e-6)
+    assert abs(got.value_m[0] - C_M_S * 2.5644) < VALUE_TOLERANCE_M
+    with pytest.raises(FileFormatError, match=r"RANGE_UNITS is RU, .*; give range_unit_s"):
+        read((unit, units))
+    ramp = ["TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.1e9", "TRANSMIT_FREQ_1 = 2021-03-28T14:00:01 7.2e9"]
+    with pytest.raises(
+        FileFormatError, match="transmitted frequency changes, so that the unit has no one length"
+    ):
+        read((unit, [*units, *ramp]), range_unit_s=1e-6)
+
+
+def test_half_the_round_trip():
+    half = ["RANGE = 2021-03-28T14:00:00 384400.5"]
+    assert read((TWO_WAY, half), range_convention="half").value_m[0] == 768801000.0
+
+
+def test_the_other_convention_is_recognized_by_its_factor_of_two():
+    half = ["RANGE = 2021-03-28T14:00:00 384400.5"]
+    with pytest.raises(FileFormatError, match=r'line 12: .* factor of two: set tdm_range = "half"'):
+        read((TWO_WAY, half))
+    with pytest.raises(FileFormatError, match='factor of two: set tdm_range = "round_trip"'):
+        read((TWO_WAY, RANGES), range_convention="half")
+
+
+def test_ranges_that_are_not_lunar():
+    near = ["RANGE = 2021-03-28T14:00:00 3198.0"]
+    assert read((TWO_WAY, near)).value_m[0] == 3198000.0
+    with pytest.raises(FileFormatError, match="between Earth and Moon"):
+        read((TWO_WAY, near), catalogue=StationCatalogue.default())
+
+
+def test_delays_are_taken_off_value_and_time_tag():
+    delays = {
+        "TRANSMIT_DELAY_1": "1e-6",
+        "RECEIVE_DELAY_1": "2e-6",
+        "TRANSMIT_DELAY_2": "4e-6",
+        "RECEIVE_DELAY_2": "8e-6",
+    }
+    got = readout((TWO_WAY | delays, RANGES))
+    assert (
+        np.abs(got.observations.value_m - (np.array([768800123.4567, 768801500.0]) - C_M_S * 15e-6)).max()
+        < VALUE_TOLERANCE_M
+    )
+    assert abs(seconds_after(got.observations, "2021-03-28T14:00:00.25")[0] + 2e-6) < EPOCH_TOLERANCE_S
+    assert "1.5e-05 s of delay in equipment taken off" in got.summary()
+    sent = read((TWO_WAY | delays | {"TIMETAG_REF": "TRANSMIT"}, RANGES))
+    assert abs(seconds_after(sent, "2021-03-28T14:00:00.25")[0] - 1e-6) < EPOCH_TOLERANCE_S
+    removed = read((TWO_WAY | delays, RANGES), delays_removed=True)
+    assert removed.value_m.tolist() == [768800123.4567, 768801500.0]
+    assert seconds_after(removed, "2021-03-28T14:00:00.25")[0] == 0.0
+
+
+def test_three_way_delays_are_those_of_the_path():
+    delays = {
+        "TRANSMIT_DELAY_1": "1e-6",
+        "RECEIVE_DELAY_1": "2e-6",
+        "RECEIVE_DELAY_3": "16e-6",
+        "TRANSMIT_DELAY_3": "1",
+    }
+    got = read((THREE_WAY | delays, RANGES))
+    assert abs(got.value_m[1] - (768801500.0 - C_M_S * 17e-6)) < VALUE_TOLERANCE_M
+    assert abs(seconds_after(got, "2021-03-28T14:01:00")[1] + 16e-6) < EPOCH_TOLERANCE_S
+
+
+def test_corrections():
+    correction = {"CORRECTION_RANGE": "-1.5", "CORRECTIONS_APPLIED": "YES"}
+    assert read((TWO_WAY | correction, RANGES)).value_m[1] == 768801500.0
+    correction["CORRECTIONS_APPLIED"] = "NO"
+    assert read((TWO_WAY | correction, RANGES)).value_m[1] == 768800000.0
+    half = ["RANGE = 2021-03-28T14:01:00 384400.75"]
+    assert read((TWO_WAY | correction, half), range_convention="half").value_m[0] == 768798500.0
+
+
+def test_modulus():
+    short = TWO_WAY | {"RANGE_MODULUS": "1000.0"}
+    records = ["RANGE = 2021-03-28T14:00:00 801.5"]
+    with pytest.raises(
+        FileFormatError, match=r"known but for multiples of it; give light_time_s, good to 0.000834 s"
+    ):
+        read((short, records))
+    assert read((TWO_WAY | {"RANGE_MODULUS": "1e7"}, RANGES)).value_m[1] == 768801500.0
+    for off_m in (-2.4e5, 0.0, 2.4e5):
+        got = read((short, records), light_time_s=(768801500.0 + off_m) / C_M_S)
+        assert abs(got.value_m[0] - 768801500.0) < VALUE_TOLERANCE_M
+    for off_m in (-2.6e5, 2.6e5):
+        with pytest.raises(FileFormatError, match="more than a quarter of the modulus"):
+            read((short, records), light_time_s=(768801500.0 + off_m) / C_M_S)
+    seconds = TWO_WAY | {"RANGE_MODULUS": "0.001", "RANGE_UNITS": "s"}
+    got = read((seconds, ["RANGE = 2021-03-28T14:00:00 0.0004"]), light_time_s=2.5644)
+    assert abs(got.value_m[0] - C_M_S * 2.5644) < VALUE_TOLERANCE_M
+
+
+def test_light_time_as_a_function():
+    asked = []
+
+    def light_s(epoch, link, tag):
+        asked.append((len(epoch), link.path, tag))
+        return np.full(len(epoch), 768801500.0 / C_M_S)
+
+    read((TWO_WAY | {"RANGE_MODULUS": "1000.0"}, ["RANGE = 2021-03-28T14:00:00 801.5"]), light_time_s=light_s)
+    assert asked == [(1, "KASHI>lander>KASHI", "receive")]
+    with pytest.raises(InputError, match=r"gave shape \(3,\) for 1 epochs"):
+        read(
+            (TWO_WAY | {"RANGE_MODULUS": "1000.0"}, ["RANGE = 2021-03-28T14:00:00 801.5"]),
+            light_time_s=lambda *_: [1, 1, 1],
+        )
+
+
+# VLBI delays
+
+
+@pytest.mark.parametrize("keyword", ["VLBI_DELAY", "DOR"])
+def test_delay_between_two_stations(keyword):
+    delays = {"RECEIVE_DELAY_2": "1e-6", "RECEIVE_DELAY_3": "5e-6", "TRANSMIT_DELAY_1": "1.0"}
+    records = [f"{keyword} = 2021-03-28T14:00:00 -1.5e-3", "TRANSMIT_FREQ_1 = 2021-03-28T13:59:58 8.4e9"]
+    got = read((DELAY | delays, records))
+    assert got.links == (Link("SESHAN25", "lander", "KUNMING", True),)
+    assert got.tags().tolist() == ["receive"]
+    assert abs(got.value_m[0] - C_M_S * (-1.5e-3 - 4e-6)) < VALUE_TOLERANCE_M
+    assert abs(seconds_after(got, "2021-03-28T14:00:00")[0] + 1e-6) < EPOCH_TOLERANCE_S
+    assert got.wavelength_um[0] == 1e6 * C_M_S / 8.4e9
+    assert got.sigma_m.tolist() == [0.3]
+
+
+def test_delay_of_a_two_way_signal():
+    paths = DELAY | {"PARTICIPANT_4": "KASHI", "PATH_1": "4,1,2", "PATH_2": "4,1,3"}
+    got = read((paths, ["DOR = 2021-03-28T14:00:00 -1.5e-3"]))
+    assert got.links == (Link("SESHAN25", "lander", "KUNMING", True),)
+
+
+# Clocks
+
+CLOCK = {"TIME_SYSTEM": "UTC", "PARTICIPANT_1": "SESHAN25", "PARTICIPANT_2": "KUNMING"}
+VLBI = (DELAY, ["VLBI_DELAY = 2021-03-28T14:00:00 -1.5e-3", "VLBI_DELAY = 2021-03-28T14:00:10 -1.5e-3"])
+
+
+def test_clock_difference_of_two_stations():
+    records = [
+        "CLOCK_BIAS = 2021-03-28T13:59:00 -4e-7",
+        "CLOCK_DRIFT = 2021-03-28T13:59:00 1e-9",
+        "CLOCK_BIAS = 2021-03-28T14:00:05 2e-7",
+    ]
+    for metadata, sign in (
+        (CLOCK, 1.0),
+        (CLOCK | {"PARTICIPANT_1": "KUNMING", "PARTICIPANT_2": "seshan25"}, -1.0),
+    ):
+        got = readout(VLBI, (metadata, records), catalogue=StationCatalogue.default())
+        clock_s = sign * np.array([-4e-7 + 60e-9, 2e-7])
+        assert np.abs(got.observations.value_m - C_M_S * (-1.5e-3 - clock_s)).max() < VALUE_TOLERANCE_M
+        assert seconds_after(got.observations, "2021-03-28T14:00:00")[0] == 0.0
+        assert not got.ignored
+    left = readout(VLBI, (CLOCK, records), apply_clocks=False)
+    assert left.observations.value_m.tolist() == [C_M_S * -1.5e-3] * 2
+    assert left.ignored == {"CLOCK_BIAS": 2, "CLOCK_DRIFT": 1}
+
+
+def test_clocks_against_utc():
+    """Clock 2 less clock 1: with UTC as second, UTC less the station's clock."""
+    first = (CLOCK | {"PARTICIPANT_2": "UTC-NIST"}, ["CLOCK_BIAS = 2021-03-28T13:00:00 3e-6"])
+    second = (CLOCK | {"PARTICIPANT_1": "UTC"}, ["CLOCK_BIAS = 2021-03-28T13:00:00 5e-6"])
+    got = read(VLBI, first, second)
+    # The first station's clock is 3 microseconds behind UTC, the second's 5 ahead: 8 between them.
+    assert np.abs(got.value_m - C_M_S * (-1.5e-3 - 8e-6)).max() < VALUE_TOLERANCE_M
+    assert abs(seconds_after(got, "2021-03-28T14:00:00")[0] - 3e-6) < EPOCH_TOLERANCE_S
+
+
+def test_clocks_of_ranges():
+    station = CLOCK | {"PARTICIPANT_1": "JIAMUSI", "PARTICIPANT_2": "UTC"}
+    bias = (station, ["CLOCK_BIAS = 2021-03-28T13:00:00 -2e-6"])
+    three_way = read((THREE_WAY, RANGES), bias)
+    # The receiver's clock is ahead of UTC: it read later than it was.
+    assert abs(three_way.value_m[1] - (768801500.0 - C_M_S * 2e-6)) < VALUE_TOLERANCE_M
+    assert abs(seconds_after(three_way, "2021-03-28T14:01:00")[1] + 2e-6) < EPOCH_TOLERANCE_S
+    own = (station | {"PARTICIPANT_1": "KASHI"}, bias[1])
+    two_way = read((TWO_WAY, RANGES), own)
+    assert two_way.value_m[1] == 768801500.0
+    assert abs(seconds_after(two_way, "2021-03-28T14:01:00")[1] + 2e-6) < EPOCH_TOLERANCE_S
+
+
+def test_clock_before_its_first_record():
+    late = (CLOCK, ["CLOCK_BIAS = 2021-03-28T14:00:05 2e-7"])
+    with pytest.raises(FileFormatError, match=r"line 14: VLBI_DELAY is earlier than the first CLOCK_BIAS"):
+        read(VLBI, late)
+
+
+def test_drift_without_bias():
+    with pytest.raises(FileFormatError, match="CLOCK_DRIFT has no CLOCK_BIAS at its epoch"):
+        read(VLBI, (CLOCK, ["CLOCK_DRIFT = 2021-03-28T13:00:05 2e-7"]))
+    with pytest.raises(FileFormatError, match="PARTICIPANT_2 is missing"):
+        read(VLBI, (CLOCK | {"PARTICIPANT_2": None}, ["CLOCK_BIAS = 2021-03-28T13:00:05 2e-7"]))
+
+
+# Doppler
+
+COUNT = {"INTEGRATION_INTERVAL": "60.0", "INTEGRATION_REF": "MIDDLE"}
+RATIO = {"TURNAROUND_NUMERATOR": "880", "TURNAROUND_DENOMINATOR": "749"}
+
+
+@pytest.mark.parametrize(("reference", "middle_s"), [("START", 30.0), ("MIDDLE", 0.0), ("END", -30.0)])
+def test_mean_range_rate(reference, middle_s):
+    record = ["DOPPLER_INTEGRATED = 2021-03-28T14:00:00 0.5"]
+    metadata = TWO_WAY | COUNT | {"INTEGRATION_REF": reference}
+    got = read((metadata, record))
+    assert got.types().tolist() == ["doppler"]
+    assert (got.value_m[0], got.count_s[0], got.sigma_m[0]) == (30000.0, 60.0, 1e-3)
+    assert abs(seconds_after(got, "2021-03-28T14:00:00")[0] - middle_s) < EPOCH_TOLERANCE_S
+    assert read((metadata, record), doppler_convention="half").value_m[0] == 60000.0
+    correction = {"CORRECTION_DOPPLER": "0.25", "CORRECTIONS_APPLIED": "NO"}
+    assert read((metadata | correction, record)).value_m[0] == 45000.0
+
+
+def test_instantaneous_range_rate():
+    got = read((TWO_WAY, ["DOPPLER_INSTANTANEOUS = 2021-03-28T14:00:00 -0.5"]))
+    assert (got.value_m[0], got.count_s[0]) == (-500.0, 1.0)
+
+
+def received_hz(growth_m, count_s, up_hz=7.2e9, ratio=880 / 749):
+    return ratio * up_hz * (1.0 - growth_m / (C_M_S * count_s))
+
+
+@pytest.mark.parametrize("offset_hz", [0.0, 8.459e9])
+def test_received_frequency_of_a_constant_uplink(offset_hz):
+    value = received_hz(30000.0, 60.0) - offset_hz
+    records = [
+        f"RECEIVE_FREQ_1 = 2021-03-28T14:00:00 {value!r}",
+        "TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.2e9",
+    ]
+    got = read((TWO_WAY | COUNT | RATIO | {"FREQ_OFFSET": str(offset_hz)}, records))
+    assert abs(got.value_m[0] - 30000.0) < GROWTH_TOLERANCE_M
+    assert got.uplink_hz[0] == 7.2e9
+    assert got.wavelength_um[0] == pytest.approx(1e6 * C_M_S / 8.459e9, rel=1e-3)
+    assert got.count_s[0] == 60.0
+
+
+def ramped(count, rate=1.0, t=LIGHT_S, speed=800.0):
+    """Message with an uplink that changes, and growth of the path: light time 2.5 s + speed t / c from 14:00 on.
+
+    The mean received frequency is the phase sent between the two departures, over the count interval.
+    """
+
+    def left(s):
+        return s - (t + speed * s / C_M_S)
+
+    starts = [60.0 * k for k in range(1, count + 1)]
+    means = [
+        880 / 749 * (7.2e9 * (left(s + 60) - left(s)) + 0.5 * rate * (left(s + 60) ** 2 - left(s) ** 2)) / 60
+        for s in starts
+    ]
+    records = [f"RECEIVE_FREQ_3 = 2021-03-28T14:{k + 1:02d}:30 {mean!r}" for k, mean in enumerate(means)]
+    for minute in range(0, 10):
+        f = 7.2e9 + rate * 60.0 * minute
+        records += [
+            f"TRANSMIT_FREQ_1 = 2021-03-28T14:{minute:02d}:00 {f!r}",
+            f"TRANSMIT_FREQ_RATE_1 = 2021-03-28T14:{minute:02d}:00 {rate}",
+        ]
+    return (THREE_WAY | COUNT | RATIO, records)
+
+
+def test_received_frequency_of_a_ramped_uplink():
+    with pytest.raises(FileFormatError, match=r"transmitted frequency changes: .*; give light_time_s"):
+        read(ramped(3))
+    middle_s = [LIGHT_S + 800.0 * (60.0 * k + 30.0) / C_M_S for k in (1, 2, 3)]
+    got = read(ramped(3), light_time_s=lambda *_: middle_s)
+    assert np.abs(got.value_m - 48000.0).max() < GROWTH_TOLERANCE_M
+    # A light time that is off by e makes an error of T e rate / frequency, here 60 s 1e-3 s 1 / 7.2e9.
+    off = read(ramped(3), light_time_s=lambda *_: np.array(middle_s) + 1e-3)
+    error_m = C_M_S * 60.0 * 1e-3 / 7.2e9
+    assert np.abs(got.value_m - off.value_m - error_m).max() < 1e-5 * error_m + GROWTH_TOLERANCE_M
+    assert np.abs(got.uplink_hz - (7.2e9 + np.array([90.0, 150.0, 210.0]) - LIGHT_S)).max() < 1e-2
+
+
+def test_signal_sent_before_the_first_frequency():
+    metadata, records = ramped(1)
+    with pytest.raises(FileFormatError, match="sent before the first TRANSMIT_FREQ"):
+        read((metadata, [r for r in records if ":00:00 " not in r and "14:01:00" not in r]), light_time_s=2.5)
+
+
+def test_frequencies_of_another_segment_and_band():
+    received = (
+        TWO_WAY | COUNT | RATIO | {"TRANSMIT_BAND": "X"},
+        [f"RECEIVE_FREQ_1 = 2021-03-28T14:00:00 {received_hz(600.0, 60.0)!r}"],
+    )
+    x_band = (TWO_WAY | {"TRANSMIT_BAND": "X"}, ["TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.2e9"])
+    s_band = (TWO_WAY | {"TRANSMIT_BAND": "S"}, ["TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 2.1e9"])
+    assert read(received, s_band, x_band).value_m[0] == pytest.approx(600.0, abs=1e-4)
+    unsaid = (received[0] | {"TRANSMIT_BAND": None}, received[1])
+    assert read(unsaid, x_band).value_m[0] == pytest.approx(600.0, abs=1e-4)
+    with pytest.raises(FileFormatError, match=r"several bands \(S, X\); say TRANSMIT_BAND"):
+        read(unsaid, s_band, x_band)
+
+
+def test_received_frequency_beside_range_rates_is_no_second_measurement():
+    records = [
+        "DOPPLER_INTEGRATED = 2021-03-28T14:00:00 0.5",
+        "RECEIVE_FREQ_1 = 2021-03-28T14:00:00 8.4e9",
+        "TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.2e9",
+    ]
+    got = readout((TWO_WAY | COUNT, records))
+    assert len(got.observations) == 1
+    assert got.observations.wavelength_um[0] == 1e6 * C_M_S / 8.4e9
+    assert got.observations.uplink_hz[0] == 7.2e9
+    assert got.ignored == {}
+
+
+# Weather
+
+
+def test_weather_of_the_station():
+    weather = ({"TIME_SYSTEM": "UTC", "PARTICIPANT_1": "kashi"}, [
+        "PRESSURE = 2021-03-28T13:00:00 870.0",
+        "PRESSURE = 2021-03-28T15:00:00 872.0",
+        "TEMPERATURE = 2021-03-28T11:00:00 290.0",
+        "RHUMIDITY = 2021-03-28T13:30:00 45",
+    ])  # fmt: skip
+    got = readout((TWO_WAY, RANGES), weather, catalogue=StationCatalogue.default())
+    assert got.observations.pressure_hpa[1] == pytest.approx(870.0 + 2.0 * 61 / 120, abs=1e-9)
+    assert np.isnan(got.observations.temperature_k).all()
+    assert got.observations.relative_humidity.tolist() == [0.45, 0.45]
+    assert got.ignored == {}
+    other = readout((THREE_WAY, RANGES), weather, catalogue=StationCatalogue.default())
+    assert np.isnan(other.observations.pressure_hpa).all()
+    assert other.ignored == {"TEMPERATURE": 1, "PRESSURE": 2, "RHUMIDITY": 1}
+
+
+def test_weather_that_cannot_be():
+    with pytest.raises(FileFormatError, match="temperature_k is 20, but must be 150 to 350"):
+        read((TWO_WAY, [*RANGES, "TEMPERATURE = 2021-03-28T14:00:00 20"]))
+
+
+# What is accounted for, and what is refused
+
+
+def test_what_is_passed_over_is_counted(caplog):
+    more = [
+        "ANGLE_1 = 2021-03-28T14:00:00 1.0",
+        "ANGLE_1 = 2021-03-28T14:00:01 1.0",
+        "PC_N0 = 2021-03-28T14:00:00 30.0",
+    ]
+    media = ({"TIME_SYSTEM": "UTC", "PARTICIPANT_1": "KASHI"}, ["TROPO_DRY = 2021-03-28T14:00:00 2.1"])
+    with caplog.at_level(logging.INFO):
+        got = readout((TWO_WAY, [*RANGES, *more]), media)
+    assert got.ignored == {"ANGLE_1": 2, "PC_N0": 1, "TROPO_DRY": 1}
+    assert "passed over: 2 ANGLE_1, 1 PC_N0, 1 TROPO_DRY" in caplog.text
+
+
+@pytest.mark.filterwarnings("error")
+def test_degraded_data_warn():
+    with pytest.warns(DataQualityWarning, match="a.kvn, line 10: DATA_QUALITY is DEGRADED"):
+        read((TWO_WAY | {"DATA_QUALITY": "DEGRADED"}, RANGES))
+
+
+RECEIVED = ["RECEIVE_FREQ_1 = 2021-03-28T14:00:00 8.4e9", "TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.2e9"]
+VLBI_RECORD = ["VLBI_DELAY = 2021-03-28T14:00:00 1e-3"]
+REFUSED = {
+    "one-way": (TWO_WAY | {"PATH": "2,1"}, RANGES, "PATH = 2,1 is one-way, which is not modelled"),
+    "four-way": (TWO_WAY | {"PATH": "1,2,1,2,1"}, RANGES, "is four-way or longer, which is not modelled"),
+    "target at the end": (TWO_WAY | {"PATH": "1,1,2"}, RANGES, "the target among the stations"),
+    "no mode": (TWO_WAY | {"MODE": None}, RANGES, "have no MODE, which the data need"),
+    "no path": (TWO_WAY | {"PATH": None}, RANGES, "MODE is SEQUENTIAL, but there is no PATH"),
+    "unknown target": (TWO_WAY | {"PARTICIPANT_2": "UNKNOWN"}, RANGES, "the target is UNKNOWN"),
+    "impossible name": (TWO_WAY | {"PARTICIPANT_2": "a>b"}, RANGES, "line 7: 'a>b' cannot name a station"),
+    "differenced range": (DELAY, RANGES, "MODE is SINGLE_DIFF, but data that are differences"),
+    "differenced Doppler": (
+        DELAY,
+        [*VLBI_RECORD, RECEIVED[0]],
+        "RECEIVE_FREQ_1 of MODE = SINGLE_DIFF is not modelled",
+    ),
+    "delay without difference": (TWO_WAY, VLBI_RECORD, "MODE is SEQUENTIAL, but VLBI_DELAY or DOR goes with"),
+    "two targets": (
+        DELAY | {"PARTICIPANT_4": "x", "PATH_2": "4,3"},
+        VLBI_RECORD,
+        "alike but for the last station",
+    ),
+    "one station": (DELAY | {"PATH_2": "1,2"}, VLBI_RECORD, "alike but for the last station"),
+    "same station": (DELAY | {"PARTICIPANT_3": "SESHAN25"}, VLBI_RECORD, "end at one station, SESHAN25"),
+    "no second path": (DELAY | {"PATH_2": None}, VLBI_RECORD, "there is no PATH_2"),
+    "sent tag of a delay": (
+        DELAY | {"TIMETAG_REF": "TRANSMIT"},
+        VLBI_RECORD,
+        "TIMETAG_REF is TRANSMIT; VLBI_DELAY",
+    ),
+    "correction of a delay": (
+        DELAY | {"CORRECTION_RANGE": "1", "CORRECTIONS_APPLIED": "NO"},
+        VLBI_RECORD,
+        "is not applied, and how",
+    ),
+    "one-way range": (TWO_WAY | {"RANGE_MODE": "ONE_WAY"}, RANGES, "RANGE_MODE is ONE_WAY"),
+    "phase": (
+        TWO_WAY,
+        ["RECEIVE_PHASE_CT_1 = 2021-03-28T14:00:00 1.5"],
+        "RECEIVE_PHASE_CT_1 is not modelled",
+    ),
+    "count": (TWO_WAY, ["DOPPLER_COUNT = 2021-03-28T14:00:00 1"], "DOPPLER_COUNT is not modelled"),
+    "no interval": (TWO_WAY, RECEIVED, "RECEIVE_FREQ_1 needs INTEGRATION_INTERVAL"),
+    "no place in it": (
+        TWO_WAY | COUNT | {"INTEGRATION_REF": None},
+        RECEIVED,
+        "RECEIVE_FREQ_1 needs INTEGRATION_REF",
+    ),
+    "no uplink": (TWO_WAY | COUNT | RATIO, RECEIVED[:1], "RECEIVE_FREQ_1 needs TRANSMIT_FREQ_1 of KASHI"),
+    "no ratio": (TWO_WAY | COUNT, RECEIVED, "needs the transponder's ratio"),
+    "half a ratio": (
+        TWO_WAY | COUNT | {"TURNAROUND_NUMERATOR": "880"},
+        RECEIVED,
+        "TURNAROUND_NUMERATOR stands alone",
+    ),
+    "wrong ratio": (
+        TWO_WAY | COUNT | RATIO,
+        [RECEIVED[0], RECEIVED[1].replace("7.2", "2.1")],
+        "makes the path grow by",
+    ),
+    "wrong receiver": (
+        TWO_WAY | COUNT | RATIO,
+        [RECEIVED[0].replace("_1", "_2")],
+        "PATH ends at participant 1",
+    ),
+    "wrong sender": (TWO_WAY, [*RANGES, RECEIVED[1].replace("_1", "_3")], "participant 3 sends nothing"),
+    "no frequency": (
+        TWO_WAY,
+        [*RANGES, RECEIVED[1].replace("7.2e9", "0")],
+        "TRANSMIT_FREQ_1 must be above zero",
+    ),
+    "rate alone": (
+        TWO_WAY,
+        [*RANGES, "TRANSMIT_FREQ_RATE_1 = 2021-03-28T14:00:00 1"],
+        "without any TRANSMIT_FREQ_1",
+    ),
+    "rate elsewhere": (
+        TWO_WAY,
+        [*RANGES, RECEIVED[1], "TRANSMIT_FREQ_RATE_1 = 2021-03-28T14:00:01 1"],
+        "has no TRANSMIT_FREQ_1 at its epoch",
+    ),
+    "two rates": (
+        TWO_WAY | COUNT,
+        [f"DOPPLER_{k} = 2021-03-28T14:00:00 1" for k in ("INTEGRATED", "INSTANTANEOUS")],
+        "leave one of them out",
+    ),
+    "nothing": (
+        TWO_WAY,
+        ["ANGLE_1 = 2021-03-28T14:00:00 1"],
+        "holds no range, Doppler or VLBI delay, only ANGLE_1",
+    ),
+    "negative range": (TWO_WAY, ["RANGE = 2021-03-28T14:00:00 -1"], "value_m is -1000, but must be"),
+    "absurd delay": (DELAY, ["VLBI_DELAY = 2021-03-28T14:00:00 1"], "not longer than the Earth"),
+}
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_refused(name):
+    metadata, records, problem = REFUSED[name]
+    with pytest.raises(FileFormatError, match=problem) as caught:
+        read((metadata, records))
+    assert caught.value.line is not None or name == "nothing"
+
+
+def test_unknown_station():
+    with pytest.raises(
+        FileFormatError, match=r"line 6: PARTICIPANT_1: station 'DSS-25' is not in the catalogue"
+    ):
+        read((TWO_WAY | {"PARTICIPANT_1": "DSS-25"}, RANGES), catalogue=StationCatalogue.default())
+
+
+def test_same_observation_in_two_segments():
+    with pytest.raises(InputError, match=r"line 23: this observation is already there, in a.kvn, line 12"):
+        read((TWO_WAY, RANGES), (TWO_WAY, RANGES))
+
+
+def test_standard_deviations_must_be_given():
+    with pytest.raises(InputError, match="says nothing of uncertainties, and it holds range observations"):
+        read((TWO_WAY, RANGES), sigma_m={"doppler": 1.0})
+
+
+@pytest.mark.parametrize(
+    ("given", "problem"),
+    [
+        ({"sigma_m": {"ranges": 1.0}}, "'ranges' is not a kind"),
+        ({"sigma_m": {"range": 0.0}}, "must be finite and above zero"),
+        ({"range_convention": "one_way"}, "range_convention = 'one_way'; use round_trip or half"),
+        ({"doppler_convention": ""}, "doppler_convention"),
+        ({"range_unit_s": -1.0}, "range_unit_s = -1.0"),
+        ({"turnaround": (880, 0)}, "two whole numbers"),
+        ({"turnaround": (1.1, 1)}, "two whole numbers"),
+        ({"light_time_s": float("nan")}, "seconds above zero or a function"),
+    ],
+)
+def test_agreements_that_cannot_be(given, problem):
+    with pytest.raises(InputError, match=problem):
+        TdmAgreement(**given)
+
+
+def test_no_messages():
+    with pytest.raises(InputError, match="no TDM was given"):
+        tdm_observations([], TdmAgreement(sigma_m=SIGMA_M))
+
+
+def test_messages_complement_each_other():
+    ranges = parse_kvn("a.kvn", kvn((TWO_WAY, RANGES)))
+    uplink = parse_kvn("b.kvn", kvn((TWO_WAY, ["TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.2e9"])))
+    got = tdm_observations(
+        [uplink, ranges], TdmAgreement(sigma_m=SIGMA_M, turnaround=(880, 749))
+    ).observations
+    assert got.uplink_hz.tolist() == [7.2e9] * 2
+    assert got.wavelength_um[0] == pytest.approx(1e6 * C_M_S / (7.2e9 * 880 / 749), rel=1e-15)
+    assert got.origin(0) == "a.kvn, line 12"
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert got.files == ("b.kvn", "a.kvn")

@@ -1,0 +1,261 @@
+"""What is written reads back identical, here and by ccsds-ndm; what a message cannot hold is refused."""
+
+from decimal import Decimal
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from tdm_messages import DELAY, RANGES, TWO_WAY, kvn
+
+from radioloc.constants import C_M_S
+from radioloc.errors import FileFormatError, InputError
+from radioloc.io.tdm import read_tdm, read_tdm_file
+from radioloc.io.tdm_agreement import TdmAgreement
+from radioloc.io.tdm_file import TdmHeader
+from radioloc.io.tdm_keywords import DATA, METADATA, exponent_of
+from radioloc.io.tdm_kvn import parse_kvn
+from radioloc.io.tdm_write import tdm_of, write_tdm, write_tdm_file
+from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Link, Observations
+from radioloc.time import Epochs
+
+AGREEMENT = TdmAgreement(sigma_m={"range": 1.0, "vlbi_delay": 1.0, "doppler": 1.0})
+COLUMNS = (
+    "tag",
+    "kind",
+    "value_m",
+    "pressure_hpa",
+    "temperature_k",
+    "relative_humidity",
+    "wavelength_um",
+    "uplink_hz",
+    "count_s",
+)
+LINKS = (
+    Link("KASHI", "lander", "KASHI"),
+    Link("KASHI", "lander", "JIAMUSI"),
+    Link("SESHAN25", "lander", "KUNMING", True),
+)
+SUFFIXES = ("kvn", "xml")
+
+
+def rows_of(observations):
+    """Rows as tuples that can be sorted and compared, NaN as None."""
+    columns = [
+        observations.paths().tolist(),
+        observations.epoch.jd.tolist(),
+        observations.epoch.fraction.tolist(),
+    ]
+    columns += [getattr(observations, name).tolist() for name in COLUMNS]
+    rows = [tuple("none" if value != value else value for value in row) for row in zip(*columns, strict=True)]
+    return sorted(rows, key=repr)
+
+
+def written_and_read(observations, path, **more):
+    write_tdm(path, observations, originator="TEST", **more)
+    return read_tdm(path, AGREEMENT)
+
+
+def made(n=6, **columns):
+    """Ranges, a second apart, with what is given instead."""
+    given = {
+        "epoch": Epochs.from_jd(np.full(n, 2459301.5), 0.5 + np.arange(n) / 86400.0, "UTC"),
+        "links": LINKS,
+        "value_m": 7.688e8 + np.arange(n) / 3.0,
+        "sigma_m": 1.0,
+        "tag": 1,
+    }
+    return Observations.from_columns(**(given | columns))
+
+
+def everything():
+    """All kinds, with and without what can be recorded; two of one kind, link and epoch."""
+    n = 24
+    random = np.random.default_rng(5)
+    kind = np.repeat([RANGE, RANGE, DOPPLER, VLBI_DELAY], n // 4)
+    link = np.repeat([0, 1, 1, 2], n // 4)
+    value = np.choose(
+        kind, [7.6e8 + 1e7 * random.random(n), random.normal(0.0, 3e6, n), random.normal(0.0, 3e4, n)]
+    )
+    # Delays that come of seconds, and growths that come of rates: what a file can say.
+    value = np.where(kind == VLBI_DELAY, C_M_S * (value / C_M_S), value)
+    value = np.where(kind == DOPPLER, 60.0 * (value / 60.0), value)
+    half = np.arange(n) % 2 == 0
+    fraction = 0.5 + (np.arange(n) % 6) * np.pi * 1e-4
+    fraction[4] = fraction[2]
+    return made(
+        n,
+        epoch=Epochs.from_jd(np.full(n, 2459301.5), fraction, "UTC"),
+        kind=kind,
+        link=link,
+        value_m=value,
+        tag=np.where((kind == RANGE) & (link == 0), 0, 1),
+        count_s=np.where(kind == DOPPLER, 60.0, np.nan),
+        uplink_hz=np.where(half & (kind != VLBI_DELAY), 7.2e9 + random.random(n), np.nan),
+        wavelength_um=np.where(half, 35500.0 + random.random(n), np.nan),
+        pressure_hpa=np.where(kind == RANGE, 870.0 + random.random(n), np.nan),
+        temperature_k=np.where(half, 280.0 + random.random(n), np.nan),
+        relative_humidity=np.where(link == 1, random.random(n), np.nan),
+    )
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_everything_comes_back_to_the_last_bit(suffix, tmp_path):
+    observations = everything()
+    read = written_and_read(observations, tmp_path / f"a.{suffix}")
+    assert rows_of(read) == rows_of(observations)
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+@settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(
+    values=st.lists(st.floats(6.6e8, 8.3e8), min_size=1, max_size=20),
+    second=st.integers(0, 86399),
+    picosecond=st.integers(0, 10**12 - 1),
+)
+def test_ranges_come_back_to_the_last_bit(suffix, tmp_path, values, second, picosecond):
+    n = len(values)
+    fraction = (second + picosecond * 1e-12) / 86400.0 + np.arange(n) * 1e-9
+    observations = made(n, value_m=values, epoch=Epochs.from_jd(np.full(n, 2459301.5), fraction, "UTC"))
+    read = written_and_read(observations, tmp_path / f"a.{suffix}")
+    assert read.value_m.tolist() == values
+    seconds = (read.epoch.fraction - observations.epoch.fraction) * 86400.0
+    assert np.abs(seconds).max() <= 1.2e-11  # a float of the day's fraction, which the decimals round to
+    again = written_and_read(read, tmp_path / f"b.{suffix}")
+    assert rows_of(again) == rows_of(read)
+
+
+@given(st.lists(st.floats(-4e-2, 4e-2), min_size=1, max_size=20))
+def test_delays_of_seconds_come_back_to_the_last_bit(delays):
+    n = len(delays)
+    observations = made(n, value_m=C_M_S * np.array(delays), kind=VLBI_DELAY, link=2)
+    (segment,) = tdm_of(observations, TdmHeader("2021-03-28T00:00:00", "TEST")).segments
+    assert (C_M_S * segment.value == observations.value_m).all()
+
+
+def test_leap_second_and_decimals(tmp_path):
+    wanted = parse_kvn("a", kvn((TWO_WAY, ["RANGE = 2016-12-31T23:59:60.123456789012 768800.0"]))).segments[0]
+    observations = made(1, epoch=wanted.epoch)
+    read = written_and_read(observations, tmp_path / "a.kvn")
+    assert "T23:59:60.12345678901" in (tmp_path / "a.kvn").read_text()
+    assert read.epoch.fraction[0] == wanted.epoch.fraction[0]
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_messages_as_records_come_back(suffix, tmp_path):
+    clock = (
+        {"TIME_SYSTEM": "UTC", "PARTICIPANT_1": "A_1", "PARTICIPANT_2": "UTC"},
+        ["CLOCK_BIAS = 2021-03-28T14:00:00 4.59e-7"],
+    )
+    delay = (
+        DELAY | {"PARTICIPANT_1": "a <b> & c"},
+        ["VLBI_DELAY = 2021-03-28T14:00:00 -1.911896106591159E-03"],
+    )
+    lines = kvn(
+        (TWO_WAY | {"TRACK_ID": "x 1"}, [*RANGES, "RHUMIDITY = 2021-03-28T14:00:00 12.3"]), clock, delay
+    )
+    lines[1:1] = ["COMMENT one & two < three"]
+    message = parse_kvn("a", lines)
+    path = tmp_path / f"a.{suffix}"
+    write_tdm_file(path, message)
+    read = read_tdm_file(path)
+    assert read.header == message.header
+    for one, other in zip(message.segments, read.segments, strict=True):
+        assert one.metadata == other.metadata
+        for name in ("keyword", "value"):
+            assert np.array_equal(getattr(one, name), getattr(other, name))
+        assert np.array_equal(one.epoch.fraction, other.epoch.fraction)
+    text = path.read_text()
+    for number in ("768800.1234567", "12.3", "-0.001911896106591159", "4.59E-07"):
+        assert number in text
+
+
+def test_metadata_in_the_order_of_the_standard(tmp_path):
+    write_tdm(tmp_path / "a.kvn", everything(), originator="TEST", message_id="7", comments=["first\nsecond"])
+    lines = (tmp_path / "a.kvn").read_text().split("\n")
+    assert lines[:3] == ["CCSDS_TDM_VERS = 2.0", "COMMENT first", "COMMENT second"]
+    assert lines[5] == "MESSAGE_ID = 7"
+    metadata = [line.partition(" =")[0] for line in lines[7 : lines.index("META_STOP")]]
+    assert metadata == sorted(metadata, key=METADATA.index)
+
+
+@pytest.mark.parametrize(
+    ("columns", "problem"),
+    [
+        ({"tag": 2}, "tagged at the bounce"),
+        ({"wavelength_um": 0.532}, "laser light, which the standard leaves out"),
+        ({"kind": DOPPLER, "count_s": 1.0, "tag": 0}, "Doppler tagged at transmission"),
+        ({"kind": VLBI_DELAY, "link": 2, "value_m": 1.0, "uplink_hz": 7e9}, "VLBI delay with an uplink"),
+        ({"links": (Link("Fürth", "lander", "Fürth"),)}, "'Fürth' cannot stand in a TDM"),
+    ],
+)
+def test_what_a_message_cannot_hold(columns, problem, tmp_path):
+    with pytest.raises(InputError, match=problem):
+        write_tdm(tmp_path / "a.kvn", made(**columns), originator="TEST")
+    assert not (tmp_path / "a.kvn").exists()
+
+
+@pytest.mark.parametrize(
+    ("more", "problem"),
+    [
+        ({"originator": " "}, "ORIGINATOR is empty"),
+        ({"originator": "a\nb"}, "cannot stand in a TDM"),
+        ({"comments": ["\t"]}, "cannot stand in a TDM"),
+    ],
+)
+def test_texts_that_cannot_be(more, problem, tmp_path):
+    with pytest.raises(InputError, match=problem):
+        write_tdm(tmp_path / "a.kvn", made(), **({"originator": "TEST"} | more))
+
+
+def test_nothing_to_write_and_nowhere(tmp_path):
+    with pytest.raises(InputError, match="no observations to write"):
+        write_tdm(tmp_path / "a.kvn", made().select([]), originator="TEST")
+    with pytest.raises(FileFormatError, match="cannot be written"):
+        write_tdm(tmp_path / "none" / "a.kvn", made(), originator="TEST")
+
+
+# Another implementation of the standard
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_ccsds_ndm_reads_the_same(suffix, tmp_path):
+    ndm_io = pytest.importorskip("ccsds_ndm.ndm_io")
+    observations = everything()
+    path = tmp_path / f"a.{suffix}"
+    write_tdm(path, observations, originator="TEST", comments=["a comment"])
+    other = ndm_io.NdmIo().from_path(path)
+    ours = read_tdm_file(path)
+    assert len(other.body.segment) == len(ours.segments)
+    for segment, theirs in zip(ours.segments, other.body.segment, strict=True):
+        assert theirs.metadata.participant_1 == segment.metadata["PARTICIPANT_1"]
+        values = []
+        for record in theirs.data.observation:
+            held = {
+                name: value for name, value in vars(record).items() if value is not None and name != "epoch"
+            }
+            ((name, value),) = held.items()
+            values.append((name.upper().removeprefix("VALUE_"), float(getattr(value, "value", value))))
+        keywords = [DATA[code] for code in segment.keyword]
+        decimals = [
+            Decimal(repr(value)).scaleb(-exponent_of(k, "km"))
+            for k, value in zip(keywords, segment.value.tolist(), strict=True)
+        ]
+        assert values == list(zip(keywords, map(float, decimals), strict=True))
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_what_ccsds_ndm_writes_is_read(suffix, tmp_path):
+    ndm_io = pytest.importorskip("ccsds_ndm.ndm_io")
+    observations = everything()
+    first, second = tmp_path / "a.kvn", tmp_path / f"b.{suffix}"
+    write_tdm(first, observations, originator="TEST")
+    formats = ndm_io.NDMFileFormats
+    kind = formats.XML if suffix == "xml" else formats.KVN
+    ndm_io.NdmIo().to_file(ndm_io.NdmIo().from_path(first), kind, second)
+    ours, theirs = read_tdm(first, AGREEMENT), read_tdm(second, AGREEMENT)
+    for name in COLUMNS:
+        # That library holds kilometres and percent as floats: a rounding, and another on the way back.
+        np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=3e-16, atol=0.0)
+    assert theirs.paths().tolist() == ours.paths().tolist()
+    assert theirs.epoch.fraction.tolist() == ours.epoch.fraction.tolist()

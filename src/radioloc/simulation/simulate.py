@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, fields, replace
 from typing import Any
 
@@ -205,10 +206,14 @@ def _departures(truth: Truth) -> list[tuple[str, Any]]:
 
 
 def _shown(value: Any) -> str:
-    """A record by what it sets, a mapping and others as Python writes them."""
+    """A record by what it sets, a mapping by its items, numbers short."""
     if hasattr(value, "__dataclass_fields__"):
         given = [(f.name, getattr(value, f.name)) for f in fields(value)]
-        return ", ".join(f"{name} {v}" for name, v in given if v not in (0.0, None)) or "none"
-    if isinstance(value, dict):
+        return ", ".join(f"{name} {_shown(v)}" for name, v in given if v not in (0.0, None)) or "none"
+    if isinstance(value, Mapping):
         return "; ".join(f"{key} {_shown(v)}" for key, v in value.items())
+    if isinstance(value, tuple):
+        return f"({', '.join(_shown(v) for v in value)})"
+    if isinstance(value, float):
+        return f"{value:.10g}"
     return f"{getattr(value, '__name__', value)}"

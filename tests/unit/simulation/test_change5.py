@@ -1,0 +1,46 @@
+"""The simulated Chang'e-5 tracking that ships as an example is what its script makes."""
+
+import importlib.util
+from pathlib import Path
+
+import numpy as np
+
+from radioloc.io.table import read_table
+
+EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "change5"
+
+
+def script():
+    spec = importlib.util.spec_from_file_location("change5_simulate", EXAMPLE / "simulate.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
+
+
+def test_the_file_is_what_the_script_makes(tmp_path, monkeypatch):
+    module = script()
+    shipped = read_table(module.FILE)
+    monkeypatch.setattr(module, "FILE", tmp_path / "change5.csv")
+    # The script ends by checking what it wrote.
+    module.main(check=False)
+    again = read_table(tmp_path / "change5.csv")
+    assert (again.paths() == shipped.paths()).all()
+    # Other processors may round a last digit otherwise; a change of the model by a millimetre wants a new file.
+    assert np.abs(again.value_m - shipped.value_m).max() < 1e-3
+    head = (EXAMPLE / "change5.csv").read_text(encoding="utf-8").split("epoch_utc", 1)[0]
+    assert (tmp_path / "change5.csv").read_text(encoding="utf-8").startswith(head)
+    assert "SIMULATED" in head
+
+
+def test_the_tracking_is_that_of_the_paper():
+    module = script()
+    shipped = read_table(module.FILE)
+    # Wang et al. (2021), section 3: three stations range, six baselines of four others, 48 hours.
+    types, paths = shipped.types(), set(shipped.paths().tolist())
+    assert set(types.tolist()) == {"range", "vlbi_delay"}
+    assert len({path for path in paths if "<" in path}) == 6
+    assert {name for name in module.RANGING if any(path.endswith(f">{name}") for path in paths)} == set(
+        module.RANGING
+    )
+    assert 47.5 < 24.0 * (shipped.epoch.mjd.max() - shipped.epoch.mjd.min()) < 48.0
+    assert module.FILE.stat().st_size < 1.5e6

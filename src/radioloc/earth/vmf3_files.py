@@ -23,10 +23,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.earth.checks import within
+from radioloc.earth.file_epochs import epochs_around
 from radioloc.earth.lat_lon_grid import LatLonGrid, sort_into_grid
 from radioloc.earth.radio_troposphere import column_gravity
 from radioloc.earth.text_lines import numbers_of, read_lines, table_of
-from radioloc.errors import CoverageError, FileFormatError, InputError
+from radioloc.errors import FileFormatError, InputError
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import utc_of
 
@@ -100,8 +101,7 @@ class Vmf3Site:
         CoverageError
             An epoch is before the first, after the last, or between two that are more than six hours apart.
         """
-        before, weight = _between(self.mjd_utc, epochs, f"VMF3 of {self.station}")
-        values = _blend(self.values, before, weight)
+        values = _blend(self.values, *_around(self.mjd_utc, epochs, f"VMF3 of {self.station}"))
         return Vmf3Values(values[:, 0], values[:, 1], np.zeros(len(epochs)), values[:, 2], values[:, 3])
 
     def gradients_at_m(self, epochs: Epochs) -> NDArray[np.float64]:
@@ -114,8 +114,7 @@ class Vmf3Site:
         """
         if self.gradients_m is None:
             raise InputError(f"the files of {self.station} hold no gradients; read files .v3gr_r")
-        before, weight = _between(self.mjd_utc, epochs, f"VMF3 of {self.station}")
-        return _blend(self.gradients_m, before, weight)
+        return _blend(self.gradients_m, *_around(self.mjd_utc, epochs, f"VMF3 of {self.station}"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -169,17 +168,17 @@ class Vmf3Grids:
             within("height", height_m, "VMF3"),
             epochs.fraction,
         )
-        before, weight = _between(self.mjd_utc, epochs, "the maps of VMF3")
-        row, column, share = self.grid.corners(latitude, longitude)
-        near, far = (self.values[k[:, None], row, column] for k in (before, before + 1))
-        corners = near + weight[:, None, None] * (far - near)
+        before, after, share = _around(self.mjd_utc, epochs, "the maps of VMF3")
+        row, column, weight = self.grid.corners(latitude, longitude)
+        earlier, later = (self.values[k[:, None], row, column] for k in (before, after))
+        corners = earlier + share[:, None, None] * (later - earlier)
         below = self.height_m[row, column]
         above = height[:, None] - below
         pressure_ratio = (1.0 - 2.26e-5 * above) ** 5.225
         gravity_ratio = column_gravity(latitude[:, None], below) / column_gravity(latitude, height)[:, None]
         corners[..., 2] *= pressure_ratio * gravity_ratio
         corners[..., 3] *= np.exp(-above / _WET_SCALE_HEIGHT_M)
-        a_h, a_w, hydrostatic, wet = np.einsum("nc,ncv->vn", share, corners)
+        a_h, a_w, hydrostatic, wet = np.einsum("nc,ncv->vn", weight, corners)
         return Vmf3Values(a_h, a_w, height.copy(), hydrostatic, wet)
 
 
@@ -354,41 +353,16 @@ def _require_coefficients(path: Path, line: int, values: NDArray[np.float64]) ->
         raise FileFormatError(path, problem, line)
 
 
-def _between(
+def _around(
     mjd_utc: NDArray[np.float64], epochs: Epochs, source: str
-) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
-    """Index of the epoch before each, and the share of the way to the next."""
-    mjd = utc_of(epochs).mjd
-    outside = (mjd < mjd_utc[0]) | (mjd > mjd_utc[-1])
-    if len(mjd_utc) < 2 or outside.any():
-        wrong = mjd[outside] if outside.any() else mjd
-        raise CoverageError(
-            source,
-            (_shown(mjd_utc[0]), _shown(mjd_utc[-1])),
-            (_shown(wrong.min()), _shown(wrong.max())),
-            "read the files of the days before and after too",
-        )
-    before = np.clip(np.searchsorted(mjd_utc, mjd, side="right") - 1, 0, len(mjd_utc) - 2)
-    gap = mjd_utc[before + 1] - mjd_utc[before]
-    # On an epoch itself no neighbour is needed.
-    wide = np.flatnonzero((gap > _LONGEST_GAP_D) & (mjd != mjd_utc[before]) & (mjd != mjd_utc[before + 1]))
-    if len(wide):
-        k = before[wide[0]]
-        raise CoverageError(
-            f"{source}, which lacks epochs,",
-            (_shown(mjd_utc[0]), f"{_shown(mjd_utc[k])}, and from {_shown(mjd_utc[k + 1])}"),
-            (_shown(mjd[wide[0]]),) * 2,
-            "read the files between too",
-        )
-    return before, (mjd - mjd_utc[before]) / gap
-
-
-def _shown(mjd: float) -> str:
-    day = Epochs.from_jd(2400000.5, mjd, "UTC")
-    return f"{day.day_strings()[0]} {24.0 * day.fraction[0]:04.1f} h UTC"
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
+    return epochs_around(mjd_utc, utc_of(epochs).mjd, _LONGEST_GAP_D, source)
 
 
 def _blend(
-    values: NDArray[np.float64], before: NDArray[np.int64], weight: NDArray[np.float64]
+    values: NDArray[np.float64],
+    before: NDArray[np.int64],
+    after: NDArray[np.int64],
+    share: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    return values[before] + weight[:, None] * (values[before + 1] - values[before])
+    return values[before] + share[:, None] * (values[after] - values[before])

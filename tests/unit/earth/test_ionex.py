@@ -1,0 +1,304 @@
+import gzip
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from radioloc.earth.geodesy import itrf_from_geodetic
+from radioloc.earth.ionex import IonexMaps, read_ionex
+from radioloc.earth.ionosphere import modified_shell_mapping, pierce_point, thin_shell_mapping
+from radioloc.errors import CoverageError, FileFormatError, InputError
+from radioloc.time import epochs_from_strings, utc_to_tt
+
+LATITUDES = np.arange(87.5, -87.6, -2.5)
+LONGITUDES = np.arange(-180.0, 180.1, 5.0)
+Field = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
+
+ROUNDING_TECU = 0.06
+"""Half of the last digit of values in 0.1 TECU, and a little."""
+
+
+def labelled(content: str, label: str) -> str:
+    return f"{content:<60}{label:<20}".rstrip()
+
+
+def rows_of(value: np.ndarray) -> list[str]:
+    fields = [f"{int(v):5d}" for v in value]
+    return ["".join(fields[k : k + 16]) for k in range(0, len(fields), 16)]
+
+
+def ionex_text(
+    field: Field, day: int = 15, hours: tuple[float, ...] = (0, 2, 4, 6), exponent: int = -1, rms: bool = True
+) -> str:
+    """IONEX 1.0 file of a field of latitude, longitude (degrees) and hour since 2019-01-15."""
+
+    def epoch(hour: float) -> str:
+        return f"{2019:6d}{1:6d}{day + int(hour) // 24:6d}{int(hour) % 24:6d}{0:6d}{0:6d}"
+
+    lines = [
+        labelled(f"{1.0:8.1f}{'':12}I{'':19}GPS", "IONEX VERSION / TYPE"),
+        labelled("a test", "PGM / RUN BY / DATE"),
+        labelled(epoch(hours[0]), "EPOCH OF FIRST MAP"),
+        labelled(epoch(hours[-1]), "EPOCH OF LAST MAP"),
+        labelled(f"{7200:6d}", "INTERVAL"),
+        labelled(f"{len(hours):6d}", "# OF MAPS IN FILE"),
+        labelled("  COSZ", "MAPPING FUNCTION"),
+        labelled(f"{10.0:8.1f}", "ELEVATION CUTOFF"),
+        labelled("", "OBSERVABLES USED"),
+        labelled(f"{6371.0:8.1f}", "BASE RADIUS"),
+        labelled(f"{2:6d}", "MAP DIMENSION"),
+        labelled(f"  {450.0:6.1f}{450.0:6.1f}{0.0:6.1f}", "HGT1 / HGT2 / DHGT"),
+        labelled(f"  {87.5:6.1f}{-87.5:6.1f}{-2.5:6.1f}", "LAT1 / LAT2 / DLAT"),
+        labelled(f"  {-180.0:6.1f}{180.0:6.1f}{5.0:6.1f}", "LON1 / LON2 / DLON"),
+        labelled(f"{exponent:6d}", "EXPONENT"),
+        labelled("a comment", "COMMENT"),
+        labelled("DIFFERENTIAL CODE BIASES", "START OF AUX DATA"),
+        labelled("    01    -8.1     0.0", "PRN / BIAS / RMS"),
+        labelled("DIFFERENTIAL CODE BIASES", "END OF AUX DATA"),
+        labelled("", "END OF HEADER"),
+    ]
+    for kind in ("TEC", "RMS") if rms else ("TEC",):
+        for number, hour in enumerate(hours, start=1):
+            lines += [
+                labelled(f"{number:6d}", f"START OF {kind} MAP"),
+                labelled(epoch(hour), "EPOCH OF CURRENT MAP"),
+            ]
+            for latitude in LATITUDES:
+                lines.append(
+                    labelled(
+                        f"  {latitude:6.1f}{-180.0:6.1f}{180.0:6.1f}{5.0:6.1f}{450.0:6.1f}",
+                        "LAT/LON1/LON2/DLON/H",
+                    )
+                )
+                values = (
+                    field(latitude, LONGITUDES, hour + 24.0 * (day - 15))
+                    if kind == "TEC"
+                    else 0.0 * LONGITUDES
+                )
+                lines += rows_of(np.round(values * 10.0**-exponent))
+            lines.append(labelled(f"{number:6d}", f"END OF {kind} MAP"))
+    return "\n".join([*lines, labelled("", "END OF FILE"), ""])
+
+
+def flat(latitude, longitude, hour):
+    """Linear in latitude and time, the same at all longitudes."""
+    return 40.0 + 0.2 * latitude + hour + 0.0 * longitude
+
+
+def sun_fixed(latitude, longitude, hour):
+    """A bulge that follows the Sun and does not change: what turned maps give exactly."""
+    local = np.deg2rad(longitude + 15.0 * hour)
+    return 30.0 + 20.0 * np.cos(local) + 0.0 * latitude
+
+
+@pytest.fixture
+def maps(tmp_path: Path) -> Callable[..., IonexMaps]:
+    def read(field: Field, **options) -> IonexMaps:
+        path = tmp_path / "test0150.19i"
+        path.write_text(ionex_text(field, **options))
+        return read_ionex(path)
+
+    return read
+
+
+def test_reads_what_stands_in_the_file(maps) -> None:
+    read = maps(flat)
+    assert read.grid.shape == (71, 73)
+    assert (read.shell_height_m, read.base_radius_m, read.longest_gap_s) == (450e3, 6371e3, 7200.0)
+    assert read.source == "test0150.19i"
+    np.testing.assert_allclose(read.mjd_utc, 58498.0 + np.array([0, 2, 4, 6]) / 24.0)
+    expected = flat(LATITUDES[:, None], LONGITUDES, 2.0)
+    np.testing.assert_allclose(read.tec_tecu[1], expected, atol=ROUNDING_TECU)
+
+
+def test_linear_in_latitude_and_time(maps) -> None:
+    epochs = epochs_from_strings(["2019-01-15T00:00:00", "2019-01-15T03:30:00", "2019-01-15T06:00:00"])
+    latitude = np.array([35.4, -87.5, 1.1])
+    tec = maps(flat).vertical_tec(np.deg2rad(latitude), np.deg2rad([-117.0, 180.0, 359.0]), epochs)
+    np.testing.assert_allclose(tec, flat(latitude, 0.0, np.array([0.0, 3.5, 6.0])), atol=ROUNDING_TECU)
+
+
+def test_any_time_scale(maps) -> None:
+    utc = epochs_from_strings(["2019-01-15T01:00:00"])
+    read = maps(flat)
+    np.testing.assert_allclose(
+        read.vertical_tec(0.3, 0.4, utc), read.vertical_tec(0.3, 0.4, utc_to_tt(utc)), rtol=1e-9
+    )
+
+
+def test_maps_turn_with_the_sun(maps) -> None:
+    """Whatever the time between maps, the bulge is where the Sun is: on the turned columns without interpolation."""
+    read = maps(sun_fixed)
+    dates = ["2019-01-15T00:20:00", "2019-01-15T01:00:00", "2019-01-15T04:40:00"]
+    hours = np.array([1.0 / 3.0, 1.0, 14.0 / 3.0])
+    # Twenty minutes are 5 degrees, one column.
+    tec = read.vertical_tec(0.0, np.deg2rad([175.0, -25.0, 60.0]), epochs_from_strings(dates))
+    np.testing.assert_allclose(tec, sun_fixed(0.0, np.array([175.0, -25.0, 60.0]), hours), atol=ROUNDING_TECU)
+    # Left in place the two maps would give, half way between, 3.4 % less of the bulge: 0.7 TECU at its crest.
+    noon = read.vertical_tec(0.0, np.deg2rad([-15.0]), epochs_from_strings([dates[1]]))
+    assert noon[0] == pytest.approx(50.0, abs=ROUNDING_TECU)
+
+
+def test_slant(maps) -> None:
+    read = maps(flat)
+    epochs = epochs_from_strings(["2019-01-15T02:00:00"] * 2)
+    station = itrf_from_geodetic(np.deg2rad(-116.9), np.deg2rad(35.4), 1000.0)
+    azimuth, elevation = np.deg2rad([120.0, 250.0]), np.deg2rad([15.0, 60.0])
+    vertical = read.vertical_tec(*pierce_point(station, azimuth, elevation), epochs)
+    for mapping, (factor, _) in (
+        ("modified", modified_shell_mapping(elevation)),
+        ("shell", thin_shell_mapping(elevation)),
+    ):
+        slant = read.slant_tec(station, azimuth, elevation, epochs, mapping)
+        np.testing.assert_allclose(slant, factor * vertical, rtol=1e-13)
+    # South of the station there are fewer electrons in this field than overhead.
+    assert (vertical < flat(35.4, 0.0, 2.0)).all()
+    with pytest.raises(InputError, match="mapping = 'cosz' is not one of modified, shell"):
+        read.slant_tec(station, azimuth, elevation, epochs, "cosz")
+
+
+def test_exponent_and_gzip(tmp_path: Path) -> None:
+    path = tmp_path / "test0150.19i.gz"
+    path.write_bytes(gzip.compress(ionex_text(flat, exponent=0).encode()))
+    tec = read_ionex(path).vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-15"]))
+    assert tec[0] == pytest.approx(40.0, abs=0.5)
+
+
+def test_exponent_within_the_maps(tmp_path: Path) -> None:
+    text = ionex_text(flat, exponent=-1)
+    changed = text.replace(
+        labelled("     2", "START OF TEC MAP"),
+        f"{labelled('     0', 'EXPONENT')}\n" + labelled("     2", "START OF TEC MAP"),
+    )
+    path = tmp_path / "test.19i"
+    path.write_text(changed)
+    first, second = read_ionex(path).tec_tecu[:2, 0, 0]
+    assert first == pytest.approx(57.5, abs=ROUNDING_TECU)
+    assert second == pytest.approx(595.0, abs=0.6)
+
+
+def test_days_join(tmp_path: Path) -> None:
+    days = []
+    for day in (15, 16):
+        days.append(tmp_path / f"test0{day}0.19i")
+        days[-1].write_text(ionex_text(flat, day=day, hours=tuple(range(0, 25, 2)), rms=False))
+    both = read_ionex(days)
+    assert len(both.mjd_utc) == 25
+    midnight = epochs_from_strings(["2019-01-15T23:30:00", "2019-01-16T00:30:00"])
+    np.testing.assert_allclose(both.vertical_tec(0.0, 0.0, midnight), [63.5, 64.5], atol=ROUNDING_TECU)
+
+
+def test_missing_values(tmp_path: Path) -> None:
+    def with_hole(latitude, longitude, hour):
+        return np.where(
+            (latitude == 35.0) & (longitude == -115.0) & (hour == 2.0), 999.9, flat(latitude, longitude, hour)
+        )
+
+    path = tmp_path / "test0150.19i"
+    path.write_text(ionex_text(with_hole))
+    read = read_ionex(path)
+    assert np.isnan(read.tec_tecu).sum() == 1
+    hole = np.deg2rad([36.0]), np.deg2rad([-117.0])
+    with pytest.raises(InputError, match=r"has no electron content at latitude 36\.0, longitude -117\.0"):
+        read.vertical_tec(*hole, epochs_from_strings(["2019-01-15T02:00:00"]))
+    # Next to the hole in space and time the map holds: there it has no weight.
+    assert np.isfinite(read.vertical_tec(*hole, epochs_from_strings(["2019-01-15T04:00:00"])))
+    aside = np.deg2rad([35.0]), np.deg2rad([-110.0])
+    assert read.vertical_tec(*aside, epochs_from_strings(["2019-01-15T02:00:00"])) == pytest.approx(
+        49.0, abs=0.1
+    )
+
+
+def test_outside(maps, tmp_path: Path) -> None:
+    read = maps(flat)
+    for date in ("2019-01-14T23:59:59", "2019-01-15T06:00:01"):
+        with pytest.raises(CoverageError, match=r"covers 2019-01-15 00\.0 h UTC to 2019-01-15 06\.0 h UTC"):
+            read.vertical_tec(0.0, 0.0, epochs_from_strings([date]))
+    with pytest.raises(InputError, match=r"reaches from latitude -87\.5 to 87\.5"):
+        read.vertical_tec(1.55, 0.0, epochs_from_strings(["2019-01-15"]))
+    later = tmp_path / "test0170.19i"
+    later.write_text(ionex_text(flat, day=17))
+    early = tmp_path / "test0150.19i"
+    gap = read_ionex([early, later])
+    with pytest.raises(
+        CoverageError, match=r"lacks epochs, covers .* 06\.0 h UTC and from 2019-01-17 00\.0 h UTC"
+    ):
+        gap.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-16"]))
+
+
+def test_one_map_holds_at_its_epoch(maps) -> None:
+    read = maps(flat, hours=(4,))
+    tec = read.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-15T04:00:00"]))
+    assert tec[0] == pytest.approx(44.0, abs=ROUNDING_TECU)
+    with pytest.raises(CoverageError):
+        read.vertical_tec(0.0, 0.0, epochs_from_strings(["2019-01-15T04:00:01"]))
+
+
+TEXT = ionex_text(flat, hours=(0, 2))
+LINES = TEXT.splitlines()
+FIRST_MAP = next(k for k, line in enumerate(LINES, start=1) if "START OF TEC MAP" in line)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "line", "what"),
+    [
+        ("IONEX VERSION / TYPE", "RINEX VERSION / TYPE", 1, "not the first line of an IONEX file"),
+        (" " * 5 + "1.0", " " * 5 + "3.0", 1, r"version 3\.0 is not"),
+        ("LAT1 / LAT2 / DLAT", "LAT1", None, "no line 'LAT1 / LAT2 / DLAT'"),
+        ("  87.5 -87.5  -2.5   ", "  87.5 -87.5  -2.4   ", 13, "is no range"),
+        ("  87.5 -87.5  -2.5   ", "  87.5 -87.x  -2.5   ", 13, "3 numbers of 6 columns"),
+        (" 450.0 450.0   0.0", " 450.0 800.0  50.0", None, "two dimensions"),
+        (
+            "     2" + " " * 54 + "# OF MAPS",
+            "    13" + " " * 54 + "# OF MAPS",
+            None,
+            "announces 13 maps, but there are 2",
+        ),
+        ("  87.5-180.0 180.0", "  87.5-175.0 180.0", FIRST_MAP + 2, "not one of the header's grid"),
+        ("  85.0-180.0 180.0", "  87.5-180.0 180.0", FIRST_MAP + 8, "comes twice"),
+        ("  575  575", "  575  5x5", FIRST_MAP + 3, "16 whole numbers of five columns"),
+        ("  575\n", "  575  575\n", FIRST_MAP + 3, "more than 16 values"),
+        ("  2019     1    15     0", "  2019    13    15     0", FIRST_MAP + 1, "not a date that exists"),
+        ("EPOCH OF CURRENT MAP", "COMMENT", None, "lacks its epoch"),
+        ("END OF FILE", "END OF STORY", None, "'END OF STORY' is not expected here"),
+    ],
+)
+def test_damaged_file(tmp_path: Path, old: str, new: str, line: int | None, what: str) -> None:
+    head, body = "\n".join(LINES[: FIRST_MAP - 1]), "\n".join(LINES[FIRST_MAP - 1 :])
+    text = (
+        f"{head.replace(old, new, 1)}\n{body}"
+        if old in head and line != FIRST_MAP + 1
+        else f"{head}\n{body.replace(old, new, 1)}"
+    )
+    path = tmp_path / "bad.19i"
+    path.write_text(text)
+    with pytest.raises(FileFormatError, match=what) as caught:
+        read_ionex(path)
+    if line is not None:
+        assert caught.value.line == line
+
+
+def test_files_cut_short_or_apart(tmp_path: Path) -> None:
+    path = tmp_path / "cut.19i"
+    for keep in (5, FIRST_MAP + 4, FIRST_MAP + 50, len(LINES) - 1):
+        path.write_text("\n".join(LINES[:keep]))
+        with pytest.raises(FileFormatError, match=r"ends too early|whole numbers"):
+            read_ionex(path)
+    missing_row = [line for k, line in enumerate(LINES, start=1) if not FIRST_MAP + 2 <= k <= FIRST_MAP + 7]
+    path.write_text("\n".join(missing_row))
+    with pytest.raises(FileFormatError, match="lacks 1 of its rows"):
+        read_ionex(path)
+    path.write_bytes(b"\x1f\x9d compressed")
+    with pytest.raises(FileFormatError, match="Unix compress"):
+        read_ionex(path)
+    path.write_bytes(gzip.compress(TEXT.encode())[:-20])
+    with pytest.raises(FileFormatError, match="cut or damaged"):
+        read_ionex(path)
+    with pytest.raises(InputError, match="no IONEX file"):
+        read_ionex([])
+    whole, other = tmp_path / "whole.19i", tmp_path / "other.19i"
+    whole.write_text(TEXT)
+    other.write_text(TEXT.replace("  6371.0", "  6378.1"))
+    with pytest.raises(FileFormatError, match="another grid or shell than"):
+        read_ionex([whole, other])

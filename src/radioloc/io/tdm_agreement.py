@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
+from radioloc.io.tdm_keywords import LONGEST_S
 from radioloc.measurements.observations import KINDS, Link
 from radioloc.time import Epochs
 
@@ -82,8 +83,8 @@ class TdmAgreement:
         if ratio is not None and not (len(ratio) == 2 and all(isinstance(x, int) and x > 0 for x in ratio)):
             raise InputError(f"turnaround = {ratio!r}; give two whole numbers such as (880, 749)")
         light = self.light_time_s
-        if light is not None and not callable(light) and not (math.isfinite(light) and light > 0.0):
-            raise InputError(f"light_time_s = {light!r}; give seconds above zero or a function")
+        if light is not None and not callable(light) and not 0.0 < light < LONGEST_S:
+            raise InputError(f"light_time_s = {light!r}; give seconds above zero, up to a day, or a function")
 
     def sigma_of(self, kind: str) -> float:
         """Standard deviation of a kind of observation, m.
@@ -112,7 +113,7 @@ class TdmAgreement:
             return None
         given = self.light_time_s(epoch, link, tag) if callable(self.light_time_s) else self.light_time_s
         light_s = np.asarray(given, dtype=np.float64)
-        if light_s.shape not in ((), (len(epoch),)) or not (np.isfinite(light_s) & (light_s > 0.0)).all():
-            problem = f"gave shape {light_s.shape} for {len(epoch)} epochs, or values that are not above zero"
+        if light_s.shape not in ((), (len(epoch),)) or not ((light_s > 0.0) & (light_s < LONGEST_S)).all():
+            problem = f"gave shape {light_s.shape} for {len(epoch)} epochs, or values not from zero to a day"
             raise InputError(f"light_time_s of {link.path} {problem}; give one light time in seconds each")
         return np.broadcast_to(light_s, (len(epoch),))

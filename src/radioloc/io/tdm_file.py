@@ -19,9 +19,11 @@ from numpy.typing import NDArray
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.tdm_keywords import (
     ABOVE_ZERO,
+    AT_MOST_A_DAY,
     CHOICES,
     CODE,
     DATA,
+    LONGEST_S,
     METADATA,
     NOT_NEGATIVE,
     NUMBERS,
@@ -281,4 +283,6 @@ def _checked_number(keyword: str, value: str) -> str:
         raise ValueError(f"{value} must be above zero")
     if keyword in NOT_NEGATIVE and number < 0.0:
         raise ValueError(f"{value} must not be negative")
+    if keyword in AT_MOST_A_DAY and number > LONGEST_S:
+        raise ValueError(f"{value} must not be longer than a day, in seconds")
     return value

@@ -76,6 +76,10 @@ CHOICES = {
 
 ABOVE_ZERO = frozenset(["INTEGRATION_INTERVAL", "TURNAROUND_NUMERATOR", "TURNAROUND_DENOMINATOR"])
 NOT_NEGATIVE = frozenset(["RANGE_MODULUS", *_each("TRANSMIT_DELAY"), *_each("RECEIVE_DELAY")])
+LONGEST_S = 86400.0
+"""Longest delay, count interval, light time or clock difference that is believed, s."""
+
+AT_MOST_A_DAY = frozenset(["INTEGRATION_INTERVAL", *_each("TRANSMIT_DELAY"), *_each("RECEIVE_DELAY")])
 NUMBERS = frozenset(
     [*ABOVE_ZERO, *NOT_NEGATIVE, "FREQ_OFFSET", *(k for k in METADATA if k.startswith("CORRECTION_"))]
 )

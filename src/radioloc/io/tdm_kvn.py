@@ -54,12 +54,13 @@ class _KvnReader:
         fields, _, comments = self.assignments("META_START", _HEADER)
         header = checked_header(self.path, fields.pop("CCSDS_TDM_VERS", ""), fields, tuple(comments))
         segments: list[TdmSegment] = []
-        while self.next < len(self.lines):
+        while True:
             system = segments[-1].metadata["TIME_SYSTEM"] if segments else None
             segments.append(self.segment(system))
             self.skip_blank()
-            if self.next < len(self.lines):
-                self.expect("META_START")
+            if self.next == len(self.lines):
+                break
+            self.expect("META_START")
         return TdmFile(self.path, header, tuple(segments))
 
     def skip_blank(self) -> None:

@@ -23,7 +23,7 @@ from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_clocks import ClockDifference, Clocks
 from radioloc.io.tdm_file import TdmFile, TdmSegment
 from radioloc.io.tdm_frequencies import Received, Sent, SentFrequency
-from radioloc.io.tdm_keywords import CLOCKS, RANGE_RATES, RECEIVED, SENT, SENT_RATE, WEATHER
+from radioloc.io.tdm_keywords import CLOCKS, LONGEST_S, RANGE_RATES, RECEIVED, SENT, SENT_RATE, WEATHER
 from radioloc.io.tdm_paths import Names, SignalPath, participant, signal_path
 from radioloc.io.tdm_ranges import range_scale, require_convention, require_lunar, without_ambiguity
 from radioloc.io.tdm_times import seconds_from, shifted_utc
@@ -133,6 +133,11 @@ class SegmentReader:
                 raise FileFormatError(
                     self.path, f"{problem}; add an earlier one, or set apply_clocks = False", line
                 )
+            if (np.abs(value) > LONGEST_S).any():
+                problem = (
+                    f"CLOCK_BIAS ({difference.origin}) comes to more than a day; correct it or its drift"
+                )
+                raise FileFormatError(self.path, problem, self.segment.line_of(""))
             total += sign * value
             self.shared.used |= {(place, name) for place in difference.places for name in CLOCKS}
         return total

@@ -100,8 +100,10 @@ def tdm_observations(
         Sent.of(segments, names, delays_removed=agreement.delays_removed),
         Clocks.of(segments if agreement.apply_clocks else [], names),
     )
-    for place, (file, segment) in enumerate(segments):
-        _read_segment(shared, place, file, segment)
+    # What overflows becomes infinite and is refused with its line.
+    with np.errstate(over="ignore", invalid="ignore"):
+        for place, (file, segment) in enumerate(segments):
+            _read_segment(shared, place, file, segment)
     readout = _readout(shared)
     _log.info("%s\n%s", ", ".join(shared.files), readout.summary())
     return readout

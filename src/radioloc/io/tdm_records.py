@@ -25,6 +25,8 @@ from radioloc.time.scales import utc_of
 GPS_MINUS_TAI_S = -19.0
 """GPS time less TAI, s; exact (IS-GPS-200)."""
 
+# A year after UTC began: a time tag that is corrected stays in it.
+_FIRST_YEAR, _LAST_YEAR = YEARS[0] + 1, YEARS[1]
 _JD_1970 = 2440587.5
 _MOST_DECIMALS = 18
 _LONGEST_DATE = len("2020-12-31T23:59:60.") + _MOST_DECIMALS + len("Z")
@@ -161,7 +163,7 @@ def _utc(texts: Sequence[str], time_system: str) -> Epochs:
     if dates.wrong.any():
         index = int(np.argmax(dates.wrong))
         problem = (
-            f"{texts[index]!r} is not a date that exists in the years {YEARS[0]} to {YEARS[1]}, "
+            f"{texts[index]!r} is not a date that exists in the years {_FIRST_YEAR} to {_LAST_YEAR}, "
             f"written as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss with up to {_MOST_DECIMALS} decimals"
         )
         raise _RecordError(index, problem)
@@ -222,9 +224,9 @@ def _read_dates(characters: NDArray[np.uint8], day_of_year: bool) -> _Dates:
     hour, minute, second = (number(time + offset, 2) for offset in (0, 3, 6))
     part_s, zulu, wrong_part = _read_decimals(characters[:, time + 8 :])
     wrong |= wrong_part | (hour > 23) | (minute > 59) | (second > 60)
-    wrong |= (year < YEARS[0]) | (year > YEARS[1]) | (month < 1) | (month > 12) | (day < 1)
+    wrong |= (year < _FIRST_YEAR) | (year > _LAST_YEAR) | (month < 1) | (month > 12) | (day < 1)
     # What is wrong is not looked at again; in its place stands a date that exists.
-    year, month = np.where(wrong, YEARS[0], year), np.where(wrong, 1, month)
+    year, month = np.where(wrong, _FIRST_YEAR, year), np.where(wrong, 1, month)
     months = (year - 1970).astype("datetime64[Y]").astype("datetime64[M]") + (month - 1)
     days = months.astype("datetime64[D]") + (day - 1)
     unit = "datetime64[Y]" if day_of_year else "datetime64[M]"

@@ -546,7 +546,7 @@ def test_standard_deviations_must_be_given():
         ({"range_unit_s": -1.0}, "range_unit_s = -1.0"),
         ({"turnaround": (880, 0)}, "two whole numbers"),
         ({"turnaround": (1.1, 1)}, "two whole numbers"),
-        ({"light_time_s": float("nan")}, "seconds above zero or a function"),
+        ({"light_time_s": float("nan")}, "seconds above zero, up to a day, or a function"),
     ],
 )
 def test_agreements_that_cannot_be(given, problem):

@@ -1,0 +1,75 @@
+"""Messages among other files of observations, read as one."""
+
+import gzip
+
+import pytest
+from tdm_messages import RANGES, TWO_WAY, kvn, xml
+
+from radioloc.errors import FileFormatError, InputError, StationError
+from radioloc.io.detect import read_observations
+from radioloc.io.tdm import read_tdm, read_tdm_file
+from radioloc.io.tdm_agreement import TdmAgreement
+
+AGREEMENT = TdmAgreement(sigma_m={"range": 2.0})
+TABLE = (
+    "epoch_utc,type,path,observed_m,sigma_m,time_tag\n"
+    "2021-03-28T15:00:00,range,KASHI>lander>KASHI,7.688e8,1,receive\n"
+)
+UPLINK = ["TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.2e9"]
+
+
+class NoStations:
+    def get(self, name):
+        raise StationError(f"station {name!r} is not in the catalogue")
+
+
+@pytest.fixture
+def files(tmp_path):
+    texts = {
+        "table": TABLE,
+        "ranges.kvn": "\r\n".join(kvn((TWO_WAY, RANGES[:1]))),
+        "more.xml": xml((TWO_WAY, RANGES[1:]), prefix="ndm:"),
+        "uplink.tdm": "\n".join(kvn((TWO_WAY, UPLINK))),
+    }
+    paths = []
+    for name, text in texts.items():
+        paths.append(tmp_path / name)
+        paths[-1].write_bytes(gzip.compress(text.encode()) if name == "more.xml" else text.encode())
+    return paths
+
+
+def test_messages_take_the_place_of_the_first(files):
+    read = read_observations(files, tdm=AGREEMENT)
+    assert read.value_m.tolist() == [7.688e8, 768800123.4567, 768801500.0]
+    assert read.sigma_m.tolist() == [1.0, 2.0, 2.0]
+    assert read.uplink_hz[1:].tolist() == [7.2e9] * 2
+    assert [read.origin(i).split(", ")[0].rpartition("/")[2] for i in range(3)] == [
+        "table",
+        "ranges.kvn",
+        "more.xml",
+    ]
+    turned = read_observations(files[::-1], tdm=AGREEMENT)
+    assert turned.value_m.tolist() == [768801500.0, 768800123.4567, 7.688e8]
+
+
+def test_without_uncertainties_it_says_what_to_give(files):
+    with pytest.raises(InputError, match=r"give sigma_m = {'range': ...}"):
+        read_observations(files[1])
+
+
+def test_a_station_must_be_known(files):
+    with pytest.raises(FileFormatError, match="PARTICIPANT_1: station 'KASHI' is not in the catalogue"):
+        read_observations(files[1], tdm=AGREEMENT, catalogue=NoStations())
+
+
+def test_read_tdm(files, tmp_path):
+    assert len(read_tdm(str(files[1]), AGREEMENT)) == 1
+    assert read_tdm(files[1:], AGREEMENT).files == tuple(str(file) for file in files[1:])
+    with pytest.raises(InputError, match="at least one file"):
+        read_tdm([], AGREEMENT)
+    with pytest.raises(
+        FileFormatError, match=r"a TDM starts with CCSDS_TDM_VERS = 2.0, or is XML with <tdm>"
+    ):
+        read_tdm_file(files[0])
+    with pytest.raises(FileFormatError, match="no such file"):
+        read_tdm_file(tmp_path / "none")

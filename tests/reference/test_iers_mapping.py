@@ -15,7 +15,7 @@ MAPPING = 1e-14
 
 
 def vmf1_bc(mjd: float, latitude_rad: float) -> tuple[float, float, float, float]:
-    """B and c of VMF1, northern hemisphere (IERS Conventions 2010, eq. 9.15 and table 9.3)."""
+    """B and c of VMF1, northern hemisphere (IERS Conventions 2010, section 9.2, with the file VMF1.F)."""
     day = mjd - 44239.0 + 1.0 - 28.0
     season = (np.cos(2.0 * np.pi * day / 365.25) + 1.0) * 0.005 / 2.0 + 0.001
     return 0.0029, 0.062 + season * (1.0 - np.cos(latitude_rad)), 0.00146, 0.04391

@@ -7,6 +7,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 
+LEAST_ELEVATION_RAD = np.deg2rad(3.0)
+"""Below this mapping functions do not hold."""
+
 _QUARTER_TURN_RAD = np.pi / 2
 QUANTITIES = {
     "pressure": (300.0, 1100.0, "hPa"),
@@ -17,7 +20,7 @@ QUANTITIES = {
     "latitude": (-_QUARTER_TURN_RAD, _QUARTER_TURN_RAD, "rad"),
     "longitude": (-np.pi - 1e-12, 2.0 * np.pi + 1e-12, "rad"),
     "height": (-500.0, 9000.0, "m"),
-    "elevation": (np.deg2rad(3.0), _QUARTER_TURN_RAD + 1e-12, "rad (3 to 90 degrees)"),
+    "elevation": (LEAST_ELEVATION_RAD, _QUARTER_TURN_RAD + 1e-12, "rad (3 to 90 degrees)"),
     "day of year": (0.0, 367.0, "days, 1 at 0h on 1 January"),
 }
 """Least and most that make sense at a station on the ground, and the unit."""

@@ -78,7 +78,7 @@ class IonexMaps:
 
         Notes
         -----
-        Schaer et al. (1998), eq. 3, with longitudes turned by 360 degrees a day.
+        Schaer et al. (1998), with longitudes turned by 360 degrees a day.
         """
         latitude, longitude, mjd = np.broadcast_arrays(latitude_rad, longitude_rad, utc_of(epochs).mjd)
         # 1 % over the step between maps is rounding of their epochs.

@@ -2,8 +2,8 @@
 
 All mapping functions in use are one continued fraction in the sine of elevation, with three coefficients a, b, c.
 Niell (1996) gives them from latitude, height and season alone, good to 1 % at 5 degrees of elevation, so to some
-5 mm of delay at 20 degrees. :mod:`radioloc.earth.vmf3` gives those of Landskron and Boehm (2018) with a from
-weather models, good to a few tenths of a millimetre there.
+3 mm of delay at 20 degrees. :mod:`radioloc.earth.vmf3` gives those of Landskron and Boehm (2018) with a from
+weather models, good to less than a millimetre there.
 """
 
 from __future__ import annotations
@@ -16,9 +16,6 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.earth.checks import within
 from radioloc.errors import InputError
 from radioloc.time import Epochs
-
-LEAST_ELEVATION_RAD = np.deg2rad(3.0)
-"""Below this the mapping functions do not hold."""
 
 _NIELL_LATITUDE_RAD = np.deg2rad([15.0, 30.0, 45.0, 60.0, 75.0])
 _NIELL_MEAN = (
@@ -83,7 +80,7 @@ def continued_fraction(
 
     Notes
     -----
-    Marini (1972), normed by Herring (1992); IERS Conventions (2010), eq. 9.13.
+    Marini (1972), normed by Herring (1992); IERS Conventions (2010), section 9.2.
     """
     elevation = within("elevation", elevation_rad, "the mapping function")
     a, b, c = (np.asarray(value, dtype=np.float64) for value in (a, b, c))
@@ -116,7 +113,7 @@ def height_correction(
 
     Notes
     -----
-    Niell (1996), eq. 6; 0.0007 at 1000 m and 20 degrees, 1.5 mm of delay.
+    Niell (1996); 0.00054 at 1000 m and 20 degrees, 1.2 mm of delay.
     """
     height_km = within("height", height_m, "the height correction") / 1000.0
     sea_level, rate = continued_fraction(elevation_rad, _HEIGHT_A, _HEIGHT_B, _HEIGHT_C)
@@ -154,7 +151,7 @@ def niell(
 
     Notes
     -----
-    Niell (1996), eq. 4 to 6, tables 3 and 4. Nearer to the equator than 15 degrees and nearer to the poles than 75
+    Niell (1996), tables 3 and 4. Nearer to the equator than 15 degrees and nearer to the poles than 75
     the coefficients are those at 15 and 75 degrees; the south has the north's seasons half a year later.
     """
     latitude = within("latitude", latitude_rad, "the mapping function of Niell")

@@ -76,7 +76,7 @@ def zenith_hydrostatic_delay_m(
 
     Notes
     -----
-    Saastamoinen (1972) as refined by Davis et al. (1985), eq. A11; IERS Conventions (2010), eq. 9.11.
+    Saastamoinen (1972) as refined by Davis et al. (1985); IERS Conventions (2010), eq. 9.11.
     """
     pressure = within("pressure", pressure_hpa, "the hydrostatic delay")
     latitude = within("latitude", latitude_rad, "the hydrostatic delay")
@@ -135,7 +135,7 @@ def zenith_wet_delay_askne_nordius_m(
 
     Notes
     -----
-    Askne and Nordius (1987), eq. 18, with their refractivity constants.
+    Askne and Nordius (1987), eq. 22, with their refractivity constants.
     """
     vapour = within("water vapour pressure", vapour_pressure_hpa, "the wet delay")
     mean_temperature = within("mean temperature", mean_temperature_k, "the wet delay")

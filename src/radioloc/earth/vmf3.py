@@ -63,7 +63,7 @@ def vmf3(
 
     Notes
     -----
-    Landskron and Boehm (2018), eq. 2, 6 and 7; the height correction is that of Niell (1996).
+    Landskron and Boehm (2018); the height correction is that of Niell (1996).
     """
     a_h = _a_within("hydrostatic", hydrostatic_a)
     a_w = _a_within("wet", wet_a)

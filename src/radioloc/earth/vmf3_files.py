@@ -159,7 +159,7 @@ class Vmf3Grids:
 
         Notes
         -----
-        Kouba (2008), eq. 3 to 5: pressure falls as in the standard atmosphere, the wet delay with a scale height of
+        Kouba (2008): pressure falls as in the standard atmosphere, the wet delay with a scale height of
         2 km. Over a height of 1 km between station and grid the hydrostatic delay is wrong by some 5 mm.
         """
         latitude, longitude, height, _ = np.broadcast_arrays(

@@ -81,7 +81,7 @@ def test_constant_beyond_the_table() -> None:
 
 def test_height_correction() -> None:
     correction, _ = height_correction(np.deg2rad([20.0, 90.0]), 1000.0)
-    # Published size: 2.53e-5 cot^2 / sin at high elevation; 7e-4 at 1000 m and 20 degrees.
+    # Leading term of its expansion for high elevations.
     assert correction[0] == pytest.approx(
         2.53e-5 / np.tan(np.deg2rad(20.0)) ** 2 / np.sin(np.deg2rad(20.0)), rel=0.06
     )

@@ -79,9 +79,7 @@ def test_days_join_in_any_order_and_gzip(sites: Path, tmp_path: Path) -> None:
     series = read_vmf3_sites([later, sites])["GRAZ"]
     np.testing.assert_array_equal(series.mjd_utc, [60310.0, 60310.25, 60310.5, 60311.0, 60311.25, 60311.5])
     assert len(series.at(epochs_from_strings(["2024-01-01T12:00:00", "2024-01-02T00:00:00"])).wet_a) == 2
-    with pytest.raises(
-        CoverageError, match=r"lacks epochs, covers .* 12.0 h UTC and from 2024-01-02 00.0 h"
-    ):
+    with pytest.raises(CoverageError, match=r"lacks epochs, covers .* 12.0 h UTC and from 2024-01-02 00.0 h"):
         series.at(epochs_from_strings(["2024-01-01T12:00:01"]))
 
 

@@ -1,0 +1,184 @@
+"""Climate at any place from the grid of GPT3 (Landskron and Boehm 2018), for stations without weather.
+
+The file ``gpt3_5.grd`` or ``gpt3_1.grd`` of TU Wien, which the user provides, holds at each point of a grid of 5 or 1
+degrees the mean, annual and semiannual variation of pressure, temperature, humidity, lapse rate, the coefficients a of
+VMF3, mean temperature and decrease factor of water vapour, and horizontal gradients. There is no weather of the day in
+it: pressure is off by 7 hPa (16 mm of zenith delay) and the wet delay by 3 to 4 cm as a rule.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.earth.checks import within
+from radioloc.earth.lat_lon_grid import LatLonGrid, sort_into_grid
+from radioloc.earth.mapping_functions import day_of_year
+from radioloc.earth.radio_troposphere import DRY_AIR_KG_MOL, GAS_CONSTANT_J_K_MOL, STANDARD_GRAVITY_M_S2
+from radioloc.earth.text_lines import read_lines, table_of
+from radioloc.errors import FileFormatError, InputError
+from radioloc.time import Epochs
+
+_YEAR_DAYS = 365.25
+_COLUMNS = 64
+_SEASONAL_BEFORE = 4
+"""Quantities with seasons that stand before the two columns of undulation and height."""
+
+_SCALES = np.array([1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1.0, 1.0, 1e-5, 1e-5, 1e-5, 1e-5])
+"""To Pa, K, kg/kg, K/m, then a hydrostatic, a wet, decrease factor, K, and gradients in m."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gpt3Values:
+    """Climate at places and epochs; arrays of shape (n,).
+
+    Parameters
+    ----------
+    pressure_hpa, temperature_k, vapour_pressure_hpa : ndarray
+        Pressure, temperature and partial pressure of water vapour at the station.
+    lapse_rate_k_m : ndarray
+        Change of temperature with height, K/m; negative.
+    mean_temperature_k, vapour_decrease_factor : ndarray
+        Mean temperature of the water vapour, K, and its decrease factor, for
+        :func:`radioloc.earth.radio_troposphere.zenith_wet_delay_askne_nordius_m`.
+    hydrostatic_a, wet_a : ndarray
+        Coefficients a of VMF3 on the ellipsoid, for :func:`radioloc.earth.vmf3.vmf3`.
+    undulation_m : ndarray
+        Height of the geoid above the ellipsoid, m.
+    gradients_m : ndarray, shape (n, 4)
+        Gradients north hydrostatic, east hydrostatic, north wet, east wet, m.
+    """
+
+    pressure_hpa: NDArray[np.float64]
+    temperature_k: NDArray[np.float64]
+    vapour_pressure_hpa: NDArray[np.float64]
+    lapse_rate_k_m: NDArray[np.float64]
+    mean_temperature_k: NDArray[np.float64]
+    vapour_decrease_factor: NDArray[np.float64]
+    hydrostatic_a: NDArray[np.float64]
+    wet_a: NDArray[np.float64]
+    undulation_m: NDArray[np.float64]
+    gradients_m: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Gpt3Grid:
+    """The grid of GPT3.
+
+    Parameters
+    ----------
+    grid : LatLonGrid
+        The points.
+    seasonal : ndarray, shape (rows, columns, 12, 5)
+        Mean, annual cosine and sine, semiannual cosine and sine of pressure (Pa), temperature (K), specific humidity,
+        lapse rate (K/m), a hydrostatic, a wet, decrease factor, mean temperature (K) and four gradients (m).
+    undulation_m, height_m : ndarray, shape (rows, columns)
+        Height of the geoid above the ellipsoid, and of the point above the geoid, m.
+    """
+
+    grid: LatLonGrid
+    seasonal: NDArray[np.float64]
+    undulation_m: NDArray[np.float64]
+    height_m: NDArray[np.float64]
+
+    def at(
+        self, epochs: Epochs, latitude_rad: ArrayLike, longitude_rad: ArrayLike, height_m: ArrayLike
+    ) -> Gpt3Values:
+        """Climate at places and epochs: each of four points taken to the height, then bilinear.
+
+        Parameters
+        ----------
+        epochs : Epochs
+            n epochs, of any scale.
+        latitude_rad, longitude_rad, height_m : array_like, shape () or (n,)
+            Geodetic latitude and east longitude, rad, and height above the ellipsoid, m.
+
+        Raises
+        ------
+        InputError
+            A place is nearer to a pole than the outermost latitude of the grid, or not possible.
+
+        Notes
+        -----
+        Landskron and Boehm (2018), section 4, as GPT2w (Boehm et al. 2015): pressure falls exponentially with the
+        virtual temperature of the grid point, vapour pressure with the power lambda + 1 of pressure.
+        """
+        latitude, longitude, height, day = np.broadcast_arrays(
+            within("latitude", latitude_rad, "GPT3"),
+            within("longitude", longitude_rad, "GPT3"),
+            within("height", height_m, "GPT3"),
+            day_of_year(epochs),
+        )
+        year = 2.0 * np.pi * day / _YEAR_DAYS
+        seasons = np.stack(
+            [np.ones_like(year), np.cos(year), np.sin(year), np.cos(2.0 * year), np.sin(2.0 * year)], axis=-1
+        )
+        row, column, weight = self.grid.corners(latitude, longitude)
+        corners = np.einsum("ncqs,ns->qnc", self.seasonal[row, column], seasons)
+        pressure, temperature, humidity, lapse_rate, _, _, decrease = corners[:7]
+        undulation = self.undulation_m[row, column]
+        above = height[:, None] - undulation - self.height_m[row, column]
+        virtual = temperature * (1.0 + 0.6077 * humidity)
+        per_metre = STANDARD_GRAVITY_M_S2 * DRY_AIR_KG_MOL / (GAS_CONSTANT_J_K_MOL * virtual)
+        ratio = np.exp(-per_metre * above)
+        vapour = humidity * pressure / (0.622 + 0.378 * humidity) * ratio ** (decrease + 1.0)
+
+        def blend(values: NDArray[np.float64]) -> NDArray[np.float64]:
+            return np.sum(weight * values, axis=-1)
+
+        return Gpt3Values(
+            0.01 * blend(pressure * ratio),
+            blend(temperature + lapse_rate * above),
+            0.01 * blend(vapour),
+            blend(lapse_rate),
+            blend(corners[7]),
+            blend(decrease),
+            blend(corners[4]),
+            blend(corners[5]),
+            blend(undulation),
+            np.stack([blend(gradient) for gradient in corners[8:]], axis=-1),
+        )
+
+
+def read_gpt3(path: str | Path) -> Gpt3Grid:
+    """Read ``gpt3_5.grd`` or ``gpt3_1.grd``.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, plain or gzip.
+
+    Raises
+    ------
+    FileFormatError
+        A line has other than 64 columns, a number cannot be read or is impossible, or points are missing.
+    OSError
+        The file cannot be opened.
+    """
+    path = Path(path)
+    lines = [
+        (number, line)
+        for number, line in enumerate(read_lines(path), start=1)
+        if line.strip() and not line.lstrip().startswith("%")
+    ]
+    table = table_of(path, lines, _COLUMNS, "a grid of GPT3")
+    try:
+        grid, order = sort_into_grid(table[:, 0], table[:, 1], "the grid of GPT3")
+    except InputError as error:
+        raise FileFormatError(path, str(error)) from error
+    split = 2 + 5 * _SEASONAL_BEFORE
+    seasonal = np.concatenate([table[:, 2:split], table[:, split + 2 :]], axis=1)
+    seasonal = _SCALES[:, None] * seasonal.reshape(len(table), -1, 5)
+    mean = seasonal[..., 0]
+    possible = (
+        (np.abs(mean[:, 0] - 7.5e4) < 3.5e4)
+        & (np.abs(mean[:, 1] - 260.0) < 60.0)
+        & (np.abs(mean[:, 4] - 1.2e-3) < 1e-4)
+    )
+    if not possible.all():
+        problem = "pressure, temperature or ah are not in Pa, K and thousandths; take the file gpt3_5.grd or gpt3_1.grd"
+        raise FileFormatError(path, problem, lines[int(np.argmin(possible))][0])
+    return Gpt3Grid(grid, seasonal[order], table[order, split], table[order, split + 1])

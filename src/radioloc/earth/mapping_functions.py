@@ -113,7 +113,7 @@ def height_correction(
 
     Notes
     -----
-    Niell (1996); 0.00054 at 1000 m and 20 degrees, 1.2 mm of delay.
+    Niell (1996); 0.00053 at 1000 m and 20 degrees, 1.2 mm of delay.
     """
     height_km = within("height", height_m, "the height correction") / 1000.0
     sea_level, rate = continued_fraction(elevation_rad, _HEIGHT_A, _HEIGHT_B, _HEIGHT_C)

@@ -16,6 +16,11 @@ def test_hydrostatic_delay_at_middle_latitude_is_the_constant() -> None:
     assert zenith_hydrostatic_delay_m(1000.0, np.pi / 4, 0.0) == pytest.approx(2.2768, abs=1e-12)
 
 
+def test_hydrostatic_delay_of_the_published_example() -> None:
+    """Header of saasthyd.m of TU Wien, in its correction of 2025: 2.2763 m."""
+    assert zenith_hydrostatic_delay_m(1000.0, np.deg2rad(48.0), 200.0) == pytest.approx(2.2763, abs=5e-5)
+
+
 def test_hydrostatic_delay_grows_where_gravity_is_less() -> None:
     equator, pole = zenith_hydrostatic_delay_m(1000.0, [0.0, np.pi / 2], 0.0)
     # 0.266 percent of 2.277 m either way.

@@ -25,7 +25,9 @@ from radioloc.measurements.observations import Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS, active_terms
 from radioloc.measurements.tracking_arc import TrackingArc
-from radioloc.plotting import plot_position, plot_residuals, save_figure
+from radioloc.plotting import plot_links, plot_position, plot_residuals, save_figure
+from radioloc.studies.arcs import ArcStudy, arcs
+from radioloc.studies.arcs_report import write_arcs
 from radioloc.studies.locate import arc_of, locate, residuals
 from radioloc.studies.report import write_report, write_terms
 from radioloc.studies.study import (
@@ -41,6 +43,7 @@ from radioloc.time import Epochs, epochs_from_strings
 
 __all__ = [
     "TERMS",
+    "ArcStudy",
     "ConvergenceError",
     "CoverageError",
     "Epochs",
@@ -67,14 +70,17 @@ __all__ = [
     "__version__",
     "active_terms",
     "arc_of",
+    "arcs",
     "epochs_from_strings",
     "locate",
+    "plot_links",
     "plot_position",
     "plot_residuals",
     "read_observations",
     "read_study",
     "residuals",
     "save_figure",
+    "write_arcs",
     "write_report",
     "write_terms",
 ]

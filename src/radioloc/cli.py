@@ -1,4 +1,4 @@
-"""The command line: ``radioloc locate``, ``radioloc residuals`` and ``radioloc stations``.
+"""The command line: ``radioloc locate``, ``residuals``, ``arcs`` and ``stations``.
 
 Exit status: 0 converged (or done), 2 bad input, 3 not converged or not observable.
 """
@@ -83,6 +83,19 @@ def _parser() -> argparse.ArgumentParser:
             "--terms", action="store_true", help="with --out, also write terms.csv: what each model term adds"
         )
         command.set_defaults(run=run, parser=command)
+    arcs = commands.add_parser("arcs", help="fit the first hours only, for several lengths, and compare")
+    arcs.add_argument("study", type=Path, metavar="STUDY.toml", help="the study file")
+    arcs.add_argument(
+        "--hours",
+        type=float,
+        nargs="+",
+        default=[12.0, 24.0, 48.0],
+        metavar="H",
+        help="lengths of the arcs (default: 12 24 48)",
+    )
+    arcs.add_argument("--out", type=Path, metavar="DIR", help="write tables, figure and all solutions there")
+    arcs.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    arcs.set_defaults(run=_arcs)
     stations = commands.add_parser("stations", help="list the stations that are known by name")
     stations.set_defaults(run=_stations)
     return parser
@@ -100,6 +113,21 @@ def _residuals(options: argparse.Namespace) -> int:
 
     _run(options, residuals)
     return EXIT_DONE
+
+
+def _arcs(options: argparse.Namespace) -> int:
+    from radioloc.studies.arcs import arcs
+    from radioloc.studies.arcs_report import write_arcs
+    from radioloc.studies.study_file import read_study
+
+    found = arcs(read_study(options.study), options.hours)
+    if options.out is not None:
+        write_arcs(found, options.out)
+    if not options.quiet:
+        print(found)
+        if options.out is not None:
+            print(f"\nwritten to {options.out}")
+    return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
 
 
 def _run(options: argparse.Namespace, job: Callable[[Study], Solution]) -> Solution:

@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 
 _WIDTH = 80
 _LABEL_WIDTH = 12
+_SHORTEST_NAME = 6  # where numbers take all the room, the card grows wider
 _MAX_ROWS = 6  # stations, biases, outliers: a card is to fit a screen; to_dict() has them all
 _MAX_OUTLIERS = 3
 _MAX_SENTENCES = 4
@@ -52,15 +53,15 @@ def card_fields(solution: Solution) -> tuple[CardField, ...]:
     return tuple(fields)
 
 
-def render_text(fields: tuple[CardField, ...]) -> str:
-    """Fields as text, no line longer than 80 characters."""
+def render_text(fields: tuple[CardField, ...], width: int = _WIDTH) -> str:
+    """Fields as text, no line longer than a width, 80 characters by default."""
     out = []
     for item in fields:
         lines = []
         for line in item.lines:
-            lines += textwrap.wrap(line, _WIDTH - _LABEL_WIDTH, subsequent_indent="  ") or [""]
+            lines += textwrap.wrap(line, width - _LABEL_WIDTH, subsequent_indent="  ") or [""]
         if item.rows:
-            lines += _columns((item.heading, *item.rows))
+            lines += _columns((item.heading, *item.rows), width)
         for k, line in enumerate(lines):
             out.append(f"{item.label if k == 0 else '':<{_LABEL_WIDTH}}{line}".rstrip())
     return "\n".join(out)
@@ -91,11 +92,12 @@ def metres(value_m: float | None) -> str:
     return f"{round(value_m, decimals) + 0.0:.{decimals}f}"
 
 
-def _columns(table: tuple[tuple[str, ...], ...]) -> list[str]:
+def _columns(table: tuple[tuple[str, ...], ...], width: int) -> list[str]:
     """Rows of cells as aligned lines: the first column to the left, the others to the right."""
     widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
     # Names give way so that the numbers stay within the card.
-    widths[0] = min(widths[0], _WIDTH - _LABEL_WIDTH - sum(width + 2 for width in widths[1:]))
+    room = width - _LABEL_WIDTH - sum(w + 2 for w in widths[1:])
+    widths[0] = min(widths[0], max(room, _SHORTEST_NAME))
     return [
         f"{_shortened(row[0], widths[0]):<{widths[0]}}"
         + "".join(f"  {cell:>{width}}" for cell, width in zip(row[1:], widths[1:], strict=True))

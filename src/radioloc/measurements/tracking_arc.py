@@ -192,7 +192,7 @@ class TrackingArc:
     def select(self, which: Any) -> TrackingArc:
         """The arc of some of the observations, already prepared.
 
-        Preparing is nearly all the work of an arc: shorter arcs of the same observations are best taken from the longest.
+        Preparing is nearly all the work of an arc: shorter arcs of the same observations are best parts of the longest.
 
         Parameters
         ----------

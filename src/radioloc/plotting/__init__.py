@@ -4,7 +4,8 @@ Figures are made without pyplot: nothing global changes, no window opens, and th
 """
 
 from radioloc.plotting.figures import save_figure
+from radioloc.plotting.links import plot_links
 from radioloc.plotting.position import plot_position
 from radioloc.plotting.residuals import plot_residuals
 
-__all__ = ["plot_position", "plot_residuals", "save_figure"]
+__all__ = ["plot_links", "plot_position", "plot_residuals", "save_figure"]

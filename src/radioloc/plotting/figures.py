@@ -6,7 +6,11 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+from numpy.typing import NDArray
+
 from radioloc.errors import InputError
+from radioloc.time import Epochs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -17,6 +21,8 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 
 REJECTED_COLOR = "#B00020"
 """Colour of what was left out."""
+
+_UNIX_EPOCH_JD = 2440587.5
 
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
 
@@ -64,6 +70,27 @@ def length_unit(size_m: float) -> tuple[float, str]:
         if size_m < limit_m:
             return factor, name
     raise InputError(f"a length of {size_m} m has no unit; give a finite number")
+
+
+def utc_dates(epoch_utc: Epochs) -> NDArray[np.datetime64]:
+    """UTC as numpy dates to the millisecond; a leap second is drawn on the midnight after it."""
+    days = (epoch_utc.jd - _UNIX_EPOCH_JD).astype(np.int64).astype("datetime64[D]")
+    milliseconds = np.rint(epoch_utc.fraction * 86400e3).astype("timedelta64[ms]")
+    return days.astype("datetime64[ms]") + milliseconds
+
+
+def date_axis(axes: Axes, dates: NDArray[np.datetime64], minticks: int = 4, maxticks: int = 9) -> None:
+    """Label the horizontal axis with UTC dates, as many as fit."""
+    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
+
+    locator = AutoDateLocator(minticks=minticks, maxticks=maxticks)
+    axes.xaxis.set_major_locator(locator)
+    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
+    if dates.min() == dates.max():
+        hour = np.timedelta64(1, "h")
+        axes.set_xlim(dates.min() - hour, dates.max() + hour)
+    axes.xaxis.get_offset_text().set_fontsize(8)
+    axes.set_xlabel("UTC", fontsize=9)
 
 
 def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: int = 200) -> None:

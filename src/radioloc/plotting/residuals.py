@@ -10,7 +10,15 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Residuals, Solution
 from radioloc.estimation.statistics import group_statistics
-from radioloc.plotting.figures import COLORS, REJECTED_COLOR, length_unit, new_figure, style_axes
+from radioloc.plotting.figures import (
+    COLORS,
+    REJECTED_COLOR,
+    date_axis,
+    length_unit,
+    new_figure,
+    style_axes,
+    utc_dates,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -19,7 +27,6 @@ if TYPE_CHECKING:
 _TITLE = "observed \N{MINUS SIGN} computed"
 _MAX_PANELS = 12
 _PANEL_HEIGHT_IN = 1.75
-_UNIX_EPOCH_JD = 2440587.5
 # Panels share a scale unless one would be squeezed by more than this.
 _MAX_HEIGHT_RATIO = 4.0
 
@@ -57,7 +64,7 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
     if title is None:
         title = (f"{solution.name}: " if isinstance(solution, Solution) else "") + _TITLE
 
-    dates = _dates(residuals)
+    dates = utc_dates(residuals.epoch_utc)
     half_heights_m = [_half_height(residuals, residuals.station == station) for station in stations]
     if max(half_heights_m) <= _MAX_HEIGHT_RATIO * min(half_heights_m):
         half_heights_m = [max(half_heights_m)] * len(stations)
@@ -65,7 +72,7 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
     panels = figure.subplots(len(stations), 1, sharex=True, squeeze=False)[:, 0]
     for k, (axes, station) in enumerate(zip(panels, stations, strict=True)):
         _draw_station(axes, residuals, dates, station, COLORS[k % len(COLORS)], half_heights_m[k])
-    _date_axis(panels[-1], dates)
+    date_axis(panels[-1], dates)
     figure.suptitle(title, fontsize=11, fontweight="bold")
     return figure
 
@@ -155,23 +162,3 @@ def _half_height(residuals: Residuals, mine: NDArray[np.bool_]) -> float:
     shown = used if used.any() else mine
     reach_m = np.abs(residuals.residual_m[shown]) + residuals.sigma_m[shown]
     return 1.15 * float(reach_m.max())
-
-
-def _dates(residuals: Residuals) -> NDArray[np.datetime64]:
-    """UTC as numpy dates to the millisecond; a leap second is drawn on the midnight after it."""
-    days = (residuals.epoch_utc.jd - _UNIX_EPOCH_JD).astype(np.int64).astype("datetime64[D]")
-    milliseconds = np.rint(residuals.epoch_utc.fraction * 86400e3).astype("timedelta64[ms]")
-    return days.astype("datetime64[ms]") + milliseconds
-
-
-def _date_axis(axes: Axes, dates: NDArray[np.datetime64]) -> None:
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-
-    locator = AutoDateLocator(minticks=4, maxticks=9)
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
-    if dates.min() == dates.max():
-        hour = np.timedelta64(1, "h")
-        axes.set_xlim(dates.min() - hour, dates.max() + hour)
-    axes.xaxis.get_offset_text().set_fontsize(8)
-    axes.set_xlabel("UTC", fontsize=9)

@@ -279,6 +279,6 @@ def _provenance(
         "not_selected": left_out,
         "extra_sigma_m": study.observations.extra_sigma_m,
         "estimate": None if estimate is None else asdict(estimate),
-        "a_priori": {"frame": study.target.frame, "xyz_m": study.target.xyz_m},
+        "a_priori": {"frame": study.target.frame, "xyz_m": study.target.xyz_m.tolist()},
         **model.provenance(),
     }

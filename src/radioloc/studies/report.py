@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -13,6 +14,9 @@ from radioloc.io.solution_files import write_json, write_residuals
 from radioloc.io.text_files import write_text
 from radioloc.studies.locate import arc_of
 from radioloc.studies.study import Study
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 
 def write_report(solution: Solution, folder: str | Path) -> list[Path]:
@@ -34,7 +38,16 @@ def write_report(solution: Solution, folder: str | Path) -> list[Path]:
     InputError
         The folder cannot be made or written to, or the solution has no elevations.
     """
-    folder = _made(folder)
+    written = write_numbers(solution, folder)
+    return [*written, *_write_plots(solution, Path(folder))]
+
+
+def write_numbers(solution: Solution, folder: str | Path) -> list[Path]:
+    """Write ``solution.json`` and ``residuals.csv``.
+
+    Parameters, result and errors as :func:`write_report`.
+    """
+    folder = made_folder(folder)
     rows = solution.residuals
     if rows.elevation_deg is None:
         raise InputError(
@@ -53,7 +66,7 @@ def write_report(solution: Solution, folder: str | Path) -> list[Path]:
         elevation_deg=rows.elevation_deg,
         status=rows.status,
     )
-    return [folder / "solution.json", folder / "residuals.csv", *_write_plots(solution, folder)]
+    return [folder / "solution.json", folder / "residuals.csv"]
 
 
 def write_terms(study: Study, solution: Solution, folder: str | Path) -> Path:
@@ -75,7 +88,7 @@ def write_terms(study: Study, solution: Solution, folder: str | Path) -> Path:
     """
     arc, _ = arc_of(study)
     terms = arc.terms(solution.position_pa_m)
-    path = _made(folder) / "terms.csv"
+    path = made_folder(folder) / "terms.csv"
     rows = arc.observations
     columns = (utc_to_text(rows.epoch), rows.types(), rows.paths())
     numbers = (np.char.mod("%.6f", values) for values in terms.values())
@@ -86,23 +99,40 @@ def write_terms(study: Study, solution: Solution, folder: str | Path) -> Path:
 
 
 def _write_plots(solution: Solution, folder: Path) -> list[Path]:
-    from radioloc.plotting import plot_position, plot_residuals, save_figure
+    from radioloc.plotting import plot_position, plot_residuals
 
     figures = {"residuals": plot_residuals(solution)}
     if solution.position_estimated and solution.position_determined:
         figures["position"] = plot_position(solution)
-    written = []
-    for name, figure in figures.items():
-        paths = [folder / f"{name}.{ending}" for ending in ("png", "svg")]
-        try:
-            save_figure(figure, paths)
-        except OSError as error:
-            raise InputError(f"{folder}: the plot of {name} cannot be written: {error.strerror}") from None
-        written += paths
-    return written
+    return [path for name, figure in figures.items() for path in write_figure(figure, folder, name)]
 
 
-def _made(folder: str | Path) -> Path:
+def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write a figure as PNG and SVG.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written to.
+    """
+    from radioloc.plotting import save_figure
+
+    paths = [folder / f"{name}.{ending}" for ending in ("png", "svg")]
+    try:
+        save_figure(figure, paths)
+    except OSError as error:
+        raise InputError(f"{folder}: the plot of {name} cannot be written: {error.strerror}") from None
+    return paths
+
+
+def made_folder(folder: str | Path) -> Path:
+    """The folder, made with those above it where it does not exist.
+
+    Raises
+    ------
+    InputError
+        It cannot be made.
+    """
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)

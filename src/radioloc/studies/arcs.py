@@ -1,0 +1,177 @@
+"""How the position depends on the length of the tracking arc: the same study with its first hours only."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from radioloc.errors import InputError
+from radioloc.estimation.cards import render_html
+from radioloc.estimation.solution import Solution
+from radioloc.measurements.observations import Observations
+from radioloc.studies.arcs_table import PositionRow, card_fields, card_text, comparison, table_dict
+from radioloc.studies.locate import fit_arc, prepared_arc
+from radioloc.studies.study import Reference, Study
+from radioloc.time import utc_to_tai
+
+DEFAULT_HOURS = (12.0, 24.0, 48.0)
+"""Arcs of Wang et al. (2021), table 1."""
+
+_ROUNDING_S = 1e-9
+"""Both ends of an arc belong to it; epochs are rounded to 1e-11 s."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arc:
+    """One arc of a study.
+
+    Parameters
+    ----------
+    hours : float
+        Length asked for.
+    span_h : float
+        From the start to the last observation, h.
+    solution : Solution
+    """
+
+    hours: float
+    span_h: float
+    solution: Solution
+
+    @property
+    def name(self) -> str:
+        """Length as text, such as ``12 h``."""
+        return f"{self.hours:g} h"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArcStudy:
+    """The arcs of a study, beside reference positions.
+
+    ``str()`` is a card with the table of positions, what each arc is made of, and the other parameters;
+    ``_repr_html_`` shows the same.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study.
+    arcs : tuple of Arc
+        The longest first.
+    references : tuple of Reference
+        Known positions in mean-Earth axes. The first is the benchmark that all others are compared with; where there
+        is none, that is the longest arc.
+    """
+
+    name: str
+    arcs: tuple[Arc, ...]
+    references: tuple[Reference, ...] = ()
+
+    @property
+    def longest(self) -> Solution:
+        """Solution of the longest arc."""
+        return self.arcs[0].solution
+
+    @property
+    def converged(self) -> bool:
+        """Whether all arcs did."""
+        return all(arc.solution.converged for arc in self.arcs)
+
+    @property
+    def rows(self) -> tuple[PositionRow, ...]:
+        """Positions with their differences to the benchmark: arcs, the longest first, then references."""
+        return comparison(self)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers but the single residuals, in types that JSON has."""
+        return table_dict(self)
+
+    def to_table(self) -> Any:
+        """:attr:`rows` as an ``astropy.table.Table``; NaN where a row has no such number.
+
+        Raises
+        ------
+        InputError
+            astropy is not installed.
+        """
+        try:
+            from astropy.table import Table
+        except ImportError as error:
+            raise InputError("a Table needs astropy: pip install 'radioloc[notebook]'") from error
+        records = [row.to_dict() for row in self.rows]
+        return Table({key: [np.nan if r[key] is None else r[key] for r in records] for key in records[0]})
+
+    def __str__(self) -> str:
+        return card_text(card_fields(self))
+
+    def __repr__(self) -> str:
+        hours = ", ".join(f"{arc.hours:g}" for arc in self.arcs)
+        return f"<ArcStudy {self.name}: {hours} h, {'converged' if self.converged else 'NOT CONVERGED'}>"
+
+    def _repr_html_(self) -> str:
+        return render_html(card_fields(self))
+
+
+def arcs(
+    study: Study, hours: Iterable[float] = DEFAULT_HOURS, observations: Observations | None = None
+) -> ArcStudy:
+    """Fit the first hours of a study's observations, for several lengths.
+
+    The model is prepared once, for the longest arc.
+
+    Parameters
+    ----------
+    study : Study
+        Its own ``hours`` are replaced. Its ``reference``, or else the first of its ``references``, is the benchmark.
+    hours : iterable of float
+        Lengths of the arcs from the study's start, or else from the first observation, h.
+    observations : Observations, optional
+        In place of the study's files.
+
+    Raises
+    ------
+    InputError
+        No length is given, one is not above zero, or an arc holds no observation.
+    RadiolocError
+        As :func:`~radioloc.studies.locate.locate`.
+    """
+    lengths = sorted({float(length) for length in np.atleast_1d(np.asarray(hours, dtype=np.float64))})
+    if not lengths:
+        raise InputError("no arc to fit; give at least one length in hours")
+    for length in lengths:
+        replace(study.observations, hours=length)  # refuses what is no length
+    known = (() if study.reference is None else (study.reference,)) + study.references
+    whole = replace(
+        study,
+        observations=replace(study.observations, hours=lengths[-1]),
+        reference=known[0] if known else None,
+    )
+    longest, left_out = prepared_arc(whole, observations)
+    epoch = utc_to_tai(longest.observations.epoch)
+    if whole.observations.start is not None:
+        start = utc_to_tai(whole.observations.start)
+    else:
+        start = epoch[int(np.lexsort((epoch.fraction, epoch.jd))[0])]
+    since_s = epoch.seconds_since(start)
+    found = []
+    for length in reversed(lengths):
+        rows = np.flatnonzero(since_s <= 3600.0 * length + _ROUNDING_S)
+        if not len(rows):
+            raise InputError(
+                f"the arc of {length:g} h holds no observation: the first comes {since_s.min() / 3600.0:.2f} h after "
+                "the start; give a longer arc or a later start"
+            )
+        later = len(longest.observations) - len(rows)
+        reasons = dict(left_out)
+        if later:
+            reasons["outside the time span"] = reasons.get("outside the time span", 0) + later
+        one = replace(whole, name=f"{study.name}, {length:g} h")
+        arc = longest if not later else longest.select(rows)
+        found.append(
+            Arc(length, float(since_s[rows].max()) / 3600.0, fit_arc(one, arc, reasons, study.estimate))
+        )
+    constants = longest.model.ephemeris.constants
+    references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]
+    return ArcStudy(study.name, tuple(found), tuple(references))

@@ -1,0 +1,40 @@
+"""A small simulated tracking of the Chang'e-5 landing site: what tests of arc lengths share."""
+
+from __future__ import annotations
+
+from radioloc import LunarPosition, Observations, PhysicalModel
+from radioloc.simulation import Noise, NoiseModel, Schedule, Session, Truth, World, all_ranges, baselines
+
+START = "2020-12-01T15:11:00"
+LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+NEAR = LunarPosition.from_selenographic(-51.8, 43.1, -2000.0)
+"""A-priori position, 10 km off."""
+
+RANGING = ("JIAMUSI", "KASHI", "NEUQUEN")
+VLBI = ("SESHAN25", "MIYUN50", "KUNMING", "URUMQI")
+NOISE = NoiseModel(link={"range": Noise(white_m=1.0), "vlbi_delay": Noise(white_m=0.3)})
+BIAS_M = {"JIAMUSI": 3.0, "KASHI": -4.0, "NEUQUEN": 2.0}
+
+
+def world(
+    model: PhysicalModel,
+    step_s: float,
+    *,
+    stop: str = "2020-12-03T15:10:00",
+    vlbi: bool = True,
+    one_uplink: bool = True,
+    bias_m: dict[str, float] | None = None,
+) -> World:
+    """Ranges of 1 m by three stations and, if wanted, delays of 0.3 m on six baselines; all but their noise."""
+    sessions = [
+        Session("range", all_ranges(*RANGING), START, stop, step_s, sigma_m=1.0, one_uplink=one_uplink)
+    ]
+    if vlbi:
+        sessions.append(Session("vlbi_delay", baselines(*VLBI), START, stop, step_s, sigma_m=0.3))
+    truth = Truth(range_bias_m=BIAS_M if bias_m is None else bias_m)
+    return World.prepare(Schedule(sessions), LANDER, truth, model=model)
+
+
+def observations(model: PhysicalModel, step_s: float, *, seed: int = 1, **options: object) -> Observations:
+    """The same with noise."""
+    return world(model, step_s, **options).draw(NOISE, seed=seed).observations  # type: ignore[arg-type]

@@ -1,0 +1,155 @@
+"""The figure by links: which panels there are, and that they show what they say."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from toy_moon import ToyMoon, toy_solution
+
+from radioloc.errors import InputError
+from radioloc.plotting import plot_links, save_figure
+
+DASH = "\N{EN DASH}"
+PATHS = {
+    "vlbi_delay": ("URUMQI<lander>KUNMING", "SESHAN25<lander>URUMQI"),
+    "range": ("KASHI>lander>KASHI", "JIAMUSI>lander>KASHI", "JIAMUSI>lander>JIAMUSI"),
+    "doppler": ("KASHI>lander>KASHI",),
+}
+
+
+@pytest.fixture(scope="module")
+def rows():
+    """Ninety residuals of 0.1 m over six links of three kinds, the tenth and eleventh observation left out."""
+    made = toy_solution(ToyMoon(90, 72.0, biases=False)).residuals
+    links = [(kind, path) for kind, paths in PATHS.items() for path in paths]
+    kind, path = (np.array(column)[np.arange(90) % len(links)] for column in zip(*links, strict=True))
+    rng = np.random.default_rng(5)
+    residual_m = rng.uniform(-0.1, 0.1, 90)
+    residual_m[:6], residual_m[10], residual_m[11] = 0.1, 70.0, -0.05
+    status = np.full(90, "used", dtype="U40")
+    status[[10, 11]] = "outlier"
+    return replace(
+        made,
+        type=kind,
+        path=path,
+        station=np.array([p.split(">")[-1] for p in path]),
+        residual_m=residual_m,
+        sigma_m=np.full(90, 0.05),
+        status=status,
+    )
+
+
+def panels_of(figure):
+    return {axes.get_title(loc="left"): axes for axes in figure.axes if axes.get_visible()}
+
+
+def dots(axes):
+    return {line.get_label(): line for line in axes.lines if line.get_marker() == "."}
+
+
+def test_a_panel_for_each_baseline_and_each_receiver(rows):
+    assert list(panels_of(plot_links(rows))) == [
+        f"delay SESHAN25{DASH}URUMQI",
+        f"delay URUMQI{DASH}KUNMING",
+        "range JIAMUSI",
+        "range KASHI",
+        "Doppler KASHI",
+    ]
+
+
+def test_panels_show_the_used_residuals_of_their_links(rows):
+    panels = panels_of(plot_links(rows))
+    shown = 0
+    for title, kind, labels in (
+        (f"delay URUMQI{DASH}KUNMING", "vlbi_delay", {"": PATHS["vlbi_delay"][0]}),
+        (
+            "range KASHI",
+            "range",
+            {"two-way": PATHS["range"][0], "from JIAMUSI": PATHS["range"][1]},
+        ),
+        ("Doppler KASHI", "doppler", {"two-way": PATHS["doppler"][0]}),
+    ):
+        axes = panels[title]
+        factor = {"m": 1.0, "cm": 100.0}[axes.get_ylabel()]
+        lines = dots(axes)
+        for label, path in labels.items():
+            mine = (rows.type == kind) & (rows.path == path) & rows.used
+            line = lines[label] if label else next(iter(lines.values()))
+            np.testing.assert_allclose(line.get_ydata(), factor * rows.residual_m[mine])
+            shown += mine.sum()
+        mine = (rows.type == kind) & np.isin(rows.path, list(labels.values())) & rows.used
+        rms = factor * np.sqrt(np.mean(rows.residual_m[mine] ** 2))
+        assert axes.get_title(loc="right").startswith(f"{mine.sum()} used, rms {rms:#.3g} ")
+    assert (
+        shown
+        == (rows.used & np.isin(rows.path, ["JIAMUSI>lander>KASHI", "KASHI>lander>KASHI"])).sum()
+        + (rows.used & (rows.path == "URUMQI<lander>KUNMING")).sum()
+    )
+    legend = [text.get_text() for text in panels["range KASHI"].get_legend().get_texts()]
+    assert legend == ["two-way", "from JIAMUSI"]
+    assert panels[f"delay URUMQI{DASH}KUNMING"].get_legend() is None
+
+
+def test_what_was_left_out_is_marked_within_its_panel(rows):
+    # Rows 10 and 11 belong to the fifth and sixth link: ranges and Doppler.
+    panels = panels_of(plot_links(rows))
+    for title, marker, value in (("range JIAMUSI", "^", None), ("Doppler KASHI", "x", -0.05)):
+        axes = panels[title]
+        assert axes.get_title(loc="right").endswith(", 1 left out")
+        [line] = [item for item in axes.lines if item.get_marker() == marker and len(item.get_ydata())]
+        low, high = axes.get_ylim()
+        [y] = line.get_ydata()
+        assert low < y < high
+        if value is not None:
+            assert y == pytest.approx(value * {"m": 1.0, "cm": 100.0}[axes.get_ylabel()])
+    assert "left out" not in panels["range KASHI"].get_title(loc="right")
+
+
+def test_panels_of_a_kind_share_a_scale_if_they_can(rows):
+    panels = panels_of(plot_links(rows))
+    assert panels["range KASHI"].get_ylim() == panels["range JIAMUSI"].get_ylim()
+    wild = np.where((rows.path == PATHS["range"][2]) & rows.used, 100.0, 1.0) * rows.residual_m
+    panels = panels_of(plot_links(replace(rows, residual_m=wild)))
+    # Residuals of 10 m and of 10 cm each fill their panel.
+    assert [panels[f"range {name}"].get_ylabel() for name in ("JIAMUSI", "KASHI")] == ["m", "cm"]
+
+
+def test_every_column_has_its_dates(rows):
+    figure = plot_links(rows)
+    figure.canvas.draw()
+    grid = figure.axes[:6]
+    assert not grid[5].get_visible()
+    # Five panels in three columns: the lowest of the third column is in the first row.
+    for place in (2, 3, 4):
+        assert grid[place].get_xlabel() == "UTC"
+        assert any(label.get_text() and label.get_visible() for label in grid[place].get_xticklabels())
+
+
+def test_title(rows):
+    assert plot_links(rows).get_suptitle() == "observed \N{MINUS SIGN} computed"
+    assert plot_links(rows, "mine").get_suptitle() == "mine"
+    solution = toy_solution(ToyMoon(5, 1.0, ("A",), biases=False))
+    named = replace(solution, residuals=replace(solution.residuals, path=np.full(5, "A>x>A")))
+    assert plot_links(named).get_suptitle().startswith(f"{solution.name}: ")
+
+
+def test_nothing_and_too_much_are_refused(rows):
+    names = ("epoch_utc", "station", "type", "path", "observed_m", "residual_m", "sigma_m", "status")
+    with pytest.raises(InputError, match="no residuals"):
+        plot_links(replace(rows, **{name: getattr(rows, name)[:0] for name in names}))
+    many = np.array([f"S{k}>x>S{k}" for k in range(90)])
+    with pytest.raises(InputError, match="links do not fit"):
+        plot_links(replace(rows, path=many))
+    with pytest.raises(InputError, match="'phase' of an observation is not known"):
+        plot_links(replace(rows, type=np.full(90, "phase")))
+
+
+def test_thousands_of_dots_are_a_picture_in_a_small_file(rows, tmp_path):
+    many = np.tile(np.arange(90), 100)
+    names = ("epoch_utc", "station", "type", "path", "observed_m", "residual_m", "sigma_m", "status")
+    large = replace(rows, **{name: getattr(rows, name)[many] for name in names}, elevation_deg=None)
+    save_figure(plot_links(large), [tmp_path / "links.svg", tmp_path / "links.png"])
+    svg = (tmp_path / "links.svg").read_text()
+    assert "<image" in svg
+    assert len(svg) < 1_000_000
+    assert (tmp_path / "links.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"

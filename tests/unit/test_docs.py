@@ -169,6 +169,7 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
     # Stations are found under any name, and the prior is a table within a table.
     asked.pop("stations", None)
     assert asked.pop("estimate.height_prior") == {"dem", "height_m", "interpolation", "sigma_m"}
+    assert asked.pop("observations.sigma_m") == {"range", "vlbi_delay", "doppler"}
     assert documented_keys() == asked
     # The example shows every key but those that exclude each other.
     written = tomllib.loads(example.text)

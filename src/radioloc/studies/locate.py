@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import platform
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc._version import __version__
+from radioloc.constants import C_M_S
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import CoverageError, InputError
 from radioloc.estimation.build import build_solution
@@ -18,16 +19,17 @@ from radioloc.estimation.editing import USED, EditingSettings, fit_with_editing
 from radioloc.estimation.excess_noise import NoisyFit, fit_with_excess_noise
 from radioloc.estimation.solution import Solution
 from radioloc.io.detect import read_observations
+from radioloc.io.tdm_agreement import LightTime
 from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.observations import Observations
+from radioloc.measurements.observations import TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
 from radioloc.studies.study import EstimateChoice, Study
-from radioloc.time import tt_to_tdb, utc_to_tt
+from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
 _LOWEST_EARTH_DEG = -8.0
 """The highest terrain, 10.8 km, sees 6.4 deg below the horizontal; an a-priori position 50 km off is 1.6 deg off."""
@@ -84,7 +86,7 @@ def prepared_arc(
         position_in_pa("[reference]", study.reference.position, constants)
     for reference in study.references:
         position_in_pa(f"[references] {reference.name}", reference.position, constants)
-    chosen, left_out = _observations(study, observations)
+    chosen, left_out = _observations(study, observations, model, target)
     return _arc(model, chosen, target), left_out
 
 
@@ -168,10 +170,27 @@ def position_in_pa(table: str, position: LunarPosition, constants: EphemerisCons
         raise InputError(f"{table} frame: {error}") from None
 
 
-def _observations(study: Study, observations: Observations | None) -> tuple[Observations, dict[str, int]]:
+def _observations(
+    study: Study, observations: Observations | None, model: PhysicalModel, target_pa: LunarPosition
+) -> tuple[Observations, dict[str, int]]:
     if observations is None:
-        observations = read_observations(study.observations.files, catalogue=study.catalogue)
+        tdm = study.observations.tdm
+        if tdm.light_time_s is None:
+            tdm = replace(tdm, light_time_s=_light_time_to(model, target_pa))
+        observations = read_observations(study.observations.files, catalogue=study.catalogue, tdm=tdm)
     return select_observations(observations, study.observations, study.catalogue)
+
+
+def _light_time_to(model: PhysicalModel, target_pa: LunarPosition) -> LightTime:
+    """Light times to the a-priori position, which settle how often an ambiguous range has gone through its modulus."""
+
+    def light_time_s(epoch: Epochs, link: Link, tag: str) -> NDArray[np.float64]:
+        asked = Observations.from_columns(
+            epoch=epoch, links=[link], tag=TIME_TAGS.index(tag), value_m=1.0, sigma_m=1.0
+        )
+        return TrackingArc(model, asked, target_pa.xyz_m).compute(target_pa.xyz_m).value_m / C_M_S
+
+    return light_time_s
 
 
 def _arc(model: PhysicalModel, observations: Observations, target_pa: LunarPosition) -> TrackingArc:

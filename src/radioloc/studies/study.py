@@ -14,6 +14,7 @@ from typing import Any
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
+from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.terms import active_terms
@@ -43,6 +44,8 @@ class ObservationChoice:
     extra_sigma_m : float
         Error of the model and of the instruments beyond what the files state, added in quadrature to each stated
         sigma, metres of the whole light path.
+    tdm : TdmAgreement
+        What Tracking Data Messages leave to be agreed: sigmas, whether RANGE is halved, ...
 
     Raises
     ------
@@ -57,6 +60,7 @@ class ObservationChoice:
     stop: Epochs | None = None
     hours: float | None = None
     extra_sigma_m: float = 0.0
+    tdm: TdmAgreement = field(default_factory=TdmAgreement)
 
     def __post_init__(self) -> None:
         files = (self.files,) if isinstance(self.files, (str, Path)) else self.files

@@ -9,8 +9,10 @@ import numpy as np
 
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.errors import InputError
+from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.observations import KINDS
 from radioloc.measurements.terms import active_terms
 from radioloc.studies.study import (
     STATION_PARAMETERS,
@@ -121,7 +123,17 @@ def _observations(table: TomlTable, folder: Path) -> ObservationChoice:
         "hours": table.number("hours"),
         "extra_sigma_m": table.number("extra_sigma_m"),
     }
+    sigmas = table.table("sigma_m")
+    agreed = {
+        "range_convention": table.text("tdm_range"),
+        "doppler_convention": table.text("tdm_doppler"),
+        "range_unit_s": table.number("tdm_range_unit_s"),
+    }
     table.finish()
+    sigma_m = {} if sigmas is None else {kind: sigmas.number(kind) for kind in KINDS}
+    if sigmas is not None:
+        sigmas.finish()
+    tdm = table.build(TdmAgreement, sigma_m={k: v for k, v in sigma_m.items() if v is not None}, **agreed)
     if not patterns:
         table.fail("files", "is missing; name at least one file (relative to the study file, globs allowed)")
     files: list[Path] = []
@@ -130,7 +142,7 @@ def _observations(table: TomlTable, folder: Path) -> ObservationChoice:
         if not found:
             table.fail("files", f"{pattern!r} matches no file in {folder.resolve()}")
         files += [file for file in found if file not in files]
-    return table.build(ObservationChoice, files=tuple(files), **fields)
+    return table.build(ObservationChoice, files=tuple(files), tdm=tdm, **fields)
 
 
 def _matches(folder: Path, pattern: str) -> list[Path]:

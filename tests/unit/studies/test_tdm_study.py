@@ -1,0 +1,92 @@
+"""Studies on Tracking Data Messages: what they leave to be agreed is said in the study file."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from arc_cases import epochs_tai
+
+import radioloc
+from radioloc.constants import C_M_S
+from radioloc.io.tdm_write import write_tdm
+from radioloc.time import tai_to_utc
+
+TARGET = 'frame = "ME_DE421"\nlongitude_deg = -51.9\nlatitude_deg = 43.0\nheight_m = -2550.0\n'
+SAME_POINT_M = 1e-3
+"""A whole round trip through the file: its ranges carry every bit."""
+
+
+@pytest.fixture(scope="module")
+def truth():
+    model = radioloc.PhysicalModel.build()
+    point = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+    point = point.to_axes("PA", model.ephemeris.constants)
+    links = [radioloc.Link(a, "lander", b) for a in ("KASHI", "JIAMUSI") for b in ("KASHI", "JIAMUSI")]
+    epoch = tai_to_utc(epochs_tai(240, 12.0, 2459185.5))
+    link = np.arange(240) % 4
+    empty = radioloc.Observations.from_columns(
+        epoch=epoch, links=links, link=link, tag=1, value_m=1.0, sigma_m=1.0, wavelength_um=35000.0
+    )
+    arc = radioloc.TrackingArc(model, empty, point.xyz_m)
+    computed = arc.compute(point.xyz_m)
+    seen = computed.problem == ""
+    made = radioloc.Observations.from_columns(
+        epoch=epoch[seen], links=links, link=link[seen], tag=1, value_m=computed.value_m[seen], sigma_m=1.0
+    )
+    return point, made
+
+
+def study_of(folder, **keys):
+    lines = "\n".join(f"{key} = {value}" for key, value in keys.items())
+    path = folder / "study.toml"
+    path.write_text(f'[target]\n{TARGET}\n[observations]\nfiles = ["data.kvn"]\n{lines}\n')
+    return radioloc.read_study(path)
+
+
+def test_ranges_of_a_message_locate_the_lander(truth, tmp_path):
+    point, observations = truth
+    write_tdm(tmp_path / "data.kvn", observations, originator="TEST")
+    found = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
+    assert found.converged
+    assert np.linalg.norm(found.position_pa_m - point.xyz_m) < SAME_POINT_M
+
+
+def test_half_ranges_are_recognized_and_read_when_said(truth, tmp_path):
+    point, observations = truth
+    write_tdm(tmp_path / "whole.kvn", observations, originator="TEST")
+    halved = []
+    for line in (tmp_path / "whole.kvn").read_text().splitlines():
+        key, _, rest = line.partition(" = ")
+        if key.strip() == "RANGE":
+            date, value = rest.split()
+            line = f"RANGE = {date} {float(value) / 2!r}"
+        halved.append(line)
+    (tmp_path / "data.kvn").write_text("\n".join(halved) + "\n")
+    with pytest.raises(radioloc.InputError, match='tdm_range = "half"'):
+        radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
+    found = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }", tdm_range='"half"'))
+    assert np.linalg.norm(found.position_pa_m - point.xyz_m) < SAME_POINT_M
+
+
+def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(truth, tmp_path):
+    point, observations = truth
+    modulus_s = 0.01
+    write_tdm(tmp_path / "whole.kvn", observations, originator="TEST")
+    folded = []
+    for line in (tmp_path / "whole.kvn").read_text().splitlines():
+        key, _, rest = line.partition(" = ")
+        if key.strip() == "RANGE_MODULUS":
+            line = f"RANGE_MODULUS = {modulus_s * C_M_S / 1e3!r}"
+        if key.strip() == "RANGE":
+            date, value = rest.split()
+            line = f"RANGE = {date} {float(value) % (modulus_s * C_M_S / 1e3)!r}"
+        folded.append(line)
+    (tmp_path / "data.kvn").write_text("\n".join(folded) + "\n")
+    found = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
+    assert np.linalg.norm(found.position_pa_m - point.xyz_m) < SAME_POINT_M
+
+
+def test_without_a_sigma_nothing_is_guessed(truth, tmp_path):
+    write_tdm(tmp_path / "data.kvn", truth[1], originator="TEST")
+    with pytest.raises(radioloc.InputError, match="sigma"):
+        radioloc.locate(study_of(tmp_path))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -66,6 +67,10 @@ def solution_dict(solution: Solution) -> dict[str, Any]:
             "condition_number": _finite(solution.observability.condition_number),
             "undetermined": [_direction(item) for item in solution.observability.undetermined],
             "weak": [_direction(item) for item in solution.observability.weak],
+            "common": [
+                {**asdict(item), "prior_sigma": _finite(item.prior_sigma)}
+                for item in solution.observability.common
+            ],
             "correlations": [
                 [item.first, item.second, item.coefficient] for item in solution.observability.correlations
             ],

@@ -18,6 +18,13 @@ model (centimetres) then stand in the answer as metres, whatever the formal sigm
 STRONG_CORRELATION = 0.95
 """Correlations above this are listed; the two parameters share more than 90 % of their variance."""
 
+UNIMPROVED = 0.7
+"""A common part is named when its sigma is above this part of the a-priori one: the data say less of it than was
+known before."""
+
+_SHARE = 0.3
+"""... and when the position moves with it by more than this part of its own sigma."""
+
 _SMALLEST_WEIGHT = 0.05  # parts of a direction below this are left out of its text
 
 
@@ -35,12 +42,15 @@ class Direction:
         Formal standard deviation along it, in parameter scales; infinite where undetermined.
     unit : str
         Unit of `sigma`: ``"m"`` if all parts are in metres, otherwise ``"scales"``.
+    changes : tuple of str
+        How far each parameter moves along one sigma, with its unit.
     """
 
     names: tuple[str, ...]
     weights: tuple[float, ...]
     sigma: float
     unit: str
+    changes: tuple[str, ...]
 
     def __str__(self) -> str:
         if len(self.names) == 1:
@@ -48,6 +58,43 @@ class Direction:
         text = f"{self.weights[0]:.2f} {self.names[0]}"
         for weight, name in zip(self.weights[1:], self.names[1:], strict=True):
             text += f" {'-' if weight < 0 else '+'} {abs(weight):.2f} {name}"
+        return text
+
+
+@dataclass(frozen=True, slots=True)
+class CommonPart:
+    """The mean of all parameters of a kind, where the data hardly determine it, but only their differences.
+
+    Parameters
+    ----------
+    kind : str
+        Kind of the parameters.
+    count : int
+        How many there are, two or more.
+    sigma : float
+        Standard deviation of their mean, in `unit`.
+    prior_sigma : float
+        The same before there were data; infinite where one of them has no a-priori sigma.
+    unit : str
+        Their unit.
+    position_m : float
+        How far the position moves with one sigma of the mean, m.
+    """
+
+    kind: str
+    count: int
+    sigma: float
+    prior_sigma: float
+    unit: str
+    position_m: float
+
+    def __str__(self) -> str:
+        known = f"known to {self.sigma:.3g} {self.unit} only"
+        if math.isfinite(self.prior_sigma):
+            known += f" ({self.prior_sigma:.3g} {self.unit} a priori)"
+        text = f"what the {self.count} of {self.kind} have in common is {known}"
+        if self.position_m > 0.0:
+            text += f"; the position goes with it, by {self.position_m:.3g} m per sigma"
         return text
 
 
@@ -79,6 +126,8 @@ class Observability:
         Pairs above :data:`STRONG_CORRELATION`, the strongest first.
     observation_sigma_m : float
         Median stated sigma of the used observations, m; 0 if there are none.
+    common : tuple of CommonPart
+        Kinds of parameters of which the data hardly tell more than differences.
     """
 
     singular_values: NDArray[np.float64]
@@ -86,6 +135,7 @@ class Observability:
     weak: tuple[Direction, ...]
     correlations: tuple[Correlation, ...]
     observation_sigma_m: float
+    common: tuple[CommonPart, ...] = ()
 
     @property
     def condition_number(self) -> float:
@@ -99,9 +149,15 @@ class Observability:
     def describe(self) -> tuple[str, ...]:
         """Sentences for people; none if all is well determined."""
         lines = [f"the data do not determine {direction}" for direction in self.undetermined]
+        lines += [str(part) for part in self.common]
         for direction in self.weak:
             unit = direction.unit
-            line = f"{direction} is known to {direction.sigma:.3g} {unit} only (1 sigma)"
+            if len(direction.names) == 1:
+                line = f"{direction.names[0]} is"
+            else:
+                changes = zip(direction.names, direction.changes, strict=True)
+                line = f"hardly told apart: {', '.join(f'{name} {change}' for name, change in changes)}, together"
+            line += f" known to {direction.sigma:.3g} {unit} only (1 sigma)"
             if unit == "m":
                 ratio = direction.sigma / self.observation_sigma_m
                 line += f", {ratio:.0f} times one observation's {self.observation_sigma_m:.3g} m"
@@ -118,10 +174,9 @@ class Observability:
 
     def advice(self) -> str:
         """Say what is missing for a better determination; empty if nothing is."""
-        directions = self.undetermined or self.weak
-        if not directions:
+        names = {name for direction in self.undetermined or self.weak for name in direction.names}
+        if not names:
             return ""
-        names = {name for direction in directions for name in direction.names}
         remedies = []
         if any(not name.startswith("position.") for name in names):
             others = sorted(name for name in names if not name.startswith("position."))
@@ -156,12 +211,12 @@ def assess_observability(fit: FitResult) -> Observability:
     scales = parameters.scales[free]
 
     lost = _simple_basis(fit.factor.undetermined_directions() / scales)
-    undetermined = tuple(_direction(row, math.inf, names, units) for row in lost)
+    undetermined = tuple(_direction(row, math.inf, names, units, scales) for row in lost)
 
     sigma_m = float(np.median(fit.sigma_m[fit.used])) if fit.used.any() else 0.0
     vectors, sigmas, _ = np.linalg.svd(fit.factor.root_covariance() / scales[:, None], full_matrices=False)
     weak = tuple(
-        _direction(vector, float(sigma), names, units)
+        _direction(vector, float(sigma), names, units, scales)
         for vector, sigma in zip(vectors.T, sigmas, strict=True)
         if sigma > WEAK_FACTOR * sigma_m > 0.0
     )
@@ -171,7 +226,35 @@ def assess_observability(fit: FitResult) -> Observability:
         weak=weak,
         correlations=_strong_correlations(fit.covariance, parameters.names),
         observation_sigma_m=sigma_m,
+        common=_common_parts(fit, sigma_m),
     )
+
+
+def _common_parts(fit: FitResult, sigma_m: float) -> tuple[CommonPart, ...]:
+    """Kinds whose mean is hardly better known than a priori, or, without a-priori sigmas, weak."""
+    parameters, covariance = fit.parameters, fit.covariance
+    position = [k for k in parameters.of_kind("position") if not parameters.parameters[k].fixed]
+    found = []
+    for kind in dict.fromkeys(item.kind for item in parameters if item.kind != "position"):
+        rows = [k for k in parameters.of_kind(kind) if not parameters.parameters[k].fixed]
+        variances = np.diag(covariance)[rows + position]
+        if len(rows) < 2 or not np.isfinite(variances).all():
+            continue
+        count = len(rows)
+        first = parameters.parameters[rows[0]]
+        sigma = math.sqrt(float(covariance[np.ix_(rows, rows)].sum())) / count
+        prior_sigma = float(np.linalg.norm(parameters.prior_sigmas[rows])) / count
+        known_to = (
+            UNIMPROVED * prior_sigma if math.isfinite(prior_sigma) else WEAK_FACTOR * sigma_m * first.scale
+        )
+        if not sigma > known_to > 0.0:
+            continue
+        moved = covariance[np.ix_(position, rows)].mean(axis=1) / sigma / parameters.scales[position]
+        position_m = float(np.linalg.norm(moved))
+        sigmas_m = np.sqrt(np.diag(covariance)[position]) / parameters.scales[position]
+        if position_m >= _SHARE * float(np.linalg.norm(sigmas_m)):
+            found.append(CommonPart(kind, count, sigma, prior_sigma, first.unit, position_m))
+    return tuple(found)
 
 
 def correlation_matrix(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -196,7 +279,11 @@ def _strong_correlations(covariance: NDArray[np.float64], names: tuple[str, ...]
 
 
 def _direction(
-    vector: NDArray[np.float64], sigma: float, names: tuple[str, ...], units: tuple[str, ...]
+    vector: NDArray[np.float64],
+    sigma: float,
+    names: tuple[str, ...],
+    units: tuple[str, ...],
+    scales: NDArray[np.float64],
 ) -> Direction:
     order = [int(k) for k in np.argsort(-np.abs(vector), kind="stable") if abs(vector[k]) >= _SMALLEST_WEIGHT]
     sign = 1.0 if vector[order[0]] > 0.0 else -1.0
@@ -206,6 +293,7 @@ def _direction(
         tuple(sign * float(vector[k]) for k in order),
         sigma,
         "m" if metres else "scales",
+        tuple(f"{sign * float(vector[k] * scales[k]) * sigma:+.3g} {units[k]}" for k in order),
     )
 
 

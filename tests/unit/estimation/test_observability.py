@@ -61,9 +61,11 @@ def test_three_free_biases_over_half_a_day_are_weak():
     found = assess_observability(fit)
     assert fit.converged
     assert found.undetermined == ()
-    text = found.describe()[0]
-    assert "range_bias.A" in text
-    assert "position.x_m" in text
+    common, text = found.describe()[:2]
+    assert common.startswith("what the 3 of range_bias have in common is known to ")
+    assert text.startswith("hardly told apart: range_bias.")
+    for name, change in zip(found.weak[0].names, found.weak[0].changes, strict=True):
+        assert f"{name} {change}" in text
     assert " m only (1 sigma), " in text
     sigma_m = found.weak[0].sigma
     assert 300.0 < sigma_m < 600.0
@@ -71,6 +73,50 @@ def test_three_free_biases_over_half_a_day_are_weak():
     assert f"{sigma_m / 0.3:.0f} times one observation's 0.3 m" in text
     assert found.advice().startswith("what is missing: an a-priori sigma for range_bias.A, range_bias.B")
     assert any("pairs of parameters correlated beyond 0.95" in line for line in found.describe())
+
+
+def three_biases(hours, prior_sigma_m):
+    model = ToyMoon(200, hours)
+    observed_m, _ = model.ranges(np.concatenate([LANDER_M, np.zeros(3)]))
+    parameters = model.parameters()
+    for name in "ABC":
+        parameters = parameters.changed(f"range_bias.{name}", prior_sigma=prior_sigma_m)
+    return fit_least_squares(model.residual_function(observed_m), parameters, 0.3)
+
+
+@pytest.mark.parametrize("prior_sigma_m", [np.inf, 10.0])
+def test_what_biases_have_in_common_and_what_it_does_to_the_position(prior_sigma_m):
+    fit = three_biases(12.0, prior_sigma_m)
+    (part,) = assess_observability(fit).common
+    assert (part.kind, part.count, part.unit) == ("range_bias", 3, "m")
+    rows, mean = np.eye(6)[3:], np.full(3, 1.0 / 3.0)
+    assert part.sigma == pytest.approx(np.sqrt(mean @ rows @ fit.covariance @ rows.T @ mean))
+    assert part.prior_sigma == pytest.approx(prior_sigma_m / 3.0**0.5)
+    # Held at one sigma more, the biases drag the position along just so far.
+    model = ToyMoon(200, 12.0)
+    observed_m, _ = model.ranges(np.concatenate([LANDER_M, np.zeros(3)]))
+    held = fit.parameters
+    for k, name in enumerate("ABC"):
+        held = held.changed(
+            f"range_bias.{name}", prior_value=fit.x[3 + k] + part.sigma, prior_sigma=np.inf, fixed=True
+        )
+    moved = fit_least_squares(model.residual_function(observed_m), held, 0.3)
+    assert part.position_m == pytest.approx(np.linalg.norm(moved.x[:3] - fit.x[:3]), rel=0.02)
+
+
+def test_common_part_in_words():
+    free, prior = (
+        assess_observability(three_biases(12.0, sigma_m)).describe()[0] for sigma_m in (np.inf, 10.0)
+    )
+    assert free.startswith("what the 3 of range_bias have in common is known to ")
+    assert " m only; the position goes with it, by " in free
+    assert " m only (5.77 m a priori); the position goes with it, by " in prior
+    assert prior.endswith(" m per sigma")
+
+
+@pytest.mark.parametrize(("hours", "prior_sigma_m"), [(12.0, 0.01), (1500.0, 1000.0)])
+def test_a_common_part_that_is_known_or_does_not_matter_is_not_named(hours, prior_sigma_m):
+    assert assess_observability(three_biases(hours, prior_sigma_m)).common == ()
 
 
 def test_the_worst_weak_direction_is_the_largest_sigma_of_all_combinations():

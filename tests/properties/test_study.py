@@ -32,7 +32,16 @@ VALUES = st.one_of(
 )
 KEYS = {
     "target": ["frame", "longitude_deg", "latitude_deg", "height_m", "position_m", "name"],
-    "observations": ["files", "targets", "stations", "start", "stop", "hours", "extra_sigma_m"],
+    "observations": [
+        "files",
+        "targets",
+        "stations",
+        "start",
+        "stop",
+        "hours",
+        "extra_sigma_m",
+        "vlbi_station_sigma_m",
+    ],
     "estimate": [
         *("position", "range_bias", "range_bias_sigma_m", "time_bias", "time_bias_sigma_s"),
         *("height_prior", "ephemeris_sigma_m", "rejection_sigma"),

@@ -17,11 +17,13 @@ from radioloc.estimation.least_squares import (
     fit_least_squares,
 )
 from radioloc.estimation.observability import Correlation, Direction, Observability, assess_observability
+from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.estimation.parameters import Parameter, ParameterSet
 from radioloc.estimation.solution import Ellipse, ReferenceComparison, Residuals, Solution
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics
 
 __all__ = [
+    "ALONE",
     "USED",
     "Correlation",
     "Direction",
@@ -36,11 +38,13 @@ __all__ = [
     "Iteration",
     "NoisyFit",
     "Observability",
+    "ObservationNoise",
     "Parameter",
     "ParameterSet",
     "ReferenceComparison",
     "ResidualFunction",
     "Residuals",
+    "SharedErrors",
     "Solution",
     "assess_observability",
     "build_solution",

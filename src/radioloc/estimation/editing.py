@@ -13,9 +13,9 @@ from radioloc.estimation.least_squares import (
     FitSettings,
     FitStatus,
     ResidualFunction,
-    checked_sigmas,
     fit_least_squares,
 )
+from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.robust import robust_scale, robust_start
 
@@ -96,7 +96,7 @@ class EditedFit:
 def fit_with_editing(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
-    sigma_m: ArrayLike,
+    sigma_m: ArrayLike | ObservationNoise,
     *,
     status: ArrayLike | None = None,
     editing: EditingSettings | None = None,
@@ -107,7 +107,9 @@ def fit_with_editing(
     A robust estimate (:func:`~radioloc.estimation.robust.robust_start`) gives the first guess of what is an
     outlier; then fit and selection alternate until the selection no longer changes. The spread is taken by
     the median over all usable observations, kept or not, so leaving some out does not tighten the limit for
-    the rest.
+    the rest. An observation that shares errors with others is judged, as any other, by its own standard deviation,
+    all its errors together. A gross error that is small beside the shared ones stays in, and shows in the sum of
+    squares.
 
     Parameters
     ----------
@@ -115,8 +117,8 @@ def fit_with_editing(
         From x (p,) to residuals observed - computed (n,), m, and partials d(computed)/dx (n, p).
     parameters : ParameterSet
         What is solved for.
-    sigma_m : array_like, shape (n,) or ()
-        Stated standard deviations of the observations, m.
+    sigma_m : array_like, shape (n,) or (), or ObservationNoise
+        Stated standard deviations of the observations, m; or their noise where they share errors.
     status : array_like of str, shape (n,), optional
         Observations to leave out from the beginning have the reason here, such as ``"below the horizon"``;
         the others :data:`USED` or an empty text.
@@ -137,7 +139,8 @@ def fit_with_editing(
     editing = editing or EditingSettings()
     settings = settings or FitSettings()
     n = len(residual_function(parameters.prior_values)[0])
-    sigma = checked_sigmas(sigma_m, n)
+    noise = ObservationNoise.of(sigma_m, n)
+    sigma = noise.sigma_m
     given = np.full(n, USED, dtype=object) if status is None else np.array(status, dtype=object)
     if given.shape != (n,):
         raise InputError(f"status has shape {given.shape}; {n} observations need ({n},)")
@@ -147,7 +150,7 @@ def fit_with_editing(
 
     def fit(used: NDArray[np.bool_], start: NDArray[np.float64]) -> FitResult:
         return fit_least_squares(
-            residual_function, parameters, sigma, used=used, start=start, settings=settings
+            residual_function, parameters, noise, used=used, start=start, settings=settings
         )
 
     # An outlier can be told from the rest only if at least one observation is left over without it.

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.editing import EditedFit, EditingSettings, fit_with_editing
 from radioloc.estimation.least_squares import FitSettings, ResidualFunction
+from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 
@@ -44,7 +45,7 @@ class NoisyFit:
 def fit_with_excess_noise(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
-    sigma_m: ArrayLike,
+    sigma_m: ArrayLike | ObservationNoise,
     *,
     groups: ArrayLike | None = None,
     status: ArrayLike | None = None,
@@ -62,26 +63,25 @@ def fit_with_excess_noise(
     excess alternate until the excess settles; observations left out take no part in it and may come back.
     Where excess and selection drive each other in a circle, the largest excess of the circle is taken.
     """
-    stated_m = np.asarray(sigma_m, dtype=np.float64)
     labels, group = np.unique(["all"] if groups is None else groups, return_inverse=True)
 
-    def fit_with(excess_m: NDArray[np.float64]) -> EditedFit:
-        sigmas_m = np.hypot(stated_m, excess_m[group])
+    def fit_with(noise: ArrayLike | ObservationNoise) -> EditedFit:
         return fit_with_editing(
-            residual_function, parameters, sigmas_m, status=status, editing=editing, settings=settings
+            residual_function, parameters, noise, status=status, editing=editing, settings=settings
         )
+
+    edited = fit_with(sigma_m)
+    stated = edited.fit.noise
+    group = np.broadcast_to(group, (len(stated),))
 
     def noisy(edited: EditedFit, excess_m: NDArray[np.float64]) -> NoisyFit:
         return NoisyFit(edited, dict(zip(labels.tolist(), excess_m.tolist(), strict=True)))
 
     tried_m = [np.zeros(len(labels))]
     for _ in range(_MAX_PASSES):
-        edited = fit_with(tried_m[-1])
         # Significance is asked for once; asked again, it would take away what it had just found to be there.
         probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
-        wanted_m = _wanted_m(
-            edited, stated_m, np.broadcast_to(group, edited.fit.used.shape), len(labels), probability
-        )
+        wanted_m = _wanted_m(edited, stated, group, len(labels), probability)
         if probability is None:
             # A group that was explained by its stated sigmas at first stays without.
             wanted_m = np.where(tried_m[1] > 0.0, wanted_m, 0.0)
@@ -90,30 +90,34 @@ def fit_with_excess_noise(
         repeated = [k for k, earlier_m in enumerate(tried_m) if _same(wanted_m, earlier_m)]
         if repeated:
             largest_m = np.max(tried_m[repeated[0] :], axis=0)
-            edited = fit_with(largest_m)
+            edited = fit_with(stated.with_excess(largest_m[group]))
             wavering = "the excess noise and the outliers depend on each other: the largest excess was taken"
             return noisy(_with_message(edited, wavering), largest_m)
         tried_m.append(wanted_m)
-    edited = replace(fit_with(tried_m[-1]), complete=False)
+        edited = fit_with(stated.with_excess(wanted_m[group]))
+    edited = replace(edited, complete=False)
     return noisy(_with_message(edited, "the excess noise did not settle"), tried_m[-1])
 
 
 def _wanted_m(
     edited: EditedFit,
-    stated_m: NDArray[np.float64],
+    stated: ObservationNoise,
     group: NDArray[np.intp],
     count: int,
     probability: float | None,
 ) -> NDArray[np.float64]:
-    """Excess that the residuals of each group ask for; the parameters' degrees of freedom are shared in proportion."""
+    """Excess that the residuals of each group ask for; the parameters' degrees of freedom are shared in proportion.
+
+    An independent error of one size in each observation of a block is one of that size in each of its combinations.
+    """
     fit = edited.fit
     free_part = float(fit.parameters.free.sum()) / max(int(fit.used.sum()), 1)
-    stated_m = np.broadcast_to(stated_m, fit.used.shape)
     wanted_m = np.zeros(count)
     for k in range(count):
         mine = fit.used & (group == k)
         dof = round(mine.sum() * (1.0 - free_part))
-        wanted_m[k] = excess_noise_m(fit.residual_m[mine], stated_m[mine], dof, probability)
+        residual_m, sigma_m = stated.select(mine).combined(fit.residual_m[mine])
+        wanted_m[k] = excess_noise_m(residual_m, sigma_m, dof, probability)
     return wanted_m
 
 
@@ -136,7 +140,7 @@ def excess_noise_m(
     Parameters
     ----------
     residual_m, sigma_m : ndarray, shape (n,)
-        Residuals that were fitted and their stated sigmas.
+        Residuals that were fitted, or independent combinations of them, and their stated sigmas.
     dof : int
         Degrees of freedom; none or fewer give no excess.
     probability : float or None

@@ -1,11 +1,11 @@
 """Weighted batch least squares with a-priori information, by orthogonal factorization.
 
-Minimizes, over the parameters x, ``|(o - c(x)) / sigma|^2 + |(x - x_prior) / sigma_prior|^2``. Each
-Gauss-Newton step reduces the whitened partials, the a-priori rows and the right side to a triangle by
-Householder reflections (Bierman 1977, chapters IV and V; Lawson and Hanson 1974) and solves that by its
-singular values, so the condition number is never squared by normal equations. A step that does not lower
-the sum of squares is damped (Levenberg 1944, Marquardt 1963) in the same singular basis, at no cost in
-further factorizations.
+Minimizes, over the parameters x, ``|(o - c(x)) / sigma|^2 + |(x - x_prior) / sigma_prior|^2``; independent
+combinations take the place of observations that share errors. Each Gauss-Newton step reduces the whitened
+partials, the a-priori rows and the right side to a triangle by Householder reflections (Bierman 1977,
+chapters IV and V; Lawson and Hanson 1974) and solves that by its singular values, so the condition number is
+never squared by normal equations. A step that does not lower the sum of squares is damped (Levenberg 1944,
+Marquardt 1963) in the same singular basis, at no cost in further factorizations.
 """
 
 from __future__ import annotations
@@ -18,14 +18,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
 
 ResidualFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 """From parameters (p,) to residuals observed - computed (n,), m, and d(computed)/d(parameter) (n, p)."""
 
-# Rows whitened and factorized together: bounds the copies made; the triangle carries over from block to
-# block.
-_ROWS_AT_ONCE = 20000
 # Damping given up at, in largest singular values: the step is then a millionth of the plain one.
 _MAX_DAMPING = 1e3
 
@@ -152,8 +150,8 @@ class FitResult:
         Observed - computed at `x`, for all observations, used or not, m.
     partials : ndarray, shape (n, p)
         d(computed)/d(parameter) at `x`.
-    sigma_m : ndarray, shape (n,)
-        Stated standard deviations, m.
+    noise : ObservationNoise
+        Stated noise of all observations.
     used : ndarray of bool, shape (n,)
         Which observations took part.
     chi2 : float
@@ -173,7 +171,7 @@ class FitResult:
     covariance: NDArray[np.float64]
     residual_m: NDArray[np.float64]
     partials: NDArray[np.float64]
-    sigma_m: NDArray[np.float64]
+    noise: ObservationNoise
     used: NDArray[np.bool_]
     chi2: float
     dof: int
@@ -192,8 +190,13 @@ class FitResult:
         return np.sqrt(np.diag(self.covariance))
 
     @property
+    def sigma_m(self) -> NDArray[np.float64]:
+        """Stated standard deviation of each observation, all its errors together, m, shape (n,)."""
+        return self.noise.sigma_m
+
+    @property
     def normalized_residuals(self) -> NDArray[np.float64]:
-        """Residuals over their stated sigmas, all observations, shape (n,)."""
+        """Residuals over their stated sigmas, all observations, each seen alone, shape (n,)."""
         return self.residual_m / self.sigma_m
 
     @property
@@ -202,26 +205,10 @@ class FitResult:
         return self.chi2 / self.dof if self.dof > 0 else None
 
 
-def whiten(rows: NDArray[np.float64], sigma_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Divide rows by the standard deviation of their observation, so that all have unit variance.
-
-    The one place that knows what the observation noise looks like.
-
-    Parameters
-    ----------
-    rows : ndarray, shape (n, k)
-        Partials and residuals side by side.
-    sigma_m : ndarray, shape (n,)
-        Standard deviations, m.
-    """
-    whitened: NDArray[np.float64] = rows / sigma_m[:, None]
-    return whitened
-
-
 def factorize(
     residual_m: NDArray[np.float64],
     partials: NDArray[np.float64],
-    sigma_m: NDArray[np.float64],
+    noise: ObservationNoise,
     parameters: ParameterSet,
     x: NDArray[np.float64],
     settings: FitSettings,
@@ -230,8 +217,10 @@ def factorize(
 
     Parameters
     ----------
-    residual_m, partials, sigma_m : ndarray, shape (n,), (n, p), (n,)
+    residual_m, partials : ndarray, shape (n,), (n, p)
         The observations to use.
+    noise : ObservationNoise
+        Theirs.
     parameters : ParameterSet
         Gives the a-priori rows and which columns are free.
     x : ndarray, shape (p,)
@@ -246,9 +235,8 @@ def factorize(
     triangle = np.zeros((len(with_prior), q + 1))
     triangle[np.arange(len(with_prior)), with_prior] = 1.0 / prior_sigmas
     triangle[:, q] = (parameters.prior_values - x)[free][with_prior] / prior_sigmas
-    for start in range(0, len(residual_m), _ROWS_AT_ONCE):
-        part = slice(start, start + _ROWS_AT_ONCE)
-        rows = whiten(np.column_stack([partials[part][:, free], residual_m[part]]), sigma_m[part])
+    # The triangle carries over from part to part, so no copy of all whitened rows is made.
+    for rows in noise.whitened(lambda part: np.column_stack([partials[part][:, free], residual_m[part]])):
         triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r"))
 
     # Fewer rows than columns leave a trapezoid; rows of zeros complete it and show up as zero singular
@@ -270,7 +258,7 @@ def factorize(
 def fit_least_squares(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
-    sigma_m: ArrayLike,
+    sigma_m: ArrayLike | ObservationNoise,
     *,
     used: ArrayLike | None = None,
     start: ArrayLike | None = None,
@@ -284,8 +272,8 @@ def fit_least_squares(
         From x (p,) to residuals observed - computed (n,), m, and partials d(computed)/dx (n, p).
     parameters : ParameterSet
         What is solved for, with a-priori values.
-    sigma_m : array_like, shape (n,) or ()
-        Standard deviations of the observations, m.
+    sigma_m : array_like, shape (n,) or (), or ObservationNoise
+        Standard deviations of the observations, m; or their noise where they share errors.
     used : array_like of bool, shape (n,), optional
         Observations that take part; all by default. Residuals are returned for the others too.
     start : array_like, shape (p,), optional
@@ -312,21 +300,22 @@ def fit_least_squares(
 
     residual_m, partials = evaluate(residual_function, x)
     n = len(residual_m)
-    sigma = checked_sigmas(sigma_m, n)
+    noise = ObservationNoise.of(sigma_m, n)
     mask = np.ones(n, dtype=bool) if used is None else np.array(used, dtype=bool)
     if mask.shape != (n,):
         raise InputError(f"used has shape {mask.shape}; {n} observations need ({n},)")
     check_finite(residual_m[mask], partials[mask], parameters)
+    noise_used = noise.select(mask)
 
     def linearize(at: NDArray[np.float64]) -> _Point:
         residual_m, partials = evaluate(residual_function, at)
         finite = np.isfinite(partials[mask]).all()
-        chi2 = _sum_of_squares(residual_m, sigma, mask, parameters, at) if finite else np.inf
+        chi2 = _sum_of_squares(residual_m[mask], noise_used, parameters, at) if finite else np.inf
         return _Point(at, residual_m, partials, chi2)
 
     def reduce(point: _Point) -> Factor:
         return factorize(
-            point.residual_m[mask], point.partials[mask], sigma[mask], parameters, point.x, settings
+            point.residual_m[mask], point.partials[mask], noise_used, parameters, point.x, settings
         )
 
     def stepped(point: _Point, factor: Factor, damping: float) -> _Point:
@@ -334,7 +323,7 @@ def fit_least_squares(
         x[parameters.free] += factor.step(damping)
         return linearize(x)
 
-    here = _Point(x, residual_m, partials, _sum_of_squares(residual_m, sigma, mask, parameters, x))
+    here = _Point(x, residual_m, partials, _sum_of_squares(residual_m[mask], noise_used, parameters, x))
     factor = reduce(here)
     iterations: list[Iteration] = []
     # With every parameter fixed there is nothing to do but to report the residuals.
@@ -378,7 +367,7 @@ def fit_least_squares(
         covariance=_covariance(factor, parameters),
         residual_m=here.residual_m,
         partials=here.partials,
-        sigma_m=sigma,
+        noise=noise,
         used=mask,
         chi2=here.chi2,
         dof=int(mask.sum()) + n_prior - int(factor.determined.sum()),
@@ -413,18 +402,6 @@ def evaluate(
     return residual_m, partials
 
 
-def checked_sigmas(sigma_m: ArrayLike, n: int) -> NDArray[np.float64]:
-    """Return standard deviations as an array of shape (n,), all positive and finite."""
-    try:
-        sigma = np.array(np.broadcast_to(np.asarray(sigma_m, dtype=np.float64), (n,)))
-    except ValueError:
-        raise InputError(f"sigmas of shape {np.shape(sigma_m)} do not belong to {n} observations") from None
-    bad = np.flatnonzero(~(np.isfinite(sigma) & (sigma > 0.0)))
-    if len(bad):
-        raise InputError(f"sigma of observation {bad[0]} is {sigma[bad[0]]} m; give a finite positive number")
-    return sigma
-
-
 def check_finite(
     residual_m: NDArray[np.float64], partials: NDArray[np.float64], parameters: ParameterSet
 ) -> None:
@@ -443,15 +420,14 @@ def check_finite(
 
 def _sum_of_squares(
     residual_m: NDArray[np.float64],
-    sigma_m: NDArray[np.float64],
-    used: NDArray[np.bool_],
+    noise: ObservationNoise,
     parameters: ParameterSet,
     x: NDArray[np.float64],
 ) -> float:
     """Weighted sum of squares with the a-priori rows; infinite where the model gives no finite number."""
-    normalized = whiten(residual_m[used, None], sigma_m[used])[:, 0]
     prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
-    total = float(normalized @ normalized + prior @ prior)
+    parts = noise.whitened(lambda part: residual_m[part, None])
+    total = float(prior @ prior) + sum(float(np.vdot(part, part)) for part in parts)
     return total if np.isfinite(total) else np.inf
 
 

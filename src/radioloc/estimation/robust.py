@@ -12,6 +12,7 @@ from radioloc.estimation.least_squares import (
     evaluate,
     factorize,
 )
+from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
 
 _MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
@@ -64,7 +65,8 @@ def robust_start(
     parameters : ParameterSet
         What is solved for; starts at the a-priori values.
     sigma_m : ndarray, shape (n,)
-        Stated standard deviations, m.
+        Stated standard deviations, m. Errors that observations share count in each as if it were alone with them: a
+        start need not weigh the last bit.
     usable : ndarray of bool, shape (n,)
         Observations that may take part.
     settings : FitSettings
@@ -115,7 +117,8 @@ def _huber_step(
     for _ in range(_MAX_REWEIGHTINGS):
         # A residual of m sigmas, m > 1, weighs like one observed with sqrt(m) times the stated sigma.
         weakened_m = sigma_m * np.sqrt(np.maximum(1.0, np.abs(remaining_m) / sigma_m))
-        new_step = factorize(residual_m, partials, weakened_m, parameters, x, settings).step()
+        noise = ObservationNoise(weakened_m)
+        new_step = factorize(residual_m, partials, noise, parameters, x, settings).step()
         moved = np.abs(free_partials @ (new_step - step)) / sigma_m
         step = new_step
         remaining_m = residual_m - free_partials @ step

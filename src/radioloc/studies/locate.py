@@ -28,6 +28,7 @@ from radioloc.measurements.terms import TERMS
 from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
+from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, Study
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
@@ -222,11 +223,11 @@ def _status(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> NDArray[np.st
 def _fit(
     study: Study, problem: Problem, estimate: EstimateChoice | None, status: NDArray[np.str_]
 ) -> NoisyFit:
-    sigma_m = np.hypot(problem.arc.observations.sigma_m, study.observations.extra_sigma_m)
+    noise = stated_noise(problem.arc, study.observations)
     if estimate is None:
         as_given = EditingSettings(enabled=False)
         edited = fit_with_editing(
-            problem.residuals, problem.parameters, sigma_m, status=status, editing=as_given
+            problem.residuals, problem.parameters, noise, status=status, editing=as_given
         )
         return NoisyFit(edited, {})
     if not (status == USED).any():
@@ -237,7 +238,7 @@ def _fit(
     return fit_with_excess_noise(
         problem.residuals,
         problem.parameters,
-        sigma_m,
+        noise,
         groups=problem.arc.observations.types(),
         status=status,
         editing=EditingSettings(threshold=estimate.rejection_sigma),
@@ -297,6 +298,7 @@ def _provenance(
         "files": [Path(name).name for name in observations.files],
         "not_selected": left_out,
         "extra_sigma_m": study.observations.extra_sigma_m,
+        "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,
         "estimate": None if estimate is None else asdict(estimate),
         "a_priori": {"frame": study.target.frame, "xyz_m": study.target.xyz_m.tolist()},
         **model.provenance(),

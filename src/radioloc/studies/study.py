@@ -46,6 +46,9 @@ class ObservationChoice:
         sigma, metres of the whole light path.
     tdm : TdmAgreement
         What Tracking Data Messages leave to be agreed: sigmas, whether RANGE is halved, ...
+    vlbi_station_sigma_m : float
+        Error of each VLBI station's arrival time, metres, which all delays of one epoch that the station has part in
+        share; beside the sigmas of the delays.
 
     Raises
     ------
@@ -61,6 +64,7 @@ class ObservationChoice:
     hours: float | None = None
     extra_sigma_m: float = 0.0
     tdm: TdmAgreement = field(default_factory=TdmAgreement)
+    vlbi_station_sigma_m: float = 0.0
 
     def __post_init__(self) -> None:
         files = (self.files,) if isinstance(self.files, (str, Path)) else self.files
@@ -80,6 +84,7 @@ class ObservationChoice:
         if self.hours is not None:
             _require_positive("hours", self.hours)
         _require_not_negative("extra_sigma_m", self.extra_sigma_m)
+        _require_not_negative("vlbi_station_sigma_m", self.vlbi_station_sigma_m)
 
 
 STATION_PARAMETERS = {

@@ -122,6 +122,7 @@ def _observations(table: TomlTable, folder: Path) -> ObservationChoice:
         "stop": _epoch(table, "stop"),
         "hours": table.number("hours"),
         "extra_sigma_m": table.number("extra_sigma_m"),
+        "vlbi_station_sigma_m": table.number("vlbi_station_sigma_m"),
     }
     sigmas = table.table("sigma_m")
     agreed = {

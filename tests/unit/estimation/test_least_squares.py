@@ -6,7 +6,7 @@ from toy_moon import LANDER_M, ToyMoon
 
 from radioloc.errors import InputError
 from radioloc.estimation import FitSettings, FitStatus, Parameter, ParameterSet, fit_least_squares
-from radioloc.estimation.least_squares import _ROWS_AT_ONCE
+from radioloc.estimation.observation_noise import _ROWS_AT_ONCE
 
 # Solving 5 well-conditioned unknowns in double precision; the closed form itself loses about 1e-12.
 LINEAR_RTOL = 1e-10

@@ -50,6 +50,7 @@ start = 2006-04-07
 stop = "2006-04-09T12:00:00"
 hours = 12
 extra_sigma_m = 0.02
+vlbi_station_sigma_m = 0.03
 [estimate]
 position = "geographic"
 range_bias = ["APOLLO"]
@@ -83,7 +84,7 @@ position_m = [1554678.949, 98094.118, 765004.906]
     assert (chosen.targets, chosen.stations) == (("apollo15",), ("APOLLO", "GRASSE"))
     assert chosen.start.day_strings()[0] == "2006-04-07"
     assert chosen.stop.fraction[0] == 0.5
-    assert (chosen.hours, chosen.extra_sigma_m) == (12.0, 0.02)
+    assert (chosen.hours, chosen.extra_sigma_m, chosen.vlbi_station_sigma_m) == (12.0, 0.02, 0.03)
     assert study.estimate == radioloc.EstimateChoice(
         position="geographic",
         range_bias=("APOLLO",),
@@ -275,6 +276,7 @@ def test_files(files, read):
         ("hours = nan", "hours: must be a finite number"),
         ('hours = "3"', "hours: must be a number"),
         ("extra_sigma_m = -1", "extra_sigma_m must not be negative"),
+        ("vlbi_station_sigma_m = -1", "vlbi_station_sigma_m must not be negative"),
         ("hourz = 3", "did you mean 'hours'?"),
     ],
 )

@@ -1,0 +1,75 @@
+"""The noise of a study's observations: what the files state, and what the delays of one epoch share.
+
+The error of a VLBI station's arrival time (its receiver, its clock, the air above it) is in every delay of that epoch
+which the station has part in, with one sign as the second station and the other as the first.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
+from radioloc.measurements.observations import VLBI_DELAY
+from radioloc.measurements.tracking_arc import TrackingArc
+from radioloc.studies.study import ObservationChoice
+from radioloc.time import Epochs, utc_to_tai
+
+SAME_EPOCH_S = 0.05
+"""A delay is tagged with the arrival at its first station. One wavefront meets all stations within 43 ms, the light
+time through the Earth; epochs 0.1 s apart or more can be told from each other."""
+
+
+def stated_noise(arc: TrackingArc, choice: ObservationChoice) -> ObservationNoise:
+    """Noise of an arc's observations before the residuals are asked.
+
+    Parameters
+    ----------
+    arc : TrackingArc
+    choice : ObservationChoice
+        The error beyond the stated sigmas, and that of the VLBI stations.
+
+    Raises
+    ------
+    InputError
+        Stations are given a noise, and delays follow each other too fast to tell one epoch from the next.
+    """
+    own_m = np.hypot(arc.observations.sigma_m, choice.extra_sigma_m)
+    delays = np.flatnonzero(arc.observations.kind == VLBI_DELAY)
+    if not choice.vlbi_station_sigma_m or not len(delays):
+        return ObservationNoise(own_m)
+    group = np.full(len(own_m), ALONE)
+    group[delays] = same_epoch(arc.observations.epoch[delays])
+    effect_m = np.broadcast_to(np.array([-1.0, 1.0]) * choice.vlbi_station_sigma_m, (len(own_m), 2))
+    source = np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
+    return ObservationNoise(own_m, SharedErrors(group, source, effect_m))
+
+
+def same_epoch(epoch: Epochs) -> NDArray[np.intp]:
+    """Number of the epoch that each time tag belongs to, in order of time, shape (n,).
+
+    Parameters
+    ----------
+    epoch : Epochs
+        Time tags of delays, UTC; one or more.
+
+    Raises
+    ------
+    InputError
+        A row of tags, each within :data:`SAME_EPOCH_S` of the next, is longer than that.
+    """
+    tai = utc_to_tai(epoch)
+    elapsed_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])
+    order = np.argsort(elapsed_s, kind="stable")
+    begins = np.diff(elapsed_s[order], prepend=-np.inf) > SAME_EPOCH_S
+    number = np.cumsum(begins) - 1
+    first_s = elapsed_s[order][begins]
+    if (elapsed_s[order] - first_s[number]).max() > SAME_EPOCH_S:
+        raise InputError(
+            "VLBI delays follow each other too fast to tell which share an epoch: "
+            "[observations] vlbi_station_sigma_m needs epochs 0.1 s apart or more"
+        )
+    groups = np.empty(len(tai), dtype=np.intp)
+    groups[order] = number
+    return groups

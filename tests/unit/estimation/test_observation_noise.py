@@ -1,0 +1,225 @@
+"""Shared errors against dense algebra: weights, editing, excess noise, whatever the order of the rows."""
+
+import math
+
+import numpy as np
+import pytest
+from delay_network import OWN_M, STATION_M, DelayNetwork
+
+from radioloc.errors import InputError
+from radioloc.estimation import (
+    ALONE,
+    USED,
+    ObservationNoise,
+    SharedErrors,
+    fit_least_squares,
+    fit_with_editing,
+    fit_with_excess_noise,
+    observation_noise,
+)
+
+ROUNDING = 1e-9
+"""Two ways of the same algebra, relative; the covariance has a condition of 100."""
+SAME_ANSWER_SIGMAS = 0.01
+"""Where two fits of the same data end: the step tolerance, a thousandth of a sigma, and some reserve."""
+
+
+@pytest.fixture
+def network():
+    return DelayNetwork.make(ranges=5)
+
+
+def errors_m(network, seed=1):
+    return network.errors_m(np.random.default_rng(seed))
+
+
+def fit(network, observed_m, **more):
+    return fit_least_squares(
+        network.residual_function(observed_m), network.parameters(), network.noise, **more
+    )
+
+
+def assert_generalized(found, network, observed_m):
+    x, covariance, chi2 = network.generalized(observed_m)
+    np.testing.assert_allclose(found.covariance, covariance, rtol=ROUNDING, atol=ROUNDING * covariance.max())
+    np.testing.assert_allclose(found.x, x, rtol=0.0, atol=1e-6 * math.sqrt(covariance.max()))
+    assert found.chi2 == pytest.approx(chi2, rel=ROUNDING)
+    assert found.dof == len(observed_m) - len(x)
+
+
+def test_fit_is_generalized_least_squares(network):
+    observed_m = errors_m(network)
+    found = fit(network, observed_m)
+    assert found.converged
+    assert_generalized(found, network, observed_m)
+    assert found.sigma_m == pytest.approx(np.sqrt(np.diag(network.covariance)), rel=1e-14)
+
+
+def test_whitened_rows_carry_the_inverse_covariance(network):
+    [*parts] = network.noise.whitened(lambda rows: np.eye(len(network.epoch))[rows])
+    root = np.vstack(parts)
+    weight = np.linalg.inv(network.covariance)
+    np.testing.assert_allclose(root.T @ root, weight, rtol=0.0, atol=ROUNDING * weight.max())
+
+
+def test_rows_left_out_drop_out_of_their_blocks(network):
+    observed_m = errors_m(network)
+    used = np.random.default_rng(2).random(len(observed_m)) > 0.4  # leaves blocks of all sizes, of none too
+    assert set(np.bincount(network.epoch[used & (network.epoch != ALONE)], minlength=20)) >= set(range(1, 6))
+    found = fit(network, observed_m, used=used)
+    assert_generalized(found, network.select(used), observed_m[used])
+    # A row seen alone is what it was.
+    assert found.sigma_m == pytest.approx(network.noise.sigma_m, rel=1e-14)
+
+
+def test_a_row_left_out_may_be_anything(network):
+    observed_m = errors_m(network)
+    used = np.arange(len(observed_m)) != 8
+    holed_m = np.where(used, observed_m, np.nan)
+    assert fit(network, holed_m, used=used).chi2 == fit(network, observed_m, used=used).chi2
+
+
+def test_order_of_the_rows_does_not_matter(network):
+    observed_m = errors_m(network)
+    found = fit(network, observed_m)
+    order = np.random.default_rng(3).permutation(len(observed_m))
+    mixed = fit(network.select(order), observed_m[order])
+    np.testing.assert_allclose(mixed.x, found.x, rtol=0.0, atol=1e-6 * found.sigmas.min())
+    np.testing.assert_allclose(mixed.covariance, found.covariance, rtol=0.0, atol=ROUNDING)
+    assert mixed.chi2 == pytest.approx(found.chi2, rel=ROUNDING)
+    np.testing.assert_array_equal(mixed.sigma_m, found.sigma_m[order])
+
+
+def test_parts_of_any_length_give_the_same(network, monkeypatch):
+    observed_m = errors_m(network)
+    whole = fit(network, observed_m)
+    monkeypatch.setattr(observation_noise, "_ROWS_AT_ONCE", 4)  # less than a block
+    parts = list(network.noise.whitened(lambda rows: observed_m[rows, None]))
+    assert {len(part) for part in parts} == {4, 1, 6}
+    assert fit(network, observed_m).chi2 == pytest.approx(whole.chi2, rel=ROUNDING)
+
+
+def test_six_baselines_of_four_stations_carry_three_delays():
+    """Where the stations' noise is all there is; then three baselines of one station say as much as all six."""
+    network = DelayNetwork.make(own_m=1e-4, station_m=1.0)
+    observed_m = np.zeros(len(network.epoch))
+    six = fit(network, observed_m)
+    believed = fit_least_squares(
+        network.residual_function(observed_m), network.parameters(), network.noise.sigma_m
+    )
+    small = 1e-6  # square of own over station
+    assert six.sigmas / believed.sigmas == pytest.approx(math.sqrt(6 / 3), rel=small)
+    three = fit(network, observed_m, used=network.first == 0)
+    assert six.sigmas == pytest.approx(three.sigmas, rel=small)
+
+
+def test_without_station_noise_delays_are_independent():
+    network = DelayNetwork.make(station_m=0.0)
+    observed_m = errors_m(network)
+    plain = fit_least_squares(network.residual_function(observed_m), network.parameters(), OWN_M)
+    found = fit(network, observed_m)
+    np.testing.assert_allclose(found.x, plain.x, rtol=0.0, atol=1e-6 * plain.sigmas.min())
+    assert found.chi2 == pytest.approx(plain.chi2, rel=ROUNDING)
+
+
+def test_a_blunder_is_taken_out_of_its_block(network):
+    observed_m = errors_m(network)
+    observed_m[[7, 33]] += [8.0, -5.0]
+    kept = ~np.isin(np.arange(len(observed_m)), [7, 33])
+    edited = fit_with_editing(network.residual_function(observed_m), network.parameters(), network.noise)
+    assert edited.converged
+    np.testing.assert_array_equal(edited.status == USED, kept)
+    x, covariance, chi2 = network.select(kept).generalized(observed_m[kept])
+    sigmas = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(edited.fit.x, x, rtol=0.0, atol=SAME_ANSWER_SIGMAS * sigmas.min())
+    assert edited.fit.chi2 == pytest.approx(chi2, rel=1e-4)
+
+
+def test_editing_judges_a_delay_by_all_its_errors():
+    """0.4 m at each station are 0.57 m in a delay: six times its own sigma is nothing to speak of."""
+    network = DelayNetwork.make()
+    observed_m = np.zeros(len(network.epoch))
+    total_m = math.hypot(OWN_M, math.sqrt(2.0) * STATION_M)
+    observed_m[[7, 33]] = [6.0 * OWN_M, 6.0 * total_m]
+    edited = fit_with_editing(network.residual_function(observed_m), network.parameters(), network.noise)
+    assert edited.status[7] == USED
+    assert edited.status[33].startswith("outlier: ")
+    assert edited.status[33].endswith(f"times its expected {total_m:.3f} m")
+    assert edited.fit.normalized_residuals[33] == pytest.approx(6.0, abs=0.3)
+
+
+def test_excess_noise_is_on_the_diagonal():
+    network = DelayNetwork.make(epochs=300, ranges=200)
+    more_m = 0.3
+    delays = network.epoch != ALONE
+    observed_m = errors_m(network)
+    observed_m[delays] += more_m * np.random.default_rng(5).normal(size=int(delays.sum()))
+    found = fit_with_excess_noise(
+        network.residual_function(observed_m),
+        network.parameters(),
+        network.noise,
+        groups=np.where(delays, "delay", "range"),
+    )
+    assert found.excess_noise_m["range"] == 0.0
+    excess_m = found.excess_noise_m["delay"]
+    # Half of 1800 squares show it: 3 % of scatter.
+    assert excess_m == pytest.approx(more_m, rel=0.1)
+    fit = found.edited.fit
+    expected_m = np.sqrt(OWN_M**2 + delays * (excess_m**2 + 2.0 * STATION_M**2))
+    assert fit.sigma_m == pytest.approx(expected_m, rel=1e-12)
+    assert fit.noise.own_m == pytest.approx(np.hypot(OWN_M, excess_m * delays), rel=1e-12)
+    of_delays = fit.noise.select(delays).combined(fit.residual_m[delays])
+    dof = round(delays.sum() * (1.0 - 3.0 / len(delays)))
+    assert float(((of_delays[0] / of_delays[1]) ** 2).sum()) == pytest.approx(dof, rel=5e-3)
+
+
+def test_correlated_noise_is_no_excess():
+    """Believed to be independent, the same errors are either too small around triangles or too large elsewhere."""
+    network = DelayNetwork.make(epochs=100)
+    observed_m = errors_m(network)
+    function, parameters = network.residual_function(observed_m), network.parameters()
+    found = fit_with_excess_noise(function, parameters, network.noise)
+    assert found.excess_noise_m == {"all": 0.0}
+    assert found.edited.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / 597.0))
+    assert fit_with_excess_noise(function, parameters, network.own_m).excess_noise_m["all"] > STATION_M
+
+
+def test_a_station_shares_nothing_with_itself():
+    shared = SharedErrors(np.zeros(1, dtype=int), np.array([[3, 3]]), np.array([[-2.0, 2.0]]))
+    assert ObservationNoise(np.array([0.5]), shared).sigma_m == pytest.approx([0.5])
+
+
+def test_nothing_has_no_parts():
+    network = DelayNetwork.make(epochs=2)
+    none = network.noise.select(np.zeros(12, dtype=bool))
+    assert (len(none), *(len(column) for column in none.combined(np.zeros(0)))) == (0, 0, 0)
+
+
+def shared_of(count=2, effect_m=1.0):
+    """Differences of the errors of two sources."""
+    effects_m = np.tile([-effect_m, effect_m], (count, 1))
+    return SharedErrors(np.zeros(count, dtype=int), np.tile([0, 1], (count, 1)), effects_m)
+
+
+@pytest.mark.parametrize(
+    ("own_m", "shared", "words"),
+    [
+        ([1.0, 0.0], None, "sigma of observation 1 is 0.0 m"),
+        ([1.0, math.nan], shared_of(), "sigma of observation 1 is nan m"),
+        ([1.0, 1.0], shared_of(3), r"groups of shared errors have shape \(3,\); 2 observations need \(2,\)"),
+        ([1.0, 1.0], shared_of(effect_m=math.inf), "an effect of a shared error is not finite"),
+        ([1e-6, 1e-7], shared_of(), "sigma of observation 1 is 1e-07 m, too small beside the error"),
+    ],
+)
+def test_unusable_noise_is_refused(own_m, shared, words):
+    with pytest.raises(InputError, match=words):
+        ObservationNoise(np.array(own_m), shared)
+
+
+def test_noise_of_another_length_is_refused(network):
+    with pytest.raises(InputError, match="noise of 124 observations does not belong to 125 observations"):
+        fit_least_squares(
+            network.residual_function(np.zeros(125)),
+            network.parameters(),
+            network.noise.select(np.arange(125) > 0),
+        )

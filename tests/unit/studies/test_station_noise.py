@@ -1,0 +1,118 @@
+"""Which delays share an epoch, and what a study makes of the noise of their stations."""
+
+import math
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc import EstimateChoice, InputError, LunarPosition, ModelChoice, ObservationChoice, Study
+from radioloc.measurements.observations import KINDS
+from radioloc.simulation import Masks, Noise, NoiseModel, Schedule, Session, World, all_ranges, baselines
+from radioloc.studies.station_noise import SAME_EPOCH_S, same_epoch, stated_noise
+from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
+
+START = utc_to_tai(epochs_from_strings("2016-12-31T23:59:50"))  # before a leap second
+OWN_M, STATION_M, RANGE_M = 0.02, 0.3, 20.0
+STATIONS = ("SESHAN25", "MIYUN50", "KUNMING", "URUMQI")
+
+
+def tags(seconds):
+    seconds = np.asarray(seconds, dtype=float)
+    return tai_to_utc(Epochs.from_jd(START.jd[0], START.fraction[0] + seconds / 86400.0, "TAI"))
+
+
+def test_tags_of_one_wavefront_share_an_epoch():
+    rng = np.random.default_rng(0)
+    number = np.repeat(np.arange(50), 6)
+    at_station_s = rng.uniform(-0.0213, 0.0213, len(number))  # the Earth's radius
+    order = rng.permutation(len(number))
+    for step_s in (0.1, 1.0, 60.0):  # over the leap second too, and no edge of a clock's tick in the way
+        found = same_epoch(tags(number * step_s + at_station_s)[order])
+        np.testing.assert_array_equal(found, number[order])
+
+
+def test_epochs_too_dense_to_tell_are_refused():
+    assert same_epoch(tags(0.051 * np.arange(5))).tolist() == [0, 1, 2, 3, 4]
+    assert same_epoch(tags([0.0, 0.025, 0.0499])).tolist() == [0, 0, 0]
+    with pytest.raises(InputError, match=r"vlbi_station_sigma_m needs epochs 0\.1 s apart or more"):
+        same_epoch(tags(0.6 * SAME_EPOCH_S * np.arange(3)))
+
+
+def test_ranges_share_nothing():
+    kinds = ["vlbi_delay", "range", "vlbi_delay", "doppler", "vlbi_delay"]
+    arc = SimpleNamespace(
+        transmitters=np.array([0, 0, 0, 0, 1]),
+        receivers=np.array([1, 1, 2, 1, 2]),
+        observations=SimpleNamespace(
+            epoch=tags([0.0, 0.0, 0.01, 0.0, 0.02]),
+            kind=np.array([KINDS.index(kind) for kind in kinds]),
+            sigma_m=np.full(5, 3.0),
+        ),
+    )
+    noise = stated_noise(arc, ObservationChoice(extra_sigma_m=4.0, vlbi_station_sigma_m=2.0))
+    weight = np.vstack(list(noise.whitened(lambda rows: np.eye(5)[rows])))
+    covariance = np.linalg.inv(weight.T @ weight)
+    expected = 25.0 * np.eye(5)
+    # Errors of stations 0, 1, 2 in delays 0-1, 0-2, 1-2.
+    expected[np.ix_([0, 2, 4], [0, 2, 4])] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])
+    np.testing.assert_allclose(covariance, expected, rtol=0.0, atol=1e-10)
+    assert stated_noise(arc, ObservationChoice(extra_sigma_m=4.0)).shared is None
+
+
+@pytest.fixture(scope="module")
+def site():
+    return LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+
+
+@pytest.fixture(scope="module")
+def made(site):
+    """Ranges and delays of a day; the errors of the delays are those of their stations."""
+    span = ("2020-12-01T15:11", "2020-12-02T15:11", 1800.0)
+    schedule = Schedule(
+        [
+            Session("range", all_ranges("JIAMUSI"), *span, RANGE_M),
+            Session("vlbi_delay", baselines(*STATIONS), *span, OWN_M),
+        ],
+        Masks(10.0),
+    )
+    model = radioloc.PhysicalModel.build(off=["troposphere"])
+    noise = NoiseModel(
+        {"range": Noise(white_m=RANGE_M), "vlbi_delay": Noise(white_m=OWN_M)}, Noise(white_m=STATION_M)
+    )
+    return World.prepare(schedule, site, model=model).draw(noise, seed=1)
+
+
+def locate(site, made, observations=None, **choice):
+    study = Study(
+        target=site,
+        observations=ObservationChoice(**choice),
+        estimate=EstimateChoice(),
+        model=ModelChoice(terms=radioloc.active_terms(["troposphere"])),
+    )
+    return radioloc.locate(study, made.observations if observations is None else observations)
+
+
+def test_delays_of_four_stations_carry_half_of_what_they_seem_to(site, made):
+    found = locate(site, made, vlbi_station_sigma_m=STATION_M)
+    assert found.converged
+    assert set(found.fit.excess_noise_m.values()) == {0.0}
+    delays = made.observations.types() == "vlbi_delay"
+    expected_m = np.where(delays, math.hypot(OWN_M, math.sqrt(2.0) * STATION_M), RANGE_M)
+    assert found.residuals.sigma_m == pytest.approx(expected_m, rel=1e-12)
+    assert found.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / found.fit.dof))
+    away_m = found.position_pa_m - made.target_pa_m
+    assert away_m @ np.linalg.solve(found.position_covariance("pa"), away_m) < 21.1  # 1e-4 by chance
+    assert found.provenance["vlbi_station_sigma_m"] == STATION_M
+    # The same sigmas, taken as independent.
+    own_m = np.where(delays, expected_m, made.observations.sigma_m)
+    believed = locate(site, made, replace(made.observations, sigma_m=own_m))
+    # But for the line of sight, which the ranges know, and epochs at which not all four see the Moon.
+    ratio = found.sigma_enu_m("formal") / believed.sigma_enu_m("formal")
+    print(ratio)
+    assert ratio == pytest.approx(math.sqrt(2.0), rel=0.05)
+    # Not known of, it is excess noise, a little less than that of a delay.
+    alone = locate(site, made)
+    assert alone.fit.excess_noise_m["vlbi_delay"] == pytest.approx(math.sqrt(2.0) * STATION_M, rel=0.2)

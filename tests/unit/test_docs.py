@@ -180,6 +180,7 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
             "longitude_deg",
             "latitude_deg",
             "height_m",
+            "ionex",
         }
     assert study.name == "everything"
 

@@ -2,8 +2,8 @@
 
 Every value is in metres. A range is the whole light path from the transmitter over the point on the Moon to the
 receiver, as the speed of light times the time of flight in the station's clock (UTC rate): a round trip, not its half.
-The epoch is UTC and belongs to the event that the time tag names. Millions of rows are meant to fit: no Python object is
-kept per row.
+The epoch is UTC and belongs to the event that the time tag names. Millions of rows are meant to fit: no Python object
+is kept per row.
 """
 
 from __future__ import annotations

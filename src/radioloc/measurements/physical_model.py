@@ -13,6 +13,7 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.kernels import KernelFile
+from radioloc.measurements.electron_content import ElectronContent
 from radioloc.measurements.terms import TERMS, active_terms
 
 
@@ -32,6 +33,8 @@ class PhysicalModel:
         Stations by name.
     terms : frozenset of str
         Active terms, from :data:`~radioloc.measurements.terms.TERMS`.
+    ionosphere : ElectronContent or None
+        Source of electron content along the rays of radio signals.
     """
 
     ephemeris: Ephemeris
@@ -39,6 +42,7 @@ class PhysicalModel:
     earth: EarthOrientation
     catalogue: StationCatalogue
     terms: frozenset[str]
+    ionosphere: ElectronContent | None = None
 
     @classmethod
     def build(
@@ -48,6 +52,7 @@ class PhysicalModel:
         libration: str | Path = "DE421",
         earth_orientation: str | Path | None = None,
         catalogue: StationCatalogue | None = None,
+        ionosphere: ElectronContent | None = None,
         off: Iterable[str] = (),
     ) -> PhysicalModel:
         """Open the kernels and tables.
@@ -60,6 +65,8 @@ class PhysicalModel:
             A C04 or finals2000A file; the tables of ``astropy-iers-data`` where it is not given.
         catalogue : StationCatalogue, optional
             The stations; the catalogue that ships where it is not given.
+        ionosphere : ElectronContent, optional
+            Source of electron content, such as IONEX maps; radio signals have no ionospheric delay without one.
         off : iterable of str
             Names of terms to leave out.
 
@@ -78,7 +85,7 @@ class PhysicalModel:
             )
         table = EopTable.packaged() if earth_orientation is None else EopTable.from_file(earth_orientation)
         stations = StationCatalogue.default() if catalogue is None else catalogue
-        return cls(spk, pck, _earth_orientation(table, terms), stations, terms)
+        return cls(spk, pck, _earth_orientation(table, terms), stations, terms, ionosphere)
 
     def without(self, *names: str) -> PhysicalModel:
         """The same model with some more terms left out.
@@ -90,7 +97,7 @@ class PhysicalModel:
         """
         terms = self.terms & active_terms(names)
         earth = _earth_orientation(self.earth.table, terms)
-        return PhysicalModel(self.ephemeris, self.libration, earth, self.catalogue, terms)
+        return PhysicalModel(self.ephemeris, self.libration, earth, self.catalogue, terms, self.ionosphere)
 
     def has(self, term: str) -> bool:
         """Whether a term is active."""

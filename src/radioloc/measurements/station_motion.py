@@ -33,6 +33,8 @@ class StationMotion:
         Geocentric position and velocity.
     up_gcrs, up_rate_gcrs : ndarray, shape (n, 3)
         Unit vector of the ellipsoid's normal and its rate, 1/s.
+    pole_gcrs : ndarray, shape (n, 3)
+        Unit vector of the ITRF's z axis, for azimuths.
     tdb_minus_tt_s : ndarray, shape (n,)
         TDB - TT at the station.
     topocentric_s : ndarray, shape (n,)
@@ -50,6 +52,7 @@ class StationMotion:
     gcrs_velocity_m_s: NDArray[np.float64]
     up_gcrs: NDArray[np.float64]
     up_rate_gcrs: NDArray[np.float64]
+    pole_gcrs: NDArray[np.float64]
     tdb_minus_tt_s: NDArray[np.float64]
     topocentric_s: NDArray[np.float64]
     tdb_rate: NDArray[np.float64]
@@ -137,6 +140,7 @@ def station_motion(
         gcrs_velocity_m_s=gcrs_velocity_m_s,
         up_gcrs=np.einsum("nij,nj->ni", rot, up_itrf),
         up_rate_gcrs=np.einsum("nij,nj->ni", rotation.rot_itrf_to_gcrs_rate, up_itrf),
+        pole_gcrs=rot[:, :, 2],
         tdb_minus_tt_s=geocentric_s + topocentric_s,
         topocentric_s=topocentric_s,
         tdb_rate=np.einsum("ni,ni->n", v_m_s, v_m_s) / (2.0 * C_M_S**2)

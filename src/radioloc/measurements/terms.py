@@ -15,7 +15,7 @@ TERMS: dict[str, str] = {
     "shapiro": "gravitational delay by the Sun, the Earth, the Moon and the planets",
     "tdb_tt": "difference of TDB - TT between the ends of the light path",
     "troposphere": "refraction by the neutral atmosphere at each station",
-    "ionosphere": "refraction by the ionosphere; nothing for light",
+    "ionosphere": "refraction of radio signals by the ionosphere, where maps or a content are given",
     "solid_earth_tide": "displacement of the stations by the solid Earth tide",
     "pole_tide": "displacement of the stations by the solid Earth pole tide",
     "ocean_loading": "displacement of the stations by ocean tide loading",

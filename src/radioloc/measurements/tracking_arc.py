@@ -27,6 +27,7 @@ from radioloc.earth.stations import Station
 from radioloc.errors import StationError
 from radioloc.measurements.elevation import elevation_and_rate
 from radioloc.measurements.gravitational_delay import gravitational_delay_m
+from radioloc.measurements.ionosphere import frequencies_hz, ionosphere_delay
 from radioloc.measurements.light_path import (
     RECEIVE,
     TRANSMIT,
@@ -289,7 +290,7 @@ class TrackingArc:
         path = self._path(relay, tagged_s, 0.0, 0.0)
         up_m, down_m = self._gravity(path, relay)
         up, down = self._slants(path, relay)
-        up_m, down_m = up_m + up.delay.delay_m, down_m + down.delay.delay_m
+        up_m, down_m = up_m + up.media_m, down_m + down.media_m
         return self._path(relay, tagged_s, up_m, down_m), relay
 
     def _path(
@@ -326,8 +327,11 @@ class TrackingArc:
         """Elevation and tropospheric delay at both stations."""
         lander_gcrs_m, velocity_m_s = self._moon.geocentric(relay, path.bounce_s)
         up, down = (
-            self._slant(station, which, lander_gcrs_m, velocity_m_s)
-            for station, which in ((self._up, self._transmitter), (self._down, self._receiver))
+            self._slant(station, which, uplink, lander_gcrs_m, velocity_m_s)
+            for station, which, uplink in (
+                (self._up, self._transmitter, self._sign > 0.0),
+                (self._down, self._receiver, np.zeros(len(self._paths), dtype=bool)),
+            )
         )
         return up, down
 
@@ -335,6 +339,7 @@ class TrackingArc:
         self,
         station: StationMotion,
         which: NDArray[np.int32],
+        uplink: NDArray[np.bool_],
         lander_gcrs_m: NDArray[np.float64],
         velocity_m_s: NDArray[np.float64],
     ) -> _Slant:
@@ -345,10 +350,26 @@ class TrackingArc:
             )
         else:
             delay = SlantDelay.none(len(elevation_rad))
+        ionosphere_m, problem = np.zeros(len(elevation_rad)), delay.problem
+        if self.model.has("ionosphere") and self.model.ionosphere is not None:
+            away_m = lander_gcrs_m - station.gcrs_m
+            ionosphere_m, no_frequency = ionosphere_delay(
+                self.model.ionosphere,
+                self._paths,
+                station,
+                np.array([s.itrf_m for s in self._stations])[which],
+                away_m / np.linalg.norm(away_m, axis=-1)[:, None],
+                elevation_rad,
+                frequencies_hz(self._paths, uplink=uplink),
+                self._radio,
+            )
+            problem = np.where(problem != "", problem, no_frequency)
         below = np.array(
             [f"below the horizon ({e:.1f} deg)" for e in np.degrees(elevation_rad)], dtype=np.str_
         )
-        return _Slant(elevation_rad, rate_rad_s, delay, np.where(elevation_rad < 0.0, below, delay.problem))
+        return _Slant(
+            elevation_rad, rate_rad_s, delay, ionosphere_m, np.where(elevation_rad < 0.0, below, problem)
+        )
 
 
 def _rows_of(value: Any, rows: NDArray[np.intp]) -> Any:
@@ -368,7 +389,13 @@ class _Slant:
     elevation_rad: NDArray[np.float64]
     elevation_rate_rad_s: NDArray[np.float64]
     delay: SlantDelay
+    ionosphere_m: NDArray[np.float64]
     problem: NDArray[np.str_]
+
+    @property
+    def media_m(self) -> NDArray[np.float64]:
+        """Delay of the troposphere and the ionosphere, m, shape (n,)."""
+        return self.delay.delay_m + self.ionosphere_m
 
 
 def _stations_of(

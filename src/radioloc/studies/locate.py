@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from radioloc._version import __version__
 from radioloc.constants import C_M_S
+from radioloc.earth.ionex import read_ionex
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import CoverageError, InputError
 from radioloc.estimation.build import build_solution
@@ -22,6 +23,7 @@ from radioloc.io.detect import read_observations
 from radioloc.io.tdm_agreement import LightTime
 from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.electron_content import ElectronContent, UniformTec
 from radioloc.measurements.observations import TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
@@ -29,7 +31,7 @@ from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
-from radioloc.studies.study import EstimateChoice, Study
+from radioloc.studies.study import EstimateChoice, ModelChoice, Study
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
 _LOWEST_EARTH_DEG = -8.0
@@ -159,8 +161,15 @@ def _model(study: Study) -> PhysicalModel:
         libration=choice.libration,
         earth_orientation=choice.earth_orientation,
         catalogue=study.catalogue,
+        ionosphere=_ionosphere(choice),
         off=set(TERMS) - choice.terms,
     )
+
+
+def _ionosphere(choice: ModelChoice) -> ElectronContent | None:
+    if choice.ionex:
+        return read_ionex(choice.ionex)
+    return None if choice.tec_tecu is None else UniformTec(choice.tec_tecu)
 
 
 def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
@@ -269,6 +278,9 @@ def _notes(
     predicted = int(arc.predicted_eop.sum())
     if predicted:
         notes.append(f"Earth orientation is predicted, not measured, for {_count(predicted)}")
+    laser = all(station.kind == "llr" for station in stations)
+    if model.has("ionosphere") and model.ionosphere is None and not laser:
+        notes.append("no ionosphere for radio signals: give maps or a content as [model] ionex or tec_tecu")
     off = [name for name in TERMS if not model.has(name)]
     if off:
         notes.append(f"terms left out of the model: {', '.join(off)}")

@@ -17,6 +17,7 @@ from radioloc.errors import InputError
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.electron_content import UniformTec
 from radioloc.measurements.terms import active_terms
 from radioloc.time import Epochs, utc_to_tai
 
@@ -231,6 +232,10 @@ class ModelChoice:
         Registered name or path of the SPK and of the binary PCK.
     earth_orientation : Path or None
         A C04 or finals2000A file in place of the installed tables.
+    ionex : tuple of Path
+        IONEX maps of the electron content.
+    tec_tecu : float or None
+        In their place the same vertical content everywhere and always, TECU.
 
     Raises
     ------
@@ -242,11 +247,17 @@ class ModelChoice:
     ephemeris: str = "DE421"
     libration: str = "DE421"
     earth_orientation: Path | None = None
+    ionex: tuple[Path, ...] = ()
+    tec_tecu: float | None = None
 
     def __post_init__(self) -> None:
         terms = frozenset(_names("terms", self.terms))
         active_terms(terms)  # knows every name, or says which it does not
         object.__setattr__(self, "terms", terms)
+        if self.ionex and self.tec_tecu is not None:
+            raise InputError("give either ionex or tec_tecu, not both")
+        if self.tec_tecu is not None:
+            UniformTec(self.tec_tecu)  # knows what can be
 
 
 @dataclass(frozen=True, slots=True)

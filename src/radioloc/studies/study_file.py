@@ -222,6 +222,7 @@ def _model(table: TomlTable, folder: Path) -> ModelChoice:
     off = table.texts("off") or ()
     fields = {key: _kernel(table.text(key), folder) for key in ("ephemeris", "libration")}
     eop = table.text("earth_orientation")
+    maps, tec_tecu = table.texts("ionex") or (), table.number("tec_tecu")
     table.finish()
     if eop is not None and not (folder / eop).is_file():
         table.fail("earth_orientation", f"there is no file {eop!r} in {folder.resolve()}")
@@ -230,7 +231,12 @@ def _model(table: TomlTable, folder: Path) -> ModelChoice:
     except InputError as error:
         table.fail("off", str(error))
     return table.build(
-        ModelChoice, terms=terms, earth_orientation=None if eop is None else folder / eop, **fields
+        ModelChoice,
+        terms=terms,
+        earth_orientation=None if eop is None else folder / eop,
+        ionex=tuple(folder / name for name in maps),
+        tec_tecu=tec_tecu,
+        **fields,
     )
 
 

@@ -10,8 +10,8 @@ from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.stations import StationCatalogue
 from radioloc.measurements.elevation import elevation_and_rate
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.measurements.station_motion import StationMotion
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import tt_to_tdb, utc_to_tt
 
 
@@ -22,7 +22,9 @@ def still_station(up, gcrs_m=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), up_rate=
         ("tdb_minus_tt_s", "topocentric_s", "tdb_rate", "latitude_rad", "height_m", "predicted_eop"),
         np.zeros(1),
     )
-    return StationMotion(point=None, up_gcrs=np.array([up]), up_rate_gcrs=np.array([up_rate]), **row, **rest)
+    return StationMotion(
+        point=None, pole_gcrs=None, up_gcrs=np.array([up]), up_rate_gcrs=np.array([up_rate]), **row, **rest
+    )
 
 
 @pytest.mark.parametrize("degrees", [-90.0, -20.0, 0.0, 1e-7, 45.0, 89.9999999, 90.0])

@@ -15,8 +15,8 @@ from radioloc.errors import ConvergenceError, CoverageError, PredictedEopWarning
 from radioloc.lunar import cartesian_partials, cartesian_to_selenographic, selenographic_to_cartesian
 from radioloc.measurements.observations import TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.measurements.terms import TERMS
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, tdb_to_tt, tt_to_tai, utc_to_tai
 
 # The chain's noise is some micrometres at most; what is the same by definition has to agree to this.

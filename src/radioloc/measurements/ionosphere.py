@@ -1,0 +1,78 @@
+"""Delay by the ionosphere at one end of a path of a radio signal, from a source of electron content."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S
+from radioloc.earth.checks import LEAST_ELEVATION_RAD
+from radioloc.earth.ionosphere import ionosphere_delay_m
+from radioloc.measurements.electron_content import ElectronContent
+from radioloc.measurements.observations import DOPPLER, Observations
+from radioloc.measurements.station_motion import StationMotion
+
+
+def ionosphere_delay(
+    source: ElectronContent,
+    observations: Observations,
+    station: StationMotion,
+    itrf_m: NDArray[np.float64],
+    unit_gcrs: NDArray[np.float64],
+    elevation_rad: NDArray[np.float64],
+    frequency_hz: NDArray[np.float64],
+    radio: NDArray[np.bool_],
+) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
+    """Delay of radio signals by the ionosphere at one end.
+
+    Parameters
+    ----------
+    source : ElectronContent
+    observations : Observations
+        Epochs and kinds are used.
+    station : StationMotion
+        The station at this end.
+    itrf_m : ndarray, shape (n, 3)
+        Its ITRF position.
+    unit_gcrs : ndarray, shape (n, 3)
+        Direction to the point.
+    elevation_rad : ndarray, shape (n,)
+    frequency_hz : ndarray, shape (n,)
+        Frequency on this leg; NaN where it was not recorded.
+    radio : ndarray of bool, shape (n,)
+        Which signals are radio; light has none of this.
+
+    Returns
+    -------
+    delay_m : ndarray, shape (n,)
+        Group delay; for Doppler, which counts the phase, its opposite. Zero where there is a problem.
+    problem : ndarray of str, shape (n,)
+        Why there is no delay; empty where there is one or none is due.
+
+    Notes
+    -----
+    First order, 40.3 m^3/s^2 TEC / f^2 (IERS Conventions 2010, section 9.4).
+    """
+    delay_m = np.zeros(len(observations))
+    problem = np.where(
+        radio & np.isnan(frequency_hz), "no frequency recorded, which the ionosphere needs", ""
+    )
+    rows = np.flatnonzero(radio & (problem == "") & (elevation_rad >= LEAST_ELEVATION_RAD))
+    if len(rows):
+        east = np.cross(station.pole_gcrs[rows], station.up_gcrs[rows])
+        north = np.cross(station.up_gcrs[rows], east)
+        azimuth_rad = np.arctan2(
+            np.einsum("ni,ni->n", east, unit_gcrs[rows]), np.einsum("ni,ni->n", north, unit_gcrs[rows])
+        )
+        tec = source.slant_tec(
+            itrf_m[rows], azimuth_rad % (2.0 * np.pi), elevation_rad[rows], observations.epoch[rows]
+        )
+        phase = np.where(observations.kind[rows] == DOPPLER, -1.0, 1.0)
+        delay_m[rows] = phase * ionosphere_delay_m(tec, frequency_hz[rows])
+    return delay_m, problem
+
+
+def frequencies_hz(observations: Observations, *, uplink: NDArray[np.bool_]) -> NDArray[np.float64]:
+    """Frequency of a leg: the recorded uplink's where it goes up and that was recorded, else the downlink's."""
+    down_hz = C_M_S / (observations.wavelength_um * 1e-6)
+    return np.where(uplink & ~np.isnan(observations.uplink_hz), observations.uplink_hz, down_hz)

@@ -1,0 +1,83 @@
+"""The ionosphere on the legs of radio paths."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from arc_cases import epochs_tai
+
+from radioloc import Link, LunarPosition, Observations, PhysicalModel, TrackingArc
+from radioloc.constants import C_M_S
+from radioloc.earth.ionosphere import ionosphere_delay_m, modified_shell_mapping
+from radioloc.errors import InputError
+from radioloc.measurements.electron_content import UniformTec
+from radioloc.time import tai_to_utc
+
+X_DOWN_HZ, X_UP_HZ = 8.4e9, 7.2e9
+LEVER_M = 1e-5
+"""A delay of half a metre moves the point by 3e-5 m along the ray and changes the rest of the path by less than this."""
+
+
+def predicted(kind, tec, uplink_hz=X_UP_HZ, wavelength_um=C_M_S / X_DOWN_HZ * 1e6, **columns):
+    model = PhysicalModel.build(ionosphere=None if tec is None else UniformTec(tec))
+    point = LunarPosition.from_selenographic(-51.9, 43.0, -2500.0).to_axes("PA", model.ephemeris.constants)
+    observations = Observations.from_columns(
+        epoch=tai_to_utc(epochs_tai(3, 2.0, 2459185.5, 0.75)),
+        links=[Link("KASHI", "lander", "URUMQI", kind == 1)],
+        kind=kind,
+        tag=1,
+        value_m=1.0,
+        sigma_m=1.0,
+        uplink_hz=uplink_hz,
+        wavelength_um=wavelength_um,
+        **columns,
+    )
+    return TrackingArc(model, observations, point.xyz_m).compute(point.xyz_m)
+
+
+def slants(computed, frequencies_hz):
+    mapping = modified_shell_mapping(computed.elevation_rad)[0]
+    return np.stack(
+        [ionosphere_delay_m(20.0 * mapping[:, k], f) for k, f in enumerate(frequencies_hz)], axis=-1
+    )
+
+
+def test_range_is_longer_by_both_legs_at_their_frequencies():
+    without, with_it = predicted(0, None), predicted(0, 20.0)
+    assert (with_it.problem == "").all()
+    expected = slants(with_it, (X_UP_HZ, X_DOWN_HZ)).sum(axis=-1)
+    assert 0.2 < expected.min() < expected.max() < 2.0
+    assert with_it.value_m - without.value_m == pytest.approx(expected, abs=LEVER_M)
+
+
+def test_downlink_serves_for_an_uplink_that_was_not_recorded():
+    without, with_it = predicted(0, None, np.nan), predicted(0, 20.0, np.nan)
+    expected = slants(with_it, (X_DOWN_HZ, X_DOWN_HZ)).sum(axis=-1)
+    assert with_it.value_m - without.value_m == pytest.approx(expected, abs=LEVER_M)
+
+
+def test_delay_is_the_difference_of_two_downlinks():
+    without, with_it = predicted(1, None), predicted(1, 20.0)
+    first, second = slants(with_it, (X_DOWN_HZ, X_DOWN_HZ)).T
+    assert with_it.value_m - without.value_m == pytest.approx(second - first, abs=LEVER_M)
+    assert np.abs(second - first).max() > 10 * LEVER_M
+
+
+def test_doppler_counts_the_phase_which_is_advanced():
+    changes = [
+        computed.value_m - without.value_m
+        for computed, without in ((predicted(2, 20.0, count_s=600.0), predicted(2, None, count_s=600.0)),)
+    ][0]
+    ranges = [predicted(0, 20.0).value_m - predicted(0, None).value_m]
+    # The elevations sink or rise one way over two hours, and the group delay with them; the phase goes against it.
+    assert (np.sign(changes) == -np.sign(np.gradient(ranges[0]))).all()
+
+
+def test_a_missing_frequency_is_named():
+    computed = predicted(0, 20.0, wavelength_um=np.nan)
+    assert all("no frequency recorded" in problem for problem in computed.problem)
+
+
+def test_content_that_cannot_be_is_refused():
+    with pytest.raises(InputError, match="TECU"):
+        UniformTec(-1.0)

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.time import Epochs
+from radioloc.time import Epochs, evaluate_smooth
 
 GIVEN_TIDES = np.array(
     [
@@ -86,9 +86,20 @@ def sum_of_tides(
     if fraction.shape not in ((), (len(tt),)) or not np.isfinite(fraction).all():
         raise InputError(f"give the fraction of the UT1 day for {len(tt)} epochs, finite")
     multipliers, _ = tidal_potential()
-    arguments = _doodson_arguments_rad(tt.centuries_since_j2000(), fraction) @ multipliers.T
-    weights = all_amplitudes(amplitudes_m)
-    return np.asarray(np.cos(arguments) @ weights.real.T - np.sin(arguments) @ weights.imag.T)
+    amplitudes = all_amplitudes(amplitudes_m)
+    bands = [multipliers[:, 0] == band for band in range(len(_EQUILIBRIUM_PHASE_RAD))]
+
+    def envelopes(at: Epochs) -> NDArray[np.complex128]:
+        """Tides of each band without the turning of the Earth, shape (n, bands, 3)."""
+        arguments = _doodson_arguments_rad(at.centuries_since_j2000())
+        sums = [np.exp(1j * (arguments @ multipliers[b, 1:].T)) @ amplitudes[:, b].T for b in bands]
+        return np.stack(sums, axis=1)
+
+    # The moon's mean longitude enters five times at most: what is left turns in five days or more.
+    envelope = evaluate_smooth(envelopes, tt)
+    tau = 2.0 * np.pi * fraction - erfa.fad03(tt.centuries_since_j2000())
+    turned = np.exp(1j * np.multiply.outer(np.broadcast_to(tau, len(tt)), np.arange(len(bands))))
+    return np.asarray(np.einsum("nb,nbk->nk", turned, envelope).real)
 
 
 def all_amplitudes(amplitudes_m: NDArray[np.complex128]) -> NDArray[np.complex128]:
@@ -137,17 +148,13 @@ def _spline_curvature(x: NDArray[np.float64], y: NDArray[np.complex128]) -> NDAr
     return np.asarray(np.linalg.solve(matrix, right.T).T, dtype=np.complex128)
 
 
-def _doodson_arguments_rad(
-    centuries_tt: NDArray[np.float64], ut1_fraction: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Arguments tau, s, h, p, N', ps, rad, shape (n, 6), by the IERS 2003 fundamental arguments (ERFA)."""
+def _doodson_arguments_rad(centuries_tt: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Arguments s, h, p, N', ps, rad, shape (n, 5), by the IERS 2003 fundamental arguments (ERFA)."""
     node = erfa.faom03(centuries_tt)
-    elongation = erfa.fad03(centuries_tt)
     moon = erfa.faf03(centuries_tt) + node
-    sun = moon - elongation
-    tau = 2.0 * np.pi * ut1_fraction - elongation
+    sun = moon - erfa.fad03(centuries_tt)
     return np.stack(
-        [tau, moon, sun, moon - erfa.fal03(centuries_tt), -node, sun - erfa.falp03(centuries_tt)], axis=-1
+        [moon, sun, moon - erfa.fal03(centuries_tt), -node, sun - erfa.falp03(centuries_tt)], axis=-1
     )
 
 

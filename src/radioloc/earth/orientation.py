@@ -23,7 +23,7 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_tides import libration, ocean_tides
 from radioloc.errors import PredictedEopWarning
-from radioloc.time import Epochs
+from radioloc.time import Epochs, evaluate_smooth
 
 _ERA_AT_J2000_TURNS = 0.7790572732640
 _ERA_EXCESS_TURNS_PER_DAY = 0.00273781191135448
@@ -143,14 +143,14 @@ class EarthOrientation:
         ut1 = Epochs.from_jd(tt.jd, tt.fraction + (eop.ut1_minus_tt_s + added[:, 2]) / SECONDS_PER_DAY, "UT1")
         ut1_per_tt = 1.0 + eop.ut1_minus_tt_rate + added_rate[:, 2]
 
-        x, y, s = erfa.xys06a(tt.jd, tt.fraction)
+        x, y, s, x_rate, y_rate = evaluate_smooth(_celestial_pole, tt).T
         gcrs_to_cirs = erfa.c2ixys(x + eop.dx_rad, y + eop.dy_rad, s)
         polar_motion = erfa.pom00(xp_rad, yp_rad, erfa.sp00(tt.jd, tt.fraction))
         rotation = np.swapaxes(erfa.c2tcio(gcrs_to_cirs, earth_rotation_angle(ut1), polar_motion), -1, -2)
 
         spin_rad_s = 2 * np.pi * (1.0 + _ERA_EXCESS_TURNS_PER_DAY) / SECONDS_PER_DAY * ut1_per_tt
         pole = gcrs_to_cirs[:, 2]
-        pole_rate = _pole_rate(tt, pole, eop.dx_rate_rad_s, eop.dy_rate_rad_s)
+        pole_rate = _pole_rate(pole, x_rate + eop.dx_rate_rad_s, y_rate + eop.dy_rate_rad_s)
         angular_velocity = spin_rad_s[:, None] * pole + np.cross(pole, pole_rate)
         rate = np.cross(angular_velocity[:, None, :], np.swapaxes(rotation, -1, -2))
         rate = np.swapaxes(rate, -1, -2) + rotation @ _polar_motion_rate(
@@ -183,19 +183,23 @@ def earth_rotation_angle(ut1: Epochs) -> NDArray[np.float64]:
     return 2 * np.pi * np.mod(turns, 1.0)
 
 
-def _pole_rate(
-    tt: Epochs, pole: NDArray[np.float64], dx_rate: NDArray[np.float64], dy_rate: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Differentiate the celestial intermediate pole's unit vector in the GCRS: 1/s, shape (n, 3).
+def _celestial_pole(tt: Epochs) -> NDArray[np.float64]:
+    """X, Y and s of the celestial intermediate pole, rad, and the rates of X and Y, rad/s, shape (n, 5).
 
-    From IAU 2006/2000B, ten times faster and within 4e-14 rad/s of 2000A (0.3 um/s on the ground).
+    The rates are from IAU 2006/2000B, ten times faster and within 4e-14 rad/s of 2000A (0.3 um/s on the ground).
     """
     after = erfa.xys00b(tt.jd, tt.fraction + _CIP_STEP_D)
     before = erfa.xys00b(tt.jd, tt.fraction - _CIP_STEP_D)
-    x_rate, y_rate = (
-        (a - b) / (2 * _CIP_STEP_D * SECONDS_PER_DAY) + offset
-        for a, b, offset in zip(after[:2], before[:2], (dx_rate, dy_rate), strict=True)
-    )
+    rates = [
+        (a - b) / (2 * _CIP_STEP_D * SECONDS_PER_DAY) for a, b in zip(after[:2], before[:2], strict=True)
+    ]
+    return np.stack([*erfa.xys06a(tt.jd, tt.fraction), *rates], axis=-1)
+
+
+def _pole_rate(
+    pole: NDArray[np.float64], x_rate: NDArray[np.float64], y_rate: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Rate of the celestial intermediate pole's unit vector in the GCRS, 1/s, shape (n, 3)."""
     z_rate = -(pole[:, 0] * x_rate + pole[:, 1] * y_rate) / pole[:, 2]
     return np.stack([x_rate, y_rate, z_rate], axis=-1)
 

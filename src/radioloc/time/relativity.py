@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.time.epochs import Epochs
+from radioloc.time.smooth import evaluate_smooth
 
 
 def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
@@ -30,7 +31,7 @@ def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
     -----
     ERFA ``dtdb``: Fairhead and Bretagnon (1990), with 787 terms, good to some nanoseconds over decades.
     """
-    return np.asarray(erfa.dtdb(epochs.jd, epochs.fraction, 0.0, 0.0, 0.0, 0.0))
+    return evaluate_smooth(lambda at: np.asarray(erfa.dtdb(at.jd, at.fraction, 0.0, 0.0, 0.0, 0.0)), epochs)
 
 
 def tdb_minus_tt(

@@ -94,3 +94,13 @@ def test_refuses() -> None:
         ocean_loading_enu(loading, TT, np.nan)
     with pytest.raises(InputError, match="stations have shape"):
         ocean_loading_displacement(loading, np.ones((2, 3)), TT, UT1.fraction)
+
+
+def test_dense_epochs_are_each_as_if_alone():
+    """Many epochs share nodes between which the tides' modulation is interpolated; one alone does not."""
+    tt = Epochs.from_jd(2459184.5, np.random.default_rng(2).uniform(0.0, 20.0, 2000), "TT")
+    coefficients = StationCatalogue.default().get("SESHAN25").ocean_loading
+    together = ocean_loading_enu(coefficients, tt, tt.fraction)
+    alone = [ocean_loading_enu(coefficients, tt[k], tt.fraction[k : k + 1]) for k in range(100)]
+    assert np.abs(together).max() > 5e-3
+    np.testing.assert_allclose(together[:100], np.concatenate(alone), rtol=0.0, atol=1e-11)

@@ -140,3 +140,15 @@ def test_400_epochs_take_little_time(model):
         model.evaluate(tt)
         best = min(best, time.perf_counter() - start)
     assert best < 0.5  # 0.03 s on a quiet machine; the limit is for a busy one
+
+
+def test_dense_epochs_are_each_as_if_alone():
+    """Many epochs share nodes between which precession and nutation are interpolated; one alone does not."""
+    tt = Epochs.from_jd(2459184.5, np.random.default_rng(2).uniform(0.0, 3.0, 2000), "TT")
+    model = EarthOrientation.default()
+    together = model.evaluate(tt)
+    alone = [model.evaluate(tt[k]) for k in range(100)]
+    for name, tolerance in (("rot_itrf_to_gcrs", 2e-15), ("rot_itrf_to_gcrs_rate", 1e-18)):
+        # 2e-15 rad are 0.01 micrometres on the ground.
+        each = np.concatenate([getattr(one, name) for one in alone])
+        np.testing.assert_allclose(getattr(together, name)[:100], each, rtol=0.0, atol=tolerance)

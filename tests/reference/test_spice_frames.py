@@ -11,12 +11,9 @@ from radioloc.kernels import find_kernel
 from radioloc.lunar import rot_icrf_to_iau_moon, rot_icrf_to_pa, rot_icrf_to_pa_rate, rot_pa_to_me
 from radioloc.time import Epochs
 
-# psi reaches some 1e4 rad, of which one unit in the last place is 1.8e-12 rad: 3 micrometres on the surface.
-# Two programs that sum the same series may differ by that.
-LAST_PLACE_OF_PSI = 2e-12
+# psi reaches some 1e4 rad, of which half a unit in the last place is 0.9e-12 rad: 2 micrometres on the surface.
+AS_SPICE = 1e-12
 ROTATION_RATE_RAD_S = 2.6617e-6
-# The IAU model's angle W grows to 2.5e5 degrees by 2050, with a last place of 5e-13 rad.
-LAST_PLACE_OF_W = 2e-12
 
 FRAMES = """KPL/FK
 \\begindata
@@ -85,14 +82,12 @@ def test_rotation_and_its_rate(et, angles_and_rates, frame):
     spice = np.array([spiceypy.sxform("J2000", frame, t) for t in et])
     angles, rates = angles_and_rates
     to_frame = np.eye(3) if frame == "MOON_PA_DE421" else rot_pa_to_me(CONSTANTS["DE421"])
-    np.testing.assert_allclose(
-        to_frame @ rot_icrf_to_pa(angles), spice[:, :3, :3], rtol=0, atol=LAST_PLACE_OF_PSI
-    )
+    np.testing.assert_allclose(to_frame @ rot_icrf_to_pa(angles), spice[:, :3, :3], rtol=0, atol=AS_SPICE)
     np.testing.assert_allclose(
         to_frame @ rot_icrf_to_pa_rate(angles, rates),
         spice[:, 3:, :3],
         rtol=0,
-        atol=LAST_PLACE_OF_PSI * ROTATION_RATE_RAD_S,
+        atol=AS_SPICE * ROTATION_RATE_RAD_S,
     )
 
 
@@ -104,4 +99,4 @@ def test_mean_earth_axes_alone():
 def test_iau_mean_rotation(et):
     spice = np.array([spiceypy.pxform("J2000", "IAU_MOON", t) for t in et])
     ours = rot_icrf_to_iau_moon(Epochs.from_tdb_seconds(et))
-    np.testing.assert_allclose(ours, spice, rtol=0, atol=LAST_PLACE_OF_W)
+    np.testing.assert_allclose(ours, spice, rtol=0, atol=AS_SPICE)

@@ -60,9 +60,10 @@ def evaluate(
     for k in range(coefficients.shape[2] - 1, 0, -1):
         ddb, ddb_next = 4.0 * db + 2.0 * s * ddb - ddb_next, ddb
         db, db_next = 2.0 * b + 2.0 * s * db - db_next, db
-        b, b_next = coefficients[:, :, k] + 2.0 * s * b - b_next, b
+        # Summed in this order the leading coefficient, 1e4 rad for the lunar angle psi, rounds once.
+        b, b_next = coefficients[:, :, k] + (2.0 * s * b - b_next), b
     per_second = 2.0 / length_s
-    values = coefficients[:, :, 0] + s * b - b_next
+    values = coefficients[:, :, 0] + (s * b - b_next)
     rates = (b + s * db - db_next) * per_second
     accelerations = (2.0 * db + s * ddb - ddb_next) * per_second**2
     return values, rates, accelerations

@@ -16,8 +16,8 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.names import Catalogue, station_name
 from radioloc.io.plausible import require_lunar_flight_time, require_year
-from radioloc.measurements.observations import TIME_TAGS, WEATHER_LIMITS, Link
-from radioloc.measurements.targets import canonical_target
+from radioloc.measurements.observations import TIME_TAGS, WEATHER_LIMITS
+from radioloc.measurements.targets import REFLECTORS, canonical_target
 from radioloc.time.scales import calendar_to_jd
 
 LONGEST_PASS_S = 22.0 * 3600.0
@@ -167,10 +167,8 @@ def parse_target(record: Record, version: int) -> str:
     if record.integer(6, "target class") in _TRANSPONDERS:
         record.fail("the target is a transponder; only reflectors are modelled")
     name = canonical_target(record.fields[1])
-    try:
-        Link(name, name, name)
-    except InputError as error:
-        record.fail(str(error))
+    if name not in REFLECTORS:
+        record.fail(f"{name!r} is no reflector on the Moon that is known; those are {', '.join(REFLECTORS)}")
     return name
 
 

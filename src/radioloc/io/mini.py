@@ -42,7 +42,8 @@ _INTEGER = re.compile(r" *-?\d+", re.ASCII)
 def looks_like_mini(lines: list[str]) -> bool:
     """Whether the first line that is not blank has the shape of a MINI normal point."""
     first = next((line for line in lines if line.strip()), "")
-    return re.match(r"51(19|20)\d\d[ \d]{17}[ \d]{14}", first, re.ASCII) is not None
+    # The date only: a time of flight that is not one is to be told as such.
+    return re.match(r"51(19|20)\d\d[ \d]{17}", first, re.ASCII) is not None
 
 
 def read_mini(path: str | Path, *, catalogue: Catalogue | None = None) -> Observations:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.constants import ARCSEC_RAD
+from radioloc.constants import ARCSEC_RAD, J2000_JD
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError
 from radioloc.time import Epochs
@@ -147,12 +147,13 @@ def rot_icrf_to_iau_moon(tdb: Epochs) -> NDArray[np.float64]:
     ME_DE421 on the surface; it is for comparison with data given in these axes, not for tracking.
     """
     tdb.require("TDB")
-    centuries = tdb.centuries_since_j2000()
-    days = centuries * 36525.0
+    days = (tdb.jd - J2000_JD) + tdb.fraction
+    centuries = days / 36525.0
     arguments = np.radians(_IAU_TERMS[:, 0] + np.multiply.outer(days, _IAU_TERMS[:, 1]))
     alpha_deg = 269.9949 + 0.0031 * centuries + np.sin(arguments) @ _IAU_TERMS[:, 2]
     delta_deg = 66.5392 + 0.0130 * centuries + np.cos(arguments) @ _IAU_TERMS[:, 3]
-    w_deg = 38.3213 + 13.17635815 * days - 1.4e-12 * days**2 + np.sin(arguments) @ _IAU_TERMS[:, 4]
+    # By Horner's rule and without whole turns, W keeps its digits though it runs over thousands of turns.
+    w_deg = (38.3213 + days * (13.17635815 - 1.4e-12 * days)) % 360.0 + np.sin(arguments) @ _IAU_TERMS[:, 4]
     return rot_icrf_to_pa(np.radians(np.stack([90.0 + alpha_deg, 90.0 - delta_deg, w_deg], axis=-1)))
 
 

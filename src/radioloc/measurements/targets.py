@@ -7,8 +7,12 @@ _ALIASES = {
     "apollo14": ("apollo 14", "ap14", "a14"),
     "apollo15": ("apollo 15", "ap15", "a15"),
     "luna17": ("luna 17", "lunokhod1", "lunokhod 1", "l1", "lk1"),
+    "nglr1": ("nglr 1", "ngl1", "ngl 1"),
     "luna21": ("luna 21", "lunokhod2", "lunokhod 2", "l2", "lk2"),
 }
+REFLECTORS = tuple(sorted(_ALIASES))
+"""Canonical names of the laser reflectors on the Moon."""
+
 _CANONICAL = {alias: name for name, aliases in _ALIASES.items() for alias in (name, *aliases)}
 
 

@@ -34,6 +34,8 @@ from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
+_DOUBTFUL_EXCESS = 20.0
+"""Excess noise in stated sigmas that is no longer a matter of model errors; laser ranges of DE421's time ask for 5."""
 _LOWEST_EARTH_DEG = -8.0
 """The highest terrain, 10.8 km, sees 6.4 deg below the horizontal; an a-priori position 50 km off is 1.6 deg off."""
 
@@ -149,7 +151,7 @@ def fit_arc(
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
-        notes=_notes(model, arc, left_out, estimate),
+        notes=_doubts(fitted, arc.observations.sigma_m) + _notes(model, arc, left_out, estimate),
         provenance=_provenance(study, model, observations, left_out, estimate),
     )
 
@@ -290,6 +292,18 @@ def _notes(
             "[estimate] ephemeris_sigma_m = [east, north, up]"
         )
     return notes
+
+
+def _doubts(noise: NoisyFit, stated_m: NDArray[np.float64]) -> list[str]:
+    """A warning where data and model disagree by far more than the data's own noise."""
+    typical_m = float(np.median(stated_m))
+    largest_m = max(noise.excess_noise_m.values(), default=0.0)
+    if largest_m <= _DOUBTFUL_EXCESS * typical_m:
+        return []
+    return [
+        f"WARNING: the residuals are {largest_m / typical_m:.0f} times the stated sigmas; data and model disagree: look for "
+        "blunders (which few points cannot tell), a wrong station or target, a term left out"
+    ]
 
 
 def _count(count: int) -> str:

@@ -301,8 +301,8 @@ def _doubts(noise: NoisyFit, stated_m: NDArray[np.float64]) -> list[str]:
     if largest_m <= _DOUBTFUL_EXCESS * typical_m:
         return []
     return [
-        f"WARNING: the residuals are {largest_m / typical_m:.0f} times the stated sigmas; data and model disagree: look for "
-        "blunders (which few points cannot tell), a wrong station or target, a term left out"
+        f"WARNING: the residuals are {largest_m / typical_m:.0f} times the stated sigmas; data and model disagree: "
+        "look for blunders (which few points cannot tell), a wrong station or target, a term left out"
     ]
 
 

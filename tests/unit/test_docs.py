@@ -25,7 +25,10 @@ ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 DATA = ROOT.parent / "shared" / "data"
 PAGES = sorted(DOCS.rglob("*.md"))
-OTHER_PAGES = [ROOT / name for name in ("README.md", "CONTRIBUTING.md", "kernels/README.md")]
+OTHER_PAGES = [
+    ROOT / name
+    for name in ("README.md", "CONTRIBUTING.md", "kernels/README.md", "examples/change5/README.md")
+]
 PHYSICS = DOCS / "physics.md"
 
 ROUNDED_MM = 0.06
@@ -156,7 +159,8 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
     take = TomlTable.take
 
     def noted(self, key):
-        name = "stations.NAME" if self.name.startswith("stations.") else self.name
+        table, dot, _ = self.name.partition(".")
+        name = f"{table}.NAME" if dot and table in ("stations", "references") else self.name
         asked.setdefault(name, set()).add(key)
         return take(self, key)
 
@@ -168,13 +172,14 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
     del asked[""]
     # Stations are found under any name, and the prior is a table within a table.
     asked.pop("stations", None)
+    asked.pop("references", None)
     assert asked.pop("estimate.height_prior") == {"dem", "height_m", "interpolation", "sigma_m"}
     assert asked.pop("observations.sigma_m") == {"range", "vlbi_delay", "doppler"}
     assert documented_keys() == asked
     # The example shows every key but those that exclude each other.
     written = tomllib.loads(example.text)
     shown = {**written, "stations.NAME": written["stations"]["MYSITE"]}
-    shown["target"] |= shown["reference"]
+    shown["references.NAME"] = shown["target"] = shown["target"] | shown["reference"]
     for name, keys in asked.items():
         assert set(shown[name]) | ({"position_m"} if name == "target" else set()) >= keys - {
             "longitude_deg",
@@ -386,7 +391,7 @@ def test_commands_and_code_run(page, workspace, capsys):
                     assert main(arguments) == 0, line
         elif block.language == "python":
             exec(compile(block.text, str(page), "exec"), {})
-        elif block.language == "text" and block.text.startswith("solution "):
+        elif block.language == "text" and block.text.startswith(("solution ", "arc lengths ")):
             assert without_numbers(block.text) in without_numbers(capsys.readouterr().out)
 
 
@@ -397,7 +402,15 @@ def test_toml_is_a_study_or_part_of_one(page, workspace):
         if block.language != "toml":
             continue
         content = tomllib.loads(block.text)
-        assert set(content) <= {"target", "observations", "estimate", "model", "stations", "reference"}
+        assert set(content) <= {
+            "target",
+            "observations",
+            "estimate",
+            "model",
+            "stations",
+            "reference",
+            "references",
+        }
         if block.file:
             for data in blocks(page):
                 if data.file and data.file.endswith(".csv"):
@@ -409,12 +422,12 @@ def test_toml_is_a_study_or_part_of_one(page, workspace):
 def test_every_command_and_option_is_described(capsys):
     page = (DOCS / "reference" / "command-line.md").read_text()
     texts = []
-    for arguments in (["--help"], ["locate", "--help"], ["residuals", "--help"]):
+    for arguments in (["--help"], *([command, "--help"] for command in ("locate", "residuals", "arcs"))):
         with pytest.raises(SystemExit):
             main(arguments)
         texts.append(capsys.readouterr().out)
     commands = re.findall(r"^    ([a-z]+)(?: |$)", texts[0], re.MULTILINE)
-    assert {"locate", "residuals", "stations"} <= set(commands)
+    assert {"locate", "residuals", "arcs", "stations"} <= set(commands)
     for command in commands:
         assert f"`radioloc {command}" in page, command
     for option in set(re.findall(r"--\w+", "".join(texts))) - {"--help"}:

@@ -31,7 +31,7 @@ from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
-from radioloc.studies.study import EstimateChoice, ModelChoice, Study
+from radioloc.studies.study import EstimateChoice, ModelChoice, Study, TerrainPrior
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
 _DOUBTFUL_EXCESS = 20.0
@@ -325,7 +325,22 @@ def _provenance(
         "not_selected": left_out,
         "extra_sigma_m": study.observations.extra_sigma_m,
         "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,
-        "estimate": None if estimate is None else asdict(estimate),
+        "estimate": None if estimate is None else _estimate_record(estimate),
         "a_priori": {"frame": study.target.frame, "xyz_m": study.target.xyz_m.tolist()},
         **model.provenance(),
+    }
+
+
+def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
+    """What was estimated; of a terrain map its files, not its heights."""
+    prior = estimate.height_prior
+    if not isinstance(prior, TerrainPrior):
+        return asdict(estimate)
+    map_files = [{"name": file.path.name, "sha256": file.sha256} for file in prior.terrain.metadata.files]
+    return asdict(replace(estimate, height_prior=None)) | {
+        "height_prior": {
+            "dem": map_files,
+            "interpolation": prior.terrain.interpolation,
+            "sigma_m": prior.sigma_m,
+        }
     }

@@ -151,7 +151,7 @@ def fit_arc(
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
-        notes=_doubts(fitted, arc.observations.sigma_m) + _notes(model, arc, left_out, estimate),
+        notes=_doubts(fitted, arc.observations) + _notes(model, arc, left_out, estimate),
         provenance=_provenance(study, model, observations, left_out, estimate),
     )
 
@@ -294,16 +294,17 @@ def _notes(
     return notes
 
 
-def _doubts(noise: NoisyFit, stated_m: NDArray[np.float64]) -> list[str]:
-    """A warning where data and model disagree by far more than the data's own noise."""
-    typical_m = float(np.median(stated_m))
-    largest_m = max(noise.excess_noise_m.values(), default=0.0)
-    if largest_m <= _DOUBTFUL_EXCESS * typical_m:
-        return []
-    return [
-        f"WARNING: the residuals are {largest_m / typical_m:.0f} times the stated sigmas; data and model disagree: "
-        "look for blunders (which few points cannot tell), a wrong station or target, a term left out"
-    ]
+def _doubts(noise: NoisyFit, observations: Observations) -> list[str]:
+    """Warnings where data of a type and model disagree by far more than the data's own noise."""
+    doubts = []
+    for kind, excess_m in noise.excess_noise_m.items():
+        typical_m = float(np.median(observations.sigma_m[observations.types() == kind]))
+        if excess_m > _DOUBTFUL_EXCESS * typical_m:
+            doubts.append(
+                f"WARNING: the {kind} residuals are {excess_m / typical_m:.0f} times the stated sigmas; data and model "
+                "disagree: look for blunders (which few points cannot tell), a wrong station or target, a term left out"
+            )
+    return doubts
 
 
 def _count(count: int) -> str:
@@ -327,6 +328,7 @@ def _provenance(
         "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,
         "estimate": None if estimate is None else _estimate_record(estimate),
         "a_priori": {"frame": study.target.frame, "xyz_m": study.target.xyz_m.tolist()},
+        "ionosphere": {"ionex": [path.name for path in study.model.ionex], "tec_tecu": study.model.tec_tecu},
         **model.provenance(),
     }
 

@@ -172,8 +172,8 @@ def _draw_panel(
         axes.plot(dates[out[which]], shown, marker, color=REJECTED_COLOR, markersize=4, rasterized=True)
     axes.set_ylim(-limit, limit)
     axes.set_ylabel(unit, fontsize=8)
-    axes.set_title(panel.title, loc="left", fontsize=8, fontweight="bold", pad=3)
-    axes.set_title(_statement(residuals, panel.all_rows, factor, unit), loc="right", fontsize=8, pad=3)
+    axes.set_title(panel.title, loc="left", fontsize=7.5, fontweight="bold", pad=3)
+    axes.set_title(_statement(residuals, panel.all_rows, factor, unit), loc="right", fontsize=6.5, pad=3)
     if any(panel.rows):
         axes.legend(
             handles=handles,

@@ -16,7 +16,7 @@ from jplephem.daf import DAF
 from numpy.typing import NDArray
 
 from radioloc.errors import KernelError
-from radioloc.kernels.registry import find_kernel, registered_as, sha256_of
+from radioloc.kernels.registry import find_kernel, registered, registered_as, sha256_of
 
 _INERTIAL_FRAME = 1  # NAIF's J2000, which the JPL ephemerides use as the name of the ICRF.
 _CHEBYSHEV_TYPE = 2
@@ -174,6 +174,13 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
             f"{path} has no segment of Chebyshev type 2 in the ICRF; use a JPL planetary ephemeris (SPK) or "
             "a lunar orientation kernel (binary PCK)"
         )
+    alike = [k for k in registered() if k.kind == kind and k.size_bytes == path.stat().st_size]
+    if entry is None and alike and alike[0].sha256 != sha256:
+        # A kernel of another content has another length, but for a copy with a changed byte.
+        raise KernelError(
+            f"{path} (spanning {alike[0].start_tdb} to {alike[0].end_tdb}, as {alike[0].name}) is damaged: it has that "
+            f"file's length but another SHA-256, {sha256}; copy it again"
+        )
     start_s, end_s = max(s.start_s for s in segments), min(s.end_s for s in segments)
     description = KernelFile(path, kind, sha256, entry is not None, tdb_date(start_s), tdb_date(end_s))
     return Kernel(description, segments)
@@ -193,6 +200,15 @@ def _check_kind(path: Path, kind: str) -> None:
     )
 
 
+def _announced_span(daf: DAF) -> str:
+    """What the summaries of a file that cannot be read whole say of its span, if they can be read."""
+    try:
+        spans = [values[:2] for _, values in daf.summaries()]
+        return f" (spanning {tdb_date(max(s[0] for s in spans))} to {tdb_date(min(s[1] for s in spans))})"
+    except (ValueError, TypeError, struct.error, OverflowError, AssertionError, IndexError, OSError):
+        return ""
+
+
 def _read_segments(daf: DAF, path: Path, kind: str) -> tuple[Segment, ...]:
     integers = {"SPK": 6, "PCK": 5}[kind]
     if (daf.nd, daf.ni) != (2, integers):
@@ -200,8 +216,8 @@ def _read_segments(daf: DAF, path: Path, kind: str) -> tuple[Segment, ...]:
     held_bytes = path.stat().st_size
     if (daf.free - 1) * _WORD_BYTES > held_bytes:
         raise KernelError(
-            f"{path} is cut short: it has {held_bytes} bytes of the {(daf.free - 1) * _WORD_BYTES} that its "
-            "header announces; fetch the file again"
+            f"{path}{_announced_span(daf)} is cut short: it has {held_bytes} bytes of the "
+            f"{(daf.free - 1) * _WORD_BYTES} that its header announces; fetch the file again"
         )
     seen: set[int] = set()
     for number, _, _ in daf.summary_records():

@@ -16,13 +16,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.errors import InputError
+from radioloc.earth.checks import within
 
-LEAST_ELEVATION_RAD = np.deg2rad(3.0)
-"""Below this the mapping function does not hold."""
-
-WAVELENGTH_RANGE_UM = (0.3545, 1.0645)
-"""The zenith delay holds from 0.355 to 1.064 micrometres; lasers named so emit at 0.3547 and 1.0642."""
+_MODEL = "the optical delay"
 
 _CO2_PPM = 375.0
 
@@ -45,17 +41,6 @@ _SATURATION = (1.2378847e-5, -1.9121316e-2, 33.93711047, -6.3431645e3)
 """Factors of T^2, T, 1, 1/T in the logarithm of the saturation pressure of water vapour, Pa (Davis 1992)."""
 
 _CELSIUS_K = 273.15
-
-_ALLOWED = {
-    "pressure": (300.0, 1100.0, "hPa"),
-    "temperature": (200.0, 340.0, "K"),
-    "relative humidity": (0.0, 1.0, "(a fraction: 45 % is 0.45)"),
-    "latitude": (-np.pi / 2, np.pi / 2, "rad"),
-    "height": (-500.0, 9000.0, "m"),
-    "water vapour pressure": (0.0, 100.0, "hPa"),
-    "elevation": (LEAST_ELEVATION_RAD, np.pi / 2 + 1e-12, "rad (3 to 90 degrees)"),
-    "wavelength": (*WAVELENGTH_RANGE_UM, "micrometres"),
-}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -155,11 +140,11 @@ def zenith_delay_m(
     Mendes and Pavlis (2004), eq. 20, 24, 26, 32 and 38; IERS Conventions (2010), section 9.1. For 375 ppm
     of CO2; 50 ppm more lengthen the delay by 0.06 mm.
     """
-    pressure = _within("pressure", pressure_hpa)
-    vapour = _within("water vapour pressure", vapour_pressure_hpa)
-    wavelength = _within("wavelength", wavelength_um)
-    latitude = _within("latitude", latitude_rad)
-    height = _within("height", height_m)
+    pressure = within("pressure", pressure_hpa, _MODEL)
+    vapour = within("water vapour pressure", vapour_pressure_hpa, _MODEL)
+    wavelength = within("wavelength", wavelength_um, _MODEL)
+    latitude = within("latitude", latitude_rad, _MODEL)
+    height = within("height", height_m, _MODEL)
 
     sigma2 = wavelength**-2.0
     k0, k1, k2, k3 = _HYDROSTATIC_DISPERSION
@@ -195,10 +180,10 @@ def mapping_function(
     -----
     Mendes et al. (2002); IERS Conventions (2010), section 9.1: a continued fraction in the sine of elevation.
     """
-    elevation = _within("elevation", elevation_rad)
-    celsius = _within("temperature", temperature_k) - _CELSIUS_K
-    cos_latitude = np.cos(_within("latitude", latitude_rad))
-    height = _within("height", height_m)
+    elevation = within("elevation", elevation_rad, _MODEL)
+    celsius = within("temperature", temperature_k, _MODEL) - _CELSIUS_K
+    cos_latitude = np.cos(within("latitude", latitude_rad, _MODEL))
+    height = within("height", height_m, _MODEL)
     a1, a2, a3 = (c[0] + c[1] * celsius + c[2] * cos_latitude + c[3] * height for c in _MAPPING)
 
     sine, cosine = np.sin(elevation), np.cos(elevation)
@@ -237,21 +222,10 @@ def water_vapour_pressure_hpa(
     that of Magnus, differ by less than 1 percent above freezing, 0.04 mm of zenith delay in the wettest
     air.
     """
-    temperature = _within("temperature", temperature_k)
-    humidity = _within("relative humidity", relative_humidity)
-    pressure = _within("pressure", pressure_hpa)
+    temperature = within("temperature", temperature_k, _MODEL)
+    humidity = within("relative humidity", relative_humidity, _MODEL)
+    pressure = within("pressure", pressure_hpa, _MODEL)
     a, b, c, d = _SATURATION
     saturation_hpa = 0.01 * np.exp(a * temperature**2 + b * temperature + c + d / temperature)
     enhancement = 1.00062 + 3.14e-6 * pressure + 5.6e-7 * (temperature - _CELSIUS_K) ** 2
     return np.asarray(humidity * enhancement * saturation_hpa)
-
-
-def _within(what: str, values: ArrayLike) -> NDArray[np.float64]:
-    array = np.asarray(values, dtype=np.float64)
-    least, most, unit = _ALLOWED[what]
-    if not ((array >= least) & (array <= most)).all():
-        raise InputError(
-            f"{what} is {np.min(array):.6g} to {np.max(array):.6g}, but the optical delay holds from "
-            f"{least:.6g} to {most:.6g} {unit}"
-        )
-    return array

@@ -11,13 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.earth.checks import LEAST_ELEVATION_RAD, WAVELENGTH_RANGE_UM
 from radioloc.earth.mapping_functions import niell
-from radioloc.earth.optical_troposphere import (
-    LEAST_ELEVATION_RAD,
-    WAVELENGTH_RANGE_UM,
-    optical_delay,
-    water_vapour_pressure_hpa,
-)
+from radioloc.earth.optical_troposphere import optical_delay, water_vapour_pressure_hpa
 from radioloc.earth.radio_troposphere import (
     standard_weather,
     zenith_hydrostatic_delay_m,

@@ -30,7 +30,11 @@ lint: $(VENV)/.installed-dev  ## Style, types and the direction of imports.
 	$(BIN)/mypy
 	$(BIN)/lint-imports
 
-bench: $(VENV)/.installed-dev  ## Benchmarks, off by default.
+$(VENV)/.installed-bench: $(VENV)/.installed-dev
+	$(BIN)/python -m pip install --quiet --editable ".[bench]"
+	touch $@
+
+bench: $(VENV)/.installed-bench  ## Ratios against what else there is, off by default.
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-only
 
 clean:

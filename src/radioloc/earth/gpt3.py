@@ -18,8 +18,9 @@ from radioloc.earth.checks import within
 from radioloc.earth.lat_lon_grid import LatLonGrid, sort_into_grid
 from radioloc.earth.mapping_functions import day_of_year
 from radioloc.earth.radio_troposphere import DRY_AIR_KG_MOL, GAS_CONSTANT_J_K_MOL, STANDARD_GRAVITY_M_S2
-from radioloc.earth.text_lines import read_lines, table_of
+from radioloc.earth.text_numbers import ENCODING, table_of
 from radioloc.errors import FileFormatError, InputError
+from radioloc.text_files import read_lines
 from radioloc.time import Epochs
 
 _YEAR_DAYS = 365.25
@@ -154,14 +155,13 @@ def read_gpt3(path: str | Path) -> Gpt3Grid:
     Raises
     ------
     FileFormatError
-        A line has other than 64 columns, a number cannot be read or is impossible, or points are missing.
-    OSError
-        The file cannot be opened.
+        The file or a number cannot be read, a line has other than 64 columns, a number is impossible, or points are
+        missing.
     """
     path = Path(path)
     lines = [
         (number, line)
-        for number, line in enumerate(read_lines(path), start=1)
+        for number, line in enumerate(read_lines(path, encoding=ENCODING), start=1)
         if line.strip() and not line.lstrip().startswith("%")
     ]
     table = table_of(path, lines, _COLUMNS, "a grid of GPT3")

@@ -162,12 +162,10 @@ def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
     Raises
     ------
     FileFormatError
-        A file is not IONEX of two dimensions, a line cannot be read, maps are cut short or missing, or the files' grids
-        or shells differ.
+        A file cannot be read or is not IONEX of two dimensions, maps are cut short or missing, or the files' grids or
+        shells differ.
     InputError
         No file is given.
-    OSError
-        A file cannot be opened.
     """
     files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
     if not files:

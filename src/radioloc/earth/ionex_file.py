@@ -12,8 +12,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.earth.lat_lon_grid import LatLonGrid
-from radioloc.earth.text_lines import read_lines
+from radioloc.earth.text_numbers import ENCODING
 from radioloc.errors import FileFormatError, InputError
+from radioloc.text_files import read_lines
 from radioloc.time import epochs_from_strings
 
 _MISSING = 9999
@@ -59,7 +60,7 @@ class _Reader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.lines = read_lines(path)
+        self.lines = read_lines(path, encoding=ENCODING)
         self.next = 0
         self.exponent = -1
 

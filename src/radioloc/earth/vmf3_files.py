@@ -26,8 +26,9 @@ from radioloc.earth.checks import within
 from radioloc.earth.file_epochs import epochs_around
 from radioloc.earth.lat_lon_grid import LatLonGrid, sort_into_grid
 from radioloc.earth.radio_troposphere import column_gravity
-from radioloc.earth.text_lines import numbers_of, read_lines, table_of
+from radioloc.earth.text_numbers import ENCODING, numbers_of, table_of
 from radioloc.errors import FileFormatError, InputError
+from radioloc.text_files import read_lines
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import utc_of
 
@@ -198,18 +199,16 @@ def read_vmf3_sites(paths: Sequence[str | Path]) -> dict[str, Vmf3Site]:
     Raises
     ------
     FileFormatError
-        A line has other than 9 or 13 columns, a number cannot be read or is impossible, or a station has one
+        The file cannot be read, a line has other than 9 or 13 columns, a number cannot be read or is impossible, or a station has one
         epoch twice.
     InputError
         No file is given, or a station has gradients in some files only.
-    OSError
-        A file cannot be opened.
     """
     if not paths:
         raise InputError("no file of VMF3 is given")
     rows: dict[str, list[tuple[Path, int, list[float]]]] = {}
     for path in map(Path, paths):
-        for number, line in enumerate(read_lines(path), start=1):
+        for number, line in enumerate(read_lines(path, encoding=ENCODING), start=1):
             words = line.split()
             if not words or words[0][0] in "#!%":
                 continue
@@ -241,12 +240,10 @@ def read_vmf3_grids(paths: Sequence[str | Path], orography: str | Path) -> Vmf3G
     Raises
     ------
     FileFormatError
-        A file is not such a map, a number cannot be read or is impossible, or points, epochs or heights are missing or
+        A file cannot be read or is not such a map, a number cannot be read or is impossible, or points, epochs or heights are missing or
         too many.
     InputError
         No map is given.
-    OSError
-        A file cannot be opened.
     """
     if not paths:
         raise InputError("no map of VMF3 is given")
@@ -285,7 +282,7 @@ def _site(station: str, entries: list[tuple[Path, int, list[float]]]) -> Vmf3Sit
 def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
     header: dict[str, tuple[int, str]] = {}
     rows = []
-    for number, line in enumerate(read_lines(path), start=1):
+    for number, line in enumerate(read_lines(path, encoding=ENCODING), start=1):
         if line.lstrip().startswith("!"):
             key, _, text = line.lstrip(" !").partition(":")
             header.setdefault(key.strip(), (number, text.strip()))
@@ -324,7 +321,7 @@ def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
 
 def _read_orography(path: str | Path, order: NDArray[np.int64]) -> NDArray[np.float64]:
     heights: list[float] = []
-    for number, line in enumerate(read_lines(path), start=1):
+    for number, line in enumerate(read_lines(path, encoding=ENCODING), start=1):
         if not line.lstrip().startswith(("!", "%", "#")):
             heights.extend(numbers_of(path, number, line.split(), "a height"))
     if len(heights) != order.size:

@@ -50,8 +50,8 @@ from radioloc.io.crd_records import (
 from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.names import Catalogue
-from radioloc.io.text_files import read_lines
 from radioloc.measurements.observations import Link, Observations
+from radioloc.text_files import read_lines
 
 _PASSED_OVER = frozenset(
     ["00", "12", "21", "30", "40", "41", "42", "60", "H5"]

@@ -16,8 +16,8 @@ from radioloc.io.tdm import looks_like_tdm, parse_tdm
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_file import TdmFile
 from radioloc.io.tdm_observations import tdm_observations
-from radioloc.io.text_files import read_lines
 from radioloc.measurements.observations import Observations
+from radioloc.text_files import read_lines
 
 _Parser = Callable[[str | Path, list[str], Catalogue | None], Observations]
 _FORMATS: tuple[tuple[str, Callable[[list[str]], bool], _Parser], ...] = (

@@ -25,8 +25,8 @@ from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.names import Catalogue, station_name
 from radioloc.io.plausible import require_lunar_flight_time, require_year
-from radioloc.io.text_files import read_lines
 from radioloc.measurements.observations import Link, Observations
+from radioloc.text_files import read_lines
 from radioloc.time.scales import calendar_to_jd
 
 REFLECTORS = ("apollo11", "luna17", "apollo14", "apollo15", "luna21")

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from radioloc.errors import InputError
 from radioloc.io.dates import utc_to_text
-from radioloc.io.text_files import write_text
+from radioloc.text_files import write_text
 from radioloc.time import Epochs
 
 _RESIDUAL_FORMATS = {

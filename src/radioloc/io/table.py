@@ -45,8 +45,8 @@ from radioloc.io.dates import utc_from_text, utc_to_text
 from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.names import Catalogue, named_link
 from radioloc.io.plausible import FLIGHT_TIME_LIMITS_S, require_lunar_flight_time
-from radioloc.io.text_files import read_lines, write_text
 from radioloc.measurements.observations import KINDS, RANGE, TIME_TAGS, Link, Observations
+from radioloc.text_files import read_lines, write_text
 
 _TEXT = ("epoch_utc", "type", "path", "time_tag")
 _VALUE = ("observed_m", "light_time_s")

@@ -20,8 +20,8 @@ from radioloc.io.tdm_file import TdmFile
 from radioloc.io.tdm_kvn import looks_like_kvn, parse_kvn
 from radioloc.io.tdm_observations import tdm_observations
 from radioloc.io.tdm_xml import looks_like_xml, parse_xml
-from radioloc.io.text_files import read_text
 from radioloc.measurements.observations import Observations
+from radioloc.text_files import read_text
 
 # Characters among which a file's first line is.
 _START = 20_000

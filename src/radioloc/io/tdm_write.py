@@ -28,8 +28,8 @@ from radioloc.io.dates import utc_to_text
 from radioloc.io.tdm_file import TdmFile, TdmHeader, TdmSegment
 from radioloc.io.tdm_keywords import CODE, DATA, METADATA, exponent_of
 from radioloc.io.tdm_weather import COLUMNS
-from radioloc.io.text_files import write_text
 from radioloc.measurements.observations import DOPPLER, RANGE, TIME_TAGS, VLBI_DELAY, Observations
+from radioloc.text_files import write_text
 from radioloc.time import Epochs
 
 _MICROMETRES = 1e6

@@ -7,6 +7,9 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 
+PLANETS_MM = {"venus": 0.1, "jupiter": 2.0, "saturn": 0.3}
+"""Planets whose delay is modelled beside those of the Sun, the Earth and the Moon: largest size on one way, mm."""
+
 
 def gravitational_delay_m(
     start_m: NDArray[np.float64], end_m: NDArray[np.float64], body_m: NDArray[np.float64], gm_m3_s2: float

@@ -11,12 +11,11 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S, L_B, L_G
 from radioloc.ephemeris import EarthState
 from radioloc.lunar import rot_icrf_to_pa, rot_icrf_to_pa_rate, solid_tide
+from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import geocentre_displacement_m
 from radioloc.time import Epochs
-
-_GRAVITATING = ("venus", "jupiter", "saturn")
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,7 +120,7 @@ def lunar_motion(
     potential = potential + constants.gm_earth_m3_s2 / np.linalg.norm(moon_m, axis=-1)
     geocentre_m = geocentre_displacement_m(reference_earth, offset_s)
     bodies_m = {"sun": geocentre_m + sun_m}
-    for body in _GRAVITATING:
+    for body in PLANETS_MM:
         if body in model.ephemeris.bodies:
             bodies_m[body] = geocentre_m + model.ephemeris.geocentric(body, tdb)[0]
     return LunarMotion(

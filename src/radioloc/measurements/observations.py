@@ -300,6 +300,8 @@ class Observations:
                 "temperature_k": self.temperature_k,
                 "relative_humidity": self.relative_humidity,
                 "wavelength_um": self.wavelength_um,
+                "uplink_hz": self.uplink_hz,
+                "count_s": self.count_s,
                 "file": np.array(self.files, dtype=np.str_)[self.file],
                 "line": self.line,
             }

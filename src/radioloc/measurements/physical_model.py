@@ -14,6 +14,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.kernels import KernelFile
 from radioloc.measurements.electron_content import ElectronContent
+from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.terms import TERMS, active_terms
 
 
@@ -102,6 +103,13 @@ class PhysicalModel:
     def has(self, term: str) -> bool:
         """Whether a term is active."""
         return term in self.terms
+
+    @property
+    def missing_planets(self) -> tuple[str, ...]:
+        """Planets whose gravitational delay is active but left out, because the kernel does not hold them."""
+        if not self.has("shapiro"):
+            return ()
+        return tuple(name for name in PLANETS_MM if name not in self.ephemeris.bodies)
 
     def provenance(self) -> dict[str, Any]:
         """Kernels with their checksums, tables with their dates, terms left out: what a result rests on."""

@@ -5,10 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from radioloc.io.solution_files import write_json
-from radioloc.io.text_files import write_text
 from radioloc.studies.arcs import ArcStudy
 from radioloc.studies.arcs_table import csv_text, markdown_text
 from radioloc.studies.report import made_folder, write_figure, write_numbers
+from radioloc.text_files import write_text
 
 
 def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:

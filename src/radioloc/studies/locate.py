@@ -24,6 +24,7 @@ from radioloc.io.tdm_agreement import LightTime
 from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.electron_content import ElectronContent, UniformTec
+from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.observations import TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
@@ -280,6 +281,12 @@ def _notes(
     predicted = int(arc.predicted_eop.sum())
     if predicted:
         notes.append(f"Earth orientation is predicted, not measured, for {_count(predicted)}")
+    absent = model.missing_planets
+    if absent:
+        sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
+        notes.append(
+            f"the ephemeris file does not hold {sizes}: no gravitational delay by them, one way; take a whole one"
+        )
     laser = all(station.kind == "llr" for station in stations)
     if model.has("ionosphere") and model.ionosphere is None and not laser:
         notes.append("no ionosphere for radio signals: give maps or a content as [model] ionex or tec_tecu")

@@ -11,9 +11,9 @@ from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.io.dates import utc_to_text
 from radioloc.io.solution_files import write_json, write_residuals
-from radioloc.io.text_files import write_text
 from radioloc.studies.locate import arc_of
 from radioloc.studies.study import Study
+from radioloc.text_files import write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -1,5 +1,7 @@
 """The observation table: what it refuses, and that nothing is lost in choosing and joining."""
 
+import dataclasses
+
 import numpy as np
 import pytest
 
@@ -123,8 +125,19 @@ def test_summary_counts_by_path():
 
 
 def test_to_table_has_all_columns():
-    table = make().to_table()
+    observations = make()
+    table = observations.to_table()
     assert len(table) == 4
+    # Epoch, tag, type and path go by other names; all other columns by their own.
+    names = {f.name for f in dataclasses.fields(observations)} - {
+        "epoch",
+        "tag",
+        "kind",
+        "link",
+        "links",
+        "files",
+    }
+    assert names <= set(table.colnames)
     assert table["epoch_utc"][0] == "2023-02-25T06:00:00.000000000"
     assert list(table["line"]) == [10, 11, 12, 13]
 

@@ -80,3 +80,12 @@ def test_positions_and_orientation_of_two_ephemerides_are_refused(monkeypatch):
     monkeypatch.setattr(Ephemeris, "open", classmethod(lambda cls, spk: other))
     with pytest.raises(InputError, match="that of DE421 but the positions are those of DE440"):
         PhysicalModel.build()
+
+
+def test_planets_that_the_kernel_lacks_are_told(model, monkeypatch):
+    from radioloc.ephemeris import Ephemeris
+
+    assert model.missing_planets == ()
+    monkeypatch.setattr(Ephemeris, "bodies", ("sun", "moon", "venus"))
+    assert model.missing_planets == ("jupiter", "saturn")
+    assert model.without("shapiro").missing_planets == ()

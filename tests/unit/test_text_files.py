@@ -5,8 +5,11 @@ import os
 
 import pytest
 
+from radioloc.earth.gpt3 import read_gpt3
+from radioloc.earth.ionex import read_ionex
+from radioloc.earth.vmf3_files import read_vmf3_grids, read_vmf3_sites
 from radioloc.errors import FileFormatError
-from radioloc.io.text_files import read_lines, write_text
+from radioloc.text_files import read_lines, write_text
 
 
 def test_plain_gzip_and_line_ends_give_the_same_lines(tmp_path):
@@ -30,6 +33,7 @@ def test_plain_gzip_and_line_ends_give_the_same_lines(tmp_path):
         (gzip.compress(b"a\n" * 100)[:-6], "cut or damaged", None),
         (gzip.compress(b"a\n" * 100)[:12], "cut or damaged", None),
         (b"\x1f\x8bnot gzip at all", "cut or damaged", None),
+        (b"\x1f\x9d cut", "uncompress it first", None),
         (b"\x89PNG\x00\x01\x02", "is not text", None),
         ("H1 CRD".encode("utf-16"), "is not text", None),
         (b"a\nb\nc \xe9\n", "byte 0xe9 is not UTF-8", 3),
@@ -51,6 +55,29 @@ def test_missing_file_and_directory(tmp_path):
         read_lines(tmp_path)
     with pytest.raises(FileFormatError, match="cannot be read"):
         read_lines("a\0b")
+
+
+def test_latin_1_where_it_is_asked_for(tmp_path):
+    file = tmp_path / "a.grd"
+    file.write_bytes(b"% Universit\xe4t\r\n1 2\r\n")
+    assert read_lines(file, encoding="latin-1") == ["% Universität", "1 2", ""]
+
+
+@pytest.mark.parametrize(
+    "read",
+    [
+        read_ionex,
+        read_gpt3,
+        lambda path: read_vmf3_sites([path]),
+        lambda path: read_vmf3_grids([path], path),
+    ],
+    ids=["ionex", "gpt3", "vmf3_sites", "vmf3_grids"],
+)
+def test_files_of_the_atmosphere_that_are_not_there(tmp_path, read):
+    with pytest.raises(FileFormatError, match="there is no such file"):
+        read(tmp_path / "none")
+    with pytest.raises(FileFormatError, match="is a directory"):
+        read(tmp_path)
 
 
 @pytest.mark.skipif(os.geteuid() == 0, reason="root reads everything")

@@ -11,25 +11,30 @@ from pathlib import Path
 from radioloc.errors import FileFormatError
 
 _GZIP_MAGIC = b"\x1f\x8b"
+_COMPRESS_MAGIC = b"\x1f\x9d"
 
 
-def read_lines(path: str | Path) -> list[str]:
+def read_lines(path: str | Path, *, encoding: str = "utf-8-sig") -> list[str]:
     """Lines of a text file, plain or gzip, without line ends; as :func:`read_text`."""
-    return read_text(path).split("\n")
+    return read_text(path, encoding=encoding).split("\n")
 
 
-def read_text(path: str | Path) -> str:
+def read_text(path: str | Path, *, encoding: str = "utf-8-sig") -> str:
     """Text of a file, plain or gzip (told by its content, not its name), with lines ended by line feeds.
 
     Parameters
     ----------
     path : path-like
-        The file; UTF-8, of which ASCII is a part.
+        The file.
+    encoding : str
+        UTF-8, of which ASCII is a part; ``"latin-1"`` takes any byte, for files of which only the comments are
+        not ASCII.
 
     Raises
     ------
     FileFormatError
-        No such file, a directory, not readable, empty, a gzip file that was cut or damaged, or not text.
+        No such file, a directory, not readable, empty, a gzip file that was cut or damaged, compressed in another
+        way, or not text.
     """
     file = Path(path)
     if file.is_dir():
@@ -48,12 +53,14 @@ def read_text(path: str | Path) -> str:
         except (OSError, EOFError, zlib.error) as error:
             problem = f"is a gzip file that was cut or damaged ({error}); fetch it again"
             raise FileFormatError(path, problem) from error
+    if content.startswith(_COMPRESS_MAGIC):
+        raise FileFormatError(path, "is compressed with Unix compress (.Z); uncompress it first")
     if b"\0" in content:
         raise FileFormatError(
             path, f"is not text (it starts with {content[:8]!r}); give a text file or its gzip"
         )
     try:
-        text = content.decode("utf-8-sig")
+        text = content.decode(encoding)
     except UnicodeDecodeError as error:
         line = content.count(b"\n", 0, error.start) + 1
         wrong = content[error.start]

@@ -1,9 +1,7 @@
-"""Lines of the text files of models of the atmosphere, plain or gzip."""
+"""Numbers in the lines of the text files of models of the atmosphere."""
 
 from __future__ import annotations
 
-import gzip
-import zlib
 from pathlib import Path
 
 import numpy as np
@@ -11,33 +9,8 @@ from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError
 
-_GZIP_MAGIC = b"\x1f\x8b"
-
-
-def read_lines(path: str | Path) -> list[str]:
-    """Lines of a text file, plain or gzip (told by its content), without line ends.
-
-    Raises
-    ------
-    FileFormatError
-        A gzip file was cut or damaged, or the file is empty or compressed in another way.
-    OSError
-        The file cannot be opened.
-    """
-    content = Path(path).read_bytes()
-    if content.startswith(_GZIP_MAGIC):
-        try:
-            content = gzip.decompress(content)
-        except (OSError, EOFError, zlib.error) as error:
-            raise FileFormatError(
-                path, f"is a gzip file that was cut or damaged ({error}); fetch it again"
-            ) from error
-    if content.startswith(b"\x1f\x9d"):
-        raise FileFormatError(path, "is compressed with Unix compress (.Z); uncompress it first")
-    if not content.strip():
-        raise FileFormatError(path, "is empty; fetch it again")
-    # The comments of some of these files are in Latin-1; numbers and keywords are ASCII.
-    return content.decode("latin-1").splitlines()
+ENCODING = "latin-1"
+"""Of these files: the comments of some are not ASCII, numbers and keywords are."""
 
 
 def numbers_of(path: str | Path, line_number: int, words: list[str], what: str) -> list[float]:

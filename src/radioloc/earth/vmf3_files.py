@@ -199,8 +199,8 @@ def read_vmf3_sites(paths: Sequence[str | Path]) -> dict[str, Vmf3Site]:
     Raises
     ------
     FileFormatError
-        The file cannot be read, a line has other than 9 or 13 columns, a number cannot be read or is impossible, or a station has one
-        epoch twice.
+        A file or a number cannot be read, a line has other than 9 or 13 columns, a number is impossible, or a station
+        has one epoch twice.
     InputError
         No file is given, or a station has gradients in some files only.
     """
@@ -240,8 +240,8 @@ def read_vmf3_grids(paths: Sequence[str | Path], orography: str | Path) -> Vmf3G
     Raises
     ------
     FileFormatError
-        A file cannot be read or is not such a map, a number cannot be read or is impossible, or points, epochs or heights are missing or
-        too many.
+        A file or a number cannot be read, a file is not such a map, a number is impossible, or points, epochs or
+        heights are missing or too many.
     InputError
         No map is given.
     """

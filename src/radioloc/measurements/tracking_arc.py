@@ -364,12 +364,20 @@ class TrackingArc:
                 self._radio,
             )
             problem = np.where(problem != "", problem, no_frequency)
-        below = np.array(
-            [f"below the horizon ({e:.1f} deg)" for e in np.degrees(elevation_rad)], dtype=np.str_
-        )
         return _Slant(
-            elevation_rad, rate_rad_s, delay, ionosphere_m, np.where(elevation_rad < 0.0, below, problem)
+            elevation_rad, rate_rad_s, delay, ionosphere_m, with_horizon_problem(problem, elevation_rad)
         )
+
+
+def with_horizon_problem(problem: NDArray[np.str_], elevation_rad: NDArray[np.float64]) -> NDArray[np.str_]:
+    """Problems of observations, those below the horizon replaced by that; text is made for these only."""
+    below = np.flatnonzero(elevation_rad < 0.0)
+    if not len(below):
+        return problem
+    texts = np.array([f"below the horizon ({e:.1f} deg)" for e in np.degrees(elevation_rad[below])])
+    out = problem.astype(np.result_type(problem, texts))
+    out[below] = texts
+    return out
 
 
 def _rows_of(value: Any, rows: NDArray[np.intp]) -> Any:

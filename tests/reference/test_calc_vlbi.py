@@ -53,6 +53,7 @@ GOAL_S = 10e-12
 DELAY_S = 5e-12
 AS_CALC_DOES_S = 0.5e-12
 RATE_S_S = 0.06e-12
+GROWTH_S = 0.4e-12
 MEAN_RATE_S_S = 0.002e-12
 
 # The point and the stations of the run, m.
@@ -218,6 +219,24 @@ def test_delay_rate(model, baseline):
     assert np.abs(rate - computed_rate).max() < RATE_S_S
     growth_s = (delay_s - computed_s)[-1] - (delay_s - computed_s)[0]
     assert abs(growth_s) / (tags_s[-1] - tags_s[0]) < MEAN_RATE_S_S
+
+
+@pytest.mark.parametrize("baseline", BASELINES, ids="-".join)
+def test_growth_of_the_delay(model, baseline):
+    """Delay rates as they are observed: by how much CALC's delay grows from one tag to the next, 6 or 8 minutes."""
+    tags_s, delay_s, _ = calc_delays()[baseline]
+    count_s = np.diff(tags_s)
+    observations = Observations.from_columns(
+        epoch=Epochs.from_jd(2400000.5 + DAY_MJD, (tags_s[:-1] + 0.5 * count_s) / 86400.0, "UTC"),
+        links=[Link(*baseline[:1], "apollo15", *baseline[1:], True)],
+        value_m=0.0,
+        sigma_m=1.0,
+        kind=KINDS.index("vlbi_delay_rate"),
+        tag=TIME_TAGS.index("receive"),
+        count_s=count_s,
+    )
+    computed_s = TrackingArc(model, observations, POINT_PA_M).compute(POINT_PA_M).value_m / C_M_S
+    assert np.abs(np.diff(delay_s) - computed_s).max() < GROWTH_S
 
 
 def test_subdaily_orientation_is_not_in_calc(model):

@@ -7,8 +7,8 @@ The first line that is not a comment (``#``) or blank names the columns, in any 
 
 ========================  ====================================================================================
 ``epoch_utc``             UTC of the event that ``time_tag`` names, ``yyyy-mm-ddThh:mm:ss.ssssssssssss``
-``type``                  ``range``, ``vlbi_delay`` or ``doppler``
-``path``                  ``transmitter>target>receiver``, or ``station1<target>station2`` of a VLBI delay
+``type``                  ``range``, ``vlbi_delay``, ``doppler`` or ``vlbi_delay_rate``
+``path``                  ``transmitter>target>receiver``, or ``station1<target>station2`` of VLBI
 ``observed_m``            whole light path (round trip), m; for the other types as
                           :data:`radioloc.measurements.observations.KINDS` says; or, instead,
 ``light_time_s``          time of flight (round trip), s; for the other types ``observed_m`` over the speed of light
@@ -20,11 +20,11 @@ The first line that is not a comment (``#``) or blank names the columns, in any 
 ``relative_humidity``     from 0 to 1
 ``wavelength_um``         vacuum wavelength of the light or of the radio signal on its way down, micrometres
 ``uplink_hz``             frequency of the radio signal on its way up, Hz
-``count_s``               count interval of Doppler, s
+``count_s``               count interval of Doppler and of a delay rate, s
 ========================  ====================================================================================
 
-The last six may be left out, whole or, with an empty field, for a row: then they were not recorded. A Doppler
-observation needs its count interval.
+The last six may be left out, whole or, with an empty field, for a row: then they were not recorded. Doppler and
+delay rates need their count interval.
 Numbers are written with as many digits as give back the same float.
 """
 

@@ -20,6 +20,9 @@ from radioloc.time import Epochs
 CONVENTIONS = ("round_trip", "half")
 """Whether RANGE and DOPPLER_* mean the whole light path or half of it (annex D, items 31 and 32)."""
 
+TDM_KINDS = tuple(kind for kind in KINDS if kind != "vlbi_delay_rate")
+"""Kinds of observation that a message can hold; of delay rates the standard knows nothing."""
+
 LightTime = Callable[[Epochs, Link, str], ArrayLike]
 """Whole light times, s, of epochs (UTC) on a link, tagged ``"transmit"`` or ``"receive"``."""
 
@@ -69,8 +72,10 @@ class TdmAgreement:
 
     def __post_init__(self) -> None:
         for kind, sigma in self.sigma_m.items():
-            if kind not in KINDS:
-                raise InputError(f"sigma_m: {kind!r} is not a kind of observation; use {', '.join(KINDS)}")
+            if kind not in TDM_KINDS:
+                raise InputError(
+                    f"sigma_m: {kind!r} is not a kind of observation of a TDM; use {', '.join(TDM_KINDS)}"
+                )
             if not (math.isfinite(sigma) and sigma > 0.0):
                 raise InputError(f"sigma_m: {kind} is {sigma}, but must be finite and above zero, in metres")
         for name in ("range_convention", "doppler_convention"):

@@ -28,7 +28,14 @@ from radioloc.io.dates import utc_to_text
 from radioloc.io.tdm_file import TdmFile, TdmHeader, TdmSegment
 from radioloc.io.tdm_keywords import CODE, DATA, METADATA, exponent_of
 from radioloc.io.tdm_weather import COLUMNS
-from radioloc.measurements.observations import DOPPLER, RANGE, TIME_TAGS, VLBI_DELAY, Observations
+from radioloc.measurements.observations import (
+    DOPPLER,
+    RANGE,
+    TIME_TAGS,
+    VLBI_DELAY,
+    VLBI_DELAY_RATE,
+    Observations,
+)
 from radioloc.text_files import write_text
 from radioloc.time import Epochs
 
@@ -78,8 +85,8 @@ def write_tdm(
     Raises
     ------
     InputError
-        There are no observations, or some that a message cannot hold: a time tag at the bounce, laser light, a name
-        or comment that is not printable ASCII.
+        There are no observations, or some that a message cannot hold: a time tag at the bounce, laser light, a delay
+        rate, a name or comment that is not printable ASCII.
     FileFormatError
         The file cannot be written.
     """
@@ -118,6 +125,9 @@ def _require_writable(observations: Observations) -> None:
             observations.tag == TIME_TAGS.index("bounce")
         ),
         "is of laser light, which the standard leaves out; use write_table": laser,
+        "is a VLBI delay rate, for which the standard has no keyword; use write_table": (
+            observations.kind == VLBI_DELAY_RATE
+        ),
         "is Doppler tagged at transmission, which is not modelled": (
             (observations.kind == DOPPLER) & (observations.tag != TIME_TAGS.index("receive"))
         ),

@@ -9,7 +9,7 @@ from radioloc.constants import C_M_S
 from radioloc.earth.checks import LEAST_ELEVATION_RAD
 from radioloc.earth.ionosphere import ionosphere_delay_m
 from radioloc.measurements.electron_content import ElectronContent
-from radioloc.measurements.observations import DOPPLER, Observations
+from radioloc.measurements.observations import Observations, is_counted
 from radioloc.measurements.station_motion import StationMotion
 
 
@@ -45,7 +45,7 @@ def ionosphere_delay(
     Returns
     -------
     delay_m : ndarray, shape (n,)
-        Group delay; for Doppler, which counts the phase, its opposite. Zero where there is a problem.
+        Group delay; for Doppler and delay rates, which count the phase, its opposite. Zero where there is a problem.
     problem : ndarray of str, shape (n,)
         Why there is no delay; empty where there is one or none is due.
 
@@ -67,7 +67,7 @@ def ionosphere_delay(
         tec = source.slant_tec(
             itrf_m[rows], azimuth_rad % (2.0 * np.pi), elevation_rad[rows], observations.epoch[rows]
         )
-        phase = np.where(observations.kind[rows] == DOPPLER, -1.0, 1.0)
+        phase = np.where(is_counted(observations.kind[rows]), -1.0, 1.0)
         delay_m[rows] = phase * ionosphere_delay_m(tec, frequency_hz[rows])
     return delay_m, problem
 

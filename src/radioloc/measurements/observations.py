@@ -22,7 +22,7 @@ from radioloc.time import Epochs, utc_strings
 TIME_TAGS = ("transmit", "receive", "bounce")
 """Events that an epoch can belong to; :attr:`Observations.tag` holds indices into this."""
 
-KINDS = ("range", "vlbi_delay", "doppler")
+KINDS = ("range", "vlbi_delay", "doppler", "vlbi_delay_rate")
 """Kinds of measurement; :attr:`Observations.kind` holds indices into this.
 
 ``range``: the whole light path from the first station over the target to the second, m.
@@ -30,9 +30,25 @@ KINDS = ("range", "vlbi_delay", "doppler")
 times the speed of light, m; tagged at the first station's arrival.
 ``doppler``: growth of the whole light path over the count interval, m: range at its end less range at its start, tagged
 with the reception at its middle.
+``vlbi_delay_rate``: growth of the VLBI delay over the count interval, m: delay at its end less delay at its start,
+tagged with the first station's arrival at its middle; of the phase, as Doppler is.
 """
 
-RANGE, VLBI_DELAY, DOPPLER = range(len(KINDS))
+RANGE, VLBI_DELAY, DOPPLER, VLBI_DELAY_RATE = range(len(KINDS))
+
+BASELINE_KINDS = ("vlbi_delay", "vlbi_delay_rate")
+"""Kinds that belong to two stations which receive."""
+
+
+def is_counted(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Whether measurements are growths over a count interval: Doppler and delay rates."""
+    return (kind == DOPPLER) | (kind == VLBI_DELAY_RATE)
+
+
+def is_differenced(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
+    """Whether measurements are of the difference of two stations: VLBI delays and their rates."""
+    return (kind == VLBI_DELAY) | (kind == VLBI_DELAY_RATE)
+
 
 WEATHER_LIMITS = {
     "pressure_hpa": (100.0, 1100.0),
@@ -44,6 +60,8 @@ WEATHER_LIMITS = {
 
 _IN_MEMORY = "in memory"
 _EARTH_DIAMETER_M = 12.8e6
+_FASTEST_DELAY_M_S = 1000.0
+"""Two stations on the equator, one on either side of the Earth, part by 2 x 465 m/s."""
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -130,7 +148,7 @@ class Observations:
     uplink_hz : ndarray, shape (n,)
         Frequency of the radio signal on its way up. NaN says that it was not recorded or does not apply.
     count_s : ndarray, shape (n,)
-        Count interval of a Doppler observation, s; NaN for other kinds.
+        Count interval of Doppler and of a delay rate, s; NaN for other kinds.
     files : tuple of str
         The files that the rows came from, each once.
     file : ndarray of int32, shape (n,)
@@ -323,12 +341,12 @@ class Observations:
         return "\n".join(lines)
 
     def _validate(self) -> None:
-        ranges, doppler = self.kind == RANGE, self.kind == DOPPLER
+        ranges, counted = self.kind == RANGE, is_counted(self.kind)
         wrong = ~np.isfinite(self.value_m) | (ranges & ~(self.value_m > 0.0))
         self._refuse(wrong, "value_m", self.value_m, "must be finite, and above zero for a range")
         wrong = ~(np.isfinite(self.sigma_m) & (self.sigma_m > 0.0))
         self._refuse(wrong, "sigma_m", self.sigma_m, "must be finite and above zero")
-        delays = self.kind == VLBI_DELAY
+        delays = is_differenced(self.kind)
         wrong = delays & (np.abs(self.value_m) > _EARTH_DIAMETER_M)
         self._refuse(
             wrong, "value_m", self.value_m, "a VLBI delay is not longer than the Earth (12.8e6 m, 43 ms)"
@@ -338,19 +356,22 @@ class Observations:
             differenced != delays,
             "path",
             self.value_m,
-            "a VLBI delay, and only it, has a path station1<target>station2",
+            "a VLBI delay or its rate, and only they, have a path station1<target>station2",
         )
         wrong = delays & (self.tag != TIME_TAGS.index("receive"))
         self._refuse(
             wrong,
             "time_tag",
             self.tag,
-            "a VLBI delay is tagged at its arrival at the first station (receive)",
+            "a VLBI delay or its rate is tagged at the arrival at the first station (receive)",
         )
-        wrong = doppler & ~(np.isfinite(self.count_s) & (self.count_s > 0.0))
+        wrong = counted & ~(np.isfinite(self.count_s) & (self.count_s > 0.0))
         self._refuse(
-            wrong, "count_s", self.count_s, "a Doppler observation needs its count interval, above zero"
+            wrong, "count_s", self.count_s, "Doppler and delay rates need their count interval, above zero"
         )
+        wrong = delays & counted & (np.abs(self.value_m) > _FASTEST_DELAY_M_S * self.count_s)
+        rule = "a VLBI delay grows by less than 1000 m in a second of its count interval"
+        self._refuse(wrong, "value_m", self.value_m, rule)
         wrong = ~np.isnan(self.uplink_hz) & ~((self.uplink_hz > 1e6) & (self.uplink_hz < 1e12))
         self._refuse(wrong, "uplink_hz", self.uplink_hz, "must be 1e6 to 1e12, or left out")
         for name, (low, high) in WEATHER_LIMITS.items():

@@ -7,6 +7,7 @@ What is measured, all in metres and by the stations' atomic clocks (TT rate, as 
   the bounce. Two-way is the case of one station.
 - VLBI delay: arrival at the second station less arrival of the same wavefront at the first; tagged with the first.
 - Doppler: growth of the range over the count interval, tagged at its middle; the difference of two ranges.
+- VLBI delay rate: growth of the delay over the count interval likewise; the difference of two delays.
 
 An arc is prepared once (:class:`TrackingArc`): the motion of the stations and of the Moon near each event does not
 depend on where the point is, but for the few microseconds by which the light time changes with it. A prediction for a
@@ -37,7 +38,7 @@ from radioloc.measurements.light_path import (
     solve_light_path,
 )
 from radioloc.measurements.lunar_motion import lunar_motion
-from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, Observations
+from radioloc.measurements.observations import Observations, is_counted, is_differenced
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
@@ -102,15 +103,16 @@ class TrackingArc:
         self.observations = observations
         self._stations, transmitter, receiver = _stations_of(model, observations)
         tt = utc_to_tt(observations.epoch)
-        # One path per observation; a Doppler observation is the difference of two, at the ends of its count interval.
-        self._doppler = np.flatnonzero(observations.kind == DOPPLER)
-        rows = np.concatenate([np.arange(len(observations)), self._doppler])
-        half_s = np.where(observations.kind == DOPPLER, 0.5 * observations.count_s, 0.0)
-        half_s = np.concatenate([half_s, -half_s[self._doppler]])
+        # One path per observation; one that is counted is the difference of two, at the ends of its count interval.
+        counted = is_counted(observations.kind)
+        self._counted = np.flatnonzero(counted)
+        rows = np.concatenate([np.arange(len(observations)), self._counted])
+        half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
+        half_s = np.concatenate([half_s, -half_s[self._counted]])
         tt = tt[rows].shifted(half_s)
         self._paths = observations.select(rows)
         self._transmitter, self._receiver = transmitter[rows], receiver[rows]
-        differenced = self._paths.kind == VLBI_DELAY
+        differenced = is_differenced(self._paths.kind)
         # Without a recorded wavelength, a laser station's signal is light and any other's is radio.
         laser = np.array([station.kind == "llr" for station in self._stations], dtype=bool)[self._receiver]
         wavelength = self._paths.wavelength_um
@@ -143,7 +145,7 @@ class TrackingArc:
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
         predicted = self._up.predicted_eop | self._down.predicted_eop
         out = predicted[: len(self.observations)].copy()
-        out[self._doppler] |= predicted[len(self.observations) :]
+        out[self._counted] |= predicted[len(self.observations) :]
         return out
 
     def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
@@ -178,7 +180,7 @@ class TrackingArc:
             by_time = by_time + sign * slant.delay.by_elevation_m_rad * slant.elevation_rate_rad_s
         n = len(self.observations)
         problem = np.where(up.problem != "", up.problem, down.problem)
-        problem[self._doppler] = np.where(problem[self._doppler] != "", problem[self._doppler], problem[n:])
+        problem[self._counted] = np.where(problem[self._counted] != "", problem[self._counted], problem[n:])
         return Computed(
             value_m=self._observed(length_m),
             by_position_pa=self._observed(np.einsum("ni,nij->nj", by_position, self._moon.rot_pa_to_icrf)),
@@ -203,13 +205,13 @@ class TrackingArc:
         n = len(self.observations)
         rows = np.arange(n)[which]
         second = np.full(n, -1)
-        second[self._doppler] = n + np.arange(len(self._doppler))
+        second[self._counted] = n + np.arange(len(self._counted))
         paths = np.concatenate([rows, second[rows][second[rows] >= 0]])
         part = copy.copy(self)
         part.observations = self.observations.select(rows)
-        part._doppler = np.flatnonzero(second[rows] >= 0)
+        part._counted = np.flatnonzero(second[rows] >= 0)
         part._stations, transmitter, receiver = _stations_of(self.model, part.observations)
-        path_rows = np.concatenate([np.arange(len(rows)), part._doppler])
+        path_rows = np.concatenate([np.arange(len(rows)), part._counted])
         part._transmitter, part._receiver = transmitter[path_rows], receiver[path_rows]
         part._paths = self._paths.select(paths)
         part._radio, part._sign, part._tag = self._radio[paths], self._sign[paths], self._tag[paths]
@@ -241,10 +243,10 @@ class TrackingArc:
         return table
 
     def _observed(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """From paths to observations: the path itself, or the difference of two for Doppler."""
+        """From paths to observations: the path itself, or the difference of two where it is counted."""
         n = len(self.observations)
         out = of_paths[:n].copy()
-        out[self._doppler] -= of_paths[n:]
+        out[self._counted] -= of_paths[n:]
         return out
 
     def _prepare(self, lander_pa_m: NDArray[np.float64]) -> None:

@@ -25,8 +25,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_ORDER = ("vlbi_delay", "range", "doppler")
-_WORDS = {"vlbi_delay": "delay", "range": "range", "doppler": "Doppler"}
+_ORDER = ("vlbi_delay", "vlbi_delay_rate", "range", "doppler")
+_WORDS = {"vlbi_delay": "delay", "vlbi_delay_rate": "delay rate", "range": "range", "doppler": "Doppler"}
 _MAX_PANELS = 30
 _COLUMNS = 3
 _PANEL_IN = (3.7, 1.9)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
-from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, Observations
+from radioloc.measurements.observations import Observations, is_counted, is_differenced
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.simulation.visibility import elevations
 from radioloc.time import utc_to_tt
@@ -67,8 +67,8 @@ def media_error_m(
     -------
     dict of str to ndarray, shape (n,)
         ``troposphere`` and ``ionosphere``, m: of both legs together for a range, second minus first station for a VLBI
-        delay, end minus begin of the count interval for Doppler, whose phase the ionosphere advances as much as it
-        delays a code.
+        delay, end minus begin of the count interval for Doppler and delay rates, whose phase the ionosphere advances as
+        much as it delays a code.
 
     Raises
     ------
@@ -81,14 +81,14 @@ def media_error_m(
     place = {name: k for k, name in enumerate(names)}
     zenith, tec = (np.array([values.get(name, 0.0) for name in names]) for values in (zenith_m, tec_tecu))
     out = {"troposphere": np.zeros(n), "ionosphere": np.zeros(n)}
-    doppler, delay = observations.kind == DOPPLER, observations.kind == VLBI_DELAY
+    counted, delay = is_counted(observations.kind), is_differenced(observations.kind)
     down_hz = C_M_S / (observations.wavelength_um * 1e-6)
-    half_s = np.where(doppler, 0.5 * observations.count_s, 0.0)
+    half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
     tt = utc_to_tt(observations.epoch)
-    # Of the two instants, that of a range or a delay is the first; the second one counts for Doppler alone.
+    # Of the two instants, that of a range or a delay is the first; the second one is for what is counted alone.
     for sign, rows, shift_s in (
         (1.0, np.arange(n), half_s),
-        (-1.0, np.flatnonzero(doppler), -half_s),
+        (-1.0, np.flatnonzero(counted), -half_s),
     ):
         at = elevations(model, target_pa_m, names, tt[rows].shifted(shift_s[rows])).at_station_rad
         for end in ends:
@@ -105,7 +105,7 @@ def media_error_m(
                 raise InputError(
                     "an error of the electron content needs the frequencies; give sessions uplink_hz, wavelength_um"
                 )
-            phase = np.where(doppler[rows], -1.0, 1.0)
+            phase = np.where(counted[rows], -1.0, 1.0)
             at_frequency = np.where(electrons != 0.0, _IONOSPHERE_M_HZ2 * electrons / hz**2, 0.0)
             out["ionosphere"][rows] += leg * phase * at_frequency
     return out

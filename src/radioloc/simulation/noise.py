@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.measurements.observations import KINDS, VLBI_DELAY
+from radioloc.measurements.observations import KINDS
 from radioloc.simulation.schedule import Plan, Session
 
 
@@ -113,6 +113,8 @@ class NoiseModel:
         Errors of each VLBI station's arrival times (clock, instrument, air): a delay has its second station's less
         its first one's, so that delays around a triangle add to nothing. Six baselines of four stations hold only
         three independent delays of these.
+    vlbi_station_rate : Noise
+        Likewise errors of by how much each station's arrival time grows over a count interval, for delay rates.
 
     Raises
     ------
@@ -122,6 +124,7 @@ class NoiseModel:
 
     link: Mapping[str, Noise] = field(default_factory=dict)
     vlbi_station: Noise = field(default_factory=Noise)
+    vlbi_station_rate: Noise = field(default_factory=Noise)
 
     def __post_init__(self) -> None:
         for kind in self.link:
@@ -155,11 +158,9 @@ class NoiseModel:
             rows = np.flatnonzero((plan.session == session_index) & (observations.link == link_index))
             session, link = plan.sessions[session_index], observations.links[link_index]
             parts = [(1.0, self.link.get(session.kind, Noise()), link.path)]
-            if KINDS.index(session.kind) == VLBI_DELAY:
-                parts += [
-                    (1.0, self.vlbi_station, link.receiver),
-                    (-1.0, self.vlbi_station, link.transmitter),
-                ]
+            if link.differenced:
+                of_station = self.vlbi_station if session.kind == "vlbi_delay" else self.vlbi_station_rate
+                parts += [(1.0, of_station, link.receiver), (-1.0, of_station, link.transmitter)]
             for sign, noise, name in parts:
                 error_m, wild = _of_session(session, noise, seed, name)
                 noise_m[rows] += sign * error_m[plan.slot[rows]]

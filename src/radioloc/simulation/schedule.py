@@ -1,7 +1,8 @@
 """What is to be measured and when: sessions of links at regular epochs, thinned to what can be seen.
 
 A pair of stations means, by kind of measurement, who sends and who receives (``range``, ``doppler``; two-way where they
-are the same) or the first and the second station of a baseline (``vlbi_delay``: second minus first).
+are the same) or the first and the second station of a baseline (``vlbi_delay``, ``vlbi_delay_rate``: second minus
+first).
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
-from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.observations import BASELINE_KINDS, KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.simulation.visibility import Masks, elevations
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
@@ -55,7 +56,7 @@ class Session:
 
     Parameters
     ----------
-    kind : {"range", "vlbi_delay", "doppler"}
+    kind : {"range", "vlbi_delay", "doppler", "vlbi_delay_rate"}
         As :data:`radioloc.measurements.observations.KINDS`.
     pairs : sequence of (str, str)
         Stations of each link (:func:`two_way`, :func:`three_way`, :func:`all_ranges`, :func:`baselines`).
@@ -69,9 +70,9 @@ class Session:
         Only one station sends at a time: of those that see the target the one that comes first in `pairs`; the links of
         the others wait.
     time_tag : {"receive", "transmit", "bounce"}
-        Event that the epochs belong to; ``receive`` for delays and Doppler.
+        Event that the epochs belong to; ``receive`` for delays, their rates and Doppler.
     count_s : float
-        Count interval of Doppler, s.
+        Count interval of Doppler and delay rates, s.
     uplink_hz, wavelength_um : float
         Of the signal on its way up (Hz) and down (micrometres); NaN where it does not matter.
 
@@ -103,7 +104,7 @@ class Session:
             raise InputError(
                 f"pairs is {self.pairs!r}; a session needs at least one pair of stations, none twice"
             )
-        if self.kind == "vlbi_delay" and any(first == second for first, second in self.pairs):
+        if self.kind in BASELINE_KINDS and any(first == second for first, second in self.pairs):
             raise InputError("a baseline has two different stations")
         for name in ("step_s", "sigma_m"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
@@ -230,7 +231,7 @@ class Schedule:
             first_seen = np.array(senders)[np.argmax(seen[:, senders], axis=1)]
             measured &= first_seen[:, None] == ends[:, 0]
         slot, pair = np.nonzero(measured)
-        differenced = session.kind == "vlbi_delay"
+        differenced = session.kind in BASELINE_KINDS
         part = Observations.from_columns(
             epoch=utc[slot],
             links=[Link(first, target, second, differenced) for first, second in pairs],
@@ -256,7 +257,7 @@ class Schedule:
         """Whether each station sees the target throughout the measurement at each epoch, shape (n, k)."""
         half_s = 0.0 if math.isnan(session.count_s) else 0.5 * session.count_s
         before_s = after_s = half_s
-        if session.kind != "vlbi_delay":
+        if session.kind not in BASELINE_KINDS:
             before_s += 0.0 if session.time_tag == "transmit" else _ROUND_TRIP_S
             after_s += 0.0 if session.time_tag == "receive" else _ROUND_TRIP_S
         tt = utc_to_tt(utc)

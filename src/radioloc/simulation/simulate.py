@@ -64,6 +64,11 @@ class Simulated:
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
             *(f"{name}: {_shown(value)}" for name, value in _departures(self.truth)),
             f"noise of station arrivals (VLBI): {_shown(self.noise.vlbi_station)}",
+            *(
+                [f"noise of the growth of station arrivals (VLBI): {_shown(self.noise.vlbi_station_rate)}"]
+                if "vlbi_delay_rate" in self.observations.types()
+                else []
+            ),
             *(f"noise of {kind}: {_shown(noise)}" for kind, noise in self.noise.link.items()),
         ]
         return "\n".join(lines)

@@ -20,7 +20,7 @@ from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
-from radioloc.measurements.observations import DOPPLER, RANGE, TIME_TAGS, VLBI_DELAY, Observations
+from radioloc.measurements.observations import RANGE, TIME_TAGS, Observations, is_counted, is_differenced
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import active_terms
 from radioloc.simulation.media import MappingFunction, black_eisner, media_error_m, thin_shell
@@ -167,7 +167,7 @@ class Truth:
         tai = utc_to_tai(observations.epoch)
         first_s, second_s = self._clock_errors_s(observations, catalogue, tai, tai)
         transmit, receive = (TIME_TAGS.index(name) for name in ("transmit", "receive"))
-        by_first = (observations.kind == VLBI_DELAY) | (observations.tag == transmit)
+        by_first = is_differenced(observations.kind) | (observations.tag == transmit)
         error_s = np.where(by_first, first_s, np.where(observations.tag == receive, second_s, 0.0))
         moved = tai_to_utc(tai.shifted(-error_s))
         # Clocks that are right leave the tag as it was, to the last bit.
@@ -242,12 +242,12 @@ class Truth:
         after_s = np.where(ranges, light_time_s, 0.0) - before_s
         sent, received = tai.shifted(-before_s), tai.shifted(after_s)
         first_s, second_s = self._clock_errors_s(observations, catalogue, sent, received)
-        doppler = observations.kind == DOPPLER
-        half_s = np.where(doppler, 0.5 * observations.count_s, 0.0)
+        counted = is_counted(observations.kind)
+        half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
         early = self._clock_errors_s(observations, catalogue, tai.shifted(-half_s), tai.shifted(-half_s))
         late = self._clock_errors_s(observations, catalogue, tai.shifted(half_s), tai.shifted(half_s))
-        counted_s = (late[1] - late[0]) - (early[1] - early[0])
-        return C_M_S * np.where(doppler, counted_s, second_s - first_s)
+        grown_s = (late[1] - late[0]) - (early[1] - early[0])
+        return C_M_S * np.where(counted, grown_s, second_s - first_s)
 
     def _clock_errors_s(
         self, observations: Observations, catalogue: StationCatalogue, at_first: Epochs, at_second: Epochs

@@ -333,6 +333,7 @@ def _provenance(
         "not_selected": left_out,
         "extra_sigma_m": study.observations.extra_sigma_m,
         "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,
+        "vlbi_station_rate_sigma_m": study.observations.vlbi_station_rate_sigma_m,
         "estimate": None if estimate is None else _estimate_record(estimate),
         "a_priori": {"frame": study.target.frame, "xyz_m": study.target.xyz_m.tolist()},
         "ionosphere": {"ionex": [path.name for path in study.model.ionex], "tec_tecu": study.model.tec_tecu},

@@ -9,7 +9,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.measurements.observations import RANGE, TIME_TAGS, VLBI_DELAY
+from radioloc.measurements.observations import (
+    RANGE,
+    TIME_TAGS,
+    VLBI_DELAY,
+    VLBI_DELAY_RATE,
+    is_differenced,
+)
 from radioloc.measurements.tracking_arc import Computed, TrackingArc
 from radioloc.time import utc_to_tai
 
@@ -69,26 +75,28 @@ def _range_bias(arc: TrackingArc, computed: Computed | None) -> NDArray[np.float
 
 def _time_bias(arc: TrackingArc, computed: Computed | None) -> NDArray[np.float64]:
     """The tag belongs to the transmitter if it names the transmission, and to the first station of a delay."""
-    tags, delays = arc.observations.tag, arc.observations.kind == VLBI_DELAY
+    tags, delays = arc.observations.tag, is_differenced(arc.observations.kind)
     first = delays | (tags == TIME_TAGS.index("transmit"))
     by_time = np.ones(len(tags)) if computed is None else computed.by_time_m_s
     return np.stack([np.where(first, by_time, 0.0), np.where(first, 0.0, by_time)], axis=-1)
 
 
 def _clock(arc: TrackingArc, computed: Computed | None) -> NDArray[np.float64]:
-    """A clock that is ahead reads an arrival later: the second station's adds to the delay."""
+    """A clock that is ahead reads an arrival later: the second station's adds to the delay, but not to its growth."""
     delays = (arc.observations.kind == VLBI_DELAY) * C_M_S
     return np.stack([-delays, delays], axis=-1)
 
 
 def _clock_rate(arc: TrackingArc, computed: Computed | None) -> NDArray[np.float64]:
-    """Of time since the middle of the arc, which hardly ties the rate to the offset."""
-    shares = _clock(arc, computed)
+    """Times the time since the middle of the arc, which hardly ties it to the offset, or times the count interval."""
+    observations = arc.observations
+    shares, rates = _clock(arc, computed), observations.kind == VLBI_DELAY_RATE
+    grown = np.where(rates, observations.count_s, 0.0)[:, None] * np.array([-C_M_S, C_M_S])
     if computed is None or not len(shares):
-        return shares
-    tai = utc_to_tai(arc.observations.epoch)
+        return shares + grown
+    tai = utc_to_tai(observations.epoch)
     elapsed_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])
-    return shares * (elapsed_s - 0.5 * (elapsed_s.min() + elapsed_s.max()))[:, None]
+    return shares * (elapsed_s - 0.5 * (elapsed_s.min() + elapsed_s.max()))[:, None] + grown
 
 
 def _zenith_delay(arc: TrackingArc, computed: Computed | None) -> NDArray[np.float64]:

@@ -1,7 +1,8 @@
 """The noise of a study's observations: what the files state, and what the delays of one epoch share.
 
 The error of a VLBI station's arrival time (its receiver, its clock, the air above it) is in every delay of that epoch
-which the station has part in, with one sign as the second station and the other as the first.
+which the station has part in, with one sign as the second station and the other as the first. Likewise the error of how
+much that time grows over a count interval is in every delay rate of that epoch and interval.
 """
 
 from __future__ import annotations
@@ -11,7 +12,7 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
-from radioloc.measurements.observations import VLBI_DELAY
+from radioloc.measurements.observations import VLBI_DELAY, VLBI_DELAY_RATE
 from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.study import ObservationChoice
 from radioloc.time import Epochs, utc_to_tai
@@ -36,12 +37,23 @@ def stated_noise(arc: TrackingArc, choice: ObservationChoice) -> ObservationNois
         Stations are given a noise, and delays follow each other too fast to tell one epoch from the next.
     """
     own_m = np.hypot(arc.observations.sigma_m, choice.extra_sigma_m)
-    delays = np.flatnonzero(arc.observations.kind == VLBI_DELAY)
-    if not choice.vlbi_station_sigma_m or not len(delays):
-        return ObservationNoise(own_m)
     group = np.full(len(own_m), ALONE)
-    group[delays] = same_epoch(arc.observations.epoch[delays])
-    effect_m = np.broadcast_to(np.array([-1.0, 1.0]) * choice.vlbi_station_sigma_m, (len(own_m), 2))
+    effect_m = np.zeros((len(own_m), 2))
+    for kind, station_m in (
+        (VLBI_DELAY, choice.vlbi_station_sigma_m),
+        (VLBI_DELAY_RATE, choice.vlbi_station_rate_sigma_m),
+    ):
+        rows = np.flatnonzero(arc.observations.kind == kind)
+        if not station_m or not len(rows):
+            continue
+        number = same_epoch(arc.observations.epoch[rows])
+        if kind == VLBI_DELAY_RATE:
+            keys = np.stack([number, arc.observations.count_s[rows]], axis=1)
+            _, number = np.unique(keys, axis=0, return_inverse=True)
+        group[rows] = group.max() + 1 + number.reshape(-1)
+        effect_m[rows] = -station_m, station_m
+    if (group == ALONE).all():
+        return ObservationNoise(own_m)
     source = np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
     return ObservationNoise(own_m, SharedErrors(group, source, effect_m))
 
@@ -67,8 +79,8 @@ def same_epoch(epoch: Epochs) -> NDArray[np.intp]:
     first_s = elapsed_s[order][begins]
     if (elapsed_s[order] - first_s[number]).max() > SAME_EPOCH_S:
         raise InputError(
-            "VLBI delays follow each other too fast to tell which share an epoch: "
-            "[observations] vlbi_station_sigma_m needs epochs 0.1 s apart or more"
+            "VLBI delays or their rates follow each other too fast to tell which share an epoch: [observations] "
+            "vlbi_station_sigma_m needs epochs 0.1 s apart or more, and so does vlbi_station_rate_sigma_m"
         )
     groups = np.empty(len(tai), dtype=np.intp)
     groups[order] = number

@@ -50,6 +50,8 @@ class ObservationChoice:
     vlbi_station_sigma_m : float
         Error of each VLBI station's arrival time, metres, which all delays of one epoch that the station has part in
         share; beside the sigmas of the delays.
+    vlbi_station_rate_sigma_m : float
+        Likewise the error of by how much each station's arrival time grows over the count interval, for delay rates.
 
     Raises
     ------
@@ -66,6 +68,7 @@ class ObservationChoice:
     extra_sigma_m: float = 0.0
     tdm: TdmAgreement = field(default_factory=TdmAgreement)
     vlbi_station_sigma_m: float = 0.0
+    vlbi_station_rate_sigma_m: float = 0.0
 
     def __post_init__(self) -> None:
         files = (self.files,) if isinstance(self.files, (str, Path)) else self.files
@@ -86,6 +89,7 @@ class ObservationChoice:
             _require_positive("hours", self.hours)
         _require_not_negative("extra_sigma_m", self.extra_sigma_m)
         _require_not_negative("vlbi_station_sigma_m", self.vlbi_station_sigma_m)
+        _require_not_negative("vlbi_station_rate_sigma_m", self.vlbi_station_rate_sigma_m)
 
 
 STATION_PARAMETERS = {

@@ -9,10 +9,9 @@ import numpy as np
 
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.errors import InputError
-from radioloc.io.tdm_agreement import TdmAgreement
+from radioloc.io.tdm_agreement import TDM_KINDS, TdmAgreement
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.observations import KINDS
 from radioloc.measurements.terms import active_terms
 from radioloc.studies.study import (
     STATION_PARAMETERS,
@@ -123,6 +122,7 @@ def _observations(table: TomlTable, folder: Path) -> ObservationChoice:
         "hours": table.number("hours"),
         "extra_sigma_m": table.number("extra_sigma_m"),
         "vlbi_station_sigma_m": table.number("vlbi_station_sigma_m"),
+        "vlbi_station_rate_sigma_m": table.number("vlbi_station_rate_sigma_m"),
     }
     sigmas = table.table("sigma_m")
     agreed = {
@@ -131,7 +131,7 @@ def _observations(table: TomlTable, folder: Path) -> ObservationChoice:
         "range_unit_s": table.number("tdm_range_unit_s"),
     }
     table.finish()
-    sigma_m = {} if sigmas is None else {kind: sigmas.number(kind) for kind in KINDS}
+    sigma_m = {} if sigmas is None else {kind: sigmas.number(kind) for kind in TDM_KINDS}
     if sigmas is not None:
         sigmas.finish()
     tdm = table.build(TdmAgreement, sigma_m={k: v for k, v in sigma_m.items() if v is not None}, **agreed)

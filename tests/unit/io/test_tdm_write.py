@@ -16,7 +16,7 @@ from radioloc.io.tdm_file import TdmHeader
 from radioloc.io.tdm_keywords import DATA, METADATA, exponent_of
 from radioloc.io.tdm_kvn import parse_kvn
 from radioloc.io.tdm_write import tdm_of, write_tdm, write_tdm_file
-from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Link, Observations
+from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Link, Observations
 from radioloc.time import Epochs
 
 AGREEMENT = TdmAgreement(sigma_m={"range": 1.0, "vlbi_delay": 1.0, "doppler": 1.0})
@@ -185,6 +185,10 @@ def test_metadata_in_the_order_of_the_standard(tmp_path):
         ({"tag": 2}, "tagged at the bounce"),
         ({"wavelength_um": 0.532}, "laser light, which the standard leaves out"),
         ({"kind": DOPPLER, "count_s": 1.0, "tag": 0}, "Doppler tagged at transmission"),
+        (
+            {"kind": VLBI_DELAY_RATE, "link": 2, "value_m": 1.0, "count_s": 10.0},
+            "delay rate, for which the standard has no keyword",
+        ),
         ({"kind": VLBI_DELAY, "link": 2, "value_m": 1.0, "uplink_hz": 7e9}, "VLBI delay with an uplink"),
         ({"links": (Link("Fürth", "lander", "Fürth"),)}, "'Fürth' cannot stand in a TDM"),
     ],

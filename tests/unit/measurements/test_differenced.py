@@ -1,4 +1,4 @@
-"""VLBI delay and Doppler: what they are made of, and their partials."""
+"""VLBI delay, its rate and Doppler: what they are made of, and their partials."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from radioloc.constants import C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import PredictedEopWarning
-from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.observations import BASELINE_KINDS, KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
@@ -45,7 +45,7 @@ def model():
 def arc_of(model, kind, ends, tai=TAI, tag="receive", count_s=np.nan):
     observations = Observations.from_columns(
         epoch=tai_to_utc(tai),
-        links=[Link(ends[0], "apollo15", ends[1], kind == "vlbi_delay")],
+        links=[Link(ends[0], "apollo15", ends[1], kind in BASELINE_KINDS)],
         value_m=1.0,
         sigma_m=1.0,
         kind=KINDS.index(kind),
@@ -111,6 +111,44 @@ def test_doppler_is_range_at_the_end_less_range_at_the_start(model, ends, tag):
     # Below the horizon at either end is below it.
     up = (end.problem == "") & (start.problem == "")
     assert ((doppler.problem == "") == up).all()
+
+
+@pytest.mark.parametrize("ends", BASELINES, ids="-".join)
+def test_delay_rate_is_delay_at_the_end_less_delay_at_the_start(model, ends):
+    rate = compute(model, "vlbi_delay_rate", ends, count_s=COUNT_S)
+    end, start = (compute(model, "vlbi_delay", ends, TAI.shifted(s)) for s in (COUNT_S / 2, -COUNT_S / 2))
+    np.testing.assert_allclose(rate.value_m, end.value_m - start.value_m, rtol=0, atol=SAME_M)
+    for name, tolerance in (("by_position_pa", 1e-9), ("by_time_m_s", 1e-9), ("by_zenith_wet", 1e-9)):
+        grown = getattr(end, name) - getattr(start, name)
+        np.testing.assert_allclose(getattr(rate, name), grown, rtol=0, atol=tolerance)
+    assert ((rate.problem == "") == ((end.problem == "") & (start.problem == ""))).all()
+    assert 30.0 < np.abs(rate.value_m / COUNT_S).max() < 1000.0
+    # The third derivative, 2 x 465 m/s (7.3e-5 / s)^2, times 60^2 / 24.
+    delay = compute(model, "vlbi_delay", ends)
+    np.testing.assert_allclose(rate.value_m / COUNT_S, delay.by_time_m_s, rtol=0, atol=1e-3)
+
+
+def test_delay_rates_close_around_a_triangle(model):
+    """Of one wavefront: delays of the second baseline begin where the first ends."""
+    a, b, c = "SESHAN25", "KUNMING", "URUMQI"
+    tags = [TAI.shifted(s) for s in (COUNT_S / 2, -COUNT_S / 2)]
+    ab = [compute(model, "vlbi_delay", (a, b), tag).value_m for tag in tags]
+    bc = [
+        compute(model, "vlbi_delay", (b, c), tag.shifted(m / C_M_S)).value_m
+        for tag, m in zip(tags, ab, strict=True)
+    ]
+    ac = compute(model, "vlbi_delay_rate", (a, c), count_s=COUNT_S).value_m
+    np.testing.assert_allclose(ac, (ab[0] + bc[0]) - (ab[1] + bc[1]), rtol=0, atol=2 * SAME_M)
+
+
+@pytest.mark.parametrize("ends", BASELINES, ids="-".join)
+def test_partials_of_delay_rate_by_position(model, ends):
+    arc = arc_of(model, "vlbi_delay_rate", ends, count_s=COUNT_S)
+    analytic, numeric = arc.compute(APOLLO15_PA_M).by_position_pa, numeric_by_position(arc)
+    # The baseline over the distance, turned with the Earth for a minute.
+    size = np.linalg.norm(numeric, axis=1)
+    assert 1e-6 < size.max() < 1e-4
+    assert np.linalg.norm(analytic - numeric, axis=1).max() < DOPPLER_PARTIALS * size.max() + 1e-11
 
 
 def test_doppler_is_the_rate_of_range(model):
@@ -179,6 +217,7 @@ def test_kinds_are_each_computed_as_if_alone(model):
         ("doppler", ("KASHI", "KASHI"), COUNT_S),
         ("vlbi_delay", ("KUNMING", "MIYUN50"), np.nan),
         ("doppler", ("NEUQUEN", "KASHI"), 10.0),
+        ("vlbi_delay_rate", ("URUMQI", "SESHAN25"), 30.0),
     ]
     alone = [arc_of(model, kind, ends, count_s=count_s) for kind, ends, count_s in cases]
     order = np.arange(len(cases) * len(TAI)).reshape(len(cases), -1).T.ravel()

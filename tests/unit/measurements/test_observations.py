@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.observations import (
+    KINDS,
+    TIME_TAGS,
+    Link,
+    Observations,
+    is_counted,
+    is_differenced,
+)
 from radioloc.measurements.targets import canonical_target
 from radioloc.time import Epochs
 
@@ -181,3 +188,32 @@ def test_link_path_there_and_back():
 )
 def test_canonical_target(given, name):
     assert canonical_target(given) == name
+
+
+RATE = {
+    "kind": KINDS.index("vlbi_delay_rate"),
+    "links": [Link("SESHAN25", "lander", "URUMQI", True)],
+    "link": 0,
+    "tag": TIME_TAGS.index("receive"),
+    "value_m": -3000.0,
+    "count_s": 60.0,
+}
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"count_s": np.nan}, "need their count interval"),
+        ({"count_s": 0.0}, "need their count interval"),
+        ({"tag": TIME_TAGS.index("transmit")}, "tagged at the arrival at the first station"),
+        ({"links": [Link("SESHAN25", "lander", "URUMQI")]}, "station1<target>station2"),
+        ({"value_m": 60001.0}, "grows by less than 1000 m in a second"),
+    ],
+)
+def test_a_delay_rate_is_a_growth_of_a_delay(changes, words):
+    rate = make(**RATE)
+    assert rate.types()[0] == "vlbi_delay_rate"
+    assert is_counted(rate.kind).all()
+    assert is_differenced(rate.kind).all()
+    with pytest.raises(InputError, match=words):
+        make(**(RATE | changes))

@@ -24,12 +24,14 @@ DOPPLER = Session(
     "doppler", all_ranges(*RANGERS), START, STOP, 600.0, 1e-3, one_uplink=True, count_s=7200.0, **RADIO
 )
 TWO_WAY_DOPPLER = Session("doppler", two_way("KASHI"), START, STOP, 1200.0, 1e-3, count_s=900.0, **RADIO)
+DELAY_RATE = Session("vlbi_delay_rate", baselines(*VLBI), START, STOP, 1200.0, 1e-3, count_s=7200.0, **RADIO)
 MIXES = {
     "range": [RANGE],
     "vlbi": [DELAY],
     "range and vlbi": [RANGE, DELAY],
     "doppler": [DOPPLER],
-    "all": [RANGE, DELAY, TWO_WAY_DOPPLER],
+    "vlbi rates": [DELAY_RATE],
+    "all": [RANGE, DELAY, TWO_WAY_DOPPLER, DELAY_RATE],
 }
 
 

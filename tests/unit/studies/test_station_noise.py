@@ -10,7 +10,18 @@ import pytest
 import radioloc
 from radioloc import EstimateChoice, InputError, LunarPosition, ModelChoice, ObservationChoice, Study
 from radioloc.measurements.observations import KINDS
-from radioloc.simulation import Masks, Noise, NoiseModel, Schedule, Session, World, all_ranges, baselines
+from radioloc.simulation import (
+    Clock,
+    Masks,
+    Noise,
+    NoiseModel,
+    Schedule,
+    Session,
+    Truth,
+    World,
+    all_ranges,
+    baselines,
+)
 from radioloc.studies.station_noise import SAME_EPOCH_S, same_epoch, stated_noise
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
 
@@ -60,6 +71,59 @@ def test_ranges_share_nothing():
     expected[np.ix_([0, 2, 4], [0, 2, 4])] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])
     np.testing.assert_allclose(covariance, expected, rtol=0.0, atol=1e-10)
     assert stated_noise(arc, ObservationChoice(extra_sigma_m=4.0)).shared is None
+
+
+def test_delay_rates_share_the_growth_of_their_stations_times():
+    """Of one epoch and count interval; with delays of that epoch they share nothing."""
+    arc = SimpleNamespace(
+        transmitters=np.array([0, 0, 0, 1, 0]),
+        receivers=np.array([1, 1, 2, 2, 1]),
+        observations=SimpleNamespace(
+            epoch=tags([0.0, 0.0, 0.01, 0.02, 0.0]),
+            kind=np.array([KINDS.index("vlbi_delay"), *[KINDS.index("vlbi_delay_rate")] * 4]),
+            sigma_m=np.full(5, 3.0),
+            count_s=np.array([np.nan, 60.0, 60.0, 60.0, 10.0]),
+        ),
+    )
+    noise = stated_noise(arc, ObservationChoice(vlbi_station_sigma_m=5.0, vlbi_station_rate_sigma_m=2.0))
+    weight = np.vstack(list(noise.whitened(lambda rows: np.eye(5)[rows])))
+    expected = 9.0 * np.eye(5)
+    expected[0, 0] += 2 * 25.0
+    expected[1:4, 1:4] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])
+    expected[4, 4] += 2 * 4.0
+    np.testing.assert_allclose(np.linalg.inv(weight.T @ weight), expected, rtol=0.0, atol=1e-10)
+    alone = stated_noise(arc, ObservationChoice(vlbi_station_rate_sigma_m=2.0))
+    assert alone.shared.group.tolist()[0] == -1
+
+
+def test_delay_rates_know_the_rates_of_the_clocks_but_not_their_offsets(site):
+    """Noise of the stations, stated as such, gives a chi-square of one."""
+    span = ("2020-12-01T15:11", "2020-12-02T15:11", 1800.0)
+    schedule = Schedule(
+        [Session("vlbi_delay_rate", baselines(*STATIONS), *span, 1e-4, count_s=600.0)], Masks(10.0)
+    )
+    clocks = {"KUNMING": Clock(1e-6, 3e-13, span[0]), "URUMQI": Clock(-2e-6, -2e-13, span[0])}
+    model = radioloc.PhysicalModel.build()
+    noise = NoiseModel({"vlbi_delay_rate": Noise(white_m=1e-4)}, vlbi_station_rate=Noise(white_m=1e-3))
+    made = World.prepare(schedule, site, Truth(clock=clocks), model=model).draw(noise, seed=3)
+    assert "noise of the growth of station arrivals" in made.summary()
+    study = Study(
+        target=site,
+        observations=ObservationChoice(vlbi_station_rate_sigma_m=1e-3),
+        estimate=EstimateChoice(position="none", clock_rate="all"),
+    )
+    found = radioloc.locate(study, made.observations)
+    assert found.converged
+    assert found.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / found.fit.dof))
+    rates = found.biases("clock_rate")
+    assert set(rates) == set(STATIONS[1:])
+    for station, (value, sigma) in rates.items():
+        assert sigma < 2e-15  # 1 mm in 600 s, 33 times
+        assert abs(value - (clocks[station].rate if station in clocks else 0.0)) < 4.5 * sigma
+    with pytest.raises(InputError, match="nothing to estimate"):
+        radioloc.locate(
+            replace(study, estimate=EstimateChoice(position="none", clock="all")), made.observations
+        )
 
 
 @pytest.fixture(scope="module")

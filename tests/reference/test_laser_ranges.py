@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from arc_cases import REFLECTORS_PA_M
 
+import radioloc
 from radioloc.io.detect import read_observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.tracking_arc import TrackingArc
@@ -161,3 +162,32 @@ def test_lunar_constants_show_in_the_range_itself(model, apollo15):
         ("earth_lorentz", 1.1),
     ):
         assert rms_m(model.without(term)) > factor * whole_m, term
+
+
+# DE430's principal axes, JPL IOM 335-JW,DB,WF-20130722-016, table 6; good to 0.12 to 0.27 m, and the axes of DE440
+# turn by some decimetres from them.
+APOLLO15_DE430_M = np.array([1554678.231, 98095.485, 765005.355])
+
+
+def fitted(ephemeris, file_name):
+    """Solution for Apollo 15 from one file of examples/."""
+    study = radioloc.Study(
+        target=radioloc.LunarPosition.from_cartesian(APOLLO15_DE430_M, f"PA_{ephemeris}"),
+        observations=radioloc.ObservationChoice(files=(EXAMPLES / file_name,)),
+        model=radioloc.ModelChoice(ephemeris=ephemeris, libration=ephemeris),
+    )
+    return radioloc.locate(study)
+
+
+def test_de440_fits_better_and_keeps_the_position():
+    """Fitted to lasers until 2019, it leaves less in the ranges, and seventeen years move the position by less."""
+    early, late = "apollo15/apollo15_apollo_2006-2007.csv", "reflectors_2024/apollo15_2024.csv"
+    rms_m, moved_m = {}, {}
+    for ephemeris in ("DE421", "DE440"):
+        first, second = fitted(ephemeris, early), fitted(ephemeris, late)
+        rms_m[ephemeris] = first.fit.total.wrms_m / 2.0
+        moved_m[ephemeris] = np.linalg.norm(second.position_pa_m - first.position_pa_m)
+        if ephemeris == "DE440":
+            assert np.linalg.norm(first.position_pa_m - APOLLO15_DE430_M) < 1.0
+    assert rms_m["DE440"] < 0.021 < 0.025 < rms_m["DE421"]
+    assert moved_m["DE440"] < 1.5 < 3.0 < moved_m["DE421"]

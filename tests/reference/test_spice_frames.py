@@ -32,6 +32,21 @@ TKFRAME_31007_RELATIVE = 'MOON_PA_DE421'
 TKFRAME_31007_ANGLES  = ( 67.92 78.56 0.30 )
 TKFRAME_31007_AXES    = ( 3 2 1 )
 TKFRAME_31007_UNITS   = 'ARCSECONDS'
+FRAME_MOON_PA_DE440   = 31008
+FRAME_31008_NAME      = 'MOON_PA_DE440'
+FRAME_31008_CLASS     = 2
+FRAME_31008_CLASS_ID  = 31008
+FRAME_31008_CENTER    = 301
+FRAME_MOON_ME_DE440_ME421 = 31009
+FRAME_31009_NAME      = 'MOON_ME_DE440_ME421'
+FRAME_31009_CLASS     = 4
+FRAME_31009_CLASS_ID  = 31009
+FRAME_31009_CENTER    = 301
+TKFRAME_31009_SPEC    = 'ANGLES'
+TKFRAME_31009_RELATIVE = 'MOON_PA_DE440'
+TKFRAME_31009_ANGLES  = ( 67.8526 78.6944 0.2785 )
+TKFRAME_31009_AXES    = ( 3 2 1 )
+TKFRAME_31009_UNITS   = 'ARCSECONDS'
 \\begintext
 """
 
@@ -60,7 +75,8 @@ def _spice(tmp_path_factory):
     directory = tmp_path_factory.mktemp("spice")
     (directory / "frames.tf").write_text(FRAMES)
     (directory / "moon.tpc").write_text(IAU_MOON)
-    for path in (find_kernel("DE421", "PCK"), directory / "frames.tf", directory / "moon.tpc"):
+    kernels = [find_kernel(name, "PCK") for name in ("DE421", "DE440")]
+    for path in (*kernels, directory / "frames.tf", directory / "moon.tpc"):
         spiceypy.furnsh(str(path))
     yield
     spiceypy.kclear()
@@ -68,20 +84,23 @@ def _spice(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def et():
-    # Whole seconds, 1970 to 2049: exact in SPICE's one float as in our two.
-    return np.random.default_rng(31006).integers(-946728000, 1577880000, 500).astype(float)
+    # Whole seconds, 1990 to 2049: exact in SPICE's one float as in our two.
+    return np.random.default_rng(31006).integers(-315576000, 1577880000, 500).astype(float)
 
 
-@pytest.fixture(scope="module")
-def angles_and_rates(et):
-    return LunarOrientation.open().angles(Epochs.from_tdb_seconds(et))
-
-
-@pytest.mark.parametrize("frame", ["MOON_PA_DE421", "MOON_ME_DE421"])
-def test_rotation_and_its_rate(et, angles_and_rates, frame):
+@pytest.mark.parametrize(
+    ("name", "frame"),
+    [
+        ("DE421", "MOON_PA_DE421"),
+        ("DE421", "MOON_ME_DE421"),
+        ("DE440", "MOON_PA_DE440"),
+        ("DE440", "MOON_ME_DE440_ME421"),
+    ],
+)
+def test_rotation_and_its_rate(et, name, frame):
     spice = np.array([spiceypy.sxform("J2000", frame, t) for t in et])
-    angles, rates = angles_and_rates
-    to_frame = np.eye(3) if frame == "MOON_PA_DE421" else rot_pa_to_me(CONSTANTS["DE421"])
+    angles, rates = LunarOrientation.open(name).angles(Epochs.from_tdb_seconds(et))
+    to_frame = np.eye(3) if "PA" in frame else rot_pa_to_me(CONSTANTS[name])
     np.testing.assert_allclose(to_frame @ rot_icrf_to_pa(angles), spice[:, :3, :3], rtol=0, atol=AS_SPICE)
     np.testing.assert_allclose(
         to_frame @ rot_icrf_to_pa_rate(angles, rates),

@@ -30,6 +30,7 @@ from radioloc.studies.arcs import ArcStudy, arcs
 from radioloc.studies.arcs_report import write_arcs
 from radioloc.studies.locate import arc_of, locate, residuals
 from radioloc.studies.report import write_report, write_terms
+from radioloc.studies.simulate import simulate
 from radioloc.studies.study import (
     EstimateChoice,
     HeightPrior,
@@ -80,6 +81,7 @@ __all__ = [
     "read_study",
     "residuals",
     "save_figure",
+    "simulate",
     "write_arcs",
     "write_report",
     "write_terms",

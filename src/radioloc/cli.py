@@ -1,4 +1,4 @@
-"""The command line: ``radioloc locate``, ``residuals``, ``arcs`` and ``stations``.
+"""The command line: ``radioloc locate``, ``residuals``, ``arcs``, ``simulate`` and ``stations``.
 
 Exit status: 0 converged (or done), 2 bad input, 3 not converged or not observable.
 """
@@ -96,6 +96,14 @@ def _parser() -> argparse.ArgumentParser:
     arcs.add_argument("--out", type=Path, metavar="DIR", help="write tables, figure and all solutions there")
     arcs.add_argument("--quiet", action="store_true", help="print nothing but errors")
     arcs.set_defaults(run=_arcs)
+    simulate = commands.add_parser("simulate", help="simulate the tracking that a study describes")
+    simulate.add_argument("study", type=Path, metavar="STUDY.toml", help="a study file with [simulation]")
+    simulate.add_argument(
+        "--out", type=Path, metavar="FILE.csv", required=True, help="write the observations there, as CSV"
+    )
+    simulate.add_argument("--seed", type=int, metavar="N", help="of the noise (default: the study's)")
+    simulate.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    simulate.set_defaults(run=_simulate)
     stations = commands.add_parser("stations", help="list the stations that are known by name")
     stations.set_defaults(run=_stations)
     return parser
@@ -128,6 +136,19 @@ def _arcs(options: argparse.Namespace) -> int:
         if options.out is not None:
             print(f"\nwritten to {options.out}")
     return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    from radioloc.io.table import write_table
+    from radioloc.studies.simulate import simulate
+    from radioloc.studies.study_file import read_study
+
+    made = simulate(read_study(options.study), options.seed)
+    write_table(options.out, made.observations, comments=[made.summary()])
+    if not options.quiet:
+        print(made.summary())
+        print(f"\nwritten to {options.out}")
+    return EXIT_DONE
 
 
 def _run(options: argparse.Namespace, job: Callable[[Study], Solution]) -> Solution:

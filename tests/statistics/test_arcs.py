@@ -4,7 +4,6 @@ The problem is linear over the size of the errors: the partials of one prepared 
 serve all realizations; that whole fits give the same is tested beside.
 """
 
-import importlib.util
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -30,7 +29,7 @@ NEES_3 = (532.019 / RUNS, 667.981 / RUNS)
 """Chi-square of 200 * 3 degrees of freedom over 200: quantiles of 2.5 and 97.5 %."""
 HELD_95 = (184, 196)
 """Binomial of 200 at 0.95: quantiles of 2.5 and 97.5 %."""
-EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "change5" / "simulate.py"
+EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "change5" / "simulation.toml"
 
 
 @dataclass
@@ -175,16 +174,14 @@ def test_whole_fits_are_the_linear_ones(matched, nominal):
 @pytest.fixture(scope="module")
 def lasting_errors(nominal):
     """The example's world: its departures from the model, and noise that lasts for hours."""
-    spec = importlib.util.spec_from_file_location("change5_simulate", EXAMPLE)
-    example = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(example)
-    prepared = World.prepare(example.SCHEDULE, example.LANDER, example.TRUTH, model=nominal)
+    example = radioloc.read_study(EXAMPLE).simulation
+    prepared = example.world(nominal)
     linear = Linear.of(prepared, nominal)
     computed_m = linear.problem.arc.compute(prepared.target_pa_m).value_m
     constant_m = prepared.error_free_m + sum(prepared.added_m.values()) - computed_m
     residuals_m = []
     for seed in range(RUNS):
-        noise_m, wild = example.NOISE.draw(prepared.plan, seed)
+        noise_m, wild = example.noise.draw(prepared.plan, seed)
         # What editing leaves out is left out of the residuals; the rest is what remains to be fitted.
         residuals_m.append(np.where(wild, 0.0, constant_m + noise_m))
     return position_errors(linear, residuals_m, np.zeros((RUNS, len(linear.truth))))

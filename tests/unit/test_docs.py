@@ -410,6 +410,7 @@ def test_toml_is_a_study_or_part_of_one(page, workspace):
             "stations",
             "reference",
             "references",
+            "simulation",
         }
         if block.file:
             for data in blocks(page):

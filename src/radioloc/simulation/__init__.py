@@ -1,6 +1,8 @@
 """Simulated tracking: what can be seen, what is measured when, how the world departs from the model, noise."""
 
+from radioloc.simulation.departures import Departure, Spread, departed
 from radioloc.simulation.noise import Noise, NoiseModel
+from radioloc.simulation.scenario import Scenario
 from radioloc.simulation.schedule import (
     Plan,
     Schedule,
@@ -16,19 +18,23 @@ from radioloc.simulation.visibility import Elevations, Masks, Window, elevations
 
 __all__ = [
     "Clock",
+    "Departure",
     "Elevations",
     "Masks",
     "Noise",
     "NoiseModel",
     "Plan",
+    "Scenario",
     "Schedule",
     "Session",
     "Simulated",
+    "Spread",
     "Truth",
     "Window",
     "World",
     "all_ranges",
     "baselines",
+    "departed",
     "elevations",
     "hidden_by_moon",
     "simulate",

@@ -105,13 +105,17 @@ class World:
         *,
         model: PhysicalModel,
         name: str = "lander",
+        plan: Plan | None = None,
     ) -> World:
-        """Compute all but the noise; parameters and errors as :func:`simulate`."""
+        """Compute all but the noise; parameters and errors as :func:`simulate`.
+
+        With a `plan`, that is measured, and the schedule is not planned again.
+        """
         truth = truth or Truth()
         target_pa_m = target.to_axes("PA", model.ephemeris.constants).xyz_m
         world = truth.model(model)
         # What the stations believe is what they plan with.
-        plan = schedule.plan(model, target_pa_m, name)
+        plan = plan or schedule.plan(model, target_pa_m, name)
         happened = replace(plan.observations, epoch=truth.true_epochs(plan.observations, model.catalogue))
         error_free_m = _computed_m(world, happened, target_pa_m)
         ranges = plan.observations.kind == RANGE

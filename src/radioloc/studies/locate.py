@@ -84,7 +84,7 @@ def prepared_arc(
 
     Parameters and errors as :func:`locate`.
     """
-    model = _model(study)
+    model = model_of(study)
     constants = model.ephemeris.constants
     target = position_in_pa("[target]", study.target, constants)
     # A reference in a wrong frame is to be told before the work, not after it.
@@ -157,7 +157,8 @@ def fit_arc(
     )
 
 
-def _model(study: Study) -> PhysicalModel:
+def model_of(study: Study) -> PhysicalModel:
+    """The physical model that a study is fitted with; errors as :func:`locate`."""
     choice = study.model
     return PhysicalModel.build(
         ephemeris=choice.ephemeris,
@@ -187,6 +188,11 @@ def _observations(
     study: Study, observations: Observations | None, model: PhysicalModel, target_pa: LunarPosition
 ) -> tuple[Observations, dict[str, int]]:
     if observations is None:
+        if study.simulation is not None and not study.observations.files:
+            raise InputError(
+                f"{study.name}: the study has no observations, only a simulation; use `radioloc montecarlo`, or "
+                "`radioloc simulate` to make a file of observations and name it as [observations] files"
+            )
         tdm = study.observations.tdm
         if tdm.light_time_s is None:
             tdm = replace(tdm, light_time_s=_light_time_to(model, target_pa))

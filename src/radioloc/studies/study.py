@@ -19,6 +19,7 @@ from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.electron_content import UniformTec
 from radioloc.measurements.terms import active_terms
+from radioloc.simulation.scenario import Scenario
 from radioloc.time import Epochs, utc_to_tai
 
 POSITION_FORMS = ("geographic", "cartesian", "none")
@@ -291,6 +292,8 @@ class Study:
         Further ones, for the table of an arc-length study.
     name : str
         Shown on the result card.
+    simulation : Scenario or None
+        Tracking to be simulated, for Monte Carlo studies.
     """
 
     target: LunarPosition
@@ -301,6 +304,7 @@ class Study:
     reference: Reference | None = None
     references: tuple[Reference, ...] = ()
     name: str = "study"
+    simulation: Scenario | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "references", tuple(self.references))

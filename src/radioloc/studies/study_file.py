@@ -13,6 +13,8 @@ from radioloc.io.tdm_agreement import TDM_KINDS, TdmAgreement
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.terms import active_terms
+from radioloc.simulation import Scenario
+from radioloc.studies.simulation_file import scenario
 from radioloc.studies.study import (
     STATION_PARAMETERS,
     EstimateChoice,
@@ -24,7 +26,6 @@ from radioloc.studies.study import (
     TerrainPrior,
 )
 from radioloc.studies.toml_table import TomlTable
-from radioloc.time import Epochs, epochs_from_strings
 
 _FASTEST_PLATE_M_YR = 1.0
 """Plates move by up to 0.1 m a year; more is another unit."""
@@ -47,24 +48,38 @@ def read_study(path: str | Path) -> Study:
     """
     path = Path(path)
     top = TomlTable(path, "", _content(path))
-    target, observations, estimate, model, stations, reference, references = (
-        top.table(key)
-        for key in ("target", "observations", "estimate", "model", "stations", "reference", "references")
+    keys = (
+        "target",
+        "observations",
+        "estimate",
+        "model",
+        "stations",
+        "reference",
+        "references",
+        "simulation",
     )
+    target, observations, estimate, model, stations, reference, references, simulation = map(top.table, keys)
     top.finish()  # before anything else, so that a misspelt table is not called missing
     if target is None:
         raise InputError(f"{path}: [target] is missing; it gives the a-priori position")
-    if observations is None:
+    if observations is None and simulation is None:
         raise InputError(f"{path}: [observations] is missing; it names the files to read")
+    catalogue = StationCatalogue.default() if stations is None else _catalogue(stations)
+    position = _position(target)[0]
     return Study(
-        target=_position(target)[0],
-        observations=_observations(observations, path.parent),
+        target=position,
+        observations=(
+            ObservationChoice()
+            if observations is None
+            else _observations(observations, path.parent, needs_files=simulation is None)
+        ),
         estimate=EstimateChoice() if estimate is None else _estimate(estimate, path.parent),
         model=ModelChoice() if model is None else _model(model, path.parent),
-        catalogue=StationCatalogue.default() if stations is None else _catalogue(stations),
+        catalogue=catalogue,
         reference=None if reference is None else Reference(*_position(reference)),
         references=() if references is None else _references(references),
         name=path.stem,
+        simulation=None if simulation is None else _simulation(simulation, position, catalogue),
     )
 
 
@@ -112,13 +127,18 @@ def _references(table: TomlTable) -> tuple[Reference, ...]:
     return tuple(Reference(position, name.removeprefix("references.")) for position, name in found)
 
 
-def _observations(table: TomlTable, folder: Path) -> ObservationChoice:
+def _simulation(table: TomlTable, target: LunarPosition, catalogue: StationCatalogue) -> Scenario:
+    true = table.table("position")
+    return scenario(table, target, None if true is None else _position(true)[0], catalogue)
+
+
+def _observations(table: TomlTable, folder: Path, *, needs_files: bool) -> ObservationChoice:
     patterns = table.texts("files")
     fields = {
         "targets": table.texts("targets"),
         "stations": table.texts("stations"),
-        "start": _epoch(table, "start"),
-        "stop": _epoch(table, "stop"),
+        "start": table.epoch("start"),
+        "stop": table.epoch("stop"),
         "hours": table.number("hours"),
         "extra_sigma_m": table.number("extra_sigma_m"),
         "vlbi_station_sigma_m": table.number("vlbi_station_sigma_m"),
@@ -135,10 +155,10 @@ def _observations(table: TomlTable, folder: Path) -> ObservationChoice:
     if sigmas is not None:
         sigmas.finish()
     tdm = table.build(TdmAgreement, sigma_m={k: v for k, v in sigma_m.items() if v is not None}, **agreed)
-    if not patterns:
+    if not patterns and needs_files:
         table.fail("files", "is missing; name at least one file (relative to the study file, globs allowed)")
     files: list[Path] = []
-    for pattern in patterns:
+    for pattern in patterns or ():
         found = _matches(folder, pattern)
         if not found:
             table.fail("files", f"{pattern!r} matches no file in {folder.resolve()}")
@@ -157,18 +177,6 @@ def _matches(folder: Path, pattern: str) -> list[Path]:
         return sorted(found for found in start.glob(relative) if found.is_file())
     except (ValueError, IndexError, NotImplementedError):
         return []
-
-
-def _epoch(table: TomlTable, key: str) -> Epochs | None:
-    value = table.take(key)
-    if value is None:
-        return None
-    try:
-        # TOML dates arrive as datetime objects; their ISO form is what the text form would be.
-        text = value if isinstance(value, str) else value.isoformat().replace("+00:00", "")
-        return epochs_from_strings(text)
-    except (AttributeError, InputError) as error:
-        table.fail(key, str(error) if isinstance(error, InputError) else f"must be a UTC date, not {value!r}")
 
 
 def _estimate(table: TomlTable, folder: Path) -> EstimateChoice:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from radioloc.errors import InputError
+from radioloc.time import Epochs, epochs_from_strings
 
 _Made = TypeVar("_Made")
 _LONGEST_SHOWN = 80
@@ -100,13 +101,34 @@ class TomlTable:
 
     def vector(self, key: str) -> tuple[float, float, float] | None:
         """Take three numbers."""
+        values = self.numbers(key, 3)
+        return None if values is None else (values[0], values[1], values[2])
+
+    def numbers(self, key: str, length: int) -> tuple[float, ...] | None:
+        """Take some numbers."""
+        value = self.take(key)
+        return None if value is None else self.as_numbers(key, value, length)
+
+    def as_numbers(self, key: str, value: Any, length: int) -> tuple[float, ...]:
+        """Check that a value is a list of so many finite numbers."""
+        if not isinstance(value, list) or len(value) != length:
+            count = {2: "two", 3: "three"}.get(length, str(length))
+            self.fail(key, f"must be a list of {count} numbers, not {_shown(value)}")
+        return tuple(self.as_number(key, v) for v in value)
+
+    def epoch(self, key: str) -> Epochs | None:
+        """Take a UTC date, as text or as TOML has them."""
         value = self.take(key)
         if value is None:
             return None
-        if not isinstance(value, list) or len(value) != 3:
-            self.fail(key, f"must be a list of three numbers, not {_shown(value)}")
-        x, y, z = (self.as_number(key, v) for v in value)
-        return x, y, z
+        try:
+            # TOML dates arrive as datetime objects; their ISO form is what the text form would be.
+            text = value if isinstance(value, str) else value.isoformat().replace("+00:00", "")
+            return epochs_from_strings(text)
+        except InputError as error:
+            self.fail(key, str(error))
+        except AttributeError:
+            self.fail(key, f"must be a UTC date, not {_shown(value)}")
 
     def table(self, key: str) -> TomlTable | None:
         """Take a table inside this one."""

@@ -1,0 +1,47 @@
+"""The simulated tracking of a study: what it would have as observations, with one realization of the noise."""
+
+from __future__ import annotations
+
+from radioloc.errors import InputError
+from radioloc.simulation import Scenario, Simulated
+from radioloc.studies.locate import model_of
+from radioloc.studies.study import Study
+
+
+def simulate(study: Study, seed: int | None = None) -> Simulated:
+    """Simulate the tracking that a study describes.
+
+    Parameters
+    ----------
+    study : Study
+        With a simulation; its model is the nominal one.
+    seed : int, optional
+        Of the noise; the scenario's where not given.
+
+    Returns
+    -------
+    Simulated
+        ``.observations`` to be fitted, and what was put into them; of departures those of the truth, none drawn.
+
+    Raises
+    ------
+    RadiolocError
+        The study has no simulation, or it cannot be.
+    """
+    return scenario_of(study).simulate(model_of(study), seed)
+
+
+def scenario_of(study: Study) -> Scenario:
+    """The study's scenario.
+
+    Raises
+    ------
+    InputError
+        It has none.
+    """
+    if study.simulation is None:
+        raise InputError(
+            f"{study.name}: there is nothing to simulate; give the study file a [simulation] table "
+            "(docs/reference/simulation.md), or Study(simulation=Scenario(...))"
+        )
+    return study.simulation

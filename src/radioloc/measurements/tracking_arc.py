@@ -26,6 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.errors import StationError
+from radioloc.measurements.arc import Computed
 from radioloc.measurements.elevation import elevation_and_rate
 from radioloc.measurements.gravitational_delay import gravitational_delay_m
 from radioloc.measurements.ionosphere import frequencies_hz, ionosphere_delay
@@ -47,34 +48,6 @@ from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 
 _STRAIGHT_FOR_S = 1e-3
 """How far from its instant a straight motion is used: the error is below 0.034 m/s^2 * (1e-3 s)^2 / 2 = 2e-8 m."""
-
-
-@dataclass(frozen=True, slots=True)
-class Computed:
-    """Predicted observations and how they change.
-
-    Parameters
-    ----------
-    value_m : ndarray, shape (n,)
-        Range, delay or growth of the range, m.
-    by_position_pa : ndarray, shape (n, 3)
-        Partial derivatives with respect to the point's principal-axes coordinates, m/m.
-    by_time_m_s : ndarray, shape (n,)
-        Partial derivative with respect to the time tag, m/s.
-    by_zenith_wet : ndarray, shape (n, 2)
-        Partial derivatives with respect to the wet zenith delay at the first and at the second station, m/m.
-    elevation_rad : ndarray, shape (n, 2)
-        Elevation of the point above the transmitter's and the receiver's horizon, without refraction.
-    problem : ndarray of str, shape (n,)
-        Why the model does not hold for an observation; empty where it does.
-    """
-
-    value_m: NDArray[np.float64]
-    by_position_pa: NDArray[np.float64]
-    by_time_m_s: NDArray[np.float64]
-    by_zenith_wet: NDArray[np.float64]
-    elevation_rad: NDArray[np.float64]
-    problem: NDArray[np.str_]
 
 
 class TrackingArc:
@@ -191,6 +164,10 @@ class TrackingArc:
             elevation_rad=np.stack([up.elevation_rad, down.elevation_rad], axis=-1)[:n],
             problem=problem[:n],
         )
+
+    def at(self, lander_pa_m: NDArray[np.float64]) -> Computed:
+        """The same as :meth:`compute`, of which some rows can be taken."""
+        return self.compute(lander_pa_m)
 
     def select(self, which: Any) -> TrackingArc:
         """The arc of some of the observations, already prepared.

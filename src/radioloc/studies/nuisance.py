@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
+from radioloc.measurements.arc import Computed
 from radioloc.measurements.observations import (
     RANGE,
     TIME_TAGS,
@@ -16,7 +17,7 @@ from radioloc.measurements.observations import (
     VLBI_DELAY_RATE,
     is_differenced,
 )
-from radioloc.measurements.tracking_arc import Computed, TrackingArc
+from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import utc_to_tai
 
 Shares = Callable[[TrackingArc, Computed | None], NDArray[np.float64]]

@@ -1,0 +1,119 @@
+"""What an arc offers, however it evaluates the model: predictions of all observations or of some rows.
+
+:class:`~radioloc.measurements.tracking_arc.TrackingArc` computes each observation by itself;
+:class:`~radioloc.measurements.interpolated_arc.InterpolatedArc` interpolates dense series between nodes. Whoever fits,
+simulates or plots asks for an :class:`Arc` and need not know which it is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+
+
+@dataclass(frozen=True, slots=True)
+class Computed:
+    """Predicted observations and how they change.
+
+    Parameters
+    ----------
+    value_m : ndarray, shape (n,)
+        Range, delay or growth of the range, m.
+    by_position_pa : ndarray, shape (n, 3)
+        Partial derivatives with respect to the point's principal-axes coordinates, m/m.
+    by_time_m_s : ndarray, shape (n,)
+        Partial derivative with respect to the time tag, m/s.
+    by_zenith_wet : ndarray, shape (n, 2)
+        Partial derivatives with respect to the wet zenith delay at the first and at the second station, m/m.
+    elevation_rad : ndarray, shape (n, 2)
+        Elevation of the point above the transmitter's and the receiver's horizon, without refraction.
+    problem : ndarray of str, shape (n,)
+        Why the model does not hold for an observation; empty where it does.
+    """
+
+    value_m: NDArray[np.float64]
+    by_position_pa: NDArray[np.float64]
+    by_time_m_s: NDArray[np.float64]
+    by_zenith_wet: NDArray[np.float64]
+    elevation_rad: NDArray[np.float64]
+    problem: NDArray[np.str_]
+
+    def rows(self, which: Any) -> Computed:
+        """Some of the rows, chosen by a mask, a slice or indices."""
+        return Computed(
+            self.value_m[which],
+            self.by_position_pa[which],
+            self.by_time_m_s[which],
+            self.by_zenith_wet[which],
+            self.elevation_rad[which],
+            self.problem[which],
+        )
+
+
+class Prediction(Protocol):
+    """The observations of an arc predicted for one position: the values at once, all else for the rows asked for."""
+
+    @property
+    def value_m(self) -> NDArray[np.float64]:
+        """Range, delay or growth of the range of every observation, m, shape (n,)."""
+        ...
+
+    def rows(self, which: Any) -> Computed:
+        """Values and partials of the rows chosen by a mask, a slice or indices, in that order."""
+        ...
+
+
+class Arc(Protocol):
+    """The observations of one arc, prepared for predictions from any position near an approximate one."""
+
+    @property
+    def model(self) -> PhysicalModel:
+        """What the predictions rest on."""
+        ...
+
+    @property
+    def observations(self) -> Observations:
+        """What is predicted."""
+        ...
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """Names of the stations that take part, each once."""
+        ...
+
+    @property
+    def transmitters(self) -> NDArray[np.int32]:
+        """Index into :attr:`stations` of each observation's transmitter, shape (n,)."""
+        ...
+
+    @property
+    def receivers(self) -> NDArray[np.int32]:
+        """Index into :attr:`stations` of each observation's receiver, shape (n,)."""
+        ...
+
+    @property
+    def predicted_eop(self) -> NDArray[np.bool_]:
+        """Whether an observation rests on predicted Earth orientation, shape (n,)."""
+        ...
+
+    def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
+        """Predict all observations for a position, principal axes, m, shape (3,)."""
+        ...
+
+    def at(self, lander_pa_m: NDArray[np.float64]) -> Prediction:
+        """The predictions for a position, whose partials are had in blocks of rows."""
+        ...
+
+    def select(self, which: Any) -> Arc:
+        """The arc of some of the observations (a mask, a slice or indices), already prepared."""
+        ...
+
+    def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """Table of terms: by how much each active term changes each computed value, m."""
+        ...

@@ -6,6 +6,7 @@ SI units, ICRF axes and TDB; the DE421 files that ship, or any SPK and binary PC
 from radioloc.ephemeris.constants import CONSTANTS, EphemerisConstants
 from radioloc.ephemeris.orientation import LunarOrientation
 from radioloc.ephemeris.positions import BODIES, EarthState, Ephemeris
+from radioloc.ephemeris.trajectory import Trajectory
 
 __all__ = [
     "BODIES",
@@ -14,4 +15,5 @@ __all__ = [
     "Ephemeris",
     "EphemerisConstants",
     "LunarOrientation",
+    "Trajectory",
 ]

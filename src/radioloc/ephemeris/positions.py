@@ -161,13 +161,41 @@ class Ephemeris:
         The Moon is its position minus the Earth's, both relative to the Earth-Moon barycentre, so that the
         1.5e11 m from the solar system barycentre do not enter: its round-off is below 1e-6 m.
         """
-        earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
         code = _code(body)
+        if code != _MOON:
+            return self.geocentric_center(code, tdb)
+        earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
+        moon = self._evaluate(_MOON, _EARTH_MOON_BARYCENTRE, tdb)
+        return (moon[0] - earth[0]) * _M_PER_KM, (moon[1] - earth[1]) * _M_PER_KM
+
+    def geocentric_center(self, code: int, tdb: Epochs) -> _State:
+        """Geocentric position and velocity of what a trajectory is relative to; as :meth:`geocentric`.
+
+        Parameters
+        ----------
+        code : int
+            NAIF code of a body, or of the barycentre of the solar system (0) or of the Earth and the Moon (3).
+        tdb : Epochs
+            Epochs in TDB, n of them.
+
+        Raises
+        ------
+        KernelError
+            The kernel does not hold it.
+        CoverageError
+            An epoch lies outside the kernel's span.
+        """
         if code == _MOON:
-            moon = self._evaluate(_MOON, _EARTH_MOON_BARYCENTRE, tdb)
-            return (moon[0] - earth[0]) * _M_PER_KM, (moon[1] - earth[1]) * _M_PER_KM
-        other = self._evaluate(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+            return self.geocentric("moon", tdb)
+        if code == _EARTH:
+            return np.zeros((len(tdb), 3)), np.zeros((len(tdb), 3))
+        earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
+        if code == _EARTH_MOON_BARYCENTRE:
+            return -earth[0] * _M_PER_KM, -earth[1] * _M_PER_KM
         barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+        other = (np.zeros(3), np.zeros(3))
+        if code != _SOLAR_SYSTEM_BARYCENTRE:
+            other = self._evaluate(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)[:2]
         return (
             ((other[0] - barycentre[0]) - earth[0]) * _M_PER_KM,
             ((other[1] - barycentre[1]) - earth[1]) * _M_PER_KM,

@@ -7,9 +7,10 @@ second derivatives and refuses epochs outside a segment's own span, where jpleph
 from __future__ import annotations
 
 import struct
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from jplephem.daf import DAF
@@ -21,6 +22,7 @@ from radioloc.kernels.registry import find_kernel, registered, registered_as, sh
 _INERTIAL_FRAME = 1  # NAIF's J2000, which the JPL ephemerides use as the name of the ICRF.
 _CHEBYSHEV_TYPE = 2
 _WORD_BYTES = 8
+_Read = TypeVar("_Read")
 _KIND_NAMES = {"SPK": "SPK (positions)", "PCK": "binary PCK (orientation)"}
 
 
@@ -161,14 +163,7 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
             f"but {entry.name} ships with {entry.sha256}; install the package again, or rename the file if "
             "it is your own"
         )
-    _check_kind(path, kind)
-    try:
-        with path.open("rb") as file:
-            segments = _read_segments(DAF(file), path, kind)
-    except KernelError:
-        raise
-    except (ValueError, TypeError, struct.error, OverflowError, AssertionError, IndexError, OSError) as error:
-        raise KernelError(f"{path} is damaged: {error}; fetch or make the file again") from error
+    segments = with_daf(path, kind, _read_segments)
     if not segments:
         raise KernelError(
             f"{path} has no segment of Chebyshev type 2 in the ICRF; use a JPL planetary ephemeris (SPK) or "
@@ -184,6 +179,18 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
     start_s, end_s = max(s.start_s for s in segments), min(s.end_s for s in segments)
     description = KernelFile(path, kind, sha256, entry is not None, tdb_date(start_s), tdb_date(end_s))
     return Kernel(description, segments)
+
+
+def with_daf(path: Path, kind: str, read: Callable[[DAF, Path, str], _Read]) -> _Read:
+    """What a function reads from an opened file of the right kind; a damaged one is a :class:`KernelError`."""
+    _check_kind(path, kind)
+    try:
+        with path.open("rb") as file:
+            return read(DAF(file), path, kind)
+    except KernelError:
+        raise
+    except (ValueError, TypeError, struct.error, OverflowError, AssertionError, IndexError, OSError) as error:
+        raise KernelError(f"{path} is damaged: {error}; fetch or make the file again") from error
 
 
 def _check_kind(path: Path, kind: str) -> None:
@@ -209,7 +216,8 @@ def _announced_span(daf: DAF) -> str:
         return ""
 
 
-def _read_segments(daf: DAF, path: Path, kind: str) -> tuple[Segment, ...]:
+def segment_summaries(daf: DAF, path: Path, kind: str) -> Iterator[tuple[str, tuple[Any, ...]]]:
+    """Name and summary of each segment of a file whose list of segments is sound, in the file's order."""
     integers = {"SPK": 6, "PCK": 5}[kind]
     if (daf.nd, daf.ni) != (2, integers):
         raise KernelError(f"{path} is damaged: its summaries have the wrong layout; fetch the file again")
@@ -224,12 +232,16 @@ def _read_segments(daf: DAF, path: Path, kind: str) -> tuple[Segment, ...]:
         if number in seen:
             raise KernelError(f"{path} is damaged: its segment list runs in a circle; fetch the file again")
         seen.add(number)
-    segments = []
     for name, summary in daf.summaries():
+        yield name.decode("latin-1").strip("\0 "), summary
+
+
+def _read_segments(daf: DAF, path: Path, kind: str) -> tuple[Segment, ...]:
+    segments = []
+    for text, summary in segment_summaries(daf, path, kind):
         start_s, end_s, target, *others, first_word, last_word = summary
         center, frame, data_type = others if kind == "SPK" else (others[0], others[0], others[1])
         if data_type == _CHEBYSHEV_TYPE and frame == _INERTIAL_FRAME:
-            text = name.decode("latin-1").strip("\0 ")
             words = (first_word, last_word)
             records = _read_records(daf, path, (start_s, end_s), words, f"{target} ({text})")
             segments.append(Segment(target, center, text, start_s, end_s, *records))

@@ -141,8 +141,9 @@ def open_trajectory_file(path: str | Path, body: int) -> TrajectoryFile:
             if target != body:
                 continue
             rot = _rotation(spice, found, body, frame)
-            descriptor = spice.dafps(2, 6, [start_s, end_s], [target, center, frame, *others])
-            segments.append(TrajectorySegment(center, start_s, end_s, np.asarray(descriptor), rot))
+            packed = np.asarray(spice.dafps(2, 6, [start_s, end_s], [target, center, frame, *others]))
+            # Six integers are packed in three floats; spiceypy leaves room for more.
+            segments.append(TrajectorySegment(center, start_s, end_s, packed[:5], rot))
     first, last = min(s.start_s for s in segments), max(s.end_s for s in segments)
     file = KernelFile(found, "SPK", sha256_of(found), False, tdb_date(first), tdb_date(last))
     return TrajectoryFile(file, body, tuple(segments))

@@ -15,7 +15,7 @@ from radioloc.lunar.selenographic import (
 )
 from radioloc.lunar.terrain import TerrainModel
 from radioloc.lunar.tide import solid_tide
-from radioloc.lunar.visibility import earth_elevation_rad
+from radioloc.lunar.visibility import earth_elevation_rad, hidden_by_moon
 
 __all__ = [
     "TerrainModel",
@@ -24,6 +24,7 @@ __all__ = [
     "cartesian_to_selenographic",
     "earth_elevation_rad",
     "east_north_up",
+    "hidden_by_moon",
     "rot_icrf_to_iau_moon",
     "rot_icrf_to_pa",
     "rot_icrf_to_pa_rate",

@@ -1,10 +1,11 @@
-"""Where the Earth stands in the sky of a point on the Moon."""
+"""Where the Earth stands in the sky of a point on the Moon, and what is behind the Moon."""
 
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.lunar.frames import rot_icrf_to_pa
 from radioloc.time import Epochs
@@ -38,3 +39,25 @@ def earth_elevation_rad(
     up = point_pa_m / np.linalg.norm(point_pa_m)
     sine = (to_earth_m @ up) / np.linalg.norm(to_earth_m, axis=-1)
     return np.arcsin(np.clip(sine, -1.0, 1.0))
+
+
+def hidden_by_moon(
+    point_m: ArrayLike, station_m: ArrayLike, radius_m: ArrayLike = MEAN_LUNAR_RADIUS_M
+) -> NDArray[np.bool_]:
+    """Whether the Moon, a sphere, stands between a point above it and a station.
+
+    Parameters
+    ----------
+    point_m, station_m : array_like, shape (..., 3)
+        From the Moon's centre, in the same axes, m.
+    radius_m : array_like, shape () or (...,)
+        Radius of the sphere, m.
+
+    Returns
+    -------
+    ndarray of bool, shape (...,)
+    """
+    point, ray = np.asarray(point_m), np.asarray(station_m) - np.asarray(point_m)
+    along = -np.sum(point * ray, axis=-1) / np.sum(ray * ray, axis=-1)
+    nearest_m = np.linalg.norm(point + np.clip(along, 0.0, 1.0)[..., None] * ray, axis=-1)
+    return np.asarray(nearest_m < radius_m)

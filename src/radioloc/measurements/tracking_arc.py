@@ -1,4 +1,6 @@
-"""An arc of tracking: predictions of ranges, VLBI delays and Doppler for a point on the Moon, with partials.
+"""An arc of tracking: predictions of ranges, VLBI delays and Doppler for one target, with partials.
+
+The target is a point fixed to the Moon, or a spacecraft on a trajectory (:class:`~radioloc.ephemeris.Trajectory`).
 
 What is measured, all in metres and by the stations' atomic clocks (TT rate, as UTC has):
 
@@ -25,6 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import StationError
 from radioloc.measurements.arc import Computed
 from radioloc.measurements.elevation import elevation_and_rate
@@ -43,15 +46,20 @@ from radioloc.measurements.observations import Observations, is_counted, is_diff
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
+from radioloc.measurements.trajectory_motion import behind_moon, displaced, trajectory_motion
 from radioloc.measurements.troposphere import SHORTEST_RADIO_UM, SlantDelay, troposphere_delay
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 
 _STRAIGHT_FOR_S = 1e-3
 """How far from its instant a straight motion is used: the error is below 0.034 m/s^2 * (1e-3 s)^2 / 2 = 2e-8 m."""
+_OF_LANDERS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lorentz")
+"""Terms of a point fixed to the Moon, which have no part in a trajectory."""
 
 
 class TrackingArc:
     """The observations of one arc, prepared for predictions from any position near an approximate one.
+
+    With a trajectory, every position is an offset from it in principal axes, constant in time: usually zeros.
 
     Parameters
     ----------
@@ -60,19 +68,29 @@ class TrackingArc:
         Epochs, paths, weather; the measured values are not looked at.
     approximate_pa_m : ndarray, shape (3,)
         A position within some hundred kilometres of the point, principal axes.
+    trajectory : Trajectory, optional
+        What is observed, if it is no point fixed to the Moon. It has to hold the time tags and the instants at which
+        the signals meet the spacecraft.
 
     Raises
     ------
     StationError
         A station is not in the catalogue; the message names the file and line.
     CoverageError
-        An epoch lies outside the kernels or the Earth orientation table.
+        An epoch lies outside the kernels, the trajectory or the Earth orientation table.
+    KernelError, InputError
+        The trajectory cannot be evaluated, or leads too far from the Earth.
     """
 
     def __init__(
-        self, model: PhysicalModel, observations: Observations, approximate_pa_m: NDArray[np.float64]
+        self,
+        model: PhysicalModel,
+        observations: Observations,
+        approximate_pa_m: NDArray[np.float64],
+        trajectory: Trajectory | None = None,
     ) -> None:
         self.model = model
+        self.trajectory = trajectory
         self.observations = observations
         self._stations, transmitter, receiver = _stations_of(model, observations)
         tt = utc_to_tt(observations.epoch)
@@ -195,6 +213,7 @@ class TrackingArc:
         part._reference, part._earth = self._reference[paths], _rows_of(self._earth, paths)
         part._up, part._down = _rows_of(self._up, paths), _rows_of(self._down, paths)
         part._moon = _rows_of(self._moon, paths)
+        part._craft = None if self._craft is None else _rows_of(self._craft, paths)
         return part
 
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
@@ -214,8 +233,10 @@ class TrackingArc:
         full_m = self.compute(lander_pa_m).value_m
         table = {}
         for name in TERMS:
-            if self.model.has(name):
-                without = TrackingArc(self.model.without(name), self.observations, lander_pa_m)
+            if self.model.has(name) and (self.trajectory is None or name not in _OF_LANDERS):
+                without = TrackingArc(
+                    self.model.without(name), self.observations, lander_pa_m, self.trajectory
+                )
                 table[name] = full_m - without.compute(lander_pa_m).value_m
         return table
 
@@ -232,12 +253,21 @@ class TrackingArc:
         self._up = self._station(self._transmitter, zero)
         same = np.array_equal(self._transmitter, self._receiver)
         self._down = self._up if same else self._station(self._receiver, zero)
-        self._moon = lunar_motion(self.model, self._reference, self._earth, zero)
+        self._meet(zero)
         # From the tag's instant the straight motions give the events to some nanoseconds.
         path, _ = self._solve(lander_pa_m)
         self._up = self._moved(self._up, self._transmitter, path.transmit_s)
         self._down = self._moved(self._down, self._receiver, path.receive_s)
-        self._moon = lunar_motion(self.model, self._reference, self._earth, path.bounce_s)
+        self._meet(path.bounce_s)
+
+    def _meet(self, offset_s: NDArray[np.float64]) -> None:
+        """Place the Moon, and the spacecraft if there is one, where the signals meet them."""
+        self._moon = lunar_motion(self.model, self._reference, self._earth, offset_s)
+        self._craft = (
+            None
+            if self.trajectory is None
+            else trajectory_motion(self.model, self.trajectory, self._reference, self._moon)
+        )
 
     def _station(self, which: NDArray[np.int32], offset_s: NDArray[np.float64]) -> StationMotion:
         return station_motion(self.model, self._stations, which, self._reference, self._earth, offset_s)
@@ -259,7 +289,11 @@ class TrackingArc:
         return bool((np.abs(moved_s) > _STRAIGHT_FOR_S).any())
 
     def _solve(self, lander_pa_m: NDArray[np.float64]) -> tuple[LightPath, MovingPoint]:
-        relay = self._moon.point(self.model, lander_pa_m)
+        relay = (
+            self._moon.point(self.model, lander_pa_m)
+            if self._craft is None
+            else displaced(self._craft, self._moon, lander_pa_m)
+        )
         # The reference epoch reads the tag as the geocentre's TT; the station's differs by up to 2 microseconds.
         tagged_s = np.where(
             self._tag == TRANSMIT,
@@ -343,6 +377,10 @@ class TrackingArc:
                 self._radio,
             )
             problem = np.where(problem != "", problem, no_frequency)
+        if self._craft is not None:
+            hidden = behind_moon(lander_gcrs_m, station.gcrs_m, self._moon.moon_gcrs_m)
+            seen_from = np.array([f"behind the Moon as seen from {s.name}" for s in self._stations])[which]
+            problem = np.where(hidden, seen_from, problem)
         return _Slant(
             elevation_rad, rate_rad_s, delay, ionosphere_m, with_horizon_problem(problem, elevation_rad)
         )

@@ -1,5 +1,6 @@
 """Simulated tracking: what can be seen, what is measured when, how the world departs from the model, noise."""
 
+from radioloc.lunar import hidden_by_moon
 from radioloc.simulation.departures import Departure, Spread, departed
 from radioloc.simulation.noise import Noise, NoiseModel
 from radioloc.simulation.scenario import Scenario
@@ -14,7 +15,7 @@ from radioloc.simulation.schedule import (
 )
 from radioloc.simulation.simulate import Simulated, World, simulate
 from radioloc.simulation.truth import Clock, Truth
-from radioloc.simulation.visibility import Elevations, Masks, Window, elevations, hidden_by_moon, windows
+from radioloc.simulation.visibility import Elevations, Masks, Window, elevations, windows
 
 __all__ = [
     "Clock",

@@ -3,7 +3,7 @@
 An elevation belongs to the instant at which the signal is at the station. The point on the Moon is taken one light time
 earlier, for a signal that comes down; for one that goes up the direction differs by 2 arcseconds, 0.1 s of rise or set.
 Refraction is left out, as in the measurement model. For a point on the surface the Moon's own horizon is what hides the
-Earth; for one above it, :func:`hidden_by_moon`.
+Earth; for one above it, :func:`radioloc.lunar.hidden_by_moon`.
 """
 
 from __future__ import annotations
@@ -12,9 +12,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M, SECONDS_PER_DAY
+from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
@@ -132,28 +132,6 @@ def elevations(
         at_station[:, k] = _elevation_rad(target_gcrs_m - station_gcrs_m, station_up)
         at_target[:, k] = _elevation_rad(station_gcrs_m - target_gcrs_m, target_up)
     return Elevations(tuple(station.name for station in found), at_station, at_target)
-
-
-def hidden_by_moon(
-    point_m: ArrayLike, station_m: ArrayLike, radius_m: float = MEAN_LUNAR_RADIUS_M
-) -> NDArray[np.bool_]:
-    """Whether the Moon, a sphere, stands between a point above it and a station.
-
-    Parameters
-    ----------
-    point_m, station_m : array_like, shape (..., 3)
-        From the Moon's centre, in the same axes, m.
-    radius_m : float
-        Radius of the sphere, m.
-
-    Returns
-    -------
-    ndarray of bool, shape (...,)
-    """
-    point, ray = np.asarray(point_m), np.asarray(station_m) - np.asarray(point_m)
-    along = -np.sum(point * ray, axis=-1) / np.sum(ray * ray, axis=-1)
-    nearest_m = np.linalg.norm(point + np.clip(along, 0.0, 1.0)[..., None] * ray, axis=-1)
-    return np.asarray(nearest_m < radius_m)
 
 
 @dataclass(frozen=True, slots=True)

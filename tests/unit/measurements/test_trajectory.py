@@ -1,0 +1,187 @@
+"""A spacecraft as the target: the same code as for a lander, and what is different about it."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from arc_cases import APOLLO15_PA_M, epochs_tai
+from spk_files import (
+    ORBITER,
+    START_S,
+    circular,
+    lander,
+    low_lunar_orbit,
+    tracking,
+    write_chebyshev,
+    write_states,
+)
+
+from radioloc.ephemeris import Trajectory
+from radioloc.errors import CoverageError, InputError
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.tracking_arc import TrackingArc
+
+NOWHERE = np.zeros(3)
+
+# States in km are rounded to 4e-10 m, and what SPICE's epoch loses is made up for; a round trip of 8e8 m is rounded to
+# 1.2e-7 m, some times over.
+SAME_M = 2e-6
+
+# Central differences over 100 m of round trips rounded to 1.2e-7 m (2e-9), and what the analytic partials leave out:
+# how the gravitational delay changes along with the place, by 1e-7 at most beside the Moon.
+PARTIAL = 2e-7
+
+# As for a lander: by the time tag the analytic partials leave out how the delays change, 4e-5 m/s.
+BY_TIME_M_S = 2e-4
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build().without("troposphere")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("spk")
+
+
+@pytest.fixture(scope="module")
+def orbiter(model, folder):
+    return Trajectory.open(write_states(folder / "orbiter.bsp", low_lunar_orbit(model.ephemeris)), ORBITER)
+
+
+@pytest.mark.parametrize(
+    ("path", "tag", "kind"),
+    [
+        ("KASHI>x>KASHI", "transmit", "range"),
+        ("KASHI>x>JIAMUSI", "receive", "range"),
+        ("KASHI>x>JIAMUSI", "bounce", "range"),
+        ("KASHI<x>JIAMUSI", "receive", "vlbi_delay"),
+        ("KASHI>x>JIAMUSI", "receive", "doppler"),
+    ],
+)
+def test_a_lander_written_as_a_trajectory_is_where_it_was(model, tmp_path, path, tag, kind):
+    table = tracking(path, epochs_tai(20, 30.0), tag, kind)
+    surface = model.without("lunar_tide", "lunar_scale", "lunar_lorentz")
+    fixed = TrackingArc(surface, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    file = write_states(tmp_path / "lander.bsp", lander(model.libration, APOLLO15_PA_M), step_s=600.0)
+    # All terms are on here: those of a lander have no part in a trajectory.
+    moving = TrackingArc(model, table, NOWHERE, Trajectory.open(file, ORBITER)).compute(NOWHERE)
+    assert np.abs(moving.value_m - fixed.value_m).max() < SAME_M
+    assert np.abs(moving.by_position_pa - fixed.by_position_pa).max() < 1e-12
+    assert np.abs(moving.by_time_m_s - fixed.by_time_m_s).max() < 1e-7
+    assert np.abs(moving.elevation_rad - fixed.elevation_rad).max() < 1e-12
+    assert (moving.problem == fixed.problem).all()
+
+
+@pytest.mark.parametrize("kind", ["type 3", "type 9", "relative to the Earth"])
+def test_the_same_orbit_in_other_files(model, folder, orbiter, kind):
+    states = low_lunar_orbit(model.ephemeris)
+    file = folder / f"{kind}.bsp"
+    if kind == "type 3":
+        write_chebyshev(file, states)
+    elif kind == "type 9":
+        write_states(file, states, spk_type=9, step_s=30.0)
+    else:
+        write_states(file, about_the_earth(model, states), center=399, step_s=30.0)
+    table = tracking("KASHI>x>KASHI", epochs_tai(30, 30.0))
+    first, second = (
+        TrackingArc(model, table, NOWHERE, trajectory).compute(NOWHERE).value_m
+        for trajectory in (orbiter, Trajectory.open(file, ORBITER))
+    )
+    # Nodes of states that are 4e8 m long are themselves rounded to 6e-8 m.
+    assert np.abs(first - second).max() < SAME_M
+
+
+def about_the_earth(model, states):
+    from radioloc.time import Epochs
+
+    def geocentric(et_s):
+        moon = model.ephemeris.geocentric("moon", Epochs.from_tdb_seconds(et_s))
+        return states(et_s) + np.hstack(moon)
+
+    return geocentric
+
+
+def test_partials_are_with_respect_to_an_offset_from_the_trajectory(model, orbiter):
+    arc = TrackingArc(model, tracking("KASHI>x>JIAMUSI", epochs_tai(60, 30.0)), NOWHERE, orbiter)
+    partials = arc.compute(NOWHERE).by_position_pa
+    for axis, step_m in enumerate(100.0 * np.eye(3)):
+        difference = (arc.compute(step_m).value_m - arc.compute(-step_m).value_m) / 200.0
+        assert np.abs(difference - partials[:, axis]).max() < PARTIAL
+
+
+def test_the_partial_by_the_time_tag_is_the_range_rate(model, orbiter):
+    tai, step_s = epochs_tai(60, 30.0), 0.05
+    early, middle, late = (
+        TrackingArc(model, tracking("KASHI>x>KASHI", tai.shifted(s)), NOWHERE, orbiter).compute(NOWHERE)
+        for s in (-step_s, 0.0, step_s)
+    )
+    assert np.abs(middle.by_time_m_s).max() > 2000.0
+    rate_m_s = (late.value_m - early.value_m) / (2.0 * step_s)
+    assert np.abs(rate_m_s - middle.by_time_m_s).max() < BY_TIME_M_S
+
+
+def test_doppler_is_the_difference_of_two_ranges(model, orbiter):
+    tai = epochs_tai(30, 30.0)
+    early, late = (
+        TrackingArc(model, tracking("KASHI>x>JIAMUSI", tai.shifted(s)), NOWHERE, orbiter).compute(NOWHERE)
+        for s in (-30.0, 30.0)
+    )
+    table = tracking("KASHI>x>JIAMUSI", tai, kind="doppler", count_s=60.0)
+    doppler = TrackingArc(model, table, NOWHERE, orbiter).compute(NOWHERE)
+    assert np.abs(doppler.value_m - (late.value_m - early.value_m)).max() < SAME_M
+    # What hides an end of the count interval hides the observation.
+    assert ((doppler.problem == "") == ((early.problem == "") & (late.problem == ""))).all()
+
+
+def test_parts_of_an_arc_and_its_terms(model, orbiter):
+    arc = TrackingArc(model, tracking("KASHI>x>KASHI", epochs_tai(12, 30.0)), NOWHERE, orbiter)
+    whole_m = arc.compute(NOWHERE).value_m
+    assert np.array_equal(arc.select([2, 5, 7]).compute(NOWHERE).value_m, whole_m[[2, 5, 7]])
+    terms = arc.select([2, 5, 7]).terms(NOWHERE)
+    assert not [name for name in terms if name.startswith("lunar")]
+    assert (np.abs(terms["shapiro"]) > 10.0).all()
+
+
+def test_behind_the_moon_and_below_the_horizon_are_told(model, orbiter):
+    table = tracking("KASHI>x>JIAMUSI", epochs_tai(300, 20.0))
+    problem = TrackingArc(model, table, NOWHERE, orbiter).compute(NOWHERE).problem
+    hidden = np.char.startswith(problem, "behind the Moon as seen from KASHI")
+    below = np.char.startswith(problem, "below the horizon")
+    assert (hidden | below | (problem == "")).all()
+    # Of an orbit 100 km high 71 of 180 degrees are behind the Moon where the Earth is in its plane; the time above the
+    # horizon begins and ends with such a part.
+    assert 0.3 < hidden.sum() / (~below).sum() < 0.5
+
+
+def test_on_the_way_to_the_moon(model, folder):
+    """A spacecraft far from both, about the Earth: nothing about it is a lander's."""
+    states = circular(2.0e8, model.ephemeris.constants.gm_earth_m3_s2, inclination_deg=20.0)
+    file = write_states(folder / "cruise.bsp", states, center=399, step_s=600.0)
+    table = tracking("KASHI>x>KASHI", epochs_tai(20, 30.0))
+    value_m = TrackingArc(model, table, NOWHERE, Trajectory.open(file, ORBITER)).compute(NOWHERE).value_m
+    assert (np.abs(value_m - 4.0e8) < 2 * 6.4e6 + 1e5).all()
+
+
+def test_outside_the_trajectory_is_an_error_that_names_file_and_span(model, folder, orbiter):
+    late = tracking("KASHI>x>KASHI", epochs_tai(3, 60.0))
+    with pytest.raises(
+        CoverageError, match=r"orbiter\.bsp \(NAIF code -85\) covers 2020-12-02 to 2020-12-03T12"
+    ):
+        TrackingArc(model, late, NOWHERE, orbiter)
+    spans = ((START_S, START_S + 3600.0), (START_S + 7200.0, START_S + 36000.0))
+    file = write_states(folder / "gap.bsp", low_lunar_orbit(model.ephemeris), spans_s=spans)
+    in_gap = tracking("KASHI>x>KASHI", epochs_tai(2, 1.0).shifted(1800.0))
+    with pytest.raises(
+        CoverageError, match=r"with gaps \(2020-12-02 to 2020-12-02T01:00:00, 2020-12-02T02:00:00"
+    ):
+        TrackingArc(model, in_gap, NOWHERE, Trajectory.open(file, ORBITER))
+
+
+def test_too_far_for_the_light_path(model, folder):
+    states = circular(3.0e10, model.ephemeris.constants.gm_earth_m3_s2)
+    file = write_states(folder / "far.bsp", states, center=399, step_s=3600.0)
+    table = tracking("KASHI>x>KASHI", epochs_tai(2, 1.0))
+    with pytest.raises(InputError, match=r"30\.0 million km from the Earth"):
+        TrackingArc(model, table, NOWHERE, Trajectory.open(file, ORBITER))

@@ -38,10 +38,8 @@ def observations(path: str, tai: Epochs, tag: str = "transmit", **columns: objec
     return Observations.from_columns(
         epoch=tai_to_utc(tai),
         links=[Link.from_path(path)],
-        value_m=7.7e8,
-        sigma_m=1.0,
         tag=TIME_TAGS.index(tag),
-        **columns,
+        **({"value_m": 7.7e8, "sigma_m": 1.0} | columns),
     )
 
 

@@ -29,6 +29,9 @@ class Computed:
         Partial derivatives with respect to the point's principal-axes coordinates, m/m.
     by_time_m_s : ndarray, shape (n,)
         Partial derivative with respect to the time tag, m/s.
+    by_transponder_delay_m_s : ndarray, shape (n,)
+        Partial derivative with respect to the time for which the point holds the signal, m/s: the speed of light to
+        1e-5 for ranges, zero for VLBI delays and next to nothing for what is counted.
     by_zenith_wet : ndarray, shape (n, 2)
         Partial derivatives with respect to the wet zenith delay at the first and at the second station, m/m.
     elevation_rad : ndarray, shape (n, 2)
@@ -40,6 +43,7 @@ class Computed:
     value_m: NDArray[np.float64]
     by_position_pa: NDArray[np.float64]
     by_time_m_s: NDArray[np.float64]
+    by_transponder_delay_m_s: NDArray[np.float64]
     by_zenith_wet: NDArray[np.float64]
     elevation_rad: NDArray[np.float64]
     problem: NDArray[np.str_]
@@ -50,6 +54,7 @@ class Computed:
             self.value_m[which],
             self.by_position_pa[which],
             self.by_time_m_s[which],
+            self.by_transponder_delay_m_s[which],
             self.by_zenith_wet[which],
             self.elevation_rad[which],
             self.problem[which],

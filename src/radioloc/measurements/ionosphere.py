@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.earth.checks import LEAST_ELEVATION_RAD
-from radioloc.earth.ionosphere import ionosphere_delay_m
+from radioloc.earth.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.measurements.electron_content import ElectronContent
 from radioloc.measurements.observations import Observations, is_counted
 from radioloc.measurements.station_motion import StationMotion
@@ -22,7 +22,7 @@ def ionosphere_delay(
     elevation_rad: NDArray[np.float64],
     frequency_hz: NDArray[np.float64],
     radio: NDArray[np.bool_],
-) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]:
     """Delay of radio signals by the ionosphere at one end.
 
     Parameters
@@ -46,6 +46,9 @@ def ionosphere_delay(
     -------
     delay_m : ndarray, shape (n,)
         Group delay; for Doppler and delay rates, which count the phase, its opposite. Zero where there is a problem.
+    by_elevation_m_rad : ndarray, shape (n,)
+        Its derivative with respect to elevation at one vertical content: how the content differs where the ray then
+        pierces the maps' shell is left out.
     problem : ndarray of str, shape (n,)
         Why there is no delay; empty where there is one or none is due.
 
@@ -53,7 +56,7 @@ def ionosphere_delay(
     -----
     First order, 40.3 m^3/s^2 TEC / f^2 (IERS Conventions 2010, section 9.4).
     """
-    delay_m = np.zeros(len(observations))
+    delay_m, by_elevation_m_rad = np.zeros(len(observations)), np.zeros(len(observations))
     problem = np.where(
         radio & np.isnan(frequency_hz), "no frequency recorded, which the ionosphere needs", ""
     )
@@ -69,7 +72,9 @@ def ionosphere_delay(
         )
         phase = np.where(is_counted(observations.kind[rows]), -1.0, 1.0)
         delay_m[rows] = phase * ionosphere_delay_m(tec, frequency_hz[rows])
-    return delay_m, problem
+        mapping, slope = modified_shell_mapping(elevation_rad[rows])
+        by_elevation_m_rad[rows] = delay_m[rows] * slope / mapping
+    return delay_m, by_elevation_m_rad, problem
 
 
 def frequencies_hz(observations: Observations, *, uplink: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -8,6 +8,9 @@ All positions are BCRS vectors from one origin per observation, the geocentre at
 and all times are TDB seconds from that epoch. Barycentric positions of 1.5e11 m would be rounded to 0.03 mm; from
 this origin they stay below 1e9 m and are rounded to 0.1 micrometre.
 
+The point may hold a range's signal before it sends it down (a transponder's group delay). The *bounce* is the arrival
+of the signal at the point; the departure comes the hold later, from where the point then is.
+
 Each of the three participants is a :class:`MovingPoint`, a straight line in time around an instant near its event.
 Over the millisecond for which it is used, the fastest curvature (a station's 0.034 m/s^2) is below 2e-8 m.
 """
@@ -56,6 +59,7 @@ class LightPath:
 
     transmit_s: NDArray[np.float64]
     bounce_s: NDArray[np.float64]
+    """Arrival at the point."""
     receive_s: NDArray[np.float64]
     up_s: NDArray[np.float64]
     down_s: NDArray[np.float64]
@@ -63,6 +67,29 @@ class LightPath:
     """Unit vector from transmitter to the point, shape (n, 3)."""
     down_unit: NDArray[np.float64]
     """Unit vector from the point to the receiver, shape (n, 3)."""
+
+
+@dataclass(frozen=True, slots=True)
+class PathPartials:
+    """Derivatives of c (sign up + hold + down), the path's length, with the tagged event where it is.
+
+    Parameters
+    ----------
+    by_position : ndarray, shape (n, 3)
+        With respect to the point's BCRS position, m/m.
+    by_tag : ndarray, shape (n,)
+        With respect to the time tag, m/s.
+    by_up_delay, by_down_delay : ndarray, shape (n,)
+        With respect to the delay of a leg, m/m: 1 (or the sign) to 1e-4.
+    by_hold : ndarray, shape (n,)
+        With respect to the hold, m/s: the speed of light to 1e-5.
+    """
+
+    by_position: NDArray[np.float64]
+    by_tag: NDArray[np.float64]
+    by_up_delay: NDArray[np.float64]
+    by_down_delay: NDArray[np.float64]
+    by_hold: NDArray[np.float64]
 
 
 def solve_light_path(
@@ -74,6 +101,7 @@ def solve_light_path(
     up_delay_m: ArrayLike,
     down_delay_m: ArrayLike,
     sign: ArrayLike = 1.0,
+    hold_s: ArrayLike = 0.0,
 ) -> LightPath:
     """Solve the light-time equations of both legs in the BCRS.
 
@@ -89,6 +117,8 @@ def solve_light_path(
         Delay of each leg beyond its straight length (gravity, media), m.
     sign : array_like, shape () or (n,)
         1 for a range, -1 for a differenced delay, whose tag then is the first station's (0) or the second's (1).
+    hold_s : array_like, shape () or (n,)
+        How long the point keeps the signal of a range before it sends it down, s; zero for a differenced delay.
 
     Raises
     ------
@@ -101,15 +131,16 @@ def solve_light_path(
     """
     sent, received = tag == TRANSMIT, tag == RECEIVE
     up_delay_m, down_delay_m, sign = np.asarray(up_delay_m), np.asarray(down_delay_m), np.asarray(sign)
+    hold_s = np.asarray(hold_s)
     up_s = np.linalg.norm(relay.position_m - transmitter.position_m, axis=-1) / C_M_S
     down_s = np.linalg.norm(receiver.position_m - relay.position_m, axis=-1) / C_M_S
     for _ in range(_MAX_ITERATIONS):
-        bounce_s = tag_offset_s + np.where(sent, sign * up_s, np.where(received, -down_s, 0.0))
+        bounce_s = tag_offset_s + np.where(sent, sign * up_s, np.where(received, -down_s - hold_s, 0.0))
+        leave_s = bounce_s + hold_s
         transmit_s = np.where(sent, tag_offset_s, bounce_s - sign * up_s)
-        receive_s = np.where(received, tag_offset_s, bounce_s + down_s)
-        relay_m = relay.at(bounce_s)
-        up_m = relay_m - transmitter.at(transmit_s)
-        down_m = receiver.at(receive_s) - relay_m
+        receive_s = np.where(received, tag_offset_s, leave_s + down_s)
+        up_m = relay.at(bounce_s) - transmitter.at(transmit_s)
+        down_m = receiver.at(receive_s) - relay.at(leave_s)
         up_length_m = np.linalg.norm(up_m, axis=-1)
         down_length_m = np.linalg.norm(down_m, axis=-1)
         new_up_s = (up_length_m + up_delay_m) / C_M_S
@@ -141,21 +172,14 @@ def path_length_partials(
     receiver: MovingPoint,
     tag: NDArray[np.int8],
     sign: ArrayLike = 1.0,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Derivatives of the whole path's length c (sign up + down).
-
-    Returns
-    -------
-    by_position : ndarray, shape (n, 3)
-        With respect to the point's BCRS position, m/m.
-    by_tag : ndarray, shape (n,)
-        With respect to the time tag, m/s.
+) -> PathPartials:
+    """Derivatives of the path's length.
 
     Notes
     -----
-    Linearized light-time equations, c d(up) = n . (dx + v_L dt2 - v_A dt1) and c d(down) = m . (v_B dt3 - dx -
-    v_L dt2), with the tagged event held (or moved) and the others following. The delays' own derivatives are below
-    1e-7 and left to the caller.
+    Linearized light-time equations, c d(up) = n . (dx + v_L dt2 - v_A dt1) + d(up delay) and c d(down) = m . (v_B dt3 -
+    dx - v_L dt2') + d(down delay), with the tagged event held (or moved) and the others following; dt2' is the
+    departure's. How the delays themselves change is left to the caller, who has the derivatives by them.
     """
     n, m, sign = path.up_unit, path.down_unit, np.asarray(sign)
     c_up_a = C_M_S - sign * _dot(n, transmitter.velocity_m_s)
@@ -166,21 +190,18 @@ def path_length_partials(
     closing_down = _dot(m, receiver.velocity_m_s - relay.velocity_m_s)
     sent, received = tag == TRANSMIT, tag == RECEIVE
 
-    # By position: the leg next to the tag first, the other leg sees the bounce (or the transmission) move with it.
-    up_first = n / np.where(sent, c_up_l, c_up_a)[:, None]
-    down_first = -m / np.where(received, c_down_l, c_down_b)[:, None]
-    up_after = -(closing_up / c_up_a)[:, None] * down_first
-    down_after = (sign * closing_down / c_down_b)[:, None] * up_first
-    up = up_first + np.where(received[:, None], up_after, 0.0)
-    down = down_first + np.where(sent[:, None], down_after, 0.0)
-
-    # By tag, per second of tag.
-    up_t = closing_up / np.where(sent, c_up_l, c_up_a)
-    down_t = closing_down / np.where(received, c_down_l, c_down_b)
-    up_tag = up_t * np.where(received, 1.0 - down_t, 1.0)
-    down_tag = down_t * np.where(sent, 1.0 + sign * up_t, 1.0)
-    by_position = C_M_S * (np.broadcast_to(sign, tag.shape)[:, None] * up + down)
-    return by_position, C_M_S * (sign * up_tag + down_tag)
+    # The leg next to the tag first; the other leg sees the bounce move with it.
+    up_to_down = np.where(sent, closing_down / c_down_b, 0.0)
+    down_to_up = np.where(received, -closing_up / c_up_a, 0.0)
+    by_up = sign * C_M_S / np.where(sent, c_up_l, c_up_a) * (1.0 + up_to_down)
+    by_down = C_M_S / np.where(received, c_down_l, c_down_b) * (1.0 + sign * down_to_up)
+    return PathPartials(
+        by_position=by_up[:, None] * n - by_down[:, None] * m,
+        by_tag=by_up * closing_up + by_down * closing_down,
+        by_up_delay=by_up,
+        by_down_delay=by_down,
+        by_hold=C_M_S + np.where(received, -by_up * closing_up, by_down * closing_down),
+    )
 
 
 def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:

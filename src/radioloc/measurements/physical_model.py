@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +14,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.kernels import KernelFile
 from radioloc.measurements.electron_content import ElectronContent
+from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.terms import TERMS, active_terms
 
@@ -36,6 +37,8 @@ class PhysicalModel:
         Active terms, from :data:`~radioloc.measurements.terms.TERMS`.
     ionosphere : ElectronContent or None
         Source of electron content along the rays of radio signals.
+    delays : EquipmentDelays
+        Delays of equipment that are in the data, under the catalogue's names of stations.
     """
 
     ephemeris: Ephemeris
@@ -44,6 +47,7 @@ class PhysicalModel:
     catalogue: StationCatalogue
     terms: frozenset[str]
     ionosphere: ElectronContent | None = None
+    delays: EquipmentDelays = field(default_factory=EquipmentDelays)
 
     @classmethod
     def build(
@@ -54,6 +58,7 @@ class PhysicalModel:
         earth_orientation: str | Path | None = None,
         catalogue: StationCatalogue | None = None,
         ionosphere: ElectronContent | None = None,
+        delays: EquipmentDelays | None = None,
         off: Iterable[str] = (),
     ) -> PhysicalModel:
         """Open the kernels and tables.
@@ -68,6 +73,8 @@ class PhysicalModel:
             The stations; the catalogue that ships where it is not given.
         ionosphere : ElectronContent, optional
             Source of electron content, such as IONEX maps; radio signals have no ionospheric delay without one.
+        delays : EquipmentDelays, optional
+            Delays of equipment that are in the data; none where it is not given.
         off : iterable of str
             Names of terms to leave out.
 
@@ -75,6 +82,8 @@ class PhysicalModel:
         ------
         KernelError, FileFormatError, InputError
             A file is missing or unusable, the two kernels belong to different ephemerides, or a term is unknown.
+        StationError
+            A delay is of a station that is not in the catalogue.
         """
         terms = active_terms(off)
         spk = Ephemeris.open(ephemeris)
@@ -86,7 +95,8 @@ class PhysicalModel:
             )
         table = EopTable.packaged() if earth_orientation is None else EopTable.from_file(earth_orientation)
         stations = StationCatalogue.default() if catalogue is None else catalogue
-        return cls(spk, pck, _earth_orientation(table, terms), stations, terms, ionosphere)
+        equipment = (delays or EquipmentDelays()).named(stations)
+        return cls(spk, pck, _earth_orientation(table, terms), stations, terms, ionosphere, equipment)
 
     def without(self, *names: str) -> PhysicalModel:
         """The same model with some more terms left out.
@@ -98,7 +108,7 @@ class PhysicalModel:
         """
         terms = self.terms & active_terms(names)
         earth = _earth_orientation(self.earth.table, terms)
-        return PhysicalModel(self.ephemeris, self.libration, earth, self.catalogue, terms, self.ionosphere)
+        return replace(self, earth=earth, terms=terms)
 
     def has(self, term: str) -> bool:
         """Whether a term is active."""

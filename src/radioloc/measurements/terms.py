@@ -16,6 +16,8 @@ TERMS: dict[str, str] = {
     "tdb_tt": "difference of TDB - TT between the ends of the light path",
     "troposphere": "refraction by the neutral atmosphere at each station",
     "ionosphere": "refraction of radio signals by the ionosphere, where maps or a content are given",
+    "transponder_delay": "time for which the point's transponder holds the signal, where one is given",
+    "station_delay": "delay in the stations' equipment between clock and reference point, where one is given",
     "solid_earth_tide": "displacement of the stations by the solid Earth tide",
     "pole_tide": "displacement of the stations by the solid Earth pole tide",
     "ocean_loading": "displacement of the stations by ocean tide loading",

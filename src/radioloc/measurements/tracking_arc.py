@@ -6,10 +6,13 @@ What is measured, all in metres and by the stations' atomic clocks (TT rate, as 
 
 - range, two- or three-way: the time of flight from a station over the point to a station, a round trip, never its half.
   The time tag is UTC at the station and names the transmission, the reception or (as if by a clock at the geocentre)
-  the bounce. Two-way is the case of one station.
+  the bounce, the arrival at the point. Two-way is the case of one station.
 - VLBI delay: arrival at the second station less arrival of the same wavefront at the first; tagged with the first.
 - Doppler: growth of the range over the count interval, tagged at its middle; the difference of two ranges.
 - VLBI delay rate: growth of the delay over the count interval likewise; the difference of two delays.
+
+Tags and values are those at the stations' reference points, unless the model has delays of equipment that the data
+still contain (:mod:`~radioloc.measurements.equipment_delays`): then they are those of the clocks behind it.
 
 An arc is prepared once (:class:`TrackingArc`): the motion of the stations and of the Moon near each event does not
 depend on where the point is, but for the few microseconds by which the light time changes with it. A prediction for a
@@ -30,7 +33,7 @@ from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import StationError
 from radioloc.measurements.arc import Computed
-from radioloc.measurements.elevation import elevation_and_rate
+from radioloc.measurements.elevation import Elevation, elevation_of
 from radioloc.measurements.gravitational_delay import gravitational_delay_m
 from radioloc.measurements.ionosphere import frequencies_hz, ionosphere_delay
 from radioloc.measurements.light_path import (
@@ -110,6 +113,14 @@ class TrackingArc:
         self._radio = np.where(np.isnan(wavelength), ~laser, wavelength >= SHORTEST_RADIO_UM)
         self._sign = np.where(differenced, -1.0, 1.0)
         self._tag = np.where(differenced, TRANSMIT, self._paths.tag).astype(np.int8)
+        self._equipment = model.delays.on_paths(
+            self.stations,
+            self._transmitter,
+            self._receiver,
+            self._tag,
+            differenced,
+            off=frozenset(TERMS) - model.terms,
+        )
         self._reference = Epochs.from_jd(
             tt.jd, tt.fraction + geocentric_tdb_minus_tt(tt) / SECONDS_PER_DAY, "TDB"
         )
@@ -157,18 +168,23 @@ class TrackingArc:
             self._prepare(lander_pa_m)
             path, relay = self._solve(lander_pa_m)
         up, down = self._slants(path, relay)
-        length_m = C_M_S * (self._sign * path.up_s + path.down_s)
+        length_m = C_M_S * (self._sign * path.up_s + (path.down_s + self._equipment.in_value_s))
         if self.model.has("tdb_tt"):
             tdb_tt_s = self._down.tdb_minus_tt_at(path.receive_s) - self._up.tdb_minus_tt_at(path.transmit_s)
             length_m = length_m - C_M_S * tdb_tt_s
-        by_position, by_time = path_length_partials(
-            path, self._up.point, relay, self._down.point, self._tag, self._sign
-        )
+        partials = path_length_partials(path, self._up.point, relay, self._down.point, self._tag, self._sign)
+        by_position, by_time = partials.by_position, partials.by_tag
         if self.model.has("tdb_tt"):
             # 1e-5 m/s in two-way, but up to 0.1 m/s between two stations, whose velocities differ.
             by_time = by_time - C_M_S * (self._down.tdb_rate - self._up.tdb_rate)
-        for sign, slant in ((self._sign, up), (1.0, down)):
-            by_time = by_time + sign * slant.delay.by_elevation_m_rad * slant.elevation_rate_rad_s
+        by_zenith_wet = []
+        legs = zip((up, down), (partials.by_up_delay, partials.by_down_delay), self._drag(path), strict=True)
+        for slant, by_delay, drag in legs:
+            by_media = by_delay * drag
+            by_elevation = by_media * slant.by_elevation_m_rad
+            by_time = by_time + by_elevation * slant.elevation.rate_rad_s
+            by_position = by_position + by_elevation[:, None] * slant.elevation.by_position_rad_m
+            by_zenith_wet.append(by_media * slant.delay.by_zenith_wet)
         n = len(self.observations)
         problem = np.where(up.problem != "", up.problem, down.problem)
         problem[self._counted] = np.where(problem[self._counted] != "", problem[self._counted], problem[n:])
@@ -176,10 +192,9 @@ class TrackingArc:
             value_m=self._observed(length_m),
             by_position_pa=self._observed(np.einsum("ni,nij->nj", by_position, self._moon.rot_pa_to_icrf)),
             by_time_m_s=self._observed(by_time),
-            by_zenith_wet=self._observed(
-                np.stack([self._sign * up.delay.by_zenith_wet, down.delay.by_zenith_wet], axis=-1)
-            ),
-            elevation_rad=np.stack([up.elevation_rad, down.elevation_rad], axis=-1)[:n],
+            by_transponder_delay_m_s=self._observed(np.where(self._sign > 0.0, partials.by_hold, 0.0)),
+            by_zenith_wet=self._observed(np.stack(by_zenith_wet, axis=-1)),
+            elevation_rad=np.stack([up.elevation.angle_rad, down.elevation.angle_rad], axis=-1)[:n],
             problem=problem[:n],
         )
 
@@ -211,6 +226,7 @@ class TrackingArc:
         part._paths = self._paths.select(paths)
         part._radio, part._sign, part._tag = self._radio[paths], self._sign[paths], self._tag[paths]
         part._reference, part._earth = self._reference[paths], _rows_of(self._earth, paths)
+        part._equipment = _rows_of(self._equipment, paths)
         part._up, part._down = _rows_of(self._up, paths), _rows_of(self._down, paths)
         part._moon = _rows_of(self._moon, paths)
         part._craft = None if self._craft is None else _rows_of(self._craft, paths)
@@ -300,18 +316,39 @@ class TrackingArc:
             self._up.topocentric_s,
             np.where(self._tag == RECEIVE, self._down.topocentric_s, 0.0),
         )
+        tagged_s = tagged_s + self._equipment.after_tag_s
         path = self._path(relay, tagged_s, 0.0, 0.0)
         up_m, down_m = self._gravity(path, relay)
         up, down = self._slants(path, relay)
-        up_m, down_m = up_m + up.media_m, down_m + down.media_m
+        up_drag, down_drag = self._drag(path)
+        up_m, down_m = up_m + up_drag * up.media_m, down_m + down_drag * down.media_m
         return self._path(relay, tagged_s, up_m, down_m), relay
 
     def _path(
         self, relay: MovingPoint, tagged_s: NDArray[np.float64], up_m: ArrayLike, down_m: ArrayLike
     ) -> LightPath:
         return solve_light_path(
-            self._up.point, relay, self._down.point, self._tag, tagged_s, up_m, down_m, self._sign
+            self._up.point,
+            relay,
+            self._down.point,
+            self._tag,
+            tagged_s,
+            up_m,
+            down_m,
+            self._sign,
+            self._equipment.hold_s,
         )
+
+    def _drag(self, path: LightPath) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Media's delay of each leg in the barycentric frame, over that in the frame in which the media rest.
+
+        While the signal is delayed the medium carries it along with the station, at up to 1e-4 of the speed of light.
+        """
+        up, down = (
+            np.einsum("ni,ni->n", unit, station.point.velocity_m_s) / C_M_S
+            for unit, station in ((path.up_unit, self._up), (path.down_unit, self._down))
+        )
+        return 1.0 - self._sign * up, 1.0 - down
 
     def _gravity(
         self, path: LightPath, relay: MovingPoint
@@ -356,17 +393,18 @@ class TrackingArc:
         lander_gcrs_m: NDArray[np.float64],
         velocity_m_s: NDArray[np.float64],
     ) -> _Slant:
-        elevation_rad, rate_rad_s = elevation_and_rate(station, lander_gcrs_m, velocity_m_s)
+        elevation = elevation_of(station, lander_gcrs_m, velocity_m_s)
+        elevation_rad = elevation.angle_rad
         if self.model.has("troposphere"):
             delay = troposphere_delay(
                 self._paths, station, elevation_rad, self._radio, which == self._receiver
             )
         else:
             delay = SlantDelay.none(len(elevation_rad))
-        ionosphere_m, problem = np.zeros(len(elevation_rad)), delay.problem
+        media_m, by_elevation_m_rad, problem = delay.delay_m, delay.by_elevation_m_rad, delay.problem
         if self.model.has("ionosphere") and self.model.ionosphere is not None:
             away_m = lander_gcrs_m - station.gcrs_m
-            ionosphere_m, no_frequency = ionosphere_delay(
+            ionosphere_m, by_elevation, no_frequency = ionosphere_delay(
                 self.model.ionosphere,
                 self._paths,
                 station,
@@ -376,13 +414,14 @@ class TrackingArc:
                 frequencies_hz(self._paths, uplink=uplink),
                 self._radio,
             )
+            media_m, by_elevation_m_rad = media_m + ionosphere_m, by_elevation_m_rad + by_elevation
             problem = np.where(problem != "", problem, no_frequency)
         if self._craft is not None:
             hidden = behind_moon(lander_gcrs_m, station.gcrs_m, self._moon.moon_gcrs_m)
             seen_from = np.array([f"behind the Moon as seen from {s.name}" for s in self._stations])[which]
             problem = np.where(hidden, seen_from, problem)
         return _Slant(
-            elevation_rad, rate_rad_s, delay, ionosphere_m, with_horizon_problem(problem, elevation_rad)
+            elevation, delay, media_m, by_elevation_m_rad, with_horizon_problem(problem, elevation_rad)
         )
 
 
@@ -409,18 +448,14 @@ def _rows_of(value: Any, rows: NDArray[np.intp]) -> Any:
 
 @dataclass(frozen=True, slots=True)
 class _Slant:
-    """The view from one station: elevation, its rate, the delay and what stands against using it."""
+    """The view from one station, and what stands against using it."""
 
-    elevation_rad: NDArray[np.float64]
-    elevation_rate_rad_s: NDArray[np.float64]
+    elevation: Elevation
     delay: SlantDelay
-    ionosphere_m: NDArray[np.float64]
+    media_m: NDArray[np.float64]
+    """Delay of the troposphere and the ionosphere, m, shape (n,)."""
+    by_elevation_m_rad: NDArray[np.float64]
     problem: NDArray[np.str_]
-
-    @property
-    def media_m(self) -> NDArray[np.float64]:
-        """Delay of the troposphere and the ionosphere, m, shape (n,)."""
-        return self.delay.delay_m + self.ionosphere_m
 
 
 def _stations_of(

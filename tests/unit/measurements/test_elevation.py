@@ -8,7 +8,7 @@ from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
 
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.stations import StationCatalogue
-from radioloc.measurements.elevation import elevation_and_rate
+from radioloc.measurements.elevation import elevation_of
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.measurements.tracking_arc import TrackingArc
@@ -31,21 +31,21 @@ def still_station(up, gcrs_m=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), up_rate=
 def test_elevation_by_hand(degrees):
     angle = np.radians(degrees)
     point = 3.8e8 * np.array([[np.cos(angle), 0.0, np.sin(angle)]])
-    elevation, rate = elevation_and_rate(still_station((0.0, 0.0, 1.0)), point, np.zeros((1, 3)))
-    assert elevation[0] == pytest.approx(angle, rel=0, abs=3e-16)
-    assert rate.tolist() == [0.0]
+    found = elevation_of(still_station((0.0, 0.0, 1.0)), point, np.zeros((1, 3)))
+    assert found.angle_rad[0] == pytest.approx(angle, rel=0, abs=3e-16)
+    assert found.rate_rad_s.tolist() == [0.0]
 
 
 def test_rate_has_the_points_the_stations_and_the_verticals_part():
     point, r = np.array([[0.0, 3.8e8, 0.0]]), 3.8e8
-    _, moving_point = elevation_and_rate(
-        still_station((0.0, 0.0, 1.0)), point, np.array([[5.0, 7.0, 1000.0]])
-    )
-    assert moving_point[0] == pytest.approx(1000.0 / r, rel=1e-12)
+    moving_point = elevation_of(still_station((0.0, 0.0, 1.0)), point, np.array([[5.0, 7.0, 1000.0]]))
+    assert moving_point.rate_rad_s[0] == pytest.approx(1000.0 / r, rel=1e-12)
     station = still_station((0.0, 0.0, 1.0), velocity=(0.0, 0.0, 400.0))
-    assert elevation_and_rate(station, point, np.zeros((1, 3)))[1][0] == pytest.approx(-400.0 / r, rel=1e-12)
+    assert elevation_of(station, point, np.zeros((1, 3))).rate_rad_s[0] == pytest.approx(
+        -400.0 / r, rel=1e-12
+    )
     station = still_station((0.0, 0.0, 1.0), up_rate=(0.0, 7e-5, 0.0))
-    assert elevation_and_rate(station, point, np.zeros((1, 3)))[1][0] == pytest.approx(7e-5, rel=1e-12)
+    assert elevation_of(station, point, np.zeros((1, 3))).rate_rad_s[0] == pytest.approx(7e-5, rel=1e-12)
 
 
 @pytest.fixture(scope="module")
@@ -79,7 +79,23 @@ def test_rate_against_differences(model):
         path, relay = arc._solve(APOLLO15_PA_M)
         motions[shift_s] = arc._slants(path, relay)
     for end in (0, 1):
-        numeric = (motions[1.0][end].elevation_rad - motions[-1.0][end].elevation_rad) / 2.0
+        numeric = (motions[1.0][end].elevation.angle_rad - motions[-1.0][end].elevation.angle_rad) / 2.0
         # The light time's own change (1e-6 of 7e-5 rad/s) and the curvature over a second are below this.
-        np.testing.assert_allclose(motions[0.0][end].elevation_rate_rad_s, numeric, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(motions[0.0][end].elevation.rate_rad_s, numeric, rtol=0, atol=1e-9)
         assert np.abs(numeric).max() > 3e-5
+
+
+def test_derivative_by_position():
+    station, step_m = still_station((0.36, -0.48, 0.8)), 100.0
+    point = np.array([[2.2e8, -1.9e8, 2.4e8]])
+    numeric = [
+        (
+            elevation_of(station, point + away, np.zeros((1, 3))).angle_rad[0]
+            - elevation_of(station, point - away, np.zeros((1, 3))).angle_rad[0]
+        )
+        / (2.0 * step_m)
+        for away in step_m * np.eye(3)
+    ]
+    found = elevation_of(station, point, np.zeros((1, 3))).by_position_rad_m[0]
+    # Angles of 1 rad are rounded to 1e-16, so differences over 200 m to 1e-18 rad/m.
+    np.testing.assert_allclose(found, numeric, rtol=0, atol=3e-18)

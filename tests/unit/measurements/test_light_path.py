@@ -35,7 +35,18 @@ RELAY = moving(1.1, [2.6e8, 2.5e8, -1.1e8], [2.05e4, -1.95e4, -8.9e3])
 RECEIVER = moving(2.7, [-3.9e6, 3.0e6, 4.1e6], [2.13e4, -2.08e4, -8.7e3])
 
 
-def path_to_40_digits(tag, sign=1, tag_offset_s=0.3, move_m=(0, 0, 0)):
+HOLD_S = 1.3e-6
+
+
+def path_to_40_digits(
+    tag,
+    sign=1,
+    tag_offset_s=0.3,
+    move_m=(0, 0, 0),
+    hold_s=0.0,
+    up_delay_m=UP_DELAY_M,
+    down_delay_m=DOWN_DELAY_M,
+):
     """Up and down in seconds by repeated substitution in 40 digits; with sign -1 "up" runs from the point, too."""
     with mp.workdps(40):
 
@@ -54,17 +65,17 @@ def path_to_40_digits(tag, sign=1, tag_offset_s=0.3, move_m=(0, 0, 0)):
             return mp.sqrt(sum((x - y) ** 2 for x, y in zip(a, b, strict=True)))
 
         c = mp.mpf(C_M_S)
-        tagged = mp.mpf(tag_offset_s)
+        tagged, hold = mp.mpf(tag_offset_s), mp.mpf(hold_s)
         up = down = mp.mpf("1.3")
         for _ in range(14):  # contracts by 1e-4 each time
-            bounce = {TRANSMIT: tagged + sign * up, RECEIVE: tagged - down, BOUNCE: tagged}[tag]
-            there = at(RELAY, bounce)
-            up = (length(there, at(TRANSMITTER, bounce - sign * up)) + mp.mpf(UP_DELAY_M)) / c
-            down = (length(at(RECEIVER, bounce + down), there) + mp.mpf(DOWN_DELAY_M)) / c
+            bounce = {TRANSMIT: tagged + sign * up, RECEIVE: tagged - down - hold, BOUNCE: tagged}[tag]
+            leave = bounce + hold
+            up = (length(at(RELAY, bounce), at(TRANSMITTER, bounce - sign * up)) + mp.mpf(up_delay_m)) / c
+            down = (length(at(RECEIVER, leave + down), at(RELAY, leave)) + mp.mpf(down_delay_m)) / c
         return up, down, bounce
 
 
-def solve(tag, sign=1, tag_offset_s=0.3):
+def solve(tag, sign=1, tag_offset_s=0.3, hold_s=0.0):
     return solve_light_path(
         TRANSMITTER,
         RELAY,
@@ -74,22 +85,28 @@ def solve(tag, sign=1, tag_offset_s=0.3):
         UP_DELAY_M,
         DOWN_DELAY_M,
         sign,
+        hold_s,
     )
 
 
-both_signs = pytest.mark.parametrize("sign", [1, -1], ids=["range", "differenced delay"])
+# A differenced delay is of a signal that nobody holds.
+both_signs = pytest.mark.parametrize(
+    ("sign", "hold_s"),
+    [(1, 0.0), (1, HOLD_S), (-1, 0.0)],
+    ids=["range", "range over a transponder", "differenced delay"],
+)
 
 
 @both_signs
 @pytest.mark.parametrize("tag", TAGS.values(), ids=TAGS)
-def test_solution_against_40_digits(tag, sign):
-    up, down, bounce = path_to_40_digits(tag, sign)
-    path = solve(tag, sign)
+def test_solution_against_40_digits(tag, sign, hold_s):
+    up, down, bounce = path_to_40_digits(tag, sign, hold_s=hold_s)
+    path = solve(tag, sign, hold_s=hold_s)
     assert abs(float(path.up_s[0] - up)) * C_M_S < FEW_LAST_PLACES_M
     assert abs(float(path.down_s[0] - down)) * C_M_S < FEW_LAST_PLACES_M
     assert float(path.bounce_s[0]) == pytest.approx(float(bounce), rel=0, abs=1e-15)
     assert path.transmit_s[0] == pytest.approx(path.bounce_s[0] - sign * path.up_s[0], rel=0, abs=1e-15)
-    assert path.receive_s[0] == pytest.approx(path.bounce_s[0] + path.down_s[0], rel=0, abs=1e-15)
+    assert path.receive_s[0] == pytest.approx(path.bounce_s[0] + hold_s + path.down_s[0], rel=0, abs=1e-15)
     tagged = {TRANSMIT: path.transmit_s, RECEIVE: path.receive_s, BOUNCE: path.bounce_s}[tag]
     assert tagged.tolist() == [0.3]
 
@@ -114,37 +131,57 @@ def test_tags_may_be_mixed_and_do_not_mix():
     alone = [solve(tag) for tag in tags]
     assert together.up_s == pytest.approx([a.up_s[0] for a in alone], rel=0, abs=1e-15)
     assert together.down_s == pytest.approx([a.down_s[0] for a in alone], rel=0, abs=1e-15)
-    by_position, by_tag = path_length_partials(together, *three, tags)
+    partials = path_length_partials(together, *three, tags)
     for row in range(3):
         one = path_length_partials(alone[row], TRANSMITTER, RELAY, RECEIVER, tags[row : row + 1])
-        np.testing.assert_allclose(by_position[row], one[0][0], rtol=0, atol=1e-13)
-        np.testing.assert_allclose(by_tag[row], one[1][0], rtol=0, atol=1e-8)
+        np.testing.assert_allclose(partials.by_position[row], one.by_position[0], rtol=0, atol=1e-13)
+        np.testing.assert_allclose(partials.by_tag[row], one.by_tag[0], rtol=0, atol=1e-8)
 
 
 @both_signs
 @pytest.mark.parametrize("tag", TAGS.values(), ids=TAGS)
-def test_partials_against_40_digits(tag, sign):
-    path = solve(tag, sign)
-    by_position, by_tag = path_length_partials(
-        path, TRANSMITTER, RELAY, RECEIVER, np.array([tag], dtype=np.int8), sign
-    )
+def test_partials_against_40_digits(tag, sign, hold_s):
+    path = solve(tag, sign, hold_s=hold_s)
+    found = path_length_partials(path, TRANSMITTER, RELAY, RECEIVER, np.array([tag], dtype=np.int8), sign)
     with mp.workdps(40):
 
-        def length(**changes):
-            up, down, _ = path_to_40_digits(tag, sign, **changes)
-            return mp.mpf(C_M_S) * (sign * up + down)
+        def slope(step, **moved):
+            """Central difference; its error, step^2 over distance^2, is 1e-17 by length and 1e-13 by time."""
+            lengths = []
+            for sense in (1, -1):
+                changes = {"hold_s": mp.mpf(hold_s)} | {
+                    key: value(sense * step) for key, value in moved.items()
+                }
+                up, down, _ = path_to_40_digits(tag, sign, **changes)
+                lengths.append(mp.mpf(C_M_S) * (sign * up + changes["hold_s"] + down))
+            return float((lengths[0] - lengths[1]) / (2 * step))
 
-        # Central differences whose error, step^2 over distance^2, is 1e-17 by position and 1e-13 by tag.
-        step_m = mp.mpf(1)
-        numeric = []
-        for axis in range(3):
-            ahead, behind = [[s * step_m * (k == axis) for k in range(3)] for s in (1, -1)]
-            numeric.append(float((length(move_m=ahead) - length(move_m=behind)) / (2 * step_m)))
-        step_s = mp.mpf("1e-3")
-        start = mp.mpf(0.3)
-        by_time = (length(tag_offset_s=start + step_s) - length(tag_offset_s=start - step_s)) / (2 * step_s)
-    assert np.linalg.norm(by_position[0] - numeric) < PARTIALS_RELATIVE * np.linalg.norm(numeric)
-    assert abs(by_tag[0] - float(by_time)) < PARTIALS_RELATIVE * abs(float(by_time))
+        metre, second = mp.mpf(1), mp.mpf("1e-3")
+        by_position = [
+            slope(metre, move_m=lambda s, k=k: [s * (k == axis) for axis in range(3)]) for k in range(3)
+        ]
+        by_tag = slope(second, tag_offset_s=lambda s: mp.mpf(0.3) + s)
+        by_up = slope(metre, up_delay_m=lambda s: mp.mpf(UP_DELAY_M) + s)
+        by_down = slope(metre, down_delay_m=lambda s: mp.mpf(DOWN_DELAY_M) + s)
+        by_hold = slope(second, hold_s=lambda s: mp.mpf(hold_s) + s)
+    assert np.linalg.norm(found.by_position[0] - by_position) < PARTIALS_RELATIVE * np.linalg.norm(
+        by_position
+    )
+    assert abs(found.by_tag[0] - by_tag) < PARTIALS_RELATIVE * abs(by_tag)
+    assert abs(found.by_up_delay[0] - by_up) < PARTIALS_RELATIVE
+    assert abs(found.by_down_delay[0] - by_down) < PARTIALS_RELATIVE
+    if sign > 0:
+        assert abs(found.by_hold[0] - by_hold) < PARTIALS_RELATIVE * C_M_S
+
+
+def test_a_held_signal_leaves_from_where_the_point_then_is():
+    """In a frame that moves at 30 km/s: the hold is no mere addition, and yet hardly more, as all three move alike."""
+    still, held = solve(TRANSMIT), solve(TRANSMIT, hold_s=1e-3)
+    assert held.up_s.tolist() == still.up_s.tolist()
+    extra_m = C_M_S * (held.down_s - still.down_s)[0]
+    closing_m_s = (held.down_unit[0] * (RECEIVER.velocity_m_s - RELAY.velocity_m_s)[0]).sum()
+    assert extra_m == pytest.approx(1e-3 * closing_m_s, rel=2e-4, abs=FEW_LAST_PLACES_M)
+    assert 0.1 < abs(extra_m) < 5.0
 
 
 @pytest.mark.parametrize("broken", ["transmitter", "relay", "receiver"])

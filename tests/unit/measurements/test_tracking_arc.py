@@ -58,6 +58,9 @@ BOUNDS_M = {
     # Twice 1.9 m at the zenith at 2.8 km, times up to 1/sin(20 deg).
     "troposphere": (3.2, 11.0),
     "ionosphere": (0.0, 0.0),
+    # None given.
+    "transponder_delay": (0.0, 0.0),
+    "station_delay": (0.0, 0.0),
     # Up to 0.4 m up, so shorter, one way.
     "solid_earth_tide": (-0.85, 0.30),
     # 2 x 33 mm per arcsecond of the pole's 0.2 arcseconds.

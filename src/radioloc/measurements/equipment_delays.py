@@ -1,0 +1,158 @@
+"""Group delays in equipment that the data still contain: of the stations on the ground, of the point's transponder.
+
+A time tag and a time of flight are read by a clock; the light path is between reference points. A station's *transmit
+delay* is from the clock to the reference point on the way out, its *receive delay* from there to the clock on the way
+in. So a signal tagged with its transmission leaves the reference point the transmit delay after the tag, and one tagged
+with its reception arrives there the receive delay before it; the time of flight by the clock contains both. With no
+delay given, tags and values are those at the reference point. A tag that names the bounce is of no station's clock and
+is not moved.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import InputError, StationError
+from radioloc.measurements.light_path import RECEIVE, TRANSMIT
+
+LONGEST_DELAY_S = 1e-3
+"""Transponders and ground equipment hold a signal for up to some microseconds; motions are straight for so long."""
+
+
+@dataclass(frozen=True, slots=True)
+class StationDelay:
+    """Group delay of a station's equipment between its clock and its reference point.
+
+    Parameters
+    ----------
+    transmit_s, receive_s : float or None
+        On the way out and on the way in, s; ``None`` says nothing, and counts as zero.
+
+    Raises
+    ------
+    InputError
+        A delay is not from 0 to 1 ms.
+    """
+
+    transmit_s: float | None = None
+    receive_s: float | None = None
+
+    def __post_init__(self) -> None:
+        for key in ("transmit_s", "receive_s"):
+            _require_delay(key, getattr(self, key))
+
+
+@dataclass(frozen=True, slots=True)
+class PathDelays:
+    """Delays of equipment on each of n paths, s.
+
+    Parameters
+    ----------
+    hold_s : ndarray, shape (n,)
+        How long the point holds the signal.
+    after_tag_s : ndarray, shape (n,)
+        How long after the tag the tagged event happens at the station's reference point.
+    in_value_s : ndarray, shape (n,)
+        All that the value contains beside the two legs.
+    """
+
+    hold_s: NDArray[np.float64]
+    after_tag_s: NDArray[np.float64]
+    in_value_s: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class EquipmentDelays:
+    """Delays that are in the data and are to be modelled.
+
+    Parameters
+    ----------
+    transponder_s : float or None
+        How long the point's transponder holds the signal of a range or of Doppler, s; ``None`` says nothing.
+    stations : mapping of str to StationDelay
+        By the catalogue's names of the stations (:meth:`named` makes aliases these).
+
+    Raises
+    ------
+    InputError
+        A delay is not from 0 to 1 ms.
+    """
+
+    transponder_s: float | None = None
+    stations: Mapping[str, StationDelay] = field(default_factory=lambda: MappingProxyType({}))
+
+    def __post_init__(self) -> None:
+        _require_delay("transponder_delay_s", self.transponder_s)
+
+    def named(self, catalogue: StationCatalogue) -> EquipmentDelays:
+        """The same under the catalogue's names.
+
+        Raises
+        ------
+        StationError
+            A station is not in the catalogue.
+        InputError
+            Two names are of one station.
+        """
+        found: dict[str, StationDelay] = {}
+        for name, delay in self.stations.items():
+            try:
+                station = catalogue.get(name).name
+            except StationError as error:
+                raise StationError(f"station_delay_s: {error}") from None
+            if station in found:
+                raise InputError(
+                    f"station_delay_s: {name} is another name of {station}, which has its delays"
+                )
+            found[station] = delay
+        return EquipmentDelays(self.transponder_s, MappingProxyType(found))
+
+    def on_paths(
+        self,
+        stations: Sequence[str],
+        transmitter: NDArray[np.int32],
+        receiver: NDArray[np.int32],
+        tag: NDArray[np.int8],
+        differenced: NDArray[np.bool_],
+        off: frozenset[str] = frozenset(),
+    ) -> PathDelays:
+        """What the delays do to paths.
+
+        Parameters
+        ----------
+        stations : sequence of str
+            The catalogue's names.
+        transmitter, receiver : ndarray of int, shape (n,)
+            Index into `stations` of each path's first and second station.
+        tag : ndarray of int8, shape (n,)
+            The tagged event, as :func:`~radioloc.measurements.light_path.solve_light_path` takes it.
+        differenced : ndarray of bool, shape (n,)
+            Whether the path is of a VLBI delay: both stations receive, and the signal began at the point.
+        off : frozenset of str
+            Terms that are left out, of ``transponder_delay`` and ``station_delay``.
+        """
+        hold_s, by_station_s = np.zeros(len(tag)), np.zeros((len(stations), 2))
+        if "transponder_delay" not in off and self.transponder_s is not None:
+            hold_s[~differenced] = self.transponder_s
+        if "station_delay" not in off:
+            for k, name in enumerate(stations):
+                delay = self.stations.get(name, StationDelay())
+                by_station_s[k] = delay.transmit_s or 0.0, delay.receive_s or 0.0
+        # The first station's arrival comes at its reference point before the tag, and is taken off the difference.
+        first_s = np.where(differenced, -by_station_s[transmitter, 1], by_station_s[transmitter, 0])
+        second_s = by_station_s[receiver, 1]
+        after_tag_s = np.where(tag == TRANSMIT, first_s, np.where(tag == RECEIVE, -second_s, 0.0))
+        return PathDelays(hold_s, after_tag_s, first_s + hold_s + second_s)
+
+
+def _require_delay(key: str, delay_s: float | None) -> None:
+    if delay_s is not None and not 0.0 <= delay_s <= LONGEST_DELAY_S:
+        raise InputError(
+            f"{key} = {delay_s!r} is no delay of equipment; give seconds, 0 to {LONGEST_DELAY_S:g}"
+        )

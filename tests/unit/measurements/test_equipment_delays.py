@@ -1,0 +1,140 @@
+"""Delays of stations and transponder: what they do to each kind of observation and to what its tag means."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from arc_cases import APOLLO15_PA_M, epochs_tai, observations
+
+from radioloc.constants import C_M_S
+from radioloc.errors import InputError, StationError
+from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
+from radioloc.measurements.observations import DOPPLER, VLBI_DELAY
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.tracking_arc import TrackingArc
+
+# The chain's noise is half a micrometre.
+SAME_M = 2e-6
+HOLD_S = 1.2e-6
+STATIONS = {"KASHI": StationDelay(3e-8, 2e-8), "JIAMUSI": StationDelay(transmit_s=7e-5, receive_s=5e-5)}
+TAI = epochs_tai(7, 6.0)
+
+
+@pytest.fixture(scope="module")
+def plain():
+    return PhysicalModel.build()
+
+
+def with_delays(model, transponder_s=None, stations=None):
+    return dataclasses.replace(model, delays=EquipmentDelays(transponder_s, stations or {}))
+
+
+def computed(model, path, tag="transmit", tai=TAI, **columns):
+    arc = TrackingArc(model, observations(path, tai, tag, **columns), APOLLO15_PA_M)
+    return arc.compute(APOLLO15_PA_M)
+
+
+def vlbi(model, tai=TAI):
+    return computed(model, "KASHI<x>JIAMUSI", "receive", tai, value_m=1e6, kind=VLBI_DELAY)
+
+
+@pytest.mark.parametrize("tag", ["transmit", "receive", "bounce"])
+def test_a_transponder_lengthens_a_range_by_its_hold(plain, tag):
+    """By the light that passes meanwhile, and by how far the leg closes meanwhile that is not next to the tag."""
+    model = with_delays(plain, HOLD_S)
+    one, held = computed(plain, "KASHI>x>JIAMUSI", tag), computed(model, "KASHI>x>JIAMUSI", tag)
+    longer_m = held.value_m - one.value_m
+    np.testing.assert_allclose(longer_m, HOLD_S * one.by_transponder_delay_m_s, rtol=0, atol=SAME_M)
+    # A leg closes at up to 400 m/s of the station and some of the Moon.
+    assert 1e-5 < np.abs(longer_m - C_M_S * HOLD_S).max() < 800.0 * HOLD_S
+
+
+def test_one_path_has_two_tags(plain):
+    """Received at the transmission's epoch plus the time of flight by the clocks: the same path."""
+    model = with_delays(plain, HOLD_S, STATIONS)
+    sent = computed(model, "KASHI>x>JIAMUSI").value_m
+    received = computed(model, "KASHI>x>JIAMUSI", "receive", TAI.shifted(sent / C_M_S)).value_m
+    # Epochs are resolved to 1e-11 s and the angle psi of the Moon to 2 micrometres.
+    np.testing.assert_allclose(received, sent, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("tag", ["transmit", "receive", "bounce"])
+def test_a_station_delay_moves_the_event_and_adds_to_the_value(plain, tag):
+    model = with_delays(plain, stations=STATIONS)
+    moved_s = {"transmit": 3e-8, "receive": -5e-5, "bounce": 0.0}[tag]
+    there = computed(plain, "KASHI>x>JIAMUSI", tag, TAI.shifted(moved_s)).value_m
+    clocks = computed(model, "KASHI>x>JIAMUSI", tag).value_m
+    np.testing.assert_allclose(clocks, there + C_M_S * (3e-8 + 5e-5), rtol=0, atol=1e-5)
+
+
+def test_vlbi_sees_receive_delays_only(plain):
+    model = with_delays(plain, HOLD_S, STATIONS)
+    there = vlbi(plain, TAI.shifted(-2e-8)).value_m
+    np.testing.assert_allclose(vlbi(model).value_m, there + C_M_S * (5e-5 - 2e-8), rtol=0, atol=1e-5)
+    assert not vlbi(model).by_transponder_delay_m_s.any()
+
+
+def test_doppler_hardly_sees_any(plain):
+    doppler = {"kind": DOPPLER, "count_s": 60.0}
+    model = with_delays(plain, HOLD_S, STATIONS)
+    changes_m = (
+        computed(model, "KASHI>x>KASHI", "receive", **doppler).value_m
+        - computed(plain, "KASHI>x>KASHI", "receive", **doppler).value_m
+    )
+    # The range rate changes by 0.03 m/s^2 over a minute; delays of 1.3 microseconds make micrometres of that.
+    assert np.abs(changes_m).max() < 60.0 * 0.03 * 1.3e-6 + SAME_M
+
+
+@pytest.mark.parametrize(("term", "size_s"), [("transponder_delay", HOLD_S), ("station_delay", 3e-8 + 5e-5)])
+def test_terms_switch_them_off(plain, term, size_s):
+    model = with_delays(plain, HOLD_S, STATIONS)
+    without_m = computed(model.without(term), "KASHI>x>JIAMUSI").value_m
+    assert computed(model, "KASHI>x>JIAMUSI").value_m - without_m == pytest.approx(C_M_S * size_s, abs=1e-3)
+    neither_m = computed(model.without("transponder_delay", "station_delay"), "KASHI>x>JIAMUSI").value_m
+    assert neither_m.tolist() == computed(plain, "KASHI>x>JIAMUSI").value_m.tolist()
+
+
+def test_part_of_an_arc_keeps_its_delays(plain):
+    model = with_delays(plain, HOLD_S, STATIONS)
+    both = observations("KASHI>x>JIAMUSI", TAI, "receive", kind=DOPPLER, count_s=60.0)
+    whole = TrackingArc(model, both, APOLLO15_PA_M)
+    part = whole.select([5, 2]).compute(APOLLO15_PA_M).value_m
+    assert part.tolist() == whole.compute(APOLLO15_PA_M).value_m[[5, 2]].tolist()
+
+
+def test_names_are_the_catalogues(plain):
+    catalogue = plain.catalogue
+    named = EquipmentDelays(stations={"7045": StationDelay(1e-8)}).named(catalogue)
+    assert dict(named.stations) == {"APOLLO": StationDelay(1e-8)}
+    with pytest.raises(StationError, match=r"station_delay_s: .*ATLANTIS"):
+        EquipmentDelays(stations={"ATLANTIS": StationDelay()}).named(catalogue)
+    with pytest.raises(InputError, match="7045 is another name of APOLLO"):
+        EquipmentDelays(stations={"APOLLO": StationDelay(), "7045": StationDelay()}).named(catalogue)
+
+
+@pytest.mark.parametrize("delay_s", [-1e-9, 1.2, float("nan")])
+def test_what_is_no_delay(delay_s):
+    with pytest.raises(InputError, match=r"transponder_delay_s = .* give seconds, 0 to 0.001"):
+        EquipmentDelays(delay_s)
+    with pytest.raises(InputError, match=r"receive_s = .* give seconds"):
+        StationDelay(receive_s=delay_s)
+
+
+@pytest.mark.parametrize("path", ["KASHI>x>JIAMUSI", "NEUQUEN>x>NEUQUEN", "KASHI<x>JIAMUSI"])
+def test_air_delays_by_the_time_that_its_own_frame_has(plain, path):
+    """The air moves at 30 km/s in the barycentric frame; the clocks beside it see its delay as it is.
+
+    Left are the 1.5 km/s between station and point during a delay of 20 m: up to 0.1 mm. Without the air's motion it
+    is 0.5 mm here between stations of which one sees the Moon lower.
+    """
+    differenced = "<" in path
+    columns = {"kind": VLBI_DELAY, "value_m": 1e6} if differenced else {}
+    arc = TrackingArc(plain, observations(path, epochs_tai(49, 24.0), "receive", **columns), APOLLO15_PA_M)
+    vacuum = TrackingArc(plain.without("troposphere"), arc.observations, APOLLO15_PA_M)
+    solved, relay = arc._solve(APOLLO15_PA_M)
+    up, down = arc._slants(solved, relay)
+    seen_m = arc.compute(APOLLO15_PA_M).value_m - vacuum.compute(APOLLO15_PA_M).value_m
+    high = (up.elevation.angle_rad > 0.1) & (down.elevation.angle_rad > 0.1)
+    sign = -1.0 if differenced else 1.0
+    assert high.sum() > 5
+    assert np.abs(seen_m - (sign * up.media_m + down.media_m))[high].max() < 1.5e-4

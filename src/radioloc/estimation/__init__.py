@@ -6,16 +6,17 @@ together as a :class:`Solution`.
 """
 
 from radioloc.estimation.build import build_solution, compare_with
-from radioloc.estimation.editing import USED, EditedFit, EditingSettings, fit_with_editing
+from radioloc.estimation.editing import USED, EditedFit, EditingSettings, Outcome, fit_with_editing
 from radioloc.estimation.excess_noise import NoisyFit, fit_with_excess_noise
+from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import (
     FitResult,
     FitSettings,
     FitStatus,
     Iteration,
-    ResidualFunction,
     fit_least_squares,
 )
+from radioloc.estimation.linearization import DenseLinearization, Linearization, ResidualFunction
 from radioloc.estimation.observability import Correlation, Direction, Observability, assess_observability
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.estimation.parameters import Parameter, ParameterSet
@@ -26,6 +27,7 @@ __all__ = [
     "ALONE",
     "USED",
     "Correlation",
+    "DenseLinearization",
     "Direction",
     "EditedFit",
     "EditingSettings",
@@ -36,9 +38,12 @@ __all__ = [
     "FitStatus",
     "GroupStatistics",
     "Iteration",
+    "Labels",
+    "Linearization",
     "NoisyFit",
     "Observability",
     "ObservationNoise",
+    "Outcome",
     "Parameter",
     "ParameterSet",
     "ReferenceComparison",

@@ -10,7 +10,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.editing import USED, EditedFit
+from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.solution import ReferenceComparison, Residuals, Solution
@@ -33,10 +34,10 @@ def build_solution(
     pa_frame: str,
     me_frame: str,
     epoch_utc: Epochs,
-    station: Sequence[str] | NDArray[np.str_],
+    station: Labels | Sequence[str] | NDArray[np.str_],
     observed_m: ArrayLike,
-    path: Sequence[str] | NDArray[np.str_] | None = None,
-    type: Sequence[str] | NDArray[np.str_] | str = "range",
+    path: Labels | Sequence[str] | NDArray[np.str_] | None = None,
+    type: Labels | Sequence[str] | NDArray[np.str_] | str = "range",
     elevation_deg: ArrayLike | None = None,
     ephemeris_sigma_enu_m: ArrayLike = (0.0, 0.0, 0.0),
     excess_noise_m: Mapping[str, float] | None = None,
@@ -63,11 +64,11 @@ def build_solution(
         Their names, such as ``"PA_DE421"`` and ``"ME_DE421"``.
     epoch_utc : Epochs
         UTC of the observations, n epochs.
-    station, path : sequence of str, length n
+    station, path : Labels, or sequence of str, length n
         Station that statistics are grouped by; participants of the light path (the station if not given).
     observed_m : array_like, shape (n,)
         Observed values, m of the whole light path.
-    type : str or sequence of str, length n
+    type : str, Labels, or sequence of str, length n
         Kind of measurement.
     elevation_deg : array_like, shape (n,), optional
         Lower of the stations' elevations, deg.
@@ -94,17 +95,19 @@ def build_solution(
         A column or a matrix is not of the shape that the fit asks for.
     """
     fit = edited.fit
-    n, p = fit.partials.shape
+    n, p = len(fit.residual_m), len(fit.parameters)
+    stations = _labels("station", station, n)
+    residual_m, sigma_m = _array("residual_m", fit.residual_m, (n,)), _array("sigma_m", fit.sigma_m, (n,))
     residuals = Residuals(
         epoch_utc=epoch_utc,
-        station=_labels("station", station, n),
-        type=_labels("type", type, n),
-        path=_labels("path", station if path is None else path, n),
+        stations=stations,
+        types=_labels("type", type, n),
+        paths=stations if path is None else _labels("path", path, n),
         observed_m=_array("observed_m", observed_m, (n,)),
-        residual_m=_array("residual_m", fit.residual_m, (n,)),
-        sigma_m=_array("sigma_m", fit.sigma_m, (n,)),
+        residual_m=residual_m,
+        sigma_m=sigma_m,
         elevation_deg=None if elevation_deg is None else _array("elevation_deg", elevation_deg, (n,)),
-        status=_labels("status", edited.status, n),
+        outcome=replace(edited.outcome, residual_m=residual_m, sigma_m=sigma_m),
     )
     if len(epoch_utc) != n:
         raise InputError(f"there are {len(epoch_utc)} epochs for {n} observations")
@@ -197,12 +200,12 @@ def _fit_statistics(
     edited: EditedFit, residuals: Residuals, excess_noise_m: Mapping[str, float]
 ) -> FitStatistics:
     fit = edited.fit
-    columns = (residuals.residual_m, residuals.sigma_m, residuals.status == USED)
+    columns = (residuals.residual_m, residuals.sigma_m, residuals.used)
     bound = chi2_quantile(SCALING_PROBABILITY, fit.dof) / fit.dof if fit.dof > 0 else None
     return FitStatistics(
         total=group_statistics("all", *columns),
-        by_station=statistics_by(residuals.station, *columns),
-        by_type=statistics_by(residuals.type, *columns),
+        by_station=statistics_by(residuals.stations, *columns),
+        by_type=statistics_by(residuals.types, *columns),
         chi2=fit.chi2,
         dof=fit.dof,
         chi2_per_dof=fit.chi2_per_dof,
@@ -213,17 +216,20 @@ def _fit_statistics(
 
 
 def _array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:
-    """Read-only copy of the right shape."""
-    array = np.array(values, dtype=np.float64)
+    """Read-only array of the right shape; a copy unless it owns its numbers and is read-only already."""
+    array = np.asarray(values, dtype=np.float64)
     if array.shape != shape:
         raise InputError(f"{name} has shape {array.shape}, but {shape} is needed")
-    array.flags.writeable = False
+    if array.flags.writeable or not array.flags.owndata:
+        array = array.copy()
+        array.flags.writeable = False
     return array
 
 
-def _labels(name: str, values: Sequence[str] | NDArray[np.str_] | str, n: int) -> NDArray[np.str_]:
-    array = np.full(n, values) if isinstance(values, str) else np.array(values, dtype=np.str_)
-    if array.shape != (n,):
-        raise InputError(f"{name} has shape {array.shape}, but there are {n} observations")
-    array.flags.writeable = False
-    return array
+def _labels(name: str, values: Labels | Sequence[str] | NDArray[np.str_] | str, n: int) -> Labels:
+    if isinstance(values, str):
+        return Labels(np.zeros(n, dtype=np.int32), (values,))
+    labels = Labels.of(values)
+    if labels.codes.shape != (n,):
+        raise InputError(f"{name} has shape {labels.codes.shape}, but there are {n} observations")
+    return labels

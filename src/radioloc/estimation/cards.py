@@ -264,7 +264,8 @@ def _left_out(solution: Solution) -> tuple[str, ...]:
     out = out[np.argsort(-np.abs(rows.residual_m[out] / rows.sigma_m[out]), kind="stable")]
     shown = out[:_MAX_OUTLIERS]
     epochs = utc_strings(rows.epoch_utc[shown], decimals=0)
-    lines = [f"{epoch} {rows.station[k]}: {rows.status[k]}" for k, epoch in zip(shown, epochs, strict=True)]
+    told = zip(epochs, rows.stations[shown], rows.outcome[shown], strict=True)
+    lines = [f"{epoch} {station}: {reason}" for epoch, station, reason in told]
     if len(out) > len(shown):
         lines.append(f"... and {len(out) - len(shown)} more")
     return tuple(lines)

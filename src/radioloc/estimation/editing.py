@@ -3,18 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.least_squares import (
-    FitResult,
-    FitSettings,
-    FitStatus,
-    ResidualFunction,
-    fit_least_squares,
-)
+from radioloc.estimation.labels import Labels
+from radioloc.estimation.least_squares import FitResult, FitSettings, FitStatus, fit_least_squares
+from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.robust import robust_scale, robust_start
@@ -60,6 +57,62 @@ class EditingSettings:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Outcome:
+    """What became of each observation: used, or the reason why not; an index gives an array of str.
+
+    The reasons of outliers, each with its numbers, are put in words when they are asked for.
+
+    Parameters
+    ----------
+    used : ndarray of bool, shape (n,)
+        Which observations took part.
+    given : Labels
+        What was said before the fit: :data:`USED` or a reason.
+    residual_m : ndarray, shape (n,)
+        Observed - computed, m.
+    sigma_m : ndarray, shape (n,)
+        Stated standard deviations, m.
+    scale : float
+        Factor from stated to expected standard deviations.
+    """
+
+    used: NDArray[np.bool_]
+    given: Labels
+    residual_m: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+    scale: float
+
+    def __len__(self) -> int:
+        return len(self.used)
+
+    def __getitem__(self, rows: Any) -> NDArray[np.str_]:
+        """Texts of a slice, a mask or indices of rows."""
+        texts = self.given[rows]
+        outliers = np.flatnonzero((texts == USED) & ~self.used[rows])
+        if not len(outliers):
+            return texts
+        residual_m, expected_m = self.residual_m[rows][outliers], self.sigma_m[rows][outliers] * self.scale
+        reasons = [
+            outlier_reason(r, e) for r, e in zip(residual_m.tolist(), expected_m.tolist(), strict=True)
+        ]
+        wide = texts.astype(np.result_type(texts.dtype, np.array(reasons).dtype))
+        wide[outliers] = reasons
+        return wide
+
+    def select(self, rows: Any) -> Outcome:
+        """Some rows."""
+        return Outcome(
+            self.used[rows], self.given.select(rows), self.residual_m[rows], self.sigma_m[rows], self.scale
+        )
+
+    def array(self) -> NDArray[np.str_]:
+        """Texts of all rows, shape (n,); read-only."""
+        out = self[:]
+        out.flags.writeable = False
+        return out
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class EditedFit:
     """A fit with its editing.
 
@@ -67,8 +120,8 @@ class EditedFit:
     ----------
     fit : FitResult
         The final fit.
-    status : ndarray of str, shape (n,)
-        :data:`USED` or the reason why an observation was left out.
+    given : Labels
+        What was said of each observation before the fit: :data:`USED` or the reason why it cannot be.
     robust_scale : float
         Spread of the usable observations' residuals over their stated sigmas, by the median: 1 where those
         are right.
@@ -81,11 +134,27 @@ class EditedFit:
     """
 
     fit: FitResult
-    status: NDArray[np.str_]
+    given: Labels
     robust_scale: float
     passes: int
     complete: bool
     message: str
+
+    @property
+    def outcome(self) -> Outcome:
+        """What became of each observation."""
+        return Outcome(
+            self.fit.used,
+            self.given,
+            self.fit.residual_m,
+            self.fit.sigma_m,
+            max(1.0, self.robust_scale),
+        )
+
+    @property
+    def status(self) -> NDArray[np.str_]:
+        """:data:`USED` or the reason why an observation was left out, shape (n,)."""
+        return self.outcome.array()
 
     @property
     def converged(self) -> bool:
@@ -98,9 +167,10 @@ def fit_with_editing(
     parameters: ParameterSet,
     sigma_m: ArrayLike | ObservationNoise,
     *,
-    status: ArrayLike | None = None,
+    status: ArrayLike | Labels | None = None,
     editing: EditingSettings | None = None,
     settings: FitSettings | None = None,
+    previous: EditedFit | None = None,
 ) -> EditedFit:
     """Fit, leaving out gross errors.
 
@@ -114,18 +184,20 @@ def fit_with_editing(
     Parameters
     ----------
     residual_function : callable
-        From x (p,) to residuals observed - computed (n,), m, and partials d(computed)/dx (n, p).
+        As for :func:`~radioloc.estimation.least_squares.fit_least_squares`.
     parameters : ParameterSet
         What is solved for.
     sigma_m : array_like, shape (n,) or (), or ObservationNoise
         Stated standard deviations of the observations, m; or their noise where they share errors.
-    status : array_like of str, shape (n,), optional
+    status : array_like of str, shape (n,), or Labels, optional
         Observations to leave out from the beginning have the reason here, such as ``"below the horizon"``;
         the others :data:`USED` or an empty text.
     editing : EditingSettings, optional
         What counts as an outlier.
     settings : FitSettings, optional
         Limits and tolerances of the fit.
+    previous : EditedFit, optional
+        A fit of the same observations with other sigmas, from which to start in place of a robust start.
 
     Returns
     -------
@@ -138,43 +210,52 @@ def fit_with_editing(
     """
     editing = editing or EditingSettings()
     settings = settings or FitSettings()
-    n = len(residual_function(parameters.prior_values)[0])
+    if previous is None:
+        x = parameters.prior_values
+        at_x = evaluate(residual_function, x)
+    else:
+        x, at_x = previous.fit.x, previous.fit.linearization
+    n = len(at_x.residual_m)
     noise = ObservationNoise.of(sigma_m, n)
     sigma = noise.sigma_m
-    given = np.full(n, USED, dtype=object) if status is None else np.array(status, dtype=object)
-    if given.shape != (n,):
-        raise InputError(f"status has shape {given.shape}; {n} observations need ({n},)")
-    given[given == ""] = USED
-    usable = given == USED
+    given = _given(status, n) if previous is None or status is not None else previous.given
+    usable = given.are(USED)
     n_usable, n_free = int(usable.sum()), int(parameters.free.sum())
 
-    def fit(used: NDArray[np.bool_], start: NDArray[np.float64]) -> FitResult:
+    def fit(used: NDArray[np.bool_], start: NDArray[np.float64], at_start: Linearization) -> FitResult:
         return fit_least_squares(
-            residual_function, parameters, noise, used=used, start=start, settings=settings
+            residual_function,
+            parameters,
+            noise,
+            used=used,
+            start=start,
+            linearization=at_start,
+            settings=settings,
         )
 
     # An outlier can be told from the rest only if at least one observation is left over without it.
     limit = min(int(editing.max_rejected_fraction * n_usable), n_usable - n_free - 1)
     if not editing.enabled or limit < 1:
-        result = fit(usable, parameters.prior_values)
-        scale = robust_scale(result.normalized_residuals[usable], n_free)
-        return EditedFit(result, given.astype(np.str_), scale, 1, True, "")
+        result = fit(usable, x, at_x)
+        scale = robust_scale(_normalized(result.residual_m, sigma, usable), n_free)
+        return EditedFit(result, given, scale, 1, True, "")
 
-    start = robust_start(residual_function, parameters, sigma, usable, settings)
-    normalized = residual_function(start)[0] / sigma
+    if previous is None:
+        x, at_x = robust_start(residual_function, parameters, sigma, usable, settings, at_x)
+    scale = robust_scale(_normalized(at_x.residual_m, sigma, usable), n_free)
     seen: list[NDArray[np.bool_]] = []
     message = ""
     complete = True
     while True:
-        scale = robust_scale(normalized[usable], n_free)
-        used = usable & (np.abs(normalized) <= editing.threshold * max(1.0, scale))
+        limit_sigmas = editing.threshold * max(1.0, scale)
+        used = usable & (np.abs(at_x.residual_m) <= limit_sigmas * sigma)
         if seen and np.array_equal(used, seen[-1]):
             break
         repeated = [k for k, earlier in enumerate(seen) if np.array_equal(used, earlier)]
         if repeated:
             # The selection runs in a circle: what any part of the circle leaves out stays out.
             circle = np.array(seen[repeated[0] :])
-            used = circle.all(axis=0)
+            used = np.asarray(circle.all(axis=0))
             wavering = int((circle.any(axis=0) & ~used).sum())
             message = f"{wavering} observations at the outlier limit were left out, in and out by turns"
         n_rejected = n_usable - int(used.sum())
@@ -188,17 +269,30 @@ def fit_with_editing(
         elif len(seen) >= editing.max_passes:
             complete = False
             message = f"the editing did not settle in {editing.max_passes} passes"
-        result = fit(used, start)
-        normalized = result.normalized_residuals
+        result = fit(used, x, at_x)
+        scale = robust_scale(_normalized(result.residual_m, sigma, usable), n_free)
         seen.append(used)
         if repeated or not complete or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
-            scale = robust_scale(normalized[usable], n_free)
             break
-        start = result.x
+        x, at_x = result.x, result.linearization
+    return EditedFit(result, given, scale, len(seen), complete, message)
 
-    for k in np.flatnonzero(usable & ~result.used):
-        given[k] = outlier_reason(float(result.residual_m[k]), float(sigma[k]) * max(1.0, scale))
-    return EditedFit(result, given.astype(np.str_), scale, len(seen), complete, message)
+
+def _given(status: ArrayLike | Labels | None, n: int) -> Labels:
+    """What was said of n observations before the fit; an empty text is :data:`USED`."""
+    if status is None:
+        return Labels(np.zeros(n, dtype=np.int32), (USED,))
+    given = Labels.of(status)
+    if given.codes.shape != (n,):
+        raise InputError(f"status has shape {given.codes.shape}; {n} observations need ({n},)")
+    return Labels.coded([text or USED for text in given.texts], given.codes)
+
+
+def _normalized(
+    residual_m: NDArray[np.float64], sigma_m: NDArray[np.float64], which: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Residuals of some observations over their sigmas."""
+    return np.asarray(residual_m[which] / sigma_m[which])
 
 
 def outlier_reason(residual_m: float, expected_m: float) -> str:

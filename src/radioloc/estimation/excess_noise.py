@@ -16,12 +16,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.editing import EditedFit, EditingSettings, fit_with_editing
-from radioloc.estimation.least_squares import FitSettings, ResidualFunction
+from radioloc.estimation.labels import Labels
+from radioloc.estimation.least_squares import FitSettings
+from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 
 _MAX_PASSES = 15
+_MAX_STEPS = 200
 _SETTLED = 1e-3
 """The excess has settled when it changes by less than this part of itself; its own uncertainty is far larger."""
 
@@ -47,8 +50,8 @@ def fit_with_excess_noise(
     parameters: ParameterSet,
     sigma_m: ArrayLike | ObservationNoise,
     *,
-    groups: ArrayLike | None = None,
-    status: ArrayLike | None = None,
+    groups: ArrayLike | Labels | None = None,
+    status: ArrayLike | Labels | None = None,
     editing: EditingSettings | None = None,
     settings: FitSettings | None = None,
 ) -> NoisyFit:
@@ -63,19 +66,31 @@ def fit_with_excess_noise(
     excess alternate until the excess settles; observations left out take no part in it and may come back.
     Where excess and selection drive each other in a circle, the largest excess of the circle is taken.
     """
-    labels, group = np.unique(["all"] if groups is None else groups, return_inverse=True)
+    edited = fit_with_editing(
+        residual_function, parameters, sigma_m, status=status, editing=editing, settings=settings
+    )
+    stated = edited.fit.noise
+    named = Labels(np.zeros(len(stated), dtype=np.int32), ("all",)) if groups is None else Labels.of(groups)
+    labels, group = named.texts, named.codes
 
-    def fit_with(noise: ArrayLike | ObservationNoise) -> EditedFit:
+    def fit_with(excess_m: NDArray[np.float64], previous: EditedFit) -> EditedFit:
+        # A fit that did not come to its end is nothing to start from.
         return fit_with_editing(
-            residual_function, parameters, noise, status=status, editing=editing, settings=settings
+            residual_function,
+            parameters,
+            stated.with_excess(excess_m[group]),
+            status=edited.given,
+            editing=editing,
+            settings=settings,
+            previous=previous if previous.converged else None,
         )
 
-    edited = fit_with(sigma_m)
-    stated = edited.fit.noise
-    group = np.broadcast_to(group, (len(stated),))
-
     def noisy(edited: EditedFit, excess_m: NDArray[np.float64]) -> NoisyFit:
-        return NoisyFit(edited, dict(zip(labels.tolist(), excess_m.tolist(), strict=True)))
+        present = set(named.present())
+        found = {
+            name: value for name, value in zip(labels, excess_m.tolist(), strict=True) if name in present
+        }
+        return NoisyFit(edited, dict(sorted(found.items())))
 
     tried_m = [np.zeros(len(labels))]
     for _ in range(_MAX_PASSES):
@@ -90,11 +105,11 @@ def fit_with_excess_noise(
         repeated = [k for k, earlier_m in enumerate(tried_m) if _same(wanted_m, earlier_m)]
         if repeated:
             largest_m = np.max(tried_m[repeated[0] :], axis=0)
-            edited = fit_with(stated.with_excess(largest_m[group]))
+            edited = fit_with(largest_m, edited)
             wavering = "the excess noise and the outliers depend on each other: the largest excess was taken"
             return noisy(_with_message(edited, wavering), largest_m)
         tried_m.append(wanted_m)
-        edited = fit_with(stated.with_excess(wanted_m[group]))
+        edited = fit_with(wanted_m, edited)
     edited = replace(edited, complete=False)
     return noisy(_with_message(edited, "the excess noise did not settle"), tried_m[-1])
 
@@ -102,7 +117,7 @@ def fit_with_excess_noise(
 def _wanted_m(
     edited: EditedFit,
     stated: ObservationNoise,
-    group: NDArray[np.intp],
+    group: NDArray[np.int32],
     count: int,
     probability: float | None,
 ) -> NDArray[np.float64]:
@@ -116,7 +131,7 @@ def _wanted_m(
     for k in range(count):
         mine = fit.used & (group == k)
         dof = round(mine.sum() * (1.0 - free_part))
-        residual_m, sigma_m = stated.select(mine).combined(fit.residual_m[mine])
+        residual_m, sigma_m = stated.among(mine).combined(fit.residual_m)
         wanted_m[k] = excess_noise_m(residual_m, sigma_m, dof, probability)
     return wanted_m
 
@@ -164,12 +179,16 @@ def excess_noise_m(
     limit = float(dof) if probability is None else chi2_quantile(probability, dof)
     if float(((residual_m / sigma_m) ** 2).sum()) <= limit:
         return 0.0
-    low_m, high_m = 0.0, float(np.sqrt((residual_m**2).sum() / dof))
-    # The sum falls steadily with the excess, and at the upper end is below dof: halving cannot miss.
-    for _ in range(60):
-        middle_m = 0.5 * (low_m + high_m)
-        if float((residual_m**2 / (sigma_m**2 + middle_m**2)).sum()) > dof:
-            low_m = middle_m
-        else:
-            high_m = middle_m
-    return high_m
+    # The inverse of the sum grows with the added variance and is concave, as a harmonic mean is: Newton's
+    # steps from zero never go too far, and at equal sigmas the first one is right.
+    squares_m2, added_m2 = residual_m**2, 0.0
+    for _ in range(_MAX_STEPS):
+        variance_m2 = sigma_m**2 + added_m2
+        parts = squares_m2 / variance_m2
+        total = float(parts.sum())
+        steepness = float((parts / variance_m2).sum())
+        step_m2 = (total / dof - 1.0) * total / steepness
+        added_m2 += max(step_m2, 0.0)
+        if step_m2 <= 1e-13 * added_m2:
+            break
+    return float(np.sqrt(added_m2))

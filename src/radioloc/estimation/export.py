@@ -163,12 +163,14 @@ def _rejected_rows(solution: Solution) -> list[dict[str, Any]]:
     return [
         {
             "epoch_utc": str(epoch),
-            "station": str(rows.station[k]),
-            "path": str(rows.path[k]),
-            "residual_m": _finite(rows.residual_m[k]),
-            "reason": str(rows.status[k]),
+            "station": str(station),
+            "path": str(path),
+            "residual_m": _finite(residual_m),
+            "reason": str(reason),
         }
-        for k, epoch in zip(out, epochs, strict=True)
+        for epoch, station, path, residual_m, reason in zip(
+            epochs, rows.stations[out], rows.paths[out], rows.residual_m[out], rows.outcome[out], strict=True
+        )
     ]
 
 

@@ -4,28 +4,38 @@ Minimizes, over the parameters x, ``|(o - c(x)) / sigma|^2 + |(x - x_prior) / si
 combinations take the place of observations that share errors. Each Gauss-Newton step reduces the whitened
 partials, the a-priori rows and the right side to a triangle by Householder reflections (Bierman 1977,
 chapters IV and V; Lawson and Hanson 1974) and solves that by its singular values, so the condition number is
-never squared by normal equations. A step that does not lower the sum of squares is damped (Levenberg 1944,
-Marquardt 1963) in the same singular basis, at no cost in further factorizations.
+never squared by normal equations. Rows are reduced some hundred at a time, and the triangles of these again
+(Demmel et al. 2012): they stay in the processor's cache, and never are all partials held at once. A step
+that does not lower the sum of squares is damped (Levenberg 1944, Marquardt 1963) in the same singular basis,
+at no cost in further factorizations.
 """
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.linearization import (
+    Linearization,
+    ResidualFunction,
+    Rows,
+    check_finite,
+    check_residuals,
+    evaluate,
+)
+from radioloc.estimation.observation_noise import Combinations, ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
-
-ResidualFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
-"""From parameters (p,) to residuals observed - computed (n,), m, and d(computed)/d(parameter) (n, p)."""
 
 # Damping given up at, in largest singular values: the step is then a millionth of the plain one.
 _MAX_DAMPING = 1e3
+
+_LEAF_ELEMENTS = 8192
+"""Numbers in the matrices that rows are reduced in: they fit a processor's own cache, and are too few for linear
+algebra libraries to share them out, so the result does not depend on the number of threads."""
 
 
 class FitStatus(enum.Enum):
@@ -146,10 +156,8 @@ class FitResult:
         Formal covariance from the stated sigmas. Fixed parameters have zeros; a parameter that takes part
         in an undetermined direction has infinite variance and, as no number is right there, zero
         covariances.
-    residual_m : ndarray, shape (n,)
-        Observed - computed at `x`, for all observations, used or not, m.
-    partials : ndarray, shape (n, p)
-        d(computed)/d(parameter) at `x`.
+    linearization : Linearization
+        Residuals of all observations, used or not, at `x`, and their partials.
     noise : ObservationNoise
         Stated noise of all observations.
     used : ndarray of bool, shape (n,)
@@ -163,14 +171,13 @@ class FitResult:
     iterations : tuple of Iteration
         History.
     factor : Factor
-        Singular values and directions at `x`, over the free parameters.
+        Singular values and directions over the free parameters, at `x` or less than a last, converged step from it.
     """
 
     parameters: ParameterSet
     x: NDArray[np.float64]
     covariance: NDArray[np.float64]
-    residual_m: NDArray[np.float64]
-    partials: NDArray[np.float64]
+    linearization: Linearization
     noise: ObservationNoise
     used: NDArray[np.bool_]
     chi2: float
@@ -183,6 +190,11 @@ class FitResult:
     def converged(self) -> bool:
         """Whether the fit converged and every free parameter is determined."""
         return self.status is FitStatus.CONVERGED
+
+    @property
+    def residual_m(self) -> NDArray[np.float64]:
+        """Observed - computed at `x`, for all observations, used or not, m, shape (n,)."""
+        return self.linearization.residual_m
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
@@ -206,38 +218,51 @@ class FitResult:
 
 
 def factorize(
-    residual_m: NDArray[np.float64],
-    partials: NDArray[np.float64],
-    noise: ObservationNoise,
+    linearization: Linearization,
+    combinations: Combinations,
     parameters: ParameterSet,
     x: NDArray[np.float64],
     settings: FitSettings,
-) -> Factor:
+) -> Factor | None:
     """Reduce one linearized problem, a-priori rows included, to its singular values.
 
     Parameters
     ----------
-    residual_m, partials : ndarray, shape (n,), (n, p)
-        The observations to use.
-    noise : ObservationNoise
-        Theirs.
+    linearization : Linearization
+        Of all observations.
+    combinations : Combinations
+        The observations to use, with their noise.
     parameters : ParameterSet
         Gives the a-priori rows and which columns are free.
     x : ndarray, shape (p,)
-        Where the partials were computed.
+        Where the problem was linearized.
     settings : FitSettings
         The tolerances of rank.
+
+    Returns
+    -------
+    Factor or None
+        None where a residual or a partial is not finite.
     """
-    free = parameters.free
-    q = int(free.sum())
+    free = np.flatnonzero(parameters.free)
+    q = len(free)
     with_prior = np.flatnonzero(np.isfinite(parameters.prior_sigmas[free]))
     prior_sigmas = parameters.prior_sigmas[free][with_prior]
     triangle = np.zeros((len(with_prior), q + 1))
     triangle[np.arange(len(with_prior)), with_prior] = 1.0 / prior_sigmas
     triangle[:, q] = (parameters.prior_values - x)[free][with_prior] / prior_sigmas
+
+    def rows_of(rows: Rows) -> NDArray[np.float64]:
+        out = np.empty((len(rows), q + 1))
+        out[:, :q] = linearization.partials(rows)[:, free]
+        out[:, q] = linearization.residual_m[rows]
+        return out
+
     # The triangle carries over from part to part, so no copy of all whitened rows is made.
-    for rows in noise.whitened(lambda part: np.column_stack([partials[part][:, free], residual_m[part]])):
-        triangle = np.asarray(np.linalg.qr(np.vstack([triangle, rows]), mode="r"))
+    for whitened in combinations.whitened(rows_of) if q else ():
+        triangle = reduced(triangle, whitened)
+    if not np.isfinite(triangle).all():
+        return None
 
     # Fewer rows than columns leave a trapezoid; rows of zeros complete it and show up as zero singular
     # values.
@@ -255,6 +280,17 @@ def factorize(
     return Factor(norms, s, right.T, left.T @ right_side, determined)
 
 
+def reduced(triangle: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Triangle of a triangle (k, c) with more rows (m, c) beneath it, shape (min(k + m, c), c)."""
+    columns = rows.shape[1]
+    leaf = max(2 * columns, _LEAF_ELEMENTS // columns)
+    while len(rows) > 2 * leaf:
+        count = len(rows) // leaf
+        tops = np.asarray(np.linalg.qr(rows[: count * leaf].reshape(count, leaf, columns), mode="r"))
+        rows = np.concatenate([tops.reshape(-1, columns), rows[count * leaf :]])
+    return np.asarray(np.linalg.qr(np.concatenate([triangle, rows]), mode="r"))
+
+
 def fit_least_squares(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
@@ -262,6 +298,7 @@ def fit_least_squares(
     *,
     used: ArrayLike | None = None,
     start: ArrayLike | None = None,
+    linearization: Linearization | None = None,
     settings: FitSettings | None = None,
 ) -> FitResult:
     """Fit parameters to observations.
@@ -269,7 +306,8 @@ def fit_least_squares(
     Parameters
     ----------
     residual_function : callable
-        From x (p,) to residuals observed - computed (n,), m, and partials d(computed)/dx (n, p).
+        From x (p,) to a :class:`~radioloc.estimation.linearization.Linearization`; or to the pair of residuals
+        observed - computed (n,), m, and partials d(computed)/dx (n, p).
     parameters : ParameterSet
         What is solved for, with a-priori values.
     sigma_m : array_like, shape (n,) or (), or ObservationNoise
@@ -278,6 +316,8 @@ def fit_least_squares(
         Observations that take part; all by default. Residuals are returned for the others too.
     start : array_like, shape (p,), optional
         Where to start; the a-priori values by default. Fixed parameters stay at their a-priori values.
+    linearization : Linearization, optional
+        The one at `start`, where it is known already.
     settings : FitSettings, optional
         Limits and tolerances.
 
@@ -298,53 +338,61 @@ def fit_least_squares(
         raise InputError(f"start has shape {x.shape}; {len(parameters)} parameters need ({len(parameters)},)")
     x = np.where(parameters.free, x, parameters.prior_values)
 
-    residual_m, partials = evaluate(residual_function, x)
-    n = len(residual_m)
+    at_start = evaluate(residual_function, x) if linearization is None else linearization
+    n = len(at_start.residual_m)
     noise = ObservationNoise.of(sigma_m, n)
     mask = np.ones(n, dtype=bool) if used is None else np.array(used, dtype=bool)
     if mask.shape != (n,):
         raise InputError(f"used has shape {mask.shape}; {n} observations need ({n},)")
-    check_finite(residual_m[mask], partials[mask], parameters)
-    noise_used = noise.select(mask)
+    check_residuals(at_start, mask)
+    combinations = noise.among(mask)
+    n_used = int(mask.sum())
 
-    def linearize(at: NDArray[np.float64]) -> _Point:
-        residual_m, partials = evaluate(residual_function, at)
-        finite = np.isfinite(partials[mask]).all()
-        chi2 = _sum_of_squares(residual_m[mask], noise_used, parameters, at) if finite else np.inf
-        return _Point(at, residual_m, partials, chi2)
+    def point(x: NDArray[np.float64], linearization: Linearization) -> _Point:
+        return _Point(x, linearization, sum_of_squares(linearization.residual_m, combinations, parameters, x))
 
-    def reduce(point: _Point) -> Factor:
-        return factorize(
-            point.residual_m[mask], point.partials[mask], noise_used, parameters, point.x, settings
-        )
+    def reduce(at: _Point) -> Factor | None:
+        return factorize(at.linearization, combinations, parameters, at.x, settings)
 
-    def stepped(point: _Point, factor: Factor, damping: float) -> _Point:
-        x = point.x.copy()
+    def stepped(at: _Point, factor: Factor, damping: float) -> _Point:
+        x = at.x.copy()
         x[parameters.free] += factor.step(damping)
-        return linearize(x)
+        return point(x, evaluate(residual_function, x))
 
-    here = _Point(x, residual_m, partials, _sum_of_squares(residual_m[mask], noise_used, parameters, x))
-    factor = reduce(here)
+    here = point(x, at_start)
+    first = reduce(here)
+    if first is None:
+        check_finite(at_start, mask, parameters)
+        raise InputError("the whitened partials overflow at the start; check the sigmas")
+    factor = first
     iterations: list[Iteration] = []
     # With every parameter fixed there is nothing to do but to report the residuals.
     status = FitStatus.MAX_ITERATIONS if parameters.free.any() else FitStatus.CONVERGED
     damping = 0.0
     while len(iterations) < settings.max_iterations and parameters.free.any():
         length = factor.step_sigmas
-        small = length < settings.step_tolerance * max(1.0, np.sqrt(here.chi2 / max(1, mask.sum())))
+        small = length < settings.step_tolerance * max(1.0, np.sqrt(here.chi2 / max(1, n_used)))
         lowest = float(factor.singular_values[factor.determined].min(initial=1.0))
+        after: Factor | None = None
         while damping <= _MAX_DAMPING * factor.singular_values[0]:
             trial = stepped(here, factor, damping)
-            # A step this small changes the sum by less than its rounding may: it is taken as it is.
-            if small or trial.chi2 <= here.chi2:
+            # A step this small changes the sum by less than its rounding may: it is taken as it is, and the partials
+            # change by no more than the step in parts of the distances, which are thousands of kilometres.
+            if small:
+                after = factor
                 break
-            # A long step in a weak direction leaves the curved valley of low sums; a second one leads back.
             if np.isfinite(trial.chi2):
-                trial = stepped(trial, reduce(trial), 0.0)
-                if trial.chi2 <= here.chi2:
+                after = reduce(trial)
+                if after is not None and trial.chi2 <= here.chi2:
                     break
+                # A long step in a weak direction leaves the curved valley of low sums; a second one leads back.
+                if after is not None:
+                    trial = stepped(trial, after, 0.0)
+                    after = reduce(trial) if trial.chi2 <= here.chi2 else None
+                    if after is not None:
+                        break
             damping = 3.0 * damping if damping > 0.0 else lowest
-        else:
+        if after is None:
             # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m),
             # or the partials point the wrong way.
             at_floor = length <= max(0.1, 1e-3 * np.sqrt(here.chi2))
@@ -352,8 +400,7 @@ def fit_least_squares(
             break
         iterations.append(Iteration(here.chi2, trial.chi2, length, damping))
         damping = 0.0 if damping <= lowest else damping / 3.0
-        here = trial
-        factor = reduce(here)
+        here, factor = trial, after
         if small:
             status = FitStatus.CONVERGED
             break
@@ -365,12 +412,11 @@ def fit_least_squares(
         parameters=parameters,
         x=here.x,
         covariance=_covariance(factor, parameters),
-        residual_m=here.residual_m,
-        partials=here.partials,
+        linearization=here.linearization,
         noise=noise,
         used=mask,
         chi2=here.chi2,
-        dof=int(mask.sum()) + n_prior - int(factor.determined.sum()),
+        dof=n_used + n_prior - int(factor.determined.sum()),
         status=status,
         iterations=tuple(iterations),
         factor=factor,
@@ -382,52 +428,21 @@ class _Point:
     """The model at one set of values."""
 
     x: NDArray[np.float64]
-    residual_m: NDArray[np.float64]
-    partials: NDArray[np.float64]
+    linearization: Linearization
     chi2: float
 
 
-def evaluate(
-    residual_function: ResidualFunction, x: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Residuals (n,) in m and partials (n, p) at x, with their shapes checked."""
-    residual_m, partials = residual_function(x)
-    residual_m = np.asarray(residual_m, dtype=np.float64)
-    partials = np.asarray(partials, dtype=np.float64)
-    if residual_m.ndim != 1 or partials.shape != (len(residual_m), len(x)):
-        raise InputError(
-            f"residuals of shape {residual_m.shape} and partials of shape {partials.shape} do not belong to "
-            f"{len(x)} parameters; (n,) and (n, {len(x)}) are needed"
-        )
-    return residual_m, partials
-
-
-def check_finite(
-    residual_m: NDArray[np.float64], partials: NDArray[np.float64], parameters: ParameterSet
-) -> None:
-    """Raise :class:`InputError` if residuals or partials are not finite."""
-    bad = np.flatnonzero(~np.isfinite(residual_m))
-    if len(bad):
-        raise InputError(
-            f"{len(bad)} of {len(residual_m)} residuals are not finite at the start, the first at {bad[0]}"
-        )
-    if not np.isfinite(partials).all():
-        column = int(np.flatnonzero(~np.isfinite(partials).all(axis=0))[0])
-        raise InputError(
-            f"the partials with respect to {parameters.names[column]} are not finite at the start"
-        )
-
-
-def _sum_of_squares(
+def sum_of_squares(
     residual_m: NDArray[np.float64],
-    noise: ObservationNoise,
+    combinations: Combinations,
     parameters: ParameterSet,
     x: NDArray[np.float64],
 ) -> float:
     """Weighted sum of squares with the a-priori rows; infinite where the model gives no finite number."""
     prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
-    parts = noise.whitened(lambda part: residual_m[part, None])
-    total = float(prior @ prior) + sum(float(np.vdot(part, part)) for part in parts)
+    total = float((prior * prior).sum())
+    for part in combinations.whitened(lambda rows: residual_m[rows, None]):
+        total += float(np.square(part, out=part).sum())
     return total if np.isfinite(total) else np.inf
 
 

@@ -13,7 +13,7 @@ independent and take part in a fit as independent observations do: divided by th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,7 +23,7 @@ from radioloc.errors import InputError
 ALONE = -1
 """Group of an observation that shares no error."""
 
-_ROWS_AT_ONCE = 20000
+_ROWS_AT_ONCE = 65536
 """Rows handled together: bounds the copies made."""
 
 _FLATTEST = 1e-10
@@ -48,9 +48,19 @@ class SharedErrors:
     source: NDArray[np.intp]
     effect_m: NDArray[np.float64]
 
-    def select(self, which: NDArray[np.bool_]) -> SharedErrors:
+    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> SharedErrors:
         """Those of some observations."""
         return SharedErrors(self.group[which], self.source[which], self.effect_m[which])
+
+    def variance_m2(self) -> NDArray[np.float64]:
+        """What all shared errors together add to the variance of each observation, shape (n,)."""
+        variance_m2 = np.zeros(len(self.group))
+        for i in range(self.source.shape[1]):
+            for j in range(self.source.shape[1]):
+                same = self.source[:, i] == self.source[:, j]
+                variance_m2 += same * self.effect_m[:, i] * self.effect_m[:, j]
+        variance_m2[self.group == ALONE] = 0.0
+        return variance_m2
 
     def covariance_m2(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Covariance of observations (b, k), each of the b in one group, shape (b, k, k)."""
@@ -89,8 +99,7 @@ class ObservationNoise:
     own_m: NDArray[np.float64]
     shared: SharedErrors | None = None
     sigma_m: NDArray[np.float64] = field(init=False)
-    _alone: NDArray[np.intp] = field(init=False)
-    _blocks: tuple[_Block, ...] = field(init=False)
+    _blocks: tuple[_Block, ...] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         bad = np.flatnonzero(~(np.isfinite(self.own_m) & (self.own_m > 0.0)))
@@ -98,9 +107,10 @@ class ObservationNoise:
             raise InputError(
                 f"sigma of observation {bad[0]} is {self.own_m[bad[0]]} m; give a finite positive number"
             )
-        alone = np.arange(len(self.own_m))
-        blocks: tuple[_Block, ...] = ()
-        if self.shared is not None:
+        blocks = self._blocks
+        if self.shared is None:
+            blocks = ()
+        elif blocks is None:
             if self.shared.group.shape != self.own_m.shape:
                 raise InputError(
                     f"groups of shared errors have shape {self.shared.group.shape}; "
@@ -108,13 +118,11 @@ class ObservationNoise:
                 )
             if not np.isfinite(self.shared.effect_m).all():
                 raise InputError("an effect of a shared error is not finite; give its standard deviation, m")
-            alone = np.flatnonzero(self.shared.group == ALONE)
-            blocks = tuple(_blocks(self.own_m, self.shared))
-        sigma_m = self.own_m.copy()
-        for block in blocks:
-            sigma_m[block.rows] = block.sigma_m
+            blocks = _blocks_of(self.own_m, self.shared)
+        sigma_m = self.own_m
+        if self.shared is not None:
+            sigma_m = np.sqrt(self.own_m**2 + self.shared.variance_m2())
         object.__setattr__(self, "sigma_m", sigma_m)
-        object.__setattr__(self, "_alone", alone)
         object.__setattr__(self, "_blocks", blocks)
 
     @classmethod
@@ -139,24 +147,117 @@ class ObservationNoise:
     def __len__(self) -> int:
         return len(self.own_m)
 
+    @property
+    def blocks(self) -> tuple[_Block, ...]:
+        """Observations that share errors, blocks of one size together."""
+        return self._blocks or ()
+
     def select(self, which: NDArray[np.bool_]) -> ObservationNoise:
         """Noise of some observations alone; those left out drop out of their blocks."""
         return ObservationNoise(self.own_m[which], None if self.shared is None else self.shared.select(which))
 
     def with_excess(self, excess_m: NDArray[np.float64]) -> ObservationNoise:
-        """Noise with another independent error in each observation, standard deviations (n,), m."""
-        return replace(self, own_m=np.hypot(self.own_m, excess_m))
+        """Noise with another independent error in each observation, standard deviations (n,), m.
+
+        An error of one size in all observations of a block is one of that size along each of its axes, which stay.
+        """
+        own_m = np.hypot(self.own_m, excess_m)
+        if self.shared is None:
+            return ObservationNoise(own_m)
+        blocks: list[_Block] = []
+        for block in self.blocks:
+            more_m = excess_m[block.rows]
+            even = bool((more_m == more_m[:, :1]).all())
+            blocks += [block.with_excess(more_m)] if even else _blocks_of_rows(own_m, self.shared, block.rows)
+        return ObservationNoise(own_m, self.shared, tuple(blocks))
+
+    def among(self, used: NDArray[np.bool_] | None = None) -> Combinations:
+        """Independent combinations of the observations in use, all of them by default.
+
+        Parameters
+        ----------
+        used : ndarray of bool, shape (n,), optional
+            Those left out drop out of their blocks.
+        """
+        if self.shared is None or used is None:
+            return Combinations(self, used, self.blocks)
+        blocks: list[_Block] = []
+        for block in self.blocks:
+            kept = used[block.rows]
+            whole = np.asarray(kept.all(axis=1))
+            if whole.all():
+                blocks.append(block)
+                continue
+            if whole.any():
+                blocks.append(block.select(whole))
+            broken = block.rows[~whole]
+            rows = broken[kept[~whole]]
+            if len(rows):
+                blocks += _blocks_of(self.own_m[rows], self.shared.select(rows), rows)
+        return Combinations(self, used, tuple(blocks))
 
     def combinations(
         self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
     ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Independent combinations of the observations, part by part, in an order of their own.
+        """As :meth:`Combinations.parts`, of all observations."""
+        return self.among().parts(rows_of)
+
+    def combined(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """As :meth:`Combinations.combined`, of all observations."""
+        return self.among().combined(values)
+
+    def whitened(
+        self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
+    ) -> Iterator[NDArray[np.float64]]:
+        """As :meth:`Combinations.whitened`, of all observations."""
+        return self.among().whitened(rows_of)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Combinations:
+    """Independent combinations of those observations that are in use; made by :meth:`ObservationNoise.among`.
+
+    Parameters
+    ----------
+    noise : ObservationNoise
+        Of all observations.
+    used : ndarray of bool, shape (n,), or None
+        Those in use; all where ``None``.
+    blocks : tuple of _Block
+        Those that share errors with others in use, and what is left of their blocks.
+    """
+
+    noise: ObservationNoise
+    used: NDArray[np.bool_] | None
+    blocks: tuple[_Block, ...]
+
+    def rows(self) -> Iterator[tuple[NDArray[np.intp], _Block | None]]:
+        """Observations part by part, in an order of their own: rows alone (m,), or of whole blocks (b, k)."""
+        group = None if self.noise.shared is None else self.noise.shared.group
+        for start in range(0, len(self.noise), _ROWS_AT_ONCE):
+            part = slice(start, min(start + _ROWS_AT_ONCE, len(self.noise)))
+            alone = np.ones(part.stop - start, dtype=bool) if group is None else group[part] == ALONE
+            if self.used is not None:
+                alone &= self.used[part]
+            rows = start + np.flatnonzero(alone)
+            if len(rows):
+                yield rows, None
+        for block in self.blocks:
+            at_once = max(1, _ROWS_AT_ONCE // block.rows.shape[1])
+            for start in range(0, len(block.rows), at_once):
+                part_of = block.select(slice(start, start + at_once))
+                yield part_of.rows, part_of
+
+    def parts(
+        self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
+    ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
+        """Independent combinations, part by part, in an order of their own.
 
         Parameters
         ----------
         rows_of : callable
             From indices of observations (m,) to numbers that belong to them, shape (m, k), such as partials and
-            residuals side by side.
+            residuals side by side; a new array, which is used up.
 
         Yields
         ------
@@ -165,21 +266,17 @@ class ObservationNoise:
         sigma_m : ndarray, shape (m,)
             Their standard deviations, m.
         """
-        for start in range(0, len(self._alone), _ROWS_AT_ONCE):
-            rows = self._alone[start : start + _ROWS_AT_ONCE]
-            yield rows_of(rows), self.own_m[rows]
-        for block in self._blocks:
-            at_once = max(1, _ROWS_AT_ONCE // block.rows.shape[1])
-            for start in range(0, len(block.rows), at_once):
-                part = slice(start, start + at_once)
-                shape = block.rows[part].shape
-                values = rows_of(block.rows[part].ravel()).reshape(*shape, -1)
-                combined = (np.swapaxes(block.axes[part], 1, 2) @ values).reshape(shape[0] * shape[1], -1)
-                yield combined, block.combined_m[part].ravel()
+        for rows, block in self.rows():
+            values = rows_of(rows.ravel())
+            if block is None:
+                yield values, self.noise.own_m[rows]
+            else:
+                combined = np.swapaxes(block.axes, 1, 2) @ values.reshape(*rows.shape, -1)
+                yield combined.reshape(rows.size, -1), block.combined_m.ravel()
 
     def combined(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Independent combinations of values (n,), such as residuals, and their standard deviations, m, both (n,)."""
-        parts = list(self.combinations(lambda rows: values[rows, None]))
+        """Independent combinations of values (n,), such as residuals, and their standard deviations, m, both (m,)."""
+        parts = list(self.parts(lambda rows: values[rows, None]))
         columns = [np.concatenate(column, axis=None) for column in zip(*parts, strict=True)]
         return (columns[0], columns[1]) if columns else (np.zeros(0), np.zeros(0))
 
@@ -188,10 +285,11 @@ class ObservationNoise:
     ) -> Iterator[NDArray[np.float64]]:
         """Combinations over their standard deviations: all are independent and of unit variance.
 
-        As :meth:`combinations`, whose second part is used up.
+        As :meth:`parts`, whose second part is used up.
         """
-        for combined, sigma_m in self.combinations(rows_of):
-            yield combined / sigma_m[:, None]
+        for combined, sigma_m in self.parts(rows_of):
+            combined /= sigma_m[:, None]
+            yield combined
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,8 +300,6 @@ class _Block:
     ----------
     rows : ndarray of int, shape (b, k)
         Observations of each block.
-    sigma_m : ndarray, shape (b, k)
-        Their standard deviations.
     axes : ndarray, shape (b, k, k)
         Principal axes of their covariance in columns.
     combined_m : ndarray, shape (b, k)
@@ -211,28 +307,55 @@ class _Block:
     """
 
     rows: NDArray[np.intp]
-    sigma_m: NDArray[np.float64]
     axes: NDArray[np.float64]
     combined_m: NDArray[np.float64]
 
+    def select(self, which: NDArray[np.bool_] | slice) -> _Block:
+        """Some of the blocks."""
+        return _Block(self.rows[which], self.axes[which], self.combined_m[which])
 
-def _blocks(own_m: NDArray[np.float64], shared: SharedErrors) -> Iterator[_Block]:
-    """Group observations to blocks, those of one size together."""
+    def with_excess(self, excess_m: NDArray[np.float64]) -> _Block:
+        """With another independent error (b, k), the same in all observations of a block."""
+        return _Block(self.rows, self.axes, np.hypot(self.combined_m, excess_m))
+
+
+def _blocks_of(
+    own_m: NDArray[np.float64], shared: SharedErrors, names: NDArray[np.intp] | None = None
+) -> tuple[_Block, ...]:
+    """Group observations to blocks, those of one size together; the rows are called by other indices if so asked."""
     order = np.argsort(shared.group, kind="stable")
     order = order[shared.group[order] != ALONE]
     _, starts, counts = np.unique(shared.group[order], return_index=True, return_counts=True)
+    blocks: list[_Block] = []
     for size in np.unique(counts):
         rows = order[starts[counts == size][:, None] + np.arange(size)]
-        covariance = shared.covariance_m2(rows)
-        diagonal = np.arange(size)
-        covariance[:, diagonal, diagonal] += own_m[rows] ** 2
-        variances, axes = np.linalg.eigh(covariance)
+        blocks += _blocks_of_rows(own_m, shared, rows, names)
+    return tuple(blocks)
+
+
+def _blocks_of_rows(
+    own_m: NDArray[np.float64],
+    shared: SharedErrors,
+    rows: NDArray[np.intp],
+    names: NDArray[np.intp] | None = None,
+) -> list[_Block]:
+    """Blocks of given rows (b, k), each its own group."""
+    size = rows.shape[1]
+    axes, combined_m = np.empty((*rows.shape, size)), np.empty(rows.shape)
+    diagonal = np.arange(size)
+    at_once = max(1, _ROWS_AT_ONCE // size)
+    for start in range(0, len(rows), at_once):
+        part = rows[start : start + at_once]
+        covariance = shared.covariance_m2(part)
+        covariance[:, diagonal, diagonal] += own_m[part] ** 2
+        variances, axes[start : start + at_once] = np.linalg.eigh(covariance)
         flat = np.flatnonzero(variances[:, 0] <= _FLATTEST * variances[:, -1])
         if len(flat):
-            row = int(rows[flat[0], np.argmin(own_m[rows[flat[0]]])])
+            row = int(part[flat[0], np.argmin(own_m[part[flat[0]]])])
             raise InputError(
-                f"sigma of observation {row} is {own_m[row]:g} m, too small beside the error that it shares with "
-                f"others, {np.abs(shared.effect_m[row]).max():g} m; give at least a 10000th of that"
+                f"sigma of observation {row if names is None else names[row]} is {own_m[row]:g} m, too small beside "
+                f"the error that it shares with others, {np.abs(shared.effect_m[row]).max():g} m; give at least a "
+                "10000th of that"
             )
-        sigma_m = np.sqrt(covariance[:, diagonal, diagonal])
-        yield _Block(rows, sigma_m, axes, np.sqrt(variances))
+        combined_m[start : start + at_once] = np.sqrt(variances)
+    return [_Block(rows if names is None else names[rows], axes, combined_m)]

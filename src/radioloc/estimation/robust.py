@@ -5,12 +5,15 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.least_squares import (
-    FitSettings,
+from radioloc.estimation.least_squares import FitSettings, factorize
+from radioloc.estimation.linearization import (
+    ROWS_AT_ONCE,
+    DenseLinearization,
+    Linearization,
     ResidualFunction,
     check_finite,
+    check_residuals,
     evaluate,
-    factorize,
 )
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
@@ -18,6 +21,11 @@ from radioloc.estimation.parameters import ParameterSet
 _MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
 _MAX_LINEARIZATIONS = 15
 _MAX_REWEIGHTINGS = 100
+_MOST_ROWS = 20000
+"""Of more observations a sample of about so many makes the start: it is then off by a hundredth of one observation's
+sigma, where five decide."""
+_FEWEST_DRAWS = 200  # for each parameter
+_SEED = 20201201
 _SETTLED = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
 
 
@@ -37,11 +45,14 @@ def robust_scale(normalized: NDArray[np.float64], n_parameters: int) -> float:
     The deviation is taken from zero, where the residuals of a fit should be centred. Zero if there are no
     residuals.
     """
-    if not len(normalized):
+    n = len(normalized)
+    if not n:
         return 0.0
-    ordered = np.sort(np.abs(normalized))
-    telling = ordered[min(max(0, n_parameters - 1), len(ordered) - 1) :]
-    return _MAD_TO_SIGMA * float(np.median(telling))
+    first = min(max(0, n_parameters - 1), n - 1)
+    middle = first + (n - first) // 2
+    pair = sorted({middle - (n - first + 1) % 2, middle})
+    ordered = np.partition(np.abs(normalized), pair)
+    return _MAD_TO_SIGMA * float(ordered[pair].mean())
 
 
 def robust_start(
@@ -50,13 +61,14 @@ def robust_start(
     sigma_m: NDArray[np.float64],
     usable: NDArray[np.bool_],
     settings: FitSettings,
-) -> NDArray[np.float64]:
-    """Estimate that gross errors in a minority of the observations move by little, shape (p,).
+    at_start: Linearization | None = None,
+) -> tuple[NDArray[np.float64], Linearization]:
+    """Estimate that gross errors in a minority of the observations move by little.
 
     Minimizes Huber's loss (1964) with its corner at one stated sigma, so that far from the solution it is
     the sum of absolute residuals, by iteratively reweighted least squares on each linearization. The loss
     is convex: far from the solution there is no false minimum of a linear model to fall into, and no scale
-    has to be guessed.
+    has to be guessed. Of more than :data:`_MOST_ROWS` observations a sample makes the start (:func:`_sample`).
 
     Parameters
     ----------
@@ -71,6 +83,14 @@ def robust_start(
         Observations that may take part.
     settings : FitSettings
         Tolerances of rank.
+    at_start : Linearization, optional
+        The one at the a-priori values, where it is known already.
+
+    Returns
+    -------
+    x : ndarray, shape (p,)
+    linearization : Linearization
+        At x, of all observations.
 
     Raises
     ------
@@ -78,28 +98,84 @@ def robust_start(
         Residuals or partials at the start are not finite.
     """
     x = parameters.prior_values
-    free = parameters.free
-    residual_m, partials = evaluate(residual_function, x)
-    check_finite(residual_m[usable], partials[usable], parameters)
-    loss = _huber_loss(residual_m[usable] / sigma_m[usable], parameters, x)
+    free = np.flatnonzero(parameters.free)
+    whole = evaluate(residual_function, x) if at_start is None else at_start
+    check_residuals(whole, usable)
+    many = int(usable.sum()) > _MOST_ROWS
+    rows = _sample(whole, sigma_m, usable, parameters) if many else np.flatnonzero(usable)
+    sigma_m = sigma_m[rows]
+    residual_m, partials = whole.residual_m[rows], whole.partials(rows)
+    check_finite(DenseLinearization(residual_m, partials), np.ones(len(rows), dtype=bool), parameters)
+    loss = _huber_loss(residual_m / sigma_m, parameters, x)
     for _ in range(_MAX_LINEARIZATIONS):
-        step = _huber_step(residual_m[usable], partials[usable], sigma_m[usable], parameters, x, settings)
-        moved = np.abs(partials[usable][:, free] @ step) / sigma_m[usable]
-        spread = robust_scale(residual_m[usable] / sigma_m[usable], int(free.sum()))
+        step = _huber_step(residual_m, partials, sigma_m, parameters, x, settings)
+        if step is None:
+            break
+        moved = np.abs(partials[:, free] @ step) / sigma_m
+        spread = robust_scale(residual_m / sigma_m, len(free))
         if moved.max(initial=0.0) < _SETTLED * max(1.0, spread):
             break
         for _ in range(10):
             trial = x.copy()
             trial[free] += step
-            trial_residual_m, trial_partials = evaluate(residual_function, trial)
-            trial_loss = _huber_loss(trial_residual_m[usable] / sigma_m[usable], parameters, trial)
+            trial_whole = evaluate(residual_function, trial)
+            trial_residual_m = trial_whole.residual_m[rows]
+            trial_loss = _huber_loss(trial_residual_m / sigma_m, parameters, trial)
             if trial_loss < loss:
                 break
             step = 0.5 * step
         else:
             break
-        x, residual_m, partials, loss = trial, trial_residual_m, trial_partials, trial_loss
-    return x
+        x, whole, residual_m, partials, loss = (
+            trial,
+            trial_whole,
+            trial_residual_m,
+            trial_whole.partials(rows),
+            trial_loss,
+        )
+    return x, whole
+
+
+def _sample(
+    whole: Linearization, sigma_m: NDArray[np.float64], usable: NDArray[np.bool_], parameters: ParameterSet
+) -> NDArray[np.intp]:
+    """Rows that stand for all usable ones, in order.
+
+    Notes
+    -----
+    Each free parameter has the same number of draws. Half the chance of an observation is the same for all that the
+    parameter acts on, so a bias of one rare station has its observations in the sample; half is in proportion to
+    (partial / sigma)^2, so those that say most are in it (Drineas, Mahoney and Muthukrishnan 2006). The draws are
+    spread evenly over the order of the rows, each at random in its stretch, from a fixed seed.
+    """
+    free = np.flatnonzero(parameters.free)
+    candidates = np.flatnonzero(usable)
+    parts = [candidates[k : k + ROWS_AT_ONCE] for k in range(0, len(candidates), ROWS_AT_ONCE)]
+
+    def squares(rows: NDArray[np.intp]) -> NDArray[np.float64]:
+        return np.asarray(np.square(whole.partials(rows)[:, free] / sigma_m[rows, None]))
+
+    counts, sums = np.zeros(len(free)), np.zeros(len(free))
+    for rows in parts:
+        found = squares(rows)
+        if not np.isfinite(found).all():
+            check_finite(whole, usable, parameters)
+        counts += (found > 0.0).sum(axis=0)
+        sums += found.sum(axis=0)
+    counts, sums = np.maximum(counts, 1.0), np.where(sums > 0.0, sums, 1.0)
+    draws = max(_MOST_ROWS // max(len(free), 1), _FEWEST_DRAWS)
+    random = np.random.Generator(np.random.PCG64(_SEED))
+    places = (np.arange(draws) + random.random((len(free), draws))) / draws
+    drawn = np.zeros(len(usable), dtype=bool)
+    before = np.zeros(len(free))
+    for rows in parts:
+        found = squares(rows)
+        chances = np.cumsum(0.5 * (found > 0.0) / counts + 0.5 * found / sums, axis=0) + before
+        for k, place in enumerate(places):
+            mine = place[(place >= before[k]) & (place < chances[-1, k])]
+            drawn[rows[np.searchsorted(chances[:, k], mine, side="right")]] = True
+        before = chances[-1]
+    return np.flatnonzero(drawn)
 
 
 def _huber_step(
@@ -109,16 +185,22 @@ def _huber_step(
     parameters: ParameterSet,
     x: NDArray[np.float64],
     settings: FitSettings,
-) -> NDArray[np.float64]:
-    """Change of the free parameters that minimizes Huber's loss of the linearized residuals, shape (q,)."""
+) -> NDArray[np.float64] | None:
+    """Change of the free parameters that minimizes Huber's loss of the linearized residuals, shape (q,).
+
+    None where a partial is not finite.
+    """
     free_partials = partials[:, parameters.free]
+    linearization = DenseLinearization(residual_m, partials)
     step = np.zeros(free_partials.shape[1])
     remaining_m = residual_m
     for _ in range(_MAX_REWEIGHTINGS):
         # A residual of m sigmas, m > 1, weighs like one observed with sqrt(m) times the stated sigma.
         weakened_m = sigma_m * np.sqrt(np.maximum(1.0, np.abs(remaining_m) / sigma_m))
-        noise = ObservationNoise(weakened_m)
-        new_step = factorize(residual_m, partials, noise, parameters, x, settings).step()
+        factor = factorize(linearization, ObservationNoise(weakened_m).among(), parameters, x, settings)
+        if factor is None:
+            return None
+        new_step = factor.step()
         moved = np.abs(free_partials @ (new_step - step)) / sigma_m
         step = new_step
         remaining_m = residual_m - free_partials @ step

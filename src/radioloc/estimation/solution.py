@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.estimation.editing import USED
+from radioloc.estimation.editing import Outcome
+from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import Iteration
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.parameters import ParameterSet
@@ -32,33 +33,67 @@ class Residuals:
     ----------
     epoch_utc : Epochs
         UTC of the event that the time tag names.
-    station, type, path : ndarray of str
+    stations, types, paths : Labels
         Station that a bias or a group belongs to, kind of measurement, participants of the light path.
     observed_m, residual_m, sigma_m : ndarray
         Observed value, observed - computed, stated standard deviation; m of the whole light path.
     elevation_deg : ndarray or None
         Lower of the stations' elevations of the Moon, deg.
-    status : ndarray of str
+    outcome : Outcome
         ``"used"`` or the reason why the observation was left out.
     """
 
     epoch_utc: Epochs
-    station: NDArray[np.str_]
-    type: NDArray[np.str_]
-    path: NDArray[np.str_]
+    stations: Labels
+    types: Labels
+    paths: Labels
     observed_m: NDArray[np.float64]
     residual_m: NDArray[np.float64]
     sigma_m: NDArray[np.float64]
     elevation_deg: NDArray[np.float64] | None
-    status: NDArray[np.str_]
+    outcome: Outcome
 
     def __len__(self) -> int:
         return len(self.residual_m)
 
+    def select(self, rows: Any) -> Residuals:
+        """Some rows: a slice, a mask or indices."""
+        return Residuals(
+            self.epoch_utc[rows],
+            self.stations.select(rows),
+            self.types.select(rows),
+            self.paths.select(rows),
+            self.observed_m[rows],
+            self.residual_m[rows],
+            self.sigma_m[rows],
+            None if self.elevation_deg is None else self.elevation_deg[rows],
+            self.outcome.select(rows),
+        )
+
+    @property
+    def station(self) -> NDArray[np.str_]:
+        """:attr:`stations` as texts, shape (n,)."""
+        return self.stations.array()
+
+    @property
+    def type(self) -> NDArray[np.str_]:
+        """:attr:`types` as texts, shape (n,)."""
+        return self.types.array()
+
+    @property
+    def path(self) -> NDArray[np.str_]:
+        """:attr:`paths` as texts, shape (n,)."""
+        return self.paths.array()
+
+    @property
+    def status(self) -> NDArray[np.str_]:
+        """:attr:`outcome` as texts, shape (n,)."""
+        return self.outcome.array()
+
     @property
     def used(self) -> NDArray[np.bool_]:
         """Which observations took part in the fit, shape (n,)."""
-        return self.status == USED
+        return self.outcome.used
 
     @property
     def computed_m(self) -> NDArray[np.float64]:

@@ -10,6 +10,8 @@ from statistics import NormalDist
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.estimation.labels import Labels
+
 SCALING_PROBABILITY = 0.999
 """The formal covariance is scaled up when the reduced chi-square would exceed its value by chance in fewer
 than one
@@ -120,15 +122,15 @@ def group_statistics(
 
 
 def statistics_by(
-    labels: Sequence[str] | NDArray[np.str_],
+    labels: Labels | Sequence[str] | NDArray[np.str_],
     residual_m: NDArray[np.float64],
     sigma_m: NDArray[np.float64],
     used: NDArray[np.bool_],
 ) -> tuple[GroupStatistics, ...]:
     """Statistics of each group of observations that share a label, in alphabetic order."""
-    array = np.asarray(labels, dtype=np.str_)
-    groups = []
-    for label in np.unique(array):
-        which = array == label
-        groups.append(group_statistics(str(label), residual_m[which], sigma_m[which], used[which]))
-    return tuple(groups)
+    groups = Labels.of(labels)
+    found = []
+    for label in groups.present():
+        which = groups.are(label)
+        found.append(group_statistics(label, residual_m[which], sigma_m[which], used[which]))
+    return tuple(found)

@@ -104,9 +104,10 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
 def _panels(residuals: Residuals) -> list[_Panel]:
     """Group observations by kind and by baseline or receiver."""
     found: dict[tuple[int, str], dict[str, NDArray[np.intp]]] = {}
-    keys = np.array([f"{kind}\t{path}" for kind, path in zip(residuals.type, residuals.path, strict=True)])
+    types, paths = residuals.types, residuals.paths
+    keys = types.codes * len(paths.texts) + paths.codes
     for key in np.unique(keys):
-        kind, path = str(key).split("\t")
+        kind, path = types.texts[key // len(paths.texts)], paths.texts[key % len(paths.texts)]
         link = Link.from_path(path)
         if kind not in KINDS:
             raise InputError(f"type {kind!r} of an observation is not known; use {', '.join(KINDS)}")

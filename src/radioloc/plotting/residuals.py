@@ -58,14 +58,14 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
     residuals = solution.residuals if isinstance(solution, Solution) else solution
     if not len(residuals):
         raise InputError("there are no residuals to draw")
-    stations = [str(name) for name in np.unique(residuals.station)]
+    stations = residuals.stations.present()
     if len(stations) > _MAX_PANELS:
         raise InputError(f"{len(stations)} stations do not fit on one page; select up to {_MAX_PANELS}")
     if title is None:
         title = (f"{solution.name}: " if isinstance(solution, Solution) else "") + _TITLE
 
     dates = utc_dates(residuals.epoch_utc)
-    half_heights_m = [_half_height(residuals, residuals.station == station) for station in stations]
+    half_heights_m = [_half_height(residuals, residuals.stations.are(station)) for station in stations]
     if max(half_heights_m) <= _MAX_HEIGHT_RATIO * min(half_heights_m):
         half_heights_m = [max(half_heights_m)] * len(stations)
     figure = new_figure(8.0, 1.1 + _PANEL_HEIGHT_IN * len(stations))
@@ -85,7 +85,7 @@ def _draw_station(
     color: str,
     half_height_m: float,
 ) -> None:
-    mine = residuals.station == station
+    mine = residuals.stations.are(station)
     used = mine & residuals.used
     out = mine & ~residuals.used
     factor, unit = length_unit(half_height_m)
@@ -130,7 +130,7 @@ def _draw_station(
             handles += axes.plot(dates[which], shown, label=f"{which.sum()} {name}", **style)
     axes.set_ylim(-limit, limit)
     axes.set_ylabel(f"light path ({unit})", fontsize=8)
-    if set(residuals.type[mine].tolist()) == {"range"}:
+    if residuals.types.are("range")[mine].all():
         one_way = axes.secondary_yaxis("right", functions=(_halved, _doubled))
         one_way.set_ylabel(f"one way ({unit})", fontsize=8, color="0.4")
         one_way.tick_params(labelsize=8, color="0.4", labelcolor="0.4")

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +19,8 @@ from radioloc.errors import CoverageError, InputError
 from radioloc.estimation.build import build_solution
 from radioloc.estimation.editing import USED, EditingSettings, fit_with_editing
 from radioloc.estimation.excess_noise import NoisyFit, fit_with_excess_noise
+from radioloc.estimation.labels import Labels
+from radioloc.estimation.linearization import ROWS_AT_ONCE
 from radioloc.estimation.solution import Solution
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm_agreement import LightTime
@@ -25,7 +28,7 @@ from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.electron_content import ElectronContent, UniformTec
 from radioloc.measurements.gravitational_delay import PLANETS_MM
-from radioloc.measurements.observations import TIME_TAGS, Link, Observations
+from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.tracking_arc import TrackingArc
@@ -33,7 +36,7 @@ from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study, TerrainPrior
-from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
+from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
 
 _DOUBTFUL_EXCESS = 20.0
 """Excess noise in stated sigmas that is no longer a matter of model errors; laser ranges of DE421's time ask for 5."""
@@ -133,7 +136,6 @@ def fit_arc(
     fitted = _fit(study, problem, estimate, _status(arc, target.xyz_m))
     x = fitted.edited.fit.x
     lander_pa_m = problem.position_pa_m(x)
-    elevation_rad = arc.compute(lander_pa_m).elevation_rad
     return build_solution(
         fitted.edited,
         position_pa_m=lander_pa_m,
@@ -142,11 +144,11 @@ def fit_arc(
         pa_frame=model.libration.frame,
         me_frame=constants.me_frame,
         epoch_utc=observations.epoch,
-        station=np.array(arc.stations)[arc.receivers],
+        station=Labels.coded(arc.stations, arc.receivers),
         observed_m=observations.value_m,
-        path=observations.paths(),
-        type=observations.types(),
-        elevation_deg=np.degrees(elevation_rad.min(axis=-1)),
+        path=Labels.coded([link.path for link in observations.links], observations.link),
+        type=Labels.coded(KINDS, observations.kind),
+        elevation_deg=_elevation_deg(arc, lander_pa_m),
         ephemeris_sigma_enu_m=(0.0, 0.0, 0.0) if estimate is None else estimate.ephemeris_sigma_m,
         excess_noise_m=fitted.excess_noise_m,
         reference_pa_m=None if reference is None else reference.xyz_m,
@@ -227,37 +229,64 @@ def _arc(model: PhysicalModel, observations: Observations, target_pa: LunarPosit
         raise
 
 
-def _status(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> NDArray[np.str_]:
+def _blocks(arc: TrackingArc) -> Iterator[NDArray[np.intp]]:
+    """Rows of an arc, some ten thousand at a time."""
+    n = len(arc.observations)
+    for start in range(0, n, ROWS_AT_ONCE):
+        yield np.arange(start, min(start + ROWS_AT_ONCE, n))
+
+
+def _elevation_deg(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Lower of the stations' elevations, deg, shape (n,)."""
+    at = arc.at(lander_pa_m)
+    elevation_deg = np.empty(len(arc.observations))
+    for rows in _blocks(arc):
+        elevation_deg[rows] = np.degrees(at.rows(rows).elevation_rad.min(axis=-1))
+    elevation_deg.flags.writeable = False
+    return elevation_deg
+
+
+def _status(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> Labels:
     """Which observations can be used at all, seen from the a-priori position, and why others cannot."""
-    status = np.where((problem := arc.compute(lander_pa_m).problem) == "", USED, problem).astype(object)
-    tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch))
-    model = arc.model
-    earth_deg = np.degrees(earth_elevation_rad(model.ephemeris, model.libration, tdb, lander_pa_m))
-    for row in np.flatnonzero((status == USED) & (earth_deg < _LOWEST_EARTH_DEG)):
-        status[row] = f"the Earth is {-earth_deg[row]:.1f} deg below the target's horizon"
-    return status.astype(np.str_)
+    at, model = arc.at(lander_pa_m), arc.model
+
+    def earth_deg(epochs: Epochs) -> NDArray[np.float64]:
+        return np.degrees(earth_elevation_rad(model.ephemeris, model.libration, epochs, lander_pa_m))
+
+    codes = np.zeros(len(arc.observations), dtype=np.int32)
+    places = {USED: 0}
+    for rows in _blocks(arc):
+        problem = at.rows(rows).problem
+        bad = np.flatnonzero(problem != "")
+        texts, which = np.unique(problem[bad], return_inverse=True)
+        new = [places.setdefault(str(text), len(places)) for text in texts]
+        codes[rows[bad]] = np.array(new, dtype=np.int32)[which]
+        # The Earth moves in the lander's sky with the librations, in days.
+        above_deg = evaluate_smooth(earth_deg, tt_to_tdb(utc_to_tt(arc.observations.epoch[rows])))
+        for row in np.flatnonzero((codes[rows] == 0) & (above_deg < _LOWEST_EARTH_DEG)):
+            text = f"the Earth is {-above_deg[row]:.1f} deg below the target's horizon"
+            codes[rows[row]] = places.setdefault(text, len(places))
+    return Labels(codes, tuple(places))
 
 
-def _fit(
-    study: Study, problem: Problem, estimate: EstimateChoice | None, status: NDArray[np.str_]
-) -> NoisyFit:
+def _fit(study: Study, problem: Problem, estimate: EstimateChoice | None, status: Labels) -> NoisyFit:
     noise = stated_noise(problem.arc, study.observations)
     if estimate is None:
         as_given = EditingSettings(enabled=False)
         edited = fit_with_editing(
-            problem.residuals, problem.parameters, noise, status=status, editing=as_given
+            problem.linearize, problem.parameters, noise, status=status, editing=as_given
         )
         return NoisyFit(edited, {})
-    if not (status == USED).any():
+    if not status.are(USED).any():
         raise InputError(
-            f"no observations left: all {len(status)} are rejected, the first one because: {status[0]}; "
+            f"no observations left: all {len(status)} are rejected, the first one because: {status[:1][0]}; "
             "check the target's position and frame, and the stations"
         )
     return fit_with_excess_noise(
-        problem.residuals,
+        problem.linearize,
         problem.parameters,
         noise,
-        groups=problem.arc.observations.types(),
+        groups=Labels.coded(KINDS, problem.arc.observations.kind),
         status=status,
         editing=EditingSettings(threshold=estimate.rejection_sigma),
     )
@@ -311,7 +340,7 @@ def _doubts(noise: NoisyFit, observations: Observations) -> list[str]:
     """Warnings where data of a type and model disagree by far more than the data's own noise."""
     doubts = []
     for kind, excess_m in noise.excess_noise_m.items():
-        typical_m = float(np.median(observations.sigma_m[observations.types() == kind]))
+        typical_m = float(np.median(observations.sigma_m[observations.kind == KINDS.index(kind)]))
         if excess_m > _DOUBTFUL_EXCESS * typical_m:
             doubts.append(
                 f"WARNING: the {kind} residuals are {excess_m / typical_m:.0f} times the stated sigmas; data and model "

@@ -9,7 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.measurements.arc import Computed
+from radioloc.estimation.linearization import ROWS_AT_ONCE
+from radioloc.measurements.arc import Arc, Computed
 from radioloc.measurements.observations import (
     RANGE,
     TIME_TAGS,
@@ -17,11 +18,83 @@ from radioloc.measurements.observations import (
     VLBI_DELAY_RATE,
     is_differenced,
 )
-from radioloc.measurements.tracking_arc import TrackingArc
-from radioloc.time import utc_to_tai
+from radioloc.time import Epochs, utc_to_tai
 
-Shares = Callable[[TrackingArc, Computed | None], NDArray[np.float64]]
-"""Partials by the parameter of the first and of the second station of each observation, shape (n, 2)."""
+
+class ArcRows:
+    """Some observations of an arc, as nuisance parameters see them; arrays of shape (m,).
+
+    Parameters
+    ----------
+    arc : Arc
+    rows : ndarray of int, shape (m,), optional
+        Which observations; all by default.
+    computed : callable, optional
+        From rows to what the arc computes of them, asked when :attr:`computed` is.
+    middle : Epochs, optional
+        Middle of the arc, TAI, one epoch.
+    """
+
+    def __init__(
+        self,
+        arc: Arc,
+        rows: NDArray[np.intp] | None = None,
+        computed: Callable[[NDArray[np.intp]], Computed] | None = None,
+        middle: Epochs | None = None,
+    ) -> None:
+        self.arc = arc
+        self.rows = np.arange(len(arc.transmitters)) if rows is None else rows
+        self._compute = computed
+        self._computed: Computed | None = None
+        self._middle = middle
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def kind(self) -> NDArray[np.int8]:
+        """Index into :data:`~radioloc.measurements.observations.KINDS`."""
+        return self.arc.observations.kind[self.rows]
+
+    @property
+    def tag(self) -> NDArray[np.int8]:
+        """Index into :data:`~radioloc.measurements.observations.TIME_TAGS`."""
+        return self.arc.observations.tag[self.rows]
+
+    @property
+    def transmitters(self) -> NDArray[np.int32]:
+        """Index of the first station."""
+        return self.arc.transmitters[self.rows]
+
+    @property
+    def receivers(self) -> NDArray[np.int32]:
+        """Index of the second station."""
+        return self.arc.receivers[self.rows]
+
+    @property
+    def elapsed_s(self) -> NDArray[np.float64]:
+        """Time since the middle of the arc, s."""
+        middle = middle_of(self.arc) if self._middle is None else self._middle
+        return utc_to_tai(self.arc.observations.epoch[self.rows]).seconds_since(middle)
+
+    @property
+    def computed(self) -> Computed | None:
+        """What the arc computes of these observations; None before there is a position."""
+        if self._computed is None and self._compute is not None:
+            self._computed = self._compute(self.rows)
+        return self._computed
+
+
+def middle_of(arc: Arc) -> Epochs:
+    """Half way between an arc's first and last observation, TAI, one epoch."""
+    epoch = arc.observations.epoch
+    days = (epoch.jd - epoch.jd.min()) + epoch.fraction
+    ends = utc_to_tai(epoch[[int(days.argmin()), int(days.argmax())]])
+    return ends[:1].shifted(0.5 * ends[1:].seconds_since(ends[:1]))
+
+
+Shares = Callable[[ArcRows], NDArray[np.float64]]
+"""Partials by the parameter of the first and of the second station of each observation, shape (m, 2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,8 +110,8 @@ class Nuisance:
     scale : float
         A change worth about one metre.
     shares : callable
-        What the parameters of an observation's two stations do to its value. Called without a computation it may
-        give any non-zero partials where there are some.
+        What the parameters of an observation's two stations do to its value. Where nothing is computed yet it may give
+        any non-zero partials where there are some.
     """
 
     key: str
@@ -51,59 +124,62 @@ class Nuisance:
         """Key of the prior's sigma in ``[estimate]``."""
         return f"{self.key}_sigma_{self.unit.replace('/', '_')}"
 
-    def stations(self, arc: TrackingArc) -> list[int]:
+    def stations(self, arc: Arc) -> list[int]:
         """Indices of the stations with observations that such a parameter acts on."""
-        acts = self.shares(arc, None) != 0.0
-        taking_part = {int(i) for i in arc.transmitters[acts[:, 0]]} | {
-            int(i) for i in arc.receivers[acts[:, 1]]
-        }
+        taking_part: set[int] = set()
+        n = len(arc.transmitters)
+        for start in range(0, n, ROWS_AT_ONCE):
+            part = ArcRows(arc, np.arange(start, min(start + ROWS_AT_ONCE, n)))
+            acts = self.shares(part) != 0.0
+            taking_part |= set(np.unique(part.transmitters[acts[:, 0]]).tolist())
+            taking_part |= set(np.unique(part.receivers[acts[:, 1]]).tolist())
         return sorted(taking_part)
 
-    def columns(self, arc: TrackingArc, computed: Computed, stations: list[int]) -> NDArray[np.float64]:
-        """Partials by the parameters of some stations, shape (n, number of stations)."""
+    def columns(self, part: ArcRows, stations: list[int]) -> NDArray[np.float64]:
+        """Partials of some observations by the parameters of some stations, shape (m, number of stations)."""
         if not stations:
-            return np.zeros((len(arc.observations), 0))
-        shares = self.shares(arc, computed)
+            return np.zeros((len(part), 0))
+        shares = self.shares(part)
         mine = np.array(stations)
-        first = (arc.transmitters[:, None] == mine) * shares[:, :1]
-        return first + (arc.receivers[:, None] == mine) * shares[:, 1:]
+        first = (part.transmitters[:, None] == mine) * shares[:, :1]
+        return first + (part.receivers[:, None] == mine) * shares[:, 1:]
 
 
-def _range_bias(arc: TrackingArc, computed: Computed | None) -> NDArray[np.float64]:
-    ranges = (arc.observations.kind == RANGE).astype(np.float64)
+def _range_bias(part: ArcRows) -> NDArray[np.float64]:
+    ranges = (part.kind == RANGE).astype(np.float64)
     return np.stack([np.zeros_like(ranges), ranges], axis=-1)
 
 
-def _time_bias(arc: TrackingArc, computed: Computed | None) -> NDArray[np.float64]:
+def _time_bias(part: ArcRows) -> NDArray[np.float64]:
     """The tag belongs to the transmitter if it names the transmission, and to the first station of a delay."""
-    tags, delays = arc.observations.tag, is_differenced(arc.observations.kind)
-    first = delays | (tags == TIME_TAGS.index("transmit"))
-    by_time = np.ones(len(tags)) if computed is None else computed.by_time_m_s
+    first = is_differenced(part.kind) | (part.tag == TIME_TAGS.index("transmit"))
+    computed = part.computed
+    by_time = np.ones(len(part)) if computed is None else computed.by_time_m_s
     return np.stack([np.where(first, by_time, 0.0), np.where(first, 0.0, by_time)], axis=-1)
 
 
-def _clock(arc: TrackingArc, computed: Computed | None) -> NDArray[np.float64]:
+def _clock(part: ArcRows) -> NDArray[np.float64]:
     """A clock that is ahead reads an arrival later: the second station's adds to the delay, but not to its growth."""
-    delays = (arc.observations.kind == VLBI_DELAY) * C_M_S
+    delays = (part.kind == VLBI_DELAY) * C_M_S
     return np.stack([-delays, delays], axis=-1)
 
 
-def _clock_rate(arc: TrackingArc, computed: Computed | None) -> NDArray[np.float64]:
+def _clock_rate(part: ArcRows) -> NDArray[np.float64]:
     """Times the time since the middle of the arc, which hardly ties it to the offset, or times the count interval."""
-    observations = arc.observations
-    shares, rates = _clock(arc, computed), observations.kind == VLBI_DELAY_RATE
-    grown = np.where(rates, observations.count_s, 0.0)[:, None] * np.array([-C_M_S, C_M_S])
-    if computed is None or not len(shares):
-        return shares + grown
-    tai = utc_to_tai(observations.epoch)
-    elapsed_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])
-    return shares * (elapsed_s - 0.5 * (elapsed_s.min() + elapsed_s.max()))[:, None] + grown
+    shares, rates = _clock(part), part.kind == VLBI_DELAY_RATE
+    if rates.any():
+        grown = np.where(rates, part.arc.observations.count_s[part.rows], 0.0)[:, None] * np.array(
+            [-C_M_S, C_M_S]
+        )
+    else:
+        grown = np.zeros_like(shares)
+    # A partial at the middle is zero, but its stations take part: the time counts where there is a position.
+    return shares + grown if part.computed is None else shares * part.elapsed_s[:, None] + grown
 
 
-def _zenith_delay(arc: TrackingArc, computed: Computed | None) -> NDArray[np.float64]:
-    if computed is None:
-        return np.ones((len(arc.observations), 2))
-    return computed.by_zenith_wet
+def _zenith_delay(part: ArcRows) -> NDArray[np.float64]:
+    computed = part.computed
+    return np.ones((len(part), 2)) if computed is None else computed.by_zenith_wet
 
 
 NUISANCES = (

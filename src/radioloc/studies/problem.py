@@ -14,12 +14,14 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError, StationError
+from radioloc.estimation.linearization import ROWS_AT_ONCE, Rows
 from radioloc.estimation.parameters import Parameter, ParameterSet
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.tracking_arc import TrackingArc
-from radioloc.studies.nuisance import NUISANCES, Nuisance
+from radioloc.measurements.arc import Arc, Prediction
+from radioloc.studies.nuisance import NUISANCES, ArcRows, Nuisance, middle_of
 from radioloc.studies.study import EstimateChoice, HeightPrior, TerrainPrior
+from radioloc.time import Epochs
 
 logger = logging.getLogger(__name__)
 
@@ -35,23 +37,26 @@ class Problem:
 
     Parameters
     ----------
-    arc : TrackingArc
+    arc : Arc
     parameters : ParameterSet
         Three of the position, then the nuisance parameters, kind by kind.
     position : PositionFunction
     nuisances : tuple of (Nuisance, list of int)
         The kinds that are estimated, each with the indices of its stations.
+    middle_tai : Epochs or None
+        Middle of the arc, which clock rates count from, one epoch; None for an arc without observations.
     """
 
-    arc: TrackingArc
+    arc: Arc
     parameters: ParameterSet
     position: PositionFunction
     nuisances: tuple[tuple[Nuisance, list[int]], ...]
+    middle_tai: Epochs | None = None
 
     @classmethod
     def of(
         cls,
-        arc: TrackingArc,
+        arc: Arc,
         target_pa: LunarPosition,
         estimate: EstimateChoice | None,
         catalogue: StationCatalogue,
@@ -60,7 +65,7 @@ class Problem:
 
         Parameters
         ----------
-        arc : TrackingArc
+        arc : Arc
         target_pa : LunarPosition
             A-priori position in principal axes.
         estimate : EstimateChoice or None
@@ -106,7 +111,8 @@ class Problem:
                 'nothing to estimate: [estimate] position is "none" and no bias is asked for; '
                 "use `radioloc residuals` to see residuals at the given position"
             )
-        return cls(arc, ParameterSet(parameters), function, tuple(nuisances))
+        middle_tai = middle_of(arc) if len(arc.transmitters) else None
+        return cls(arc, ParameterSet(parameters), function, tuple(nuisances), middle_tai)
 
     def position_pa_m(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Position at parameters x, principal axes, m."""
@@ -118,15 +124,59 @@ class Problem:
         partials[:, :3] = self.position(x[:3])[1]
         return partials
 
-    def residuals(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Observed minus computed (n,), m, and partials of the computed (n, p)."""
+    def linearize(self, x: NDArray[np.float64]) -> ArcLinearization:
+        """Residuals of all observations and partials of those asked for, at parameters x."""
         lander_pa_m, by_parameters = self.position(x[:3])
-        computed = self.arc.compute(lander_pa_m)
-        columns = [computed.by_position_pa @ by_parameters]
-        columns += [nuisance.columns(self.arc, computed, stations) for nuisance, stations in self.nuisances]
-        partials = np.hstack(columns)
-        total_m = computed.value_m + partials[:, 3:] @ x[3:]
-        return self.arc.observations.value_m - total_m, partials
+        at = self.arc.at(lander_pa_m)
+        residual_m = self.arc.observations.value_m - at.value_m
+        here = ArcLinearization(self, at, by_parameters, residual_m)
+        if x[3:].any():
+            for start in range(0, len(residual_m), ROWS_AT_ONCE):
+                rows = np.arange(start, min(start + ROWS_AT_ONCE, len(residual_m)))
+                residual_m[rows] -= here.nuisance_columns(here.part(rows)) @ x[3:]
+        residual_m.flags.writeable = False
+        return here
+
+    def residuals(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Observed minus computed (n,), m, and partials of the computed (n, p), all at once."""
+        here = self.linearize(x)
+        return here.residual_m, here.partials(np.arange(len(here.residual_m)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArcLinearization:
+    """A problem linearized at one set of parameters.
+
+    Parameters
+    ----------
+    problem : Problem
+    at : Prediction
+    by_parameters : ndarray, shape (3, 3)
+        d(position)/d(position parameters).
+    residual_m : ndarray, shape (n,)
+        Observed - computed, m.
+    """
+
+    problem: Problem
+    at: Prediction
+    by_parameters: NDArray[np.float64]
+    residual_m: NDArray[np.float64]
+
+    def partials(self, rows: Rows) -> NDArray[np.float64]:
+        """d(computed)/d(parameter) of some observations, shape (m, p)."""
+        part = self.part(rows)
+        computed = part.computed
+        assert computed is not None  # there is a position
+        return np.hstack([computed.by_position_pa @ self.by_parameters, self.nuisance_columns(part)])
+
+    def part(self, rows: Rows) -> ArcRows:
+        """Some observations as the nuisance parameters see them."""
+        return ArcRows(self.problem.arc, rows, self.at.rows, self.problem.middle_tai)
+
+    def nuisance_columns(self, part: ArcRows) -> NDArray[np.float64]:
+        """Partials of some observations by the nuisance parameters, shape (m, p - 3)."""
+        columns = [nuisance.columns(part, stations) for nuisance, stations in self.problem.nuisances]
+        return np.hstack([np.zeros((len(part), 0)), *columns])
 
 
 def _on_sphere(
@@ -212,7 +262,7 @@ def _on_terrain(
 
 
 def _stations_of(
-    nuisance: Nuisance, names: tuple[str, ...] | str, catalogue: StationCatalogue, arc: TrackingArc
+    nuisance: Nuisance, names: tuple[str, ...] | str, catalogue: StationCatalogue, arc: Arc
 ) -> list[int]:
     """Indices of the stations that get a parameter of one kind."""
     if names == "none":

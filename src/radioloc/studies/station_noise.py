@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
+from radioloc.measurements.arc import Arc
 from radioloc.measurements.observations import VLBI_DELAY, VLBI_DELAY_RATE
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.study import ObservationChoice
 from radioloc.time import Epochs, utc_to_tai
 
@@ -22,12 +22,12 @@ SAME_EPOCH_S = 0.05
 time through the Earth; epochs 0.1 s apart or more can be told from each other."""
 
 
-def stated_noise(arc: TrackingArc, choice: ObservationChoice) -> ObservationNoise:
+def stated_noise(arc: Arc, choice: ObservationChoice) -> ObservationNoise:
     """Noise of an arc's observations before the residuals are asked.
 
     Parameters
     ----------
-    arc : TrackingArc
+    arc : Arc
     choice : ObservationChoice
         The error beyond the stated sigmas, and that of the VLBI stations.
 

@@ -110,7 +110,9 @@ def test_curved_valley_of_a_short_arc():
         fit = fit_least_squares(model.residual_function(observed_m), parameters, 0.3)
         assert fit.converged
         assert len(fit.iterations) <= 6
-        gradient = (fit.partials / 0.3).T @ (fit.residual_m / 0.3)
+        gradient = (fit.linearization.partials(np.arange(len(fit.residual_m))) / 0.3).T @ (
+            fit.residual_m / 0.3
+        )
         # Stationary to a hundredth of a sigma in every direction.
         assert np.sqrt(gradient @ fit.covariance @ gradient) < 1e-2
 

@@ -7,6 +7,7 @@ import pytest
 from toy_moon import ToyMoon, toy_solution
 
 from radioloc.errors import InputError
+from radioloc.estimation import Labels, Outcome
 from radioloc.plotting import plot_links, save_figure
 
 DASH = "\N{EN DASH}"
@@ -30,12 +31,12 @@ def rows():
     status[[10, 11]] = "outlier"
     return replace(
         made,
-        type=kind,
-        path=path,
-        station=np.array([p.split(">")[-1] for p in path]),
+        types=Labels.of(kind),
+        paths=Labels.of(path),
+        stations=Labels.of([p.split(">")[-1] for p in path]),
         residual_m=residual_m,
         sigma_m=np.full(90, 0.05),
-        status=status,
+        outcome=Outcome(status == "used", Labels.of(status), residual_m, np.full(90, 0.05), 1.0),
     )
 
 
@@ -129,26 +130,24 @@ def test_title(rows):
     assert plot_links(rows).get_suptitle() == "observed \N{MINUS SIGN} computed"
     assert plot_links(rows, "mine").get_suptitle() == "mine"
     solution = toy_solution(ToyMoon(5, 1.0, ("A",), biases=False))
-    named = replace(solution, residuals=replace(solution.residuals, path=np.full(5, "A>x>A")))
+    named = replace(solution, residuals=replace(solution.residuals, paths=Labels.of(np.full(5, "A>x>A"))))
     assert plot_links(named).get_suptitle().startswith(f"{solution.name}: ")
 
 
 def test_nothing_and_too_much_are_refused(rows):
-    names = ("epoch_utc", "station", "type", "path", "observed_m", "residual_m", "sigma_m", "status")
     with pytest.raises(InputError, match="no residuals"):
-        plot_links(replace(rows, **{name: getattr(rows, name)[:0] for name in names}))
+        plot_links(rows.select(slice(0)))
     many = np.array([f"S{k}>x>S{k}" for k in range(90)])
     with pytest.raises(InputError, match="links do not fit"):
-        plot_links(replace(rows, path=many))
+        plot_links(replace(rows, paths=Labels.of(many)))
     with pytest.raises(InputError, match="'phase' of an observation is not known"):
-        plot_links(replace(rows, type=np.full(90, "phase")))
+        plot_links(replace(rows, types=Labels.of(np.full(90, "phase"))))
 
 
 def test_thousands_of_dots_are_a_picture_in_a_small_file(rows, tmp_path):
-    many = np.tile(np.arange(90), 100)
-    names = ("epoch_utc", "station", "type", "path", "observed_m", "residual_m", "sigma_m", "status")
-    large = replace(rows, **{name: getattr(rows, name)[many] for name in names}, elevation_deg=None)
-    save_figure(plot_links(large), [tmp_path / "links.svg", tmp_path / "links.png"])
+    save_figure(
+        plot_links(rows.select(np.tile(np.arange(90), 100))), [tmp_path / "links.svg", tmp_path / "links.png"]
+    )
     svg = (tmp_path / "links.svg").read_text()
     assert "<image" in svg
     assert len(svg) < 1_000_000

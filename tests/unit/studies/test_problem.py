@@ -8,7 +8,9 @@ import pytest
 import radioloc
 from radioloc import EstimateChoice, HeightPrior, LunarPosition
 from radioloc.measurements.observations import KINDS, TIME_TAGS
+from radioloc.studies.nuisance import ArcRows
 from radioloc.studies.problem import Problem
+from radioloc.time import Epochs
 
 PLACES = {
     "apollo15": (3.6, 26.1, -1900.0),
@@ -118,6 +120,7 @@ def test_biases_by_kind_of_measurement(near15, model):
         observations=SimpleNamespace(
             kind=np.array([KINDS.index(kind) for kind in kinds]),
             tag=np.array([TIME_TAGS.index(tag) for tag in tags]),
+            epoch=Epochs.from_jd(2459185.5, np.arange(5) / 24.0, "UTC"),
         ),
     )
     start = near15.to_axes("PA", model.ephemeris.constants)
@@ -126,7 +129,8 @@ def test_biases_by_kind_of_measurement(near15, model):
     names = [p.name for p in problem.parameters][3:]
     assert names == ["range_bias.GRASSE", "time_bias.APOLLO", "time_bias.GRASSE"]
     computed = SimpleNamespace(by_time_m_s=np.array([10.0, 20.0, 30.0, 40.0, 50.0]))
-    columns = [nuisance.columns(arc, computed, stations).tolist() for nuisance, stations in problem.nuisances]
+    part = ArcRows(arc, computed=lambda rows: computed)
+    columns = [nuisance.columns(part, stations).tolist() for nuisance, stations in problem.nuisances]
     assert columns == [
         [[1], [1], [1], [0], [0]],
         [[10, 0], [0, 20], [0, 30], [40, 0], [0, 50]],

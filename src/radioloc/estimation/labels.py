@@ -1,0 +1,75 @@
+"""Texts of many rows, of which few differ: a small number for each row, and each text once."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Labels:
+    """A column of texts in four bytes a row; an index gives an array of str.
+
+    Parameters
+    ----------
+    codes : ndarray of int32, shape (n,)
+        Index into `texts`.
+    texts : tuple of str
+        Each once.
+    """
+
+    codes: NDArray[np.int32]
+    texts: tuple[str, ...]
+
+    @classmethod
+    def of(cls, values: Labels | ArrayLike | Sequence[str]) -> Labels:
+        """Labels of a column of texts, or as they are."""
+        if isinstance(values, Labels):
+            return values
+        array = np.asarray(values)
+        if array.dtype == object:
+            place: dict[str, int] = {}
+            codes = [place.setdefault(str(value), len(place)) for value in array.ravel().tolist()]
+            return cls(np.array(codes, dtype=np.int32).reshape(array.shape), tuple(place))
+        texts, which = np.unique(array.astype(np.str_), return_inverse=True)
+        return cls(which.astype(np.int32).reshape(array.shape), tuple(str(text) for text in texts))
+
+    @classmethod
+    def coded(cls, texts: Sequence[str], codes: NDArray[Any]) -> Labels:
+        """Labels of an index into texts, of which several may be the same."""
+        place: dict[str, int] = {}
+        recode = np.array([place.setdefault(text, len(place)) for text in texts], dtype=np.int32)
+        return cls(recode[codes] if len(recode) else np.zeros(0, dtype=np.int32), tuple(place))
+
+    def __len__(self) -> int:
+        return len(self.codes)
+
+    def __getitem__(self, rows: Any) -> NDArray[np.str_]:
+        """Texts of a slice, a mask or indices of rows."""
+        texts = np.array(self.texts, dtype=np.str_) if self.texts else np.array([""])
+        return np.asarray(texts[self.codes[rows]])
+
+    def select(self, rows: Any) -> Labels:
+        """Some rows."""
+        return Labels(self.codes[rows], self.texts)
+
+    def array(self) -> NDArray[np.str_]:
+        """Texts of all rows, shape (n,); read-only."""
+        out = self[:]
+        out.flags.writeable = False
+        return out
+
+    def are(self, text: str) -> NDArray[np.bool_]:
+        """Which rows have a text, shape (n,)."""
+        if text not in self.texts:
+            return np.zeros(len(self), dtype=bool)
+        return np.asarray(self.codes == self.texts.index(text))
+
+    def present(self) -> tuple[str, ...]:
+        """Texts that some row has, in alphabetic order."""
+        counts = np.bincount(self.codes, minlength=len(self.texts))
+        return tuple(sorted(text for text, count in zip(self.texts, counts, strict=False) if count))

@@ -14,6 +14,11 @@ import pytest
 
 import radioloc
 from radioloc.cli import main
+from radioloc.earth.geodesy import geodetic_from_itrf
+from radioloc.earth.ionosphere import ionosphere_delay_m, modified_shell_mapping
+from radioloc.earth.mapping_functions import niell
+from radioloc.earth.radio_troposphere import standard_weather, zenith_hydrostatic_delay_m, zenith_wet_delay_m
+from radioloc.earth.vmf3 import vmf3
 from radioloc.estimation.export import solution_dict
 from radioloc.io import table
 from radioloc.io.solution_files import RESIDUAL_COLUMNS
@@ -141,6 +146,12 @@ def test_every_term_is_explained_in_its_section():
         assert term in sections[anchor], f"{term} is not in the section {anchor}"
 
 
+def touch_named_files(folder):
+    """Files that the example of the study file names beside those that ship."""
+    for name in ("my_c04.txt", "y2006.vmf3_r", "y2007.vmf3_r", "gpt3_5.grd"):
+        (folder / name).touch()
+
+
 def documented_keys() -> dict[str, set[str]]:
     """Keys by table, from the headings and tables of the page of the study file."""
     keys: dict[str, set[str]] = {}
@@ -167,7 +178,7 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
     monkeypatch.setattr(TomlTable, "take", noted)
     [example] = [b for b in blocks(DOCS / "reference" / "study-file.md") if b.file == "everything.toml"]
     (workspace / example.file).write_text(example.text)
-    (workspace / "my_c04.txt").touch()
+    touch_named_files(workspace)
     study = radioloc.read_study(workspace / example.file)
     del asked[""]
     # Stations are found under any name, and the prior is a table within a table.
@@ -186,6 +197,7 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
             "latitude_deg",
             "height_m",
             "ionex",
+            "vmf3_orography",
         }
     assert study.name == "everything"
 
@@ -341,6 +353,47 @@ def test_fits_of_the_examples(file, label):
     assert (np.abs(np.array(stated[1:]) - measured) < near).all(), measured
 
 
+def test_sizes_of_the_air_on_radio_paths():
+    elevation_rad = np.radians([10.0, 20.0, 45.0])
+    sizes = {}
+    for name in ("SESHAN25", "URUMQI"):
+        place = geodetic_from_itrf(radioloc.StationCatalogue.default()[name].itrf_m)
+        where = place.latitude_rad, place.longitude_rad
+        weather = standard_weather(place.height_m)
+        zenith_m, more_m = (
+            zenith_hydrostatic_delay_m(weather.pressure_hpa + more, where[0], place.height_m)
+            for more in (0, 10)
+        )
+        wet_m = zenith_wet_delay_m(weather.vapour_pressure_hpa, weather.temperature_k)
+        mapping = niell(elevation_rad, where[0], place.height_m, 336.0)
+        vienna, other = (
+            vmf3(elevation_rad, a, 5.4e-4, *where, 336.0, place.height_m) for a in (1.22e-3, 1.25e-3)
+        )
+        sizes[f"all of the standard atmosphere, {name}"] = (
+            zenith_m * mapping.hydrostatic + wet_m * mapping.wet
+        )
+        sizes["10 hPa"] = (more_m - zenith_m) * mapping.hydrostatic
+        sizes["50 mm"] = 0.05 * mapping.wet
+        sizes[f"VMF3's mapping instead of Niell's, hydrostatic a = 1.22e-3, {name}"] = zenith_m * (
+            vienna.hydrostatic - mapping.hydrostatic
+        )
+        sizes[f"3e-5 more of that a, as from one week to another, {name}"] = zenith_m * (
+            other.hydrostatic - vienna.hydrostatic
+        )
+    for tecu in (10, 50):
+        slant_tecu = tecu * modified_shell_mapping(elevation_rad)[0]
+        sizes[f"ionosphere, {tecu} TECU at the zenith, 8.4 GHz"] = ionosphere_delay_m(slant_tecu, 8.4e9)
+    rows = rows_of_table(DOCS / "how-to" / "radio-media.md", "what")
+    assert len(rows) == 9
+    for row in rows:
+        [size_m] = [value for key, value in sizes.items() if row[0].startswith(key)]
+        digits = len(row[1].partition(".")[2])
+        stated_mm = [float(cell) for cell in row[1:]]
+        # The pressure of 10 hPa weighs alike at both stations, but for their gravity.
+        half = 0.5 * 10.0**-digits + (0.3 if row[0].startswith("10 hPa") else 0.0)
+        np.testing.assert_allclose(stated_mm, MILLIMETRES * size_m, rtol=0, atol=1.01 * half, err_msg=row[0])
+
+
 # Commands and code.
 
 
@@ -397,7 +450,7 @@ def test_commands_and_code_run(page, workspace, capsys):
 
 @pytest.mark.parametrize("page", runs("toml"), ids=lambda p: str(p.relative_to(DOCS)))
 def test_toml_is_a_study_or_part_of_one(page, workspace):
-    (workspace / "my_c04.txt").touch()
+    touch_named_files(workspace)
     for block in blocks(page):
         if block.language != "toml":
             continue

@@ -16,6 +16,7 @@ from radioloc.kernels import KernelFile
 from radioloc.measurements.electron_content import ElectronContent
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.gravitational_delay import PLANETS_MM
+from radioloc.measurements.radio_atmosphere import RadioAtmosphere
 from radioloc.measurements.terms import TERMS, active_terms
 
 
@@ -39,6 +40,8 @@ class PhysicalModel:
         Source of electron content along the rays of radio signals.
     delays : EquipmentDelays
         Delays of equipment that are in the data, under the catalogue's names of stations.
+    radio_atmosphere : RadioAtmosphere or None
+        Files of VMF3 and GPT3 for the troposphere of radio signals; weather and a standard atmosphere without.
     """
 
     ephemeris: Ephemeris
@@ -48,6 +51,7 @@ class PhysicalModel:
     terms: frozenset[str]
     ionosphere: ElectronContent | None = None
     delays: EquipmentDelays = field(default_factory=EquipmentDelays)
+    radio_atmosphere: RadioAtmosphere | None = None
 
     @classmethod
     def build(
@@ -59,6 +63,7 @@ class PhysicalModel:
         catalogue: StationCatalogue | None = None,
         ionosphere: ElectronContent | None = None,
         delays: EquipmentDelays | None = None,
+        radio_atmosphere: RadioAtmosphere | None = None,
         off: Iterable[str] = (),
     ) -> PhysicalModel:
         """Open the kernels and tables.
@@ -75,6 +80,8 @@ class PhysicalModel:
             Source of electron content, such as IONEX maps; radio signals have no ionospheric delay without one.
         delays : EquipmentDelays, optional
             Delays of equipment that are in the data; none where it is not given.
+        radio_atmosphere : RadioAtmosphere, optional
+            Files of VMF3 and GPT3, from :func:`~radioloc.measurements.radio_atmosphere.read_radio_atmosphere`.
         off : iterable of str
             Names of terms to leave out.
 
@@ -96,7 +103,8 @@ class PhysicalModel:
         table = EopTable.packaged() if earth_orientation is None else EopTable.from_file(earth_orientation)
         stations = StationCatalogue.default() if catalogue is None else catalogue
         equipment = (delays or EquipmentDelays()).named(stations)
-        return cls(spk, pck, _earth_orientation(table, terms), stations, terms, ionosphere, equipment)
+        earth = _earth_orientation(table, terms)
+        return cls(spk, pck, earth, stations, terms, ionosphere, equipment, radio_atmosphere)
 
     def without(self, *names: str) -> PhysicalModel:
         """The same model with some more terms left out.

@@ -47,6 +47,7 @@ from radioloc.measurements.light_path import (
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.observations import Observations, is_counted, is_differenced
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.radio_atmosphere import ZenithAir
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.trajectory_motion import behind_moon, displaced, trajectory_motion
@@ -111,6 +112,7 @@ class TrackingArc:
         laser = np.array([station.kind == "llr" for station in self._stations], dtype=bool)[self._receiver]
         wavelength = self._paths.wavelength_um
         self._radio = np.where(np.isnan(wavelength), ~laser, wavelength >= SHORTEST_RADIO_UM)
+        self._air = tuple(self._air_above(which, tt) for which in (self._transmitter, self._receiver))
         self._sign = np.where(differenced, -1.0, 1.0)
         self._tag = np.where(differenced, TRANSMIT, self._paths.tag).astype(np.int8)
         self._equipment = model.delays.on_paths(
@@ -225,6 +227,7 @@ class TrackingArc:
         part._transmitter, part._receiver = transmitter[path_rows], receiver[path_rows]
         part._paths = self._paths.select(paths)
         part._radio, part._sign, part._tag = self._radio[paths], self._sign[paths], self._tag[paths]
+        part._air = tuple(None if air is None else _rows_of(air, paths) for air in self._air)
         part._reference, part._earth = self._reference[paths], _rows_of(self._earth, paths)
         part._equipment = _rows_of(self._equipment, paths)
         part._up, part._down = _rows_of(self._up, paths), _rows_of(self._down, paths)
@@ -284,6 +287,14 @@ class TrackingArc:
             if self.trajectory is None
             else trajectory_motion(self.model, self.trajectory, self._reference, self._moon)
         )
+
+    def _air_above(self, which: NDArray[np.int32], tt: Epochs) -> ZenithAir | None:
+        """What files say of the air above the stations at one end."""
+        files = self.model.radio_atmosphere
+        if files is None or not self.model.has("troposphere"):
+            return None
+        here = which == self._receiver
+        return files.at(self._stations, which, tt, self._paths, self._radio, here)
 
     def _station(self, which: NDArray[np.int32], offset_s: NDArray[np.float64]) -> StationMotion:
         return station_motion(self.model, self._stations, which, self._reference, self._earth, offset_s)
@@ -377,10 +388,10 @@ class TrackingArc:
         """Elevation and tropospheric delay at both stations."""
         lander_gcrs_m, velocity_m_s = self._moon.geocentric(relay, path.bounce_s)
         up, down = (
-            self._slant(station, which, uplink, lander_gcrs_m, velocity_m_s)
-            for station, which, uplink in (
-                (self._up, self._transmitter, self._sign > 0.0),
-                (self._down, self._receiver, np.zeros(len(self._paths), dtype=bool)),
+            self._slant(station, which, uplink, air, lander_gcrs_m, velocity_m_s)
+            for station, which, uplink, air in (
+                (self._up, self._transmitter, self._sign > 0.0, self._air[0]),
+                (self._down, self._receiver, np.zeros(len(self._paths), dtype=bool), self._air[1]),
             )
         )
         return up, down
@@ -390,6 +401,7 @@ class TrackingArc:
         station: StationMotion,
         which: NDArray[np.int32],
         uplink: NDArray[np.bool_],
+        air: ZenithAir | None,
         lander_gcrs_m: NDArray[np.float64],
         velocity_m_s: NDArray[np.float64],
     ) -> _Slant:
@@ -397,7 +409,7 @@ class TrackingArc:
         elevation_rad = elevation.angle_rad
         if self.model.has("troposphere"):
             delay = troposphere_delay(
-                self._paths, station, elevation_rad, self._radio, which == self._receiver
+                self._paths, station, elevation_rad, self._radio, which == self._receiver, air
             )
         else:
             delay = SlantDelay.none(len(elevation_rad))

@@ -1,7 +1,8 @@
 """Delay by the neutral atmosphere at one end of a path, and why it cannot be had where it cannot.
 
 Light: zenith delay of Mendes and Pavlis with the mapping function FCULa, from recorded weather. Radio: zenith delays of
-Saastamoinen, from recorded weather or else from a standard atmosphere, with the mapping functions of Niell.
+Saastamoinen, from recorded weather or else from a standard atmosphere, with the mapping functions of Niell; or what
+files of VMF3 and GPT3 say (:mod:`radioloc.measurements.radio_atmosphere`).
 """
 
 from __future__ import annotations
@@ -12,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.earth.checks import LEAST_ELEVATION_RAD, WAVELENGTH_RANGE_UM
-from radioloc.earth.mapping_functions import niell
+from radioloc.earth.mapping_functions import MappingFactors, day_of_year, niell
 from radioloc.earth.optical_troposphere import optical_delay, water_vapour_pressure_hpa
 from radioloc.earth.radio_troposphere import (
     standard_weather,
@@ -20,6 +21,7 @@ from radioloc.earth.radio_troposphere import (
     zenith_wet_delay_m,
 )
 from radioloc.measurements.observations import Observations
+from radioloc.measurements.radio_atmosphere import ZenithAir
 from radioloc.measurements.station_motion import StationMotion
 
 SHORTEST_RADIO_UM = 1000.0
@@ -66,6 +68,7 @@ def troposphere_delay(
     elevation_rad: NDArray[np.float64],
     radio: NDArray[np.bool_] | None = None,
     weather_is_here: NDArray[np.bool_] | None = None,
+    air: ZenithAir | None = None,
 ) -> SlantDelay:
     """Tropospheric delay at one end.
 
@@ -81,6 +84,8 @@ def troposphere_delay(
         Which observations are of radio signals; by the recorded wavelength where not given.
     weather_is_here : ndarray of bool, shape (n,), optional
         Whether the recorded weather is this station's; it is where not given.
+    air : ZenithAir, optional
+        What files say of the air above the station, for radio signals.
 
     Notes
     -----
@@ -99,7 +104,9 @@ def troposphere_delay(
     if len(rows):
         _fill_light(slant, observations, station, elevation_rad, rows)
     rows = np.flatnonzero(radio & (problem == ""))
-    if len(rows):
+    if len(rows) and air is not None:
+        _fill_from_files(slant, air, elevation_rad, rows)
+    elif len(rows):
         _fill_radio(slant, observations, station, elevation_rad, rows, here)
     return SlantDelay(
         slant.delay_m, slant.by_elevation_m_rad, slant.by_zenith_wet, slant.standard, problem.astype(np.str_)
@@ -169,12 +176,26 @@ def _fill_radio(
     )
     dry_m = zenith_hydrostatic_delay_m(pressure, latitude_rad, height_m)
     wet_m = zenith_wet_delay_m(water_vapour_pressure_hpa(temperature, humidity, pressure), temperature)
-    date = (observations.epoch.jd[rows] - 2440587.5).astype(np.int64).astype("datetime64[D]")
-    day_of_year = (date - date.astype("datetime64[Y]")).astype(np.float64) + 1.0
-    mapping = niell(
-        elevation_rad[rows], latitude_rad, height_m, day_of_year + observations.epoch.fraction[rows]
+    mapping = niell(elevation_rad[rows], latitude_rad, height_m, day_of_year(observations.epoch[rows]))
+    _map_to_slant(slant, rows, dry_m, wet_m, mapping)
+    slant.standard[rows] = missing
+
+
+def _fill_from_files(
+    slant: SlantDelay, air: ZenithAir, elevation_rad: NDArray[np.float64], rows: NDArray[np.intp]
+) -> None:
+    _map_to_slant(
+        slant, rows, air.hydrostatic_m[rows], air.wet_m[rows], air.mapping(elevation_rad[rows], rows)
     )
+
+
+def _map_to_slant(
+    slant: SlantDelay,
+    rows: NDArray[np.intp],
+    dry_m: NDArray[np.float64],
+    wet_m: NDArray[np.float64],
+    mapping: MappingFactors,
+) -> None:
     slant.delay_m[rows] = dry_m * mapping.hydrostatic + wet_m * mapping.wet
     slant.by_elevation_m_rad[rows] = dry_m * mapping.hydrostatic_rate_rad + wet_m * mapping.wet_rate_rad
     slant.by_zenith_wet[rows] = mapping.wet
-    slant.standard[rows] = missing

@@ -15,7 +15,7 @@ from radioloc._version import __version__
 from radioloc.constants import C_M_S
 from radioloc.earth.ionex import read_ionex
 from radioloc.ephemeris import EphemerisConstants
-from radioloc.errors import CoverageError, InputError
+from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import build_solution
 from radioloc.estimation.editing import USED, EditingSettings, fit_with_editing
 from radioloc.estimation.excess_noise import NoisyFit, fit_with_excess_noise
@@ -24,12 +24,14 @@ from radioloc.estimation.linearization import ROWS_AT_ONCE
 from radioloc.estimation.solution import Solution
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm_agreement import LightTime
+from radioloc.kernels import sha256_of
 from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.electron_content import ElectronContent, UniformTec
 from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.problem import Problem
@@ -168,6 +170,7 @@ def model_of(study: Study) -> PhysicalModel:
         earth_orientation=choice.earth_orientation,
         catalogue=study.catalogue,
         ionosphere=_ionosphere(choice),
+        radio_atmosphere=_radio_atmosphere(choice),
         off=set(TERMS) - choice.terms,
     )
 
@@ -176,6 +179,17 @@ def _ionosphere(choice: ModelChoice) -> ElectronContent | None:
     if choice.ionex:
         return read_ionex(choice.ionex)
     return None if choice.tec_tecu is None else UniformTec(choice.tec_tecu)
+
+
+def _radio_atmosphere(choice: ModelChoice) -> RadioAtmosphere | None:
+    if not choice.vmf3 and choice.gpt3 is None and choice.vmf3_orography is None:
+        return None
+    try:
+        return read_radio_atmosphere(choice.vmf3, choice.vmf3_orography, choice.gpt3)
+    except FileFormatError:
+        raise
+    except InputError as error:
+        raise InputError(f"[model] {error}") from None
 
 
 def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
@@ -325,6 +339,15 @@ def _notes(
     laser = all(station.kind == "llr" for station in stations)
     if model.has("ionosphere") and model.ionosphere is None and not laser:
         notes.append("no ionosphere for radio signals: give maps or a content as [model] ionex or tec_tecu")
+    files = model.radio_atmosphere
+    if model.has("troposphere") and files is not None and not laser:
+        radio = [station for station in stations if station.kind != "llr"]
+        for source in ("VMF3", "GPT3"):
+            served = [station.name for station in radio if files.source_of(station) == source]
+            if served:
+                notes.append(
+                    f"troposphere of radio signals from {source} for {', '.join(served)}, beside recorded pressure"
+                )
     off = [name for name in TERMS if not model.has(name)]
     if off:
         notes.append(f"terms left out of the model: {', '.join(off)}")
@@ -372,7 +395,17 @@ def _provenance(
         "estimate": None if estimate is None else _estimate_record(estimate),
         "a_priori": {"frame": study.target.frame, "xyz_m": study.target.xyz_m.tolist()},
         "ionosphere": {"ionex": [path.name for path in study.model.ionex], "tec_tecu": study.model.tec_tecu},
+        "troposphere": _troposphere_record(study.model),
         **model.provenance(),
+    }
+
+
+def _troposphere_record(choice: ModelChoice) -> dict[str, Any]:
+    orography = () if choice.vmf3_orography is None else (choice.vmf3_orography,)
+    gpt3 = () if choice.gpt3 is None else (choice.gpt3,)
+    return {
+        key: [{"name": path.name, "sha256": sha256_of(path)} for path in paths]
+        for key, paths in (("vmf3", choice.vmf3), ("vmf3_orography", orography), ("gpt3", gpt3))
     }
 
 

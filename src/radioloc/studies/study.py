@@ -241,6 +241,12 @@ class ModelChoice:
         IONEX maps of the electron content.
     tec_tecu : float or None
         In their place the same vertical content everywhere and always, TECU.
+    vmf3 : tuple of Path
+        Files of VMF3 for the troposphere of radio signals, of sites or maps.
+    vmf3_orography : Path or None
+        With maps, the file of their heights.
+    gpt3 : Path or None
+        The grid of GPT3, for stations of which VMF3 has nothing, or for all.
 
     Raises
     ------
@@ -254,6 +260,9 @@ class ModelChoice:
     earth_orientation: Path | None = None
     ionex: tuple[Path, ...] = ()
     tec_tecu: float | None = None
+    vmf3: tuple[Path, ...] = ()
+    vmf3_orography: Path | None = None
+    gpt3: Path | None = None
 
     def __post_init__(self) -> None:
         terms = frozenset(_names("terms", self.terms))

@@ -157,13 +157,22 @@ def _observations(table: TomlTable, folder: Path, *, needs_files: bool) -> Obser
     tdm = table.build(TdmAgreement, sigma_m={k: v for k, v in sigma_m.items() if v is not None}, **agreed)
     if not patterns and needs_files:
         table.fail("files", "is missing; name at least one file (relative to the study file, globs allowed)")
+    return table.build(ObservationChoice, files=_found(table, "files", patterns, folder), tdm=tdm, **fields)
+
+
+def _files(table: TomlTable, key: str, folder: Path) -> tuple[Path, ...]:
+    """Take the files of a name, a glob or a list of them; none where the key is absent."""
+    return _found(table, key, table.texts(key) or (), folder)
+
+
+def _found(table: TomlTable, key: str, patterns: tuple[str, ...], folder: Path) -> tuple[Path, ...]:
     files: list[Path] = []
     for pattern in patterns or ():
         found = _matches(folder, pattern)
         if not found:
-            table.fail("files", f"{pattern!r} matches no file in {folder.resolve()}")
+            table.fail(key, f"{pattern!r} matches no file in {folder.resolve()}")
         files += [file for file in found if file not in files]
-    return table.build(ObservationChoice, files=tuple(files), tdm=tdm, **fields)
+    return tuple(files)
 
 
 def _matches(folder: Path, pattern: str) -> list[Path]:
@@ -230,8 +239,12 @@ def _model(table: TomlTable, folder: Path) -> ModelChoice:
     off = table.texts("off") or ()
     fields = {key: _kernel(table.text(key), folder) for key in ("ephemeris", "libration")}
     eop = table.text("earth_orientation")
-    maps, tec_tecu = table.texts("ionex") or (), table.number("tec_tecu")
+    maps, tec_tecu = _files(table, "ionex", folder), table.number("tec_tecu")
+    vmf3, orography, gpt3 = (_files(table, key, folder) for key in ("vmf3", "vmf3_orography", "gpt3"))
     table.finish()
+    for key, found in (("vmf3_orography", orography), ("gpt3", gpt3)):
+        if len(found) > 1:
+            table.fail(key, f"one file is wanted, but there are {len(found)}")
     if eop is not None and not (folder / eop).is_file():
         table.fail("earth_orientation", f"there is no file {eop!r} in {folder.resolve()}")
     try:
@@ -242,8 +255,11 @@ def _model(table: TomlTable, folder: Path) -> ModelChoice:
         ModelChoice,
         terms=terms,
         earth_orientation=None if eop is None else folder / eop,
-        ionex=tuple(folder / name for name in maps),
+        ionex=maps,
         tec_tecu=tec_tecu,
+        vmf3=vmf3,
+        vmf3_orography=orography[0] if orography else None,
+        gpt3=gpt3[0] if gpt3 else None,
         **fields,
     )
 

@@ -1,0 +1,270 @@
+"""Air above stations from files: VMF3 (weather models, every six hours) and GPT3 (climate), for radio signals.
+
+What comes from where, the first that there is:
+
+===================  ==================================================================================================
+mapping functions    VMF3's coefficients; GPT3's; without files Niell's
+hydrostatic, zenith  recorded pressure; VMF3; GPT3's pressure; without files the standard atmosphere's
+wet, zenith          VMF3; GPT3, with recorded humidity in place of its own; without files recorded weather or standard
+===================  ==================================================================================================
+
+A barometer knows the hydrostatic delay to a millimetre, better than any model (IERS Conventions 2010, section 9.1.1).
+Humidity on the ground says little of that above it, so VMF3's wet delay goes before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.earth.geodesy import geodetic_from_itrf
+from radioloc.earth.gpt3 import Gpt3Grid, Gpt3Values, read_gpt3
+from radioloc.earth.mapping_functions import MappingFactors, day_of_year, mapping_factors
+from radioloc.earth.optical_troposphere import water_vapour_pressure_hpa
+from radioloc.earth.radio_troposphere import zenith_hydrostatic_delay_m, zenith_wet_delay_askne_nordius_m
+from radioloc.earth.stations import Station
+from radioloc.earth.text_numbers import ENCODING
+from radioloc.earth.vmf3 import vmf3_bc
+from radioloc.earth.vmf3_files import Vmf3Grids, Vmf3Site, Vmf3Values, read_vmf3_grids, read_vmf3_sites
+from radioloc.errors import CoverageError, InputError
+from radioloc.measurements.observations import Observations
+from radioloc.text_files import read_lines
+from radioloc.time import Epochs
+
+
+@dataclass(frozen=True, slots=True)
+class ZenithAir:
+    """Air above the station at one end of each path; rows that are not asked for are NaN.
+
+    Parameters
+    ----------
+    hydrostatic_m, wet_m : ndarray, shape (n,)
+        Delays at the zenith, one way, m.
+    hydrostatic_abc, wet_abc : ndarray, shape (n, 3)
+        Coefficients of the mapping functions.
+    height_above_a_m : ndarray, shape (n,)
+        Height of the station above that for which `hydrostatic_abc` holds, m.
+    """
+
+    hydrostatic_m: NDArray[np.float64]
+    wet_m: NDArray[np.float64]
+    hydrostatic_abc: NDArray[np.float64]
+    wet_abc: NDArray[np.float64]
+    height_above_a_m: NDArray[np.float64]
+
+    def mapping(self, elevation_rad: NDArray[np.float64], rows: NDArray[np.intp]) -> MappingFactors:
+        """Mapping functions of some rows, at their elevations."""
+        hydrostatic, wet = self.hydrostatic_abc[rows].T, self.wet_abc[rows].T
+        return mapping_factors(elevation_rad, self.height_above_a_m[rows], tuple(hydrostatic), tuple(wet))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RadioAtmosphere:
+    """Files of VMF3 and GPT3; make one with :func:`read_radio_atmosphere`.
+
+    Parameters
+    ----------
+    sites : dict of str to Vmf3Site
+        Series of VMF3 by the station's name in the files.
+    grids : Vmf3Grids or None
+        Maps of VMF3.
+    gpt3 : Gpt3Grid or None
+        Climate, for stations of which VMF3 has nothing.
+    vmf3_files, gpt3_files : tuple of Path
+        Where they came from.
+    """
+
+    sites: dict[str, Vmf3Site]
+    grids: Vmf3Grids | None
+    gpt3: Gpt3Grid | None
+    vmf3_files: tuple[Path, ...] = ()
+    gpt3_files: tuple[Path, ...] = ()
+
+    def source_of(self, station: Station) -> str:
+        """``"VMF3"`` or ``"GPT3"``: what serves a station.
+
+        Raises
+        ------
+        InputError
+            The files of VMF3 do not have it, and there is no GPT3 instead.
+        """
+        if self.grids is not None or self._site(station) is not None:
+            return "VMF3"
+        if self.gpt3 is not None:
+            return "GPT3"
+        raise self._not_there(station)
+
+    def at(
+        self,
+        stations: Sequence[Station],
+        which: NDArray[np.int32],
+        epochs: Epochs,
+        weather: Observations,
+        wanted: NDArray[np.bool_],
+        weather_is_here: NDArray[np.bool_],
+    ) -> ZenithAir:
+        """Air above stations.
+
+        Parameters
+        ----------
+        stations : sequence of Station
+        which : ndarray of int, shape (n,)
+            Index of each row's station.
+        epochs : Epochs
+            n epochs, TT or UTC.
+        weather : Observations
+            n rows, of which the recorded weather is used.
+        wanted : ndarray of bool, shape (n,)
+            Rows to fill: those of radio signals.
+        weather_is_here : ndarray of bool, shape (n,)
+            Whether the recorded weather is this station's.
+
+        Raises
+        ------
+        CoverageError, InputError
+            The files do not have a station, its place or an epoch; names files and station.
+        """
+        n = len(epochs)
+        air = ZenithAir(*(np.full(shape, np.nan) for shape in (n, n, (n, 3), (n, 3), n)))
+        for i, station in enumerate(stations):
+            rows = np.flatnonzero(wanted & (which == i))
+            if not len(rows):
+                continue
+            files = self.vmf3_files if self.source_of(station) == "VMF3" else self.gpt3_files
+            try:
+                self._fill(air, station, rows, epochs[rows], weather, weather_is_here[rows])
+            except (CoverageError, InputError) as error:
+                error.args = (f"{_named(files)}, for station {station.name}: {error}",)
+                raise
+        return air
+
+    def _site(self, station: Station) -> Vmf3Site | None:
+        names = {name.upper() for name in (station.name, *station.aliases)}
+        return next((site for name, site in self.sites.items() if name.upper() in names), None)
+
+    def _values(
+        self, station: Station, epochs: Epochs, place: tuple[float, float, float]
+    ) -> Vmf3Values | Gpt3Values:
+        site = self._site(station)
+        if site is not None:
+            return site.at(epochs)
+        if self.grids is not None:
+            return self.grids.at(epochs, *place)
+        if self.gpt3 is not None:
+            return self.gpt3.at(epochs, *place)
+        raise self._not_there(station)
+
+    def _not_there(self, station: Station) -> InputError:
+        other_names = f" (nor {', '.join(station.aliases)})" if station.aliases else ""
+        return InputError(
+            f"{_named(self.vmf3_files)}: there is no station {station.name}{other_names}, but "
+            f"{', '.join(sorted(self.sites))}; give its files or maps too, or GPT3 for such stations ([model] gpt3), "
+            "or leave out [model] vmf3"
+        )
+
+    def _fill(
+        self,
+        air: ZenithAir,
+        station: Station,
+        rows: NDArray[np.intp],
+        epochs: Epochs,
+        weather: Observations,
+        here: NDArray[np.bool_],
+    ) -> None:
+        geodetic = geodetic_from_itrf(station.itrf_m)
+        place = float(geodetic.latitude_rad), float(geodetic.longitude_rad), float(geodetic.height_m)
+        latitude_rad, longitude_rad, height_m = place
+        recorded = [
+            np.where(here, getattr(weather, name)[rows], np.nan)
+            for name in ("pressure_hpa", "temperature_k", "relative_humidity")
+        ]
+        found = self._values(station, epochs, place)
+        if isinstance(found, Vmf3Values):
+            hydrostatic_m, wet_m = found.zenith_hydrostatic_m, found.zenith_wet_m
+            above_a_m = found.height_above_a_m
+        else:
+            hydrostatic_m = zenith_hydrostatic_delay_m(found.pressure_hpa, latitude_rad, height_m)
+            wet_m = _wet_of_climate(found, recorded)
+            above_a_m = np.full(len(rows), height_m)
+        measured = np.flatnonzero(~np.isnan(recorded[0]))
+        hydrostatic_m[measured] = zenith_hydrostatic_delay_m(recorded[0][measured], latitude_rad, height_m)
+        b_h, b_w, c_h, c_w = vmf3_bc(latitude_rad, longitude_rad, day_of_year(epochs))
+        air.hydrostatic_m[rows], air.wet_m[rows] = hydrostatic_m, wet_m
+        air.hydrostatic_abc[rows] = np.stack([found.hydrostatic_a, b_h, c_h], axis=-1)
+        air.wet_abc[rows] = np.stack([found.wet_a, b_w, c_w], axis=-1)
+        air.height_above_a_m[rows] = above_a_m
+
+
+def read_radio_atmosphere(
+    vmf3: Sequence[str | Path] = (),
+    vmf3_orography: str | Path | None = None,
+    gpt3: str | Path | None = None,
+) -> RadioAtmosphere:
+    """Read files of VMF3, of sites or maps, and of GPT3.
+
+    Parameters
+    ----------
+    vmf3 : sequence of path-like
+        Files of sites, or maps of several epochs.
+    vmf3_orography : path-like, optional
+        With maps the file of their heights, ``orography_ell_1x1`` or ``orography_ell_5x5``.
+    gpt3 : path-like, optional
+        ``gpt3_5.grd`` or ``gpt3_1.grd``.
+
+    Raises
+    ------
+    FileFormatError
+        As :func:`~radioloc.earth.vmf3_files.read_vmf3_sites`, :func:`~radioloc.earth.vmf3_files.read_vmf3_grids` and
+        :func:`~radioloc.earth.gpt3.read_gpt3`.
+    InputError
+        Neither is given, or maps without their heights or heights without maps.
+    """
+    files = tuple(map(Path, vmf3))
+    if not files and gpt3 is None:
+        raise InputError("neither a file of VMF3 nor one of GPT3 is given")
+    maps = [file for file in files if _is_map(file)]
+    if maps and vmf3_orography is None:
+        raise InputError(
+            f"{maps[0]} is a map of VMF3: name the file of its heights too (orography_ell_1x1 or _5x5), vmf3_orography"
+        )
+    if vmf3_orography is not None and not maps:
+        raise InputError("vmf3_orography goes with maps of VMF3, and none is given; leave it out")
+    if maps and len(maps) < len(files):
+        sites = next(file for file in files if file not in maps)
+        raise InputError(f"{maps[0]} is a map of VMF3, {sites} a file of sites; give files of one kind")
+    return RadioAtmosphere(
+        sites=read_vmf3_sites(files) if files and not maps else {},
+        grids=read_vmf3_grids(maps, vmf3_orography) if maps and vmf3_orography is not None else None,
+        gpt3=None if gpt3 is None else read_gpt3(gpt3),
+        vmf3_files=files if vmf3_orography is None else (*files, Path(vmf3_orography)),
+        gpt3_files=() if gpt3 is None else (Path(gpt3),),
+    )
+
+
+def _is_map(file: Path) -> bool:
+    """Maps begin with lines of ``! Name: content``, of which one names the types of data."""
+    return any(
+        line.lstrip(" !").startswith("Data_types") for line in read_lines(file, encoding=ENCODING)[:20]
+    )
+
+
+def _wet_of_climate(climate: Gpt3Values, recorded: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+    """Wet delay of GPT3, by the humidity of the day where that was recorded."""
+    pressure_hpa, temperature_k, humidity = recorded
+    measured = np.flatnonzero(~np.isnan(np.stack(recorded)).any(axis=0))
+    vapour_hpa = climate.vapour_pressure_hpa.copy()
+    vapour_hpa[measured] = water_vapour_pressure_hpa(
+        temperature_k[measured], humidity[measured], pressure_hpa[measured]
+    )
+    return zenith_wet_delay_askne_nordius_m(
+        vapour_hpa, climate.mean_temperature_k, climate.vapour_decrease_factor
+    )
+
+
+def _named(files: Sequence[Path]) -> str:
+    """The files for a message: the first, and how many there are."""
+    return str(files[0]) if len(files) == 1 else f"{files[0]} and {len(files) - 1} more"

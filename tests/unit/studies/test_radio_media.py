@@ -1,0 +1,97 @@
+"""Files of VMF3 and GPT3 in a study: keys, notes and provenance."""
+
+import hashlib
+
+import pytest
+
+import radioloc
+from radioloc.errors import CoverageError, InputError
+from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.time import epochs_from_strings
+
+LINES = """\
+SESHAN25  59185.50  0.00123000  0.00055000  2.3200  0.1200  1021.00  10.00  9.00
+URUMQI    59185.50  0.00120000  0.00050000  1.8000  0.0200   795.00  -9.00  2.00
+SESHAN25  59185.75  0.00124000  0.00057000  2.3300  0.2400  1023.00   9.00  9.50
+URUMQI    59185.75  0.00121000  0.00052000  1.8100  0.0300   797.00 -11.00  1.50
+"""
+
+STUDY = """\
+[target]
+frame = "PA_DE421"
+position_m = [1554678.949, 98094.118, 765004.906]
+
+[observations]
+files = ["delays.csv"]
+
+[model]
+vmf3 = ["2020*.vmf3_r"]
+"""
+
+
+def delays(date="2020-12-02T15:00:00", first="URUMQI"):
+    return Observations.from_columns(
+        epoch=epochs_from_strings([date]),
+        links=[Link(first, "lander", "SESHAN25", True)],
+        value_m=1e6,
+        sigma_m=1.0,
+        kind=KINDS.index("vlbi_delay"),
+        tag=TIME_TAGS.index("receive"),
+    )
+
+
+@pytest.fixture
+def read(tmp_path):
+    """Reads the study, after a change of its text."""
+    (tmp_path / "2020337.vmf3_r").write_text(LINES)
+    (tmp_path / "delays.csv").touch()
+
+    def reader(old="", new=""):
+        (tmp_path / "study.toml").write_text(STUDY.replace(old, new))
+        return radioloc.read_study(tmp_path / "study.toml")
+
+    return reader
+
+
+def test_notes_and_provenance_say_where_the_air_comes_from(read):
+    study = read()
+    assert [path.name for path in study.model.vmf3] == ["2020337.vmf3_r"]
+    solution = radioloc.residuals(study, delays())
+    assert (
+        "troposphere of radio signals from VMF3 for URUMQI, SESHAN25, beside recorded pressure"
+        in solution.notes
+    )
+    assert solution.provenance["troposphere"] == {
+        "vmf3": [{"name": "2020337.vmf3_r", "sha256": hashlib.sha256(LINES.encode()).hexdigest()}],
+        "vmf3_orography": [],
+        "gpt3": [],
+    }
+    plain = radioloc.residuals(read('vmf3 = ["2020*.vmf3_r"]', ""), delays())
+    assert not any("VMF3" in note for note in plain.notes)
+    changed_m = solution.residuals.residual_m - plain.residuals.residual_m
+    assert 0.02 < abs(changed_m[0]) < 2.0
+
+
+def test_what_files_lack_is_one_error(read):
+    with pytest.raises(
+        CoverageError, match=r"line 1: .*2020337\.vmf3_r, for station URUMQI: VMF3 of URUMQI covers"
+    ):
+        radioloc.residuals(read(), delays("2020-12-03T15:00:00"))
+    with pytest.raises(InputError, match=r"2020337\.vmf3_r: there is no station KUNMING"):
+        radioloc.residuals(read(), delays(first="KUNMING"))
+    with pytest.raises(InputError, match=r"\[model\] vmf3_orography goes with maps"):
+        radioloc.residuals(read("vmf3 =", 'vmf3_orography = "2020337.vmf3_r"\nvmf3 ='), delays())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ('"2020*', '"2021*', r"\[model\] vmf3: '2021\*\.vmf3_r' matches no file in"),
+        ("vmf3 =", 'gpt3 = "gpt3_5.grd"\nvmf3 =', r"\[model\] gpt3: 'gpt3_5\.grd' matches no file in"),
+        ("vmf3 =", 'gpt3 = "*"\nvmf3 =', r"\[model\] gpt3: one file is wanted, but there are 3"),
+        ("vmf3 =", 'ionex = "none.20i"\nvmf3 =', r"\[model\] ionex: 'none\.20i' matches no file in"),
+    ],
+)
+def test_files_that_are_not_there_are_told_when_the_study_is_read(read, old, new, words):
+    with pytest.raises(InputError, match=words):
+        read(old, new)

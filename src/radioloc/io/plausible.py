@@ -16,11 +16,17 @@ YEARS = (1972, 2100)
 def require_lunar_flight_time(path: str | Path, line: int, flight_time_s: float) -> None:
     """Raise :class:`FileFormatError` for a round-trip time of flight that no lunar target has."""
     low, high = FLIGHT_TIME_LIMITS_S
-    if not low < flight_time_s < high:
-        problem = (
-            f"the time of flight is {flight_time_s!r} s, but between Earth and Moon it is {low} to {high} s"
-        )
-        raise FileFormatError(path, f"{problem}; leave the point out or correct it", line)
+    if low < flight_time_s < high:
+        return
+    problem = f"the time of flight is {flight_time_s!r} s, but between Earth and Moon it is {low} to {high} s"
+    advice = "leave the point out or correct it"
+    for factor, said in (
+        (2.0, "half of such a one: give the round trip"),
+        (0.5, "twice such a one: halve it"),
+    ):
+        if low < factor * flight_time_s < high:
+            advice = f"it is {said}, if that is what it holds"
+    raise FileFormatError(path, f"{problem}; {advice}", line)
 
 
 def require_year(path: str | Path, line: int, year: int) -> None:

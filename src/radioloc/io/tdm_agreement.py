@@ -102,7 +102,8 @@ class TdmAgreement:
         if kind not in self.sigma_m:
             raise InputError(
                 f"a TDM says nothing of uncertainties, and it holds {kind} observations: "
-                f"give sigma_m = {{{kind!r}: ...}}, metres of the whole light path"
+                f"give sigma_m = {{{kind!r}: ...}} (in a study file "
+                f"sigma_m = {{ {kind} = ... }}), metres of the whole light path"
             )
         return float(self.sigma_m[kind])
 

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.errors import FileFormatError
+from radioloc.errors import FileFormatError, InputError
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_clocks import ClockDifference, Clocks
 from radioloc.io.tdm_file import TdmFile, TdmSegment
@@ -131,7 +131,10 @@ class SegmentReader:
                 )
                 line = int(self.segment.line[self.segment.rows(keyword)[row]])
                 raise FileFormatError(
-                    self.path, f"{problem}; add an earlier one, or set apply_clocks = False", line
+                    self.path,
+                    f"{problem}; add an earlier one, or set apply_clocks = False (in a study file "
+                    "tdm_apply_clocks = false)",
+                    line,
                 )
             if (np.abs(value) > LONGEST_S).any():
                 problem = (
@@ -230,7 +233,8 @@ class SegmentReader:
         turnaround = self.turnaround()
         if turnaround is None:
             problem = (
-                "needs the transponder's ratio; give TURNAROUND_NUMERATOR and _DENOMINATOR, or turnaround"
+                "needs the transponder's ratio; give TURNAROUND_NUMERATOR and _DENOMINATOR, or turnaround "
+                "(in a study file tdm_turnaround)"
             )
             raise self.fail(keyword, f"{keyword} {problem}")
         applied = segment.metadata.get("CORRECTIONS_APPLIED") != "NO"
@@ -373,6 +377,13 @@ class SegmentReader:
         self.shared.used |= {(place, name) for place in places for name in WEATHER}
         return weather_at([self.shared.segments[place][1] for place in places], epoch)
 
+    def sigma_m(self, keyword: str, kind: str) -> float:
+        """Agreed standard deviation of a kind of observation, m."""
+        try:
+            return self.agreement.sigma_of(kind)
+        except InputError as error:
+            raise self.fail(keyword, str(error)) from None
+
     def add(self, keyword: str, kind: int, epoch: Epochs, value_m: NDArray[np.float64], **more: Any) -> None:
         """Add rows for all records of a keyword."""
         rows = self.segment.rows(keyword)
@@ -383,7 +394,7 @@ class SegmentReader:
             columns[name] = weather.get(name, np.nan)
         columns |= {
             "value_m": value_m,
-            "sigma_m": self.agreement.sigma_of(KINDS[kind]),
+            "sigma_m": self.sigma_m(keyword, KINDS[kind]),
             "kind": kind,
             "tag": TIME_TAGS.index(self.tag),
             "link": self.shared.links.setdefault(self.signal.link, len(self.shared.links)),

@@ -50,7 +50,10 @@ def range_scale(
     units = segment.metadata.get("RANGE_UNITS", "km")
     line = segment.line_of("RANGE_UNITS")
     if units == "RU" and agreement.range_unit_s is None:
-        problem = "RANGE_UNITS is RU, whose length is an agreement between the agencies; give range_unit_s"
+        problem = (
+            "RANGE_UNITS is RU, whose length is an agreement between the agencies; "
+            "give range_unit_s (in a study file tdm_range_unit_s)"
+        )
         raise FileFormatError(path, problem, line)
     if units == "RU" and sent is not None and not sent.constant:
         problem = (

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import platform
+import re
 from collections.abc import Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -283,6 +284,18 @@ def _status(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> Labels:
     return Labels(codes, tuple(places))
 
 
+def _reasons(status: Labels, observations: Observations) -> str:
+    """Why observations are rejected: how many for each reason, with the first of them as an example."""
+    # The same reason comes with another angle for each observation.
+    kinds = np.array([re.sub(r"-?\d+(\.\d+)?", "#", text) for text in status.texts])
+    _, firsts, counts = np.unique(kinds[status.codes], return_index=True, return_counts=True)
+    paths = observations.paths()
+    return ", ".join(
+        f"{count} as {paths[first]} of {observations.origin(first)}, {status[[first]][0]}"
+        for first, count in sorted(zip(firsts.tolist(), counts.tolist(), strict=True), key=lambda p: -p[1])
+    )
+
+
 def _fit(study: Study, problem: Problem, estimate: EstimateChoice | None, status: Labels) -> NoisyFit:
     noise = stated_noise(problem.arc, study.observations)
     if estimate is None:
@@ -293,7 +306,8 @@ def _fit(study: Study, problem: Problem, estimate: EstimateChoice | None, status
         return NoisyFit(edited, {})
     if not status.are(USED).any():
         raise InputError(
-            f"no observations left: all {len(status)} are rejected, the first one because: {status[:1][0]}; "
+            f"no observations left: all {len(status)} are rejected: "
+            f"{_reasons(status, problem.arc.observations)}; "
             "check the target's position and frame, and the stations"
         )
     return fit_with_excess_noise(

@@ -149,6 +149,9 @@ def _observations(table: TomlTable, folder: Path, *, needs_files: bool) -> Obser
         "range_convention": table.text("tdm_range"),
         "doppler_convention": table.text("tdm_doppler"),
         "range_unit_s": table.number("tdm_range_unit_s"),
+        "turnaround": table.whole_numbers("tdm_turnaround", 2),
+        "delays_removed": table.flag("tdm_delays_removed"),
+        "apply_clocks": table.flag("tdm_apply_clocks"),
     }
     table.finish()
     sigma_m = {} if sigmas is None else {kind: sigmas.number(kind) for kind in TDM_KINDS}
@@ -169,6 +172,8 @@ def _found(table: TomlTable, key: str, patterns: tuple[str, ...], folder: Path) 
     files: list[Path] = []
     for pattern in patterns or ():
         found = _matches(folder, pattern)
+        if not found and (folder / pattern).is_dir():
+            table.fail("files", f"{pattern!r} is a directory; give the files in it, such as {pattern}/*.csv")
         if not found:
             table.fail(key, f"{pattern!r} matches no file in {folder.resolve()}")
         files += [file for file in found if file not in files]

@@ -130,6 +130,22 @@ class TomlTable:
         except AttributeError:
             self.fail(key, f"must be a UTC date, not {_shown(value)}")
 
+    def whole_numbers(self, key: str, count: int) -> tuple[int, ...] | None:
+        """Take so many whole numbers."""
+        value = self.take(key)
+        if value is None:
+            return None
+        if not isinstance(value, list) or len(value) != count or not all(type(v) is int for v in value):
+            self.fail(key, f"must be a list of {count} whole numbers, not {_shown(value)}")
+        return tuple(value)
+
+    def flag(self, key: str) -> bool | None:
+        """Take ``true`` or ``false``."""
+        value = self.take(key)
+        if value is not None and not isinstance(value, bool):
+            self.fail(key, f"must be true or false, not {_shown(value)}")
+        return value
+
     def table(self, key: str) -> TomlTable | None:
         """Take a table inside this one."""
         value = self.take(key)

@@ -90,3 +90,16 @@ def test_without_a_sigma_nothing_is_guessed(truth, tmp_path):
     write_tdm(tmp_path / "data.kvn", truth[1], originator="TEST")
     with pytest.raises(radioloc.InputError, match="sigma"):
         radioloc.locate(study_of(tmp_path))
+
+
+def test_what_a_message_leaves_open_is_said_in_the_study(truth, tmp_path):
+    write_tdm(tmp_path / "data.kvn", truth[1], originator="TEST")
+    said = study_of(
+        tmp_path,
+        tdm_turnaround="[880, 749]",
+        tdm_delays_removed="true",
+        tdm_apply_clocks="false",
+        tdm_range_unit_s="1e-9",
+    ).observations.tdm
+    assert (said.turnaround, said.delays_removed, said.apply_clocks) == ((880, 749), True, False)
+    assert said.range_unit_s == 1e-9

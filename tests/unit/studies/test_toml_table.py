@@ -90,3 +90,14 @@ def test_messages_stay_on_a_line_however_long_the_value():
     with pytest.raises(InputError) as caught:
         table(key="x" * 5000).number("key")
     assert len(str(caught.value)) < 200
+
+
+def test_whole_numbers_and_flags():
+    assert table(key=[880, 749]).whole_numbers("key", 2) == (880, 749)
+    assert table(key=True).flag("key") is True
+    assert table().whole_numbers("key", 2) is table().flag("key") is None
+    for value in ([880], [880, 749.0], [True, 749], "880/749"):
+        with pytest.raises(InputError, match=r"\[estimate\] key: must be a list of 2 whole numbers"):
+            table(key=value).whole_numbers("key", 2)
+    with pytest.raises(InputError, match=r"\[estimate\] key: must be true or false, not 1"):
+        table(key=1).flag("key")

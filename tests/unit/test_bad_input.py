@@ -1,0 +1,248 @@
+"""Bad input from end to end: command line and library say the same, one message that tells where and what.
+
+Every case is a folder of files and a study. Nothing of it may end in a traceback, in a wrong result or in silence.
+"""
+
+from __future__ import annotations
+
+import gzip
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from tdm_messages import DELAY, RANGES, TWO_WAY, kvn, xml
+
+import radioloc
+from radioloc import cli
+
+HEADER = "epoch_utc,type,path,observed_m,sigma_m,time_tag,count_s\n"
+ROWS = [
+    "2021-03-28T14:00:00,range,KASHI>lander>KASHI,768800123.4,1.0,receive,\n",
+    "2021-03-28T14:01:00,range,KASHI>lander>JIAMUSI,768801500.0,1.0,receive,\n",
+    "2021-03-28T14:02:00,range,KASHI>lander>KASHI,768802500.0,1.0,receive,\n",
+]
+VLBI_RECORDS = ["VLBI_DELAY = 2021-03-28T14:00:00 0.01"]
+SIGMA = "sigma_m = { range = 1.0, vlbi_delay = 0.3, doppler = 0.01 }\n"
+
+
+def message(metadata=TWO_WAY, records=RANGES, *more):
+    return "\n".join(kvn((metadata, records), *more)) + "\n"
+
+
+def table(*rows):
+    return HEADER + "".join(rows or ROWS)
+
+
+def study(file, observations="", estimate="", longitude_deg=-51.9):
+    return (
+        f"[target]\nlongitude_deg = {longitude_deg}\nlatitude_deg = 43.0\nheight_m = -2550.0\n"
+        f'[observations]\nfiles = ["{file}"]\n{observations}\n[estimate]\n{estimate}\n'
+    )
+
+
+@dataclass
+class Case:
+    """Content of the data file, what the message has to contain, and what is particular to the study."""
+
+    content: str | bytes
+    parts: list[str]
+    name: str = "data.kvn"
+    study: dict[str, object] = field(default_factory=dict)
+
+
+def csv(content, *parts, **options):
+    return Case(content, ["data.csv", *parts], "data.csv", options)
+
+
+def tdm(content, *parts, name="data.kvn", observations=SIGMA, **options):
+    return Case(content, [name, *parts], name, {"observations": observations} | options)
+
+
+TEXT = message()
+CASES = {
+    # Participants
+    "csv: unknown station": csv(table(ROWS[0].replace("KASHI>l", "NOPE>l")), "line 2", "station 'NOPE'"),
+    "csv: empty name": csv(table(ROWS[0].replace("lander", "")), "line 2", "path"),
+    "tdm: unknown station": tdm(
+        message(TWO_WAY | {"PARTICIPANT_1": "DSS-99"}), "line 6", "PARTICIPANT_1", "DSS-99"
+    ),
+    "xml: unknown station": tdm(
+        xml((TWO_WAY | {"PARTICIPANT_1": "DSS-99"}, RANGES)),
+        "line 7",
+        "PARTICIPANT_1",
+        "DSS-99",
+        name="data.xml",
+    ),
+    "tdm: path to a participant that is not there": tdm(
+        message(TWO_WAY | {"PATH": "1,2,3"}), "line 9", "participant 3"
+    ),
+    "xml: path to a participant that is not there": tdm(
+        xml((TWO_WAY | {"PATH": "1,2,3"}, RANGES)), "line 10", "participant 3", name="data.xml"
+    ),
+    "csv: path of one name": csv(
+        table(ROWS[0].replace("KASHI>lander>KASHI", "KASHI")), "line 2", "is not a path"
+    ),
+    # Units, conventions
+    "tdm: range units of no length": tdm(message(TWO_WAY | {"RANGE_UNITS": "RU"}), "RU", "tdm_range_unit_s"),
+    "tdm: no sigma": tdm(TEXT, "line 12", "sigma_m = { range = ... }", observations=""),
+    "tdm: half of the path": tdm(
+        message(records=[r.replace(" 76880", " 38440") for r in RANGES]), "line 12", "half"
+    ),
+    "tdm: whole path said to be half": tdm(
+        TEXT, "line 12", "round_trip", observations=SIGMA + 'tdm_range = "half"'
+    ),
+    "csv: half of the path": csv(table(ROWS[0].replace("768800123.4", "384400061.7")), "line 2", "half"),
+    "csv: whole path doubled": csv(table(ROWS[0].replace("768800123.4", "1537600246.8")), "line 2", "twice"),
+    "csv: delay longer than the Earth": csv(
+        table("2021-03-28T14:00:00,vlbi_delay,SESHAN25<lander>KUNMING,2e7,0.3,receive,\n"), "line 2", "Earth"
+    ),
+    "tdm: delay longer than the Earth": tdm(
+        message(DELAY, ["VLBI_DELAY = 2021-03-28T14:00:00 0.05"]), "line 14", "Earth"
+    ),
+    # Time
+    "tdm: two time systems": tdm(
+        message(TWO_WAY, RANGES, (TWO_WAY | {"TIME_SYSTEM": "TAI"}, RANGES)), "line 16", "mixed time systems"
+    ),
+    "tdm: UT1": tdm(message(TWO_WAY | {"TIME_SYSTEM": "UT1"}), "line 5", "'UT1'", "UTC"),
+    "tdm: a spacecraft's clock": tdm(message(TWO_WAY | {"TIME_SYSTEM": "SCLK"}), "line 5", "'SCLK'"),
+    "tdm: out of order": tdm(message(records=RANGES[::-1]), "line 13", "earlier than", "line 12"),
+    "tdm: one epoch twice": tdm(message(records=[RANGES[0], RANGES[0]]), "line 13", "twice", "line 12"),
+    "csv: one row twice": csv(table(*ROWS, ROWS[0]), "line 5", "line 2"),
+    "tdm: one record in two segments": tdm(message(TWO_WAY, RANGES, (TWO_WAY, RANGES[:1])), "already there"),
+    # Numbers
+    "tdm: NaN": tdm(message(records=["RANGE = 2021-03-28T14:00:00 NaN"]), "line 12", "NaN"),
+    "tdm: Inf": tdm(message(records=["RANGE = 2021-03-28T14:00:00 Inf"]), "line 12", "Inf"),
+    "xml: NaN": tdm(xml((TWO_WAY, ["RANGE = 2021-03-28T14:00:00 NaN"])), "line 14", "NaN", name="data.xml"),
+    "csv: nan": csv(table(ROWS[0].replace("768800123.4", "nan")), "line 2", "nan"),
+    "csv: inf": csv(table(ROWS[0].replace("768800123.4", "inf")), "line 2", "inf"),
+    "csv: nan sigma": csv(table(ROWS[0].replace(",1.0,", ",nan,")), "line 2", "sigma_m"),
+    "csv: nan of a delay": csv(
+        table("2021-03-28T14:00:00,vlbi_delay,SESHAN25<lander>KUNMING,nan,0.3,receive,\n"), "line 2", "nan"
+    ),
+    "tdm: NaN modulus": tdm(message(TWO_WAY | {"RANGE_MODULUS": "nan"}), "RANGE_MODULUS", "nan"),
+    # What is not modelled
+    "tdm: one-way": tdm(message(TWO_WAY | {"PATH": "2,1"}), "line 9", "one-way"),
+    "tdm: one-way range mode": tdm(message(TWO_WAY | {"RANGE_MODE": "ONE_WAY"}), "line 10", "ONE_WAY"),
+    "tdm: four-way": tdm(message(TWO_WAY | {"PATH": "1,2,1,2,1"}), "line 9", "four-way"),
+    "tdm: differenced range": tdm(message(DELAY, RANGES), "SINGLE_DIFF", "not modelled"),
+    "tdm: another mode": tdm(message(TWO_WAY | {"MODE": "TRIPLE"}), "line 8", "'TRIPLE'", "SEQUENTIAL"),
+    "tdm: phase": tdm(
+        message(records=["RECEIVE_PHASE_CT_1 = 2021-03-28T14:00:00 1"]), "line 12", "not modelled"
+    ),
+    # Files
+    "empty": csv("", "is empty"),
+    "blank": csv("\n \n", "is empty"),
+    "only a header": csv(HEADER, "no observations"),
+    "only comments": csv("# nothing\n", "known formats"),
+    "tdm: no data": tdm(message(records=["COMMENT none"]), "no"),
+    "tdm: cut": tdm(TEXT[:-20], "line 13"),
+    "xml: cut": tdm(xml((TWO_WAY, RANGES))[:-40], "line", name="data.xml"),
+    "gzip: cut": tdm(gzip.compress(TEXT.encode() * 3)[:120], "gzip", "cut"),
+    "gzip: damaged": tdm(b"\x1f\x8b\x08\x00" + bytes(range(40)), "gzip"),
+    "binary": csv(bytes(range(256)), "is not text"),
+    "binary without zeros": csv(bytes(range(128, 256)) * 3, "line 1", "UTF-8"),
+    "latin-1": csv(table().encode() + "# Observatório\n".encode("latin-1"), "line 5", "UTF-8"),
+    "utf-16": csv(table().encode("utf-16"), "not text"),
+    "xml: another encoding than said": tdm(
+        xml((TWO_WAY | {"PARTICIPANT_2": "lândér"}, RANGES)).encode("latin-1"), "UTF-8", name="data.xml"
+    ),
+    "xml: no tdm": tdm("<?xml version='1.0'?>\n<html></html>\n", "known formats", name="data.xml"),
+}
+
+
+def written(case, folder):
+    content = case.content
+    (folder / case.name).write_bytes(content.encode() if isinstance(content, str) else content)
+    (folder / "study.toml").write_text(study(case.name, **case.study), encoding="utf-8")
+    return folder / "study.toml"
+
+
+def refused(path, parts, capsys):
+    """The command line and the library say the same, and nothing else."""
+    assert cli.main(["locate", str(path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.startswith("radioloc: ")
+    assert err.count("\n") == 1
+    for part in parts:
+        assert part in err
+    with pytest.raises(radioloc.RadiolocError) as caught:
+        radioloc.locate(radioloc.read_study(path))
+    assert " ".join(str(caught.value).split()) == err.removeprefix("radioloc: ").strip()
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_refused(name, tmp_path, capsys):
+    refused(written(CASES[name], tmp_path), CASES[name].parts, capsys)
+
+
+def test_folder_in_place_of_a_file(tmp_path, capsys):
+    (tmp_path / "data.csv").mkdir()
+    (tmp_path / "study.toml").write_text(study("data.csv"))
+    refused(tmp_path / "study.toml", ["data.csv", "is a directory"], capsys)
+
+
+@pytest.mark.parametrize("command", ["locate", "arcs"])
+@pytest.mark.parametrize(
+    ("place", "count", "reason"),
+    [
+        ({"longitude_deg": 128.1}, 3, "below the target's horizon"),
+        ({}, 3, "3 as KASHI>lander>KASHI of {file}, line 2, below the horizon (-34.5 deg)"),
+    ],
+)
+def test_never_seen(place, count, reason, command, tmp_path, capsys):
+    """The reasons are told, with how many observations each holds for."""
+    rows = [row.replace("JIAMUSI", "KASHI") for row in ROWS]
+    if not place:
+        rows = [row.replace("T14:", "T04:") for row in rows]
+    path = written(csv(table(*rows), **place), tmp_path)
+    assert cli.main([command, str(path)]) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    assert err.count("\n") == 1
+    assert f"all {count} are rejected" in err
+    assert reason.format(file=path.parent / "data.csv") in err
+
+
+def test_order_of_rows_does_not_matter(tmp_path):
+    """A table has no order that it must keep, unlike a message."""
+    found = []
+    for rows in (ROWS, ROWS[::-1]):
+        solution = radioloc.residuals(radioloc.read_study(written(csv(table(*rows)), tmp_path)))
+        found.append(
+            sorted(zip(solution.residuals.epoch_utc.mjd, solution.residuals.residual_m, strict=True))
+        )
+    assert found[0] == found[1]
+
+
+MAPS = {
+    "Mars": ("+proj=eqc +R=3396190 +units=m +no_defs", {}, ["not a map of the Moon", "3396.190 km"]),
+    "Earth": ("EPSG:4326", {}, ["not a map of the Moon", "6378.137 km"]),
+    "named Mars": ("+proj=eqc +R=1737400 +units=m +no_defs", {"TARGET_NAME": "MARS"}, ["map of MARS"]),
+    "elsewhere": ("+proj=eqc +R=1737400 +units=m +no_defs", {}, ["is outside", "the map covers"]),
+    "void": ("+proj=eqc +R=1737400 +units=m +no_defs", {"nodata": -9999.0}, ["has a void", "fill the map"]),
+    "void all over": ("+proj=eqc +R=1737400 +units=m +no_defs", {"nodata": -2000.0}, ["is void"]),
+    "no projection": (None, {}, ["does not say where its cells lie"]),
+}
+
+
+@pytest.mark.parametrize("name", MAPS)
+def test_terrain_that_does_not_serve(name, tmp_path, capsys):
+    """A map of 10 degrees by 10 about the landing site, but for what makes it useless."""
+    pytest.importorskip("rasterio")
+    from rasterio.transform import Affine
+    from terrain_maps import DEGREE_M, write
+
+    proj4, tags, parts = MAPS[name]
+    degree = 1.0 if name == "Earth" else DEGREE_M
+    west = -20.0 if name == "elsewhere" else -57.0
+    affine = Affine(0.1 * degree, 0.0, west * degree, 0.0, -0.1 * degree, 48.0 * degree)
+    heights = np.full((100, 100), -2000.0)
+    if name == "void":
+        heights[40:60, 40:60] = -9999.0
+    write(tmp_path / "map.tif", heights, proj4, affine, **tags)
+    path = written(
+        csv(table(), estimate='height_prior = { dem = "map.tif", sigma_m = 5.0 }'),
+        tmp_path,
+    )
+    refused(path, ["map.tif", *parts], capsys)

@@ -160,7 +160,7 @@ def _observations(table: TomlTable, folder: Path, *, needs_files: bool) -> Obser
     tdm = table.build(TdmAgreement, sigma_m={k: v for k, v in sigma_m.items() if v is not None}, **agreed)
     if not patterns and needs_files:
         table.fail("files", "is missing; name at least one file (relative to the study file, globs allowed)")
-    return table.build(ObservationChoice, files=_found(table, "files", patterns, folder), tdm=tdm, **fields)
+    return table.build(ObservationChoice, files=_found(table, "files", patterns or (), folder), tdm=tdm, **fields)
 
 
 def _files(table: TomlTable, key: str, folder: Path) -> tuple[Path, ...]:
@@ -170,7 +170,7 @@ def _files(table: TomlTable, key: str, folder: Path) -> tuple[Path, ...]:
 
 def _found(table: TomlTable, key: str, patterns: tuple[str, ...], folder: Path) -> tuple[Path, ...]:
     files: list[Path] = []
-    for pattern in patterns or ():
+    for pattern in patterns:
         found = _matches(folder, pattern)
         if not found and (folder / pattern).is_dir():
             table.fail("files", f"{pattern!r} is a directory; give the files in it, such as {pattern}/*.csv")

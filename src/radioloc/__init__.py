@@ -21,6 +21,7 @@ from radioloc.errors import (
 from radioloc.estimation import Solution
 from radioloc.io.detect import read_observations
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.observations import Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS, active_terms
@@ -48,6 +49,7 @@ __all__ = [
     "ConvergenceError",
     "CoverageError",
     "Epochs",
+    "EquipmentDelays",
     "EstimateChoice",
     "FileFormatError",
     "HeightPrior",
@@ -65,6 +67,7 @@ __all__ = [
     "Solution",
     "Station",
     "StationCatalogue",
+    "StationDelay",
     "StationError",
     "Study",
     "TrackingArc",

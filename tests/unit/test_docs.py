@@ -185,6 +185,8 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
     asked.pop("stations", None)
     asked.pop("references", None)
     assert asked.pop("estimate.height_prior") == {"dem", "height_m", "interpolation", "sigma_m"}
+    assert asked.pop("model.station_delay_s") == {"KASHI"}
+    assert asked.pop("model.station_delay_s.KASHI") == {"transmit", "receive"}
     assert asked.pop("observations.sigma_m") == {"range", "vlbi_delay", "doppler"}
     assert documented_keys() == asked
     # The example shows every key but those that exclude each other.

@@ -14,6 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.io.tdm_keywords import LONGEST_S
+from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.observations import KINDS, Link
 from radioloc.time import Epochs
 
@@ -48,6 +49,9 @@ class TdmAgreement:
         not give it.
     delays_removed : bool
         TRANSMIT_DELAY_n and RECEIVE_DELAY_n are no longer in the data and time tags (item 14).
+    modelled : EquipmentDelays
+        Delays that the model has, of the transponder or of a station on the way out or in: those that a file states of
+        them stay in its data, so that none counts twice.
     apply_clocks : bool
         Correct time tags, three-way ranges and VLBI delays by CLOCK_BIAS and CLOCK_DRIFT.
     light_time_s : float or callable, optional
@@ -67,6 +71,7 @@ class TdmAgreement:
     range_unit_s: float | None = None
     turnaround: tuple[int, int] | None = None
     delays_removed: bool = False
+    modelled: EquipmentDelays = field(default_factory=EquipmentDelays)
     apply_clocks: bool = True
     light_time_s: float | LightTime | None = None
 

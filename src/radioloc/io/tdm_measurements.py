@@ -112,10 +112,25 @@ class SegmentReader:
                 raise self.fail(name, problem)
 
     def delay_s(self, *names: str) -> float:
-        """Sum of delays that are still in the data, s."""
+        """Sum of delays that are still in the data and not the model's, s."""
         if self.agreement.delays_removed:
             return 0.0
-        return sum(self.segment.number(name) for name in names)
+        left = [name for name in names if name in self.segment.metadata and self.is_modelled(name)]
+        self.shared.notes += [f"{name} stays in the data: the model has that delay" for name in left]
+        return sum(self.segment.number(name) for name in names if name not in left)
+
+    def is_modelled(self, name: str) -> bool:
+        """Whether the model has the delay of a keyword."""
+        way, _, number = name.partition("_DELAY_")
+        if int(number) == self.signal.target:
+            return self.agreement.modelled.transponder_s is not None
+        key = self.shared.names.key
+        mine = key(participant(self.segment, int(number)))
+        return any(
+            (delay.transmit_s if way == "TRANSMIT" else delay.receive_s) is not None
+            for station, delay in self.agreement.modelled.stations.items()
+            if key(station) == mine
+        )
 
     def clock_s(
         self, parts: list[tuple[float, ClockDifference]], epoch: Epochs, keyword: str

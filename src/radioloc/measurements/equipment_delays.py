@@ -96,9 +96,7 @@ class EquipmentDelays:
         Raises
         ------
         StationError
-            A station is not in the catalogue.
-        InputError
-            Two names are of one station.
+            A station is not in the catalogue, or has two names here.
         """
         found: dict[str, StationDelay] = {}
         for name, delay in self.stations.items():
@@ -107,7 +105,7 @@ class EquipmentDelays:
             except StationError as error:
                 raise StationError(f"station_delay_s: {error}") from None
             if station in found:
-                raise InputError(
+                raise StationError(
                     f"station_delay_s: {name} is another name of {station}, which has its delays"
                 )
             found[station] = delay
@@ -154,5 +152,5 @@ class EquipmentDelays:
 def _require_delay(key: str, delay_s: float | None) -> None:
     if delay_s is not None and not 0.0 <= delay_s <= LONGEST_DELAY_S:
         raise InputError(
-            f"{key} = {delay_s!r} is no delay of equipment; give seconds, 0 to {LONGEST_DELAY_S:g}"
+            f"{key}: {delay_s!r} is no delay of equipment; give seconds, 0 to {LONGEST_DELAY_S:g}"
         )

@@ -172,6 +172,7 @@ def model_of(study: Study) -> PhysicalModel:
         catalogue=study.catalogue,
         ionosphere=_ionosphere(choice),
         radio_atmosphere=_radio_atmosphere(choice),
+        delays=choice.delays,
         off=set(TERMS) - choice.terms,
     )
 
@@ -210,7 +211,8 @@ def _observations(
                 f"{study.name}: the study has no observations, only a simulation; use `radioloc montecarlo`, or "
                 "`radioloc simulate` to make a file of observations and name it as [observations] files"
             )
-        tdm = study.observations.tdm
+        # What the model has of delays, a file's are not to be taken off as well.
+        tdm = replace(study.observations.tdm, modelled=model.delays)
         if tdm.light_time_s is None:
             tdm = replace(tdm, light_time_s=_light_time_to(model, target_pa))
         observations = read_observations(study.observations.files, catalogue=study.catalogue, tdm=tdm)
@@ -410,6 +412,10 @@ def _provenance(
         "a_priori": {"frame": study.target.frame, "xyz_m": study.target.xyz_m.tolist()},
         "ionosphere": {"ionex": [path.name for path in study.model.ionex], "tec_tecu": study.model.tec_tecu},
         "troposphere": _troposphere_record(study.model),
+        "delays": {
+            "transponder_s": model.delays.transponder_s,
+            "stations": {name: asdict(delay) for name, delay in model.delays.stations.items()},
+        },
         **model.provenance(),
     }
 

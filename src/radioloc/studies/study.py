@@ -18,6 +18,7 @@ from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.electron_content import UniformTec
+from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.terms import active_terms
 from radioloc.simulation.scenario import Scenario
 from radioloc.time import Epochs, utc_to_tai
@@ -247,6 +248,8 @@ class ModelChoice:
         With maps, the file of their heights.
     gpt3 : Path or None
         The grid of GPT3, for stations of which VMF3 has nothing, or for all.
+    delays : EquipmentDelays
+        Delays of transponder and stations that the observations contain.
 
     Raises
     ------
@@ -263,6 +266,7 @@ class ModelChoice:
     vmf3: tuple[Path, ...] = ()
     vmf3_orography: Path | None = None
     gpt3: Path | None = None
+    delays: EquipmentDelays = field(default_factory=EquipmentDelays)
 
     def __post_init__(self) -> None:
         terms = frozenset(_names("terms", self.terms))

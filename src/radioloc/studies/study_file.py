@@ -8,10 +8,11 @@ from pathlib import Path
 import numpy as np
 
 from radioloc.earth.stations import Station, StationCatalogue
-from radioloc.errors import InputError
+from radioloc.errors import InputError, StationError
 from radioloc.io.tdm_agreement import TDM_KINDS, TdmAgreement
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.terms import active_terms
 from radioloc.simulation import Scenario
 from radioloc.studies.simulation_file import scenario
@@ -64,8 +65,8 @@ def read_study(path: str | Path) -> Study:
         raise InputError(f"{path}: [target] is missing; it gives the a-priori position")
     if observations is None and simulation is None:
         raise InputError(f"{path}: [observations] is missing; it names the files to read")
-    catalogue = StationCatalogue.default() if stations is None else _catalogue(stations)
     position = _position(target)[0]
+    catalogue = StationCatalogue.default() if stations is None else _catalogue(stations)
     return Study(
         target=position,
         observations=(
@@ -74,7 +75,7 @@ def read_study(path: str | Path) -> Study:
             else _observations(observations, path.parent, needs_files=simulation is None)
         ),
         estimate=EstimateChoice() if estimate is None else _estimate(estimate, path.parent),
-        model=ModelChoice() if model is None else _model(model, path.parent),
+        model=ModelChoice() if model is None else _model(model, path.parent, catalogue),
         catalogue=catalogue,
         reference=None if reference is None else Reference(*_position(reference)),
         references=() if references is None else _references(references),
@@ -160,7 +161,9 @@ def _observations(table: TomlTable, folder: Path, *, needs_files: bool) -> Obser
     tdm = table.build(TdmAgreement, sigma_m={k: v for k, v in sigma_m.items() if v is not None}, **agreed)
     if not patterns and needs_files:
         table.fail("files", "is missing; name at least one file (relative to the study file, globs allowed)")
-    return table.build(ObservationChoice, files=_found(table, "files", patterns or (), folder), tdm=tdm, **fields)
+    return table.build(
+        ObservationChoice, files=_found(table, "files", patterns or (), folder), tdm=tdm, **fields
+    )
 
 
 def _files(table: TomlTable, key: str, folder: Path) -> tuple[Path, ...]:
@@ -240,16 +243,22 @@ def _east_north_up(table: TomlTable, key: str) -> tuple[float, ...] | None:
     return tuple(table.as_number(key, v) for v in values)
 
 
-def _model(table: TomlTable, folder: Path) -> ModelChoice:
+def _model(table: TomlTable, folder: Path, catalogue: StationCatalogue) -> ModelChoice:
     off = table.texts("off") or ()
     fields = {key: _kernel(table.text(key), folder) for key in ("ephemeris", "libration")}
     eop = table.text("earth_orientation")
     maps, tec_tecu = _files(table, "ionex", folder), table.number("tec_tecu")
     vmf3, orography, gpt3 = (_files(table, key, folder) for key in ("vmf3", "vmf3_orography", "gpt3"))
+    transponder_s, by_station = table.number("transponder_delay_s"), table.table("station_delay_s")
     table.finish()
     for key, found in (("vmf3_orography", orography), ("gpt3", gpt3)):
         if len(found) > 1:
             table.fail(key, f"one file is wanted, but there are {len(found)}")
+    stations = {} if by_station is None else _station_delays(by_station)
+    try:
+        delays = table.build(EquipmentDelays, transponder_s=transponder_s, stations=stations).named(catalogue)
+    except StationError as error:
+        table.fail("station_delay_s", str(error).removeprefix("station_delay_s: "))
     if eop is not None and not (folder / eop).is_file():
         table.fail("earth_orientation", f"there is no file {eop!r} in {folder.resolve()}")
     try:
@@ -265,8 +274,20 @@ def _model(table: TomlTable, folder: Path) -> ModelChoice:
         vmf3=vmf3,
         vmf3_orography=orography[0] if orography else None,
         gpt3=gpt3[0] if gpt3 else None,
+        delays=delays,
         **fields,
     )
+
+
+def _station_delays(table: TomlTable) -> dict[str, StationDelay]:
+    """Delays by the names of stations as the study gives them."""
+    found = {}
+    for entry in table.tables():
+        transmit_s, receive_s = entry.number("transmit"), entry.number("receive")
+        entry.finish()
+        name = entry.name.removeprefix("model.station_delay_s.")
+        found[name] = entry.build(StationDelay, transmit_s=transmit_s, receive_s=receive_s)
+    return found
 
 
 def _kernel(name: str | None, folder: Path) -> str | None:

@@ -13,6 +13,7 @@ from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_kvn import parse_kvn
 from radioloc.io.tdm_observations import tdm_observations
+from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.observations import Link
 from radioloc.time import epochs_from_strings, utc_to_tai
 
@@ -114,6 +115,27 @@ def test_delays_are_taken_off_value_and_time_tag():
     removed = read((TWO_WAY | delays, RANGES), delays_removed=True)
     assert removed.value_m.tolist() == [768800123.4567, 768801500.0]
     assert seconds_after(removed, "2021-03-28T14:00:00.25")[0] == 0.0
+
+
+def test_delays_that_the_model_has_stay_in_the_data():
+    delays = {
+        "TRANSMIT_DELAY_1": "1e-6",
+        "RECEIVE_DELAY_1": "2e-6",
+        "TRANSMIT_DELAY_2": "4e-6",
+        "RECEIVE_DELAY_2": "8e-6",
+    }
+    station = TWO_WAY["PARTICIPANT_1"]
+    for modelled, off_s, tag_off_s in (
+        (EquipmentDelays(5e-6), 3e-6, 2e-6),
+        (EquipmentDelays(stations={station: StationDelay(receive_s=0.0)}), 13e-6, 0.0),
+        (EquipmentDelays(0.0, {station: StationDelay(1e-7, 1e-7)}), 0.0, 0.0),
+    ):
+        got = readout((TWO_WAY | delays, RANGES), modelled=modelled)
+        expected_m = np.array([768800123.4567, 768801500.0]) - C_M_S * off_s
+        assert np.abs(got.observations.value_m - expected_m).max() < VALUE_TOLERANCE_M
+        moved_s = seconds_after(got.observations, "2021-03-28T14:00:00.25")[0]
+        assert abs(moved_s + tag_off_s) < EPOCH_TOLERANCE_S
+        assert "stays in the data: the model has that delay" in got.summary()
 
 
 def test_three_way_delays_are_those_of_the_path():

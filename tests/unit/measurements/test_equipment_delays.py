@@ -108,15 +108,15 @@ def test_names_are_the_catalogues(plain):
     assert dict(named.stations) == {"APOLLO": StationDelay(1e-8)}
     with pytest.raises(StationError, match=r"station_delay_s: .*ATLANTIS"):
         EquipmentDelays(stations={"ATLANTIS": StationDelay()}).named(catalogue)
-    with pytest.raises(InputError, match="7045 is another name of APOLLO"):
+    with pytest.raises(StationError, match="7045 is another name of APOLLO"):
         EquipmentDelays(stations={"APOLLO": StationDelay(), "7045": StationDelay()}).named(catalogue)
 
 
 @pytest.mark.parametrize("delay_s", [-1e-9, 1.2, float("nan")])
 def test_what_is_no_delay(delay_s):
-    with pytest.raises(InputError, match=r"transponder_delay_s = .* give seconds, 0 to 0.001"):
+    with pytest.raises(InputError, match=r"transponder_delay_s: .* give seconds, 0 to 0.001"):
         EquipmentDelays(delay_s)
-    with pytest.raises(InputError, match=r"receive_s = .* give seconds"):
+    with pytest.raises(InputError, match=r"receive_s: .* give seconds"):
         StationDelay(receive_s=delay_s)
 
 

@@ -7,6 +7,7 @@ import pytest
 
 import radioloc
 from radioloc import InputError, read_study
+from radioloc.measurements.equipment_delays import StationDelay
 
 TARGET = '[target]\nframe = "ME_DE421"\nlongitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n'
 FILES = '[observations]\nfiles = ["d.csv"]\n'
@@ -340,6 +341,36 @@ def test_estimate(line, message, read):
 )
 def test_model(line, message, read):
     refused(read, TARGET + FILES + "[model]\n" + line + "\n", "[model] ")
+    refused(read, TARGET + FILES + "[model]\n" + line + "\n", message)
+
+
+def test_delays_of_equipment(read):
+    lines = "[model]\ntransponder_delay_s = 1.2e-6\n"
+    lines += "station_delay_s = { 7045 = { receive = 2e-8 }, KASHI = { transmit = 3e-8 } }\n"
+    delays = read(TARGET + FILES + lines).model.delays
+    assert delays.transponder_s == 1.2e-6
+    assert dict(delays.stations) == {"APOLLO": StationDelay(receive_s=2e-8), "KASHI": StationDelay(3e-8)}
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        (
+            "transponder_delay_s = 1.2",
+            "[model] transponder_delay_s: 1.2 is no delay of equipment; give seconds",
+        ),
+        ("station_delay_s = 3e-8", "[model.station_delay_s] must be a table"),
+        ("station_delay_s = { KASHI = 3e-8 }", "[model.station_delay_s.KASHI] must be a table"),
+        (
+            "station_delay_s = { KASHI = { transmit = -1 } }",
+            "[model.station_delay_s.KASHI] transmit_s: -1.0 is no",
+        ),
+        ("station_delay_s = { KASHI = { send = 1 } }", "'send' is not known"),
+        ("station_delay_s = { ATLANTIS = { transmit = 1e-8 } }", "[model] station_delay_s: "),
+        ("station_delay_s = { APOLLO = {}, 7045 = {} }", "7045 is another name of APOLLO"),
+    ],
+)
+def test_what_are_no_delays(line, message, read):
     refused(read, TARGET + FILES + "[model]\n" + line + "\n", message)
 
 

@@ -32,6 +32,8 @@ _COLUMNS = 3
 _PANEL_IN = (3.7, 1.9)
 # Panels of a kind share a scale unless one would be squeezed by more than this.
 _MAX_HEIGHT_RATIO = 4.0
+_LEGEND_STRIP = 1.3  # where a panel with a legend ends below, in half heights
+_LEFT_OUT = "red: left out; triangles are beyond the panel"
 _EDGE = 0.93  # where, in half heights, observations beyond a panel are shown
 
 
@@ -98,6 +100,8 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
         date_axis(lowest, dates, minticks=3, maxticks=6)
         lowest.tick_params(labelbottom=True)
     figure.suptitle(title, fontsize=11, fontweight="bold")
+    if not residuals.used.all():
+        figure.supxlabel(_LEFT_OUT, fontsize=7, color=REJECTED_COLOR)
     return figure
 
 
@@ -171,8 +175,9 @@ def _draw_panel(
     for which, marker in ((~beyond, "x"), (above, "^"), (below, "v")):
         shown = np.clip(y[out[which]], -_EDGE * limit, _EDGE * limit) if marker != "x" else y[out[which]]
         axes.plot(dates[out[which]], shown, marker, color=REJECTED_COLOR, markersize=4, rasterized=True)
-    axes.set_ylim(-limit, limit)
-    axes.set_ylabel(unit, fontsize=8)
+    # The legend has a strip of its own, where it hides nothing.
+    axes.set_ylim(-limit * (_LEGEND_STRIP if any(panel.rows) else 1.0), limit)
+    axes.set_ylabel(f"residual, {unit}", fontsize=8)
     axes.set_title(panel.title, loc="left", fontsize=7.5, fontweight="bold", pad=3)
     axes.set_title(_statement(residuals, panel.all_rows, factor, unit), loc="right", fontsize=6.5, pad=3)
     if any(panel.rows):

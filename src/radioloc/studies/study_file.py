@@ -176,7 +176,7 @@ def _found(table: TomlTable, key: str, patterns: tuple[str, ...], folder: Path) 
     for pattern in patterns:
         found = _matches(folder, pattern)
         if not found and (folder / pattern).is_dir():
-            table.fail("files", f"{pattern!r} is a directory; give the files in it, such as {pattern}/*.csv")
+            table.fail(key, f"{pattern!r} is a directory; give the files in it, such as {pattern}/*.csv")
         if not found:
             table.fail(key, f"{pattern!r} matches no file in {folder.resolve()}")
         files += [file for file in found if file not in files]

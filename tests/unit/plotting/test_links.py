@@ -71,7 +71,7 @@ def test_panels_show_the_used_residuals_of_their_links(rows):
         ("Doppler KASHI", "doppler", {"two-way": PATHS["doppler"][0]}),
     ):
         axes = panels[title]
-        factor = {"m": 1.0, "cm": 100.0}[axes.get_ylabel()]
+        factor = {"m": 1.0, "cm": 100.0}[axes.get_ylabel().removeprefix("residual, ")]
         lines = dots(axes)
         for label, path in labels.items():
             mine = (rows.type == kind) & (rows.path == path) & rows.used
@@ -102,8 +102,22 @@ def test_what_was_left_out_is_marked_within_its_panel(rows):
         [y] = line.get_ydata()
         assert low < y < high
         if value is not None:
-            assert y == pytest.approx(value * {"m": 1.0, "cm": 100.0}[axes.get_ylabel()])
+            assert y == pytest.approx(
+                value * {"m": 1.0, "cm": 100.0}[axes.get_ylabel().removeprefix("residual, ")]
+            )
     assert "left out" not in panels["range KASHI"].get_title(loc="right")
+
+
+def test_legends_are_below_what_they_could_hide(rows):
+    figure = plot_links(rows)
+    figure.canvas.draw()
+    for title, axes in panels_of(figure).items():
+        if axes.get_legend() is None:
+            continue
+        top = axes.get_legend().get_window_extent().y1
+        lowest = min(axes.transData.transform((0.0, y))[1] for line in axes.lines for y in line.get_ydata())
+        assert lowest > top, title
+    assert figure.get_supxlabel().startswith("red: left out")
 
 
 def test_panels_of_a_kind_share_a_scale_if_they_can(rows):
@@ -112,7 +126,10 @@ def test_panels_of_a_kind_share_a_scale_if_they_can(rows):
     wild = np.where((rows.path == PATHS["range"][2]) & rows.used, 100.0, 1.0) * rows.residual_m
     panels = panels_of(plot_links(replace(rows, residual_m=wild)))
     # Residuals of 10 m and of 10 cm each fill their panel.
-    assert [panels[f"range {name}"].get_ylabel() for name in ("JIAMUSI", "KASHI")] == ["m", "cm"]
+    assert [panels[f"range {name}"].get_ylabel() for name in ("JIAMUSI", "KASHI")] == [
+        "residual, m",
+        "residual, cm",
+    ]
 
 
 def test_every_column_has_its_dates(rows):

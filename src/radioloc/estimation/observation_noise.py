@@ -288,7 +288,7 @@ class Combinations:
         As :meth:`parts`, whose second part is used up.
         """
         for combined, sigma_m in self.parts(rows_of):
-            combined /= sigma_m[:, None]
+            combined *= (1.0 / sigma_m)[:, None]
             yield combined
 
 

@@ -1,14 +1,19 @@
-"""Text files whole: every way in which one cannot be read or written is one clear error."""
+"""Text files, whole or in pieces: every way in which one cannot be read or written is one clear error."""
 
 from __future__ import annotations
 
+import codecs
 import gzip
 import os
 import tempfile
 import zlib
+from collections.abc import Generator, Iterator
 from pathlib import Path
 
 from radioloc.errors import FileFormatError
+
+BLOCK_BYTES = 2**22
+"""Bytes of a file that are read at once: enough to be quick, few enough that their pieces do not fill the memory."""
 
 _GZIP_MAGIC = b"\x1f\x8b"
 _COMPRESS_MAGIC = b"\x1f\x9d"
@@ -36,40 +41,114 @@ def read_text(path: str | Path, *, encoding: str = "utf-8-sig") -> str:
         No such file, a directory, not readable, empty, a gzip file that was cut or damaged, compressed in another
         way, or not text.
     """
-    file = Path(path)
-    if file.is_dir():
+    return b"".join(block for _, block in read_blocks(path, encoding=encoding)).decode(encoding)
+
+
+def read_blocks(
+    path: str | Path, size: int = BLOCK_BYTES, *, encoding: str = "utf-8-sig"
+) -> Iterator[tuple[int, bytes]]:
+    """Text of a file, plain or gzip, piece by piece.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    size : int
+        Bytes to read at once.
+    encoding : str
+        As for :func:`read_text`.
+
+    Yields
+    ------
+    line : int
+        Number of the piece's first line.
+    text : bytes
+        Whole lines, each but the file's last ended by a line feed.
+
+    Raises
+    ------
+    FileFormatError
+        As :func:`read_text`; what is wrong further down is told when it is reached.
+    """
+    first_line, blank, rest, start = 1, True, b"", b""
+    for content in _pieces(path, size):
+        start = start or content[:8]
+        if b"\0" in content:
+            raise FileFormatError(
+                path, f"is not text (it starts with {start!r}); give a text file or its gzip"
+            )
+        # A piece ends where a line does; what is behind it waits for the next.
+        whole, line_end, begun = content.rpartition(b"\n")
+        if not line_end:
+            rest += begun
+            continue
+        block = _text_block(path, rest + whole + line_end, first_line, encoding)
+        rest = begun
+        blank = blank and not block.decode(encoding).strip()
+        yield first_line, block
+        first_line += block.count(b"\n")
+    if rest:
+        block = _text_block(path, rest, first_line, encoding)
+        blank = blank and not block.decode(encoding).strip()
+        yield first_line, block
+    if blank:
+        raise FileFormatError(path, "is empty; fetch or write it again")
+
+
+def starts_with(path: str | Path, magic: bytes) -> bool:
+    """Whether a file begins with these bytes; errors as :func:`read_text`."""
+    return next(_raw_pieces(path, len(magic)), b"") == magic
+
+
+def _pieces(path: str | Path, size: int) -> Iterator[bytes]:
+    """Content of a file, unpacked, without a byte order mark."""
+    pieces = _raw_pieces(path, size)
+    start = next(pieces, b"")
+    if start.startswith(_GZIP_MAGIC):
+        pieces.close()
+        pieces = _unpacked_pieces(path, size)
+        start = next(pieces, b"")
+    if start.startswith(_COMPRESS_MAGIC):
+        raise FileFormatError(path, "is compressed with Unix compress (.Z); uncompress it first")
+    yield start.removeprefix(codecs.BOM_UTF8)
+    yield from pieces
+
+
+def _raw_pieces(path: str | Path, size: int) -> Generator[bytes]:
+    if Path(path).is_dir():
         raise FileFormatError(path, "is a directory; give the files in it")
     try:
-        content = file.read_bytes()
+        with Path(path).open("rb") as stream:
+            while piece := stream.read(size):
+                yield piece
     except FileNotFoundError:
         raise FileFormatError(path, "there is no such file; check the name and the directory") from None
     except (OSError, ValueError) as error:
         raise FileFormatError(
             path, f"cannot be read ({error}); check the name and the permissions"
         ) from error
-    if content.startswith(_GZIP_MAGIC):
-        try:
-            content = gzip.decompress(content)
-        except (OSError, EOFError, zlib.error) as error:
-            problem = f"is a gzip file that was cut or damaged ({error}); fetch it again"
-            raise FileFormatError(path, problem) from error
-    if content.startswith(_COMPRESS_MAGIC):
-        raise FileFormatError(path, "is compressed with Unix compress (.Z); uncompress it first")
-    if b"\0" in content:
-        raise FileFormatError(
-            path, f"is not text (it starts with {content[:8]!r}); give a text file or its gzip"
-        )
+
+
+def _unpacked_pieces(path: str | Path, size: int) -> Generator[bytes]:
     try:
-        text = content.decode(encoding)
+        with gzip.open(path, "rb") as stream:
+            while piece := stream.read(size):
+                yield piece
+    except (OSError, EOFError, zlib.error) as error:
+        problem = f"is a gzip file that was cut or damaged ({error}); fetch it again"
+        raise FileFormatError(path, problem) from error
+
+
+def _text_block(path: str | Path, block: bytes, first_line: int, encoding: str) -> bytes:
+    """Lines ended by line feeds, made sure to be of an encoding."""
+    try:
+        if not block.isascii():
+            block.decode(encoding)
     except UnicodeDecodeError as error:
-        line = content.count(b"\n", 0, error.start) + 1
-        wrong = content[error.start]
-        raise FileFormatError(
-            path, f"byte 0x{wrong:02x} is not UTF-8; save the file as UTF-8", line
-        ) from error
-    if not text.strip():
-        raise FileFormatError(path, "is empty; fetch or write it again")
-    return text.replace("\r\n", "\n").replace("\r", "\n") if "\r" in text else text
+        line = first_line + block.count(b"\n", 0, error.start)
+        problem = f"byte 0x{block[error.start]:02x} is not UTF-8; save the file as UTF-8"
+        raise FileFormatError(path, problem, line) from error
+    return block.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in block else block
 
 
 def write_text(path: str | Path, text: str) -> None:

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import InputError
+from radioloc.io.fields import POWERS, Fields, NotPlainError
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai
 
 _FULL_DATE = re.compile(r"(\d{4}-\d\d-\d\d)[T ](\d\d):(\d\d):(\d\d)(\.\d*)?Z?", re.ASCII)
@@ -21,6 +22,12 @@ _JD_1972 = 2441317.5
 _JD_1970 = 2440587.5
 # Half of a double's bits: a fraction cut here and a whole number of seconds multiply without rounding.
 _SPLIT = float(2**26)
+# Characters of yyyy-mm-ddThh:mm:ss, and those between its numbers.
+_TIME_OF_DAY_END = 19
+_MARKS = {4: "-", 7: "-", 10: "T", 13: ":", 16: ":"}
+_DIGITS = [k for k in range(_TIME_OF_DAY_END) if k not in _MARKS]
+# Decimals whose integer is a float, so that dividing rounds once.
+_EXACT_DECIMALS = 15
 
 
 def day_lengths_s(jd: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -92,6 +99,44 @@ def utc_from_text(texts: list[str]) -> Epochs:
     part = np.array([float("0" + p) for p in parts])
     return Epochs.from_jd(
         jd, day_fraction(3600 * hour + 60 * minute + second, part, day_lengths_s(jd)), "UTC"
+    )
+
+
+def utc_from_fields(fields: Fields, index: int) -> Epochs:
+    """As :func:`utc_from_text`, of a column of dates with time of day, all in calendar form.
+
+    Raises
+    ------
+    NotPlainError
+        A date is of another form, does not exist, is in a leap second, has more than 15 decimals or lies before
+        1972: :func:`utc_from_text` reads it or says what is wrong.
+    """
+    start, end = fields.column(index)
+    end = end - (fields.characters[end - 1] == ord("Z"))
+    form = np.ascontiguousarray(fields.window(start, _TIME_OF_DAY_END).T)
+    decimals = end - start - _TIME_OF_DAY_END - 1
+    plain = (decimals == -1) | (fields.characters[start + _TIME_OF_DAY_END] == ord("."))
+    plain &= (decimals >= -1) & (decimals <= _EXACT_DECIMALS)
+    for place, mark in _MARKS.items():
+        plain &= form[place] == ord(mark)
+    digits = form[_DIGITS] - np.uint8(ord("0"))
+    plain &= (digits <= 9).all(axis=0)
+    century, year, month, day, hour, minute, second = (10 * digits[::2] + digits[1::2]).astype(np.int64)
+    decimals = np.maximum(decimals, 0)
+    part, are_digits = fields.unsigned(end, decimals)
+    plain &= are_digits & (month >= 1) & (month <= 12) & (day >= 1)
+    plain &= (hour <= 23) & (minute <= 59) & (second <= 59)
+    if not plain.all():
+        raise NotPlainError("dates")
+    year += 100 * century
+    month_begin = (12 * (year - 1970) + month - 1).astype("datetime64[M]")
+    midnight = month_begin.astype("datetime64[D]") + (day - 1)
+    jd = _JD_1970 + midnight.astype(np.float64)
+    if (midnight.astype("datetime64[M]") != month_begin).any() or (jd < _JD_1972).any():
+        raise NotPlainError("dates")
+    part_s = part.astype(np.float64) / POWERS[decimals].astype(np.float64)
+    return Epochs.from_jd(
+        jd, day_fraction(3600 * hour + 60 * minute + second, part_s, day_lengths_s(jd)), "UTC"
     )
 
 

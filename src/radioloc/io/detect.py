@@ -2,35 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.crd import looks_like_crd, parse_crd
+from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.duplicates import refuse_duplicates
-from radioloc.io.mini import looks_like_mini, parse_mini
+from radioloc.io.mini import looks_like_mini, read_mini
 from radioloc.io.names import Catalogue
-from radioloc.io.table import looks_like_table, parse_table
-from radioloc.io.tdm import looks_like_tdm, parse_tdm
+from radioloc.io.table import looks_like_table, read_table
+from radioloc.io.tdm import looks_like_tdm, read_tdm_file
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_file import TdmFile
 from radioloc.io.tdm_observations import tdm_observations
 from radioloc.measurements.observations import Observations
-from radioloc.text_files import read_lines
+from radioloc.text_files import read_blocks, read_lines
 
-_Parser = Callable[[str | Path, list[str], Catalogue | None], Observations]
-_FORMATS: tuple[tuple[str, Callable[[list[str]], bool], _Parser], ...] = (
-    ("CRD normal points (first record: H1 CRD)", looks_like_crd, parse_crd),
-    ("MINI normal points (lines start with 51 and a date)", looks_like_mini, parse_mini),
+_Reader = Callable[..., Observations]
+_FORMATS: tuple[tuple[str, Callable[[list[str]], bool], _Reader], ...] = (
+    ("CRD normal points (first record: H1 CRD)", looks_like_crd, read_crd),
+    ("MINI normal points (lines start with 51 and a date)", looks_like_mini, read_mini),
     (
         "table of observations (first line names columns: epoch_utc,type,path,...)",
         looks_like_table,
-        parse_table,
+        read_table,
     ),
 )
-
-
 _TDM = "CCSDS Tracking Data Message (CCSDS_TDM_VERS = 2.0, or XML with <tdm>)"
 
 
@@ -69,12 +67,12 @@ def read_observations(
     messages: list[TdmFile] = []
     place = 0
     for file in files:
-        lines = read_lines(file)
-        if looks_like_tdm(lines):
+        read = _reader(file)
+        if read is None:
             place = place if messages else len(parts)
-            messages.append(parse_tdm(file, lines))
+            messages.append(read_tdm_file(file))
         else:
-            parts.append(_parse(file, lines, catalogue))
+            parts.append(read(file, catalogue=catalogue))
     if messages:
         agreement = tdm or TdmAgreement()
         parts.insert(place, tdm_observations(messages, agreement, catalogue=catalogue).observations)
@@ -85,10 +83,22 @@ def read_observations(
     return observations
 
 
-def _parse(path: str | Path, lines: list[str], catalogue: Catalogue) -> Observations:
-    for _, looks_like, parse in _FORMATS:
-        if looks_like(lines):
-            return parse(path, lines, catalogue)
+def _reader(path: str | Path) -> _Reader | None:
+    """What reads a file of this format, None for a Tracking Data Message."""
+    # The start is enough, unless it holds nothing but comments.
+    for lines in _starts(path):
+        if looks_like_tdm(lines):
+            return None
+        for _, looks_like, read in _FORMATS:
+            if looks_like(lines):
+                return read
     first = next(line for line in lines if line.strip())
     known = "; ".join([*(name for name, _, _ in _FORMATS), _TDM])
     raise FileFormatError(path, f"starts with {first[:40]!r}, which is none of the known formats: {known}")
+
+
+def _starts(path: str | Path) -> Iterator[list[str]]:
+    """Lines at the start of a file, then all of them."""
+    _, start = next(read_blocks(path))
+    yield start.decode().split("\n")
+    yield read_lines(path)

@@ -30,9 +30,8 @@ Numbers are written with as many digits as give back the same float.
 
 from __future__ import annotations
 
-import csv
 import math
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -40,13 +39,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.errors import FileFormatError, InputError
-from radioloc.io.dates import utc_from_text, utc_to_text
+from radioloc.errors import FileFormatError
+from radioloc.io.dates import utc_to_text
 from radioloc.io.duplicates import refuse_duplicates
-from radioloc.io.names import Catalogue, named_link
+from radioloc.io.names import Catalogue
 from radioloc.io.plausible import FLIGHT_TIME_LIMITS_S, require_lunar_flight_time
-from radioloc.measurements.observations import KINDS, RANGE, TIME_TAGS, Link, Observations
-from radioloc.text_files import read_lines, write_text
+from radioloc.io.table_rows import RowReader, is_content, split_lines
+from radioloc.measurements.observations import RANGE, Observations
+from radioloc.text_files import read_blocks, write_text
 
 _TEXT = ("epoch_utc", "type", "path", "time_tag")
 _VALUE = ("observed_m", "light_time_s")
@@ -58,7 +58,7 @@ _COLUMNS = (*_TEXT[:3], *_VALUE, *_SIGMA, _TEXT[3], *_WEATHER, *_RADIO)
 
 def looks_like_table(lines: list[str]) -> bool:
     """Whether the first line that is not a comment names the epoch's column."""
-    return "epoch_utc" in next((line for line in lines if _is_content(line)), "")
+    return "epoch_utc" in next((line for line in lines if is_content(line)), "")
 
 
 def read_table(path: str | Path, *, catalogue: Catalogue | None = None) -> Observations:
@@ -71,6 +71,11 @@ def read_table(path: str | Path, *, catalogue: Catalogue | None = None) -> Obser
     catalogue : Catalogue, optional
         Gives stations their catalogue names; without it they stay as they are.
 
+    Returns
+    -------
+    Observations
+        In the order of the file's rows, whatever their epochs.
+
     Raises
     ------
     FileFormatError
@@ -79,56 +84,53 @@ def read_table(path: str | Path, *, catalogue: Catalogue | None = None) -> Obser
     InputError
         The same observation is there twice.
     """
-    return parse_table(path, read_lines(path), catalogue)
+    return _from_blocks(path, read_blocks(path), catalogue)
 
 
 def parse_table(path: str | Path, lines: list[str], catalogue: Catalogue | None) -> Observations:
     """As :func:`read_table`, from the file's lines."""
-    kept = [(number, line) for number, line in enumerate(lines, start=1) if _is_content(line)]
-    if not kept:
+    return _from_blocks(path, [(1, "\n".join(lines).encode())], catalogue)
+
+
+def _from_blocks(
+    path: str | Path, blocks: Iterable[tuple[int, bytes]], catalogue: Catalogue | None
+) -> Observations:
+    reader: RowReader | None = None
+    for line, text in blocks:
+        while reader is None and text:
+            row, _, text = text.partition(b"\n")
+            if is_content(row.decode()):
+                reader = RowReader(path, _header(path, line, row.decode()), catalogue)
+            line += 1
+        if reader is not None:
+            reader.read(text, line)
+    if reader is None:
         raise FileFormatError(path, "has no header line; see the documentation of radioloc.io.table", 1)
-    numbers = [number for number, _ in kept]
-    rows = _split(path, kept)
-    header = _header(path, numbers[0], rows[0])
-    for row, number in zip(rows, numbers, strict=True):
-        if len(row) != len(header):
-            problem = f"has {len(row)} fields, but the header has {len(header)}: cut or damaged"
-            raise FileFormatError(path, problem, number)
-    del rows[0], numbers[0]
-    if not rows:
-        raise FileFormatError(path, "has a header, but no observations")
-    table = dict(zip(header, zip(*rows, strict=True), strict=True))
+    return checked_observations(path, reader.columns())
 
-    def column(name: str, convert: Callable[[Sequence[str]], Any]) -> Any:
-        """Convert a whole column; should that fail, field by field to find the line."""
-        try:
-            return convert(table[name])
-        except (ValueError, InputError):
-            for text, number in zip(table[name], numbers, strict=True):
-                try:
-                    convert([text])
-                except (ValueError, InputError) as error:
-                    problem = str(error) if isinstance(error, InputError) else f"{text!r} is not a number"
-                    raise FileFormatError(path, f"{name}: {problem}", number) from None
-            raise
 
-    def numbers_of(name: str) -> Any:
-        return column(name, _floats)
+def checked_observations(path: str | Path, columns: dict[str, Any]) -> Observations:
+    """Observations of one file, refused where a range is not one to the Moon or a row is there twice.
 
-    links: dict[Link, int] = {}
-    link = column("path", lambda texts: _link_codes(texts, links, catalogue))
-    observations = Observations.from_columns(
-        epoch=column("epoch_utc", lambda texts: utc_from_text([text.strip() for text in texts])),
-        links=tuple(links),
-        link=link,
-        tag=column("time_tag", lambda texts: _choice_codes(texts, TIME_TAGS)),
-        kind=column("type", lambda texts: _choice_codes(texts, KINDS)),
-        value_m=numbers_of("observed_m") if "observed_m" in table else C_M_S * numbers_of("light_time_s"),
-        sigma_m=numbers_of("sigma_m") if "sigma_m" in table else C_M_S * numbers_of("sigma_s"),
-        files=(str(path),),
-        line=numbers,
-        **{name: column(name, _optional_floats) for name in (*_WEATHER, *_RADIO) if name in table},
-    )
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    columns : dict
+        By the names that :meth:`~radioloc.measurements.observations.Observations.from_columns` has for them, but
+        for values in seconds, ``light_time_s`` and ``sigma_s``, and with ``line``.
+
+    Raises
+    ------
+    FileFormatError
+        A value is impossible. Names the line.
+    InputError
+        The same observation is there twice.
+    """
+    for seconds, metres in (("light_time_s", "value_m"), ("sigma_s", "sigma_m")):
+        if seconds in columns:
+            columns[metres] = C_M_S * columns.pop(seconds)
+    observations = Observations.from_columns(files=(str(path),), **columns)
     low_s, high_s = FLIGHT_TIME_LIMITS_S
     flight_s = observations.value_m / C_M_S
     absurd = (observations.kind == RANGE) & ~((flight_s > low_s) & (flight_s < high_s))
@@ -180,25 +182,8 @@ def write_table(
     write_text(path, "\n".join(lines) + "\n")
 
 
-def _is_content(line: str) -> bool:
-    stripped = line.strip()
-    return bool(stripped) and not stripped.startswith("#")
-
-
-def _split(path: str | Path, kept: list[tuple[int, str]]) -> list[list[str]]:
-    rows: list[list[str]] = []
-    reader = csv.reader((line for _, line in kept), strict=True, skipinitialspace=True)
-    try:
-        for row in reader:
-            if reader.line_num != len(rows) + 1:
-                raise csv.Error("a quoted field does not end on its line")
-            rows.append(row)
-    except csv.Error as error:
-        raise FileFormatError(path, f"{error}; correct the quotes", kept[len(rows)][0]) from error
-    return rows
-
-
-def _header(path: str | Path, number: int, fields: list[str]) -> list[str]:
+def _header(path: str | Path, number: int, line: str) -> list[str]:
+    [fields] = split_lines(path, [(number, line)])
     header = [name.strip() for name in fields]
     for name in header:
         if name not in _COLUMNS:
@@ -212,41 +197,6 @@ def _header(path: str | Path, number: int, fields: list[str]) -> list[str]:
         if len(given) > 1:
             raise FileFormatError(path, f"columns {' and '.join(given)} say the same; leave one out", number)
     return header
-
-
-def _floats(texts: Sequence[str]) -> NDArray[np.float64]:
-    values = np.array([float(text) for text in texts])
-    # float() takes underscores and digits of other scripts, which no other program would read alike.
-    joined = "".join(texts)
-    if "_" in joined or not joined.isascii():
-        raise ValueError
-    return values
-
-
-def _optional_floats(texts: Sequence[str]) -> NDArray[np.float64]:
-    return _floats([text if text.strip() else "nan" for text in texts])
-
-
-def _choice_codes(texts: Sequence[str], choices: tuple[str, ...]) -> NDArray[np.int8]:
-    codes = {text: _choice_code(text, choices) for text in set(texts)}
-    return np.array([codes[text] for text in texts], dtype=np.int8)
-
-
-def _choice_code(text: str, choices: tuple[str, ...]) -> int:
-    try:
-        return choices.index(text.strip())
-    except ValueError:
-        raise InputError(f"{text!r} is not known; use {' or '.join(choices)}") from None
-
-
-def _link_codes(
-    texts: Sequence[str], links: dict[Link, int], catalogue: Catalogue | None
-) -> NDArray[np.int32]:
-    codes = {}
-    # Not a set: the links shall be numbered as they come.
-    for text in dict.fromkeys(texts):
-        codes[text] = links.setdefault(named_link(Link.from_path(text), catalogue), len(links))
-    return np.array([codes[text] for text in texts], dtype=np.int32)
 
 
 def _texts(values: NDArray[np.float64]) -> list[str]:

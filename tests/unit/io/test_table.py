@@ -9,8 +9,10 @@ from hypothesis import strategies as st
 
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
+from radioloc.io import table
 from radioloc.io.table import looks_like_table, parse_table, read_table, write_table
 from radioloc.measurements.observations import Link, Observations
+from radioloc.text_files import read_blocks
 from radioloc.time import Epochs
 
 NUMBERS = ("value_m", "sigma_m", "pressure_hpa", "temperature_k", "relative_humidity", "wavelength_um")
@@ -219,3 +221,87 @@ def test_a_hundred_thousand_rows_are_quick(tmp_path):
     assert len(read_table(file)) == n
     # About 1.5 s; the limit leaves room for a busy machine.
     assert time.perf_counter() - start < 10.0
+
+
+HEADER = "epoch_utc,type,path,observed_m,sigma_m,time_tag"
+
+
+def rows(count):
+    return [
+        f"2020-01-{1 + k % 28:02d}T{k % 24:02d}:00:{k % 60:02d}.{k:03d},"
+        f"range,A>b>{'AC'[k % 2]},7.{k:05d}e8,0.01,receive"
+        for k in range(count)
+    ]
+
+
+def test_blocks_and_quotes_make_no_difference(tmp_path, monkeypatch):
+    """Whether in one block or many, plain or quoted row by row: the same rows."""
+    plain = [HEADER, *rows(200)]
+    whole = parse_table("a.csv", plain, None)
+    quoted = [f'"{line}"'.replace(",", '","') if k % 50 == 7 else line for k, line in enumerate(plain)]
+    commented = [
+        extra for k, line in enumerate(plain) for extra in ([line, "# note", ""] if k % 9 == 0 else [line])
+    ]
+    file = tmp_path / "a.csv"
+    for lines in (plain, quoted, commented):
+        file.write_text("\r\n".join(lines), newline="")
+        for size in (64, 700, 10**6):
+            monkeypatch.setattr(table, "read_blocks", lambda path, size=size: read_blocks(path, size))
+            read = read_table(file)
+            assert_same(whole, read)
+            assert [lines[number - 1].replace('"', "")[-20:] for number in read.line] == [
+                line[-20:] for line in plain[1:]
+            ]
+
+
+@pytest.mark.parametrize("number", [0, 57, 199])
+def test_a_mistake_far_down_is_told_with_its_line(tmp_path, monkeypatch, number):
+    monkeypatch.setattr(table, "read_blocks", lambda path: read_blocks(path, 1000))
+    lines = rows(200)
+    lines[number] = lines[number].replace("range", "rnage")
+    file = tmp_path / "a.csv"
+    file.write_text("\n".join(["# comment", "", HEADER, *lines]))
+    with pytest.raises(FileFormatError, match="type: 'rnage' is not known") as caught:
+        read_table(file)
+    assert caught.value.line == number + 4
+
+
+def test_rows_keep_their_order_whatever_their_epochs():
+    late_first = [HEADER, *reversed(rows(30))]
+    read = parse_table("a.csv", late_first, None)
+    seconds = read.epoch.mjd
+    assert (np.diff(seconds) < 0.0).any()
+    np.testing.assert_array_equal(read.line, np.arange(2, 32))
+    np.testing.assert_array_equal(read.value_m, parse_table("a.csv", [HEADER, *rows(30)], None).value_m[::-1])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("range,A>b>A,7.00002e8", "vlbi_delay,A<b>C,1.3e7", "not longer than the Earth"),
+        ("range,A>b>A,7.00002e8", "vlbi_delay,A>b>C,1e6", "station1<target>station2"),
+        ("range,A>b>A,7.00002e8", "range,A<b>C,1e6", "above zero|station1<target>station2"),
+        ("7.00002e8", "nan", "value_m is nan"),
+        ("7.00002e8", "-inf", "value_m is -inf"),
+        (",0.01,", ",nan,", "sigma_m is nan"),
+        (",0.01,", ",0,", "sigma_m is 0"),
+        ("receive", "recieve", "time_tag: 'recieve' is not known"),
+        (".002", ".002 TDB", "is not a date"),
+        (".002", ".002 TAI", "is not a date"),
+        (".002", ".002+01:00", "is not a date"),
+        ("A>b>A", "A>b", "is not a path"),
+    ],
+)
+def test_each_kind_of_bad_row_is_one_error(old, new, words):
+    lines = [HEADER, *rows(5)]
+    assert old in lines[3]
+    lines[3] = lines[3].replace(old, new)
+    with pytest.raises(FileFormatError, match=words) as caught:
+        parse_table("a.csv", lines, None)
+    assert caught.value.line == 4
+    assert "\n" not in str(caught.value)
+
+
+def test_other_time_scales_are_no_column():
+    with pytest.raises(FileFormatError, match="column 'epoch_tdb' is not known"):
+        parse_table("a.csv", [HEADER.replace("epoch_utc", "epoch_tdb"), *rows(2)], None)

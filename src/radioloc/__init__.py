@@ -8,6 +8,7 @@
 
 from radioloc._version import __version__
 from radioloc.earth.stations import Station, StationCatalogue
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import (
     ConvergenceError,
     CoverageError,
@@ -71,6 +72,7 @@ __all__ = [
     "StationError",
     "Study",
     "TrackingArc",
+    "Trajectory",
     "__version__",
     "active_terms",
     "arc_of",

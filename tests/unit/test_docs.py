@@ -194,7 +194,9 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
     shown = {**written, "stations.NAME": written["stations"]["MYSITE"]}
     shown["references.NAME"] = shown["target"] = shown["target"] | shown["reference"]
     for name, keys in asked.items():
-        assert set(shown[name]) | ({"position_m"} if name == "target" else set()) >= keys - {
+        assert set(shown[name]) | (
+            {"position_m", "trajectory", "body"} if name == "target" else set()
+        ) >= keys - {
             "longitude_deg",
             "latitude_deg",
             "height_m",

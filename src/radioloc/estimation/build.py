@@ -47,6 +47,7 @@ def build_solution(
     name: str = "solution",
     notes: Sequence[str] = (),
     provenance: Mapping[str, Any] | None = None,
+    trajectory: str | None = None,
 ) -> Solution:
     """Put together what a fit has to say.
 
@@ -88,6 +89,8 @@ def build_solution(
         Sentences for the reader.
     provenance : mapping, optional
         Kernels with their hashes, tables, versions, settings.
+    trajectory : str, optional
+        What the target moves along, if it is no point fixed to the Moon; the position is then an offset from it.
 
     Raises
     ------
@@ -141,6 +144,7 @@ def build_solution(
         passes=edited.passes,
         notes=tuple(notes),
         provenance=dict(provenance or {}),
+        trajectory=trajectory,
     )
     if reference_pa_m is None:
         return solution

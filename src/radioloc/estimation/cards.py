@@ -39,8 +39,7 @@ def card_fields(solution: Solution) -> tuple[CardField, ...]:
     fields = [
         CardField("solution", (solution.name,)),
         CardField("status", _status(solution)),
-        CardField("position", _position(solution)),
-        _sigmas(solution),
+        *_where(solution),
     ]
     fields += [CardField("from", _variance_sources(solution))] if solution.position_estimated else []
     fields += [CardField("reference", _reference(solution.reference))] if solution.reference else []
@@ -115,11 +114,18 @@ def _plural(count: int, noun: str, ending: str = "s") -> str:
 
 def _status(solution: Solution) -> tuple[str, ...]:
     if not solution.parameters.free.any():
-        return ("NO FIT: observed minus computed at the given position",)
+        where = "at the given position" if solution.trajectory is None else "along the given trajectory"
+        return (f"NO FIT: observed minus computed {where}",)
     state = "CONVERGED" if solution.converged else solution.status.upper()
     iterations = _plural(len(solution.iterations), "iteration")
     count = f" ({iterations}, {_plural(solution.passes, 'editing pass', 'es')})"
     return (state + count, *((solution.message,) if solution.message else ()))
+
+
+def _where(solution: Solution) -> list[CardField]:
+    if solution.trajectory is not None:
+        return [CardField("target", (f"on a trajectory, {solution.trajectory}", "taken as given"))]
+    return [CardField("position", _position(solution)), _sigmas(solution)]
 
 
 def _position(solution: Solution) -> tuple[str, ...]:

@@ -20,34 +20,13 @@ if TYPE_CHECKING:
 
 def solution_dict(solution: Solution) -> dict[str, Any]:
     """Everything but the single residuals, in types that JSON has; None where a number is not finite."""
-    longitude_deg, latitude_deg, height_m = solution.selenographic
     return {
         "name": solution.name,
         "converged": solution.converged,
         "status": solution.status,
         "message": solution.message,
-        "position": {
-            "pa": {"frame": solution.pa_frame, **_xyz(solution.position_pa_m)},
-            "me": {
-                "frame": solution.me_frame,
-                "longitude_deg": longitude_deg,
-                "latitude_deg": latitude_deg,
-                "height_m": height_m,
-                **_xyz(solution.position_me_m),
-            },
-        },
-        "sigma": {
-            **_enu(solution.sigma_enu_m("total")),
-            "scaled": _enu(solution.sigma_enu_m("scaled")),
-            "formal": _enu(solution.sigma_enu_m("formal")),
-            "ephemeris": _enu(solution.ephemeris_sigma_enu_m),
-        },
-        "covariance": {
-            "enu_m2": _matrix(solution.position_covariance("enu")),
-            "pa_m2": _matrix(solution.position_covariance("pa")),
-            "me_m2": _matrix(solution.position_covariance("me")),
-            "longitude_latitude_height_rad_rad_m": _matrix(solution.position_covariance("geographic")),
-        },
+        "trajectory": solution.trajectory,
+        **_position_dict(solution),
         "biases": {
             station: {"value_m": value, "sigma_m": _finite(sigma)}
             for station, (value, sigma) in solution.biases("range_bias").items()
@@ -78,6 +57,37 @@ def solution_dict(solution: Solution) -> dict[str, Any]:
         "reference": None if solution.reference is None else _reference_dict(solution.reference),
         "notes": list(solution.notes),
         "provenance": dict(solution.provenance),
+    }
+
+
+def _position_dict(solution: Solution) -> dict[str, Any]:
+    """The position and how well it is known; None where the target moves along a trajectory."""
+    if solution.trajectory is not None:
+        return {"position": None, "sigma": None, "covariance": None}
+    longitude_deg, latitude_deg, height_m = solution.selenographic
+    return {
+        "position": {
+            "pa": {"frame": solution.pa_frame, **_xyz(solution.position_pa_m)},
+            "me": {
+                "frame": solution.me_frame,
+                "longitude_deg": longitude_deg,
+                "latitude_deg": latitude_deg,
+                "height_m": height_m,
+                **_xyz(solution.position_me_m),
+            },
+        },
+        "sigma": {
+            **_enu(solution.sigma_enu_m("total")),
+            "scaled": _enu(solution.sigma_enu_m("scaled")),
+            "formal": _enu(solution.sigma_enu_m("formal")),
+            "ephemeris": _enu(solution.ephemeris_sigma_enu_m),
+        },
+        "covariance": {
+            "enu_m2": _matrix(solution.position_covariance("enu")),
+            "pa_m2": _matrix(solution.position_covariance("pa")),
+            "me_m2": _matrix(solution.position_covariance("me")),
+            "longitude_latitude_height_rad_rad_m": _matrix(solution.position_covariance("geographic")),
+        },
     }
 
 

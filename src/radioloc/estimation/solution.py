@@ -185,7 +185,7 @@ class Solution:
     pa_frame, me_frame : str
         Names of the axes, such as ``"PA_DE421"`` and ``"ME_DE421"``.
     position_pa_m, position_me_m : ndarray, shape (3,)
-        Estimated position, m.
+        Estimated position, m; of a target on a trajectory the offset from it, zeros.
     position_partials : ndarray, shape (3, p)
         d(position_pa)/d(parameter).
     rot_pa_to_me : ndarray, shape (3, 3)
@@ -208,6 +208,9 @@ class Solution:
         Sentences for the reader that the analysis adds, such as caveats about the ephemeris.
     provenance : mapping
         Kernels with their hashes, tables, versions, settings.
+    trajectory : str or None
+        What the target moves along, if it is no point fixed to the Moon. Such a solution has no position: what is
+        derived from one raises :class:`~radioloc.errors.InputError`.
     """
 
     name: str
@@ -234,17 +237,18 @@ class Solution:
     reference: ReferenceComparison | None = None
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
+    trajectory: str | None = None
 
     @property
     def selenographic(self) -> tuple[float, float, float]:
         """East longitude and latitude in mean-Earth axes, deg, and height above the 1737.4 km sphere, m."""
-        longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self.position_me_m)
+        longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self._place_me_m())
         return math.degrees(float(longitude_rad)), math.degrees(float(latitude_rad)), float(height_m)
 
     @property
     def rot_pa_to_enu(self) -> NDArray[np.float64]:
         """Rotation from principal axes to east, north, up (of mean-Earth axes) there, shape (3, 3)."""
-        longitude_rad, latitude_rad, _ = cartesian_to_selenographic(self.position_me_m)
+        longitude_rad, latitude_rad, _ = cartesian_to_selenographic(self._place_me_m())
         rotation: NDArray[np.float64] = east_north_up(longitude_rad, latitude_rad) @ self.rot_pa_to_me
         return rotation
 
@@ -278,8 +282,9 @@ class Solution:
         Raises
         ------
         InputError
-            Axes or level are not known.
+            Axes or level are not known, or the target has no position.
         """
+        self._place_me_m()
         if level not in ("total", "scaled", "formal"):
             raise InputError(f"level {level!r} is not known; use total, scaled or formal")
         if axes not in ("enu", "pa", "me", "geographic"):
@@ -390,16 +395,26 @@ class Solution:
         return render_text(card_fields(self))
 
     def __repr__(self) -> str:
+        state = "converged" if self.converged else "NOT CONVERGED"
+        if self.trajectory is not None:
+            return f"<Solution {self.name}: {self.trajectory}, {state}>"
         longitude_deg, latitude_deg, height_m = self.selenographic
         return (
             f"<Solution {self.name}: {longitude_deg:.6f} deg E, {latitude_deg:.6f} deg N, {height_m:.1f} m "
-            f"({self.me_frame}), {'converged' if self.converged else 'NOT CONVERGED'}>"
+            f"({self.me_frame}), {state}>"
         )
 
     def _repr_html_(self) -> str:
         from radioloc.estimation.cards import card_fields, render_html
 
         return render_html(card_fields(self))
+
+    def _place_me_m(self) -> NDArray[np.float64]:
+        if self.trajectory is not None:
+            raise InputError(
+                f"{self.name}: the target moves ({self.trajectory}); it has no position on the Moon"
+            )
+        return self.position_me_m
 
     def _from_enu(self, axes: Axes) -> NDArray[np.float64]:
         """Matrix from east, north, up to other axes at the position, shape (3, 3)."""

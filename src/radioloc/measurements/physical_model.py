@@ -132,8 +132,8 @@ class PhysicalModel:
     def provenance(self) -> dict[str, Any]:
         """Kernels with their checksums, tables with their dates, terms left out: what a result rests on."""
         return {
-            "ephemeris": _kernel_record(self.ephemeris.kernel, self.ephemeris.name),
-            "lunar_orientation": _kernel_record(self.libration.kernel, self.libration.frame),
+            "ephemeris": kernel_record(self.ephemeris.kernel, self.ephemeris.name),
+            "lunar_orientation": kernel_record(self.libration.kernel, self.libration.frame),
             "earth_orientation": {
                 "tables": list(self.earth.table.sources),
                 "first": self.earth.table.first_date,
@@ -149,7 +149,8 @@ def _earth_orientation(table: EopTable, terms: frozenset[str]) -> EarthOrientati
     return EarthOrientation(table, subdaily_tides=subdaily, libration=subdaily)
 
 
-def _kernel_record(kernel: KernelFile, name: str) -> dict[str, str]:
+def kernel_record(kernel: KernelFile, name: str) -> dict[str, str]:
+    """Which file was used: its name, what it is, its checksum and span."""
     return {
         "name": name,
         "file": Path(kernel.path).name,

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.cards import render_html
 from radioloc.estimation.solution import Solution
@@ -133,10 +134,15 @@ def arcs(
     Raises
     ------
     InputError
-        No length is given, one is not above zero, or an arc holds no observation.
+        No length is given, one is not above zero, an arc holds no observation, or the target is a trajectory.
     RadiolocError
         As :func:`~radioloc.studies.locate.locate`.
     """
+    if isinstance(study.target, Trajectory):
+        raise InputError(
+            f"{study.name}: an arc-length study compares positions, but the target is a trajectory; "
+            "use locate or residuals"
+        )
     lengths = sorted({float(length) for length in np.atleast_1d(np.asarray(hours, dtype=np.float64))})
     if not lengths:
         raise InputError("no arc to fit; give at least one length in hours")

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from radioloc._version import __version__
 from radioloc.constants import C_M_S
 from radioloc.earth.ionex import read_ionex
-from radioloc.ephemeris import EphemerisConstants
+from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import build_solution
 from radioloc.estimation.editing import USED, EditingSettings, fit_with_editing
@@ -31,7 +31,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.electron_content import ElectronContent, UniformTec
 from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
-from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.physical_model import PhysicalModel, kernel_record
 from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.tracking_arc import TrackingArc
@@ -80,7 +80,7 @@ def arc_of(study: Study, observations: Observations | None = None) -> tuple[Trac
     Parameters and errors as :func:`locate`.
     """
     arc, _ = prepared_arc(study, observations)
-    return arc, position_in_pa("[target]", study.target, arc.model.ephemeris.constants).xyz_m
+    return arc, _start_pa_m(_target_in_pa(study, arc.model.ephemeris.constants))
 
 
 def prepared_arc(
@@ -92,14 +92,14 @@ def prepared_arc(
     """
     model = model_of(study)
     constants = model.ephemeris.constants
-    target = position_in_pa("[target]", study.target, constants)
+    target = _target_in_pa(study, constants)
     # A reference in a wrong frame is to be told before the work, not after it.
     if study.reference is not None:
         position_in_pa("[reference]", study.reference.position, constants)
     for reference in study.references:
         position_in_pa(f"[references] {reference.name}", reference.position, constants)
     chosen, left_out = _observations(study, observations, model, target)
-    return _arc(model, chosen, target), left_out
+    return _arc(study, model, chosen, target), left_out
 
 
 def _solve(study: Study, given: Observations | None, estimate: EstimateChoice | None) -> Solution:
@@ -129,14 +129,14 @@ def fit_arc(
     """
     model, observations = arc.model, arc.observations
     constants = model.ephemeris.constants
-    target = position_in_pa("[target]", study.target, constants)
+    target = _target_in_pa(study, constants)
     reference = (
         None
         if study.reference is None
         else position_in_pa("[reference]", study.reference.position, constants)
     )
     problem = Problem.of(arc, target, estimate, study.catalogue)
-    fitted = _fit(study, problem, estimate, _status(arc, target.xyz_m))
+    fitted = _fit(study, problem, estimate, _status(arc, target))
     x = fitted.edited.fit.x
     lander_pa_m = problem.position_pa_m(x)
     return build_solution(
@@ -159,6 +159,7 @@ def fit_arc(
         name=study.name,
         notes=_doubts(fitted, arc.observations) + _notes(model, arc, left_out, estimate),
         provenance=_provenance(study, model, observations, left_out, estimate),
+        trajectory=None if arc.trajectory is None else str(arc.trajectory),
     )
 
 
@@ -194,6 +195,22 @@ def _radio_atmosphere(choice: ModelChoice) -> RadioAtmosphere | None:
         raise InputError(f"[model] {error}") from None
 
 
+def _target_in_pa(study: Study, constants: EphemerisConstants) -> LunarPosition | None:
+    """The a-priori position in principal axes; none where the target is a trajectory."""
+    return (
+        None if isinstance(study.target, Trajectory) else position_in_pa("[target]", study.target, constants)
+    )
+
+
+def _start_pa_m(target_pa: LunarPosition | None) -> NDArray[np.float64]:
+    """Where an arc is prepared: at the a-priori position, or at no offset from the trajectory."""
+    return np.zeros(3) if target_pa is None else target_pa.xyz_m
+
+
+def _trajectory(study: Study) -> Trajectory | None:
+    return study.target if isinstance(study.target, Trajectory) else None
+
+
 def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
     """A position of the study in principal axes; an error names its table."""
     try:
@@ -203,7 +220,7 @@ def position_in_pa(table: str, position: LunarPosition, constants: EphemerisCons
 
 
 def _observations(
-    study: Study, observations: Observations | None, model: PhysicalModel, target_pa: LunarPosition
+    study: Study, observations: Observations | None, model: PhysicalModel, target_pa: LunarPosition | None
 ) -> tuple[Observations, dict[str, int]]:
     if observations is None:
         if study.simulation is not None and not study.observations.files:
@@ -214,32 +231,36 @@ def _observations(
         # What the model has of delays, a file's are not to be taken off as well.
         tdm = replace(study.observations.tdm, modelled=model.delays)
         if tdm.light_time_s is None:
-            tdm = replace(tdm, light_time_s=_light_time_to(model, target_pa))
+            tdm = replace(tdm, light_time_s=_light_time_to(study, model, target_pa))
         observations = read_observations(study.observations.files, catalogue=study.catalogue, tdm=tdm)
     return select_observations(observations, study.observations, study.catalogue)
 
 
-def _light_time_to(model: PhysicalModel, target_pa: LunarPosition) -> LightTime:
-    """Light times to the a-priori position, which settle how often an ambiguous range has gone through its modulus."""
+def _light_time_to(study: Study, model: PhysicalModel, target_pa: LunarPosition | None) -> LightTime:
+    """Light times to the target, which settle how often an ambiguous range has gone through its modulus."""
 
     def light_time_s(epoch: Epochs, link: Link, tag: str) -> NDArray[np.float64]:
         asked = Observations.from_columns(
             epoch=epoch, links=[link], tag=TIME_TAGS.index(tag), value_m=1.0, sigma_m=1.0
         )
-        return TrackingArc(model, asked, target_pa.xyz_m).compute(target_pa.xyz_m).value_m / C_M_S
+        start_pa_m = _start_pa_m(target_pa)
+        return TrackingArc(model, asked, start_pa_m, _trajectory(study)).compute(start_pa_m).value_m / C_M_S
 
     return light_time_s
 
 
-def _arc(model: PhysicalModel, observations: Observations, target_pa: LunarPosition) -> TrackingArc:
+def _arc(
+    study: Study, model: PhysicalModel, observations: Observations, target_pa: LunarPosition | None
+) -> TrackingArc:
+    start_pa_m, trajectory = _start_pa_m(target_pa), _trajectory(study)
     try:
-        return TrackingArc(model, observations, target_pa.xyz_m)
+        return TrackingArc(model, observations, start_pa_m, trajectory)
     except CoverageError:
         # The kernel or table does not know the files: say which observation lies outside, the first or the last.
         order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
         for row in (int(order[0]), int(order[-1])):
             try:
-                TrackingArc(model, observations.select([row]), target_pa.xyz_m)
+                TrackingArc(model, observations.select([row]), start_pa_m, trajectory)
             except CoverageError as error:
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
@@ -263,12 +284,13 @@ def _elevation_deg(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> NDArra
     return elevation_deg
 
 
-def _status(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> Labels:
+def _status(arc: TrackingArc, target_pa: LunarPosition | None) -> Labels:
     """Which observations can be used at all, seen from the a-priori position, and why others cannot."""
-    at, model = arc.at(lander_pa_m), arc.model
+    start_pa_m = _start_pa_m(target_pa)
+    at, model = arc.at(start_pa_m), arc.model
 
     def earth_deg(epochs: Epochs) -> NDArray[np.float64]:
-        return np.degrees(earth_elevation_rad(model.ephemeris, model.libration, epochs, lander_pa_m))
+        return np.degrees(earth_elevation_rad(model.ephemeris, model.libration, epochs, start_pa_m))
 
     codes = np.zeros(len(arc.observations), dtype=np.int32)
     places = {USED: 0}
@@ -278,6 +300,8 @@ def _status(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> Labels:
         texts, which = np.unique(problem[bad], return_inverse=True)
         new = [places.setdefault(str(text), len(places)) for text in texts]
         codes[rows[bad]] = np.array(new, dtype=np.int32)[which]
+        if target_pa is None:
+            continue  # of a spacecraft the arc itself knows what the Moon hides
         # The Earth moves in the lander's sky with the librations, in days.
         above_deg = evaluate_smooth(earth_deg, tt_to_tdb(utc_to_tt(arc.observations.epoch[rows])))
         for row in np.flatnonzero((codes[rows] == 0) & (above_deg < _LOWEST_EARTH_DEG)):
@@ -364,10 +388,12 @@ def _notes(
                 notes.append(
                     f"troposphere of radio signals from {source} for {', '.join(served)}, beside recorded pressure"
                 )
+    if arc.trajectory is not None:
+        notes.append("the trajectory is taken as known: its error is in the residuals, and in no sigma")
     off = [name for name in TERMS if not model.has(name)]
     if off:
         notes.append(f"terms left out of the model: {', '.join(off)}")
-    if estimate is not None and not any(estimate.ephemeris_sigma_m):
+    if estimate is not None and arc.trajectory is None and not any(estimate.ephemeris_sigma_m):
         notes.append(
             f"the sigma does not contain the error of {model.ephemeris.name} itself; name one as "
             "[estimate] ephemeris_sigma_m = [east, north, up]"
@@ -409,7 +435,7 @@ def _provenance(
         "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,
         "vlbi_station_rate_sigma_m": study.observations.vlbi_station_rate_sigma_m,
         "estimate": None if estimate is None else _estimate_record(estimate),
-        "a_priori": {"frame": study.target.frame, "xyz_m": study.target.xyz_m.tolist()},
+        **_target_record(study.target),
         "ionosphere": {"ionex": [path.name for path in study.model.ionex], "tec_tecu": study.model.tec_tecu},
         "troposphere": _troposphere_record(study.model),
         "delays": {
@@ -427,6 +453,15 @@ def _troposphere_record(choice: ModelChoice) -> dict[str, Any]:
         key: [{"name": path.name, "sha256": sha256_of(path)} for path in paths]
         for key, paths in (("vmf3", choice.vmf3), ("vmf3_orography", orography), ("gpt3", gpt3))
     }
+
+
+def _target_record(target: LunarPosition | Trajectory) -> dict[str, Any]:
+    if isinstance(target, Trajectory):
+        return {
+            "a_priori": None,
+            "trajectory": {"body": target.body, **kernel_record(target.kernel, target.name)},
+        }
+    return {"a_priori": {"frame": target.frame, "xyz_m": target.xyz_m.tolist()}, "trajectory": None}
 
 
 def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:

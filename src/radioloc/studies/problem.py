@@ -57,7 +57,7 @@ class Problem:
     def of(
         cls,
         arc: Arc,
-        target_pa: LunarPosition,
+        target_pa: LunarPosition | None,
         estimate: EstimateChoice | None,
         catalogue: StationCatalogue,
     ) -> Problem:
@@ -66,8 +66,8 @@ class Problem:
         Parameters
         ----------
         arc : Arc
-        target_pa : LunarPosition
-            A-priori position in principal axes.
+        target_pa : LunarPosition or None
+            A-priori position in principal axes; none for a trajectory, whose offset is then held at zero.
         estimate : EstimateChoice or None
             What to estimate; nothing where ``None``.
         catalogue : StationCatalogue
@@ -79,7 +79,9 @@ class Problem:
             A parameter is asked for of a station without observations, or nothing at all is to be estimated.
         """
         choice = EstimateChoice(position="none") if estimate is None else estimate
-        if choice.position != "geographic":
+        if target_pa is None:
+            position, function = _cartesian(np.zeros(3), fixed=True, name="offset")
+        elif choice.position != "geographic":
             position, function = _cartesian(target_pa.xyz_m, fixed=choice.position == "none")
         elif isinstance(choice.height_prior, TerrainPrior):
             position, function = _on_terrain(
@@ -213,10 +215,12 @@ def _on_sphere(
     return parameters, position
 
 
-def _cartesian(start_pa_m: NDArray[np.float64], *, fixed: bool) -> tuple[list[Parameter], PositionFunction]:
+def _cartesian(
+    start_pa_m: NDArray[np.float64], *, fixed: bool, name: str = "position"
+) -> tuple[list[Parameter], PositionFunction]:
     """x, y, z in principal axes."""
     parameters = [
-        Parameter(f"position.{axis}", "m", "position", float(value), fixed=fixed)
+        Parameter(f"{name}.{axis}", "m", "position", float(value), fixed=fixed)
         for axis, value in zip("xyz", start_pa_m, strict=True)
     ]
     return parameters, lambda x: (x, np.eye(3))

@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import Any
 
 from radioloc.earth.stations import StationCatalogue
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.lunar import TerrainModel
@@ -292,8 +293,9 @@ class Study:
 
     Parameters
     ----------
-    target : LunarPosition
-        A-priori position, where the fit starts (and stays, if the position is not estimated).
+    target : LunarPosition or Trajectory
+        A-priori position, where the fit starts (and stays, if the position is not estimated); or a known trajectory,
+        of which no position is estimated (``position = "none"``).
     observations : ObservationChoice
     estimate : EstimateChoice
     model : ModelChoice
@@ -307,9 +309,14 @@ class Study:
         Shown on the result card.
     simulation : Scenario or None
         Tracking to be simulated, for Monte Carlo studies.
+
+    Raises
+    ------
+    InputError
+        The target is a trajectory, and something is given that belongs to a position on the Moon.
     """
 
-    target: LunarPosition
+    target: LunarPosition | Trajectory
     observations: ObservationChoice = field(default_factory=ObservationChoice)
     estimate: EstimateChoice = field(default_factory=EstimateChoice)
     model: ModelChoice = field(default_factory=ModelChoice)
@@ -321,6 +328,27 @@ class Study:
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "references", tuple(self.references))
+        if isinstance(self.target, Trajectory):
+            self._require_no_position(self.target)
+
+    def _require_no_position(self, trajectory: Trajectory) -> None:
+        if self.estimate.position != "none":
+            raise InputError(
+                f"[estimate] position: the target is a trajectory ({trajectory.name}), of which no position is "
+                'estimated; set position = "none"'
+            )
+        given = {
+            "[estimate] ephemeris_sigma_m": any(self.estimate.ephemeris_sigma_m),
+            "[reference]": self.reference is not None,
+            "[references]": bool(self.references),
+            "[simulation]": self.simulation is not None,
+        }
+        for key, present in given.items():
+            if present:
+                raise InputError(
+                    f"{key} belongs to a position on the Moon, but the target is a trajectory ({trajectory.name}); "
+                    "leave it out"
+                )
 
 
 def _names(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:

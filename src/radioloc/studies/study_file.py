@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from radioloc.earth.stations import Station, StationCatalogue
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, StationError
 from radioloc.io.tdm_agreement import TDM_KINDS, TdmAgreement
 from radioloc.lunar import TerrainModel
@@ -65,9 +66,17 @@ def read_study(path: str | Path) -> Study:
         raise InputError(f"{path}: [target] is missing; it gives the a-priori position")
     if observations is None and simulation is None:
         raise InputError(f"{path}: [observations] is missing; it names the files to read")
-    position = _position(target)[0]
     catalogue = StationCatalogue.default() if stations is None else _catalogue(stations)
-    return Study(
+    position = _target(target, path.parent)
+    tracking = None
+    if simulation is not None:
+        if isinstance(position, Trajectory):
+            raise InputError(
+                f"{path}: [simulation] is of a position on the Moon, but [target] is a trajectory; leave it out"
+            )
+        tracking = _simulation(simulation, position, catalogue)
+    return top.build(
+        Study,
         target=position,
         observations=(
             ObservationChoice()
@@ -80,7 +89,7 @@ def read_study(path: str | Path) -> Study:
         reference=None if reference is None else Reference(*_position(reference)),
         references=() if references is None else _references(references),
         name=path.stem,
-        simulation=None if simulation is None else _simulation(simulation, position, catalogue),
+        simulation=tracking,
     )
 
 
@@ -100,6 +109,27 @@ def _content(path: Path) -> dict[str, object]:
         ) from None
     except (ValueError, RecursionError) as error:  # of the former TOMLDecodeError is one
         raise InputError(f"{path}: not valid TOML: {error}") from None
+
+
+def _target(table: TomlTable, folder: Path) -> LunarPosition | Trajectory:
+    file, body = table.text("trajectory"), table.number("body")
+    if file is None and body is None:
+        return _position(table)[0]
+    table.text("name")
+    for key in ("frame", "position_m", "longitude_deg", "latitude_deg", "height_m"):
+        if key in table:
+            table.fail(key, "give either a position or a trajectory with its body, not both")
+    table.finish()
+    if file is None or body is None:
+        table.fail(
+            "trajectory" if file is None else "body",
+            "is missing; a trajectory is the name of an SPK file and the NAIF code of the body in it, such as -85",
+        )
+    if not body.is_integer():
+        table.fail("body", f"must be a NAIF code, an integer such as -85, not {body!r}")
+    if not (folder / file).is_file():
+        table.fail("trajectory", f"there is no file {file!r} in {folder.resolve()}")
+    return table.build(Trajectory.open, path=folder / file, body=int(body))
 
 
 def _position(table: TomlTable) -> tuple[LunarPosition, str]:

@@ -51,7 +51,8 @@ class TomlTable:
         try:
             return make(**{key: value for key, value in fields.items() if value is not None})
         except InputError as error:
-            raise InputError(f"{self._path}: [{self.name}] {error}") from None
+            where = f"[{self.name}] " if self.name else ""
+            raise InputError(f"{self._path}: {where}{error}") from None
 
     def __contains__(self, key: str) -> bool:
         return key in self._content

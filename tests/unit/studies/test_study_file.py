@@ -414,4 +414,5 @@ def test_examples_are_studies():
     assert examples
     for example in examples:
         study = read_study(str(example))
-        assert np.linalg.norm(study.target.xyz_m) == pytest.approx(1.7374e6, rel=0.01)
+        if isinstance(study.target, radioloc.LunarPosition):
+            assert np.linalg.norm(study.target.xyz_m) == pytest.approx(1.7374e6, rel=0.01)

@@ -1,0 +1,169 @@
+"""Studies of a spacecraft: residuals and nuisance parameters along a known trajectory."""
+
+from __future__ import annotations
+
+import json
+
+import numpy as np
+import pytest
+from arc_cases import epochs_tai
+from spk_files import ORBITER, low_lunar_orbit, tracking, write_states
+
+import radioloc
+from radioloc.cli import main
+from radioloc.io.table import write_table
+from radioloc.measurements.observations import Observations
+
+BIAS_M = 12.5
+SIGMA_M = 0.5
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A trajectory, its tracking through the day with a bias at one station, and a study of it."""
+    folder = tmp_path_factory.mktemp("study")
+    model = radioloc.PhysicalModel.build()
+    file = write_states(folder / "orbiter.bsp", low_lunar_orbit(model.ephemeris))
+    trajectory = radioloc.Trajectory.open(file, ORBITER)
+    parts = [tracking(f"KASHI>orbiter>{name}", epochs_tai(40, 20.0)) for name in ("KASHI", "JIAMUSI")]
+    plan = Observations.concatenate(parts)
+    computed = radioloc.TrackingArc(model, plan, np.zeros(3), trajectory).compute(np.zeros(3))
+    seed = np.random.default_rng(5)
+    observed_m = computed.value_m + SIGMA_M * seed.standard_normal(len(plan))
+    observed_m[40:] += BIAS_M
+    write_table(
+        folder / "ranges.csv",
+        Observations.from_columns(
+            epoch=plan.epoch,
+            links=plan.links,
+            link=plan.link,
+            value_m=observed_m,
+            sigma_m=SIGMA_M,
+            tag=plan.tag,
+        ),
+    )
+    return folder
+
+
+def study_file(
+    folder, target='trajectory = "orbiter.bsp"\nbody = -85', estimate='position = "none"', more=""
+):
+    path = folder / "orbiter.toml"
+    path.write_text(
+        f'[target]\n{target}\n[observations]\nfiles = ["ranges.csv"]\n[estimate]\n{estimate}\n{more}\n'
+    )
+    return path
+
+
+def test_residuals_along_a_trajectory(folder, capsys):
+    assert main(["residuals", str(study_file(folder)), "--out", str(folder / "out"), "--terms"]) == 0
+    card = " ".join(capsys.readouterr().out.split())
+    assert "NO FIT: observed minus computed along the given trajectory" in card
+    assert "body -85 of orbiter.bsp, 2020-12-02 to 2020-12-03T12:00:00 TDB" in card
+    assert "behind the Moon as seen from" in card or "below the horizon" in card
+    assert "deg E" not in card
+    names = {path.name for path in (folder / "out").iterdir()}
+    assert names == {"solution.json", "residuals.csv", "terms.csv", "residuals.png", "residuals.svg"}
+    record = json.loads((folder / "out" / "solution.json").read_text())
+    assert (record["position"], record["sigma"], record["covariance"]) == (None, None, None)
+    assert record["trajectory"].startswith("body -85 of orbiter.bsp")
+    assert record["provenance"]["trajectory"]["body"] == ORBITER
+    assert len(record["provenance"]["trajectory"]["sha256"]) == 64
+    header = (folder / "out" / "terms.csv").read_text().splitlines()[0]
+    assert "shapiro_m" in header
+    assert "lunar" not in header
+
+
+def test_residuals_are_the_noise_and_the_bias(folder):
+    solution = radioloc.residuals(radioloc.read_study(study_file(folder)))
+    rows = solution.residuals
+    used = rows.residual_m[rows.used]
+    jiamusi = rows.station[rows.used] == "JIAMUSI"
+    assert rows.used.sum() > 15
+    # The table has micrometres; the rest is the noise that was put in.
+    assert np.abs(used - np.where(jiamusi, BIAS_M, 0.0)).max() < 5.0 * SIGMA_M
+    reasons = {str(status)[:15] for status in rows.status[~rows.used]}
+    assert reasons == {"behind the Moon", "below the horiz", "too low for the"}
+    with pytest.raises(radioloc.InputError, match="no position on the Moon"):
+        _ = solution.selenographic
+    with pytest.raises(radioloc.InputError, match="no position on the Moon"):
+        solution.sigma_enu_m()
+    assert "body -85" in repr(solution)
+
+
+def test_a_bias_is_found_along_a_trajectory(folder):
+    study = radioloc.read_study(
+        study_file(folder, estimate='position = "none"\nrange_bias = ["JIAMUSI", "KASHI"]')
+    )
+    solution = radioloc.locate(study)
+    assert solution.converged
+    for station, truth_m in (("JIAMUSI", BIAS_M), ("KASHI", 0.0)):
+        value_m, sigma_m = solution.biases()[station]
+        assert abs(value_m - truth_m) < 4.0 * sigma_m
+        assert sigma_m < 0.25
+    assert "range_bias.JIAMUSI" in str(solution)
+    assert "<table>" in solution._repr_html_()
+    assert not any("ephemeris_sigma_m" in note for note in solution.notes)
+
+
+@pytest.mark.parametrize(
+    ("target", "estimate", "more", "message"),
+    [
+        ('trajectory = "orbiter.bsp"', 'position = "none"', "", r"\[target\] body: is missing"),
+        ("body = -85", 'position = "none"', "", r"\[target\] trajectory: is missing"),
+        (
+            'trajectory = "orbiter.bsp"\nbody = -85\nlongitude_deg = 1.0',
+            'position = "none"',
+            "",
+            r"\[target\] longitude_deg: give either a position or a trajectory",
+        ),
+        ('trajectory = "orbiter.bsp"\nbody = -85.5', 'position = "none"', "", "must be a NAIF code"),
+        (
+            'trajectory = "other.bsp"\nbody = -85',
+            'position = "none"',
+            "",
+            r"trajectory: there is no file 'other.bsp'",
+        ),
+        (
+            'trajectory = "orbiter.bsp"\nbody = -85',
+            "",
+            "",
+            r"toml: \[estimate\] position: the target is a trajectory",
+        ),
+        (
+            'trajectory = "orbiter.bsp"\nbody = -85',
+            'position = "none"',
+            "[reference]\nlongitude_deg = 1.0\nlatitude_deg = 1.0\nheight_m = 0.0",
+            r"\[reference\] belongs to a position on the Moon",
+        ),
+        (
+            'trajectory = "orbiter.bsp"\nbody = -85',
+            'position = "none"\nephemeris_sigma_m = 1.0',
+            "",
+            r"ephemeris_sigma_m belongs to a position",
+        ),
+    ],
+)
+def test_what_does_not_go_with_a_trajectory(folder, target, estimate, more, message):
+    with pytest.raises(radioloc.InputError, match=message) as caught:
+        radioloc.read_study(study_file(folder, target, estimate, more))
+    assert "\n" not in str(caught.value)
+
+
+def test_another_body_and_arcs_are_refused(folder):
+    with pytest.raises(radioloc.KernelError, match=r"no body with the NAIF code -86; it holds -85"):
+        radioloc.read_study(study_file(folder, 'trajectory = "orbiter.bsp"\nbody = -86'))
+    study = radioloc.read_study(study_file(folder))
+    with pytest.raises(radioloc.InputError, match="an arc-length study compares positions"):
+        radioloc.arcs(study, [6.0])
+
+
+def test_observations_outside_the_trajectory_name_file_and_line(folder, tmp_path):
+    text = (folder / "ranges.csv").read_text().replace("2020-12-02T", "2020-12-05T")
+    (folder / "late.csv").write_text(text)
+    path = study_file(folder)
+    path.write_text(path.read_text().replace("ranges.csv", "late.csv"))
+    with pytest.raises(
+        radioloc.CoverageError, match=r"late\.csv, line \d+: .*orbiter\.bsp \(NAIF code -85\) covers"
+    ):
+        radioloc.residuals(radioloc.read_study(path))

@@ -107,10 +107,12 @@ CALC = {
     ),
 }
 
-# What CALC leaves out: the Moon's tide and the shrinking of lengths on it, and the motion of the geocentre.
+# What CALC leaves out, or was run without (offsets of antenna axes are nought in its input): the Moon's tide and the
+# shrinking of lengths on it, and the motion of the geocentre.
 NOT_IN_CALC = (
     "troposphere",
     "ionosphere",
+    "antenna_axis_offset",
     "lunar_tide",
     "lunar_tide_constant",
     "lunar_scale",

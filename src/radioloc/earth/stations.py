@@ -24,9 +24,12 @@ from radioloc.time import Epochs
 
 KINDS = ("llr", "vlbi", "ttc")
 QUALITIES = ("survey", "rounded")
+MOUNTS = ("azimuth_elevation", "equatorial", "xy_north", "xy_east")
+"""Antenna mounts, by the fixed axis: vertical, parallel to the Earth's, horizontal to the north or to the east."""
 
 _DAYS_PER_JULIAN_YEAR = 365.25
 _RADIUS_RANGE_M = (6.35e6, 6.39e6)
+_LONGEST_AXIS_OFFSET_M = 20.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +56,11 @@ class Station:
         Velocity in the ITRF, m per Julian year; None where it is not known (then the station stands still).
     ocean_loading : BlqCoefficients, optional
         Ocean tide loading; None where there are no coefficients, and then the term is missing from a model.
+    mount : str
+        Which axis of the antenna is fixed, of :data:`MOUNTS`.
+    axis_offset_m : float, optional
+        By how much the moving axis stands off the fixed one, on which the reference point is, towards where the
+        antenna points, m; None where it is not known, and then the term is missing from a model.
 
     Raises
     ------
@@ -69,6 +77,8 @@ class Station:
     source: str
     velocity_m_yr: NDArray[np.float64] | None = None
     ocean_loading: BlqCoefficients | None = None
+    mount: str = "azimuth_elevation"
+    axis_offset_m: float | None = None
 
     def __post_init__(self) -> None:
         if not self.name.strip():
@@ -78,6 +88,13 @@ class Station:
         if self.quality not in QUALITIES:
             raise StationError(
                 f"station {self.name}: quality {self.quality!r} is not one of {', '.join(QUALITIES)}"
+            )
+        if self.mount not in MOUNTS:
+            raise StationError(f"station {self.name}: mount {self.mount!r} is not one of {', '.join(MOUNTS)}")
+        if self.axis_offset_m is not None and not abs(self.axis_offset_m) <= _LONGEST_AXIS_OFFSET_M:
+            raise StationError(
+                f"station {self.name}: no antenna has an axis offset of {self.axis_offset_m} m; give metres, up to "
+                f"{_LONGEST_AXIS_OFFSET_M:g}"
             )
         if not np.isfinite(self.epoch_year):
             raise StationError(f"station {self.name}: epoch {self.epoch_year} is not a Julian year")
@@ -241,4 +258,6 @@ def _station_from_row(row: dict[str, str], loading: dict[str, BlqCoefficients]) 
         source=row["source"],
         velocity_m_yr=np.array([float(v) for v in velocity]) if all(velocity) else None,
         ocean_loading=loading.get(row["name"]),
+        mount=row["mount"] or MOUNTS[0],
+        axis_offset_m=float(row["axis_offset_m"]) if row["axis_offset_m"] else None,
     )

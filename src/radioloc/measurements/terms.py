@@ -18,6 +18,7 @@ TERMS: dict[str, str] = {
     "ionosphere": "refraction of radio signals by the ionosphere, where maps or a content are given",
     "transponder_delay": "time for which the point's transponder holds the signal, where one is given",
     "station_delay": "delay in the stations' equipment between clock and reference point, where one is given",
+    "antenna_axis_offset": "motion of an antenna's moving axis about its fixed one, where the offset is known",
     "solid_earth_tide": "displacement of the stations by the solid Earth tide",
     "pole_tide": "displacement of the stations by the solid Earth pole tide",
     "ocean_loading": "displacement of the stations by ocean tide loading",

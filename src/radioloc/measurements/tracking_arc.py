@@ -33,6 +33,7 @@ from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import StationError
 from radioloc.measurements.arc import Computed
+from radioloc.measurements.axis_offset import AxisOffset, axis_offset_delay
 from radioloc.measurements.elevation import Elevation, elevation_of
 from radioloc.measurements.gravitational_delay import gravitational_delay_m
 from radioloc.measurements.ionosphere import frequencies_hz, ionosphere_delay
@@ -186,6 +187,9 @@ class TrackingArc:
             by_elevation = by_media * slant.by_elevation_m_rad
             by_time = by_time + by_elevation * slant.elevation.rate_rad_s
             by_position = by_position + by_elevation[:, None] * slant.elevation.by_position_rad_m
+            if slant.axes is not None:
+                by_time = by_time + by_media * slant.axes.rate_m_s
+                by_position = by_position + by_media[:, None] * slant.axes.by_position
             by_zenith_wet.append(by_media * slant.delay.by_zenith_wet)
         n = len(self.observations)
         problem = np.where(up.problem != "", up.problem, down.problem)
@@ -428,13 +432,16 @@ class TrackingArc:
             )
             media_m, by_elevation_m_rad = media_m + ionosphere_m, by_elevation_m_rad + by_elevation
             problem = np.where(problem != "", problem, no_frequency)
+        axes = None
+        if self.model.has("antenna_axis_offset"):
+            axes = axis_offset_delay(self._stations, which, station, lander_gcrs_m, velocity_m_s)
+            media_m = media_m + axes.delay_m
         if self._craft is not None:
             hidden = behind_moon(lander_gcrs_m, station.gcrs_m, self._moon.moon_gcrs_m)
             seen_from = np.array([f"behind the Moon as seen from {s.name}" for s in self._stations])[which]
             problem = np.where(hidden, seen_from, problem)
-        return _Slant(
-            elevation, delay, media_m, by_elevation_m_rad, with_horizon_problem(problem, elevation_rad)
-        )
+        problem = with_horizon_problem(problem, elevation_rad)
+        return _Slant(elevation, delay, media_m, by_elevation_m_rad, axes, problem)
 
 
 def with_horizon_problem(problem: NDArray[np.str_], elevation_rad: NDArray[np.float64]) -> NDArray[np.str_]:
@@ -465,8 +472,10 @@ class _Slant:
     elevation: Elevation
     delay: SlantDelay
     media_m: NDArray[np.float64]
-    """Delay of the troposphere and the ionosphere, m, shape (n,)."""
+    """Delay of the troposphere, the ionosphere and the antenna's axes, m, shape (n,)."""
     by_elevation_m_rad: NDArray[np.float64]
+    """Of the troposphere and the ionosphere."""
+    axes: AxisOffset | None
     problem: NDArray[np.str_]
 
 

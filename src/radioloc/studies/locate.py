@@ -367,6 +367,12 @@ def _notes(
         notes.append(
             f"no ocean loading coefficients for {', '.join(unloaded)}: up to about 1 cm is not modelled"
         )
+    aside = [s.name for s in stations if s.axis_offset_m is None and s.kind != "llr"]
+    if aside and model.has("antenna_axis_offset"):
+        notes.append(
+            f"no antenna axis offset for {', '.join(aside)}: millimetres, of some antennas metres, are not modelled; "
+            "give axis_offset_m and mount under [stations.NAME]"
+        )
     predicted = int(arc.predicted_eop.sum())
     if predicted:
         notes.append(f"Earth orientation is predicted, not measured, for {_count(predicted)}")

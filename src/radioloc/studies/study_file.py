@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import tomllib
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
-from radioloc.earth.stations import Station, StationCatalogue
+from radioloc.earth.stations import MOUNTS, Station, StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, StationError
 from radioloc.io.tdm_agreement import TDM_KINDS, TdmAgreement
@@ -335,16 +337,28 @@ def _catalogue(table: TomlTable) -> StationCatalogue:
         itrf_m, velocity_m_yr = entry.vector("itrf_m"), entry.vector("velocity_m_yr")
         epoch_year = entry.number("epoch")
         aliases = entry.texts("aliases") or ()
+        mount, axis_offset_m = entry.text("mount"), entry.number("axis_offset_m")
         entry.finish()
+        known = catalogue.get(name) if name in catalogue else None
+        if mount is None:
+            mount = MOUNTS[0] if known is None else known.mount
+        if axis_offset_m is None and known is not None:
+            axis_offset_m = known.axis_offset_m
+        if known is not None and itrf_m is None and velocity_m_yr is None and epoch_year is None:
+            names = tuple(dict.fromkeys([*known.aliases, *aliases]))
+            changed = entry.build(
+                partial(replace, known), aliases=names, mount=mount, axis_offset_m=axis_offset_m
+            )
+            catalogue = entry.build(catalogue.with_station, station=changed)
+            continue
         if itrf_m is None:
             entry.fail("itrf_m", "is missing; give the station's ITRF x, y, z in metres")
         if velocity_m_yr is not None and float(np.linalg.norm(velocity_m_yr)) > _FASTEST_PLATE_M_YR:
             entry.fail("velocity_m_yr", f"no station moves like {velocity_m_yr}; give metres per year")
         if epoch_year is not None and not _STATION_YEARS[0] <= epoch_year <= _STATION_YEARS[1]:
             entry.fail("epoch", f"must be a Julian year such as 2010.0, not {epoch_year!r}")
-        # Data name stations by codes and pads; those, and the loading of the site, stay with a station that only
-        # gets another position.
-        known = catalogue.get(name) if name in catalogue else None
+        # Data name stations by codes and pads; those, the antenna's axes and the loading of the site stay with a
+        # station that only gets another position.
         station = entry.build(
             Station,
             name=name if known is None else known.name,
@@ -356,6 +370,8 @@ def _catalogue(table: TomlTable) -> StationCatalogue:
             source="study file",
             velocity_m_yr=None if velocity_m_yr is None else np.array(velocity_m_yr),
             ocean_loading=None if known is None else known.ocean_loading,
+            mount=mount,
+            axis_offset_m=axis_offset_m,
         )
         catalogue = entry.build(catalogue.with_station, station=station)
     return catalogue

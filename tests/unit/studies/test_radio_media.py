@@ -95,3 +95,12 @@ def test_what_files_lack_is_one_error(read):
 def test_files_that_are_not_there_are_told_when_the_study_is_read(read, old, new, words):
     with pytest.raises(InputError, match=words):
         read(old, new)
+
+
+def test_stations_without_a_known_axis_offset_are_told(read):
+    note = "no antenna axis offset for KASHI: millimetres"
+    study = read('vmf3 = ["2020*.vmf3_r"]', "")
+    assert any(n.startswith(note) for n in radioloc.residuals(study, delays(first="KASHI")).notes)
+    assert not any("axis offset" in n for n in radioloc.residuals(study, delays()).notes)
+    off = read('vmf3 = ["2020*.vmf3_r"]', 'off = ["antenna_axis_offset"]')
+    assert not any(n.startswith(note) for n in radioloc.residuals(off, delays(first="KASHI")).notes)

@@ -416,3 +416,48 @@ def test_examples_are_studies():
         study = read_study(str(example))
         if isinstance(study.target, radioloc.LunarPosition):
             assert np.linalg.norm(study.target.xyz_m) == pytest.approx(1.7374e6, rel=0.01)
+
+
+def test_axes_of_antennas(tmp_path):
+    text = """
+[target]
+longitude_deg = 3.5
+latitude_deg = 26.0
+height_m = -1000.0
+
+[observations]
+files = ["data.csv"]
+
+[stations.KASHI]
+axis_offset_m = 1.2
+mount = "equatorial"
+aliases = ["K9"]
+
+[stations.KUNMING]
+itrf_m = [-1281152.0, 5640864.0, 2682653.0]
+"""
+    (tmp_path / "data.csv").touch()
+    file = tmp_path / "axes.toml"
+    file.write_text(text)
+    catalogue = read_study(file).catalogue
+    kashi, kunming = catalogue["K9"], catalogue["KUNMING"]
+    default = radioloc.StationCatalogue.default()
+    assert (kashi.name, kashi.axis_offset_m, kashi.mount, kashi.quality) == (
+        "KASHI",
+        1.2,
+        "equatorial",
+        "rounded",
+    )
+    assert kashi.itrf_m.tolist() == default["KASHI"].itrf_m.tolist()
+    assert set(default["KASHI"].aliases) < set(kashi.aliases)
+    assert kunming.axis_offset_m == -0.0031
+    assert kunming.itrf_m[0] == -1281152.0
+    for old, new, words in (
+        ("equatorial", "altaz", r"\[stations\.KASHI\] .*mount 'altaz' is not one of"),
+        ("1.2", "1200", r"\[stations\.KASHI\] .*no antenna has an axis offset of 1200"),
+        ("[stations.KASHI]", "[stations.MINE]", r"\[stations\.MINE\] itrf_m: is missing"),
+        ("mount =", "epoch = 2010.0\nmount =", r"\[stations\.KASHI\] itrf_m: is missing"),
+    ):
+        file.write_text(text.replace(old, new, 1))
+        with pytest.raises(InputError, match=words):
+            read_study(file)

@@ -42,6 +42,7 @@ from radioloc.studies.study import (
     Study,
 )
 from radioloc.studies.study_file import read_study
+from radioloc.studies.weights import Weight
 from radioloc.time import Epochs, epochs_from_strings
 
 __all__ = [
@@ -73,6 +74,7 @@ __all__ = [
     "Study",
     "TrackingArc",
     "Trajectory",
+    "Weight",
     "__version__",
     "active_terms",
     "arc_of",

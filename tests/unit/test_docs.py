@@ -192,6 +192,7 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
     # The example shows every key but those that exclude each other.
     written = tomllib.loads(example.text)
     shown = {**written, "stations.NAME": written["stations"]["MYSITE"]}
+    [shown["observations.weights"]] = written["observations"]["weights"]
     shown["references.NAME"] = shown["target"] = shown["target"] | shown["reference"]
     for name, keys in asked.items():
         assert set(shown[name]) | (

@@ -39,6 +39,7 @@ from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study, TerrainPrior
+from radioloc.studies.weights import Weight, weighted_observations
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
 
 _DOUBTFUL_EXCESS = 20.0
@@ -157,7 +158,9 @@ def fit_arc(
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
-        notes=_doubts(fitted, arc.observations) + _notes(model, arc, left_out, estimate),
+        notes=_doubts(fitted, arc.observations)
+        + _weights_note(study.observations.weights)
+        + _notes(model, arc, left_out, estimate),
         provenance=_provenance(study, model, observations, left_out, estimate),
         trajectory=None if arc.trajectory is None else str(arc.trajectory),
     )
@@ -233,7 +236,8 @@ def _observations(
         if tdm.light_time_s is None:
             tdm = replace(tdm, light_time_s=_light_time_to(study, model, target_pa))
         observations = read_observations(study.observations.files, catalogue=study.catalogue, tdm=tdm)
-    return select_observations(observations, study.observations, study.catalogue)
+    chosen, left_out = select_observations(observations, study.observations, study.catalogue)
+    return weighted_observations(chosen, study.observations.weights, study.catalogue), left_out
 
 
 def _light_time_to(study: Study, model: PhysicalModel, target_pa: LunarPosition | None) -> LightTime:
@@ -346,6 +350,10 @@ def _fit(study: Study, problem: Problem, estimate: EstimateChoice | None, status
     )
 
 
+def _weights_note(weights: tuple[Weight, ...]) -> list[str]:
+    return [f"sigmas changed: {'; '.join(map(str, weights))}"] if weights else []
+
+
 def _notes(
     model: PhysicalModel, arc: TrackingArc, left_out: dict[str, int], estimate: EstimateChoice | None
 ) -> list[str]:
@@ -440,6 +448,7 @@ def _provenance(
         "extra_sigma_m": study.observations.extra_sigma_m,
         "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,
         "vlbi_station_rate_sigma_m": study.observations.vlbi_station_rate_sigma_m,
+        "weights": [weight.record() for weight in study.observations.weights],
         "estimate": None if estimate is None else _estimate_record(estimate),
         **_target_record(study.target),
         "ionosphere": {"ionex": [path.name for path in study.model.ionex], "tec_tecu": study.model.tec_tecu},

@@ -7,10 +7,12 @@ much that time grows over a count interval is in every delay rate of that epoch 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError
+from radioloc.errors import InputError, StationError
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.measurements.arc import Arc
 from radioloc.measurements.observations import VLBI_DELAY, VLBI_DELAY_RATE
@@ -34,28 +36,41 @@ def stated_noise(arc: Arc, choice: ObservationChoice) -> ObservationNoise:
     Raises
     ------
     InputError
-        Stations are given a noise, and delays follow each other too fast to tell one epoch from the next.
+        Stations are given a noise, and delays follow each other too fast to tell one epoch from the next; or a
+        station that is given one is not known.
     """
     own_m = np.hypot(arc.observations.sigma_m, choice.extra_sigma_m)
     group = np.full(len(own_m), ALONE)
     effect_m = np.zeros((len(own_m), 2))
-    for kind, station_m in (
-        (VLBI_DELAY, choice.vlbi_station_sigma_m),
-        (VLBI_DELAY_RATE, choice.vlbi_station_rate_sigma_m),
-    ):
+    for kind, key in ((VLBI_DELAY, "vlbi_station_sigma_m"), (VLBI_DELAY_RATE, "vlbi_station_rate_sigma_m")):
         rows = np.flatnonzero(arc.observations.kind == kind)
-        if not station_m or not len(rows):
+        ends_m = _ends_m(arc, key, getattr(choice, key), rows)
+        if not ends_m.any():
             continue
         number = same_epoch(arc.observations.epoch[rows])
         if kind == VLBI_DELAY_RATE:
             keys = np.stack([number, arc.observations.count_s[rows]], axis=1)
             _, number = np.unique(keys, axis=0, return_inverse=True)
         group[rows] = group.max() + 1 + number.reshape(-1)
-        effect_m[rows] = -station_m, station_m
+        effect_m[rows] = ends_m * [-1.0, 1.0]
     if (group == ALONE).all():
         return ObservationNoise(own_m)
     source = np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
     return ObservationNoise(own_m, SharedErrors(group, source, effect_m))
+
+
+def _ends_m(
+    arc: Arc, key: str, given: float | Mapping[str, float], rows: NDArray[np.intp]
+) -> NDArray[np.float64]:
+    """Error of the first and of the second station of some observations, shape (n, 2)."""
+    if not isinstance(given, Mapping):
+        return np.full((len(rows), 2), given)
+    try:
+        sigma_m = {arc.model.catalogue.get(name).name: sigma for name, sigma in given.items()}
+    except StationError as error:
+        raise StationError(f"[observations] {key}: {error}") from None
+    of_station_m = np.array([sigma_m.get(name, 0.0) for name in arc.stations])
+    return of_station_m[np.stack([arc.transmitters[rows], arc.receivers[rows]], axis=-1)]
 
 
 def same_epoch(epoch: Epochs) -> NDArray[np.intp]:

@@ -7,7 +7,7 @@ The records check themselves, so a study built in Python is held to the same rul
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -22,6 +22,7 @@ from radioloc.measurements.electron_content import UniformTec
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.terms import active_terms
 from radioloc.simulation.scenario import Scenario
+from radioloc.studies.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
 
 POSITION_FORMS = ("geographic", "cartesian", "none")
@@ -50,11 +51,13 @@ class ObservationChoice:
         sigma, metres of the whole light path.
     tdm : TdmAgreement
         What Tracking Data Messages leave to be agreed: sigmas, whether RANGE is halved, ...
-    vlbi_station_sigma_m : float
+    vlbi_station_sigma_m : float or mapping of str to float
         Error of each VLBI station's arrival time, metres, which all delays of one epoch that the station has part in
-        share; beside the sigmas of the delays.
-    vlbi_station_rate_sigma_m : float
+        share; beside the sigmas of the delays. By station: those not named have none.
+    vlbi_station_rate_sigma_m : float or mapping of str to float
         Likewise the error of by how much each station's arrival time grows over the count interval, for delay rates.
+    weights : iterable of Weight
+        Changes of the stated sigmas by type, station and file, before the extra ones are added.
 
     Raises
     ------
@@ -70,8 +73,9 @@ class ObservationChoice:
     hours: float | None = None
     extra_sigma_m: float = 0.0
     tdm: TdmAgreement = field(default_factory=TdmAgreement)
-    vlbi_station_sigma_m: float = 0.0
-    vlbi_station_rate_sigma_m: float = 0.0
+    vlbi_station_sigma_m: float | Mapping[str, float] = 0.0
+    vlbi_station_rate_sigma_m: float | Mapping[str, float] = 0.0
+    weights: tuple[Weight, ...] = ()
 
     def __post_init__(self) -> None:
         files = (self.files,) if isinstance(self.files, (str, Path)) else self.files
@@ -91,8 +95,16 @@ class ObservationChoice:
         if self.hours is not None:
             _require_positive("hours", self.hours)
         _require_not_negative("extra_sigma_m", self.extra_sigma_m)
-        _require_not_negative("vlbi_station_sigma_m", self.vlbi_station_sigma_m)
-        _require_not_negative("vlbi_station_rate_sigma_m", self.vlbi_station_rate_sigma_m)
+        for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m"):
+            value = getattr(self, key)
+            named = (
+                {f"{key}.{name}": sigma for name, sigma in value.items()}
+                if isinstance(value, Mapping)
+                else {}
+            )
+            for name, sigma in (named or {key: 0.0 if isinstance(value, Mapping) else value}).items():
+                _require_not_negative(name, sigma)
+        object.__setattr__(self, "weights", tuple(self.weights))
 
 
 STATION_PARAMETERS = {

@@ -30,6 +30,7 @@ from radioloc.studies.study import (
     TerrainPrior,
 )
 from radioloc.studies.toml_table import TomlTable
+from radioloc.studies.weights import Weight
 
 _FASTEST_PLATE_M_YR = 1.0
 """Plates move by up to 0.1 m a year; more is another unit."""
@@ -174,8 +175,9 @@ def _observations(table: TomlTable, folder: Path, *, needs_files: bool) -> Obser
         "stop": table.epoch("stop"),
         "hours": table.number("hours"),
         "extra_sigma_m": table.number("extra_sigma_m"),
-        "vlbi_station_sigma_m": table.number("vlbi_station_sigma_m"),
-        "vlbi_station_rate_sigma_m": table.number("vlbi_station_rate_sigma_m"),
+        "vlbi_station_sigma_m": _by_station(table, "vlbi_station_sigma_m"),
+        "vlbi_station_rate_sigma_m": _by_station(table, "vlbi_station_rate_sigma_m"),
+        "weights": tuple(_weight(entry) for entry in table.table_list("weights")),
     }
     sigmas = table.table("sigma_m")
     agreed = {
@@ -196,6 +198,23 @@ def _observations(table: TomlTable, folder: Path, *, needs_files: bool) -> Obser
     return table.build(
         ObservationChoice, files=_found(table, "files", patterns or (), folder), tdm=tdm, **fields
     )
+
+
+def _by_station(table: TomlTable, key: str) -> float | dict[str, float] | None:
+    """Take a number for all stations, or a table of numbers by station."""
+    value = table.take(key)
+    if isinstance(value, dict):
+        return {name: table.as_number(f"{key}.{name}", number) for name, number in value.items()}
+    return None if value is None else table.as_number(key, value)
+
+
+def _weight(table: TomlTable) -> Weight:
+    fields = {
+        **{key: table.texts(key) for key in ("type", "stations", "files")},
+        **{key: table.number(key) for key in ("sigma_m", "factor", "extra_sigma_m")},
+    }
+    table.finish()
+    return table.build(Weight, **fields)
 
 
 def _files(table: TomlTable, key: str, folder: Path) -> tuple[Path, ...]:

@@ -160,6 +160,15 @@ class TomlTable:
         """Take all that is left, each a table of its own."""
         return [t for key in list(self._content) if (t := self.table(key)) is not None]
 
+    def table_list(self, key: str) -> list[TomlTable]:
+        """Take a list of tables, ``[[...]]``; empty where the key is absent."""
+        value = self.take(key)
+        if value is None:
+            return []
+        if not isinstance(value, list):
+            self.fail(key, f"must be a list of tables, [[{self.name}.{key}]], not {_shown(value)}")
+        return [TomlTable(self._path, f"{self.name}.{key}", item) for item in value]
+
     def finish(self) -> None:
         """Raise :class:`InputError` if a key is left that nobody asked for."""
         for key in self._content:

@@ -1,0 +1,158 @@
+"""Sigmas of a study's observations, changed by type, station and file where an analyst knows better than the files."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass, replace
+from pathlib import PurePath
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import InputError, StationError
+from radioloc.measurements.observations import KINDS, Observations
+
+
+@dataclass(frozen=True, slots=True)
+class Weight:
+    """A change of the sigmas of some observations, those that all selectors hold for.
+
+    Parameters
+    ----------
+    type : str or iterable of str, or None
+        Kinds of measurement, of :data:`~radioloc.measurements.observations.KINDS`; all where ``None``.
+    stations : str or iterable of str, or None
+        Stations one of which is an end of the path; all where ``None``.
+    files : str or iterable of str, or None
+        Names or globs of the files that the observations came from; all where ``None``.
+    sigma_m : float or None
+        The sigma, in place of the stated one, metres of the whole light path.
+    factor : float or None
+        Multiplies the sigma.
+    extra_sigma_m : float or None
+        Added to it in quadrature, metres of the whole light path. Of several changes this is the last, ``sigma_m``
+        the first.
+
+    Raises
+    ------
+    InputError
+        A type is not known, a list is empty, nothing is changed, or a number is not above zero.
+    """
+
+    type: tuple[str, ...] | None = None
+    stations: tuple[str, ...] | None = None
+    files: tuple[str, ...] | None = None
+    sigma_m: float | None = None
+    factor: float | None = None
+    extra_sigma_m: float | None = None
+
+    def __post_init__(self) -> None:
+        for key in ("type", "stations", "files"):
+            value = getattr(self, key)
+            if value is not None:
+                object.__setattr__(self, key, (value,) if isinstance(value, str) else tuple(value))
+                if not getattr(self, key):
+                    raise InputError(f"{key} names none; leave it out to take all")
+        for kind in self.type or ():
+            if kind not in KINDS:
+                raise InputError(f"type {kind!r} is not known; use {', '.join(KINDS)}")
+        changes = {key: getattr(self, key) for key in ("sigma_m", "factor", "extra_sigma_m")}
+        if all(value is None for value in changes.values()):
+            raise InputError("changes nothing; give sigma_m, factor or extra_sigma_m")
+        for key, value in changes.items():
+            if value is not None and not (math.isfinite(value) and value > 0.0):
+                raise InputError(f"{key} must be above zero, not {value!r}")
+
+    def __str__(self) -> str:
+        chosen = [" or ".join(names) for names in (self.type, self.stations, self.files) if names is not None]
+        changes = [
+            form.format(value)
+            for form, value in (
+                ("{:g} m", self.sigma_m),
+                ("times {:g}", self.factor),
+                ("plus {:g} m", self.extra_sigma_m),
+            )
+            if value is not None
+        ]
+        return f"{', '.join(chosen) or 'all'}: {', '.join(changes)}"
+
+    def record(self) -> dict[str, Any]:
+        """What is given, for the provenance."""
+        return {key: value for key, value in asdict(self).items() if value is not None}
+
+
+def weighted_observations(
+    observations: Observations, weights: Iterable[Weight], catalogue: StationCatalogue
+) -> Observations:
+    """Observations with changed sigmas; each weight, in order, changes what those before it have made.
+
+    Parameters
+    ----------
+    observations : Observations
+    weights : iterable of Weight
+    catalogue : StationCatalogue
+        Resolves station names and their aliases.
+
+    Raises
+    ------
+    InputError
+        A station is not known, a weight holds for no observation, or a sigma becomes too large or too small for a
+        float.
+    """
+    sigma_m = observations.sigma_m.copy()
+    changed = False
+    for number, weight in enumerate(weights, start=1):
+        where = f"[[observations.weights]] number {number} ({weight})"
+        try:
+            rows = _rows(observations, weight, catalogue)
+        except StationError as error:
+            raise StationError(f"{where}: {error}") from None
+        if not rows.any():
+            raise InputError(
+                f"{where} holds for no observation; the observations are of {_present(observations)}"
+            )
+        if weight.sigma_m is not None:
+            sigma_m[rows] = weight.sigma_m
+        with np.errstate(over="ignore", under="ignore"):
+            if weight.factor is not None:
+                sigma_m[rows] *= weight.factor
+            if weight.extra_sigma_m is not None:
+                sigma_m[rows] = np.hypot(sigma_m[rows], weight.extra_sigma_m)
+        if not (np.isfinite(sigma_m) & (sigma_m > 0.0)).all():
+            raise InputError(f"{where} makes a sigma that no float can hold")
+        changed = True
+    if not changed:
+        return observations
+    sigma_m.flags.writeable = False
+    return replace(observations, sigma_m=sigma_m)
+
+
+def _rows(observations: Observations, weight: Weight, catalogue: StationCatalogue) -> NDArray[np.bool_]:
+    rows = np.ones(len(observations), dtype=bool)
+    if weight.type is not None:
+        rows &= np.isin(observations.kind, [KINDS.index(kind) for kind in weight.type])
+    if weight.stations is not None:
+        wanted = {catalogue.get(name).name for name in weight.stations}
+        ends = [
+            {_name(catalogue, link.transmitter), _name(catalogue, link.receiver)}
+            for link in observations.links
+        ]
+        rows &= np.array([bool(names & wanted) for names in ends])[observations.link]
+    if weight.files is not None:
+        matches = [any(PurePath(file).match(glob) for glob in weight.files) for file in observations.files]
+        rows &= np.array(matches)[observations.file]
+    return rows
+
+
+def _name(catalogue: StationCatalogue, name: str) -> str:
+    return catalogue.get(name).name if name in catalogue else name
+
+
+def _present(observations: Observations) -> str:
+    kinds = ", ".join(KINDS[k] for k in np.unique(observations.kind))
+    links = [observations.links[k] for k in np.unique(observations.link)]
+    stations = sorted({name for link in links for name in (link.transmitter, link.receiver)})
+    return f"{kinds} by {', '.join(stations)}"

@@ -1,0 +1,185 @@
+"""SPK files of any type: SPICE's readers without its pool, and what is refused."""
+
+from __future__ import annotations
+
+import builtins
+
+import numpy as np
+import pytest
+import spiceypy
+from spk_files import ORBITER, START_S, STOP_S, circular, write_states
+
+from radioloc.ephemeris import Ephemeris, Trajectory
+from radioloc.errors import InputError, KernelError
+from radioloc.kernels import find_kernel, open_trajectory_file
+from radioloc.time import Epochs
+
+STATES = circular(1.8374e6, 4902.800076e9)
+ELSEWHERE = circular(3.0e6, 4902.800076e9)
+
+# States in km, and Hermite interpolation of a circle of 118 minutes over 60 s.
+SAME_KM = 1e-9
+
+AT_S = START_S + np.array([0.0, 1000.0, 20000.5, STOP_S - START_S])
+
+
+@pytest.fixture
+def orbit(tmp_path):
+    return write_states(tmp_path / "orbit.bsp", STATES)
+
+
+def states_km(path, et_s=AT_S, body=ORBITER):
+    source = open_trajectory_file(path, body)
+    return source.states(et_s, source.segment_at(et_s))
+
+
+def test_states_are_those_that_were_written(orbit):
+    source = open_trajectory_file(orbit, ORBITER)
+    assert np.abs(states_km(orbit) - STATES(AT_S) / 1e3).max() < SAME_KM
+    assert (source.file.start_tdb, source.file.end_tdb) == ("2020-12-02", "2020-12-03T12:00:00")
+    assert source.spans_s() == [(START_S, STOP_S)]
+
+
+def test_what_a_program_has_loaded_neither_matters_nor_changes(orbit, tmp_path):
+    """The same body from another file, and the same file, are in SPICE's pool before and after."""
+    other = write_states(tmp_path / "other.bsp", ELSEWHERE)
+    try:
+        for path in (orbit, other):
+            spiceypy.furnsh(str(path))
+        before = [spiceypy.spkgeo(ORBITER, et, "J2000", 301)[0] for et in AT_S]
+        assert np.abs(states_km(orbit) - STATES(AT_S) / 1e3).max() < SAME_KM
+        assert np.array_equal([spiceypy.spkgeo(ORBITER, et, "J2000", 301)[0] for et in AT_S], before)
+        spiceypy.unload(str(other))
+        after = [spiceypy.spkgeo(ORBITER, et, "J2000", 301)[0] for et in AT_S]
+        assert np.abs(after - STATES(AT_S) / 1e3).max() < SAME_KM
+        assert spiceypy.ktotal("SPK") == 1
+    finally:
+        spiceypy.kclear()
+    assert np.abs(states_km(orbit) - STATES(AT_S) / 1e3).max() < SAME_KM
+
+
+@pytest.mark.slow
+def test_many_files_one_after_another_leave_none_open(orbit):
+    source = open_trajectory_file(orbit, ORBITER)
+    which = source.segment_at(AT_S)
+    for _ in range(6000):  # SPICE holds 5000 open files at most
+        source.states(AT_S[:1], which[:1])
+
+
+def test_of_several_segments_the_last_counts(tmp_path):
+    path = write_states(tmp_path / "two.bsp", STATES)
+    handle = spiceypy.spkopa(str(path))
+    et_s = START_S + np.arange(0.0, 7260.0, 60.0)
+    spiceypy.spkw13(
+        handle, ORBITER, 301, "J2000", START_S, START_S + 7200.0, "later", 11, len(et_s),
+        ELSEWHERE(et_s) / 1e3, et_s,
+    )  # fmt: skip
+    spiceypy.spkcls(handle)
+    early, late = START_S + np.array([100.0]), START_S + np.array([8000.0])
+    assert np.abs(states_km(path, early) - ELSEWHERE(early) / 1e3).max() < SAME_KM
+    assert np.abs(states_km(path, late) - STATES(late) / 1e3).max() < SAME_KM
+    assert open_trajectory_file(path, ORBITER).spans_s() == [(START_S, STOP_S)]
+
+
+def test_another_inertial_frame_is_turned(orbit, tmp_path):
+    turn = spiceypy.pxform("J2000", "ECLIPJ2000", 0.0)
+
+    def turned(et_s):
+        return (STATES(et_s).reshape(-1, 2, 3) @ turn.T).reshape(-1, 6)
+
+    ecliptic = write_states(tmp_path / "ecliptic.bsp", turned, frame="ECLIPJ2000")
+    assert np.abs(states_km(ecliptic) - states_km(orbit)).max() < SAME_KM
+
+
+def test_a_frame_that_turns_is_refused(tmp_path):
+    fixed = write_states(tmp_path / "fixed.bsp", STATES, frame="IAU_MOON")
+    with pytest.raises(
+        KernelError, match=r"fixed\.bsp gives body -85 in the frame IAU_MOON \(10020\), which turns"
+    ):
+        open_trajectory_file(fixed, ORBITER)
+
+
+def test_what_is_no_trajectory_is_refused(orbit, tmp_path):
+    with pytest.raises(KernelError, match=r"no body with the NAIF code -86; it holds -85"):
+        open_trajectory_file(orbit, -86)
+    with pytest.raises(KernelError, match="neither a file nor a kernel"):
+        open_trajectory_file(tmp_path / "absent.bsp", ORBITER)
+    (tmp_path / "text.bsp").write_text("not a kernel")
+    with pytest.raises(KernelError, match="not a SPICE binary kernel"):
+        open_trajectory_file(tmp_path / "text.bsp", ORBITER)
+    (tmp_path / "cut.bsp").write_bytes(orbit.read_bytes()[:4096])
+    with pytest.raises(KernelError, match="cut short"):
+        open_trajectory_file(tmp_path / "cut.bsp", ORBITER)
+    with pytest.raises(InputError, match="an integer such as -85"):
+        Trajectory.open(orbit, "-85")
+
+
+def test_a_file_that_is_gone_is_told_in_one_line(orbit):
+    source = open_trajectory_file(orbit, ORBITER)
+    orbit.unlink()
+    with pytest.raises(KernelError, match=r"orbit\.bsp cannot be evaluated by SPICE") as caught:
+        source.states(AT_S, source.segment_at(AT_S))
+    assert "\n" not in str(caught.value)
+
+
+def test_without_spice_it_is_said_what_to_install(orbit, monkeypatch):
+    def absent(name, *rest):
+        if name.startswith("spiceypy"):
+            raise ImportError(name)
+        return real(name, *rest)
+
+    real = builtins.__import__
+    monkeypatch.setattr(builtins, "__import__", absent)
+    with pytest.raises(InputError, match=r"pip install 'radioloc\[trajectories\]'"):
+        open_trajectory_file(orbit, ORBITER)
+
+
+def test_the_moon_of_the_ephemeris_itself():
+    """A body of JPL's own file, relative to the barycentre of Earth and Moon, is where the ephemeris has it."""
+    ephemeris = Ephemeris.open()
+    tdb = Epochs.from_jd(2459185.5, np.linspace(0.0, 30.0, 50) + 0.123456789, "TDB")
+    moon = Trajectory.open(find_kernel("DE421", "SPK"), 301).geocentric(ephemeris, tdb)
+    for ours, theirs in zip(ephemeris.geocentric("moon", tdb), moon, strict=True):
+        assert np.abs(ours - theirs).max() < 1e-6
+
+
+@pytest.mark.parametrize(("center", "code"), [("earth", 399), ("sun", 10), ("solar system barycentre", 0)])
+def test_centres(tmp_path, center, code):
+    ephemeris = Ephemeris.open()
+    path = write_states(tmp_path / "orbit.bsp", STATES, center=code)
+    tdb = Epochs.from_tdb_seconds(AT_S)
+    position_m, velocity_m_s = Trajectory.open(path, ORBITER).geocentric(ephemeris, tdb)
+    if code == 399:
+        place_m, rate_m_s = np.zeros(3), np.zeros(3)
+    elif code == 10:
+        place_m, rate_m_s = ephemeris.geocentric("sun", tdb)
+    else:
+        earth = ephemeris.earth(tdb)
+        place_m, rate_m_s = -earth.position_m, -earth.velocity_m_s
+    # Positions of 1.5e11 m are rounded to 0.03 mm.
+    assert np.abs(position_m - place_m - STATES(AT_S)[:, :3]).max() < 1e-4
+    assert np.abs(velocity_m_s - rate_m_s - STATES(AT_S)[:, 3:]).max() < 1e-6
+
+
+def test_a_centre_that_the_ephemeris_lacks(tmp_path):
+    path = write_states(tmp_path / "orbit.bsp", STATES, center=499)
+    with pytest.raises(KernelError, match="no segment for NAIF code 499 relative to 0"):
+        Trajectory.open(path, ORBITER).geocentric(Ephemeris.open(), Epochs.from_tdb_seconds(AT_S))
+
+
+def test_an_epoch_is_finer_than_one_float(orbit):
+    """Steps of 0.02 microseconds, in which an orbiter moves 33 micrometres: five of them in SPICE's own step."""
+    steps_s = 2e-8 * np.arange(50)
+    tdb = Epochs.from_tdb_seconds(np.full(50, START_S + 4321.0)).shifted(steps_s)
+    position_m, velocity_m_s = Trajectory.open(orbit, ORBITER).geocentric(_no_earth(), tdb)
+    moved_m = np.linalg.norm(position_m - position_m[0], axis=-1)
+    # The fraction of the day is resolved to 1e-11 s.
+    assert np.abs(moved_m - np.linalg.norm(velocity_m_s[0]) * steps_s).max() < 1e-6
+
+
+def _no_earth():
+    class Still:
+        def geocentric_center(self, code, tdb):
+            return np.zeros((len(tdb), 3)), np.zeros((len(tdb), 3))
+
+    return Still()

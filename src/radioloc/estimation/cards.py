@@ -44,6 +44,7 @@ def card_fields(solution: Solution) -> tuple[CardField, ...]:
     fields += [CardField("from", _variance_sources(solution))] if solution.position_estimated else []
     fields += [CardField("reference", _reference(solution.reference))] if solution.reference else []
     fields += [_other_parameters(solution)] if _others(solution) else []
+    fields += [CardField("passes", passes)] if (passes := _passes(solution)) else []
     fields += [CardField("data", _data(solution)), CardField("fit", _fit(solution)), _groups(solution)]
     fields += [CardField("left out", _left_out(solution))] if solution.fit.total.rejected else []
     sentences = solution.observability.describe()
@@ -187,9 +188,15 @@ def _reference(reference: ReferenceComparison) -> tuple[str, ...]:
 
 
 def _others(solution: Solution) -> list[int]:
-    """Parameters that are solved for without being part of the position."""
+    """Parameters beside the position: those that are solved for, then those that are held."""
+    free = solution.parameters.free
     involved = (solution.position_partials != 0.0).any(axis=0)
-    return [k for k in range(len(solution.parameters)) if solution.parameters.free[k] and not involved[k]]
+    others = [
+        k
+        for k, item in enumerate(solution.parameters)
+        if item.kind not in ("position", "offset") and not involved[k]
+    ]
+    return [k for k in others if free[k]] + [k for k in others if not free[k]]
 
 
 def _other_parameters(solution: Solution) -> CardField:
@@ -201,10 +208,22 @@ def _other_parameters(solution: Solution) -> CardField:
         prior = (
             "free" if math.isinf(item.prior_sigma) else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
         )
+        prior = "held" if item.fixed else prior
         sigma = f"{sigmas[k]:.3g}" if math.isfinite(sigmas[k]) else "undetermined"
         rows.append((item.name, f"{solution.values[k]:.6g}", sigma, item.unit, prior))
     lines = (f"{len(others) - _MAX_ROWS} more are not shown",) if len(others) > _MAX_ROWS else ()
     return CardField("estimated", lines, ("parameter", "value", "sigma", "unit", "a priori"), tuple(rows))
+
+
+def _passes(solution: Solution) -> tuple[str, ...]:
+    """When the passes were that have parameters of their own."""
+    spans = [
+        f"{item.name}: {item.span_utc[0]} to {item.span_utc[1]} UTC"
+        for item in solution.parameters
+        if item.span_utc is not None
+    ]
+    more = (f"{len(spans) - _MAX_ROWS} more are not shown",) if len(spans) > _MAX_ROWS else ()
+    return (*spans[:_MAX_ROWS], *more)
 
 
 def _data(solution: Solution) -> tuple[str, ...]:

@@ -27,14 +27,8 @@ def solution_dict(solution: Solution) -> dict[str, Any]:
         "message": solution.message,
         "trajectory": solution.trajectory,
         **_position_dict(solution),
-        "biases": {
-            station: {"value_m": value, "sigma_m": _finite(sigma)}
-            for station, (value, sigma) in solution.biases("range_bias").items()
-        },
-        "time_biases": {
-            station: {"value_s": value, "sigma_s": _finite(sigma)}
-            for station, (value, sigma) in solution.biases("time_bias").items()
-        },
+        "biases": _biases(solution, "range_bias", "m"),
+        "time_biases": _biases(solution, "time_bias", "s"),
         "parameters": _parameter_rows(solution),
         "parameter_covariance": _matrix(solution.covariance),
         "fit": _fit_dict(solution),
@@ -122,6 +116,19 @@ def solution_table(solution: Solution, what: str) -> Any:
     if rows.elevation_deg is not None:
         columns["elevation_deg"] = rows.elevation_deg
     return Table(columns)
+
+
+def _biases(solution: Solution, kind: str, unit: str) -> dict[str, Any]:
+    """Biases of a kind by station, or by station and pass with its first and last epoch."""
+    found: dict[str, Any] = {}
+    for k, (owner, (value, sigma)) in zip(
+        solution.parameters.of_kind(kind), solution.biases(kind).items(), strict=True
+    ):
+        found[owner] = {f"value_{unit}": value, f"sigma_{unit}": _finite(sigma)}
+        span = solution.parameters.parameters[k].span_utc
+        if span is not None:
+            found[owner] |= {"first_utc": span[0], "last_utc": span[1]}
+    return found
 
 
 def _fit_dict(solution: Solution) -> dict[str, Any]:

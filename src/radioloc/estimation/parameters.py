@@ -37,6 +37,8 @@ class Parameter:
         metres, 1/1737400 for a selenographic angle in rad, 0.001 for a time bias in seconds. It makes
         parameters of different units comparable when directions are named; the estimate does not depend on
         it.
+    span_utc : tuple of str, or None
+        First and last epoch that it acts on, UTC, where it is not of the whole arc.
 
     Raises
     ------
@@ -51,6 +53,7 @@ class Parameter:
     prior_sigma: float = math.inf
     fixed: bool = False
     scale: float = 1.0
+    span_utc: tuple[str, str] | None = None
 
     def __post_init__(self) -> None:
         if not self.name:

@@ -15,6 +15,7 @@ from radioloc.estimation.solution import Solution
 from radioloc.measurements.observations import Observations
 from radioloc.studies.arcs_table import PositionRow, card_fields, card_text, comparison, table_dict
 from radioloc.studies.locate import fit_arc, prepared_arc
+from radioloc.studies.owners import of_part
 from radioloc.studies.study import Reference, Study
 from radioloc.time import utc_to_tai
 
@@ -175,9 +176,8 @@ def arcs(
             reasons["outside the time span"] = reasons.get("outside the time span", 0) + later
         one = replace(whole, name=f"{study.name}, {length:g} h")
         arc = longest if not later else longest.select(rows)
-        found.append(
-            Arc(length, float(since_s[rows].max()) / 3600.0, fit_arc(one, arc, reasons, study.estimate))
-        )
+        estimate = study.estimate if not later else of_part(study.estimate, arc, study.catalogue)
+        found.append(Arc(length, float(since_s[rows].max()) / 3600.0, fit_arc(one, arc, reasons, estimate)))
     constants = longest.model.ephemeris.constants
     references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]
     return ArcStudy(study.name, tuple(found), tuple(references))

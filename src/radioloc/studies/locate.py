@@ -136,7 +136,7 @@ def fit_arc(
         if study.reference is None
         else position_in_pa("[reference]", study.reference.position, constants)
     )
-    problem = Problem.of(arc, target, estimate, study.catalogue)
+    problem = Problem.of(arc, target, estimate, study.catalogue, held=study.estimate)
     fitted = _fit(study, problem, estimate, _status(arc, target))
     x = fitted.edited.fit.x
     lander_pa_m = problem.position_pa_m(x)

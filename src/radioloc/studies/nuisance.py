@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -97,14 +97,40 @@ Shares = Callable[[ArcRows], NDArray[np.float64]]
 """Partials by the parameter of the first and of the second station of each observation, shape (m, 2)."""
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Owner:
+    """Whom a parameter belongs to.
+
+    Parameters
+    ----------
+    station : int or None
+        Index into the arc's stations; None for the point.
+    name : str
+        The station's name, with the number of the pass where each has its own.
+    number : int
+        Of the pass.
+    pass_of : ndarray of int, shape (n,), or None
+        Number of the pass that each observation of the arc is of; None where the parameter is of all.
+    span_utc : tuple of str, or None
+        First and last epoch of the pass.
+    """
+
+    station: int | None
+    name: str
+    number: int = 0
+    pass_of: NDArray[np.int32] | None = None
+    span_utc: tuple[str, str] | None = None
+
+
 @dataclass(frozen=True, slots=True)
 class Nuisance:
-    """One kind of parameter, of which each station can have its own.
+    """One kind of parameter, of which each station can have its own, or the point has the only one.
 
     Parameters
     ----------
     key : str
-        Name of the kind, and of the list of stations in ``[estimate]``; the prior's key adds ``_sigma`` and the unit.
+        Name of the kind, and of the list of stations in ``[estimate]``; the key of the a-priori value adds the unit,
+        that of its sigma ``_sigma`` and the unit.
     unit : str
         Unit of the parameter.
     scale : float
@@ -112,16 +138,24 @@ class Nuisance:
     shares : callable
         What the parameters of an observation's two stations do to its value. Where nothing is computed yet it may give
         any non-zero partials where there are some.
+    of_stations : bool
+        Whether stations have it rather than the point.
     """
 
     key: str
     unit: str
     scale: float
     shares: Shares
+    of_stations: bool = True
+
+    @property
+    def value_key(self) -> str:
+        """Key of the a-priori value in ``[estimate]``."""
+        return f"{self.key}_{self.unit.replace('/', '_')}"
 
     @property
     def sigma_key(self) -> str:
-        """Key of the prior's sigma in ``[estimate]``."""
+        """Key of the a-priori value's sigma in ``[estimate]``."""
         return f"{self.key}_sigma_{self.unit.replace('/', '_')}"
 
     def stations(self, arc: Arc) -> list[int]:
@@ -135,14 +169,20 @@ class Nuisance:
             taking_part |= set(np.unique(part.receivers[acts[:, 1]]).tolist())
         return sorted(taking_part)
 
-    def columns(self, part: ArcRows, stations: list[int]) -> NDArray[np.float64]:
-        """Partials of some observations by the parameters of some stations, shape (m, number of stations)."""
-        if not stations:
+    def columns(self, part: ArcRows, owners: Sequence[Owner]) -> NDArray[np.float64]:
+        """Partials of some observations by the parameters of some owners, shape (m, number of owners)."""
+        if not owners:
             return np.zeros((len(part), 0))
         shares = self.shares(part)
-        mine = np.array(stations)
+        if not self.of_stations:
+            return shares.sum(axis=-1, keepdims=True)
+        mine = np.array([owner.station for owner in owners])
         first = (part.transmitters[:, None] == mine) * shares[:, :1]
-        return first + (part.receivers[:, None] == mine) * shares[:, 1:]
+        columns: NDArray[np.float64] = first + (part.receivers[:, None] == mine) * shares[:, 1:]
+        for k, owner in enumerate(owners):
+            if owner.pass_of is not None:
+                columns[:, k] *= owner.pass_of[part.rows] == owner.number
+        return columns
 
 
 def _range_bias(part: ArcRows) -> NDArray[np.float64]:
@@ -182,12 +222,20 @@ def _zenith_delay(part: ArcRows) -> NDArray[np.float64]:
     return np.ones((len(part), 2)) if computed is None else computed.by_zenith_wet
 
 
+def _transponder_delay(part: ArcRows) -> NDArray[np.float64]:
+    """Of the point: shared by nobody, put down as the second station's."""
+    computed = part.computed
+    over = ~is_differenced(part.kind) if computed is None else computed.by_transponder_delay_m_s
+    return np.stack([np.zeros(len(part)), over.astype(np.float64)], axis=-1)
+
+
 NUISANCES = (
     Nuisance("range_bias", "m", 1.0, _range_bias),
     Nuisance("time_bias", "s", 1e-3, _time_bias),
     Nuisance("clock", "s", 1.0 / C_M_S, _clock),
     Nuisance("clock_rate", "s/s", 1e-5 / C_M_S, _clock_rate),
     Nuisance("zenith_delay", "m", 0.3, _zenith_delay),
+    Nuisance("transponder_delay", "s", 1.0 / C_M_S, _transponder_delay, of_stations=False),
 )
 """The kinds: a bias of the receiver's ranges; an offset of the time tags; offset and rate of a VLBI station's clock;
-what the wet delay at the zenith is beyond the model."""
+what the wet delay at the zenith, and the delay of the point's transponder, are beyond the model."""

@@ -13,13 +13,14 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import EphemerisConstants
-from radioloc.errors import InputError, StationError
+from radioloc.errors import InputError
 from radioloc.estimation.linearization import ROWS_AT_ONCE, Rows
 from radioloc.estimation.parameters import Parameter, ParameterSet
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.arc import Arc, Prediction
-from radioloc.studies.nuisance import NUISANCES, ArcRows, Nuisance, middle_of
+from radioloc.studies.nuisance import NUISANCES, ArcRows, Nuisance, Owner, middle_of
+from radioloc.studies.owners import owned_parameters
 from radioloc.studies.study import EstimateChoice, HeightPrior, TerrainPrior
 from radioloc.time import Epochs
 
@@ -27,8 +28,6 @@ logger = logging.getLogger(__name__)
 
 PositionFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
 """From the three position parameters to the principal-axes position, m, and its partials (3, 3)."""
-
-_NOBODY = -1
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,8 +40,8 @@ class Problem:
     parameters : ParameterSet
         Three of the position, then the nuisance parameters, kind by kind.
     position : PositionFunction
-    nuisances : tuple of (Nuisance, list of int)
-        The kinds that are estimated, each with the indices of its stations.
+    nuisances : tuple of (Nuisance, list of Owner)
+        The kinds that are estimated or held, each with those whom its parameters belong to.
     middle_tai : Epochs or None
         Middle of the arc, which clock rates count from, one epoch; None for an arc without observations.
     """
@@ -50,7 +49,7 @@ class Problem:
     arc: Arc
     parameters: ParameterSet
     position: PositionFunction
-    nuisances: tuple[tuple[Nuisance, list[int]], ...]
+    nuisances: tuple[tuple[Nuisance, list[Owner]], ...]
     middle_tai: Epochs | None = None
 
     @classmethod
@@ -60,6 +59,7 @@ class Problem:
         target_pa: LunarPosition | None,
         estimate: EstimateChoice | None,
         catalogue: StationCatalogue,
+        held: EstimateChoice | None = None,
     ) -> Problem:
         """Set up the problem of an arc.
 
@@ -72,13 +72,17 @@ class Problem:
             What to estimate; nothing where ``None``.
         catalogue : StationCatalogue
             Resolves the names of stations.
+        held : EstimateChoice, optional
+            Where nothing is estimated, whose a-priori values of biases and the like hold; zero otherwise.
 
         Raises
         ------
+        StationError
+            A station is not in the catalogue.
         InputError
             A parameter is asked for of a station without observations, or nothing at all is to be estimated.
         """
-        choice = EstimateChoice(position="none") if estimate is None else estimate
+        choice = (EstimateChoice() if held is None else held).held() if estimate is None else estimate
         if target_pa is None:
             position, function = _cartesian(np.zeros(3), fixed=True, name="offset")
         elif choice.position != "geographic":
@@ -92,22 +96,10 @@ class Problem:
         parameters = list(position)
         nuisances = []
         for nuisance in NUISANCES:
-            stations = _stations_of(nuisance, getattr(choice, nuisance.key), catalogue, arc)
-            sigma = getattr(choice, nuisance.sigma_key)
-            prior_sigma = math.inf if sigma is None else sigma
-            parameters += [
-                Parameter(
-                    f"{nuisance.key}.{arc.stations[i]}",
-                    nuisance.unit,
-                    nuisance.key,
-                    0.0,
-                    prior_sigma,
-                    scale=nuisance.scale,
-                )
-                for i in stations
-            ]
-            if stations:
-                nuisances.append((nuisance, stations))
+            owned = owned_parameters(nuisance, choice, catalogue, arc)
+            parameters += [parameter for _, parameter in owned]
+            if owned:
+                nuisances.append((nuisance, [owner for owner, _ in owned]))
         if estimate is not None and all(p.fixed for p in parameters):
             raise InputError(
                 'nothing to estimate: [estimate] position is "none" and no bias is asked for; '
@@ -177,7 +169,7 @@ class ArcLinearization:
 
     def nuisance_columns(self, part: ArcRows) -> NDArray[np.float64]:
         """Partials of some observations by the nuisance parameters, shape (m, p - 3)."""
-        columns = [nuisance.columns(part, stations) for nuisance, stations in self.problem.nuisances]
+        columns = [nuisance.columns(part, owners) for nuisance, owners in self.problem.nuisances]
         return np.hstack([np.zeros((len(part), 0)), *columns])
 
 
@@ -263,28 +255,3 @@ def _on_terrain(
         return pa_m, partials
 
     return parameters, position
-
-
-def _stations_of(
-    nuisance: Nuisance, names: tuple[str, ...] | str, catalogue: StationCatalogue, arc: Arc
-) -> list[int]:
-    """Indices of the stations that get a parameter of one kind."""
-    if names == "none":
-        return []
-    taking_part = nuisance.stations(arc)
-    if names == "all":
-        # Only differences of clocks show: the first station keeps the time for all.
-        return taking_part[1:] if nuisance.key.startswith("clock") else taking_part
-    chosen = set()
-    for name in names:
-        try:
-            station = catalogue.get(name).name
-        except StationError as error:
-            raise StationError(f"[estimate] {nuisance.key}: {error}") from None
-        if station not in arc.stations or arc.stations.index(station) not in taking_part:
-            present = ", ".join(arc.stations[i] for i in taking_part) or "none"
-            raise InputError(
-                f"[estimate] {nuisance.key}: no observation of {station} that has one; the stations are {present}"
-            )
-        chosen.add(arc.stations.index(station))
-    return sorted(chosen)

@@ -7,7 +7,7 @@ The records check themselves, so a study built in Python is held to the same rul
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -108,13 +108,22 @@ class ObservationChoice:
 
 
 STATION_PARAMETERS = {
-    "range_bias": "range_bias_sigma_m",
-    "time_bias": "time_bias_sigma_s",
-    "clock": "clock_sigma_s",
-    "clock_rate": "clock_rate_sigma_s_s",
-    "zenith_delay": "zenith_delay_sigma_m",
+    "range_bias": ("range_bias_m", "range_bias_sigma_m"),
+    "time_bias": ("time_bias_s", "time_bias_sigma_s"),
+    "clock": ("clock_s", "clock_sigma_s"),
+    "clock_rate": ("clock_rate_s_s", "clock_rate_sigma_s_s"),
+    "zenith_delay": ("zenith_delay_m", "zenith_delay_sigma_m"),
 }
-"""Parameters that each station can have, by the key that lists the stations, with the key of their prior."""
+"""Parameters that each station can have, by the key that lists the stations, with those of a-priori value and sigma."""
+
+RANGE_BIAS_PER = ("station", "pass")
+
+PASS_GAP_H = 4.0
+"""A station that has not observed for so long begins a new pass. Between two passes the Moon is down for 5 h or more at
+latitudes up to 57 degrees; within one a station is seldom silent for longer than this."""
+
+ByStation = Mapping[str, float] | float | None
+"""A number by the names of stations, or one for all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,14 +183,25 @@ class EstimateChoice:
         Parameters of the position: along the sphere and in height; x, y, z; or held.
     range_bias : iterable of str or "all" or "none"
         Stations whose range bias is estimated.
-    range_bias_sigma_m : float or None
-        Prior sigma of each bias about zero; free where ``None``.
-    time_bias, time_bias_sigma_s
+    range_bias_m : mapping of str to float, or float, or None
+        A-priori value by station, or of all stations; zero where there is none. A station that has one and is not
+        estimated is held at it.
+    range_bias_sigma_m : mapping of str to float, or float, or None
+        Sigma of the a-priori value, by station or for all that are estimated; free where there is none.
+    range_bias_per : {"station", "pass"}
+        Whether a station has one range bias, or one for each pass, all with its a-priori value and sigma.
+    pass_gap_h : float
+        A new pass begins when the station has not observed for longer.
+    time_bias, time_bias_s, time_bias_sigma_s
         Likewise for an offset of a station's time tags.
-    clock, clock_sigma_s, clock_rate, clock_rate_sigma_s_s
+    clock, clock_s, clock_sigma_s, clock_rate, clock_rate_s_s, clock_rate_sigma_s_s
         Likewise for offset and rate of a VLBI station's clock; ``"all"`` leaves out the first station, the reference.
-    zenith_delay, zenith_delay_sigma_m
+    zenith_delay, zenith_delay_m, zenith_delay_sigma_m
         Likewise for what the wet zenith delay of radio signals is beyond the model.
+    transponder_delay : bool
+        Whether the delay of the point's transponder beyond the model's is estimated.
+    transponder_delay_sigma_s : float or None
+        Its sigma about zero; free where ``None``.
     height_prior : HeightPrior or TerrainPrior or None
         Prior on the height; needs the geographic parameters, of which the height is one.
     ephemeris_sigma_m : tuple of float
@@ -197,15 +217,24 @@ class EstimateChoice:
 
     position: str = "geographic"
     range_bias: tuple[str, ...] | str = "none"
-    range_bias_sigma_m: float | None = None
+    range_bias_m: ByStation = None
+    range_bias_sigma_m: ByStation = None
+    range_bias_per: str = "station"
+    pass_gap_h: float = PASS_GAP_H
     time_bias: tuple[str, ...] | str = "none"
-    time_bias_sigma_s: float | None = None
+    time_bias_s: ByStation = None
+    time_bias_sigma_s: ByStation = None
     clock: tuple[str, ...] | str = "none"
-    clock_sigma_s: float | None = None
+    clock_s: ByStation = None
+    clock_sigma_s: ByStation = None
     clock_rate: tuple[str, ...] | str = "none"
-    clock_rate_sigma_s_s: float | None = None
+    clock_rate_s_s: ByStation = None
+    clock_rate_sigma_s_s: ByStation = None
     zenith_delay: tuple[str, ...] | str = "none"
-    zenith_delay_sigma_m: float | None = None
+    zenith_delay_m: ByStation = None
+    zenith_delay_sigma_m: ByStation = None
+    transponder_delay: bool = False
+    transponder_delay_sigma_s: float | None = None
     height_prior: HeightPrior | TerrainPrior | None = None
     ephemeris_sigma_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rejection_sigma: float = 5.0
@@ -221,9 +250,16 @@ class EstimateChoice:
             if isinstance(value, str):
                 raise InputError(f'{key} must be a list of stations, "all" or "none", not {value!r}')
             object.__setattr__(self, key, _names(key, value))
-        for key in STATION_PARAMETERS.values():
-            if getattr(self, key) is not None:
-                _require_positive(key, getattr(self, key))
+        for value_key, sigma_key in STATION_PARAMETERS.values():
+            _each(value_key, getattr(self, value_key), _require_finite)
+            _each(sigma_key, getattr(self, sigma_key), _require_positive)
+        if self.range_bias_per not in RANGE_BIAS_PER:
+            raise InputError(f'range_bias_per must be "station" or "pass", not {self.range_bias_per!r}')
+        _require_positive("pass_gap_h", self.pass_gap_h)
+        if self.transponder_delay_sigma_s is not None:
+            _require_positive("transponder_delay_sigma_s", self.transponder_delay_sigma_s)
+            if not self.transponder_delay:
+                raise InputError("transponder_delay_sigma_s needs transponder_delay = true")
         if self.height_prior is not None and self.position != "geographic":
             raise InputError('height_prior needs position = "geographic", where the height is a parameter')
         if len(self.ephemeris_sigma_m) != 3:
@@ -237,6 +273,11 @@ class EstimateChoice:
                 f"rejection_sigma must be {LOWEST_REJECTION_SIGMA:g} or more, not {self.rejection_sigma!r}: "
                 "less cuts good data"
             )
+
+    def held(self) -> EstimateChoice:
+        """Nothing estimated; the a-priori values of all biases and the like stay."""
+        values = {value_key: getattr(self, value_key) for value_key, _ in STATION_PARAMETERS.values()}
+        return EstimateChoice(position="none", **values)
 
 
 @dataclass(frozen=True, slots=True)
@@ -369,6 +410,18 @@ def _names(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:
         if not isinstance(name, str) or not name.strip():
             raise InputError(f"{key} must be names, not {name!r}")
     return names
+
+
+def _each(key: str, given: ByStation, require: Callable[[str, float], None]) -> None:
+    """Hold each number of a table of stations, or the only one, to a rule."""
+    for name, value in given.items() if isinstance(given, Mapping) else ((None, given),):
+        if value is not None:
+            require(key if name is None else f"{key} of {name}", value)
+
+
+def _require_finite(key: str, value: float) -> None:
+    if not math.isfinite(value):
+        raise InputError(f"{key} must be a finite number, not {value!r}")
 
 
 def _require_positive(key: str, value: float) -> None:

@@ -252,7 +252,11 @@ def _estimate(table: TomlTable, folder: Path) -> EstimateChoice:
     fields = {
         "position": table.text("position"),
         **{key: _stations(table, key) for key in STATION_PARAMETERS},
-        **{key: table.number(key) for key in STATION_PARAMETERS.values()},
+        **{key: table.number_or_table(key) for keys in STATION_PARAMETERS.values() for key in keys},
+        "range_bias_per": table.text("range_bias_per"),
+        "pass_gap_h": table.number("pass_gap_h"),
+        "transponder_delay": table.flag("transponder_delay"),
+        "transponder_delay_sigma_s": table.number("transponder_delay_sigma_s"),
         "ephemeris_sigma_m": _east_north_up(table, "ephemeris_sigma_m"),
         "rejection_sigma": table.number("rejection_sigma"),
     }

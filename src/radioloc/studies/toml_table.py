@@ -66,6 +66,15 @@ class TomlTable:
         """Whether a key is there and its value is a string."""
         return isinstance(self._content.get(key), str)
 
+    def number_or_table(self, key: str) -> float | dict[str, float] | None:
+        """Take a finite number, or a table of them under any names, at least one."""
+        value = self.take(key)
+        if value is None or not isinstance(value, Mapping):
+            return None if value is None else self.as_number(key, value)
+        if not value:
+            self.fail(key, "names none; leave it out")
+        return {name: self.as_number(f"{key}.{name}", number) for name, number in value.items()}
+
     def number(self, key: str) -> float | None:
         """Take a finite number."""
         value = self.take(key)

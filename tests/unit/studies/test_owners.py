@@ -1,0 +1,253 @@
+"""A-priori values by station, held ones, passes, the transponder: which parameters an arc gets, and what they do."""
+
+import numpy as np
+import pytest
+from arc_cases import START_TAI_JD
+
+import radioloc
+from radioloc import EstimateChoice, InputError, LunarPosition, StationError, Study
+from radioloc.constants import C_M_S
+from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Link, Observations
+from radioloc.studies.problem import Problem
+from radioloc.studies.study import ModelChoice, ObservationChoice
+from radioloc.time import Epochs, tai_to_utc
+
+TARGET = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+# Two days of each station, from 15 h on, where it sees the Moon.
+HOURS = {"KASHI": (15.5, 18.0, 20.5, 40.0, 42.4), "JIAMUSI": (12.0, 15.0, 17.5, 36.0, 39.5)}
+# What the fit leaves of data without noise.
+SAME_M = 1e-4
+
+
+def table(kind=RANGE, path=None, **columns):
+    rows = [(station, hour) for station, hours in HOURS.items() for hour in hours]
+    tai = Epochs.from_jd(START_TAI_JD, np.array([hour / 24.0 for _, hour in rows]), "TAI")
+    links = [Link.from_path(path or f"{station}>lander>{station}") for station in HOURS]
+    if path:
+        return Observations.from_columns(
+            epoch=tai_to_utc(tai), links=links[:1], kind=kind, tag=1, sigma_m=1.0, **columns
+        )
+    link = [list(HOURS).index(station) for station, _ in rows]
+    return Observations.from_columns(
+        epoch=tai_to_utc(tai), links=links, link=link, kind=kind, tag=1, value_m=7.7e8, sigma_m=1.0, **columns
+    )
+
+
+def study(**estimate):
+    # Below the horizon an observation is left out; these paths are for what parameters do.
+    return Study(
+        TARGET,
+        ObservationChoice(),
+        EstimateChoice(**({"position": "none"} | estimate)),
+        ModelChoice(terms=radioloc.active_terms(["troposphere"])),
+        name="owners",
+    )
+
+
+def with_values(observations, value_m):
+    return Observations.from_columns(
+        epoch=observations.epoch,
+        links=observations.links,
+        link=observations.link,
+        kind=observations.kind,
+        tag=observations.tag,
+        value_m=value_m,
+        sigma_m=observations.sigma_m,
+    )
+
+
+@pytest.fixture(scope="module")
+def ranges():
+    """Ranges without error, and the station of each."""
+    observations = table()
+    arc, pa_m = radioloc.arc_of(study(), observations)
+    stations = np.array([arc.stations[i] for i in arc.receivers])
+    return with_values(observations, arc.compute(pa_m).value_m), stations
+
+
+@pytest.fixture(scope="module")
+def biased(ranges):
+    """The same with 12 m on KASHI and 5 m on JIAMUSI."""
+    observations, stations = ranges
+    return with_values(observations, observations.value_m + np.where(stations == "KASHI", 12.0, 5.0))
+
+
+def test_every_path_sees_the_moon(ranges):
+    assert radioloc.residuals(study(), ranges[0]).residuals.used.all()
+
+
+def test_values_are_where_the_fit_starts_and_what_it_is_drawn_to(biased):
+    found = radioloc.locate(
+        study(
+            range_bias="all",
+            range_bias_m={"KASHI": 11.0, "Jiamusi": 5.0},
+            range_bias_sigma_m={"KASHI": 0.5, "JIAMUSI": 1e-3},
+        ),
+        biased,
+    )
+    rows = {row["name"]: row for row in found.to_dict()["parameters"]}
+    assert rows["range_bias.KASHI"]["prior_value"] == 11.0
+    assert (rows["range_bias.KASHI"]["prior_sigma"], rows["range_bias.JIAMUSI"]["prior_sigma"]) == (0.5, 1e-3)
+    # Five ranges of 1 m beside a value of 0.5 m: weights 5 and 4.
+    assert rows["range_bias.KASHI"]["value"] == pytest.approx((5 * 12.0 + 4 * 11.0) / 9.0, abs=SAME_M)
+    assert rows["range_bias.KASHI"]["sigma"] == pytest.approx(1.0 / 3.0, rel=1e-6)
+    assert found.biases()["JIAMUSI"] == pytest.approx((5.0, 1e-3), abs=SAME_M)
+
+
+def test_one_number_is_everybodys(biased):
+    found = radioloc.locate(study(range_bias=["KASHI"], range_bias_m=5.0, range_bias_sigma_m=1e9), biased)
+    assert found.biases()["KASHI"][0] == pytest.approx(12.0, abs=SAME_M)
+    assert found.biases()["JIAMUSI"] == (5.0, 0.0)  # held, since not listed
+
+
+def test_a_station_with_a_value_that_is_not_listed_is_held_at_it(biased):
+    found = radioloc.locate(study(range_bias=["JIAMUSI"], range_bias_m={"KASHI": 12.0}), biased)
+    assert found.to_dict()["biases"]["KASHI"] == {"value_m": 12.0, "sigma_m": 0.0}
+    assert {row["name"]: row["fixed"] for row in found.to_dict()["parameters"]} == {
+        **{f"position.{axis}": True for axis in "xyz"},
+        "range_bias.JIAMUSI": False,
+        "range_bias.KASHI": True,
+    }
+    assert np.abs(found.residuals.residual_m).max() < SAME_M
+    assert "range_bias.KASHI" in str(found)
+    assert "held" in str(found)
+
+
+def test_residuals_are_those_at_the_a_priori_values(biased):
+    asked = study(range_bias=["KASHI"], range_bias_m={"KASHI": 12.0, "JIAMUSI": 5.0}, range_bias_sigma_m=1.0)
+    given = radioloc.residuals(asked, biased)
+    assert np.abs(given.residuals.residual_m).max() < SAME_M
+    assert not given.parameters.free.any()
+
+
+@pytest.mark.parametrize(
+    ("estimate", "error", "message"),
+    [
+        ({"range_bias_m": {"ATLANTIS": 1.0}}, StationError, r"\[estimate\] range_bias_m: .*ATLANTIS"),
+        (
+            {"range_bias_m": {"NEUQUEN": 1.0}},
+            InputError,
+            "range_bias_m: no observation of NEUQUEN that has one",
+        ),
+        ({"range_bias_sigma_m": {"JIAMUSI": 1.0}}, InputError, "JIAMUSI gets no range_bias; list it"),
+        ({"range_bias_m": {"KASHI": 1.0, "kashi": 2.0}}, InputError, "KASHI is there twice, once as kashi"),
+        ({"clock_s": {"KASHI": 1.0}}, InputError, "clock_s: no observation of KASHI that has one; .* none"),
+    ],
+)
+def test_stations_that_cannot_be(ranges, estimate, error, message):
+    with pytest.raises(error, match=message):
+        radioloc.locate(study(range_bias=["KASHI"], **estimate), ranges[0])
+
+
+@pytest.mark.parametrize(
+    ("estimate", "message"),
+    [
+        ({"range_bias_m": {"KASHI": np.nan}}, "range_bias_m of KASHI must be a finite number"),
+        ({"range_bias_sigma_m": {"KASHI": 0.0}}, "range_bias_sigma_m of KASHI must be above zero"),
+        ({"range_bias_per": "day"}, 'range_bias_per must be "station" or "pass"'),
+        ({"pass_gap_h": 0.0}, "pass_gap_h must be above zero"),
+        ({"transponder_delay_sigma_s": 1e-8}, "needs transponder_delay = true"),
+    ],
+)
+def test_choices_that_cannot_be(estimate, message):
+    with pytest.raises(InputError, match=message):
+        EstimateChoice(**estimate)
+
+
+def test_passes_have_biases_of_their_own(ranges):
+    observations, stations = ranges
+    hours = np.array([hour for station in HOURS for hour in HOURS[station]])
+    bias_m = np.where(stations == "KASHI", 10.0, 20.0) + (hours > 24.0)
+    found = radioloc.locate(
+        study(range_bias="all", range_bias_per="pass"),
+        with_values(observations, observations.value_m + bias_m),
+    )
+    biases = found.to_dict()["biases"]
+    assert {name: round(bias["value_m"], 3) for name, bias in biases.items()} == {
+        "KASHI 1": 10.0,
+        "KASHI 2": 11.0,
+        "JIAMUSI 1": 20.0,
+        "JIAMUSI 2": 21.0,
+    }
+    # Tags are TAI - 37 s.
+    assert biases["KASHI 2"]["first_utc"].startswith("2020-12-03T15:59:23")
+    assert biases["KASHI 2"]["last_utc"].startswith("2020-12-03T18:23:23")
+    assert "passes      range_bias.KASHI 1: 2020-12-02T15:29:23" in str(found)
+
+
+def test_a_gap_makes_a_pass(ranges):
+    observations, _ = ranges
+    names = [
+        [name for name in radioloc.locate(chosen, observations).biases() if name.startswith("KASHI")]
+        for chosen in (
+            study(range_bias="all", range_bias_per="pass", pass_gap_h=gap_h) for gap_h in (2.2, 2.6, 20.0)
+        )
+    ]
+    assert [len(found) for found in names] == [5, 2, 1]
+
+
+def test_what_a_station_does_else_is_of_the_pass_too(ranges):
+    """Five hours without ranges, with Doppler in the middle."""
+    hours = [hour for station in HOURS for hour in HOURS[station]]
+    observations = table(np.where(np.array(hours) == 18.0, DOPPLER, RANGE), count_s=60.0)
+    arc, pa_m = radioloc.arc_of(study(), observations)
+    choice = study(range_bias=["KASHI"], range_bias_per="pass").estimate
+    problem = Problem.of(arc, LunarPosition("PA_DE421", pa_m), choice, radioloc.StationCatalogue.default())
+    assert [p.name for p in problem.parameters][3:] == ["range_bias.KASHI 1", "range_bias.KASHI 2"]
+    assert problem.residuals(problem.parameters.prior_values)[1][:5, 3:].tolist() == [
+        [1.0, 0.0],
+        [0.0, 0.0],
+        [1.0, 0.0],
+        [0.0, 1.0],
+        [0.0, 1.0],
+    ]
+
+
+def test_station_held_and_others_by_pass(ranges):
+    found = radioloc.locate(
+        study(range_bias=["KASHI"], range_bias_per="pass", range_bias_m={"JIAMUSI": 0.0}), ranges[0]
+    )
+    assert list(found.biases()) == ["KASHI 1", "KASHI 2", "JIAMUSI"]
+    assert found.biases()["JIAMUSI"] == (0.0, 0.0)
+
+
+def test_transponder_delay_is_one_parameter_of_all_ranges(ranges):
+    observations, _ = ranges
+    late = with_values(observations, observations.value_m + C_M_S * 2e-8)
+    found = radioloc.locate(study(transponder_delay=True, transponder_delay_sigma_s=1e-6), late)
+    row = found.to_dict()["parameters"][3]
+    assert row["name"] == "transponder_delay"
+    assert row["value"] == pytest.approx(2e-8, abs=1e-3 / C_M_S)
+    assert row["sigma"] == pytest.approx(1.0 / C_M_S / np.sqrt(10.0), rel=1e-3)
+    assert "transponder_delay" in str(found)
+    delays = table(VLBI_DELAY, "KASHI<lander>JIAMUSI", value_m=0.0)
+    with pytest.raises(InputError, match="no observation goes over the point's transponder"):
+        radioloc.locate(study(transponder_delay=True), delays)
+
+
+def test_transponder_and_biases_of_all_are_not_told_apart_without_a_priori_values(ranges):
+    both = {"transponder_delay": True, "range_bias": "all"}
+    assert not radioloc.locate(study(**both), ranges[0]).converged
+    known = radioloc.locate(study(**both, transponder_delay_sigma_s=1e-9), ranges[0])
+    assert known.converged
+    # What the biases have in common is known as well as the transponder: 0.3 m beside 1 m / sqrt(5) of each.
+    assert known.biases()["KASHI"][1] == pytest.approx(np.hypot(C_M_S * 1e-9, np.sqrt(0.2)), rel=1e-3)
+
+
+def test_doppler_hardly_knows_the_transponder(ranges):
+    del ranges
+    doppler = table(DOPPLER, count_s=60.0)
+    arc, pa_m = radioloc.arc_of(study(), doppler)
+    # A closing speed that changes by 0.03 m/s^2 for a minute.
+    assert np.abs(arc.compute(pa_m).by_transponder_delay_m_s).max() < 2.0
+
+
+def test_arcs_leave_out_the_stations_that_come_later(ranges):
+    chosen = study(
+        range_bias=["KASHI", "JIAMUSI"],
+        range_bias_sigma_m={"KASHI": 1.0, "JIAMUSI": 2.0},
+        transponder_delay=True,
+        transponder_delay_sigma_s=1e-9,
+    )
+    found = radioloc.arcs(chosen, (48.0, 3.2), ranges[0])
+    assert [list(arc.solution.biases()) for arc in found.arcs] == [["KASHI", "JIAMUSI"], ["JIAMUSI"]]

@@ -3,8 +3,15 @@
 import numpy as np
 import pytest
 
-from radioloc.earth.mapping_functions import continued_fraction, height_correction, niell
-from radioloc.earth.vmf3 import vmf3
+from radioloc.earth.mapping_functions import (
+    continued_fraction,
+    day_of_year,
+    height_correction,
+    mapping_factors,
+    niell,
+)
+from radioloc.earth.vmf3 import vmf3, vmf3_bc
+from radioloc.time import Epochs
 
 GREEN_BANK_LATITUDE_RAD = 0.6708665767
 GREEN_BANK_MJD = 55055.0
@@ -134,3 +141,42 @@ def test_vmf3_against_orekit(
     # Rounding of a mapping function near 16 through sums of 182 harmonics.
     np.testing.assert_allclose(factors.hydrostatic, hydrostatic, rtol=0.0, atol=10.0 * MAPPING)
     np.testing.assert_allclose(factors.wet, wet, rtol=0.0, atol=10.0 * MAPPING)
+
+
+# MJD and nanoseconds of the day; latitude, longitude (rad), height (m), zenith distance (rad), a hydrostatic and wet;
+# the mapping factors. One case more, at 0.2 degrees of elevation, is left out.
+VMF3_HT = [
+    (49910, 63840313720400, -1.00655839762322463, -1.269846006397008953, 829.89198810515767946, 1.479746892873592401,
+     0.0035730098695386462, 0.00031829758849169666, 8.121899082072079779, 10.634685859837416544),
+    (47252, 85454786300822, -0.99961005735638530645, -1.535559624731509754, 2024.084328148853274, 1.009382911196702981,
+     0.00331715125402642485, 0.00027656306962914589, 1.863182725958604902, 1.877041709129812608),
+    (52573, 45968822588632, -0.72809675130317486058, 0.64657972158758836301, 1200.012802389383296, 0.1975470470786625798,
+     0.01632044127182305515, 0.00169622903295432812, 1.019183700146594207, 1.019765815866078063),
+    (60309, 74895554286777, -0.14342150316881907557, 0.99219874199870705667, 1009.329529676551374, 0.2059247113869449586,
+     0.01885650717138715252, 0.00140194053314290413, 1.020764741499591288, 1.021521453423524184),
+    (47176, 14428517423314, -1.431123073339695573, -1.370891390550610600, 2814.832308724194263, 1.087097112141426569,
+     0.01096636564494461036, 0.00085074300404099242, 2.070552000134979309, 2.143713817670696020),
+    (56552, 37377501566196, -0.02487747751083047021, -1.121328613609578362, 1504.494626368838226, 0.52481859559835963847,
+     0.01387855180187660617, 0.00148759202241975056, 1.150282489685982013, 1.154941832791583911),
+    (58950, 21841862341063, -0.71993925109076728486, 2.006684850039577306, 1679.095786525634594, 1.134205624740412421,
+     0.00282556259640217352, 0.00077474758675946903, 2.335588285645833206, 2.356581845331821245),
+    (45303, 22580717394152, 0.82448949290365325382, -1.808616383037678377, 83.82284862202868680, 0.33307940529340013258,
+     0.00631341240425861532, 0.00151078488330494485, 1.057366695324877037, 1.057965731514443508),
+    (59043, 40460378009873, 1.279793938551734733, -1.585092092504545969, 1146.666449912136841, 0.36094074669212516948,
+     0.00280761457543542235, 0.00167577124632660316, 1.068453283432329703, 1.068618772173420828),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize("case", VMF3_HT, ids=lambda case: str(case[0]))
+def test_vmf3_ht_in_octave(case: tuple[float, ...]) -> None:
+    """What vmf3_ht.m of TU Wien gave in Octave for random input, published with the library iers2010 (xanthospap).
+
+    Its coefficients a are up to ten times what air can have, which :func:`vmf3` refuses: its parts are tested.
+    """
+    mjd, day_ns, latitude, longitude, height_m, zenith_distance, a_h, a_w, hydrostatic, wet = case
+    day = day_of_year(Epochs.from_jd(2400000.5 + mjd, day_ns * 1e-9 / 86400.0, "UTC"))
+    b_h, b_w, c_h, c_w = vmf3_bc(latitude, longitude, day)
+    elevation_rad = np.pi / 2 - zenith_distance
+    factors = mapping_factors(elevation_rad, height_m, (a_h, b_h, c_h), (a_w, b_w, c_w))
+    np.testing.assert_allclose(factors.hydrostatic, [hydrostatic], rtol=0.0, atol=1e-12)
+    np.testing.assert_allclose(factors.wet, [wet], rtol=0.0, atol=1e-12)

@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
-from change5_case import LANDER, observations
+from change5_case import LANDER, NOISE, START, observations, world
 
 import radioloc
 from radioloc import EstimateChoice, HeightPrior, Reference, Study
+from radioloc.simulation import Schedule, Session, Truth, World, two_way
 
 HEIGHT = HeightPrior(-2550.4, 5.0)
 
@@ -33,6 +34,19 @@ def test_a_height_makes_a_position_of_an_hour_of_ranges(first_hour):
     assert with_height.sigma_enu_m()[2] == pytest.approx(5.0, rel=0.01)
     for solution in (without, with_height):
         assert solution.reference.combined_sigmas < 5.1  # 1e-5 of chance in three coordinates
+
+
+def test_two_uplinks_tell_directions_twice_as_well(first_hour, model):
+    """What tells a direction is the difference of two distances, which two two-way ranges hold twice."""
+    ranges = Session("range", two_way("JIAMUSI", "KASHI"), START, "2020-12-01T16:11:00", 60.0, sigma_m=1.0)
+    both = World.prepare(Schedule([ranges]), LANDER, Truth(), model=model).draw(NOISE, seed=1).observations
+    assert len(both) == len(first_hour)
+    of_two_m, of_one_m = (
+        float(np.hypot(*fit(tracked, range_bias_sigma_m=10.0).sigma_enu_m()[:2]))
+        for tracked in (both, first_hour)
+    )
+    assert of_two_m == pytest.approx(110.0, abs=3.0)
+    assert of_one_m == pytest.approx(2.0 * of_two_m, rel=0.05)
 
 
 def test_without_it_the_card_names_the_trade_in_metres(first_hour):
@@ -75,3 +89,21 @@ def test_free_biases_over_half_a_day_take_the_position_with_them(model):
     )
     # An a-priori value of each is what was missing.
     assert np.linalg.norm(fit(tracked, range_bias_sigma_m=10.0).sigma_enu_m()) < 10.0
+
+
+@pytest.mark.slow
+def test_three_baselines_and_free_biases(model):
+    """Delays of 0.3 m on three baselines, ranges of 1 m, all each minute: the position to 230 m, biases to 460 m.
+
+    Ranges are the whole light path, so that a bias goes with the position by half of it.
+    """
+    tracked = world(model, 60.0, stop="2020-12-02T03:11:00", bias_m={}).draw(NOISE, seed=1).observations
+    paths = tracked.paths().astype(str)
+    three = tracked.select((tracked.types() == "range") | np.char.startswith(paths, "SESHAN25<"))
+    found = fit(three)
+    assert np.linalg.norm(found.sigma_enu_m()) == pytest.approx(230.0, abs=5.0)
+    for _, sigma_m in found.biases().values():
+        assert sigma_m == pytest.approx(459.0, abs=10.0)
+    [part] = found.observability.common
+    assert part.position_m == pytest.approx(part.sigma / 2.0, rel=0.01)
+    assert np.linalg.norm(fit(tracked).sigma_enu_m()) == pytest.approx(161.0, abs=5.0)

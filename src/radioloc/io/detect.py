@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from radioloc.earth.stations import StationCatalogue
@@ -29,6 +30,7 @@ _FORMATS: tuple[tuple[str, Callable[[list[str]], bool], _Reader], ...] = (
         read_table,
     ),
 )
+_NOT_ONLY_LUNAR = (read_table,)
 _TDM = "CCSDS Tracking Data Message (CCSDS_TDM_VERS = 2.0, or XML with <tdm>)"
 
 
@@ -37,6 +39,7 @@ def read_observations(
     *,
     catalogue: Catalogue | None = None,
     tdm: TdmAgreement | None = None,
+    lunar: bool = True,
 ) -> Observations:
     """Read one or more files of observations, each plain or gzip, and join them in the order given.
 
@@ -50,6 +53,9 @@ def read_observations(
     tdm : TdmAgreement, optional
         What Tracking Data Messages do not say; their standard deviations must be given. All messages are read as
         one, in the place of the first: clocks, weather and frequencies of one count for the others.
+    lunar : bool
+        Whether the target is at the Moon, so that a range of another length is a mistake; a spacecraft on its way is
+        not. Normal points (CRD, MINI) always are of the Moon.
 
     Raises
     ------
@@ -72,9 +78,11 @@ def read_observations(
             place = place if messages else len(parts)
             messages.append(read_tdm_file(file))
         else:
-            parts.append(read(file, catalogue=catalogue))
+            anywhere = {} if lunar or read not in _NOT_ONLY_LUNAR else {"lunar": False}
+            parts.append(read(file, catalogue=catalogue, **anywhere))
     if messages:
         agreement = tdm or TdmAgreement()
+        agreement = replace(agreement, lunar=lunar and agreement.lunar)
         parts.insert(place, tdm_observations(messages, agreement, catalogue=catalogue).observations)
     if len(parts) == 1:
         return parts[0]

@@ -61,7 +61,7 @@ def looks_like_table(lines: list[str]) -> bool:
     return "epoch_utc" in next((line for line in lines if is_content(line)), "")
 
 
-def read_table(path: str | Path, *, catalogue: Catalogue | None = None) -> Observations:
+def read_table(path: str | Path, *, catalogue: Catalogue | None = None, lunar: bool = True) -> Observations:
     """Read a table, plain or gzip, in the layout that this module's documentation gives.
 
     Parameters
@@ -70,6 +70,8 @@ def read_table(path: str | Path, *, catalogue: Catalogue | None = None) -> Obser
         The file.
     catalogue : Catalogue, optional
         Gives stations their catalogue names; without it they stay as they are.
+    lunar : bool
+        Whether the target is at the Moon, so that a range of another length is a mistake.
 
     Returns
     -------
@@ -84,7 +86,7 @@ def read_table(path: str | Path, *, catalogue: Catalogue | None = None) -> Obser
     InputError
         The same observation is there twice.
     """
-    return _from_blocks(path, read_blocks(path), catalogue)
+    return _from_blocks(path, read_blocks(path), catalogue, lunar)
 
 
 def parse_table(path: str | Path, lines: list[str], catalogue: Catalogue | None) -> Observations:
@@ -93,7 +95,7 @@ def parse_table(path: str | Path, lines: list[str], catalogue: Catalogue | None)
 
 
 def _from_blocks(
-    path: str | Path, blocks: Iterable[tuple[int, bytes]], catalogue: Catalogue | None
+    path: str | Path, blocks: Iterable[tuple[int, bytes]], catalogue: Catalogue | None, lunar: bool = True
 ) -> Observations:
     reader: RowReader | None = None
     for line, text in blocks:
@@ -106,10 +108,10 @@ def _from_blocks(
             reader.read(text, line)
     if reader is None:
         raise FileFormatError(path, "has no header line; see the documentation of radioloc.io.table", 1)
-    return checked_observations(path, reader.columns())
+    return checked_observations(path, reader.columns(), lunar)
 
 
-def checked_observations(path: str | Path, columns: dict[str, Any]) -> Observations:
+def checked_observations(path: str | Path, columns: dict[str, Any], lunar: bool = True) -> Observations:
     """Observations of one file, refused where a range is not one to the Moon or a row is there twice.
 
     Parameters
@@ -119,6 +121,8 @@ def checked_observations(path: str | Path, columns: dict[str, Any]) -> Observati
     columns : dict
         By the names that :meth:`~radioloc.measurements.observations.Observations.from_columns` has for them, but
         for values in seconds, ``light_time_s`` and ``sigma_s``, and with ``line``.
+    lunar : bool
+        Whether the target is at the Moon; if not, any range will do.
 
     Raises
     ------
@@ -133,7 +137,7 @@ def checked_observations(path: str | Path, columns: dict[str, Any]) -> Observati
     observations = Observations.from_columns(files=(str(path),), **columns)
     low_s, high_s = FLIGHT_TIME_LIMITS_S
     flight_s = observations.value_m / C_M_S
-    absurd = (observations.kind == RANGE) & ~((flight_s > low_s) & (flight_s < high_s))
+    absurd = lunar & (observations.kind == RANGE) & ~((flight_s > low_s) & (flight_s < high_s))
     if absurd.any():
         first = int(np.argmax(absurd))
         require_lunar_flight_time(path, int(observations.line[first]), float(flight_s[first]))

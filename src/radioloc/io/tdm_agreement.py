@@ -58,6 +58,8 @@ class TdmAgreement:
         Whole light time, s, known beforehand: a number, or a function of epochs (UTC, n), link and time tag that
         gives n of them. It settles how often a range has gone through its modulus, and when a received
         frequency was sent where the uplink is not constant.
+    lunar : bool
+        Whether the target is at the Moon, so that a range of another length is a mistake.
 
     Raises
     ------
@@ -74,6 +76,7 @@ class TdmAgreement:
     modelled: EquipmentDelays = field(default_factory=EquipmentDelays)
     apply_clocks: bool = True
     light_time_s: float | LightTime | None = None
+    lunar: bool = True
 
     def __post_init__(self) -> None:
         for kind, sigma in self.sigma_m.items():

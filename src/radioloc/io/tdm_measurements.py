@@ -199,8 +199,9 @@ class SegmentReader:
             value_m = value_m + (scale.correction_m - C_M_S * (delay_s + later_s))
         light_s = self.agreement.known_light_time_s(epoch, signal.link, self.tag) if scale.modulus_m else None
         value_m = without_ambiguity(self.path, segment.line[rows], value_m, scale.modulus_m, light_s)
-        require_convention(self.path, segment.line[rows], value_m, self.agreement.range_convention)
-        if self.shared.names.catalogue is not None:
+        if self.agreement.lunar:
+            require_convention(self.path, segment.line[rows], value_m, self.agreement.range_convention)
+        if self.agreement.lunar and self.shared.names.catalogue is not None:
             require_lunar(self.path, segment.line[rows], value_m)
         frequencies = {"uplink_hz": self.uplink_hz("RANGE"), "wavelength_um": self.downlink_um("RANGE")}
         self.add("RANGE", RANGE, epoch, value_m, **frequencies)

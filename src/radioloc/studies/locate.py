@@ -235,7 +235,9 @@ def _observations(
         tdm = replace(study.observations.tdm, modelled=model.delays)
         if tdm.light_time_s is None:
             tdm = replace(tdm, light_time_s=_light_time_to(study, model, target_pa))
-        observations = read_observations(study.observations.files, catalogue=study.catalogue, tdm=tdm)
+        observations = read_observations(
+            study.observations.files, catalogue=study.catalogue, tdm=tdm, lunar=_trajectory(study) is None
+        )
     chosen, left_out = select_observations(observations, study.observations, study.catalogue)
     return weighted_observations(chosen, study.observations.weights, study.catalogue), left_out
 

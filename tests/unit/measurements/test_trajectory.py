@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M, epochs_tai
@@ -16,8 +18,10 @@ from spk_files import (
     write_states,
 )
 
+from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, InputError
+from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.tracking_arc import TrackingArc
 
@@ -185,3 +189,18 @@ def test_too_far_for_the_light_path(model, folder):
     table = tracking("KASHI>x>KASHI", epochs_tai(2, 1.0))
     with pytest.raises(InputError, match=r"30\.0 million km from the Earth"):
         TrackingArc(model, table, NOWHERE, Trajectory.open(file, ORBITER))
+
+
+def test_a_transponder_in_orbit_moves_on_while_it_keeps_the_signal(model, orbiter):
+    """1 ms, a thousand times a real one, in which the orbiter goes 1.6 m: the partial holds what it does."""
+    table = tracking("KASHI>x>JIAMUSI", epochs_tai(60, 30.0))
+    hold_s = 1e-3
+    # The partial leaves out how TDB - TT grows meanwhile, 4e-10 of the 300 km.
+    model = model.without("tdb_tt")
+    plain = TrackingArc(model, table, NOWHERE, orbiter).compute(NOWHERE)
+    slow = dataclasses.replace(model, delays=EquipmentDelays(transponder_s=hold_s))
+    longer = TrackingArc(slow, table, NOWHERE, orbiter).compute(NOWHERE)
+    added_m = longer.value_m - plain.value_m
+    assert np.abs(added_m - C_M_S * hold_s).max() > 1.0
+    # Of the second order: the acceleration of both ends over 1 ms, 1e-6 m each, and media and gravity a little later.
+    assert np.abs(added_m - plain.by_transponder_delay_m_s * hold_s).max() < 1e-5

@@ -7,11 +7,13 @@ import json
 import numpy as np
 import pytest
 from arc_cases import epochs_tai
-from spk_files import ORBITER, low_lunar_orbit, tracking, write_states
+from spk_files import ORBITER, circular, low_lunar_orbit, tracking, write_states
 
 import radioloc
 from radioloc.cli import main
 from radioloc.io.table import write_table
+from radioloc.io.tdm_agreement import TdmAgreement
+from radioloc.io.tdm_write import write_tdm
 from radioloc.measurements.observations import Observations
 
 BIAS_M = 12.5
@@ -156,6 +158,36 @@ def test_another_body_and_arcs_are_refused(folder):
     study = radioloc.read_study(study_file(folder))
     with pytest.raises(radioloc.InputError, match="an arc-length study compares positions"):
         radioloc.arcs(study, [6.0])
+
+
+@pytest.mark.parametrize("form", ["table", "tdm"])
+def test_a_spacecraft_on_its_way_has_ranges_of_its_own(tmp_path, form):
+    """Half way to the Moon: what would be a mistake in ranges to the Moon."""
+    model = radioloc.PhysicalModel.build()
+    states = circular(2.0e8, model.ephemeris.constants.gm_earth_m3_s2, inclination_deg=20.0)
+    file = write_states(tmp_path / "cruise.bsp", states, center=399, step_s=600.0)
+    plan = tracking("KASHI>cruise>KASHI", epochs_tai(200, 30.0))
+    arc = radioloc.TrackingArc(model, plan, np.zeros(3), radioloc.Trajectory.open(file, ORBITER))
+    computed = arc.compute(np.zeros(3))
+    seen = np.flatnonzero(computed.problem == "")
+    observed = Observations.from_columns(
+        epoch=plan.epoch, links=plan.links, value_m=computed.value_m, sigma_m=SIGMA_M, tag=plan.tag
+    ).select(seen)
+    if form == "table":
+        write_table(tmp_path / "ranges.dat", observed)
+    else:
+        write_tdm(tmp_path / "ranges.dat", observed, originator="TEST")
+    with pytest.raises(radioloc.FileFormatError, match="between Earth and Moon"):
+        radioloc.read_observations(tmp_path / "ranges.dat", tdm=TdmAgreement({"range": SIGMA_M}))
+    path = tmp_path / "cruise.toml"
+    path.write_text(
+        '[target]\ntrajectory = "cruise.bsp"\nbody = -85\n[estimate]\nposition = "none"\n'
+        '[observations]\nfiles = ["ranges.dat"]\nsigma_m = { range = 0.5 }\n'
+    )
+    solution = radioloc.residuals(radioloc.read_study(path))
+    assert solution.residuals.used.all()
+    # Both files have micrometres or better.
+    assert np.abs(solution.residuals.residual_m).max() < 1e-5
 
 
 def test_observations_outside_the_trajectory_name_file_and_line(folder, tmp_path):

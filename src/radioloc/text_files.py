@@ -7,7 +7,8 @@ import gzip
 import os
 import tempfile
 import zlib
-from collections.abc import Generator, Iterator
+from collections.abc import Generator, Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from radioloc.errors import FileFormatError
@@ -159,29 +160,58 @@ def write_text(path: str | Path, text: str) -> None:
     FileFormatError
         The directory is missing or cannot be written to, or the text holds half a surrogate pair.
     """
-    file = Path(path)
     try:
         content = text.encode()
     except UnicodeEncodeError as error:
         wrong = text[error.start : error.end]
         raise FileFormatError(path, f"cannot be written: {wrong!r} is not text; leave it out") from error
+    write_blocks(path, [content])
+
+
+def write_blocks(path: str | Path, blocks: Iterable[bytes]) -> None:
+    """As :func:`write_text`, piece by piece; an error while they are made leaves the old file too.
+
+    Raises
+    ------
+    FileFormatError
+        The directory is missing or cannot be written to.
+    """
+    with replaced_file(path) as temporary, temporary.open("wb") as stream:
+        for block in blocks:
+            stream.write(block)
+
+
+@contextmanager
+def replaced_file(path: str | Path) -> Iterator[Path]:
+    """An empty file beside a file, which takes its place at the end, unless there was an error.
+
+    Raises
+    ------
+    FileFormatError
+        The directory is missing or cannot be written to.
+    """
+    file = Path(path)
     if file.is_dir():
         raise FileFormatError(path, "is a directory; give the name of a file")
     try:
-        handle, temporary = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+        handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
+        os.close(handle)
     except OSError as error:
         problem = f"cannot be written ({error.strerror}); make the directory or choose another"
         raise FileFormatError(path, problem) from error
+    temporary = Path(name)
     try:
-        with os.fdopen(handle, "wb") as stream:
-            stream.write(content)
+        yield temporary
         # mkstemp makes files that only their owner reads; give this one what the user's umask allows.
         umask = os.umask(0)
         os.umask(umask)
-        Path(temporary).chmod(0o666 & ~umask)
-        Path(temporary).replace(file)
+        temporary.chmod(0o666 & ~umask)
+        temporary.replace(file)
     except OSError as error:
-        Path(temporary).unlink(missing_ok=True)
+        temporary.unlink(missing_ok=True)
         raise FileFormatError(
             path, f"cannot be written ({error.strerror}); check space and permissions"
         ) from error
+    except BaseException:
+        temporary.unlink(missing_ok=True)
+        raise

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import InputError
+from radioloc.io.csv_columns import Cells, digits, joined_cells
 from radioloc.io.fields import POWERS, Fields, NotPlainError
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai
 
@@ -159,7 +160,12 @@ def day_fraction(
 
 
 def utc_to_text(utc: Epochs) -> list[str]:
-    """Write dates as ``yyyy-mm-ddThh:mm:ss.ssssssssssss``, a leap second as second 60.
+    """Write dates as ``yyyy-mm-ddThh:mm:ss.ssssssssssss``; as :func:`utc_cells`."""
+    return [text.decode() for text in utc_cells(utc).tolist()]
+
+
+def utc_cells(utc: Epochs) -> Cells:
+    """Dates as ``yyyy-mm-ddThh:mm:ss.ssssssssssss``, a leap second as second 60, shape (n,).
 
     Reading them gives back the epoch to 1e-12 s or to the last bit, whichever is more; epochs that were
     read from text with up to 12 decimals come back to the last bit.
@@ -185,7 +191,16 @@ def utc_to_text(utc: Epochs) -> list[str]:
     leap = (second >= SECONDS_PER_DAY).astype(np.int64)
     minute, second = np.divmod(second - leap, 60)
     hour, minute = np.divmod(minute, 60)
-    days = Epochs(utc.jd + new_day, utc.fraction, "UTC").day_strings()
-    columns = (days, hour, minute, second + leap, picoseconds.astype(np.int64))
-    rows = zip(*(column.tolist() for column in columns), strict=True)
-    return [f"{day}T{h:02d}:{m:02d}:{s:02d}.{part:012d}" for day, h, m, s, part in rows]
+    different, day = np.unique(utc.jd + new_day, return_inverse=True)
+    days = Epochs(different, np.zeros(len(different)), "UTC").day_strings().astype("S10")
+    return joined_cells(
+        np.ascontiguousarray(days[day]).view(np.uint8).reshape(-1, 10),
+        "T",
+        digits(hour, 2),
+        ":",
+        digits(minute, 2),
+        ":",
+        digits(second + leap, 2),
+        ".",
+        digits(picoseconds.astype(np.int64), 12),
+    )

@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
+import itertools
 import json
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.io.dates import utc_to_text
-from radioloc.text_files import write_text
+from radioloc.estimation.editing import Outcome
+from radioloc.estimation.labels import Labels
+from radioloc.io.csv_columns import Cells, fixed_cells, lines_of, text_cells
+from radioloc.io.dates import utc_cells
+from radioloc.text_files import write_blocks, write_text
 from radioloc.time import Epochs
 
-_RESIDUAL_FORMATS = {
-    "observed_m": "%.7f",
-    "computed_m": "%.7f",
-    "residual_m": "%.6f",
-    "sigma_m": "%.6f",
-    "elevation_deg": "%.4f",
+TextColumn = Sequence[str] | NDArray[np.str_] | Labels | Outcome
+"""Texts of which a slice can be taken."""
+
+_RESIDUAL_DECIMALS = {
+    "observed_m": 7,
+    "computed_m": 7,
+    "residual_m": 6,
+    "sigma_m": 6,
+    "elevation_deg": 4,
 }
-RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_RESIDUAL_FORMATS, "status")
+RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_RESIDUAL_DECIMALS, "status")
 """Columns of a file of residuals, in order."""
 
 
@@ -31,14 +38,14 @@ def write_residuals(
     path: str | Path,
     *,
     epoch: Epochs,
-    types: Sequence[str] | np.ndarray,
-    paths: Sequence[str] | np.ndarray,
+    types: TextColumn,
+    paths: TextColumn,
     observed_m: ArrayLike,
     computed_m: ArrayLike,
     residual_m: ArrayLike,
     sigma_m: ArrayLike,
     elevation_deg: ArrayLike,
-    status: Sequence[str] | np.ndarray,
+    status: TextColumn,
 ) -> None:
     """Write residuals, one row per observation in the order given, columns :data:`RESIDUAL_COLUMNS`.
 
@@ -48,7 +55,7 @@ def write_residuals(
         The file; an existing one is replaced at once.
     epoch : Epochs
         UTC of the observations, n epochs.
-    types, paths, status : sequence of str, length n
+    types, paths, status : sequence of str, Labels or Outcome, length n
         Kind, path and what became of each observation (used, or why not).
     observed_m, computed_m, residual_m, sigma_m, elevation_deg : array_like, shape (n,)
         Whole light path as observed and computed, their difference, the standard deviation, and the lower
@@ -61,25 +68,33 @@ def write_residuals(
     FileFormatError
         The file cannot be written.
     """
-    texts = {"epoch_utc": utc_to_text(epoch), "type": list(types), "path": list(paths)}
+    columns: dict[str, tuple[int, Callable[[slice], Cells]]] = {
+        "epoch_utc": (len(epoch), lambda rows: utc_cells(epoch[rows]))
+    }
+    for name, texts in (("type", types), ("path", paths), ("status", status)):
+        columns[name] = len(texts), _text_column(texts)
     given = (observed_m, computed_m, residual_m, sigma_m, elevation_deg)
-    for (name, form), values in zip(_RESIDUAL_FORMATS.items(), given, strict=True):
+    for (name, decimals), values in zip(_RESIDUAL_DECIMALS.items(), given, strict=True):
         array = np.asarray(values, dtype=np.float64)
         bad = np.flatnonzero(~np.isfinite(array))
         if len(bad):
             raise InputError(
                 f"{name} of observation {bad[0] + 1} is {array[bad[0]]}; residuals must be finite"
             )
-        texts[name] = [form % value for value in array.tolist()] if array.ndim == 1 else []
-    texts["status"] = list(status)
-    for name, column in texts.items():
-        if len(column) != len(epoch):
-            raise InputError(f"{name} has {len(column)} values, but there are {len(epoch)} observations")
-    lines = [",".join(RESIDUAL_COLUMNS)]
-    lines += [
-        ",".join(row) for row in zip(*(map(str, texts[name]) for name in RESIDUAL_COLUMNS), strict=True)
-    ]
-    write_text(path, "\n".join(lines) + "\n")
+        columns[name] = array.size if array.ndim == 1 else 0, _number_column(array, decimals)
+    for name, (length, _) in columns.items():
+        if length != len(epoch):
+            raise InputError(f"{name} has {length} values, but there are {len(epoch)} observations")
+    lines = lines_of([columns[name][1] for name in RESIDUAL_COLUMNS], len(epoch))
+    write_blocks(path, itertools.chain([f"{','.join(RESIDUAL_COLUMNS)}\n".encode()], lines))
+
+
+def _text_column(texts: TextColumn) -> Callable[[slice], Cells]:
+    return lambda rows: text_cells(texts[rows])
+
+
+def _number_column(values: NDArray[np.float64], decimals: int) -> Callable[[slice], Cells]:
+    return lambda rows: fixed_cells(values[rows], decimals)
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:

@@ -30,8 +30,8 @@ Numbers are written with as many digits as give back the same float.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterable, Sequence
+import itertools
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -40,20 +40,21 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError
-from radioloc.io.dates import utc_to_text
+from radioloc.estimation.labels import Labels
+from radioloc.io.csv_columns import Cells, lines_of, shortest_cells, text_cells
+from radioloc.io.dates import utc_cells
 from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.names import Catalogue
 from radioloc.io.plausible import FLIGHT_TIME_LIMITS_S, require_lunar_flight_time
-from radioloc.io.table_rows import RowReader, is_content, split_lines
-from radioloc.measurements.observations import RANGE, Observations
-from radioloc.text_files import read_blocks, write_text
+from radioloc.io.table_rows import OPTIONAL_NUMBERS, RowReader, is_content, split_lines
+from radioloc.measurements.observations import KINDS, RANGE, TIME_TAGS, WEATHER_LIMITS, Observations
+from radioloc.text_files import read_blocks, write_blocks
+from radioloc.time import Epochs
 
 _TEXT = ("epoch_utc", "type", "path", "time_tag")
 _VALUE = ("observed_m", "light_time_s")
 _SIGMA = ("sigma_m", "sigma_s")
-_WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity", "wavelength_um")
-_RADIO = ("uplink_hz", "count_s")
-_COLUMNS = (*_TEXT[:3], *_VALUE, *_SIGMA, _TEXT[3], *_WEATHER, *_RADIO)
+_COLUMNS = (*_TEXT[:3], *_VALUE, *_SIGMA, _TEXT[3], *OPTIONAL_NUMBERS)
 
 
 def looks_like_table(lines: list[str]) -> bool:
@@ -167,23 +168,44 @@ def write_table(
     FileFormatError
         The file cannot be written.
     """
+    header = []
+    columns: list[Callable[[slice], Cells]] = []
+    for name, column in table_columns(observations, light_time=light_time).items():
+        header.append(name)
+        columns.append(_cells_of(column))
+    notes = [f"# {comment}".rstrip() for text in comments for comment in text.split("\n")]
+    start = "\n".join([*notes, ",".join(header), ""]).encode()
+    write_blocks(path, itertools.chain([start], lines_of(columns, len(observations))))
+
+
+def table_columns(
+    observations: Observations, *, light_time: bool = False
+) -> dict[str, Epochs | Labels | NDArray[np.float64]]:
+    """Columns of a table by name, in order; those of radio only if there is something in them."""
     unit = C_M_S if light_time else 1.0
-    columns: dict[str, Sequence[str]] = {
-        "epoch_utc": utc_to_text(observations.epoch),
-        "type": observations.types().tolist(),
-        "path": observations.paths().tolist(),
-        _VALUE[light_time]: _texts(observations.value_m / unit),
-        _SIGMA[light_time]: _texts(observations.sigma_m / unit),
-        "time_tag": observations.tags().tolist(),
+    columns: dict[str, Epochs | Labels | NDArray[np.float64]] = {
+        "epoch_utc": observations.epoch,
+        "type": Labels(observations.kind.astype(np.int32), KINDS),
+        "path": Labels(observations.link, tuple(link.path for link in observations.links)),
+        _VALUE[light_time]: observations.value_m / unit,
+        _SIGMA[light_time]: observations.sigma_m / unit,
+        "time_tag": Labels(observations.tag.astype(np.int32), TIME_TAGS),
     }
-    for name in (*_WEATHER, *_RADIO):
+    for name in OPTIONAL_NUMBERS:
         column = getattr(observations, name)
-        if name in _WEATHER or not np.isnan(column).all():
-            columns[name] = _texts(column)
-    lines = [f"# {comment}".rstrip() for text in comments for comment in text.split("\n")]
-    lines.append(",".join(columns))
-    lines += map(",".join, zip(*columns.values(), strict=True))
-    write_text(path, "\n".join(lines) + "\n")
+        if name in WEATHER_LIMITS or not np.isnan(column).all():
+            columns[name] = column
+    return columns
+
+
+def _cells_of(column: Epochs | Labels | NDArray[np.float64]) -> Callable[[slice], Cells]:
+    """What gives the texts of some rows."""
+    match column:
+        case Epochs():
+            return lambda rows: utc_cells(column[rows])
+        case Labels():
+            return lambda rows: text_cells(column[rows])
+    return lambda rows: shortest_cells(column[rows])
 
 
 def _header(path: str | Path, number: int, line: str) -> list[str]:
@@ -201,7 +223,3 @@ def _header(path: str | Path, number: int, line: str) -> list[str]:
         if len(given) > 1:
             raise FileFormatError(path, f"columns {' and '.join(given)} say the same; leave one out", number)
     return header
-
-
-def _texts(values: NDArray[np.float64]) -> list[str]:
-    return ["" if math.isnan(value) else repr(value) for value in values.tolist()]

@@ -57,14 +57,14 @@ def write_numbers(solution: Solution, folder: str | Path) -> list[Path]:
     write_residuals(
         folder / "residuals.csv",
         epoch=rows.epoch_utc,
-        types=rows.type,
-        paths=rows.path,
+        types=rows.types,
+        paths=rows.paths,
         observed_m=rows.observed_m,
         computed_m=rows.computed_m,
         residual_m=rows.residual_m,
         sigma_m=rows.sigma_m,
         elevation_deg=rows.elevation_deg,
-        status=rows.status,
+        status=rows.outcome,
     )
     return [folder / "solution.json", folder / "residuals.csv"]
 

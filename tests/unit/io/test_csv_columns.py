@@ -1,0 +1,58 @@
+"""Cells in bulk: to the letter what Python writes one by one."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from radioloc.errors import InputError
+from radioloc.io.csv_columns import digits, fixed_cells, lines_of, shortest_cells, text_cells, unpadded_digits
+
+FLOATS = st.lists(
+    st.one_of(
+        st.floats(allow_nan=False, allow_infinity=False),
+        st.floats(-1e9, 1e9),
+        st.integers(-(2**40), 2**40).map(lambda k: k * 2.0**-9),  # exactly half way between two texts
+        st.integers(-(10**9), 10**9).map(lambda k: k * 0.5e-7),
+    ),
+    min_size=1,
+    max_size=20,
+)
+
+
+@settings(deadline=None)
+@given(FLOATS, st.integers(1, 8))
+def test_fixed_decimals(values, decimals):
+    found = fixed_cells(np.array(values), decimals).tolist()
+    # Zero bytes within a cell are taken out with those behind it.
+    assert [cell.replace(b"\0", b"").decode() for cell in found] == [
+        f"{value:.{decimals}f}" for value in values
+    ]
+
+
+@settings(deadline=None)
+@given(FLOATS)
+def test_shortest(values):
+    values = [*values, -0.0, 0.0]
+    assert shortest_cells(np.array(values)).tolist() == [repr(value).encode() for value in values]
+    assert shortest_cells(np.array([np.nan, 1.0])).tolist() == [b"", b"1.0"]
+
+
+def test_digits():
+    numbers = np.array([0, 7, 99, 100, 123456789012])
+    rows = [bytes(row) for row in digits(numbers, 13)]
+    assert rows == [f"{number:013d}".encode() for number in numbers]
+    rows = [bytes(row).replace(b"\0", b"") for row in unpadded_digits(numbers)]
+    assert rows == [str(number).encode() for number in numbers]
+
+
+def test_lines_of_texts_of_any_script():
+    names = np.array(["a", "Łódź", "", "±", "APOLLO>x>APOLLO"] * 14000)
+    numbers = np.arange(len(names), dtype=float)
+    columns = [lambda rows: text_cells(names[rows]), lambda rows: shortest_cells(numbers[rows])]
+    written = b"".join(lines_of(columns, len(names))).decode()
+    assert written == "".join(
+        f"{name},{number!r}\n" for name, number in zip(names, numbers.tolist(), strict=True)
+    )
+    with pytest.raises(InputError, match="is not text"):
+        text_cells(["\ud800"])

@@ -8,7 +8,7 @@ from typing import Any
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import StationError
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.observations import KINDS
+from radioloc.measurements.observations import BASELINE_KINDS, KINDS
 from radioloc.simulation import (
     Clock,
     Masks,
@@ -36,7 +36,7 @@ LINKS: dict[str, Callable[..., tuple[Pair, ...]]] = {
 }
 """How the stations of a session are paired."""
 
-_VLBI_STATION = "vlbi_station"
+_VLBI_STATION = ("vlbi_station", "vlbi_station_rate")
 _VECTORS = {"moon_m": 3, "libration_rad": 3, "pole_rad": 2}
 _OF_STATIONS = ("range_bias_m", "zenith_delay_m", "tec_tecu", "clock_s", "clock_rate")
 
@@ -116,13 +116,13 @@ def _session(table: TomlTable, catalogue: StationCatalogue) -> Session:
             table.fail(key.removesuffix("_utc"), "is missing")
     if one_uplink not in (None, True, False):
         table.fail("one_uplink", f"must be true or false, not {one_uplink!r}")
-    links = links or ("baselines" if kind == "vlbi_delay" else "two_way")
+    links = links or ("baselines" if kind in BASELINE_KINDS else "two_way")
     if links not in LINKS:
         table.fail("links", f"must be one of {', '.join(LINKS)}, not {links!r}")
-    if (links == "baselines") != (kind == "vlbi_delay"):
+    if (links == "baselines") != (kind in BASELINE_KINDS):
         table.fail(
             "links",
-            f"{links!r} does not go with kind {kind!r}; baselines are of VLBI delays, all else of ranges",
+            f"{links!r} does not go with kind {kind!r}; baselines are of VLBI, all else of ranges",
         )
     stations = [_station(table, "stations", name, catalogue) for name in names or ()]
     return table.build(Session, kind=kind, pairs=LINKS[links](*stations), one_uplink=one_uplink, **fields)
@@ -134,11 +134,11 @@ def _utc(table: TomlTable, key: str) -> str | None:
 
 
 def _noise(table: TomlTable) -> NoiseModel:
-    found = {key: entry for key in (*KINDS, _VLBI_STATION) if (entry := table.table(key)) is not None}
+    found = {key: entry for key in (*KINDS, *_VLBI_STATION) if (entry := table.table(key)) is not None}
     table.finish()
     noises = {key: _one_noise(entry) for key, entry in found.items()}
-    station = noises.pop(_VLBI_STATION, Noise())
-    return NoiseModel(noises, station)
+    of_stations = {key: noises.pop(key, Noise()) for key in _VLBI_STATION}
+    return NoiseModel(noises, **of_stations)
 
 
 def _one_noise(table: TomlTable) -> Noise:

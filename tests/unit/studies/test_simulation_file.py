@@ -9,7 +9,8 @@ import pytest
 import radioloc
 import radioloc.cli
 from radioloc import InputError
-from radioloc.simulation import Clock, Departure, Noise, Spread, Truth, departed
+from radioloc.measurements.observations import KINDS
+from radioloc.simulation import Clock, Departure, Noise, Spread, Truth, baselines, departed
 from radioloc.studies.toml_table import TomlTable
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "simulation.md"
@@ -63,10 +64,8 @@ def test_every_key_is_on_the_page(tmp_path, monkeypatch):
     both = documented["simulation.truth"]
     assert asked["simulation.truth"] == both - {"position_enu_m"}
     assert asked["simulation.truth_sigma"] == both - {"terms_on", "terms_off"}
-    assert (
-        asked["simulation.noise"] - {"range", "vlbi_delay", "doppler", "vlbi_station"}
-        == documented["simulation.noise"]
-    )
+    kinds = {*KINDS, "vlbi_station", "vlbi_station_rate"}
+    assert asked["simulation.noise"] - kinds == documented["simulation.noise"]
     sessions = {"kind", "stations"}
     assert sessions < documented["simulation.sessions"]
     assert asked["simulation.sessions"] - {"ranging", "doppler"} == documented["simulation.sessions"]
@@ -98,6 +97,20 @@ def test_mistakes_are_told(tmp_path, old, new, message):
     assert old in EXAMPLE
     with pytest.raises(InputError, match=message):
         read(tmp_path, EXAMPLE.replace(old, new, 1))
+
+
+def test_delay_rates_of_baselines(tmp_path):
+    """Doppler of the example made delay rates, with the noise of their stations."""
+    text = EXAMPLE.replace('kind = "doppler"', 'kind = "vlbi_delay_rate"').replace(
+        "[simulation.noise.range]",
+        "[simulation.noise.vlbi_station_rate]\nwhite_m = 0.002\n\n[simulation.noise.range]",
+    )
+    text = text.replace('stations = ["KASHI"]', 'stations = ["SESHAN25", "KUNMING", "URUMQI"]')
+    scenario = read(tmp_path, text).simulation
+    [session] = [s for s in scenario.schedule.sessions if s.kind == "vlbi_delay_rate"]
+    assert session.pairs == baselines("SESHAN25", "KUNMING", "URUMQI")
+    assert scenario.noise.vlbi_station_rate == Noise(white_m=0.002)
+    assert scenario.noise.vlbi_station == Noise()
 
 
 def test_without_files_there_is_nothing_to_locate(tmp_path):

@@ -191,11 +191,7 @@ def _others(solution: Solution) -> list[int]:
     """Parameters beside the position: those that are solved for, then those that are held."""
     free = solution.parameters.free
     involved = (solution.position_partials != 0.0).any(axis=0)
-    others = [
-        k
-        for k, item in enumerate(solution.parameters)
-        if item.kind not in ("position", "offset") and not involved[k]
-    ]
+    others = [k for k, item in enumerate(solution.parameters) if item.kind != "position" and not involved[k]]
     return [k for k in others if free[k]] + [k for k in others if not free[k]]
 
 

@@ -199,22 +199,37 @@ def _time_bias(part: ArcRows) -> NDArray[np.float64]:
 
 
 def _clock(part: ArcRows) -> NDArray[np.float64]:
-    """A clock that is ahead reads an arrival later: the second station's adds to the delay, but not to its growth."""
+    """A clock that is ahead reads an arrival later: the second station's adds to the delay, but not to its growth.
+
+    The first station's is taken off, and moves the tag: the arrival that it reads at the tag was before it.
+    """
     delays = (part.kind == VLBI_DELAY) * C_M_S
-    return np.stack([-delays, delays], axis=-1)
+    return np.stack([-delays - _moved_tag(part), delays], axis=-1)
 
 
 def _clock_rate(part: ArcRows) -> NDArray[np.float64]:
     """Times the time since the middle of the arc, which hardly ties it to the offset, or times the count interval."""
-    shares, rates = _clock(part), part.kind == VLBI_DELAY_RATE
+    shares, rates, computed = _clock(part), part.kind == VLBI_DELAY_RATE, part.computed
+    grown = np.zeros_like(shares)
     if rates.any():
-        grown = np.where(rates, part.arc.observations.count_s[part.rows], 0.0)[:, None] * np.array(
-            [-C_M_S, C_M_S]
+        grown[rates] = (C_M_S * part.arc.observations.count_s[part.rows][rates])[:, None] * np.array(
+            [-1.0, 1.0]
         )
-    else:
-        grown = np.zeros_like(shares)
+        if computed is not None:
+            # The first station's clock counts the interval too, in which the delay grows.
+            grown[rates, 0] -= computed.value_m[rates]
     # A partial at the middle is zero, but its stations take part: the time counts where there is a position.
-    return shares + grown if part.computed is None else shares * part.elapsed_s[:, None] + grown
+    return shares + grown if computed is None else shares * part.elapsed_s[:, None] + grown
+
+
+def _moved_tag(part: ArcRows) -> NDArray[np.float64]:
+    """How delays and their growth change with the tag, m/s; nothing before there is a position."""
+    computed = part.computed
+    return (
+        np.zeros(len(part))
+        if computed is None
+        else np.where(is_differenced(part.kind), computed.by_time_m_s, 0.0)
+    )
 
 
 def _zenith_delay(part: ArcRows) -> NDArray[np.float64]:

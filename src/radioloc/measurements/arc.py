@@ -7,6 +7,7 @@ simulates or plots asks for an :class:`Arc` and need not know which it is.
 
 from __future__ import annotations
 
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.terms import TERMS
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,3 +124,36 @@ class Arc(Protocol):
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Table of terms: by how much each active term changes each computed value, m."""
         ...
+
+
+def table_of_terms(
+    arc: Arc,
+    lander_pa_m: NDArray[np.float64],
+    prepare: Callable[[PhysicalModel, Observations, NDArray[np.float64]], Arc],
+    skip: Collection[str] = (),
+) -> dict[str, NDArray[np.float64]]:
+    """By how much each active term changes each computed value, m.
+
+    Parameters
+    ----------
+    arc : Arc
+    lander_pa_m : ndarray, shape (3,)
+        The point in principal axes, m.
+    prepare : callable
+        What prepares an arc for a model, observations and a position.
+    skip : collection of str
+        Terms that cannot matter.
+
+    Returns
+    -------
+    dict of str to ndarray, shape (n,)
+        Computed with everything minus computed without that term, in the order of
+        :data:`~radioloc.measurements.terms.TERMS`.
+    """
+    full_m = arc.at(lander_pa_m).value_m
+    table = {}
+    for name in TERMS:
+        if arc.model.has(name) and name not in skip:
+            without = prepare(arc.model.without(name), arc.observations, lander_pa_m)
+            table[name] = full_m - without.at(lander_pa_m).value_m
+    return table

@@ -22,6 +22,7 @@ given position is then a light-time solution between straight motions.
 from __future__ import annotations
 
 import copy
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from typing import Any
 
@@ -32,7 +33,7 @@ from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import StationError
-from radioloc.measurements.arc import Computed
+from radioloc.measurements.arc import Computed, table_of_terms
 from radioloc.measurements.axis_offset import AxisOffset, axis_offset_delay
 from radioloc.measurements.elevation import Elevation, elevation_of
 from radioloc.measurements.gravitational_delay import gravitational_delay_m
@@ -97,7 +98,7 @@ class TrackingArc:
         self.model = model
         self.trajectory = trajectory
         self.observations = observations
-        self._stations, transmitter, receiver = _stations_of(model, observations)
+        self._stations, transmitter, receiver = stations_of(model, observations)
         tt = utc_to_tt(observations.epoch)
         # One path per observation; one that is counted is the difference of two, at the ends of its count interval.
         counted = is_counted(observations.kind)
@@ -226,42 +227,38 @@ class TrackingArc:
         part = copy.copy(self)
         part.observations = self.observations.select(rows)
         part._counted = np.flatnonzero(second[rows] >= 0)
-        part._stations, transmitter, receiver = _stations_of(self.model, part.observations)
+        part._stations, transmitter, receiver = stations_of(self.model, part.observations)
         path_rows = np.concatenate([np.arange(len(rows)), part._counted])
         part._transmitter, part._receiver = transmitter[path_rows], receiver[path_rows]
-        part._paths = self._paths.select(paths)
-        part._radio, part._sign, part._tag = self._radio[paths], self._sign[paths], self._tag[paths]
-        part._air = tuple(None if air is None else _rows_of(air, paths) for air in self._air)
-        part._reference, part._earth = self._reference[paths], _rows_of(self._earth, paths)
-        part._equipment = _rows_of(self._equipment, paths)
-        part._up, part._down = _rows_of(self._up, paths), _rows_of(self._down, paths)
-        part._moon = _rows_of(self._moon, paths)
-        part._craft = None if self._craft is None else _rows_of(self._craft, paths)
+        for name in _PER_PATH:
+            setattr(part, name, _rows_of(getattr(self, name), paths))
         return part
 
+    @staticmethod
+    def concatenate(arcs: Sequence[TrackingArc]) -> TrackingArc:
+        """Join prepared arcs of one model, in order; at least one."""
+        whole = copy.copy(arcs[0])
+        whole.observations = Observations.concatenate([arc.observations for arc in arcs])
+        whole._counted = np.flatnonzero(is_counted(whole.observations.kind))
+        whole._stations, transmitter, receiver = stations_of(whole.model, whole.observations)
+        path_rows = np.concatenate([np.arange(len(whole.observations)), whole._counted])
+        whole._transmitter, whole._receiver = transmitter[path_rows], receiver[path_rows]
+        # The paths of each arc are its observations and then the second paths of what is counted; so are the whole's.
+        second = np.concatenate([np.arange(len(arc._paths)) >= len(arc.observations) for arc in arcs])
+        order = np.argsort(second, kind="stable")
+        for name in _PER_PATH:
+            setattr(whole, name, _rows_of(_joined([getattr(arc, name) for arc in arcs]), order))
+        return whole
+
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Table of terms: by how much each active term changes each computed value, m.
+        """Table of terms at a position: :func:`~radioloc.measurements.arc.table_of_terms`."""
 
-        Parameters
-        ----------
-        lander_pa_m : ndarray, shape (3,)
-            The point in principal axes, m.
+        def prepare(
+            model: PhysicalModel, observations: Observations, pa_m: NDArray[np.float64]
+        ) -> TrackingArc:
+            return TrackingArc(model, observations, pa_m, self.trajectory)
 
-        Returns
-        -------
-        dict of str to ndarray, shape (n,)
-            Computed with everything minus computed without that term, in the order of
-            :data:`~radioloc.measurements.terms.TERMS`.
-        """
-        full_m = self.compute(lander_pa_m).value_m
-        table = {}
-        for name in TERMS:
-            if self.model.has(name) and (self.trajectory is None or name not in _OF_LANDERS):
-                without = TrackingArc(
-                    self.model.without(name), self.observations, lander_pa_m, self.trajectory
-                )
-                table[name] = full_m - without.compute(lander_pa_m).value_m
-        return table
+        return table_of_terms(self, lander_pa_m, prepare, skip=() if self.trajectory is None else _OF_LANDERS)
 
     def _observed(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:
         """From paths to observations: the path itself, or the difference of two where it is counted."""
@@ -449,14 +446,59 @@ def with_horizon_problem(problem: NDArray[np.str_], elevation_rad: NDArray[np.fl
     below = np.flatnonzero(elevation_rad < 0.0)
     if not len(below):
         return problem
-    texts = np.array([f"below the horizon ({e:.1f} deg)" for e in np.degrees(elevation_rad[below])])
+    texts = np.array([f"{BELOW_HORIZON} ({e:.1f} deg)" for e in np.degrees(elevation_rad[below])])
     out = problem.astype(np.result_type(problem, texts))
     out[below] = texts
     return out
 
 
+BELOW_HORIZON = "below the horizon"
+"""How the problem of an observation begins that one of its stations cannot make."""
+
+_PER_PATH = (
+    "_paths",
+    "_radio",
+    "_air",
+    "_sign",
+    "_tag",
+    "_equipment",
+    "_reference",
+    "_earth",
+    "_up",
+    "_down",
+    "_moon",
+    "_craft",
+)
+"""What an arc holds for each light path."""
+
+
+def _joined(parts: list[Any]) -> Any:
+    """Arrays, or records of them, joined row after row."""
+    first = parts[0]
+    if first is None:
+        return None
+    if isinstance(first, tuple):
+        return tuple(_joined([part[i] for part in parts]) for i in range(len(first)))
+    if isinstance(first, Observations | Epochs):
+        return type(first).concatenate(parts)
+    if is_dataclass(first):
+        joined = {f.name: _joined([getattr(part, f.name) for part in parts]) for f in fields(first)}
+        return replace(first, **joined)  # type: ignore[type-var]
+    if isinstance(first, dict):
+        return {key: _joined([part[key] for part in parts]) for key in first}
+    return np.concatenate(parts)
+
+
 def _rows_of(value: Any, rows: NDArray[np.intp]) -> Any:
     """Some rows of an array, or of all arrays of a record, which have one row per path."""
+    if value is None:
+        return None
+    if isinstance(value, tuple):
+        return tuple(_rows_of(item, rows) for item in value)
+    if isinstance(value, Observations):
+        return value.select(rows)
+    if isinstance(value, Epochs):
+        return value[rows]
     if is_dataclass(value):
         parts = {field.name: _rows_of(getattr(value, field.name), rows) for field in fields(value)}
         return replace(value, **parts)  # type: ignore[type-var]
@@ -479,7 +521,7 @@ class _Slant:
     problem: NDArray[np.str_]
 
 
-def _stations_of(
+def stations_of(
     model: PhysicalModel, observations: Observations
 ) -> tuple[tuple[Station, ...], NDArray[np.int32], NDArray[np.int32]]:
     """The stations that take part, and for each observation which one transmits and which receives."""

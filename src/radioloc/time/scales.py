@@ -64,11 +64,27 @@ def utc_to_tai(utc: Epochs) -> Epochs:
     """
     _require_utc_era(utc)
     _leap_seconds_up_to_date()
+    if not len(utc):
+        return Epochs(utc.jd, utc.fraction, "TAI")
+    day = (utc.jd - utc.jd.min()).astype(np.int64)
+    if int(day.max()) < len(utc):
+        # Of many epochs in few days, all of a day are moved alike; the last entry is the midnight after the last day.
+        midnights = _utc_to_tai(utc.jd.min() + np.arange(int(day.max()) + 2), np.zeros(int(day.max()) + 2))
+        after_midnight_d = (midnights[0] - midnights[0][0]) - np.arange(len(midnights[0])) + midnights[1]
+        length_d = 1.0 + np.diff(after_midnight_d)
+        return Epochs.from_jd(utc.jd, after_midnight_d[day] + utc.fraction * length_d[day], "TAI")
+    return Epochs.from_jd(*_utc_to_tai(utc.jd, utc.fraction), "TAI")
+
+
+def _utc_to_tai(
+    jd: NDArray[np.float64], fraction: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """The same with plain numbers, by ERFA."""
     with warnings.catch_warnings():
         # ERFA calls dates past its table "dubious"; Earth orientation reports how far the data reach.
         warnings.simplefilter("ignore", erfa.ErfaWarning)
-        jd, fraction = erfa.utctai(utc.jd, utc.fraction)
-    return Epochs.from_jd(jd, fraction, "TAI")
+        tai: tuple[NDArray[np.float64], NDArray[np.float64]] = erfa.utctai(jd, fraction)
+    return tai
 
 
 def tai_to_utc(tai: Epochs) -> Epochs:

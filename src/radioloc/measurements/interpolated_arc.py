@@ -1,0 +1,341 @@
+"""An arc of dense tracking: the model is computed at nodes and interpolated between them.
+
+All that :class:`~radioloc.measurements.tracking_arc.TrackingArc` computes for a series of observations of one path is
+smooth in time. Here it computes them at the Chebyshev nodes of segments of at most three hours, and polynomials carry
+values and partials to the observations. There is no second model: the nodes are observations, of the series' path,
+kind and conditions, and so are the check points between them, at which every segment has to agree with the model.
+What does not (a kink of the ionosphere's maps, an elevation near a limit, a passage through the zenith) is halved, and
+where that would leave too few observations to a segment, these are computed one by one, as sparse ones are.
+"""
+
+from __future__ import annotations
+
+import copy
+import itertools
+import warnings
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S
+from radioloc.errors import PredictedEopWarning
+from radioloc.measurements.arc import Computed, table_of_terms
+from radioloc.measurements.dense_series import (
+    CHECK_POINTS,
+    DenseSeries,
+    Segments,
+)
+from radioloc.measurements.observations import Observations, is_counted, is_differenced
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.segment_net import ELEVATION, MOST, QUANTITIES, WIDTH, SegmentNet, columns_of
+from radioloc.measurements.tracking_arc import BELOW_HORIZON, TrackingArc, stations_of, with_horizon_problem
+
+CHECKED_WITHIN_M = 1e4
+"""How far from the position at which the segments were checked they are used without checking them again."""
+_ROWS_OF_A_THREAD = 16384
+"""Rows for which it is worth starting a thread."""
+
+
+@dataclass(frozen=True, slots=True)
+class InterpolationAccuracy:
+    """How well an interpolated arc agrees with the model, found at its check points.
+
+    Parameters
+    ----------
+    range_m, delay_s, growth_m : float
+        Largest deviation of ranges, of VLBI delays and of what is counted (Doppler, delay rates); zero where there
+        are none.
+    by_position : float
+        Largest deviation of a partial by position, m/m.
+    interpolated, exact : int
+        Observations interpolated, and computed one by one.
+    segments, nodes : int
+        Segments, and nodes in all of them.
+    """
+
+    range_m: float
+    delay_s: float
+    growth_m: float
+    by_position: float
+    interpolated: int
+    exact: int
+    segments: int
+    nodes: int
+
+
+class InterpolatedArc:
+    """The observations of one arc, dense series of them interpolated.
+
+    Parameters and errors are those of :class:`~radioloc.measurements.tracking_arc.TrackingArc`; ``series`` is the
+    observations' order, where it has been found already.
+
+    Notes
+    -----
+    A value is within 0.09 mm (0.3 ps of delay) of the model's, a partial within 1e-6 of the largest of its kind in the
+    segment. A segment is accepted if it is four times as good at its check points and its last two Chebyshev
+    coefficients are as small; docs/architecture.md derives the bound.
+    """
+
+    def __init__(
+        self,
+        model: PhysicalModel,
+        observations: Observations,
+        approximate_pa_m: NDArray[np.float64],
+        series: DenseSeries | None = None,
+    ) -> None:
+        self.model = model
+        self.observations = observations
+        self._stations, self._transmitter, self._receiver = stations_of(model, observations)
+        with _predictions_told_once():
+            self._plan(np.asarray(approximate_pa_m, dtype=np.float64), series)
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """Names of the stations that take part, each once."""
+        return tuple(station.name for station in self._stations)
+
+    @property
+    def transmitters(self) -> NDArray[np.int32]:
+        """Index into :attr:`stations` of each observation's transmitter, shape (n,)."""
+        return self._transmitter
+
+    @property
+    def receivers(self) -> NDArray[np.int32]:
+        """Index into :attr:`stations` of each observation's receiver, shape (n,)."""
+        return self._receiver
+
+    @property
+    def predicted_eop(self) -> NDArray[np.bool_]:
+        """Whether an observation rests on predicted Earth orientation, shape (n,)."""
+        out = np.zeros(len(self.observations), dtype=bool)
+        smooth = self._segment >= 0
+        # A segment was refused whose nodes do not all agree in this.
+        if self._net is not None:
+            out[smooth] = self._net.predicted_eop[self._segment[smooth]]
+        if self._exact is not None:
+            out[~smooth] = self._exact.predicted_eop[-1 - self._segment[~smooth]]
+        return out
+
+    @property
+    def accuracy(self) -> InterpolationAccuracy:
+        """Agreement with the model at the check points, at the position at which it was checked last."""
+        exact = 0 if self._exact is None else len(self._exact.observations)
+        interpolated = len(self.observations) - exact
+        if self._net is None:
+            return InterpolationAccuracy(0.0, 0.0, 0.0, 0.0, interpolated, exact, 0, 0)
+        kind = self._net.checks.observations.kind[::CHECK_POINTS]
+        differenced, counted = is_differenced(kind), is_counted(kind)
+        value_m = self._deviation[:, 0]
+        return InterpolationAccuracy(
+            range_m=float(value_m[~differenced & ~counted].max(initial=0.0)),
+            delay_s=float(value_m[differenced & ~counted].max(initial=0.0)) / C_M_S,
+            growth_m=float(value_m[counted].max(initial=0.0)),
+            by_position=float(self._deviation[:, 1:4].max(initial=0.0)),
+            interpolated=interpolated,
+            exact=exact,
+            segments=len(kind),
+            nodes=len(self._net.nodes.observations),
+        )
+
+    def check(self, lander_pa_m: NDArray[np.float64]) -> InterpolationAccuracy:
+        """Compare with the model at the check points for another position, and divide anew if that asks for it."""
+        if self._net is not None:
+            found = self._net.compare(lander_pa_m)
+            if not found.good.all():
+                with _predictions_told_once():
+                    self._plan(lander_pa_m)
+                return self.accuracy
+            self._deviation = found.deviation
+        self._checked_pa_m = np.array(lander_pa_m, dtype=np.float64)
+        return self.accuracy
+
+    def at(self, lander_pa_m: NDArray[np.float64]) -> InterpolatedPrediction:
+        """Predict for a position: all values at once, partials of the rows that are asked for.
+
+        Parameters
+        ----------
+        lander_pa_m : ndarray, shape (3,)
+            The point in principal axes of the model's ephemeris, m.
+
+        Raises
+        ------
+        ConvergenceError
+            The light times did not settle.
+        """
+        if np.linalg.norm(lander_pa_m - self._checked_pa_m) > CHECKED_WITHIN_M:
+            self.check(lander_pa_m)
+        exact = None if self._exact is None else self._exact.compute(lander_pa_m)
+        coefficients, problem = np.zeros((0, WIDTH, MOST)), np.zeros(0, dtype="<U1")
+        if self._net is not None:
+            coefficients, problem = self._net.polynomials(lander_pa_m)
+        return InterpolatedPrediction(self._segment, self._x, coefficients, problem, exact)
+
+    def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
+        """Predict all observations for a position, with partials; parameters and errors as :meth:`at`."""
+        return self.at(lander_pa_m).rows(slice(None))
+
+    def select(self, which: Any) -> InterpolatedArc:
+        """The arc of some of the observations (a mask, a slice or indices), already prepared."""
+        part = copy.copy(self)
+        part.observations = self.observations.select(which)
+        part._stations, part._transmitter, part._receiver = stations_of(self.model, part.observations)
+        segment = np.atleast_1d(self._segment[which])
+        part._x = np.atleast_1d(self._x[which])
+        part._segment = segment.copy()
+        if self._net is not None:
+            kept = np.unique(segment[segment >= 0])
+            number = np.zeros(len(self._net), dtype=np.int32)
+            number[kept] = np.arange(len(kept))
+            part._segment[segment >= 0] = number[segment[segment >= 0]]
+            part._net = self._net.select(kept) if len(kept) else None
+            part._deviation = self._deviation[kept]
+        if self._exact is not None:
+            rows = -1 - segment[segment < 0]
+            part._exact = self._exact.select(rows) if len(rows) else None
+            part._segment[segment < 0] = -1 - np.arange(len(rows))
+        return part
+
+    def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+        """Table of terms at a position: :func:`~radioloc.measurements.arc.table_of_terms`."""
+        return table_of_terms(self, lander_pa_m, InterpolatedArc)
+
+    def _plan(self, lander_pa_m: NDArray[np.float64], series: DenseSeries | None = None) -> None:
+        """Divide the series into segments that agree with the model, and prepare their nodes."""
+        if series is None:
+            series = DenseSeries(self.model, self.observations)
+        pending = series.segments()
+        nets: list[SegmentNet] = []
+        accepted: list[Segments] = []
+        while len(pending):
+            net = SegmentNet.prepare(self.model, self.observations, pending, lander_pa_m)
+            good = net.compare(lander_pa_m).good
+            if good.any():
+                nets.append(net.select(np.flatnonzero(good)))
+                accepted.append(pending[good])
+            pending = series.divided(pending[~good])
+        self._net = SegmentNet.concatenate(nets) if nets else None
+        self._segment, self._x = series.place(accepted)
+        rest = np.flatnonzero(self._segment < 0)
+        self._segment[rest] = -1 - np.arange(len(rest), dtype=np.int32)
+        self._exact = None
+        if len(rest):
+            self._exact = TrackingArc(self.model, self.observations.select(rest), lander_pa_m)
+        self._deviation = np.zeros((0, WIDTH))
+        if self._net is not None:
+            self._deviation = self._net.compare(lander_pa_m).deviation
+        self._checked_pa_m = np.array(lander_pa_m)
+
+
+class InterpolatedPrediction:
+    """An interpolated arc's predictions for one position; a :class:`~radioloc.measurements.arc.Prediction`.
+
+    Parameters
+    ----------
+    segment : ndarray of int32, shape (n,)
+        Segment of each observation; -1 - k that of the k-th observation computed exactly.
+    x : ndarray, shape (n,)
+        Time within the segment, -1 to 1.
+    coefficients : ndarray, shape (n_segments, n_quantities, n_coefficients)
+        Powers descending.
+    problem : ndarray of str, shape (n_segments,)
+    exact : Computed or None
+        The observations computed exactly.
+    """
+
+    def __init__(
+        self,
+        segment: NDArray[np.int32],
+        x: NDArray[np.float64],
+        coefficients: NDArray[np.float64],
+        problem: NDArray[np.str_],
+        exact: Computed | None,
+    ) -> None:
+        from radioloc.measurements._kernels import first_quantity
+
+        self._segment, self._x = segment, x
+        self._coefficients, self._problem, self._exact = coefficients, problem, exact
+        self.value_m = np.empty(len(segment))
+        _in_threads(first_quantity, segment, x, coefficients, self.value_m)
+        if exact is not None:
+            few = np.flatnonzero(segment < 0)
+            self.value_m[few] = exact.value_m[-1 - segment[few]]
+
+    def rows(self, which: Any) -> Computed:
+        """Values and partials of the rows chosen by a mask, a slice or indices, in that order."""
+        from radioloc.measurements._kernels import quantities
+
+        segment = np.ascontiguousarray(self._segment[which])
+        out = np.empty((WIDTH, len(segment)))
+        _in_threads(quantities, segment, np.ascontiguousarray(self._x[which]), self._coefficients, out)
+        computed = Computed(**columns_of(out), problem=self._problems(segment, out[ELEVATION]))
+        if self._exact is not None:
+            few = np.flatnonzero(segment < 0)
+            exact = self._exact.rows(-1 - segment[few])
+            for name in QUANTITIES:
+                getattr(computed, name)[few] = getattr(exact, name)
+        return computed
+
+    def _problems(self, segment: NDArray[np.int32], elevation_rad: NDArray[np.float64]) -> NDArray[np.str_]:
+        """Texts only where there are problems; an elevation in them is the observation's own."""
+        smooth = np.flatnonzero(self._problem != "") if len(self._problem) else self._segment[:0]
+        exact = self._exact is not None and bool((self._exact.problem != "").any())
+        if not len(smooth) and not exact:
+            return np.zeros(len(segment), dtype="<U1")
+        texts = self._problem
+        out = np.zeros(len(segment), dtype=object)
+        out[:] = ""
+        rows = np.flatnonzero(segment >= 0)
+        rows = rows[texts[segment[rows]] != ""]
+        out[rows] = texts[segment[rows]]
+        below = rows[texts[segment[rows]] == BELOW_HORIZON]
+        # The first station's text comes first, as in the model.
+        for station in (1, 0):
+            low = below[elevation_rad[station, below] < 0.0]
+            out[low] = with_horizon_problem(out[low].astype(np.str_), elevation_rad[station, low])
+        few = np.flatnonzero(segment < 0)
+        if self._exact is not None:
+            out[few] = self._exact.problem[-1 - segment[few]]
+        return out.astype(np.str_)
+
+
+def _in_threads(
+    function: Any,
+    segment: NDArray[np.int32],
+    x: NDArray[np.float64],
+    coefficients: NDArray[np.float64],
+    out: NDArray[np.float64],
+) -> None:
+    """Evaluate all rows, parts of them at the same time; each row's result is the same however they are divided."""
+    import numba
+
+    n = len(segment)
+    threads = min(int(numba.config.NUMBA_NUM_THREADS), n // _ROWS_OF_A_THREAD)  # type: ignore[attr-defined]
+    if threads < 2:
+        function(segment, x, coefficients, out, 0, n)
+        return
+    bounds = np.linspace(0, n, threads + 1).astype(int).tolist()
+    with ThreadPoolExecutor(threads) as pool:
+        parts = [
+            pool.submit(function, segment, x, coefficients, out, a, b) for a, b in itertools.pairwise(bounds)
+        ]
+        for part in parts:
+            part.result()
+
+
+@contextmanager
+def _predictions_told_once() -> Iterator[None]:
+    """Let the first warning of predicted Earth orientation through, of the many of the levels of segments."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    told = False
+    for warning in caught:
+        predicted = issubclass(warning.category, PredictedEopWarning)
+        if not (predicted and told):
+            warnings.warn(warning.message, stacklevel=3)
+        told |= predicted

@@ -1,0 +1,268 @@
+"""Polynomials of segments: the model at nodes, the coefficients that follow, and how well they agree with the model.
+
+The rule by which a segment is accepted is here; docs/architecture.md says what bound follows from it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cache
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from radioloc.earth.checks import LEAST_ELEVATION_RAD
+from radioloc.measurements.arc import Computed
+from radioloc.measurements.dense_series import (
+    CHECK_POINTS,
+    DEGREES,
+    Segments,
+    check_points,
+    nodes,
+)
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.tracking_arc import BELOW_HORIZON, TrackingArc
+
+SAFETY = 4.0
+"""By how much the deviation found at the check points must stay below what is allowed."""
+ALLOWED_M = 0.9e-4
+"""Allowed deviation of a value from the model, m: 0.3 ps of delay."""
+ALLOWED_RELATIVE = 1e-6
+"""Allowed deviation of partials, of the largest in the segment; of an elevation, in rad."""
+
+QUANTITIES = {
+    "value_m": 1,
+    "by_position_pa": 3,
+    "by_time_m_s": 1,
+    "by_transponder_delay_m_s": 1,
+    "by_zenith_wet": 2,
+    "elevation_rad": 2,
+}
+"""What is interpolated: columns of :class:`~radioloc.measurements.arc.Computed` and how many numbers each has."""
+WIDTH = sum(QUANTITIES.values())
+MOST = DEGREES[-1][1] + 1
+"""Numbers that are interpolated, and most coefficients of each."""
+_ROUNDING = {
+    "by_position_pa": 2e-12,
+    "by_time_m_s": 1e-6,
+    "by_transponder_delay_m_s": 1e-5,
+    "by_zenith_wet": 1e-9,
+}
+"""Rounding of the partials themselves, which no interpolation can undercut."""
+_POSITION_MOST = 1e-9
+"""Largest deviation of a partial by position, m/m: over 10 km it moves the value by 0.01 mm."""
+_MARGIN_RAD = np.radians(0.05)
+"""An elevation this near a limit may cross it between nodes, or for a point 10 km away."""
+_SPIN_RAD_S = 7.3e-5
+
+
+@dataclass(frozen=True, slots=True)
+class Comparison:
+    """Which segments agree with the model, and by how much each quantity deviates, shapes (m,) and (m, WIDTH)."""
+
+    good: NDArray[np.bool_]
+    deviation: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class SegmentNet:
+    """Nodes and check points of segments, as observations of the model.
+
+    Parameters
+    ----------
+    degree : ndarray of int, shape (m,)
+        Degree of each segment's polynomial; it has one node more.
+    nodes, checks : TrackingArc
+        Segment after segment.
+    """
+
+    degree: NDArray[np.intp]
+    nodes: TrackingArc
+    checks: TrackingArc
+
+    @classmethod
+    def prepare(
+        cls,
+        model: PhysicalModel,
+        observations: Observations,
+        segments: Segments,
+        lander_pa_m: NDArray[np.float64],
+    ) -> SegmentNet:
+        """Compute what does not depend on the position for nodes and check points of segments."""
+        places = [np.concatenate([nodes(d), check_points(d)]) for d in segments.degree.tolist()]
+        arc = TrackingArc(model, segments.observations_at(observations, places), lander_pa_m)
+        last = np.cumsum(segments.degree + 1 + CHECK_POINTS)
+        is_check = np.zeros(last[-1], dtype=bool)
+        is_check[last[:, None] - np.arange(1, CHECK_POINTS + 1)] = True
+        return cls(segments.degree, arc.select(~is_check), arc.select(is_check))
+
+    @staticmethod
+    def concatenate(nets: list[SegmentNet]) -> SegmentNet:
+        """Join, in order."""
+        return SegmentNet(
+            np.concatenate([net.degree for net in nets]),
+            TrackingArc.concatenate([net.nodes for net in nets]),
+            TrackingArc.concatenate([net.checks for net in nets]),
+        )
+
+    def __len__(self) -> int:
+        return len(self.degree)
+
+    def select(self, which: NDArray[np.intp]) -> SegmentNet:
+        """Some of the segments."""
+        first = np.cumsum(self.degree + 1) - (self.degree + 1)
+        rows = [np.arange(first[k], first[k] + self.degree[k] + 1) for k in which]
+        checks = which[:, None] * CHECK_POINTS + np.arange(CHECK_POINTS)
+        return SegmentNet(
+            self.degree[which], self.nodes.select(np.concatenate(rows)), self.checks.select(checks.ravel())
+        )
+
+    @property
+    def predicted_eop(self) -> NDArray[np.bool_]:
+        """Whether each segment rests on predicted Earth orientation, shape (m,)."""
+        return self.checks.predicted_eop[::CHECK_POINTS]
+
+    def polynomials(self, lander_pa_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
+        """Coefficients of all quantities, powers descending, and the problem of each segment."""
+        computed = self.nodes.compute(lander_pa_m)
+        coefficients, _ = self._coefficients(computed)
+        first = np.cumsum(self.degree + 1) - (self.degree + 1)
+        return coefficients, _kinds(computed.problem[first])
+
+    def compare(self, lander_pa_m: NDArray[np.float64]) -> Comparison:
+        """Compare the polynomials with the model at the check points."""
+        at_nodes, at_checks = self.nodes.compute(lander_pa_m), self.checks.compute(lander_pa_m)
+        coefficients, tail = self._coefficients(at_nodes)
+        model = _stacked(at_checks).reshape(WIDTH, len(self), CHECK_POINTS)
+        deviation = np.zeros((len(self), WIDTH))
+        good = np.ones(len(self), dtype=bool)
+        limits = self._limits_rad()
+        margin_rad = self._margins_rad()
+        for degree, of_degree, rows in self._groups():
+            values = _evaluate(coefficients[of_degree], check_points(degree))
+            here = np.abs(np.moveaxis(model[:, of_degree], 0, 1) - values).max(axis=-1)
+            deviation[of_degree] = here
+            scales = _stacked(at_nodes)[:, rows].reshape(WIDTH, -1, degree + 1)
+            good[of_degree] &= (np.maximum(here, tail[of_degree]) <= _allowed(scales)).all(axis=-1)
+            # The elevations between the nodes stay on one side of every limit, so that problems are those of the nodes.
+            grid = np.linspace(-1.0, 1.0, 4 * degree + 1)
+            elevation_rad = _evaluate(coefficients[of_degree][:, ELEVATION], grid)
+            for limit_rad in limits:
+                clear = elevation_rad - limit_rad
+                side = np.sign(clear[:, :, :1])
+                good[of_degree] &= (clear * side > margin_rad[of_degree, None, None]).all(axis=(1, 2))
+        starts = np.cumsum(self.degree + 1) - (self.degree + 1)
+        for of_nodes, of_checks in (
+            (_kinds(at_nodes.problem), _kinds(at_checks.problem)),
+            (self.nodes.predicted_eop, self.checks.predicted_eop),
+        ):
+            first = of_nodes[starts]
+            same = of_checks.reshape(-1, CHECK_POINTS) == first[:, None]
+            good &= same.all(axis=1)
+            good &= np.logical_and.reduceat(of_nodes == np.repeat(first, self.degree + 1), starts)
+        return Comparison(good, deviation)
+
+    def _limits_rad(self) -> list[float]:
+        """Elevations at which the model begins or ends to hold."""
+        model = self.nodes.model
+        media = model.has("troposphere") or (model.has("ionosphere") and model.ionosphere is not None)
+        return [0.0, LEAST_ELEVATION_RAD] if media else [0.0]
+
+    def _margins_rad(self) -> NDArray[np.float64]:
+        """How far elevations have to stay from limits; what is counted ends elsewhere than its tag says."""
+        count_s = self.checks.observations.count_s[::CHECK_POINTS]
+        return _MARGIN_RAD + _SPIN_RAD_S * np.where(np.isnan(count_s), 0.0, count_s)
+
+    def _groups(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
+        """Each degree, its segments and their nodes."""
+        of_node = np.repeat(self.degree, self.degree + 1)
+        for degree in np.unique(self.degree):
+            yield int(degree), np.flatnonzero(self.degree == degree), np.flatnonzero(of_node == degree)
+
+    def _coefficients(self, computed: Computed) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Powers descending, (m, WIDTH, MOST), and sizes of the last two Chebyshev coefficients, (m, WIDTH)."""
+        values = _stacked(computed)
+        coefficients, tail = np.zeros((len(self), WIDTH, MOST)), np.zeros((len(self), WIDTH))
+        for degree, of_degree, rows in self._groups():
+            at_nodes = np.moveaxis(values[:, rows].reshape(WIDTH, -1, degree + 1), 0, 1)
+            # Without its value in the middle, a range keeps its digits in the sums.
+            middle = at_nodes[..., degree // 2].copy()
+            series = (at_nodes - middle[..., None]) @ _to_chebyshev(degree)
+            tail[of_degree] = np.abs(series[..., -2:]).sum(axis=-1)
+            powers = series @ _to_powers(degree)
+            powers[..., -1] += middle
+            coefficients[of_degree, :, -(degree + 1) :] = powers
+        return coefficients, tail
+
+
+def _slices() -> dict[str, slice]:
+    """Where each column lies among the quantities."""
+    ends = np.cumsum(list(QUANTITIES.values())).tolist()
+    return {
+        name: slice(end - width, end) for (name, width), end in zip(QUANTITIES.items(), ends, strict=True)
+    }
+
+
+_PLACES = _slices()
+ELEVATION = _PLACES["elevation_rad"]
+
+
+def columns_of(out: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """Quantities (WIDTH, n) as columns, without copying."""
+    return {
+        name: out[place].T if QUANTITIES[name] > 1 else out[place.start] for name, place in _PLACES.items()
+    }
+
+
+def _stacked(computed: Computed) -> NDArray[np.float64]:
+    """Columns as quantities, shape (WIDTH, n)."""
+    return np.concatenate([np.atleast_2d(getattr(computed, name).T) for name in QUANTITIES])
+
+
+@cache
+def _to_chebyshev(degree: int) -> NDArray[np.float64]:
+    """Matrix from values at the nodes to Chebyshev coefficients."""
+    matrix = chebyshev.chebvander(nodes(degree), degree) * (2.0 / (degree + 1))
+    matrix[:, 0] *= 0.5
+    return np.asarray(matrix)
+
+
+@cache
+def _to_powers(degree: int) -> NDArray[np.float64]:
+    """Matrix from Chebyshev coefficients to those of powers, descending."""
+    matrix = np.zeros((degree + 1, degree + 1))
+    for k, unit in enumerate(np.eye(degree + 1)):
+        powers = chebyshev.cheb2poly(unit)
+        matrix[k, degree + 1 - len(powers) :] = powers[::-1]
+    return matrix
+
+
+def _evaluate(coefficients: NDArray[np.float64], x: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Polynomials at the same places of all segments, shape (m, n_quantities, len(x))."""
+    total = np.zeros((*coefficients.shape[:-1], len(x)))
+    for k in range(coefficients.shape[-1]):
+        total = total * x + coefficients[..., k, None]
+    return total
+
+
+def _allowed(at_nodes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Deviations allowed at check points, from the quantities' sizes at the nodes (WIDTH, m, k); shape (m, WIDTH)."""
+    size = np.abs(at_nodes).max(axis=-1)
+    allowed = np.empty_like(size)
+    for name, place in _PLACES.items():
+        largest = np.linalg.norm(size[place], axis=0) if name == "by_position_pa" else size[place].max(axis=0)
+        allowed[place] = np.maximum(ALLOWED_RELATIVE / SAFETY * largest, _ROUNDING.get(name, 0.0))
+    allowed[_PLACES["value_m"]] = ALLOWED_M / SAFETY
+    allowed[_PLACES["by_position_pa"]] = np.minimum(allowed[_PLACES["by_position_pa"]], _POSITION_MOST)
+    allowed[ELEVATION] = ALLOWED_RELATIVE / SAFETY
+    return allowed.T
+
+
+def _kinds(problem: NDArray[np.str_]) -> NDArray[np.str_]:
+    """Problems without the elevation in them."""
+    if not (problem != "").any():
+        return problem
+    return np.where(np.char.startswith(problem, BELOW_HORIZON), BELOW_HORIZON, problem)

@@ -1,0 +1,353 @@
+"""Interpolated arcs agree with the exact ones, within what they promise, whatever the series look like."""
+
+from __future__ import annotations
+
+from dataclasses import fields, replace
+
+import numpy as np
+import pytest
+from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
+
+from radioloc.constants import C_M_S
+from radioloc.earth.eop import EopTable
+from radioloc.earth.orientation import EarthOrientation
+from radioloc.errors import InputError, PredictedEopWarning, StationError
+from radioloc.lunar import selenographic_to_cartesian
+from radioloc.measurements import interpolated_arc
+from radioloc.measurements.dense_series import DenseSeries
+from radioloc.measurements.electron_content import UniformTec
+from radioloc.measurements.evaluation import prepare_arc
+from radioloc.measurements.interpolated_arc import InterpolatedArc
+from radioloc.measurements.observations import DOPPLER, KINDS, TIME_TAGS, VLBI_DELAY, Link, Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.tracking_arc import TrackingArc
+from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
+
+# What an interpolated arc promises: 0.3 ps of delay, and as much range.
+ALLOWED_M = 0.3e-12 * C_M_S
+# Partials, of the largest of their kind.
+ALLOWED_RELATIVE = 1e-6
+ALLOWED_RAD = 1e-6
+# Rounding of partials, which is larger than that for short count intervals and by_time of short baselines.
+ROUNDING = {"by_position_pa": 4e-12, "by_time_m_s": 2e-6, "by_transponder_delay_m_s": 2e-5, "by_zenith_wet": 4e-9}
+# Rounding of an exact range in other surroundings: in blocks, or selected.
+SAME_M = 1e-6
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build()
+
+
+def series(path, kind, tai, **columns):
+    tag = "transmit" if kind == "range" else "receive"
+    return Observations.from_columns(
+        epoch=tai_to_utc(tai),
+        links=[Link.from_path(path)],
+        kind=KINDS.index(kind),
+        tag=TIME_TAGS.index(tag),
+        **({"value_m": 1.0, "sigma_m": 1.0} | columns),
+    )
+
+
+def mixed(step_s=30.0, hours=8.0, start_fraction=0.6):
+    """A night of two- and three-way ranges, delays and Doppler of stations in China."""
+    tai = epochs_tai(int(hours * 3600.0 / step_s), hours, start_fraction=start_fraction)
+    return Observations.concatenate(
+        [
+            series("KASHI>x>KASHI", "range", tai, wavelength_um=35000.0),
+            series("JIAMUSI>x>KASHI", "range", tai),
+            series("SESHAN25<x>URUMQI", "vlbi_delay", tai),
+            series("KASHI>x>JIAMUSI", "doppler", tai, count_s=60.0),
+        ]
+    )
+
+
+def assert_agree(arc, pa_m, count=150, seed=1, model=None):
+    """Some rows, computed exactly, are within the bounds; the problems are the same."""
+    rows = np.random.default_rng(seed).permutation(len(arc.observations))[:count]
+    part = arc.observations.select(rows)
+    exact = TrackingArc(model or arc.model, part, pa_m).compute(pa_m)
+    found = arc.at(pa_m).rows(rows)
+    assert (found.problem == exact.problem).all()
+    assert np.abs(found.value_m - exact.value_m).max() < ALLOWED_M
+    assert np.abs(arc.at(pa_m).value_m[rows] - exact.value_m).max() < ALLOWED_M
+    assert np.abs(found.elevation_rad - exact.elevation_rad).max() < ALLOWED_RAD
+    for name, rounding in ROUNDING.items():
+        one, other = getattr(found, name), getattr(exact, name)
+        for link in np.unique(part.link):
+            mine = part.link == link
+            limit = max(ALLOWED_RELATIVE * np.abs(other[mine]).max(), rounding)
+            assert np.abs(one[mine] - other[mine]).max() < limit, name
+
+
+@pytest.mark.parametrize(
+    ("longitude_deg", "latitude_deg"), [(3.6, 26.1), (88.0, -5.0), (-51.9, 43.1), (0.0, -89.5)]
+)
+def test_dense_series_agree_with_the_exact_arc(model, longitude_deg, latitude_deg):
+    point_pa_m = selenographic_to_cartesian(np.radians(longitude_deg), np.radians(latitude_deg), 0.0)
+    arc = InterpolatedArc(model, mixed(), point_pa_m)
+    assert_agree(arc, point_pa_m)
+    found = arc.accuracy
+    assert found.interpolated > 0.9 * len(arc.observations)
+    # In fact interpolation is lost in the rounding of the ranges.
+    assert found.range_m < 1e-5
+    assert found.delay_s < 1e-14
+    assert found.growth_m < 1e-5
+    assert 10 * found.nodes < found.interpolated
+
+
+def test_rise_and_set_and_what_lies_between(model):
+    """Through two days without looking at the horizon: every observation has the problem that it has."""
+    table = Observations.concatenate(
+        [
+            series("KASHI>x>KASHI", "range", epochs_tai(2880, 48.0)),
+            series("JIAMUSI>x>NEUQUEN", "doppler", epochs_tai(2880, 48.0), count_s=600.0),
+        ]
+    )
+    arc = InterpolatedArc(model, table, APOLLO15_PA_M)
+    exact = TrackingArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    found = arc.compute(APOLLO15_PA_M)
+    assert (found.problem == exact.problem).all()
+    assert len(np.unique(exact.problem)) > 100  # elevations below the horizon
+    good = exact.problem == ""
+    assert good.any()
+    assert np.abs(found.value_m - exact.value_m).max() < ALLOWED_M
+    assert arc.accuracy.interpolated > 0.7 * len(table)
+
+
+def test_recorded_weather_makes_series_of_its_own(model):
+    tai = epochs_tai(5 * 720, 5.0, start_fraction=0.75)
+    rows = np.arange(len(tai))
+    # New weather every half hour, except that one station gives it with every observation.
+    weather = LASER | {
+        "temperature_k": 280.0 + (rows // 360) % 3,
+        "pressure_hpa": 780.0 + (rows // 360) % 2,
+    }
+    table = Observations.concatenate(
+        [
+            series("GRASSE>x>GRASSE", "range", tai, **weather),
+            series("KASHI>x>KASHI", "range", tai, temperature_k=280.0 + 0.001 * rows, pressure_hpa=850.0),
+        ]
+    )
+    arc = InterpolatedArc(model, table, APOLLO15_PA_M)
+    assert_agree(arc, APOLLO15_PA_M)
+    assert arc.accuracy.exact >= len(tai)
+    # Where the model leaves refraction out, it does not matter.
+    dry = InterpolatedArc(model.without("troposphere"), table, APOLLO15_PA_M)
+    assert dry.accuracy.exact < 100
+    assert_agree(dry, APOLLO15_PA_M)
+
+
+class Kinked:
+    """An electron content with a corner every twenty minutes, as maps have at the borders of their cells."""
+
+    def slant_tec(self, station_itrf_m, azimuth_rad, elevation_rad, epochs):
+        phase = (epochs.fraction * 72.0) % 1.0
+        return 10.0 + 20.0 * np.abs(phase - 0.5)
+
+
+@pytest.mark.parametrize("content", [UniformTec(30.0), Kinked()])
+def test_ionosphere(content):
+    model = PhysicalModel.build(ionosphere=content)
+    tai = epochs_tai(7200, 4.0, start_fraction=0.7)
+    columns = {"wavelength_um": 130000.0, "uplink_hz": 2.1e9}
+    table = series("KASHI>x>KASHI", "range", tai, **columns)
+    arc = InterpolatedArc(model, table, APOLLO15_PA_M)
+    assert_agree(arc, APOLLO15_PA_M, count=800)
+    if isinstance(content, Kinked):
+        # Near a corner exactly, between them interpolated.
+        assert 0.0 < arc.accuracy.exact < 0.4 * len(table)
+    else:
+        assert arc.accuracy.exact == 0
+
+
+def test_leap_second_and_midnights(model):
+    """Over the end of 2016: the last minute has 61 seconds, and Earth orientation is tabulated at each 0h."""
+    middle = utc_to_tai(epochs_from_strings("2016-12-31T23:59:60.5"))
+    offset_s = np.arange(-7200.0, 7200.0, 4.0)
+    tai = Epochs.from_jd(
+        np.full(len(offset_s), middle.jd[0]), middle.fraction[0] + offset_s / 86400.0, "TAI"
+    )
+    table = series("NEUQUEN>x>NEUQUEN", "range", tai)
+    arc = InterpolatedArc(model.without("troposphere"), table, APOLLO15_PA_M)
+    # The Moon goes down at the end.
+    assert arc.accuracy.exact < 100
+    assert_agree(arc, APOLLO15_PA_M, count=400)
+
+
+def untidy():
+    """Gaps, a lone observation, some at the same time, no order."""
+    tai = epochs_tai(1200, 6.0, start_fraction=0.6)
+    keep = np.ones(1200, dtype=bool)
+    keep[300:420] = keep[500:503] = False
+    kept = tai[np.flatnonzero(keep)]
+    alone = Epochs.from_jd(tai.jd[:1] + 1.0, tai.fraction[:1], "TAI")
+    table = Observations.concatenate(
+        [
+            series("KASHI>x>KASHI", "range", kept),
+            series("KASHI>x>KASHI", "range", kept[np.arange(40, 60)]),
+            series("SESHAN25<x>URUMQI", "vlbi_delay", kept),
+            series("KASHI>x>KASHI", "range", alone),
+        ]
+    )
+    return table.select(np.random.default_rng(7).permutation(len(table)))
+
+
+def test_untidy_series(model):
+    table = untidy()
+    arc = InterpolatedArc(model, table, APOLLO15_PA_M)
+    assert_agree(arc, APOLLO15_PA_M, count=500)
+    assert 1 <= arc.accuracy.exact < 20
+    exact = TrackingArc(model, table, APOLLO15_PA_M)
+    assert arc.stations == exact.stations
+    assert (arc.transmitters == exact.transmitters).all()
+    assert (arc.receivers == exact.receivers).all()
+    # The order in which they are given does not matter, to the last bit.
+    order = np.argsort(utc_to_tai(table.epoch).mjd, kind="stable")
+    sorted_arc = InterpolatedArc(model, table.select(order), APOLLO15_PA_M)
+    same(sorted_arc.compute(APOLLO15_PA_M), arc.compute(APOLLO15_PA_M).rows(order), exact.stations)
+
+
+def same(one, other, stations=(), atol=0.0):
+    for field in fields(one):
+        first, second = getattr(one, field.name), getattr(other, field.name)
+        if field.name == "problem" or atol == 0.0:
+            assert (first == second).all(), field.name
+        else:
+            np.testing.assert_allclose(first, second, rtol=0.0, atol=atol, err_msg=field.name)
+
+
+@pytest.fixture(scope="module")
+def untidy_arc(model):
+    return InterpolatedArc(model, untidy(), APOLLO15_PA_M)
+
+
+@pytest.mark.parametrize("which", ["mask", "indices", "slice", "step"])
+def test_rows_and_select(untidy_arc, which):
+    n = len(untidy_arc.observations)
+    rows = {
+        "mask": np.arange(n) % 3 == 1,
+        "indices": np.random.default_rng(3).integers(0, n, 400),
+        "slice": slice(100, 900),
+        "step": slice(None, None, -2),
+    }[which]
+    whole = untidy_arc.compute(APOLLO15_PA_M)
+    same(untidy_arc.at(APOLLO15_PA_M).rows(rows), whole.rows(rows))
+    part = untidy_arc.select(rows)
+    same(part.compute(APOLLO15_PA_M), whole.rows(rows))
+    assert (part.at(APOLLO15_PA_M).value_m == whole.value_m[rows]).all()
+    assert part.accuracy.interpolated + part.accuracy.exact == len(part.observations)
+    same(part.select([5]).compute(APOLLO15_PA_M), part.compute(APOLLO15_PA_M).rows([5]))
+
+
+def test_select_nothing(untidy_arc):
+    none = untidy_arc.select(slice(0, 0))
+    assert len(none.compute(APOLLO15_PA_M).value_m) == 0
+    assert none.predicted_eop.shape == (0,)
+    assert none.accuracy.segments == 0
+
+
+def test_no_observations(model):
+    arc = InterpolatedArc(model, untidy().select([]), APOLLO15_PA_M)
+    assert arc.compute(APOLLO15_PA_M).by_position_pa.shape == (0, 3)
+    assert arc.stations == ()
+
+
+def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
+    numba = pytest.importorskip("numba")
+    found = []
+    for threads in (1, 2, 3):
+        monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
+        monkeypatch.setattr(interpolated_arc, "_ROWS_OF_A_THREAD", 100)
+        found.append(untidy_arc.compute(APOLLO15_PA_M))
+    same(found[0], found[1])
+    same(found[0], found[2])
+
+
+def test_far_from_where_it_was_prepared(model):
+    """The segments are checked again; what the point's own move changes is in the polynomials."""
+    table = mixed(60.0, 4.0)
+    arc = InterpolatedArc(model, table, APOLLO15_PA_M)
+    before = arc.compute(APOLLO15_PA_M)
+    for away_m in ([3e3, -2e3, 1e3], [-2e5, 1e5, 3e5]):
+        assert_agree(arc, APOLLO15_PA_M + away_m)
+    other_side_m = np.array([-1.0, 1.0, 1.0]) * APOLLO15_PA_M
+    assert_agree(arc, other_side_m)
+    same(arc.compute(APOLLO15_PA_M), before, atol=SAME_M)
+    with pytest.raises(InputError):
+        arc.compute(np.array([np.nan, 0.0, 0.0]))
+
+
+def test_accuracy_at_another_position(model):
+    arc = InterpolatedArc(model, mixed(60.0, 4.0), APOLLO15_PA_M)
+    found = arc.check(APOLLO15_PA_M + [1e3, 0.0, 0.0])
+    assert 0.0 < found.range_m < 1e-5
+    assert found == arc.accuracy
+
+
+def test_predicted_earth_orientation(model):
+    """Up to one midnight it is measured; of each observation it is known on which side its signals are."""
+    whole = EopTable.packaged()
+    # The cubic between 2 and 3 December rests on the 4th, MJD 59187.
+    marked = replace(whole, predicted=whole.mjd_utc > 59186.0)
+    some = replace(model, earth=EarthOrientation(marked))
+    tai = epochs_tai(1440, 12.0, start_jd=2459184.5, start_fraction=0.75)
+    rows = series("KASHI>x>KASHI", "range", tai)
+    with pytest.warns(PredictedEopWarning) as told:
+        arc = InterpolatedArc(some, rows, APOLLO15_PA_M)
+    assert len(told) == 1
+    with pytest.warns(PredictedEopWarning):
+        exact = TrackingArc(some, rows, APOLLO15_PA_M)
+    assert (arc.predicted_eop == exact.predicted_eop).all()
+    assert 0 < arc.predicted_eop.sum() < len(rows)
+
+
+def test_terms(model):
+    few = mixed(120.0, 3.0)
+    fewer = model.without(*(set(model.terms) - {"solid_earth_tide", "troposphere"}))
+    found = InterpolatedArc(fewer, few, APOLLO15_PA_M).terms(APOLLO15_PA_M)
+    exact = TrackingArc(fewer, few, APOLLO15_PA_M).terms(APOLLO15_PA_M)
+    assert list(found) == list(exact)
+    for name, value_m in exact.items():
+        assert np.abs(found[name] - value_m).max() < 2 * ALLOWED_M
+
+
+def test_unknown_station_is_told_by_its_line(model):
+    with pytest.raises(StationError, match="line 1"):
+        InterpolatedArc(model, observations("NOWHERE>x>KASHI", epochs_tai(3, 1.0)), APOLLO15_PA_M)
+
+
+def test_choice_of_evaluation(model):
+    dense, sparse = mixed(10.0, 4.0), mixed(600.0, 4.0)
+    assert isinstance(prepare_arc(model, dense, APOLLO15_PA_M), InterpolatedArc)
+    assert isinstance(prepare_arc(model, sparse, APOLLO15_PA_M), TrackingArc)
+    assert isinstance(prepare_arc(model, sparse, APOLLO15_PA_M, "exact"), TrackingArc)
+    forced = prepare_arc(model, sparse, APOLLO15_PA_M, "interpolated")
+    assert isinstance(forced, InterpolatedArc)
+    assert forced.accuracy.interpolated == 0
+    with pytest.raises(InputError, match="evaluation 'fast' is not one of auto, exact, interpolated"):
+        prepare_arc(model, sparse, APOLLO15_PA_M, "fast")
+
+
+def test_series_are_told_apart(model):
+    """By everything that is recorded, but not by what is measured."""
+    tai = epochs_tai(4, 1.0)
+    table = Observations.concatenate(
+        [
+            series("KASHI>x>KASHI", "range", tai),
+            series("KASHI>x>KASHI", "range", tai, value_m=[1.0, 2.0, 3.0, 4.0], sigma_m=2.0),
+            series("KASHI>x>KASHI", "range", tai, wavelength_um=35000.0),
+            series("KASHI>x>KASHI", "doppler", tai, count_s=10.0),
+            series("KASHI>x>KASHI", "doppler", tai, count_s=20.0),
+            series("SESHAN25<x>URUMQI", "vlbi_delay", tai),
+        ]
+    )
+    assert set(table.kind.tolist()) == {0, VLBI_DELAY, DOPPLER}
+    found = DenseSeries(model, table)
+    code = np.empty(len(table), dtype=int)
+    code[found.order] = found._code
+    groups = [set(part.tolist()) for part in code.reshape(-1, 4)]
+    assert all(len(group) == 1 for group in groups)
+    assert groups[0] == groups[1]
+    assert len(set.union(*groups)) == 5

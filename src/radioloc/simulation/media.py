@@ -11,7 +11,7 @@ from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations, is_counted, is_differenced
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.simulation.visibility import elevations
+from radioloc.simulation.visibility import Target, elevations
 from radioloc.time import utc_to_tt
 
 MappingFunction = Callable[[NDArray[np.float64]], NDArray[np.float64]]
@@ -40,7 +40,7 @@ def thin_shell(elevation_rad: NDArray[np.float64]) -> NDArray[np.float64]:
 def media_error_m(
     model: PhysicalModel,
     observations: Observations,
-    target_pa_m: NDArray[np.float64],
+    target_pa_m: Target,
     zenith_m: Mapping[str, float],
     tec_tecu: Mapping[str, float],
     troposphere_mapping: MappingFunction = black_eisner,
@@ -54,7 +54,7 @@ def media_error_m(
         Gives the elevations.
     observations : Observations
         Epochs, paths and frequencies.
-    target_pa_m : ndarray, shape (3,)
+    target_pa_m : ndarray, shape (3,), or Trajectory
         The point on the Moon, principal axes, m.
     zenith_m : mapping of str to float
         Tropospheric delay of the zenith by station, real minus modelled, m.

@@ -20,7 +20,7 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.measurements.observations import BASELINE_KINDS, KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.simulation.visibility import Masks, elevations
+from radioloc.simulation.visibility import Masks, Target, elevations
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 
 Pair = tuple[str, str]
@@ -170,7 +170,7 @@ class Schedule:
     sessions: Sequence[Session]
     masks: Masks = field(default_factory=Masks)
 
-    def plan(self, model: PhysicalModel, target_pa_m: NDArray[np.float64], target: str = "lander") -> Plan:
+    def plan(self, model: PhysicalModel, target_pa_m: Target, target: str = "lander") -> Plan:
         """Epochs and links of what can be seen.
 
         A link is measured when both its stations see the target, from the sending of the measurement's first signal to
@@ -180,8 +180,8 @@ class Schedule:
         ----------
         model : PhysicalModel
             Where everything is.
-        target_pa_m : ndarray, shape (3,)
-            The point on the Moon, principal axes, m.
+        target_pa_m : ndarray, shape (3,), or Trajectory
+            The point on the Moon, principal axes, m, or a spacecraft no farther than the Moon.
         target : str
             Its name.
 
@@ -216,7 +216,7 @@ class Schedule:
         index: int,
         session: Session,
         model: PhysicalModel,
-        target_pa_m: NDArray[np.float64],
+        target_pa_m: Target,
         target: str,
     ) -> tuple[Observations, NDArray[np.int64], NDArray[np.int64]]:
         utc = session.epochs()
@@ -250,7 +250,7 @@ class Schedule:
         self,
         session: Session,
         model: PhysicalModel,
-        target_pa_m: NDArray[np.float64],
+        target_pa_m: Target,
         stations: tuple[str, ...],
         utc: Epochs,
     ) -> NDArray[np.bool_]:

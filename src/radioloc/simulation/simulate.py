@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import KINDS, RANGE, Observations
@@ -18,6 +19,7 @@ from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.simulation.noise import NoiseModel
 from radioloc.simulation.schedule import Plan, Schedule
 from radioloc.simulation.truth import Truth
+from radioloc.simulation.visibility import Target
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,7 +31,7 @@ class Simulated:
     observations : Observations
         As measured: with all errors; sigmas are those that the schedule states.
     target_pa_m : ndarray, shape (3,)
-        Where the point truly is, principal axes, m.
+        Where the point truly is, principal axes, m; of a spacecraft the offset from its trajectory, zeros.
     truth : Truth
         In what the world departs from the nominal model.
     noise : NoiseModel
@@ -42,6 +44,8 @@ class Simulated:
         Random error, m.
     is_outlier : ndarray of bool, shape (n,)
         Whether the random error has a wild part.
+    trajectory : Trajectory or None
+        Where the spacecraft truly is, if the target is one.
     """
 
     observations: Observations
@@ -53,14 +57,16 @@ class Simulated:
     added_m: dict[str, NDArray[np.float64]]
     noise_m: NDArray[np.float64]
     is_outlier: NDArray[np.bool_]
+    trajectory: Trajectory | None = None
 
     def summary(self) -> str:
         """Text for people and for the head of a file: what was measured, and what was put in."""
         x, y, z = self.target_pa_m.tolist()
+        where = f"true position, principal axes, m: {x:.4f} {y:.4f} {z:.4f}"
         lines = [
             "simulated observations",
             self.observations.summary(),
-            f"true position, principal axes, m: {x:.4f} {y:.4f} {z:.4f}",
+            where if self.trajectory is None else f"true trajectory: {self.trajectory}",
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
             *(f"{name}: {_shown(value)}" for name, value in _departures(self.truth)),
             f"noise of station arrivals (VLBI): {_shown(self.noise.vlbi_station)}",
@@ -88,6 +94,8 @@ class World:
     error_free_m : ndarray, shape (n,)
     added_m : dict of str to ndarray, shape (n,)
         As in :class:`Simulated`.
+    trajectory : Trajectory or None
+        Of a spacecraft; the position then is an offset from it, zeros.
     """
 
     plan: Plan
@@ -95,12 +103,13 @@ class World:
     truth: Truth
     error_free_m: NDArray[np.float64]
     added_m: dict[str, NDArray[np.float64]]
+    trajectory: Trajectory | None = None
 
     @classmethod
     def prepare(
         cls,
         schedule: Schedule,
-        target: LunarPosition,
+        target: LunarPosition | Trajectory,
         truth: Truth | None = None,
         *,
         model: PhysicalModel,
@@ -112,16 +121,22 @@ class World:
         With a `plan`, that is measured, and the schedule is not planned again.
         """
         truth = truth or Truth()
-        target_pa_m = target.to_axes("PA", model.ephemeris.constants).xyz_m
+        trajectory = target if isinstance(target, Trajectory) else None
+        target_pa_m = (
+            np.zeros(3)
+            if isinstance(target, Trajectory)
+            else target.to_axes("PA", model.ephemeris.constants).xyz_m
+        )
+        place: Target = target_pa_m if trajectory is None else trajectory
         world = truth.model(model)
         # What the stations believe is what they plan with.
-        plan = plan or schedule.plan(model, target_pa_m, name)
+        plan = plan or schedule.plan(model, place, name)
         happened = replace(plan.observations, epoch=truth.true_epochs(plan.observations, model.catalogue))
-        error_free_m = _computed_m(world, happened, target_pa_m)
+        error_free_m = _computed_m(world, happened, target_pa_m, trajectory)
         ranges = plan.observations.kind == RANGE
         light_time_s = np.where(ranges, error_free_m / C_M_S, 0.0)
-        added_m = truth.added_m(world, plan.observations, target_pa_m, light_time_s)
-        return cls(plan, target_pa_m, truth, error_free_m, added_m)
+        added_m = truth.added_m(world, plan.observations, place, light_time_s)
+        return cls(plan, target_pa_m, truth, error_free_m, added_m, trajectory)
 
     def draw(self, noise: NoiseModel | None = None, *, seed: int = 0) -> Simulated:
         """Observations with one realization of the noise; parameters and errors as :func:`simulate`."""
@@ -141,12 +156,13 @@ class World:
             added_m=self.added_m,
             noise_m=noise_m,
             is_outlier=is_outlier,
+            trajectory=self.trajectory,
         )
 
 
 def simulate(
     schedule: Schedule,
-    target: LunarPosition,
+    target: LunarPosition | Trajectory,
     truth: Truth | None = None,
     noise: NoiseModel | None = None,
     *,
@@ -154,13 +170,13 @@ def simulate(
     seed: int = 0,
     name: str = "lander",
 ) -> Simulated:
-    """Simulate the tracking of a point on the Moon.
+    """Simulate the tracking of a point on the Moon, or of a spacecraft.
 
     Parameters
     ----------
     schedule : Schedule
         What is measured and when.
-    target : LunarPosition
+    target : LunarPosition or Trajectory
         Where the point truly is.
     truth : Truth, optional
         In what the world departs from the nominal model; in nothing where not given.
@@ -191,10 +207,13 @@ def simulate(
 
 
 def _computed_m(
-    world: PhysicalModel, observations: Observations, target_pa_m: NDArray[np.float64]
+    world: PhysicalModel,
+    observations: Observations,
+    target_pa_m: NDArray[np.float64],
+    trajectory: Trajectory | None,
 ) -> NDArray[np.float64]:
     """Prediction of the observations, refused where the model does not hold."""
-    computed = TrackingArc(world, observations, target_pa_m).compute(target_pa_m)
+    computed = TrackingArc(world, observations, target_pa_m, trajectory).compute(target_pa_m)
     wrong = np.flatnonzero(computed.problem != "")
     if len(wrong):
         row = int(wrong[0])

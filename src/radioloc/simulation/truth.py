@@ -25,6 +25,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import active_terms
 from radioloc.simulation.media import MappingFunction, black_eisner, media_error_m, thin_shell
 from radioloc.simulation.offset_moon import OffsetEphemeris, OffsetOrientation
+from radioloc.simulation.visibility import Target
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
 
 _NO_OFFSET = (0.0, 0.0, 0.0)
@@ -181,7 +182,7 @@ class Truth:
         self,
         world: PhysicalModel,
         observations: Observations,
-        target_pa_m: NDArray[np.float64],
+        target_pa_m: Target,
         light_time_s: NDArray[np.float64],
     ) -> dict[str, NDArray[np.float64]]:
         """What clocks, biases and media add to each observation, by name, m.
@@ -191,8 +192,8 @@ class Truth:
         world : PhysicalModel
             From :meth:`model`.
         observations : Observations
-        target_pa_m : ndarray, shape (3,)
-            Principal axes, m.
+        target_pa_m : ndarray, shape (3,), or Trajectory
+            Principal axes, m, or a spacecraft.
         light_time_s : ndarray, shape (n,)
             From the first sending to the last reception; used for ranges.
 

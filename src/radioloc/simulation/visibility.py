@@ -3,19 +3,20 @@
 An elevation belongs to the instant at which the signal is at the station. The point on the Moon is taken one light time
 earlier, for a signal that comes down; for one that goes up the direction differs by 2 arcseconds, 0.1 s of rise or set.
 Refraction is left out, as in the measurement model. For a point on the surface the Moon's own horizon is what hides the
-Earth; for one above it, :func:`radioloc.lunar.hidden_by_moon`.
+Earth; for a spacecraft, the Moon's limb.
 """
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S, SECONDS_PER_DAY
+from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M, SECONDS_PER_DAY
 from radioloc.earth.geodesy import rot_itrf_to_enu
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements.physical_model import PhysicalModel
@@ -28,6 +29,9 @@ from radioloc.time import (
     utc_strings,
     utc_to_tai,
 )
+
+Target = NDArray[np.float64] | Trajectory
+"""Principal-axes position of a point on the Moon, shape (3,), m; or the trajectory of a spacecraft."""
 
 _SEARCH_STEP_S = 300.0
 _SECONDS_TO = 0.1
@@ -78,7 +82,7 @@ class Elevations:
     at_station_rad : ndarray, shape (n, k)
         Of the target above each station's horizon (the plane normal to the ellipsoid's vertical).
     at_target_rad : ndarray, shape (n, k)
-        Of each station above the target's horizon (the plane normal to its radius).
+        Of each station above the target's horizon (the plane normal to its radius; of a spacecraft, the Moon's limb).
     """
 
     stations: tuple[str, ...]
@@ -93,17 +97,18 @@ class Elevations:
         )
 
 
-def elevations(
-    model: PhysicalModel, target_pa_m: NDArray[np.float64], stations: Sequence[str], tt: Epochs
-) -> Elevations:
-    """Elevations of a point on the Moon and of the stations above each other's horizons.
+def elevations(model: PhysicalModel, target_pa_m: Target, stations: Sequence[str], tt: Epochs) -> Elevations:
+    """Elevations of the target and of the stations above each other's horizons.
+
+    The horizon of a spacecraft is the Moon's limb, the sphere of 1737.4 km: it and a station see each other where the
+    station is above it.
 
     Parameters
     ----------
     model : PhysicalModel
         Where Earth, Moon and stations are; its terms (tides, media) do not matter here.
-    target_pa_m : ndarray, shape (3,)
-        The point in principal axes, m.
+    target_pa_m : ndarray, shape (3,), or Trajectory
+        The point in principal axes, m, or a spacecraft.
     stations : sequence of str
         Names or aliases.
     tt : Epochs
@@ -114,15 +119,52 @@ def elevations(
     StationError
         A station is not in the catalogue.
     CoverageError
-        An epoch lies outside the kernels or the Earth orientation table.
+        An epoch lies outside the kernels, the trajectory or the Earth orientation table.
     """
     tdb = tt_to_tdb(tt)
+    if isinstance(target_pa_m, Trajectory):
+        return _spacecraft_elevations(model, target_pa_m, stations, tt, tdb)
     moon_m, velocity_m_s = model.ephemeris.geocentric("moon", tdb)
     light_time_s = np.linalg.norm(moon_m, axis=-1) / C_M_S
     moon_m = moon_m - velocity_m_s * light_time_s[:, None]
     rot_icrf_to_body = rot_icrf_to_pa(model.libration.angles(tdb.shifted(-light_time_s))[0])
     from_moon_m = np.einsum("nji,j->ni", rot_icrf_to_body, target_pa_m)
     target_gcrs_m, target_up = moon_m + from_moon_m, from_moon_m / np.linalg.norm(target_pa_m)
+
+    def above_horizon_rad(to_station_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        return _elevation_rad(to_station_m, target_up)
+
+    return _elevations(model, stations, tt, target_gcrs_m, above_horizon_rad)
+
+
+def _spacecraft_elevations(
+    model: PhysicalModel, trajectory: Trajectory, stations: Sequence[str], tt: Epochs, tdb: Epochs
+) -> Elevations:
+    distance_m = np.linalg.norm(trajectory.geocentric(model.ephemeris, tdb)[0], axis=-1)
+    left = tdb.shifted(-distance_m / C_M_S)
+    target_gcrs_m, _ = trajectory.geocentric(model.ephemeris, left)
+    to_moon_m = model.ephemeris.geocentric("moon", left)[0] - target_gcrs_m
+    moon_m = np.linalg.norm(to_moon_m, axis=-1)
+    # As seen by the spacecraft; on the surface the limb is 90 degrees from the Moon's centre.
+    limb_rad = np.arcsin(np.minimum(MEAN_LUNAR_RADIUS_M / moon_m, 1.0))
+
+    def above_limb_rad(to_station_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        from_centre_rad = 0.5 * np.pi - _elevation_rad(to_station_m, to_moon_m / moon_m[:, None])
+        # A Moon farther away than the station hides nothing.
+        return np.where(
+            moon_m < np.linalg.norm(to_station_m, axis=-1), from_centre_rad - limb_rad, 0.5 * np.pi
+        )
+
+    return _elevations(model, stations, tt, target_gcrs_m, above_limb_rad)
+
+
+def _elevations(
+    model: PhysicalModel,
+    stations: Sequence[str],
+    tt: Epochs,
+    target_gcrs_m: NDArray[np.float64],
+    at_target_rad: Callable[[NDArray[np.float64]], NDArray[np.float64]],
+) -> Elevations:
     rot_itrf_to_gcrs = model.earth.evaluate(tt).rot_itrf_to_gcrs
     found = [model.catalogue.get(name) for name in stations]
     at_station, at_target = np.empty((len(tt), len(found))), np.empty((len(tt), len(found)))
@@ -130,7 +172,7 @@ def elevations(
         station_gcrs_m = np.einsum("nij,nj->ni", rot_itrf_to_gcrs, station.position_at(tt))
         station_up = rot_itrf_to_gcrs @ rot_itrf_to_enu(station.itrf_m)[2]
         at_station[:, k] = _elevation_rad(target_gcrs_m - station_gcrs_m, station_up)
-        at_target[:, k] = _elevation_rad(station_gcrs_m - target_gcrs_m, target_up)
+        at_target[:, k] = at_target_rad(station_gcrs_m - target_gcrs_m)
     return Elevations(tuple(station.name for station in found), at_station, at_target)
 
 
@@ -154,7 +196,7 @@ class Window:
 
 def windows(
     model: PhysicalModel,
-    target_pa_m: NDArray[np.float64],
+    target_pa_m: Target,
     stations: Sequence[str],
     start_utc: str,
     stop_utc: str,
@@ -167,8 +209,8 @@ def windows(
     Parameters
     ----------
     model : PhysicalModel
-    target_pa_m : ndarray, shape (3,)
-        Principal axes, m.
+    target_pa_m : ndarray, shape (3,), or Trajectory
+        Principal axes, m, or a spacecraft.
     stations : sequence of str
         Names or aliases, at least one.
     start_utc, stop_utc : str

@@ -29,7 +29,12 @@ ALLOWED_M = 0.3e-12 * C_M_S
 ALLOWED_RELATIVE = 1e-6
 ALLOWED_RAD = 1e-6
 # Rounding of partials, which is larger than that for short count intervals and by_time of short baselines.
-ROUNDING = {"by_position_pa": 4e-12, "by_time_m_s": 2e-6, "by_transponder_delay_m_s": 2e-5, "by_zenith_wet": 4e-9}
+ROUNDING = {
+    "by_position_pa": 4e-12,
+    "by_time_m_s": 2e-6,
+    "by_transponder_delay_m_s": 2e-5,
+    "by_zenith_wet": 4e-9,
+}
 # Rounding of an exact range in other surroundings: in blocks, or selected.
 SAME_M = 1e-6
 
@@ -166,9 +171,7 @@ def test_leap_second_and_midnights(model):
     """Over the end of 2016: the last minute has 61 seconds, and Earth orientation is tabulated at each 0h."""
     middle = utc_to_tai(epochs_from_strings("2016-12-31T23:59:60.5"))
     offset_s = np.arange(-7200.0, 7200.0, 4.0)
-    tai = Epochs.from_jd(
-        np.full(len(offset_s), middle.jd[0]), middle.fraction[0] + offset_s / 86400.0, "TAI"
-    )
+    tai = Epochs.from_jd(np.full(len(offset_s), middle.jd[0]), middle.fraction[0] + offset_s / 86400.0, "TAI")
     table = series("NEUQUEN>x>NEUQUEN", "range", tai)
     arc = InterpolatedArc(model.without("troposphere"), table, APOLLO15_PA_M)
     # The Moon goes down at the end.

@@ -61,6 +61,7 @@ BOUNDS_M = {
     # None given.
     "transponder_delay": (0.0, 0.0),
     "station_delay": (0.0, 0.0),
+    "antenna_axis_offset": (0.0, 0.0),  # not of a telescope that ranges by laser
     # Up to 0.4 m up, so shorter, one way.
     "solid_earth_tide": (-0.85, 0.30),
     # 2 x 33 mm per arcsecond of the pole's 0.2 arcseconds.

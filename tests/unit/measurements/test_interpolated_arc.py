@@ -284,7 +284,7 @@ def test_far_from_where_it_was_prepared(model):
 
 def test_accuracy_at_another_position(model):
     arc = InterpolatedArc(model, mixed(60.0, 4.0), APOLLO15_PA_M)
-    found = arc.check(APOLLO15_PA_M + [1e3, 0.0, 0.0])
+    found = arc.check(APOLLO15_PA_M + np.array([1e3, 0.0, 0.0]))
     assert 0.0 < found.range_m < 1e-5
     assert found == arc.accuracy
 

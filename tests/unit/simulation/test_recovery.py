@@ -121,11 +121,11 @@ def passes_of(arc):
 
 
 def recovered_with_equipment(sessions, longitude_deg, latitude_deg, model, seed):
-    """Errors of the position, of the passes' biases, and of the transponder's delay as the distance that it looks like, m.
+    """Errors of the position, of the passes' biases, and of the transponder's delay as a distance, m.
 
-    What all biases have in common looks like the transponder's delay, so one pass is calibrated, to 0.1 mm. What is left
-    looks nearly like the distance of the point, which the path has twice. The a-priori value of the delay, wrong by 6 m
-    of path, is too weak (3 km) to decide that; with 3 m it would pull the point by 0.3 m.
+    What all biases have in common looks like the transponder's delay, so one pass is calibrated, to 0.1 mm. What is
+    left looks nearly like the distance of the point, which the path has twice. The a-priori value of the delay, wrong
+    by 6 m of path, is too weak (3 km) to decide that; with 3 m it would pull the point by 0.3 m.
     """
     model = dataclasses.replace(model, delays=DELAYS)
     real = dataclasses.replace(model, delays=dataclasses.replace(DELAYS, transponder_s=1.2e-6 + HOLD_ERROR_S))

@@ -18,6 +18,7 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.earth.vmf3 import vmf3
 from radioloc.earth.vmf3_files import Vmf3Grids
 from radioloc.errors import CoverageError, FileFormatError, InputError
+from radioloc.measurements.interpolated_arc import InterpolatedArc
 from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
@@ -175,6 +176,20 @@ def test_partials_by_time_and_by_zenith_delay(sites):
     )
     # The files' own change with time is left out: 12 cm in six hours, mapped, 2e-5 m/s.
     np.testing.assert_allclose(computed.by_time_m_s, ahead - behind, rtol=0.0, atol=1e-4)
+
+
+def test_dense_series_are_interpolated_over_the_files_epochs(tmp_path):
+    """The air between epochs is linear, with a kink at each: here at 18 h."""
+    path = tmp_path / "2020337.vmf3_r"
+    late = LINES.replace("59185.50", "59186.00").replace("0.2400", "0.2000").splitlines()[:2]
+    path.write_text(LINES + "\n".join(late) + "\n")
+    start = utc_to_tai(epochs_from_strings(["2020-12-02T17:00:00"]))
+    tai = start[np.zeros(1440, dtype=int)].shifted(5.0 * np.arange(1440))
+    arc = arc_of(read_radio_atmosphere([path]), "vlbi_delay", utc=tai_to_utc(tai))
+    dense = InterpolatedArc(arc.model, arc.observations, APOLLO15_PA_M)
+    assert dense.accuracy.interpolated > 1000
+    found, exact = dense.compute(APOLLO15_PA_M), arc.compute(APOLLO15_PA_M)
+    np.testing.assert_allclose(found.value_m, exact.value_m, rtol=0.0, atol=0.9e-4)
 
 
 def test_parts_of_an_arc_keep_their_air(sites):

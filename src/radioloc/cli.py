@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, NoReturn, TextIO
 
 from radioloc._version import __version__
-from radioloc.errors import ConvergenceError, RadiolocError, RadiolocWarning
+from radioloc.errors import ConvergenceError, InputError, RadiolocError, RadiolocWarning
 
 if TYPE_CHECKING:
     from radioloc.estimation.solution import Solution
@@ -99,11 +99,34 @@ def _parser() -> argparse.ArgumentParser:
     simulate = commands.add_parser("simulate", help="simulate the tracking that a study describes")
     simulate.add_argument("study", type=Path, metavar="STUDY.toml", help="a study file with [simulation]")
     simulate.add_argument(
-        "--out", type=Path, metavar="FILE.csv", required=True, help="write the observations there, as CSV"
+        "--out",
+        type=Path,
+        metavar="FILE",
+        required=True,
+        help="write the observations there: .csv or .parquet",
     )
     simulate.add_argument("--seed", type=int, metavar="N", help="of the noise (default: the study's)")
     simulate.add_argument("--quiet", action="store_true", help="print nothing but errors")
     simulate.set_defaults(run=_simulate)
+    convert = commands.add_parser(
+        "convert", help="read observations of any format and write them as one file"
+    )
+    convert.add_argument(
+        "files", type=Path, nargs="+", metavar="IN", help="files to read, each of any format"
+    )
+    convert.add_argument(
+        "out", type=Path, metavar="OUT", help="file to write, by its ending: .csv, .parquet, .tdm or .xml"
+    )
+    convert.add_argument(
+        "--sigma",
+        action="append",
+        default=[],
+        metavar="TYPE=METRES",
+        help="sigmas of observations in Tracking Data Messages, which state none, such as range=1.0; one for each type",
+    )
+    convert.add_argument("--originator", metavar="NAME", help="agency that makes a Tracking Data Message")
+    convert.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    convert.set_defaults(run=_convert)
     stations = commands.add_parser("stations", help="list the stations that are known by name")
     stations.set_defaults(run=_stations)
     return parser
@@ -139,16 +162,43 @@ def _arcs(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from radioloc.io.table import write_table
+    from radioloc.io.write import write_observations
     from radioloc.studies.simulate import simulate
     from radioloc.studies.study_file import read_study
 
     made = simulate(read_study(options.study), options.seed)
-    write_table(options.out, made.observations, comments=[made.summary()])
+    write_observations(options.out, made.observations, comments=[made.summary()])
     if not options.quiet:
         print(made.summary())
         print(f"\nwritten to {options.out}")
     return EXIT_DONE
+
+
+def _convert(options: argparse.Namespace) -> int:
+    from radioloc.io.detect import read_observations
+    from radioloc.io.tdm_agreement import TdmAgreement
+    from radioloc.io.write import require_ending, write_observations
+
+    require_ending(options.out)  # before the reading, which may take long
+    tdm = TdmAgreement(sigma_m=_sigmas(options.sigma)) if options.sigma else None
+    observations = read_observations(options.files, tdm=tdm)
+    write_observations(options.out, observations, originator=options.originator)
+    if not options.quiet:
+        print(observations.summary())
+        print(f"\nwritten to {options.out}")
+    return EXIT_DONE
+
+
+def _sigmas(texts: Sequence[str]) -> dict[str, float]:
+    """Sigmas by type, from texts such as ``range=1.0``."""
+    found = {}
+    for text in texts:
+        name, _, number = text.partition("=")
+        try:
+            found[name] = float(number)
+        except ValueError:
+            raise InputError(f"--sigma {text}: write it as TYPE=METRES, such as range=1.0") from None
+    return found
 
 
 def _run(options: argparse.Namespace, job: Callable[[Study], Solution]) -> Solution:

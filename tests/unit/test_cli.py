@@ -395,3 +395,49 @@ def test_reader_that_stops_reading(folder, run):
     finally:
         os.close(write)
     assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_convert_there_and_back(tmp_path, capsys):
+    binary, table, message = (tmp_path / name for name in ("a.parquet", "b.csv", "c.tdm"))
+    assert cli.main(["convert", str(TABLE), str(binary)]) == 0
+    printed = capsys.readouterr().out
+    assert "153 observations" in printed
+    assert f"written to {binary}" in printed
+    assert cli.main(["convert", str(binary), str(table), "--quiet"]) == 0
+    first = radioloc.read_observations(TABLE)
+    for file in (binary, table):
+        read = radioloc.read_observations(file)
+        assert (read.value_m == first.value_m).all()
+        assert (read.epoch.fraction == first.epoch.fraction).all()
+    # Laser light has no place in a message.
+    row = "2020-12-01T00:00:00,range,KASHI>lander>JIAMUSI,7.5e8,1.0,receive"
+    table.write_text(f"epoch_utc,type,path,observed_m,sigma_m,time_tag\n{row}\n")
+    assert cli.main(["convert", str(table), str(message), "--originator", "X", "--quiet"]) == 0
+    assert cli.main(["convert", str(message), str(binary), "--sigma", "range=0.02", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
+    read = radioloc.read_observations(binary)
+    assert (read.value_m.tolist(), read.sigma_m.tolist()) == ([7.5e8], [0.02])
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["{csv}", "{folder}/a.txt"], "the ending says no format"),
+        (["{csv}", "{folder}/a.tdm"], "give originator"),
+        (["{csv}", "{folder}/a.csv", "--sigma", "range"], "write it as TYPE=METRES"),
+        (["{csv}", "{csv}", "{folder}/a.csv"], "already there"),
+        (["{folder}/none.csv", "{folder}/a.csv"], "no such file"),
+        (["{csv}"], "required: OUT"),
+    ],
+)
+def test_convert_says_in_one_line_what_is_wrong(tmp_path, capsys, arguments, words):
+    given = [text.format(csv=TABLE, folder=tmp_path) for text in arguments]
+    try:
+        status = cli.main(["convert", *given])
+    except SystemExit as error:
+        status = error.code
+    assert status == 2
+    told = capsys.readouterr().err
+    assert words in told
+    assert told.count("\n") == 1
+    assert not list(tmp_path.iterdir())

@@ -481,7 +481,10 @@ def test_toml_is_a_study_or_part_of_one(page, workspace):
 def test_every_command_and_option_is_described(capsys):
     page = (DOCS / "reference" / "command-line.md").read_text()
     texts = []
-    for arguments in (["--help"], *([command, "--help"] for command in ("locate", "residuals", "arcs"))):
+    for arguments in (
+        ["--help"],
+        *([command, "--help"] for command in ("locate", "residuals", "arcs", "simulate", "convert")),
+    ):
         with pytest.raises(SystemExit):
             main(arguments)
         texts.append(capsys.readouterr().out)

@@ -23,6 +23,7 @@ _JD_1972 = 2441317.5
 _JD_1970 = 2440587.5
 # Half of a double's bits: a fraction cut here and a whole number of seconds multiply without rounding.
 _SPLIT = float(2**26)
+_PICOSECONDS = 10**12
 # Characters of yyyy-mm-ddThh:mm:ss, and those between its numbers.
 _TIME_OF_DAY_END = 19
 _MARKS = {4: "-", 7: "-", 10: "T", 13: ":", 16: ":"}
@@ -95,12 +96,11 @@ def utc_from_text(texts: list[str]) -> Epochs:
         return _slowly(texts)
     jd = _JD_1970 + midnight.astype(np.float64)
     hour, minute, second = (np.array(x, dtype=np.int64) for x in (hours, minutes, seconds))
-    if (hour > 23).any() or (minute > 59).any() or (second > 59).any():
+    length_s = day_lengths_s(jd)
+    if not _times_exist(hour, minute, second, length_s).all():
         return _slowly(texts)
     part = np.array([float("0" + p) for p in parts])
-    return Epochs.from_jd(
-        jd, day_fraction(3600 * hour + 60 * minute + second, part, day_lengths_s(jd)), "UTC"
-    )
+    return Epochs.from_jd(jd, day_fraction(3600 * hour + 60 * minute + second, part, length_s), "UTC")
 
 
 def utc_from_fields(fields: Fields, index: int) -> Epochs:
@@ -109,8 +109,8 @@ def utc_from_fields(fields: Fields, index: int) -> Epochs:
     Raises
     ------
     NotPlainError
-        A date is of another form, does not exist, is in a leap second, has more than 15 decimals or lies before
-        1972: :func:`utc_from_text` reads it or says what is wrong.
+        A date is of another form, does not exist, has more than 15 decimals or lies before 1972:
+        :func:`utc_from_text` reads it or says what is wrong.
     """
     start, end = fields.column(index)
     end = end - (fields.characters[end - 1] == ord("Z"))
@@ -126,7 +126,6 @@ def utc_from_fields(fields: Fields, index: int) -> Epochs:
     decimals = np.maximum(decimals, 0)
     part, are_digits = fields.unsigned(end, decimals)
     plain &= are_digits & (month >= 1) & (month <= 12) & (day >= 1)
-    plain &= (hour <= 23) & (minute <= 59) & (second <= 59)
     if not plain.all():
         raise NotPlainError("dates")
     year += 100 * century
@@ -135,10 +134,22 @@ def utc_from_fields(fields: Fields, index: int) -> Epochs:
     jd = _JD_1970 + midnight.astype(np.float64)
     if (midnight.astype("datetime64[M]") != month_begin).any() or (jd < _JD_1972).any():
         raise NotPlainError("dates")
+    length_s = day_lengths_s(jd)
+    if not _times_exist(hour, minute, second, length_s).all():
+        raise NotPlainError("times of day")
     part_s = part.astype(np.float64) / POWERS[decimals].astype(np.float64)
-    return Epochs.from_jd(
-        jd, day_fraction(3600 * hour + 60 * minute + second, part_s, day_lengths_s(jd)), "UTC"
-    )
+    return Epochs.from_jd(jd, day_fraction(3600 * hour + 60 * minute + second, part_s, length_s), "UTC")
+
+
+def _times_exist(
+    hour: NDArray[np.int64],
+    minute: NDArray[np.int64],
+    second: NDArray[np.int64],
+    length_s: NDArray[np.float64],
+) -> NDArray[np.bool_]:
+    """Whether these are times of day; the last minute of a day may have a leap second."""
+    last = np.where((hour == 23) & (minute == 59), length_s - SECONDS_PER_DAY + 59.0, 59.0)
+    return (hour <= 23) & (minute <= 59) & (second <= last)
 
 
 def _slowly(texts: list[str]) -> Epochs:
@@ -175,6 +186,54 @@ def utc_cells(utc: Epochs) -> Cells:
     utc : Epochs
         Epochs in UTC.
     """
+    midnight, second, picoseconds = _whole_picoseconds(utc)
+    leap = (second >= SECONDS_PER_DAY).astype(np.int64)
+    minute, second = np.divmod(second - leap, 60)
+    hour, minute = np.divmod(minute, 60)
+    different, day = np.unique(midnight, return_inverse=True)
+    days = Epochs(different, np.zeros(len(different)), "UTC").day_strings().astype("S10")
+    return joined_cells(
+        np.ascontiguousarray(days[day]).view(np.uint8).reshape(-1, 10),
+        "T",
+        digits(hour, 2),
+        ":",
+        digits(minute, 2),
+        ":",
+        digits(second + leap, 2),
+        ".",
+        digits(picoseconds, 12),
+    )
+
+
+def utc_to_picoseconds(utc: Epochs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Days since 1970-01-01 and picoseconds of UTC since midnight, each shape (n,); precise as :func:`utc_cells`."""
+    midnight, second, picoseconds = _whole_picoseconds(utc)
+    return (midnight - _JD_1970).astype(np.int64), second * _PICOSECONDS + picoseconds
+
+
+def utc_from_picoseconds(days: NDArray[np.int64], picoseconds: NDArray[np.int64]) -> Epochs:
+    """Epochs from days since 1970-01-01 and picoseconds since their midnights, back from :func:`utc_to_picoseconds`.
+
+    Raises
+    ------
+    InputError
+        A day lies before 1972, or has not so many picoseconds.
+    """
+    jd = _JD_1970 + days.astype(np.float64)
+    length_s = day_lengths_s(jd)
+    second, rest = np.divmod(picoseconds, _PICOSECONDS)
+    wrong = np.flatnonzero((second < 0) | (second >= length_s))
+    if len(wrong):
+        row = wrong[0]
+        raise InputError(
+            f"{picoseconds[row]} ps is no time of a day of {length_s[row]:.0f} s; give 0 to less than "
+            f"{length_s[row]:.0f}e12"
+        )
+    return Epochs.from_jd(jd, day_fraction(second, rest / float(_PICOSECONDS), length_s), "UTC")
+
+
+def _whole_picoseconds(utc: Epochs) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.int64]]:
+    """Julian dates of midnight, whole seconds since and picoseconds of the second, each shape (n,)."""
     utc.require("UTC")
     length_s = day_lengths_s(utc.jd)
     high = np.floor(utc.fraction * _SPLIT) / _SPLIT
@@ -187,20 +246,4 @@ def utc_cells(utc: Epochs) -> Cells:
     carry, picoseconds = np.divmod(np.rint(np.where(is_short, short_s, rest_s) * 1e12), 1e12)
     second = (whole_s + carry).astype(np.int64)
     new_day = second >= length_s
-    second = np.where(new_day, 0, second)
-    leap = (second >= SECONDS_PER_DAY).astype(np.int64)
-    minute, second = np.divmod(second - leap, 60)
-    hour, minute = np.divmod(minute, 60)
-    different, day = np.unique(utc.jd + new_day, return_inverse=True)
-    days = Epochs(different, np.zeros(len(different)), "UTC").day_strings().astype("S10")
-    return joined_cells(
-        np.ascontiguousarray(days[day]).view(np.uint8).reshape(-1, 10),
-        "T",
-        digits(hour, 2),
-        ":",
-        digits(minute, 2),
-        ":",
-        digits(second + leap, 2),
-        ".",
-        digits(picoseconds.astype(np.int64), 12),
-    )
+    return utc.jd + new_day, np.where(new_day, 0, second), picoseconds.astype(np.int64)

@@ -12,13 +12,15 @@ from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.mini import looks_like_mini, read_mini
 from radioloc.io.names import Catalogue
+from radioloc.io.parquet import MAGIC as PARQUET_MAGIC
+from radioloc.io.parquet import read_parquet
 from radioloc.io.table import looks_like_table, read_table
 from radioloc.io.tdm import looks_like_tdm, read_tdm_file
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_file import TdmFile
 from radioloc.io.tdm_observations import tdm_observations
 from radioloc.measurements.observations import Observations
-from radioloc.text_files import read_blocks, read_lines
+from radioloc.text_files import read_blocks, read_lines, starts_with
 
 _Reader = Callable[..., Observations]
 _FORMATS: tuple[tuple[str, Callable[[list[str]], bool], _Reader], ...] = (
@@ -62,7 +64,7 @@ def read_observations(
     FileFormatError
         A file cannot be read, is of no known format, or is damaged. Names the line.
     InputError
-        No file was given, or the same observation is there twice, in one file or in two.
+        No file was given, a Parquet file needs pyarrow, or the same observation is there twice, in one file or in two.
     """
     files = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not files:
@@ -93,6 +95,8 @@ def read_observations(
 
 def _reader(path: str | Path) -> _Reader | None:
     """What reads a file of this format, None for a Tracking Data Message."""
+    if starts_with(path, PARQUET_MAGIC):
+        return read_parquet
     # The start is enough, unless it holds nothing but comments.
     for lines in _starts(path):
         if looks_like_tdm(lines):
@@ -101,7 +105,7 @@ def _reader(path: str | Path) -> _Reader | None:
             if looks_like(lines):
                 return read
     first = next(line for line in lines if line.strip())
-    known = "; ".join([*(name for name, _, _ in _FORMATS), _TDM])
+    known = "; ".join([*(name for name, _, _ in _FORMATS), _TDM, "Parquet"])
     raise FileFormatError(path, f"starts with {first[:40]!r}, which is none of the known formats: {known}")
 
 

@@ -211,15 +211,20 @@ def _cells_of(column: Epochs | Labels | NDArray[np.float64]) -> Callable[[slice]
 def _header(path: str | Path, number: int, line: str) -> list[str]:
     [fields] = split_lines(path, [(number, line)])
     header = [name.strip() for name in fields]
+    require_columns(path, header, number)
+    return header
+
+
+def require_columns(path: str | Path, header: list[str], line: int | None = None) -> None:
+    """Raise :class:`FileFormatError` where a column is missing, unknown or there twice."""
     for name in header:
         if name not in _COLUMNS:
-            raise FileFormatError(path, f"column {name!r} is not known; use {', '.join(_COLUMNS)}", number)
+            raise FileFormatError(path, f"column {name!r} is not known; use {', '.join(_COLUMNS)}", line)
         if header.count(name) > 1:
-            raise FileFormatError(path, f"column {name!r} is there twice; leave one out", number)
+            raise FileFormatError(path, f"column {name!r} is there twice; leave one out", line)
     for choice in (*((name,) for name in _TEXT), _VALUE, _SIGMA):
         given = [name for name in choice if name in header]
         if not given:
-            raise FileFormatError(path, f"column {' or '.join(choice)} is missing; add it", number)
+            raise FileFormatError(path, f"column {' or '.join(choice)} is missing; add it", line)
         if len(given) > 1:
-            raise FileFormatError(path, f"columns {' and '.join(given)} say the same; leave one out", number)
-    return header
+            raise FileFormatError(path, f"columns {' and '.join(given)} say the same; leave one out", line)

@@ -32,7 +32,8 @@ OPTIONAL_NUMBERS = (
     "uplink_hz",
     "count_s",
 )
-_TEXTS = {"path": np.int32, "time_tag": np.int8, "type": np.int8}
+CODED_TEXTS: dict[str, type[np.integer]] = {"path": np.int32, "time_tag": np.int8, "type": np.int8}
+"""Columns of texts that few rows differ in, with the type of their codes."""
 # Names of the columns in Observations; seconds become metres at the end.
 _NAMES = {
     "path": "link",
@@ -76,7 +77,7 @@ class RowReader:
         self._header = list(header)
         self._catalogue = catalogue
         self._links: dict[Link, int] = {}
-        self._seen = {name: _Seen(TextCodes(), []) for name in _TEXTS}
+        self._seen = {name: _Seen(TextCodes(), []) for name in CODED_TEXTS}
         self._parts: dict[str, list[NDArray[Any]]] = {}
 
     def read(self, block: bytes, first_line: int) -> None:
@@ -120,12 +121,12 @@ class RowReader:
         fields = Fields(text, len(self._header))
         columns = _epoch_columns(utc_from_fields(fields, self._header.index("epoch_utc")))
         for place, name in enumerate(self._header):
-            if name in _TEXTS:
+            if name in CODED_TEXTS:
                 seen = self._seen[name]
                 rows = seen.texts.codes(fields, place)
                 new = seen.texts.texts[len(seen.codes) :]
                 seen.codes.extend([self._code(name, text) for text in new])
-                columns[_NAMES[name]] = np.array(seen.codes, dtype=_TEXTS[name])[rows]
+                columns[_NAMES[name]] = np.array(seen.codes, dtype=CODED_TEXTS[name])[rows]
             elif name != "epoch_utc":
                 columns[_NAMES[name]] = floats(fields, place, optional=name in OPTIONAL_NUMBERS)
         return columns
@@ -141,7 +142,7 @@ class RowReader:
         table = dict(zip(self._header, zip(*rows, strict=True), strict=True))
         columns: dict[str, NDArray[Any]] = {}
         # First what each row is, then what it measures: of several mistakes that is the one to be told.
-        for name in (*_TEXTS, *(name for name in self._header if name not in _TEXTS)):
+        for name in (*CODED_TEXTS, *(name for name in self._header if name not in CODED_TEXTS)):
             fields = table[name]
             try:
                 converted = self._converted(name, fields)
@@ -157,10 +158,10 @@ class RowReader:
     def _converted(self, name: str, fields: Sequence[str]) -> NDArray[Any] | Epochs:
         if name == "epoch_utc":
             return utc_from_text([field.strip() for field in fields])
-        if name in _TEXTS:
+        if name in CODED_TEXTS:
             # Not a set: links are numbered as they come.
             codes = {field: self._code(name, field) for field in dict.fromkeys(fields)}
-            return np.array([codes[field] for field in fields], dtype=_TEXTS[name])
+            return np.array([codes[field] for field in fields], dtype=CODED_TEXTS[name])
         if name in OPTIONAL_NUMBERS:
             fields = [field if field.strip() else "nan" for field in fields]
         return np.array([as_float(field) for field in fields])
@@ -175,15 +176,40 @@ class RowReader:
             raise FileFormatError(self._path, f"{name}: {field!r} is not a number", number) from None
 
     def _code(self, name: str, text: str) -> int:
-        """Code of a path, type or time tag; a new link is added."""
-        if name == "path":
-            link = named_link(Link.from_path(text), self._catalogue)
-            return self._links.setdefault(link, len(self._links))
-        choices = KINDS if name == "type" else TIME_TAGS
-        try:
-            return choices.index(text.strip())
-        except ValueError:
-            raise InputError(f"{text!r} is not known; use {' or '.join(choices)}") from None
+        return text_code(name, text, self._links, self._catalogue)
+
+
+def column_name(name: str) -> str:
+    """What Observations call a column of the table."""
+    return _NAMES[name]
+
+
+def text_code(name: str, text: str, links: dict[Link, int], catalogue: Catalogue | None) -> int:
+    """Code of a path, type or time tag.
+
+    Parameters
+    ----------
+    name : {"path", "type", "time_tag"}
+        The column.
+    text : str
+        What it says.
+    links : dict of Link to int
+        Links with their codes; a new one is added.
+    catalogue : Catalogue or None
+        Gives stations their catalogue names.
+
+    Raises
+    ------
+    InputError
+        It is none.
+    """
+    if name == "path":
+        return links.setdefault(named_link(Link.from_path(text), catalogue), len(links))
+    choices = KINDS if name == "type" else TIME_TAGS
+    try:
+        return choices.index(text.strip())
+    except ValueError:
+        raise InputError(f"{text!r} is not known; use {' or '.join(choices)}") from None
 
 
 def split_lines(path: str | Path, lines: Sequence[tuple[int, str]]) -> list[list[str]]:

@@ -1,6 +1,7 @@
 """Fields in bulk: what Python reads one by one, to the last bit, or left to Python."""
 
 from decimal import Decimal, getcontext
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -119,8 +120,25 @@ def test_dates_that_are_left_to_the_slow_way(text):
         utc_from_fields(column("2021-02-28T00:00:00Z", text), 0)
 
 
-def test_a_leap_second_is_left_to_the_slow_way():
+def test_leap_seconds():
+    texts = [
+        "2016-12-31T23:59:60.5",
+        "2016-12-31T23:59:59.999999999",
+        "1972-06-30T23:59:60",
+        "2017-01-01T00:00:00",
+    ]
+    read = utc_from_fields(column(*texts), 0)
+    exact = [
+        (86400 + Fraction(1, 2)) / 86401,
+        (86400 - Fraction(1, 10**9)) / 86401,
+        Fraction(86400, 86401),
+        0,
+    ]
+    assert read.fraction.tolist() == [float(fraction) for fraction in exact]
+    np.testing.assert_array_equal(utc_from_text(texts).fraction, read.fraction)
     with pytest.raises(NotPlainError):
-        utc_from_fields(column("2016-12-31T23:59:60.5"), 0)
+        utc_from_fields(column("2016-12-30T23:59:60.5"), 0)
+    with pytest.raises(NotPlainError):
+        utc_from_fields(column("2016-12-31T12:00:60"), 0)
     with pytest.raises(InputError, match="leap second"):
         utc_from_text(["2016-12-30T23:59:60.5"])

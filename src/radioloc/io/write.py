@@ -1,0 +1,69 @@
+"""Observations to a file of the format that its name ends in."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+
+from radioloc.errors import InputError
+from radioloc.io.parquet import write_parquet
+from radioloc.io.table import write_table
+from radioloc.io.tdm_write import write_tdm
+from radioloc.measurements.observations import Observations
+
+ENDINGS = {
+    ".csv": "table",
+    ".parquet": "Parquet",
+    ".tdm": "Tracking Data Message (KVN)",
+    ".kvn": "Tracking Data Message (KVN)",
+    ".xml": "Tracking Data Message (XML)",
+}
+"""Formats that are written, by the ending of the name."""
+
+
+def write_observations(
+    path: str | Path,
+    observations: Observations,
+    *,
+    originator: str | None = None,
+    comments: Iterable[str] = (),
+) -> None:
+    """Write observations as a table (``.csv``), Parquet (``.parquet``) or Tracking Data Message (``.tdm``, ...).
+
+    Parameters
+    ----------
+    path : path-like
+        The file; an existing one is replaced.
+    observations : Observations
+        What to write.
+    originator : str, optional
+        Agency that makes a Tracking Data Message, which must say so.
+    comments : iterable of str
+        Comments for the top of a table or a message; Parquet has none.
+
+    Raises
+    ------
+    InputError
+        The ending is not one of :data:`ENDINGS`, a message has no originator or cannot hold the observations, or
+        pyarrow is missing.
+    FileFormatError
+        The file cannot be written.
+    """
+    ending = require_ending(path)
+    if ending == ".csv":
+        write_table(path, observations, comments=comments)
+    elif ending == ".parquet":
+        write_parquet(path, observations)
+    elif originator is None:
+        raise InputError(f"{path}: a Tracking Data Message names the agency that makes it; give originator")
+    else:
+        write_tdm(path, observations, originator=originator, comments=comments)
+
+
+def require_ending(path: str | Path) -> str:
+    """The ending of a file's name, in small letters; :class:`InputError` if it is none of :data:`ENDINGS`."""
+    ending = Path(path).suffix.lower()
+    if ending not in ENDINGS:
+        known = ", ".join(f"{known} ({name})" for known, name in ENDINGS.items())
+        raise InputError(f"{path}: the ending says no format that is written; use {known}")
+    return ending

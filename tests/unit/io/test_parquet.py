@@ -1,0 +1,273 @@
+"""Observations as Parquet: the same there and back, and every mistake named with its row."""
+
+import builtins
+import time
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.io import parquet as module
+from radioloc.io.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds, utc_to_text
+from radioloc.io.detect import read_observations
+from radioloc.io.parquet import read_parquet, write_parquet
+from radioloc.io.table import parse_table, write_table
+from radioloc.io.write import write_observations
+from radioloc.measurements.observations import Link, Observations
+from radioloc.time import Epochs
+
+pyarrow = pytest.importorskip("pyarrow")
+pq = pytest.importorskip("pyarrow.parquet")
+
+NUMBERS = (
+    *("value_m", "sigma_m", "pressure_hpa", "temperature_k", "relative_humidity"),
+    *("wavelength_um", "uplink_hz", "count_s"),
+)
+
+
+def assert_same(one, two):
+    for name in (*NUMBERS, "tag", "kind", "link"):
+        np.testing.assert_array_equal(getattr(one, name), getattr(two, name), name)
+    assert one.links == two.links
+    np.testing.assert_array_equal(one.epoch.jd, two.epoch.jd)
+    np.testing.assert_array_equal(one.epoch.fraction, two.epoch.fraction)
+
+
+def some_observations(count=6):
+    """Of three kinds, one in a leap second, others with 12 decimals."""
+    texts = ["2016-12-31T23:59:60.5", "1972-01-01T00:00:00", "2024-02-29T23:59:59.999999999990"]
+    texts += [f"2020-12-01T00:{k // 60:02d}:{k % 60:02d}.{7 * k:012d}" for k in range(count - 3)]
+    kind = np.arange(count) % 3
+    return Observations.from_columns(
+        epoch=utc_from_text(texts),
+        links=(Link("A", "b", "Ł"), Link("A", "b", "C", differenced=True)),
+        link=kind == 1,
+        kind=kind,
+        tag=1,
+        value_m=np.choose(kind, [7.9e8 + np.pi * np.arange(count), -1.2e6, -0.0]),
+        sigma_m=1.0 / 3.0,
+        pressure_hpa=np.where(kind == 0, 950.1, np.nan),
+        uplink_hz=7.2e9,
+        count_s=np.where(kind == 2, 60.0, np.nan),
+    )
+
+
+def test_what_is_written_is_read_again_to_the_last_bit(tmp_path):
+    made = some_observations()
+    write_parquet(tmp_path / "a.parquet", made)
+    read = read_observations(tmp_path / "a.parquet")
+    assert_same(made, read)
+    assert read.line.tolist() == [1, 2, 3, 4, 5, 6]
+    assert read.files == (str(tmp_path / "a.parquet"),)
+    # And over the table.
+    write_table(tmp_path / "a.csv", read)
+    write_observations(tmp_path / "b.parquet", read_observations(tmp_path / "a.csv"))
+    assert_same(made, read_parquet(tmp_path / "b.parquet"))
+
+
+@settings(deadline=None)
+@given(
+    st.lists(st.floats(0.0, 1.0, exclude_max=True), min_size=1, max_size=4),
+    st.sampled_from([2457753.5, 2459185.5]),
+)
+def test_epochs_are_as_precise_as_text(fractions, jd):
+    epoch = Epochs.from_jd(np.full(len(fractions), jd), np.array(fractions), "UTC")
+    days, picoseconds = utc_to_picoseconds(epoch)
+    read = utc_from_picoseconds(days, picoseconds)
+    by_text = utc_from_text(utc_to_text(epoch))
+    away_s = 86400.0 * ((read.jd - by_text.jd) + (read.fraction - by_text.fraction))
+    assert np.abs(away_s).max() == 0.0
+    again = utc_to_picoseconds(read)
+    np.testing.assert_array_equal(again[0], days)
+    np.testing.assert_array_equal(again[1], picoseconds)
+
+
+def test_columns_units_and_version_are_in_the_file(tmp_path):
+    write_parquet(tmp_path / "a.parquet", some_observations())
+    schema = pq.read_schema(tmp_path / "a.parquet")
+    assert schema.names[:7] == ["utc_date", "utc_ps", "type", "path", "observed_m", "sigma_m", "time_tag"]
+    units = {name: (schema.field(name).metadata or {}).get(b"unit", b"").decode() for name in schema.names}
+    assert units == {
+        **{"utc_date": "", "utc_ps": "ps", "type": "", "path": "", "time_tag": ""},
+        **{"observed_m": "m", "sigma_m": "m", "pressure_hpa": "hpa", "temperature_k": "k"},
+        **{"relative_humidity": "1", "wavelength_um": "um", "uplink_hz": "hz", "count_s": "s"},
+    }
+    assert b"radioloc" in schema.metadata
+    table = pq.read_table(tmp_path / "a.parquet")
+    assert table.column("pressure_hpa").null_count == 4
+    assert table.column("utc_ps").to_pylist()[0] == 86400500000000000
+
+
+def columns(**changes):
+    """Columns that another program may have written."""
+    made = {
+        "epoch_utc": pyarrow.array(["2020-12-01T00:00:00.5", "2020-12-01T00:00:01", "2020-12-01T00:00:02"]),
+        "type": pyarrow.array(["range"] * 3),
+        "path": pyarrow.array(["A>b>A", "A>b>C", "A>b>A"]),
+        "light_time_s": pyarrow.array([2.5, 2.6, 2.7]),
+        "sigma_s": pyarrow.array([1e-9, 1e-9, 1e-9]),
+        "time_tag": pyarrow.array(["receive"] * 3),
+    } | changes
+    return {name: values for name, values in made.items() if values is not None}
+
+
+def read_columns(folder, **changes):
+    pq.write_table(pyarrow.table(columns(**changes)), folder / "a.parquet")
+    return read_parquet(folder / "a.parquet")
+
+
+def test_files_of_other_programs(tmp_path):
+    read = read_columns(tmp_path)
+    assert read.paths().tolist() == ["A>b>A", "A>b>C", "A>b>A"]
+    rows = zip(*(column.to_pylist() for column in columns().values()), strict=True)
+    lines = [",".join(columns()), *(",".join(map(str, row)) for row in rows)]
+    assert_same(parse_table("a.csv", lines, None), read)
+    for unit in ("ms", "us", "ns"):
+        stamps = np.array(
+            ["2020-12-01T00:00:00.5", "2020-12-01T00:00:01", "2020-12-01T00:00:02"], f"M8[{unit}]"
+        )
+        for zone in (None, "UTC"):
+            column = pyarrow.array(stamps).cast(pyarrow.timestamp(unit, tz=zone))
+            assert_same(read, read_columns(tmp_path, epoch_utc=column))
+    assert_same(
+        read, read_columns(tmp_path, path=pyarrow.array(["A>b>A", "A>b>C", "A>b>A"]).dictionary_encode())
+    )
+    whole = read_columns(
+        tmp_path, light_time_s=None, observed_m=pyarrow.array([750000000, 760000000, 770000000])
+    )
+    assert whole.value_m.tolist() == [7.5e8, 7.6e8, 7.7e8]
+
+
+DATES = pyarrow.array(np.array(["2020-12-01"] * 3, "M8[D]"))
+
+
+@pytest.mark.parametrize(
+    ("changes", "row", "words"),
+    [
+        ({"sigma_s": None}, None, "column sigma_m or sigma_s is missing"),
+        ({"epoch_utc": None}, None, "column epoch_utc is missing"),
+        ({"epoch_utc": None, "utc_date": DATES}, None, "column 'utc_ps' is missing"),
+        ({"utc_date": DATES, "utc_ps": pyarrow.array([1, 2, 3])}, None, "say the same"),
+        ({"extra": pyarrow.array([1, 2, 3])}, None, "column 'extra' is not known"),
+        ({"observed_m": pyarrow.array([1.0, 2.0, 3.0])}, None, "say the same"),
+        (
+            {"light_time_s": pyarrow.array(["2.5", "2.6", "2.7"])},
+            None,
+            "light_time_s is of type string; give numbers",
+        ),
+        ({"type": pyarrow.array([0, 0, 0])}, None, "column type is of type int64; give text"),
+        (
+            {"epoch_utc": pyarrow.array([1.0, 2.0, 3.0])},
+            None,
+            "epoch_utc is of type double; give text, a time",
+        ),
+        ({"sigma_s": pyarrow.array([1e-9, None, 1e-9])}, 2, r"sigma_s: is missing \(null\)"),
+        ({"path": pyarrow.array(["A>b>A", "A>b>A", None])}, 3, "path: is missing"),
+        ({"light_time_s": pyarrow.array([2.5, np.nan, 2.7])}, 2, "value_m is nan"),
+        ({"light_time_s": pyarrow.array([2.5, 2.6, 1.3])}, 3, "time of flight is 1.3"),
+        ({"type": pyarrow.array(["range", "rnage", "range"])}, 2, "type: 'rnage' is not known; use range"),
+        ({"path": pyarrow.array(["A>b>A", "A>b>C", "A-b"])}, 3, "path: 'A-b' is not a path"),
+        ({"time_tag": pyarrow.array(["receive", "receive", "later"])}, 3, "time_tag: 'later' is not known"),
+        (
+            {"epoch_utc": pyarrow.array(["2020-12-01", "2020-13-01", "now"])},
+            2,
+            "epoch_utc: .* not a date that exists",
+        ),
+        (
+            {"epoch_utc": None, "utc_date": DATES, "utc_ps": pyarrow.array([0, 86400 * 10**12, 5])},
+            2,
+            "utc_ps: 86400000000000000 ps is no time of a day of 86400 s",
+        ),
+    ],
+)
+def test_what_cannot_be_used_is_refused_with_its_row(tmp_path, changes, row, words):
+    with pytest.raises(FileFormatError, match=words) as caught:
+        read_columns(tmp_path, **changes)
+    assert caught.value.line == row
+    assert "\n" not in str(caught.value)
+    assert "a.parquet" in str(caught.value)
+
+
+def test_rows_count_on_from_batch_to_batch(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_ROWS_AT_ONCE", 4)
+    made = some_observations(20)
+    write_parquet(tmp_path / "a.parquet", made)
+    read = read_parquet(tmp_path / "a.parquet")
+    assert_same(made, read)
+    assert read.line.tolist() == list(range(1, 21))
+    table = pq.read_table(tmp_path / "a.parquet")
+    sigma_m = np.full(20, 0.1)
+    sigma_m[13] = -1.0
+    pq.write_table(table.set_column(5, "sigma_m", pyarrow.array(sigma_m)), tmp_path / "a.parquet")
+    with pytest.raises(FileFormatError, match="line 14: sigma_m is -1"):
+        read_parquet(tmp_path / "a.parquet")
+
+
+def test_the_same_row_twice_is_refused(tmp_path):
+    write_parquet(tmp_path / "a.parquet", some_observations())
+    table = pq.read_table(tmp_path / "a.parquet")
+    pq.write_table(pyarrow.concat_tables([table, table.slice(4, 1)]), tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"a.parquet, line 7: .*a.parquet, line 5 \(1 such"):
+        read_parquet(tmp_path / "a.parquet")
+
+
+def test_damaged_and_empty_files(tmp_path):
+    file = tmp_path / "a.parquet"
+    write_parquet(file, some_observations())
+    content = file.read_bytes()
+    for end in range(4, len(content), 97):
+        file.write_bytes(content[:end])
+        with pytest.raises(FileFormatError, match="cannot be read as Parquet"):
+            read_observations(file)
+    file.write_bytes(content)
+    pq.write_table(pq.read_table(file).slice(0, 0), file)
+    with pytest.raises(FileFormatError, match="no observations"):
+        read_parquet(file)
+    with pytest.raises(FileFormatError, match="make the directory"):
+        write_parquet(tmp_path / "none" / "a.parquet", some_observations())
+
+
+def test_without_pyarrow_the_command_is_told(tmp_path, monkeypatch):
+    write_parquet(tmp_path / "a.parquet", some_observations())
+    imported = builtins.__import__
+
+    def without(name, *arguments, **named):
+        if name.startswith("pyarrow"):
+            raise ImportError(name)
+        return imported(name, *arguments, **named)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(InputError, match=r"pip install 'radioloc\[parquet\]'"):
+        read_observations(tmp_path / "a.parquet")
+    with pytest.raises(InputError, match=r"pip install 'radioloc\[parquet\]'"):
+        write_parquet(tmp_path / "b.parquet", some_observations())
+
+
+def test_a_hundred_thousand_rows_are_quick(tmp_path):
+    made = some_observations(3000)
+    made = Observations.concatenate([made.select(slice(3, None))] * 34)
+    rng = np.random.default_rng(0)
+    made = Observations.from_columns(
+        epoch=Epochs.from_jd(made.epoch.jd, rng.uniform(0.0, 1.0, len(made)), "UTC"),
+        **{name: getattr(made, name) for name in (*NUMBERS, "links", "link", "kind", "tag")},
+    )
+    start = time.perf_counter()
+    write_parquet(tmp_path / "a.parquet", made)
+    assert len(read_parquet(tmp_path / "a.parquet")) == len(made) > 100_000
+    # About 0.2 s; the limit leaves room for a busy machine.
+    assert time.perf_counter() - start < 5.0
+
+
+def test_endings_say_the_format(tmp_path):
+    header = "epoch_utc,type,path,observed_m,sigma_m,time_tag"
+    made = parse_table("a.csv", [header, "2020-12-01,range,A>b>C,7.5e8,1,receive"], None)
+    starts = {"a.csv": b"epoch_utc", "a.parquet": b"PAR1", "a.tdm": b"CCSDS", "a.xml": b"<?xml"}
+    for name, start in starts.items():
+        write_observations(tmp_path / name, made, originator="X")
+        assert (tmp_path / name).read_bytes().startswith(start)
+    with pytest.raises(InputError, match=r"a.txt: the ending says no format that is written; use \.csv"):
+        write_observations(tmp_path / "a.txt", made)
+    with pytest.raises(InputError, match="give originator"):
+        write_observations(tmp_path / "b.tdm", made)

@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tdm_messages import kvn
+from tdm_messages import kvn, xml
 
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError
-from radioloc.io.tdm import read_tdm, read_tdm_file
+from radioloc.io.tdm import parse_tdm, read_tdm, read_tdm_file
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_kvn import parse_kvn
 from radioloc.io.tdm_observations import tdm_observations
@@ -327,3 +327,112 @@ def test_two_way_frequency_with_offset():
     wanted_m = -C_M_S * 60.0 * np.array([0.0, 60271.18801 - 60255.16982]) / received_hz
     assert np.abs(got.value_m - wanted_m).max() < 60.0 * GROWTH_TOLERANCE_M
     assert seconds_after(got, "2010-02-18T16:49:43")[0] == pytest.approx(-5.56e-6, abs=EPOCH_TOLERANCE_S)
+
+
+def test_one_way_with_a_sent_frequency_is_refused():
+    """Figure E-2: a beacon's frequency received on one way."""
+    names = {
+        "PARTICIPANT_1": "DSS-25",
+        "PARTICIPANT_2": "yyyy-nnnA",
+        "PATH": "2,1",
+        "INTEGRATION_INTERVAL": "1.0",
+        "INTEGRATION_REF": "MIDDLE",
+        "FREQ_OFFSET": "32021035200.0",
+    }
+    records = [
+        "TRANSMIT_FREQ_2 = 2005-159T17:41:00 32023442781.733",
+        "RECEIVE_FREQ_1 = 2005-159T17:41:00 -409.2735",
+    ]
+    with pytest.raises(FileFormatError, match="PATH = 2,1 is one-way, which is not modelled"):
+        observations(names, records)
+
+
+def test_clocks_alone_are_no_observations():
+    """Figure E-15: offsets and rates of clocks, without MODE or PATH."""
+    names = {"PARTICIPANT_1": "DSS-10", "PARTICIPANT_2": "UTC-NIST", "MODE": None, "PATH": None}
+    records = [
+        "CLOCK_BIAS = 2005-142T12:00:00 9.56e-7",
+        "CLOCK_DRIFT = 2005-142T12:00:00 6.944e-14",
+        "CLOCK_BIAS = 2005-143T12:00:00 9.62e-7",
+    ]
+    with pytest.raises(
+        FileFormatError, match="holds no range, Doppler or VLBI delay, only CLOCK_BIAS, CLOCK_DRIFT"
+    ):
+        observations(names, records)
+
+
+EVERY_METADATA = {
+    "TRACK_ID": "a",
+    "DATA_TYPES": "RANGE,DOPPLER_INTEGRATED",
+    "START_TIME": "2021-03-28T14:00:00",
+    "STOP_TIME": "2021-03-28T15:00:00",
+    "PARTICIPANT_1": "KASHI",
+    "PARTICIPANT_2": "lander",
+    "EPHEMERIS_NAME_2": "e",
+    "TRANSMIT_BAND": "X",
+    "RECEIVE_BAND": "X",
+    "TURNAROUND_NUMERATOR": "880",
+    "TURNAROUND_DENOMINATOR": "749",
+    "TIMETAG_REF": "RECEIVE",
+    "INTEGRATION_INTERVAL": "60",
+    "INTEGRATION_REF": "MIDDLE",
+    "FREQ_OFFSET": "0.0",
+    "RANGE_MODE": "COHERENT",
+    "RANGE_MODULUS": "0",
+    "RANGE_UNITS": "km",
+    "ANGLE_TYPE": "AZEL",
+    "REFERENCE_FRAME": "EME2000",
+    "INTERPOLATION": "LAGRANGE",
+    "INTERPOLATION_DEGREE": "7",
+    "DOPPLER_COUNT_BIAS": "1",
+    "DOPPLER_COUNT_SCALE": "1000",
+    "DOPPLER_COUNT_ROLLOVER": "NO",
+    "TRANSMIT_DELAY_1": "0",
+    "RECEIVE_DELAY_1": "0",
+    "DATA_QUALITY": "VALIDATED",
+    **{
+        f"CORRECTION_{name}": "1"
+        for name in (
+            *("ANGLE_1", "ANGLE_2", "DOPPLER", "MAG", "RANGE", "RCS", "RECEIVE", "TRANSMIT"),
+            *("ABERRATION_YEARLY", "ABERRATION_DIURNAL"),
+        )
+    },
+    "CORRECTIONS_APPLIED": "YES",
+}
+NOT_MEASURED = (
+    "ANGLE_1",
+    "ANGLE_2",
+    "CARRIER_POWER",
+    "MAG",
+    "PC_N0",
+    "PR_N0",
+    "RCS",
+    "STEC",
+    "TROPO_DRY",
+    "TROPO_WET",
+)
+
+
+@pytest.mark.parametrize("form", ["kvn", "xml"])
+def test_every_keyword_is_read(form):
+    """Tables 3-3 and 3-5: all metadata of a sequential segment, and all data beside ranges and range rates."""
+    date = "2021-03-28T14:00:00"
+    helping = {
+        "TRANSMIT_FREQ_1": 7.2e9,
+        "TRANSMIT_FREQ_RATE_1": 0,
+        "RECEIVE_FREQ_1": 8.459e9,
+        "PRESSURE": 900,
+        "TEMPERATURE": 290,
+        "RHUMIDITY": 50,
+    }
+    values = {"RANGE": 768800.1, "DOPPLER_INTEGRATED": 0.1} | helping | dict.fromkeys(NOT_MEASURED, 1)
+    segment = (UTC | EVERY_METADATA, [f"{keyword} = {date} {value}" for keyword, value in values.items()])
+    lines = kvn(segment) if form == "kvn" else xml(segment).split("\n")
+    got = tdm_observations(parse_tdm(f"a.{form}", lines), TdmAgreement(sigma_m=SIGMA_M))
+    assert dict(zip(got.observations.types().tolist(), got.observations.value_m.tolist(), strict=True)) == {
+        "range": 768800100.0,
+        "doppler": 6000.0,
+    }
+    assert got.ignored == dict.fromkeys(NOT_MEASURED, 1)
+    assert set(got.observations.uplink_hz) == {7.2e9}
+    assert set(got.observations.pressure_hpa) == {900.0}

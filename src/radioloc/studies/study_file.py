@@ -195,9 +195,8 @@ def _observations(table: TomlTable, folder: Path, *, needs_files: bool) -> Obser
     tdm = table.build(TdmAgreement, sigma_m={k: v for k, v in sigma_m.items() if v is not None}, **agreed)
     if not patterns and needs_files:
         table.fail("files", "is missing; name at least one file (relative to the study file, globs allowed)")
-    return table.build(
-        ObservationChoice, files=_found(table, "files", patterns or (), folder), tdm=tdm, **fields
-    )
+    files = _found(table, "files", patterns or (), folder, may_be_missing=not needs_files)
+    return table.build(ObservationChoice, files=files, tdm=tdm, **fields)
 
 
 def _by_station(table: TomlTable, key: str) -> float | dict[str, float] | None:
@@ -222,12 +221,17 @@ def _files(table: TomlTable, key: str, folder: Path) -> tuple[Path, ...]:
     return _found(table, key, table.texts(key) or (), folder)
 
 
-def _found(table: TomlTable, key: str, patterns: tuple[str, ...], folder: Path) -> tuple[Path, ...]:
+def _found(
+    table: TomlTable, key: str, patterns: tuple[str, ...], folder: Path, *, may_be_missing: bool = False
+) -> tuple[Path, ...]:
+    """Files of names and globs; a name may be that of a file which is still to be made, if it may be missing."""
     files: list[Path] = []
     for pattern in patterns:
         found = _matches(folder, pattern)
         if not found and (folder / pattern).is_dir():
             table.fail(key, f"{pattern!r} is a directory; give the files in it, such as {pattern}/*.csv")
+        if not found and may_be_missing and not set(pattern) & set("*?["):
+            found = [folder / pattern]
         if not found:
             table.fail(key, f"{pattern!r} matches no file in {folder.resolve()}")
         files += [file for file in found if file not in files]

@@ -184,10 +184,10 @@ def test_dense_series_are_interpolated_over_the_files_epochs(tmp_path):
     late = LINES.replace("59185.50", "59186.00").replace("0.2400", "0.2000").splitlines()[:2]
     path.write_text(LINES + "\n".join(late) + "\n")
     start = utc_to_tai(epochs_from_strings(["2020-12-02T17:00:00"]))
-    tai = start[np.zeros(1440, dtype=int)].shifted(5.0 * np.arange(1440))
+    tai = start[np.zeros(600, dtype=int)].shifted(12.0 * np.arange(600))
     arc = arc_of(read_radio_atmosphere([path]), "vlbi_delay", utc=tai_to_utc(tai))
     dense = InterpolatedArc(arc.model, arc.observations, APOLLO15_PA_M)
-    assert dense.accuracy.interpolated > 1000
+    assert dense.accuracy.interpolated > 300
     found, exact = dense.compute(APOLLO15_PA_M), arc.compute(APOLLO15_PA_M)
     np.testing.assert_allclose(found.value_m, exact.value_m, rtol=0.0, atol=0.9e-4)
 

@@ -75,12 +75,49 @@ def media_error_m(
     InputError
         An electron content is given where an observation has no frequency.
     """
+    by_zenith, by_tec = media_partials(
+        model, observations, target_pa_m, troposphere_mapping, ionosphere_mapping
+    )
+    added = {}
+    for name, errors, partials in (("troposphere", zenith_m, by_zenith), ("ionosphere", tec_tecu, by_tec)):
+        added[name] = np.zeros(len(observations))
+        for station, error in errors.items():
+            if error and station in partials:
+                added[name] += error * partials[station]
+    refuse_unknown_frequencies(added["ionosphere"])
+    return added
+
+
+def refuse_unknown_frequencies(ionosphere_m: NDArray[np.float64]) -> None:
+    """Raise :class:`InputError` where a delay of the ionosphere is not a number."""
+    if np.isnan(ionosphere_m).any():
+        raise InputError(
+            "an error of the electron content needs the frequencies; give sessions uplink_hz, wavelength_um"
+        )
+
+
+def media_partials(
+    model: PhysicalModel,
+    observations: Observations,
+    target_pa_m: NDArray[np.float64],
+    troposphere_mapping: MappingFunction = black_eisner,
+    ionosphere_mapping: MappingFunction = thin_shell,
+) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.float64]]]:
+    """What an error of one unit at each station's zenith adds to observations.
+
+    Parameters as :func:`media_error_m`.
+
+    Returns
+    -------
+    by_zenith, by_tec : dict of str to ndarray, shape (n,)
+        By station: m per metre of zenith delay, and m per TECU of vertical content, NaN where the frequency of an
+        observation that the station has part in is not known.
+    """
     ends = ("transmitter", "receiver")
     n = len(observations)
     names = sorted({getattr(link, end) for link in observations.links for end in ends})
     place = {name: k for k, name in enumerate(names)}
-    zenith, tec = (np.array([values.get(name, 0.0) for name in names]) for values in (zenith_m, tec_tecu))
-    out = {"troposphere": np.zeros(n), "ionosphere": np.zeros(n)}
+    by_zenith, by_tec = np.zeros((n, len(names))), np.zeros((n, len(names)))
     counted, delay = is_counted(observations.kind), is_differenced(observations.kind)
     down_hz = C_M_S / (observations.wavelength_um * 1e-6)
     half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
@@ -99,13 +136,8 @@ def media_error_m(
             leg = np.where(delay[rows] & (end == "transmitter"), -sign, sign)
             sent = (end == "transmitter") & ~delay[rows]
             hz = np.where(sent, observations.uplink_hz[rows], down_hz[rows])
-            out["troposphere"][rows] += leg * zenith[which] * troposphere_mapping(elevation_rad)
-            electrons = tec[which] * ionosphere_mapping(elevation_rad)
-            if np.isnan(hz[electrons != 0.0]).any():
-                raise InputError(
-                    "an error of the electron content needs the frequencies; give sessions uplink_hz, wavelength_um"
-                )
             phase = np.where(counted[rows], -1.0, 1.0)
-            at_frequency = np.where(electrons != 0.0, _IONOSPHERE_M_HZ2 * electrons / hz**2, 0.0)
-            out["ionosphere"][rows] += leg * phase * at_frequency
-    return out
+            at_frequency = _IONOSPHERE_M_HZ2 * ionosphere_mapping(elevation_rad) / hz**2
+            by_zenith[rows, which] += leg * troposphere_mapping(elevation_rad)
+            by_tec[rows, which] += leg * phase * at_frequency
+    return dict(zip(names, by_zenith.T, strict=True)), dict(zip(names, by_tec.T, strict=True))

@@ -9,16 +9,15 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import accumulate
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.measurements.observations import KINDS
-from radioloc.simulation.schedule import Plan, Session
+from radioloc.simulation.schedule import Plan
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,22 +80,34 @@ class Noise:
         error_m : ndarray, shape (n,)
         is_outlier : ndarray of bool, shape (n,)
         """
-        error_m = np.zeros(n)
-        is_outlier = np.zeros(n, dtype=bool)
+        error_m, is_outlier = self.many_series(n, step_s, [seed], label)
+        return error_m[0], is_outlier[0]
+
+    def many_series(
+        self, n: int, step_s: float, seeds: Sequence[int], label: str
+    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """Realizations of several seeds, each as :meth:`series` gives it alone, shape (seeds, n)."""
+        error_m = np.zeros((len(seeds), n))
+        is_outlier = np.zeros((len(seeds), n), dtype=bool)
+
+        def normal(part: str) -> NDArray[np.float64]:
+            return np.array([generator(seed, f"{label} {part}").standard_normal(n) for seed in seeds])
+
         if self.white_m:
-            error_m += self.white_m * generator(seed, f"{label} white").standard_normal(n)
+            error_m += self.white_m * normal("white")
         if self.coloured_m:
-            drive = generator(seed, f"{label} coloured").standard_normal(n)
-            error_m += self.coloured_m * gauss_markov(drive, math.exp(-step_s / self.correlation_s))
+            correlation = math.exp(-step_s / self.correlation_s)
+            error_m += self.coloured_m * gauss_markov(normal("coloured"), correlation)
         if self.walk_m_sqrt_s:
-            steps = generator(seed, f"{label} walk").standard_normal(n)
-            steps[:1] = 0.0
-            error_m += self.walk_m_sqrt_s * math.sqrt(step_s) * np.cumsum(steps)
+            steps = normal("walk")
+            steps[:, :1] = 0.0
+            error_m += self.walk_m_sqrt_s * math.sqrt(step_s) * np.cumsum(steps, axis=-1)
         if self.outlier_fraction and self.outlier_m:
-            random = generator(seed, f"{label} outliers")
-            is_outlier = random.random(n) < self.outlier_fraction
-            size_m = self.outlier_m * (0.5 + random.random(n)) * random.choice([-1.0, 1.0], n)
-            error_m += np.where(is_outlier, size_m, 0.0)
+            for k, seed in enumerate(seeds):
+                random = generator(seed, f"{label} outliers")
+                is_outlier[k] = random.random(n) < self.outlier_fraction
+                size_m = self.outlier_m * (0.5 + random.random(n)) * random.choice([-1.0, 1.0], n)
+                error_m[k] += np.where(is_outlier[k], size_m, 0.0)
         return error_m, is_outlier
 
 
@@ -151,21 +162,79 @@ class NoiseModel:
         InputError
             The seed is not a whole number from zero up.
         """
+        noise_m, is_outlier = NoiseDraws.of(self, plan).draw([seed])
+        return noise_m[0], is_outlier[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class NoiseDraws:
+    """The noise of a plan, ready to be drawn again and again.
+
+    Parameters
+    ----------
+    count : int
+        Number of observations, n.
+    series : tuple of _Series
+        In the order in which they add up.
+    """
+
+    count: int
+    series: tuple[_Series, ...]
+
+    @classmethod
+    def of(cls, model: NoiseModel, plan: Plan) -> NoiseDraws:
+        """Find out which series of errors each observation has part in."""
         observations = plan.observations
-        noise_m, is_outlier = np.zeros(len(observations)), np.zeros(len(observations), dtype=bool)
+        found: dict[str, _Series] = {}
         groups = np.unique(np.stack([plan.session, observations.link], axis=1), axis=0)
         for session_index, link_index in groups.tolist():
             rows = np.flatnonzero((plan.session == session_index) & (observations.link == link_index))
             session, link = plan.sessions[session_index], observations.links[link_index]
-            parts = [(1.0, self.link.get(session.kind, Noise()), link.path)]
+            parts = [(1.0, model.link.get(session.kind, Noise()), link.path)]
             if link.differenced:
-                of_station = self.vlbi_station if session.kind == "vlbi_delay" else self.vlbi_station_rate
+                of_station = model.vlbi_station if session.kind == "vlbi_delay" else model.vlbi_station_rate
                 parts += [(1.0, of_station, link.receiver), (-1.0, of_station, link.transmitter)]
             for sign, noise, name in parts:
-                error_m, wild = _of_session(session, noise, seed, name)
-                noise_m[rows] += sign * error_m[plan.slot[rows]]
-                is_outlier[rows] |= wild[plan.slot[rows]]
+                if noise == Noise():
+                    continue
+                epochs = session.epochs()
+                start = f"{float(epochs.jd[0])!r} {float(epochs.fraction[0])!r}"
+                label = f"{session.kind} {name} {start} {float(session.step_s)!r}"
+                one = found.setdefault(label, _Series(noise, len(epochs), session.step_s, label))
+                one.uses.append((sign, rows, plan.slot[rows]))
+        return cls(len(observations), tuple(found.values()))
+
+    def draw(self, seeds: Sequence[int]) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+        """One realization for each seed, errors in m and which are wild, both of shape (seeds, n).
+
+        That of a seed is the same whatever others are drawn with it.
+
+        Raises
+        ------
+        InputError
+            A seed is not a whole number from zero up.
+        """
+        for seed in seeds:
+            generator(seed, "")  # refuses what is no seed, also where there is nothing to draw
+        noise_m = np.zeros((len(seeds), self.count))
+        is_outlier = np.zeros((len(seeds), self.count), dtype=bool)
+        for one in self.series:
+            error_m, wild = one.noise.many_series(one.epochs, one.step_s, seeds, one.label)
+            for sign, rows, slot in one.uses:
+                noise_m[:, rows] += sign * error_m[:, slot]
+                is_outlier[:, rows] |= wild[:, slot]
         return noise_m, is_outlier
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Series:
+    """One series of errors, and the observations that it is in: sign, rows and epochs of the session."""
+
+    noise: Noise
+    epochs: int
+    step_s: float
+    label: str
+    uses: list[tuple[float, NDArray[np.intp], NDArray[np.int64]]] = field(default_factory=list)
 
 
 def generator(seed: int, label: str) -> np.random.Generator:
@@ -188,8 +257,8 @@ def gauss_markov(drive: NDArray[np.float64], step_correlation: float) -> NDArray
 
     Parameters
     ----------
-    drive : ndarray, shape (n,)
-        Independent normal numbers of unit variance.
+    drive : ndarray, shape (..., n)
+        Independent normal numbers of unit variance, for as many processes as wanted.
     step_correlation : float
         Correlation from one epoch to the next, exp(-step / correlation time).
 
@@ -198,14 +267,9 @@ def gauss_markov(drive: NDArray[np.float64], step_correlation: float) -> NDArray
     x_0 = w_0, x_k = f x_(k-1) + sqrt(1 - f^2) w_k (Gelb 1974, Applied Optimal Estimation, chapter 3).
     """
     scaled = drive * math.sqrt(1.0 - step_correlation**2)
-    scaled[:1] = drive[:1]
-    return np.array(list(accumulate(scaled.tolist(), lambda x, w: step_correlation * x + w)))
-
-
-def _of_session(
-    session: Session, noise: Noise, seed: int, name: str
-) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-    epochs = session.epochs()
-    start = f"{float(epochs.jd[0])!r} {float(epochs.fraction[0])!r}"
-    label = f"{session.kind} {name} {start} {float(session.step_s)!r}"
-    return noise.series(len(epochs), session.step_s, seed, label)
+    scaled[..., :1] = drive[..., :1]
+    # Epoch by epoch, all processes at once.
+    states = np.ascontiguousarray(np.moveaxis(scaled, -1, 0))
+    for k in range(1, len(states)):
+        states[k] += step_correlation * states[k - 1]
+    return np.ascontiguousarray(np.moveaxis(states, 0, -1))

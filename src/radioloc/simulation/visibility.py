@@ -124,17 +124,38 @@ def elevations(model: PhysicalModel, target_pa_m: Target, stations: Sequence[str
     tdb = tt_to_tdb(tt)
     if isinstance(target_pa_m, Trajectory):
         return _spacecraft_elevations(model, target_pa_m, stations, tt, tdb)
-    moon_m, velocity_m_s = model.ephemeris.geocentric("moon", tdb)
-    light_time_s = np.linalg.norm(moon_m, axis=-1) / C_M_S
-    moon_m = moon_m - velocity_m_s * light_time_s[:, None]
-    rot_icrf_to_body = rot_icrf_to_pa(model.libration.angles(tdb.shifted(-light_time_s))[0])
-    from_moon_m = np.einsum("nji,j->ni", rot_icrf_to_body, target_pa_m)
-    target_gcrs_m, target_up = moon_m + from_moon_m, from_moon_m / np.linalg.norm(target_pa_m)
+    target_gcrs_m, target_up = _lander(model, target_pa_m, tdb)
 
     def above_horizon_rad(to_station_m: NDArray[np.float64]) -> NDArray[np.float64]:
         return _elevation_rad(to_station_m, target_up)
 
     return _elevations(model, stations, tt, target_gcrs_m, above_horizon_rad)
+
+
+def directions_itrf(
+    model: PhysicalModel, target_pa_m: NDArray[np.float64], stations: Sequence[str], tt: Epochs
+) -> NDArray[np.float64]:
+    """Unit vectors from stations to a point on the Moon, ITRF, shape (n, k, 3).
+
+    Parameters and errors as :func:`elevations`.
+    """
+    target_gcrs_m, _ = _lander(model, target_pa_m, tt_to_tdb(tt))
+    target_itrf_m = np.einsum("nij,ni->nj", model.earth.evaluate(tt).rot_itrf_to_gcrs, target_gcrs_m)
+    found = [model.catalogue.get(name) for name in stations]
+    away_m = np.stack([target_itrf_m - station.position_at(tt) for station in found], axis=1)
+    return np.asarray(away_m / np.linalg.norm(away_m, axis=-1)[..., None])
+
+
+def _lander(
+    model: PhysicalModel, target_pa_m: NDArray[np.float64], tdb: Epochs
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """A point on the Moon one light time earlier, GCRS, m, and the direction up there, both (n, 3)."""
+    moon_m, velocity_m_s = model.ephemeris.geocentric("moon", tdb)
+    light_time_s = np.linalg.norm(moon_m, axis=-1) / C_M_S
+    moon_m = moon_m - velocity_m_s * light_time_s[:, None]
+    rot_icrf_to_body = rot_icrf_to_pa(model.libration.angles(tdb.shifted(-light_time_s))[0])
+    from_moon_m = np.einsum("nji,j->ni", rot_icrf_to_body, target_pa_m)
+    return moon_m + from_moon_m, from_moon_m / np.linalg.norm(target_pa_m)
 
 
 def _spacecraft_elevations(

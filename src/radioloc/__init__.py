@@ -31,6 +31,8 @@ from radioloc.plotting import plot_links, plot_position, plot_residuals, save_fi
 from radioloc.studies.arcs import ArcStudy, arcs
 from radioloc.studies.arcs_report import write_arcs
 from radioloc.studies.locate import arc_of, locate, residuals
+from radioloc.studies.monte_carlo import MonteCarlo, monte_carlo
+from radioloc.studies.monte_carlo_report import write_monte_carlo
 from radioloc.studies.report import write_report, write_terms
 from radioloc.studies.simulate import simulate
 from radioloc.studies.study import (
@@ -60,6 +62,7 @@ __all__ = [
     "Link",
     "LunarPosition",
     "ModelChoice",
+    "MonteCarlo",
     "ObservationChoice",
     "Observations",
     "PhysicalModel",
@@ -81,6 +84,7 @@ __all__ = [
     "arcs",
     "epochs_from_strings",
     "locate",
+    "monte_carlo",
     "plot_links",
     "plot_position",
     "plot_residuals",
@@ -90,6 +94,7 @@ __all__ = [
     "save_figure",
     "simulate",
     "write_arcs",
+    "write_monte_carlo",
     "write_report",
     "write_terms",
 ]

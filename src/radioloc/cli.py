@@ -1,4 +1,4 @@
-"""The command line: ``radioloc locate``, ``residuals``, ``arcs``, ``simulate`` and ``stations``.
+"""The command line: ``radioloc locate``, ``residuals``, ``arcs``, ``simulate``, ``montecarlo`` and ``stations``.
 
 Exit status: 0 converged (or done), 2 bad input, 3 not converged or not observable.
 """
@@ -127,6 +127,27 @@ def _parser() -> argparse.ArgumentParser:
     convert.add_argument("--originator", metavar="NAME", help="agency that makes a Tracking Data Message")
     convert.add_argument("--quiet", action="store_true", help="print nothing but errors")
     convert.set_defaults(run=_convert)
+    trials = commands.add_parser(
+        "montecarlo",
+        help="simulate the tracking that a study describes many times, and fit it, for several arcs",
+    )
+    trials.add_argument("study", type=Path, metavar="STUDY.toml", help="a study file with [simulation]")
+    trials.add_argument("--trials", type=int, default=1000, metavar="N", help="how many (default: 1000)")
+    trials.add_argument(
+        "--hours",
+        type=float,
+        nargs="+",
+        default=[12.0, 24.0, 48.0],
+        metavar="H",
+        help="lengths of the arcs (default: 12 24 48)",
+    )
+    trials.add_argument("--seed", type=int, metavar="N", help="of all that is drawn (default: the study's)")
+    trials.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default: 1)")
+    trials.add_argument("--out", type=Path, metavar="DIR", help="write trials, summary and figures there")
+    trials.add_argument("--resume", action="store_true", help="take over the trials that are in DIR already")
+    trials.add_argument("--full", action="store_true", help="fit every trial with the whole model")
+    trials.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    trials.set_defaults(run=_monte_carlo, parser=trials)
     stations = commands.add_parser("stations", help="list the stations that are known by name")
     stations.set_defaults(run=_stations)
     return parser
@@ -199,6 +220,33 @@ def _sigmas(texts: Sequence[str]) -> dict[str, float]:
         except ValueError:
             raise InputError(f"--sigma {text}: write it as TYPE=METRES, such as range=1.0") from None
     return found
+
+
+def _monte_carlo(options: argparse.Namespace) -> int:
+    from radioloc.studies.monte_carlo import monte_carlo
+    from radioloc.studies.monte_carlo_report import write_monte_carlo
+    from radioloc.studies.study_file import read_study
+
+    if options.resume and options.out is None:
+        options.parser.error("--resume needs --out DIR, where the trials are")
+    found = monte_carlo(
+        read_study(options.study),
+        options.trials,
+        options.hours,
+        seed=options.seed,
+        workers=options.workers,
+        out=options.out,
+        resume=options.resume,
+        full=options.full,
+        progress=not options.quiet,
+    )
+    if options.out is not None:
+        write_monte_carlo(found, options.out)
+    if not options.quiet:
+        print(found)
+        if options.out is not None:
+            print(f"\nwritten to {options.out}")
+    return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
 
 
 def _run(options: argparse.Namespace, job: Callable[[Study], Solution]) -> Solution:

@@ -162,10 +162,17 @@ def scaled_covariance(fit: FitResult, noise_scale: float) -> NDArray[np.float64]
     P)^-1, the estimate's covariance is then C (f^2 A + P) C = f^2 C + (1 - f^2) C P C. Without a-priori
     values it is f^2 C.
     """
-    formal = np.array(fit.covariance)
+    return scaled_by(fit.covariance, fit.parameters.prior_sigmas, noise_scale)
+
+
+def scaled_by(
+    covariance: NDArray[np.float64], prior_sigmas: NDArray[np.float64], noise_scale: float
+) -> NDArray[np.float64]:
+    """As :func:`scaled_covariance`, of a formal covariance (p, p) and the sigmas of a-priori values (p,)."""
+    formal = np.array(covariance)
     undetermined = np.isinf(np.diag(formal))
     formal[undetermined, undetermined] = 0.0
-    prior_information = np.diag(fit.parameters.prior_sigmas**-2.0)
+    prior_information = np.diag(prior_sigmas**-2.0)
     scaled = noise_scale**2 * formal + (1.0 - noise_scale**2) * formal @ prior_information @ formal
     scaled[undetermined, undetermined] = np.inf
     return scaled

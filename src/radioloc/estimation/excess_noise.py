@@ -23,9 +23,9 @@ from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 
-_MAX_PASSES = 15
+MAX_PASSES = 15
 _MAX_STEPS = 200
-_SETTLED = 1e-3
+SETTLED = 1e-3
 """The excess has settled when it changes by less than this part of itself; its own uncertainty is far larger."""
 
 
@@ -93,7 +93,7 @@ def fit_with_excess_noise(
         return NoisyFit(edited, dict(sorted(found.items())))
 
     tried_m = [np.zeros(len(labels))]
-    for _ in range(_MAX_PASSES):
+    for _ in range(MAX_PASSES):
         # Significance is asked for once; asked again, it would take away what it had just found to be there.
         probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
         wanted_m = _wanted_m(edited, stated, group, len(labels), probability)
@@ -137,7 +137,7 @@ def _wanted_m(
 
 
 def _same(one_m: NDArray[np.float64], other_m: NDArray[np.float64]) -> bool:
-    return bool((np.abs(one_m - other_m) <= _SETTLED * one_m).all())
+    return bool((np.abs(one_m - other_m) <= SETTLED * one_m).all())
 
 
 def _with_message(edited: EditedFit, message: str) -> EditedFit:

@@ -20,13 +20,13 @@ from radioloc.estimation.parameters import ParameterSet
 
 _MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
 _MAX_LINEARIZATIONS = 15
-_MAX_REWEIGHTINGS = 100
+MAX_REWEIGHTINGS = 100
 _MOST_ROWS = 20000
 """Of more observations a sample of about so many makes the start: it is then off by a hundredth of one observation's
 sigma, where five decide."""
 _FEWEST_DRAWS = 200  # for each parameter
 _SEED = 20201201
-_SETTLED = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
+SETTLED = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
 
 
 def robust_scale(normalized: NDArray[np.float64], n_parameters: int) -> float:
@@ -113,7 +113,7 @@ def robust_start(
             break
         moved = np.abs(partials[:, free] @ step) / sigma_m
         spread = robust_scale(residual_m / sigma_m, len(free))
-        if moved.max(initial=0.0) < _SETTLED * max(1.0, spread):
+        if moved.max(initial=0.0) < SETTLED * max(1.0, spread):
             break
         for _ in range(10):
             trial = x.copy()
@@ -194,7 +194,7 @@ def _huber_step(
     linearization = DenseLinearization(residual_m, partials)
     step = np.zeros(free_partials.shape[1])
     remaining_m = residual_m
-    for _ in range(_MAX_REWEIGHTINGS):
+    for _ in range(MAX_REWEIGHTINGS):
         # A residual of m sigmas, m > 1, weighs like one observed with sqrt(m) times the stated sigma.
         weakened_m = sigma_m * np.sqrt(np.maximum(1.0, np.abs(remaining_m) / sigma_m))
         factor = factorize(linearization, ObservationNoise(weakened_m).among(), parameters, x, settings)
@@ -205,7 +205,7 @@ def _huber_step(
         step = new_step
         remaining_m = residual_m - free_partials @ step
         spread = robust_scale(remaining_m / sigma_m, len(step))
-        if moved.max(initial=0.0) < _SETTLED * max(1.0, spread):
+        if moved.max(initial=0.0) < SETTLED * max(1.0, spread):
             break
     return step
 

@@ -250,6 +250,12 @@ class TrackingArc:
             setattr(whole, name, _rows_of(_joined([getattr(arc, name) for arc in arcs]), order))
         return whole
 
+    def with_values(self, value_m: NDArray[np.float64]) -> TrackingArc:
+        """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
+        other = copy.copy(self)
+        other.observations = replace(self.observations, value_m=value_m)
+        return other
+
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Table of terms at a position: :func:`~radioloc.measurements.arc.table_of_terms`."""
 

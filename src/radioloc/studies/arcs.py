@@ -13,17 +13,11 @@ from radioloc.errors import InputError
 from radioloc.estimation.cards import render_html
 from radioloc.estimation.solution import Solution
 from radioloc.measurements.observations import Observations
+from radioloc.studies.arc_parts import DEFAULT_HOURS, arc_lengths, arc_parts
 from radioloc.studies.arcs_table import PositionRow, card_fields, card_text, comparison, table_dict
 from radioloc.studies.locate import fit_arc, prepared_arc
 from radioloc.studies.owners import of_part
 from radioloc.studies.study import Reference, Study
-from radioloc.time import utc_to_tai
-
-DEFAULT_HOURS = (12.0, 24.0, 48.0)
-"""Arcs of Wang et al. (2021), table 1."""
-
-_ROUNDING_S = 1e-9
-"""Both ends of an arc belong to it; epochs are rounded to 1e-11 s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,11 +138,7 @@ def arcs(
             f"{study.name}: an arc-length study compares positions, but the target is a trajectory; "
             "use locate or residuals"
         )
-    lengths = sorted({float(length) for length in np.atleast_1d(np.asarray(hours, dtype=np.float64))})
-    if not lengths:
-        raise InputError("no arc to fit; give at least one length in hours")
-    for length in lengths:
-        replace(study.observations, hours=length)  # refuses what is no length
+    lengths = arc_lengths(hours, study.observations)
     known = (() if study.reference is None else (study.reference,)) + study.references
     whole = replace(
         study,
@@ -156,20 +146,8 @@ def arcs(
         reference=known[0] if known else None,
     )
     longest, left_out = prepared_arc(whole, observations)
-    epoch = utc_to_tai(longest.observations.epoch)
-    if whole.observations.start is not None:
-        start = utc_to_tai(whole.observations.start)
-    else:
-        start = epoch[int(np.lexsort((epoch.fraction, epoch.jd))[0])]
-    since_s = epoch.seconds_since(start)
     found = []
-    for length in reversed(lengths):
-        rows = np.flatnonzero(since_s <= 3600.0 * length + _ROUNDING_S)
-        if not len(rows):
-            raise InputError(
-                f"the arc of {length:g} h holds no observation: the first comes {since_s.min() / 3600.0:.2f} h after "
-                "the start; give a longer arc or a later start"
-            )
+    for length, span_h, rows in arc_parts(longest.observations, whole.observations, reversed(lengths)):
         later = len(longest.observations) - len(rows)
         reasons = dict(left_out)
         if later:
@@ -177,7 +155,7 @@ def arcs(
         one = replace(whole, name=f"{study.name}, {length:g} h")
         arc = longest if not later else longest.select(rows)
         estimate = study.estimate if not later else of_part(study.estimate, arc, study.catalogue)
-        found.append(Arc(length, float(since_s[rows].max()) / 3600.0, fit_arc(one, arc, reasons, estimate)))
+        found.append(Arc(length, span_h, fit_arc(one, arc, reasons, estimate)))
     constants = longest.model.ephemeris.constants
     references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]
     return ArcStudy(study.name, tuple(found), tuple(references))

@@ -137,7 +137,7 @@ def fit_arc(
         else position_in_pa("[reference]", study.reference.position, constants)
     )
     problem = Problem.of(arc, target, estimate, study.catalogue, held=study.estimate)
-    fitted = _fit(study, problem, estimate, _status(arc, target))
+    fitted = _fit(study, problem, estimate, status_of(arc, target))
     x = fitted.edited.fit.x
     lander_pa_m = problem.position_pa_m(x)
     return build_solution(
@@ -290,7 +290,7 @@ def _elevation_deg(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> NDArra
     return elevation_deg
 
 
-def _status(arc: TrackingArc, target_pa: LunarPosition | None) -> Labels:
+def status_of(arc: TrackingArc, target_pa: LunarPosition | None) -> Labels:
     """Which observations can be used at all, seen from the a-priori position, and why others cannot."""
     start_pa_m = _start_pa_m(target_pa)
     at, model = arc.at(start_pa_m), arc.model

@@ -1,0 +1,344 @@
+"""Monte Carlo studies: many simulated realizations of a tracking plan, each fitted as a user would, for some arcs."""
+
+from __future__ import annotations
+
+import contextlib
+import logging
+import sys
+from collections.abc import Iterable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.estimation.cards import render_html
+from radioloc.simulation.noise import generator
+from radioloc.studies.arc_parts import DEFAULT_HOURS, arc_lengths
+from radioloc.studies.monte_carlo_card import card_fields, card_text
+from radioloc.studies.simulate import scenario_of
+from radioloc.studies.study import Study
+from radioloc.studies.trial_files import TrialFolder, refuse_other_study, study_record
+from radioloc.studies.trials import FullTrials, LinearTrials, Prepared
+from radioloc.studies.trials_summary import ArcSummary, summarize
+from radioloc.studies.workers import Job, run_chunks
+
+logger = logging.getLogger(__name__)
+
+_Floats = NDArray[np.float64]
+
+_MOST_IN_CHUNK = 50
+"""Trials that are run together: drawing their noise together is what makes it fast."""
+_CHUNKS_PER_WORKER = 4
+_RANDOM_PROOFS = 2
+_ALLOWED_M, _ALLOWED_SIGMAS = 1e-3, 0.01
+"""How far a position by the linear model may be from that of the full fit: the larger of both."""
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """Trials that were fitted both ways.
+
+    Parameters
+    ----------
+    trials : tuple of int
+        Those farthest from where the model was linearized, then some at random.
+    largest_m : float
+        Largest difference of a position east, north or up, m.
+    largest_sigmas : float
+        The same in parts of the sigma claimed; of sigmas themselves, by how much they differ, if that is more.
+    passed : bool
+        Whether all differences are within 1 mm or 1 % of sigma, whichever is larger, and all sigmas within 1 %.
+    """
+
+    trials: tuple[int, ...]
+    largest_m: float
+    largest_sigmas: float
+    passed: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MonteCarlo:
+    """The trials of a study and what they say together.
+
+    ``str()`` is a card that fits a terminal; ``_repr_html_`` shows the same.
+
+    Parameters
+    ----------
+    name : str
+        The study's.
+    seed : int
+    hours, span_h : tuple of float
+        Lengths of the arcs asked for and found, the longest first, h.
+    columns : tuple of str
+        What is known of each trial and arc.
+    values : ndarray, shape (trials, arcs, columns)
+        NaN where an arc has no such number.
+    linear : bool
+        Whether the trials are those of the linear model, or full fits.
+    proof : Proof or None
+        How the linear model was proved; None where there could be none.
+    drawn : tuple of str
+        Quantities that departed by lot.
+    """
+
+    name: str
+    seed: int
+    hours: tuple[float, ...]
+    span_h: tuple[float, ...]
+    columns: tuple[str, ...]
+    values: _Floats
+    linear: bool
+    proof: Proof | None
+    drawn: tuple[str, ...]
+
+    def __getitem__(self, column: str) -> _Floats:
+        """One column of all trials and arcs, shape (trials, arcs).
+
+        Raises
+        ------
+        InputError
+            There is no such column.
+        """
+        if column not in self.columns:
+            raise InputError(f"there is no column {column!r}; there are {', '.join(self.columns)}")
+        return np.asarray(self.values[..., self.columns.index(column)])
+
+    @property
+    def trials(self) -> int:
+        """Number of trials."""
+        return len(self.values)
+
+    @property
+    def converged(self) -> bool:
+        """Whether all arcs of all trials did."""
+        return bool((self["converged"] == 1.0).all())
+
+    @property
+    def arcs(self) -> tuple[ArcSummary | None, ...]:
+        """What the trials of each arc say together, the longest first; None where none converged."""
+        return tuple(
+            summarize(
+                length,
+                span,
+                self.columns,
+                self.values[:, k],
+                self.values[:, 0] if k else None,
+            )
+            for k, (length, span) in enumerate(zip(self.hours, self.span_h, strict=True))
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers but the single trials, in types that JSON has."""
+        proof = self.proof
+        return {
+            "name": self.name,
+            "seed": self.seed,
+            "trials": self.trials,
+            "converged": self.converged,
+            "drawn": ["noise", *self.drawn],
+            "linear": self.linear,
+            "proof": None
+            if proof is None
+            else {
+                "trials": list(proof.trials),
+                "largest_m": proof.largest_m,
+                "largest_sigmas": proof.largest_sigmas,
+                "passed": proof.passed,
+            },
+            "arcs": [
+                {"hours": hours, "converged": 0} if arc is None else arc.to_dict()
+                for hours, arc in zip(self.hours, self.arcs, strict=True)
+            ],
+        }
+
+    def to_table(self) -> Any:
+        """All trials as an ``astropy.table.Table``, one row for each trial and arc.
+
+        Raises
+        ------
+        InputError
+            astropy is not installed.
+        """
+        try:
+            from astropy.table import Table
+        except ImportError as error:
+            raise InputError("a Table needs astropy: pip install 'radioloc[notebook]'") from error
+        n, k, _ = self.values.shape
+        table = Table({"trial": np.repeat(np.arange(n), k), "hours": np.tile(self.hours, n)})
+        for column in self.columns:
+            table[column] = self[column].ravel()
+        return table
+
+    def __str__(self) -> str:
+        return card_text(card_fields(self))
+
+    def __repr__(self) -> str:
+        hours = ", ".join(f"{length:g}" for length in self.hours)
+        return f"<MonteCarlo {self.name}: {self.trials} trials of {hours} h>"
+
+    def _repr_html_(self) -> str:
+        return render_html(card_fields(self))
+
+
+def monte_carlo(
+    study: Study,
+    trials: int = 1000,
+    hours: Iterable[float] | float = DEFAULT_HOURS,
+    *,
+    seed: int | None = None,
+    workers: int = 1,
+    client: Any = None,
+    out: str | Path | None = None,
+    resume: bool = False,
+    full: bool = False,
+    progress: bool = False,
+) -> MonteCarlo:
+    """Simulate the tracking of a study again and again, and fit it, for arcs of several lengths.
+
+    Parameters
+    ----------
+    study : Study
+        With a simulation, which says what is tracked, the noise, and what departs by lot; its estimate, priors and
+        noise settings are those of every fit, as :func:`~radioloc.studies.locate.locate` takes them.
+    trials : int
+        How many.
+    hours : iterable of float
+        Lengths of the arcs from the start, h.
+    seed : int, optional
+        The simulation's where not given. The same seed gives the same trials, however and wherever they are run; a
+        trial does not depend on how many others there are.
+    workers : int
+        Processes. A script that asks for several needs ``if __name__ == "__main__":``, as they are spawned.
+    client : distributed.Client, optional
+        A Dask cluster to run on, in place of processes.
+    out : path-like, optional
+        Folder that keeps the trials as they are made, so that a study can be resumed.
+    resume : bool
+        Take over the trials that are in `out` already; more trials than last time may be asked for.
+    full : bool
+        Fit every trial with the whole model, however long it takes.
+    progress : bool
+        Show a bar on standard error, where that is a terminal.
+
+    Returns
+    -------
+    MonteCarlo
+
+    Raises
+    ------
+    InputError
+        An argument cannot be, or `out` holds the trials of another study.
+    RadiolocError
+        The study cannot be simulated or fitted.
+
+    Notes
+    -----
+    The model is linearized at the true position, and trials are fitted with that. The trials farthest from it and some
+    at random are then simulated and fitted in full as well; where a position differs by more than 1 mm and 1 % of its
+    sigma, or a sigma by 1 %, all trials are fitted in full.
+    """
+    lengths = arc_lengths(hours, study.observations)
+    seed = scenario_of(study).seed if seed is None else seed
+    generator(seed, "")  # refuses what is no seed
+    if isinstance(trials, bool) or not isinstance(trials, int) or trials < 1:
+        raise InputError(f"trials is {trials!r}; give a whole number above zero")
+    if resume and out is None:
+        raise InputError("to resume needs the folder of the trials; give it as out")
+    record = study_record(study, lengths, seed)
+    known = resume and out is not None and refuse_other_study(out, record)
+    ready = Prepared.of(study, lengths)
+    folder = None if out is None else TrialFolder(out, record, ready.columns, ready.hours)
+    if folder is not None and not known:
+        folder.start()
+    run = _Runner(seed, trials, folder, workers, client, progress)
+    in_full = FullTrials(study, lengths, ready)
+    linear = None if full else ready.linear()
+    values, proof = None, None
+    if linear is not None:
+        values = run.all("linear", linear)
+        proof = _prove(linear, in_full, seed, values)
+        if not proof.passed:
+            logger.warning(
+                "the linear model is off by %.4g m, %.3g sigmas: all trials are fitted in full",
+                proof.largest_m,
+                proof.largest_sigmas,
+            )
+            values = None
+    if values is None:
+        linear = None
+        values = run.all("full", in_full)
+    drawn = [d.quantity for d, sigma in ready.scenario.spread.sigmas().items() if sigma > 0.0]
+    return MonteCarlo(
+        name=study.name,
+        seed=int(seed),
+        hours=ready.hours,
+        span_h=ready.span_h,
+        columns=ready.columns,
+        values=values,
+        linear=linear is not None,
+        proof=proof,
+        drawn=tuple(dict.fromkeys(drawn)),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Runner:
+    """How the trials are run and kept."""
+
+    seed: int
+    trials: int
+    folder: TrialFolder | None
+    workers: int
+    client: Any
+    progress: bool
+
+    def all(self, way: str, job: Job) -> _Floats:
+        """Results of all trials, those that are kept already included."""
+        found = {} if self.folder is None else self.folder.found(way)
+        found = {trial: values for trial, values in found.items() if trial < self.trials}
+        missing = [trial for trial in range(self.trials) if trial not in found]
+        at_once = max(1, min(_MOST_IN_CHUNK, -(-len(missing) // (_CHUNKS_PER_WORKER * self.workers))))
+        if self.workers == 1 and self.client is None:
+            at_once = _MOST_IN_CHUNK if way == "linear" else 1
+        chunks = [missing[k : k + at_once] for k in range(0, len(missing), at_once)]
+        with self._bar(len(found)) as bar:
+            for chunk, values in run_chunks(job, self.seed, chunks, workers=self.workers, client=self.client):
+                if self.folder is not None:
+                    self.folder.add(way, chunk, values)
+                found |= dict(zip(chunk, values, strict=True))
+                if bar is not None:
+                    bar.update(len(chunk))
+        return np.array([found[trial] for trial in range(self.trials)])
+
+    def _bar(self, done: int) -> Any:
+        if not (self.progress and sys.stderr.isatty()):
+            return contextlib.nullcontext()
+        from tqdm import tqdm
+
+        return tqdm(total=self.trials, initial=done, unit="trial", file=sys.stderr)
+
+
+def _prove(linear: LinearTrials, full: FullTrials, seed: int, values: _Floats) -> Proof:
+    """Compare the linear model with full fits where it is most likely to be wrong, and elsewhere."""
+    columns = {name: k for k, name in enumerate(linear.columns)}
+    enu = [columns[f"{axis}_m"] for axis in ("east", "north", "up")]
+    sigmas = [columns[f"sigma_{axis}_m"] for axis in ("east", "north", "up")]
+    distance_m = np.linalg.norm(values[..., enu], axis=-1)
+    farthest = [int(np.argmax(distance_m[:, k])) for k in {0, distance_m.shape[1] - 1}]
+    random = generator(seed, "trials to prove the linear model with")
+    some = random.choice(len(values), min(_RANDOM_PROOFS, len(values)), replace=False).tolist()
+    chosen = tuple(dict.fromkeys([*farthest, *some]))
+    known = full.run(seed, chosen)
+    one = values[list(chosen)]
+    apart_m = np.abs(one[..., enu] - known[..., enu])
+    sigma_m = known[..., sigmas]
+    in_sigmas = apart_m / sigma_m
+    of_sigmas = np.abs(one[..., sigmas] / sigma_m - 1.0)
+    passed = (apart_m <= np.maximum(_ALLOWED_M, _ALLOWED_SIGMAS * sigma_m)) & (of_sigmas <= _ALLOWED_SIGMAS)
+    passed &= (one[..., columns["converged"]] == known[..., columns["converged"]])[..., None]
+    return Proof(
+        chosen, float(apart_m.max()), float(max(in_sigmas.max(), of_sigmas.max())), bool(passed.all())
+    )

@@ -1,0 +1,196 @@
+"""Trials on disk: what a study that was interrupted has found already, and whether it is still the same study.
+
+Each chunk of trials is a file of its own, ``parts/linear-000000-000049.csv``, that is there as a whole or not at all.
+``study.json`` says what the trials depend on; trials of another study are never taken over.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import importlib.metadata
+import io
+import json
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import fields, is_dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc._version import __version__
+from radioloc.errors import InputError
+from radioloc.io.solution_files import write_json
+from radioloc.studies.report import made_folder
+from radioloc.studies.study import Study, TerrainPrior
+from radioloc.text_files import write_text
+
+_LONGEST_LIST = 100
+
+
+def study_record(study: Study, hours: Sequence[float], seed: int) -> dict[str, Any]:
+    """What the trials of a study depend on, in types that JSON has; not their number.
+
+    Parameters
+    ----------
+    study : Study
+    hours : sequence of float
+        Lengths of the arcs, h.
+    seed : int
+    """
+    return {
+        "versions": {
+            name: importlib.metadata.version(name) for name in ("numpy", "astropy-iers-data", "pyerfa")
+        }
+        | {"radioloc": __version__},
+        "seed": seed,
+        "hours": list(hours),
+        "target": _plain(study.target),
+        "observations": _plain(study.observations),
+        "estimate": _plain(study.estimate),
+        "model": _plain(study.model),
+        "simulation": _plain(study.simulation),
+        "stations": _plain(list(study.catalogue)),
+    }
+
+
+def _plain(value: Any) -> Any:
+    """Plain numbers, texts, lists and tables; of files and long lists their SHA-256."""
+    if isinstance(value, TerrainPrior):
+        maps = [file.sha256 for file in value.terrain.metadata.files]
+        return {"maps": maps, "interpolation": value.terrain.interpolation, "sigma_m": value.sigma_m}
+    if isinstance(value, Path):
+        return {"file": value.name, "sha256": _sha256(value.read_bytes()) if value.is_file() else None}
+    if is_dataclass(value):
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, Mapping):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, set | frozenset):
+        return sorted(_plain(item) for item in value)
+    if isinstance(value, list | tuple):
+        items = [_plain(item) for item in value]
+        return items if len(items) < _LONGEST_LIST else _sha256(json.dumps(items).encode())
+    if callable(value):
+        return f"{value.__module__}.{value.__qualname__}"
+    if isinstance(value, float) and not math.isfinite(value):
+        return str(value)
+    return value
+
+
+def _sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+class TrialFolder:
+    """The folder of a study's trials.
+
+    Parameters
+    ----------
+    folder : path-like
+        Made where it does not exist.
+    record : dict
+        From :func:`study_record`.
+    columns : sequence of str
+    hours : sequence of float
+        In the order of the arcs, h.
+    """
+
+    def __init__(
+        self, folder: str | Path, record: dict[str, Any], columns: Sequence[str], hours: Sequence[float]
+    ) -> None:
+        self._folder = made_folder(folder)
+        self._parts = made_folder(self._folder / "parts")
+        self._record, self._columns, self._hours = record, tuple(columns), tuple(hours)
+
+    def start(self) -> None:
+        """Begin anew: trials that are there from before are removed."""
+        for path in self._parts.glob("*-*-*.csv"):
+            path.unlink()
+        write_json(self._folder / "study.json", self._record)
+
+    def found(self, way: str) -> dict[int, NDArray[np.float64]]:
+        """Results that are there already, (arcs, columns), by number of the trial.
+
+        Parameters
+        ----------
+        way : {"linear", "full"}
+
+        Raises
+        ------
+        InputError
+            A file is damaged.
+        """
+        out: dict[int, list[list[float]]] = {}
+        for path in sorted(self._parts.glob(f"{way}-*.csv")):
+            rows = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"))))
+            if rows[:1] != [self._heading]:
+                raise InputError(
+                    f"{path}: the columns are not those of the study; remove the file and resume"
+                )
+            try:
+                for row in rows[1:]:
+                    values = [float(cell) if cell else math.nan for cell in row[2:]]
+                    out.setdefault(int(row[0]), []).append(values)
+            except ValueError as error:
+                raise InputError(f"{path}: is damaged ({error}); remove the file and resume") from None
+        return {trial: np.array(values) for trial, values in out.items()}
+
+    def add(self, way: str, trials: Sequence[int], values: NDArray[np.float64]) -> None:
+        """Keep results of some trials, (trials, arcs, columns)."""
+        path = self._parts / f"{way}-{min(trials):06d}-{max(trials):06d}.csv"
+        write_text(path, trials_csv(trials, self._hours, self._columns, values))
+
+    @property
+    def _heading(self) -> list[str]:
+        return ["trial", "hours", *self._columns]
+
+
+def refuse_other_study(folder: str | Path, record: dict[str, Any]) -> bool:
+    """Whether a folder holds trials of this study.
+
+    Raises
+    ------
+    InputError
+        They are of another one, or it cannot be told.
+    """
+    path = Path(folder) / "study.json"
+    if not path.is_file():
+        return False
+    try:
+        before = json.loads(path.read_text(encoding="utf-8"))
+    except ValueError:
+        raise InputError(f"{path}: is damaged; start anew, without resuming") from None
+    now = json.loads(json.dumps(record))
+    changed = [key for key in now if before.get(key) != now[key]]
+    if changed:
+        raise InputError(
+            f"{folder}: the trials there are of another study (what differs: {', '.join(changed)}); "
+            "give another folder, or start anew, without resuming"
+        )
+    return True
+
+
+def trials_csv(
+    trials: Sequence[int], hours: Sequence[float], columns: Sequence[str], values: NDArray[np.float64]
+) -> str:
+    """Results as comma-separated text, one row for each trial and arc; numbers as they are, to the last bit.
+
+    Parameters
+    ----------
+    trials : sequence of int
+    hours : sequence of float
+        Lengths of the arcs, h.
+    columns : sequence of str
+    values : ndarray, shape (trials, arcs, columns)
+        What is not a number is left empty.
+    """
+    lines = [",".join(["trial", "hours", *columns])]
+    for trial, of_trial in zip(trials, values.tolist(), strict=True):
+        for length, row in zip(hours, of_trial, strict=True):
+            cells = ["" if math.isnan(v) else repr(int(v)) if v.is_integer() else repr(v) for v in row]
+            lines.append(",".join([str(trial), f"{length:g}", *cells]))
+    return "\n".join(lines) + "\n"

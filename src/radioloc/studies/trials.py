@@ -1,0 +1,460 @@
+"""The trials of a Monte Carlo study: simulated tracking drawn by lot, fitted as :func:`radioloc.locate` would.
+
+There are two ways. :class:`FullTrials` simulates the world of each trial and fits it from the a-priori position on,
+seconds for each. :class:`LinearTrials` rests on what is prepared once: values and partials at the true position, and
+responses to departures; a trial is then a sum of vectors and a linear fit, milliseconds. Both give the same columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.estimation.build import scaled_by
+from radioloc.estimation.editing import USED, EditingSettings
+from radioloc.estimation.excess_noise import fit_with_excess_noise
+from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.parameters import ParameterSet
+from radioloc.estimation.repeated_fit import RepeatedFit, RepeatedOutcome
+from radioloc.estimation.solution import Solution
+from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
+from radioloc.measurements.observations import KINDS
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.tracking_arc import TrackingArc
+from radioloc.simulation import Departure, Scenario, Spread, World
+from radioloc.simulation.departures import position_departure_m
+from radioloc.simulation.noise import NoiseDraws
+from radioloc.simulation.responses import responses
+from radioloc.studies.arc_parts import arc_parts
+from radioloc.studies.locate import fit_arc, model_of, position_in_pa, status_of
+from radioloc.studies.problem import Problem
+from radioloc.studies.selection import select_observations
+from radioloc.studies.simulate import scenario_of
+from radioloc.studies.station_noise import stated_noise
+from radioloc.studies.study import Study
+
+_Floats = NDArray[np.float64]
+
+COLUMNS = (
+    "converged",
+    "used",
+    "rejected",
+    "east_m",
+    "north_m",
+    "up_m",
+    "sigma_east_m",
+    "sigma_north_m",
+    "sigma_up_m",
+    "correlation_east_north",
+    "nees",
+    "nees_horizontal",
+    "noise_scale",
+)
+"""What is kept of each trial and arc; then the excess noise by type, then each nuisance parameter and its sigma."""
+
+
+def trial_seed(seed: int, trial: int) -> int:
+    """Seed of one trial's noise and departures, as ``SeedSequence(seed).spawn`` gives to its child of that number."""
+    words = np.random.SeedSequence(seed, spawn_key=(trial,)).generate_state(4)
+    return sum(int(word) << (32 * k) for k, word in enumerate(words))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Prepared:
+    """A study made ready: the world without noise, and an arc for each length.
+
+    Parameters
+    ----------
+    study : Study
+    scenario : Scenario
+    model : PhysicalModel
+        The nominal one.
+    world : World
+        With the fixed departures, none drawn.
+    rows : ndarray of int
+        Those of the plan that the study asks for.
+    arcs : tuple of TrackingArc
+        The longest first.
+    parts : tuple of ndarray of int
+        Rows of the longest that each has.
+    hours, span_h : tuple of float
+        Lengths asked for and found, h.
+    rot_pa_to_enu : ndarray, shape (3, 3)
+        At the true position.
+    columns : tuple of str
+    """
+
+    study: Study
+    scenario: Scenario
+    model: PhysicalModel
+    world: World
+    rows: NDArray[np.intp]
+    arcs: tuple[TrackingArc, ...]
+    parts: tuple[NDArray[np.intp], ...]
+    hours: tuple[float, ...]
+    span_h: tuple[float, ...]
+    rot_pa_to_enu: _Floats
+    columns: tuple[str, ...]
+
+    @classmethod
+    def of(cls, study: Study, hours: Sequence[float]) -> Prepared:
+        """Prepare a study for arcs of some lengths, the shortest first, h.
+
+        Raises
+        ------
+        RadiolocError
+            The study has no simulation or estimates no position, or it cannot be simulated.
+        """
+        scenario = scenario_of(study)
+        if study.estimate.position == "none":
+            raise InputError(
+                'a Monte Carlo study needs the position estimated: [estimate] position is "none"'
+            )
+        model = model_of(study)
+        constants = model.ephemeris.constants
+        target = position_in_pa("[target]", study.target, constants)
+        position_in_pa("[simulation.position]", scenario.position, constants)
+        world = scenario.world(model)
+        choice = replace(study.observations, hours=hours[-1])
+        n = len(world.plan.observations)
+        # The value of each tells which it is.
+        numbered = replace(world.plan.observations, value_m=np.arange(1.0, n + 1.0))
+        chosen, _ = select_observations(numbered, choice, study.catalogue)
+        rows = np.rint(chosen.value_m).astype(np.intp) - 1
+        longest = TrackingArc(model, world.plan.observations.select(rows), target.xyz_m)
+        parts = arc_parts(longest.observations, choice, reversed(hours))
+        arcs = [longest if len(part) == len(rows) else longest.select(part) for _, _, part in parts]
+        problems = [Problem.of(arc, target, study.estimate, study.catalogue) for arc in arcs]
+        names = dict.fromkeys(
+            p.name for problem in problems for p in problem.parameters if p.kind != "position" and not p.fixed
+        )
+        kinds = [KINDS[k] for k in np.unique(longest.observations.kind)]
+        rot = rot_pa_to_me(constants)
+        longitude_rad, latitude_rad, _ = cartesian_to_selenographic(rot @ world.target_pa_m)
+        return cls(
+            study=study,
+            scenario=scenario,
+            model=model,
+            world=world,
+            rows=rows,
+            arcs=tuple(arcs),
+            parts=tuple(part for _, _, part in parts),
+            hours=tuple(length for length, _, _ in parts),
+            span_h=tuple(span for _, span, _ in parts),
+            rot_pa_to_enu=east_north_up(longitude_rad, latitude_rad) @ rot,
+            columns=(
+                *COLUMNS,
+                *(f"excess_noise_m.{kind}" for kind in kinds),
+                *(column for name in names for column in (name, f"{name}.sigma")),
+            ),
+        )
+
+    def linear(self) -> LinearTrials | None:
+        """The trials by the linear model; none where it cannot stand for the fit of every arc."""
+        spread = self.scenario.spread
+        departures = tuple(departure for departure, sigma in spread.sigmas().items() if sigma > 0.0)
+        target_pa_m = self.world.target_pa_m
+        longest = self.arcs[0]
+        computed = longest.compute(target_pa_m)
+        world_m = self.world.error_free_m + sum(self.world.added_m.values(), start=0.0)
+        status = status_of(longest, self._a_priori_pa_m)
+        usable = status.are(USED)
+        arcs = []
+        for arc, part in zip(self.arcs, self.parts, strict=True):
+            one = self._linear_arc(arc, part, usable[part])
+            if one is None:
+                return None
+            arcs.append(one)
+        return LinearTrials(
+            draws=NoiseDraws.of(self.scenario.noise, self.world.plan),
+            rows=self.rows,
+            constant_m=world_m[self.rows] - computed.value_m,
+            spread=spread,
+            responses=dict(
+                zip(
+                    departures,
+                    responses(
+                        self.model,
+                        longest.observations,
+                        target_pa_m,
+                        computed,
+                        departures,
+                        truth=self.scenario.truth,
+                        clock_epoch_utc=spread.clock_epoch_utc,
+                    ),
+                    strict=True,
+                )
+            ),
+            arcs=tuple(arcs),
+            columns=self.columns,
+        )
+
+    @property
+    def _a_priori_pa_m(self) -> _Floats:
+        return position_in_pa("[target]", self.study.target, self.model.ephemeris.constants).xyz_m
+
+    def _linear_arc(
+        self, arc: TrackingArc, part: NDArray[np.intp], usable: NDArray[np.bool_]
+    ) -> LinearArc | None:
+        study = self.study
+        target = position_in_pa("[target]", study.target, self.model.ephemeris.constants)
+        problem = Problem.of(arc, target, study.estimate, study.catalogue)
+        x = _parameters_at(problem, self.world.target_pa_m)
+        partials = problem.linearize(x).partials(np.arange(len(part)))
+        noise = stated_noise(arc, study.observations)
+        editing = EditingSettings(threshold=study.estimate.rejection_sigma)
+        kind = arc.observations.kind.astype(np.int32)
+        if noise.shared is not None:
+            fit: RepeatedFit | GeneralFit = GeneralFit(
+                partials, problem.parameters, x, noise, kind, usable, editing
+            )
+        else:
+            made = RepeatedFit.of(partials, problem.parameters, x, noise.sigma_m, kind, usable, editing)
+            if made is None:
+                return None
+            fit = made
+        return LinearArc(
+            part=part,
+            fit=fit,
+            parameters=problem.parameters,
+            x=x,
+            enu_by_parameters=self.rot_pa_to_enu @ problem.position_partials(x),
+            ephemeris_sigma_m=np.array(study.estimate.ephemeris_sigma_m),
+        )
+
+
+def _parameters_at(problem: Problem, position_pa_m: _Floats) -> _Floats:
+    """Parameters of a position, the others at their a-priori values."""
+    x = problem.parameters.prior_values.copy()
+    for _ in range(20):
+        found_m, partials = problem.position(x[:3])
+        step = np.linalg.solve(partials, position_pa_m - found_m)
+        x[:3] += step
+        if np.abs(step).max() < 1e-7:
+            return x
+    raise InputError(
+        "the true position is not among those that the parameters describe; move [target] closer to it"
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GeneralFit:
+    """As :class:`~radioloc.estimation.repeated_fit.RepeatedFit`, for observations that share errors, but slower."""
+
+    partials: _Floats
+    parameters: ParameterSet
+    x: _Floats
+    noise: ObservationNoise
+    group: NDArray[np.int32]
+    usable: NDArray[np.bool_]
+    editing: EditingSettings
+
+    def fit(self, residual_m: _Floats) -> RepeatedOutcome:
+        """Fit to residuals at the values x."""
+        found = fit_with_excess_noise(
+            lambda x: (residual_m - self.partials @ (x - self.x), self.partials),
+            self.parameters,
+            self.noise,
+            groups=np.array(KINDS)[self.group],
+            status=np.where(self.usable, USED, "not usable"),
+            editing=self.editing,
+        )
+        fit = found.edited.fit
+        scale, used = 1.0, int(fit.used.sum())
+        if fit.chi2_per_dof is not None and fit.chi2 > chi2_quantile(SCALING_PROBABILITY, fit.dof):
+            scale = float(np.sqrt(fit.chi2_per_dof))
+        return RepeatedOutcome(
+            step=fit.x - self.x,
+            covariance=fit.covariance,
+            noise_scale=scale,
+            used=used,
+            rejected=len(fit.used) - used,
+            excess_noise_m=np.array([found.excess_noise_m.get(kind, 0.0) for kind in KINDS]),
+            converged=found.edited.converged,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearArc:
+    """What the linear model knows of one arc.
+
+    Parameters
+    ----------
+    part : ndarray of int
+        Rows of the longest arc.
+    fit : RepeatedFit or GeneralFit
+    parameters : ParameterSet
+    x : ndarray, shape (p,)
+        Parameters of the true position.
+    enu_by_parameters : ndarray, shape (3, p)
+        d(east, north, up)/d(parameter).
+    ephemeris_sigma_m : ndarray, shape (3,)
+    """
+
+    part: NDArray[np.intp]
+    fit: RepeatedFit | GeneralFit
+    parameters: ParameterSet
+    x: _Floats
+    enu_by_parameters: _Floats
+    ephemeris_sigma_m: _Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearTrials:
+    """Trials by the linear model; all that a worker needs, and nothing of kernels or tables.
+
+    Parameters
+    ----------
+    draws : NoiseDraws
+    rows : ndarray of int, shape (n,)
+        Rows of the plan that take part.
+    constant_m : ndarray, shape (n,)
+        Observed less computed at the true position, without noise and drawn departures, m.
+    spread : Spread
+    responses : dict of Departure to ndarray, shape (n,)
+        What a unit of each drawn departure adds.
+    arcs : tuple of LinearArc
+        The longest first.
+    columns : tuple of str
+    """
+
+    draws: NoiseDraws
+    rows: NDArray[np.intp]
+    constant_m: _Floats
+    spread: Spread
+    responses: dict[Departure, _Floats] = field(repr=False)
+    arcs: tuple[LinearArc, ...]
+    columns: tuple[str, ...]
+
+    def run(self, seed: int, trials: Sequence[int]) -> _Floats:
+        """Some trials of a study's seed, shape (trials, arcs, columns).
+
+        Each trial comes out the same whatever others are run with it.
+        """
+        seeds = [trial_seed(seed, trial) for trial in trials]
+        noise_m, _ = self.draws.draw(seeds)
+        out = np.full((len(seeds), len(self.arcs), len(self.columns)), np.nan)
+        for k, one in enumerate(seeds):
+            drawn = self.spread.draw(one)
+            residual_m = self.constant_m + noise_m[k, self.rows]
+            for departure, value in drawn.items():
+                residual_m += value * self.responses[departure]
+            off_m = position_departure_m(drawn)
+            for i, arc in enumerate(self.arcs):
+                out[k, i] = self._row(arc, arc.fit.fit(residual_m[arc.part]), off_m)
+        return out
+
+    def _row(self, arc: LinearArc, found: RepeatedOutcome, off_m: _Floats) -> _Floats:
+        prior_sigmas = arc.parameters.prior_sigmas
+        covariance = scaled_by(found.covariance, prior_sigmas, found.noise_scale)
+        x, sigmas = arc.x + found.step, np.sqrt(np.diag(covariance))
+        return _row(
+            self.columns,
+            converged=found.converged,
+            used=found.used,
+            rejected=found.rejected,
+            error_m=arc.enu_by_parameters @ found.step - off_m,
+            covariance_m2=arc.enu_by_parameters @ covariance @ arc.enu_by_parameters.T
+            + np.diag(arc.ephemeris_sigma_m**2),
+            noise_scale=found.noise_scale,
+            excess_noise_m=dict(zip(KINDS, found.excess_noise_m.tolist(), strict=False)),
+            parameters={p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
+        )
+
+
+class FullTrials:
+    """Trials with the whole model: each world simulated, each arc fitted from the a-priori position on.
+
+    Parameters
+    ----------
+    study : Study
+    hours : sequence of float
+        The shortest first, h.
+    prepared : Prepared, optional
+        The same study, where it has been prepared already.
+    """
+
+    def __init__(self, study: Study, hours: Sequence[float], prepared: Prepared | None = None) -> None:
+        self._study, self._hours = study, tuple(hours)
+        self._ready = prepared
+
+    def __getstate__(self) -> tuple[Study, tuple[float, ...]]:
+        # A worker opens kernels and prepares arcs by itself, once.
+        return self._study, self._hours
+
+    def __setstate__(self, state: tuple[Study, tuple[float, ...]]) -> None:
+        self._study, self._hours = state
+        self._ready = None
+
+    def run(self, seed: int, trials: Iterable[int]) -> _Floats:
+        """As :meth:`LinearTrials.run`."""
+        if self._ready is None:
+            self._ready = Prepared.of(self._study, self._hours)
+        return np.array([_full_trial(self._ready, trial_seed(seed, trial)) for trial in trials])
+
+
+def _full_trial(ready: Prepared, seed: int) -> _Floats:
+    drawn = ready.scenario.spread.draw(seed)
+    world = ready.scenario.world(ready.model, drawn, ready.world.plan) if drawn else ready.world
+    value_m = world.error_free_m + ready.scenario.noise.draw(ready.world.plan, seed)[0]
+    for added_m in world.added_m.values():
+        value_m = value_m + added_m
+    value_m = value_m[ready.rows]
+    study = replace(ready.study, reference=None)
+    found = []
+    for arc, part in zip(ready.arcs, ready.parts, strict=True):
+        solution = fit_arc(study, arc.with_values(value_m[part]), {}, study.estimate)
+        found.append(_solution_row(ready, solution, world.target_pa_m))
+    return np.array(found)
+
+
+def _solution_row(ready: Prepared, solution: Solution, target_pa_m: _Floats) -> _Floats:
+    sigmas = solution.sigmas()
+    return _row(
+        ready.columns,
+        converged=solution.converged,
+        used=solution.fit.total.used,
+        rejected=solution.fit.total.rejected,
+        error_m=ready.rot_pa_to_enu @ (solution.position_pa_m - target_pa_m),
+        covariance_m2=solution.position_covariance("enu"),
+        noise_scale=solution.noise_scale,
+        excess_noise_m=dict(solution.fit.excess_noise_m),
+        parameters={p.name: (solution.values[j], sigmas[j]) for j, p in enumerate(solution.parameters)},
+    )
+
+
+def _row(
+    columns: Sequence[str],
+    *,
+    converged: bool,
+    used: int,
+    rejected: int,
+    error_m: _Floats,
+    covariance_m2: _Floats,
+    noise_scale: float,
+    excess_noise_m: dict[str, float],
+    parameters: dict[str, tuple[float, float]],
+) -> _Floats:
+    """One row of results in the order of the columns; NaN where an arc has no such number."""
+    sigma_m = np.sqrt(np.diag(covariance_m2))
+    correlation = nees = nees_horizontal = np.nan
+    if np.isfinite(covariance_m2).all():
+        correlation = covariance_m2[0, 1] / (sigma_m[0] * sigma_m[1])
+        nees = float(error_m @ np.linalg.solve(covariance_m2, error_m))
+        nees_horizontal = float(error_m[:2] @ np.linalg.solve(covariance_m2[:2, :2], error_m[:2]))
+    known = dict(
+        zip(
+            COLUMNS,
+            (converged, used, rejected, *error_m, *sigma_m, correlation, nees, nees_horizontal, noise_scale),
+            strict=True,
+        )
+    )
+    known |= {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
+    for name, (value, sigma) in parameters.items():
+        known[name], known[f"{name}.sigma"] = value, sigma
+    return np.array([float(known.get(column, np.nan)) for column in columns])

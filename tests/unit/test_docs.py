@@ -449,7 +449,9 @@ def test_commands_and_code_run(page, workspace, capsys):
                     assert main(arguments) == 0, line
         elif block.language == "python":
             exec(compile(block.text, str(page), "exec"), {})
-        elif block.language == "text" and block.text.startswith(("solution ", "arc lengths ")):
+        elif block.language == "text" and block.text.startswith(
+            ("solution ", "arc lengths ", "monte carlo ")
+        ):
             assert without_numbers(block.text) in without_numbers(capsys.readouterr().out)
 
 

@@ -90,12 +90,18 @@ def card_fields(study: MonteCarlo) -> tuple[CardField, ...]:
     names = list(dict.fromkeys(p.name for arc in arcs for p in arc.parameters))
     for k, name in enumerate(names[:_MAX_PARAMETERS]):
         rows = [
-            (_name(arc), f"{p.mean:.4g}", f"{p.std:.3g}", f"{p.sigma:.3g}")
+            (
+                _name(arc),
+                f"{p.mean:.4g}",
+                f"{p.std:.3g}",
+                "-" if p.rms_error is None else f"{p.rms_error:.3g}",
+                f"{p.sigma:.3g}",
+            )
             for arc in arcs
             for p in arc.parameters
             if p.name == name
         ]
-        heading = (name, "mean", "scatter", "claimed sigma")
+        heading = (name, "mean", "scatter", "rms error", "1 sigma claimed")
         fields.append(CardField("estimated" if k == 0 else "", heading=heading, rows=tuple(rows)))
     if len(names) > _MAX_PARAMETERS:
         fields.append(CardField("", (f"{len(names) - _MAX_PARAMETERS} more are not shown",)))

@@ -55,7 +55,8 @@ COLUMNS = (
     "nees_horizontal",
     "noise_scale",
 )
-"""What is kept of each trial and arc; then the excess noise by type, then each nuisance parameter and its sigma."""
+"""What is kept of each trial and arc; then the excess noise by type, then each nuisance parameter, its sigma and, of a
+range bias, its error: the estimate less what was put in."""
 
 
 def trial_seed(seed: int, trial: int) -> int:
@@ -150,7 +151,11 @@ class Prepared:
             columns=(
                 *COLUMNS,
                 *(f"excess_noise_m.{kind}" for kind in kinds),
-                *(column for name in names for column in (name, f"{name}.sigma")),
+                *(
+                    column
+                    for name in names
+                    for column in (name, f"{name}.sigma", *([f"{name}.error"] if _station_of(name) else []))
+                ),
             ),
         )
 
@@ -192,7 +197,14 @@ class Prepared:
             ),
             arcs=tuple(arcs),
             columns=self.columns,
+            range_bias_m=self.range_bias_m,
         )
+
+    @property
+    def range_bias_m(self) -> dict[str, float]:
+        """Fixed biases of ranges that are put in, by the catalogue's name of the station, m."""
+        given = self.scenario.truth.range_bias_m
+        return {self.model.catalogue.get(name).name: bias_m for name, bias_m in given.items()}
 
     @property
     def _a_priori_pa_m(self) -> _Floats:
@@ -321,6 +333,8 @@ class LinearTrials:
     arcs : tuple of LinearArc
         The longest first.
     columns : tuple of str
+    range_bias_m : dict of str to float
+        Fixed biases of ranges that are put in, by station, m.
     """
 
     draws: NoiseDraws
@@ -330,6 +344,7 @@ class LinearTrials:
     responses: dict[Departure, _Floats] = field(repr=False)
     arcs: tuple[LinearArc, ...]
     columns: tuple[str, ...]
+    range_bias_m: dict[str, float]
 
     def run(self, seed: int, trials: Sequence[int]) -> _Floats:
         """Some trials of a study's seed, shape (trials, arcs, columns).
@@ -344,12 +359,14 @@ class LinearTrials:
             residual_m = self.constant_m + noise_m[k, self.rows]
             for departure, value in drawn.items():
                 residual_m += value * self.responses[departure]
-            off_m = position_departure_m(drawn)
+            off_m, biases_m = position_departure_m(drawn), _true_biases_m(self.range_bias_m, drawn)
             for i, arc in enumerate(self.arcs):
-                out[k, i] = self._row(arc, arc.fit.fit(residual_m[arc.part]), off_m)
+                out[k, i] = self._row(arc, arc.fit.fit(residual_m[arc.part]), off_m, biases_m)
         return out
 
-    def _row(self, arc: LinearArc, found: RepeatedOutcome, off_m: _Floats) -> _Floats:
+    def _row(
+        self, arc: LinearArc, found: RepeatedOutcome, off_m: _Floats, biases_m: dict[str, float]
+    ) -> _Floats:
         prior_sigmas = arc.parameters.prior_sigmas
         covariance = scaled_by(found.covariance, prior_sigmas, found.noise_scale)
         x, sigmas = arc.x + found.step, np.sqrt(np.diag(covariance))
@@ -364,6 +381,7 @@ class LinearTrials:
             noise_scale=found.noise_scale,
             excess_noise_m=dict(zip(KINDS, found.excess_noise_m.tolist(), strict=False)),
             parameters={p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
+            biases_m=biases_m,
         )
 
 
@@ -409,11 +427,29 @@ def _full_trial(ready: Prepared, seed: int) -> _Floats:
     found = []
     for arc, part in zip(ready.arcs, ready.parts, strict=True):
         solution = fit_arc(study, arc.with_values(value_m[part]), {}, study.estimate)
-        found.append(_solution_row(ready, solution, world.target_pa_m))
+        biases_m = _true_biases_m(ready.range_bias_m, drawn)
+        found.append(_solution_row(ready, solution, world.target_pa_m, biases_m))
     return np.array(found)
 
 
-def _solution_row(ready: Prepared, solution: Solution, target_pa_m: _Floats) -> _Floats:
+def _true_biases_m(fixed_m: dict[str, float], drawn: dict[Departure, float]) -> dict[str, float]:
+    """Biases of ranges that are in a trial, by station, m."""
+    biases_m = dict(fixed_m)
+    for departure, value in drawn.items():
+        if departure.quantity == "range_bias_m":
+            biases_m[departure.station] = biases_m.get(departure.station, 0.0) + value
+    return biases_m
+
+
+def _station_of(name: str) -> str | None:
+    """Station of a range bias, by the name of the parameter; none of other parameters."""
+    kind, _, station = name.partition(".")
+    return station if kind == "range_bias" else None
+
+
+def _solution_row(
+    ready: Prepared, solution: Solution, target_pa_m: _Floats, biases_m: dict[str, float]
+) -> _Floats:
     sigmas = solution.sigmas()
     return _row(
         ready.columns,
@@ -425,6 +461,7 @@ def _solution_row(ready: Prepared, solution: Solution, target_pa_m: _Floats) -> 
         noise_scale=solution.noise_scale,
         excess_noise_m=dict(solution.fit.excess_noise_m),
         parameters={p.name: (solution.values[j], sigmas[j]) for j, p in enumerate(solution.parameters)},
+        biases_m=biases_m,
     )
 
 
@@ -439,6 +476,7 @@ def _row(
     noise_scale: float,
     excess_noise_m: dict[str, float],
     parameters: dict[str, tuple[float, float]],
+    biases_m: dict[str, float],
 ) -> _Floats:
     """One row of results in the order of the columns; NaN where an arc has no such number."""
     sigma_m = np.sqrt(np.diag(covariance_m2))
@@ -457,4 +495,7 @@ def _row(
     known |= {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
     for name, (value, sigma) in parameters.items():
         known[name], known[f"{name}.sigma"] = value, sigma
+        station = _station_of(name)
+        if station is not None:
+            known[f"{name}.error"] = value - biases_m.get(station, 0.0)
     return np.array([float(known.get(column, np.nan)) for column in columns])

@@ -61,11 +61,23 @@ class Nees:
 
 @dataclass(frozen=True, slots=True)
 class ParameterSummary:
-    """A parameter beside the position: mean and standard deviation of its estimates, median of the claimed sigma."""
+    """A parameter beside the position.
+
+    Parameters
+    ----------
+    name : str
+    mean, std : float
+        Mean and standard deviation of the estimates.
+    rms_error : float or None
+        Root mean square of the estimate less what was put in, of range biases.
+    sigma : float
+        Median of the claimed sigma.
+    """
 
     name: str
     mean: float
     std: float
+    rms_error: float | None
     sigma: float
 
 
@@ -167,12 +179,15 @@ def summarize(
     parameters = []
     for name in names:
         estimates, sigmas = kept[:, place[name]], kept[:, place[f"{name}.sigma"]]
-        if not np.isnan(estimates).any():
-            parameters.append(
-                ParameterSummary(
-                    name, float(estimates.mean()), float(estimates.std()), float(np.median(sigmas))
-                )
+        if np.isnan(estimates).any():
+            continue  # an arc without observations that it acts on
+        error = place.get(f"{name}.error")
+        rms = None if error is None else float(np.sqrt((kept[:, error] ** 2).mean()))
+        parameters.append(
+            ParameterSummary(
+                name, float(estimates.mean()), float(estimates.std()), rms, float(np.median(sigmas))
             )
+        )
     return ArcSummary(
         hours=hours,
         span_h=span_h,

@@ -99,7 +99,7 @@ def refuse_unknown_frequencies(ionosphere_m: NDArray[np.float64]) -> None:
 def media_partials(
     model: PhysicalModel,
     observations: Observations,
-    target_pa_m: NDArray[np.float64],
+    target_pa_m: Target,
     troposphere_mapping: MappingFunction = black_eisner,
     ionosphere_mapping: MappingFunction = thin_shell,
 ) -> tuple[dict[str, NDArray[np.float64]], dict[str, NDArray[np.float64]]]:

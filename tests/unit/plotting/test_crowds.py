@@ -1,0 +1,94 @@
+"""Figures of very many observations: nothing that was beyond is lost, and they are drawn at once."""
+
+import time
+import warnings
+
+import numpy as np
+import pytest
+
+from radioloc.estimation.editing import Outcome
+from radioloc.estimation.labels import Labels
+from radioloc.estimation.solution import Residuals
+from radioloc.measurements.observations import KINDS
+from radioloc.plotting import plot_links, plot_residuals, save_figure
+from radioloc.plotting.crowds import CROWD_NOTE, MOST_POINTS, SPANS, draw_spans, outermost, span_of
+from radioloc.plotting.figures import new_figure
+from radioloc.time import Epochs
+
+PATHS = ("KASHI>x>KASHI", "JIAMUSI>x>KASHI")
+
+
+def residuals(count, left_out=0.01):
+    rng = np.random.default_rng(4)
+    codes = rng.integers(0, 2, count)
+    residual_m, sigma_m = rng.normal(0.0, 1.0, count), np.ones(count)
+    used = rng.random(count) > left_out
+    residual_m[~used] *= 40.0
+    given = Labels.coded(["used"], np.zeros(count, dtype=int))
+    return Residuals(
+        Epochs.from_jd(2459185.5, np.sort(rng.random(count)), "UTC"),
+        Labels.coded(["KASHI"], np.zeros(count, dtype=int)),
+        Labels(np.zeros(count, dtype=np.int32), KINDS),
+        Labels.coded(PATHS, codes),
+        np.full(count, 7.5e8),
+        residual_m,
+        sigma_m,
+        np.full(count, 30.0),
+        Outcome(used, given, residual_m, sigma_m, 1.0),
+    )
+
+
+def dates_of(count):
+    return np.datetime64("2020-12-01", "ms") + np.sort(np.random.default_rng(1).integers(0, 86400000, count))
+
+
+def test_bars_reach_from_the_lowest_to_the_highest_of_each_span():
+    dates, values = dates_of(20000), np.random.default_rng(2).normal(3.0, 1.0, 20000)
+    values[777], values[15000] = 50.0, -40.0
+    dates = np.delete(dates, slice(5000, 7000))  # nothing is drawn where nothing was
+    values = np.delete(values, slice(5000, 7000))
+    limits = dates.min(), dates.max()
+    axes = new_figure(8.0, 3.0).subplots()
+    draw_spans(axes, dates, values, limits, color="k", label="x")
+    reach, spread = (np.array(bars.get_segments()) for bars in axes.collections)
+    span = span_of(dates, limits)
+    assert len(reach) == len(np.unique(span)) < SPANS
+    for bar, dark, number in zip(reach, spread, np.unique(span), strict=True):
+        mine = values[span == number]
+        assert (bar[0, 1], bar[1, 1]) == (mine.min(), mine.max())
+        assert dark[:, 1] == pytest.approx([mine.mean() - mine.std(), mine.mean() + mine.std()], abs=1e-9)
+    assert (reach[:, 0, 1].min(), reach[:, 1, 1].max()) == (-40.0, 50.0)
+
+
+def test_outermost_points_of_each_span_stay():
+    dates, values = dates_of(50000), np.random.default_rng(3).normal(0.0, 1.0, 50000)
+    limits = dates.min(), dates.max()
+    kept = outermost(dates, values, limits)
+    assert len(kept) <= 2 * SPANS
+    span = span_of(dates, limits)
+    for number in range(0, SPANS, 37):
+        mine = values[span == number]
+        shown = values[kept[span[kept] == number]]
+        assert {mine.min(), mine.max()} == set(shown)
+    np.testing.assert_array_equal(outermost(dates[:300], values[:300], limits), np.arange(300))
+
+
+def test_one_instant_is_one_span():
+    same = np.full(6000, np.datetime64("2020-12-01", "ms"))
+    assert set(span_of(same, (same[0], same[0]))) == {0}
+
+
+@pytest.mark.parametrize("plot", [plot_residuals, plot_links])
+def test_many_points_are_quick_and_said_to_be_bars(plot, tmp_path):
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        start = time.perf_counter()
+        figure = plot(residuals(200_000), "t")
+        save_figure(figure, tmp_path / "a.png")
+        save_figure(figure, tmp_path / "a.svg")
+    # About 1 s; the limit leaves room for a busy machine.
+    assert time.perf_counter() - start < 15.0
+    assert (tmp_path / "a.svg").stat().st_size < 2e6
+    assert CROWD_NOTE in figure._supxlabel.get_text()
+    few = plot(residuals(MOST_POINTS // 4), "t")
+    assert few._supxlabel is None or CROWD_NOTE not in few._supxlabel.get_text()

@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,7 +84,7 @@ class EquipmentDelays:
     """
 
     transponder_s: float | None = None
-    stations: Mapping[str, StationDelay] = field(default_factory=lambda: MappingProxyType({}))
+    stations: Mapping[str, StationDelay] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         _require_delay("transponder_delay_s", self.transponder_s)
@@ -109,7 +108,7 @@ class EquipmentDelays:
                     f"station_delay_s: {name} is another name of {station}, which has its delays"
                 )
             found[station] = delay
-        return EquipmentDelays(self.transponder_s, MappingProxyType(found))
+        return EquipmentDelays(self.transponder_s, found)
 
     def on_paths(
         self,

@@ -1,6 +1,7 @@
 """Delays of stations and transponder: what they do to each kind of observation and to what its tag means."""
 
 import dataclasses
+import pickle
 
 import numpy as np
 import pytest
@@ -138,3 +139,9 @@ def test_air_delays_by_the_time_that_its_own_frame_has(plain, path):
     sign = -1.0 if differenced else 1.0
     assert high.sum() > 5
     assert np.abs(seen_m - (sign * up.media_m + down.media_m))[high].max() < 1.5e-4
+
+
+def test_delays_go_to_other_processes():
+    delays = EquipmentDelays(HOLD_S, STATIONS)
+    assert pickle.loads(pickle.dumps(delays)) == delays
+    assert pickle.loads(pickle.dumps(EquipmentDelays())) == EquipmentDelays()

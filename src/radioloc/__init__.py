@@ -23,6 +23,8 @@ from radioloc.estimation import Solution
 from radioloc.io.detect import read_observations
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
+from radioloc.measurements.evaluation import prepare_arc
+from radioloc.measurements.interpolated_arc import InterpolatedArc
 from radioloc.measurements.observations import Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS, active_terms
@@ -58,6 +60,7 @@ __all__ = [
     "FileFormatError",
     "HeightPrior",
     "InputError",
+    "InterpolatedArc",
     "KernelError",
     "Link",
     "LunarPosition",
@@ -88,6 +91,7 @@ __all__ = [
     "plot_links",
     "plot_position",
     "plot_residuals",
+    "prepare_arc",
     "read_observations",
     "read_study",
     "residuals",

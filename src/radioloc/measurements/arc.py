@@ -14,6 +14,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.ephemeris import Trajectory
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
@@ -87,6 +88,11 @@ class Arc(Protocol):
     @property
     def observations(self) -> Observations:
         """What is predicted."""
+        ...
+
+    @property
+    def trajectory(self) -> Trajectory | None:
+        """The target's, if it is a spacecraft and no point fixed to the Moon."""
         ...
 
     @property

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.measurements.arc import Arc
 from radioloc.measurements.dense_series import DenseSeries
@@ -25,6 +26,7 @@ def prepare_arc(
     observations: Observations,
     approximate_pa_m: NDArray[np.float64],
     evaluation: str = "auto",
+    trajectory: Trajectory | None = None,
 ) -> Arc:
     """Prepare the observations of one arc for predictions.
 
@@ -39,11 +41,14 @@ def prepare_arc(
         ``"exact"`` computes every observation by itself; ``"interpolated"`` interpolates series wherever that takes
         less computing, within 0.09 mm of the exact values; ``"auto"`` does so from some thousand observations on, if
         most of them belong to dense series.
+    trajectory : Trajectory, optional
+        The target's, if it is a spacecraft; its observations are computed by themselves, as it can go behind the Moon
+        between any two nodes.
 
     Raises
     ------
     InputError
-        There is no such evaluation.
+        There is no such evaluation, or none of a trajectory.
     StationError
         A station is not in the catalogue; the message names the file and line.
     CoverageError
@@ -51,8 +56,11 @@ def prepare_arc(
     """
     if evaluation not in EVALUATIONS:
         raise InputError(f"evaluation {evaluation!r} is not one of {', '.join(EVALUATIONS)}")
-    if evaluation == "exact" or (evaluation == "auto" and len(observations) < _MANY):
-        return TrackingArc(model, observations, approximate_pa_m)
+    if trajectory is not None and evaluation == "interpolated":
+        raise InputError('the tracking of a spacecraft is not interpolated; evaluation is "exact" or "auto"')
+    sparse = len(observations) < _MANY
+    if evaluation == "exact" or trajectory is not None or (evaluation == "auto" and sparse):
+        return TrackingArc(model, observations, approximate_pa_m, trajectory)
     series = DenseSeries(model, observations)
     if evaluation == "auto":
         segments = series.segments()

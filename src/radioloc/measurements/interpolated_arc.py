@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import PredictedEopWarning
 from radioloc.measurements.arc import Computed, table_of_terms
 from radioloc.measurements.dense_series import (
@@ -80,6 +81,8 @@ class InterpolatedArc:
     segment. A segment is accepted if it is four times as good at its check points and its last two Chebyshev
     coefficients are as small; docs/architecture.md derives the bound.
     """
+
+    trajectory: Trajectory | None = None
 
     def __init__(
         self,

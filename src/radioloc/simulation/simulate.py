@@ -13,9 +13,9 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.evaluation import prepare_arc
 from radioloc.measurements.observations import KINDS, RANGE, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.simulation.noise import NoiseModel
 from radioloc.simulation.schedule import Plan, Schedule
 from radioloc.simulation.truth import Truth
@@ -213,7 +213,7 @@ def _computed_m(
     trajectory: Trajectory | None,
 ) -> NDArray[np.float64]:
     """Prediction of the observations, refused where the model does not hold."""
-    computed = TrackingArc(world, observations, target_pa_m, trajectory).compute(target_pa_m)
+    computed = prepare_arc(world, observations, target_pa_m, trajectory=trajectory).compute(target_pa_m)
     wrong = np.flatnonzero(computed.problem != "")
     if len(wrong):
         row = int(wrong[0])

@@ -28,8 +28,11 @@ from radioloc.io.tdm_agreement import LightTime
 from radioloc.kernels import sha256_of
 from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.arc import Arc
 from radioloc.measurements.electron_content import ElectronContent, UniformTec
+from radioloc.measurements.evaluation import prepare_arc
 from radioloc.measurements.gravitational_delay import PLANETS_MM
+from radioloc.measurements.interpolated_arc import InterpolatedArc
 from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel, kernel_record
 from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
@@ -75,7 +78,7 @@ def residuals(study: Study, observations: Observations | None = None) -> Solutio
     return _solve(study, observations, None)
 
 
-def arc_of(study: Study, observations: Observations | None = None) -> tuple[TrackingArc, NDArray[np.float64]]:
+def arc_of(study: Study, observations: Observations | None = None) -> tuple[Arc, NDArray[np.float64]]:
     """The prepared arc of a study and its a-priori position in principal axes, for predictions and tables of terms.
 
     Parameters and errors as :func:`locate`.
@@ -84,9 +87,7 @@ def arc_of(study: Study, observations: Observations | None = None) -> tuple[Trac
     return arc, _start_pa_m(_target_in_pa(study, arc.model.ephemeris.constants))
 
 
-def prepared_arc(
-    study: Study, observations: Observations | None = None
-) -> tuple[TrackingArc, dict[str, int]]:
+def prepared_arc(study: Study, observations: Observations | None = None) -> tuple[Arc, dict[str, int]]:
     """The prepared arc of a study, and how many observations were not asked for, by reason.
 
     Parameters and errors as :func:`locate`.
@@ -108,16 +109,14 @@ def _solve(study: Study, given: Observations | None, estimate: EstimateChoice | 
     return fit_arc(study, arc, left_out, estimate)
 
 
-def fit_arc(
-    study: Study, arc: TrackingArc, left_out: dict[str, int], estimate: EstimateChoice | None
-) -> Solution:
+def fit_arc(study: Study, arc: Arc, left_out: dict[str, int], estimate: EstimateChoice | None) -> Solution:
     """Fit an arc that has been prepared already.
 
     Parameters
     ----------
     study : Study
         Its observations and kernels are those of the arc.
-    arc : TrackingArc
+    arc : Arc
     left_out : dict of str to int
         How many observations the arc leaves out, by reason.
     estimate : EstimateChoice or None
@@ -161,7 +160,8 @@ def fit_arc(
         notes=_doubts(fitted, arc.observations)
         + _weights_note(study.observations.weights)
         + _notes(model, arc, left_out, estimate),
-        provenance=_provenance(study, model, observations, left_out, estimate),
+        provenance=_provenance(study, model, observations, left_out, estimate)
+        | {"evaluation": _evaluation_record(arc, lander_pa_m)},
         trajectory=None if arc.trajectory is None else str(arc.trajectory),
     )
 
@@ -257,10 +257,10 @@ def _light_time_to(study: Study, model: PhysicalModel, target_pa: LunarPosition 
 
 def _arc(
     study: Study, model: PhysicalModel, observations: Observations, target_pa: LunarPosition | None
-) -> TrackingArc:
+) -> Arc:
     start_pa_m, trajectory = _start_pa_m(target_pa), _trajectory(study)
     try:
-        return TrackingArc(model, observations, start_pa_m, trajectory)
+        return prepare_arc(model, observations, start_pa_m, study.model.evaluation, trajectory)
     except CoverageError:
         # The kernel or table does not know the files: say which observation lies outside, the first or the last.
         order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
@@ -273,14 +273,14 @@ def _arc(
         raise
 
 
-def _blocks(arc: TrackingArc) -> Iterator[NDArray[np.intp]]:
+def _blocks(arc: Arc) -> Iterator[NDArray[np.intp]]:
     """Rows of an arc, some ten thousand at a time."""
     n = len(arc.observations)
     for start in range(0, n, ROWS_AT_ONCE):
         yield np.arange(start, min(start + ROWS_AT_ONCE, n))
 
 
-def _elevation_deg(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _elevation_deg(arc: Arc, lander_pa_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Lower of the stations' elevations, deg, shape (n,)."""
     at = arc.at(lander_pa_m)
     elevation_deg = np.empty(len(arc.observations))
@@ -290,7 +290,7 @@ def _elevation_deg(arc: TrackingArc, lander_pa_m: NDArray[np.float64]) -> NDArra
     return elevation_deg
 
 
-def status_of(arc: TrackingArc, target_pa: LunarPosition | None) -> Labels:
+def status_of(arc: Arc, target_pa: LunarPosition | None) -> Labels:
     """Which observations can be used at all, seen from the a-priori position, and why others cannot."""
     start_pa_m = _start_pa_m(target_pa)
     at, model = arc.at(start_pa_m), arc.model
@@ -357,7 +357,7 @@ def _weights_note(weights: tuple[Weight, ...]) -> list[str]:
 
 
 def _notes(
-    model: PhysicalModel, arc: TrackingArc, left_out: dict[str, int], estimate: EstimateChoice | None
+    model: PhysicalModel, arc: Arc, left_out: dict[str, int], estimate: EstimateChoice | None
 ) -> list[str]:
     """What a reader of the result must know about the model and the data."""
     notes = [f"{_count(count)} not asked for: {reason}" for reason, count in left_out.items()]
@@ -461,6 +461,13 @@ def _provenance(
         },
         **model.provenance(),
     }
+
+
+def _evaluation_record(arc: Arc, lander_pa_m: NDArray[np.float64]) -> dict[str, Any]:
+    """How the observations were computed and, where they were interpolated, how well that agrees with the model."""
+    if isinstance(arc, InterpolatedArc):
+        return {"kind": "interpolated", **asdict(arc.check(lander_pa_m))}
+    return {"kind": "exact"}
 
 
 def _troposphere_record(choice: ModelChoice) -> dict[str, Any]:

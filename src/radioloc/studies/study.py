@@ -20,6 +20,7 @@ from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.electron_content import UniformTec
 from radioloc.measurements.equipment_delays import EquipmentDelays
+from radioloc.measurements.evaluation import EVALUATIONS
 from radioloc.measurements.terms import active_terms
 from radioloc.simulation.scenario import Scenario
 from radioloc.studies.weights import Weight
@@ -304,11 +305,13 @@ class ModelChoice:
         The grid of GPT3, for stations of which VMF3 has nothing, or for all.
     delays : EquipmentDelays
         Delays of transponder and stations that the observations contain.
+    evaluation : {"auto", "exact", "interpolated"}
+        Whether dense series are interpolated: :func:`~radioloc.measurements.evaluation.prepare_arc`.
 
     Raises
     ------
     InputError
-        A term is not one of the model.
+        A term is not one of the model, or there is no such evaluation.
     """
 
     terms: frozenset[str] = field(default_factory=active_terms)
@@ -321,8 +324,11 @@ class ModelChoice:
     vmf3_orography: Path | None = None
     gpt3: Path | None = None
     delays: EquipmentDelays = field(default_factory=EquipmentDelays)
+    evaluation: str = "auto"
 
     def __post_init__(self) -> None:
+        if self.evaluation not in EVALUATIONS:
+            raise InputError(f"evaluation is {self.evaluation!r}; use one of {', '.join(EVALUATIONS)}")
         terms = frozenset(_names("terms", self.terms))
         active_terms(terms)  # knows every name, or says which it does not
         object.__setattr__(self, "terms", terms)

@@ -309,6 +309,7 @@ def _model(table: TomlTable, folder: Path, catalogue: StationCatalogue) -> Model
     maps, tec_tecu = _files(table, "ionex", folder), table.number("tec_tecu")
     vmf3, orography, gpt3 = (_files(table, key, folder) for key in ("vmf3", "vmf3_orography", "gpt3"))
     transponder_s, by_station = table.number("transponder_delay_s"), table.table("station_delay_s")
+    evaluation = table.text("evaluation") or "auto"
     table.finish()
     for key, found in (("vmf3_orography", orography), ("gpt3", gpt3)):
         if len(found) > 1:
@@ -334,6 +335,7 @@ def _model(table: TomlTable, folder: Path, catalogue: StationCatalogue) -> Model
         vmf3_orography=orography[0] if orography else None,
         gpt3=gpt3[0] if gpt3 else None,
         delays=delays,
+        evaluation=evaluation,
         **fields,
     )
 

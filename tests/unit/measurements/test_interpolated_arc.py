@@ -274,7 +274,7 @@ def test_far_from_where_it_was_prepared(model):
     arc = InterpolatedArc(model, table, APOLLO15_PA_M)
     before = arc.compute(APOLLO15_PA_M)
     for away_m in ([3e3, -2e3, 1e3], [-2e5, 1e5, 3e5]):
-        assert_agree(arc, APOLLO15_PA_M + away_m)
+        assert_agree(arc, APOLLO15_PA_M + np.array(away_m))
     other_side_m = np.array([-1.0, 1.0, 1.0]) * APOLLO15_PA_M
     assert_agree(arc, other_side_m)
     same(arc.compute(APOLLO15_PA_M), before, atol=SAME_M)

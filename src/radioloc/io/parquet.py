@@ -32,7 +32,7 @@ from radioloc.estimation.labels import Labels
 from radioloc.io.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
 from radioloc.io.names import Catalogue
 from radioloc.io.table import checked_observations, require_columns, table_columns
-from radioloc.io.table_rows import CODED_TEXTS, OPTIONAL_NUMBERS, column_name, text_code
+from radioloc.io.table_rows import CODED_TEXTS, OPTIONAL_NUMBERS, column_name, joined_columns, text_code
 from radioloc.measurements.observations import Link, Observations
 from radioloc.text_files import replaced_file
 from radioloc.time import Epochs
@@ -150,12 +150,7 @@ class _Reader:
     def columns(self) -> dict[str, Any]:
         if not self._rows:
             raise FileFormatError(self._path, "has columns, but no observations")
-        whole: dict[str, Any] = {}
-        while self._parts:
-            name, parts = self._parts.popitem()
-            whole[name] = np.concatenate(parts)
-        whole["epoch"] = Epochs(whole.pop("jd"), whole.pop("fraction"), "UTC")
-        return whole | {"links": tuple(self._links)}
+        return joined_columns(self._parts) | {"links": tuple(self._links)}
 
     def _fail(self, name: str, row: int, problem: str) -> NoReturn:
         raise FileFormatError(self._path, f"{name}: {problem}", self._rows + row + 1)

@@ -109,12 +109,7 @@ class RowReader:
         """
         if not self._parts:
             raise FileFormatError(self._path, "has a header, but no observations")
-        whole: dict[str, Any] = {}
-        while self._parts:
-            name, parts = self._parts.popitem()
-            whole[name] = np.concatenate(parts)
-        whole["epoch"] = Epochs(whole.pop("jd"), whole.pop("fraction"), "UTC")
-        return whole | {"links": tuple(self._links)}
+        return joined_columns(self._parts) | {"links": tuple(self._links)}
 
     def _in_bulk(self, text: bytes) -> dict[str, NDArray[Any]]:
         """Columns of plain rows; :class:`ValueError` where a row is not plain or not right."""
@@ -177,6 +172,17 @@ class RowReader:
 
     def _code(self, name: str, text: str) -> int:
         return text_code(name, text, self._links, self._catalogue)
+
+
+def joined_columns(parts: dict[str, list[NDArray[Any]]]) -> dict[str, Any]:
+    """Columns of all blocks together, read-only; the parts are given up one by one, so that few are there twice."""
+    whole: dict[str, Any] = {}
+    while parts:
+        name, arrays = parts.popitem()
+        whole[name] = np.concatenate(arrays)
+        whole[name].flags.writeable = False
+    whole["epoch"] = Epochs(whole.pop("jd"), whole.pop("fraction"), "UTC")
+    return whole
 
 
 def column_name(name: str) -> str:

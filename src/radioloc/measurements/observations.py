@@ -392,8 +392,10 @@ class Observations:
 
 
 def _column(name: str, values: ArrayLike, n: int, dtype: Any = np.float64) -> Any:
-    """Copy of a column as a read-only contiguous array of n values."""
+    """A column as a read-only contiguous array of n values: a copy, unless it is one that nobody else can write to."""
     array = np.asarray(values, dtype=dtype)
+    if array is values and array.shape == (n,) and array.flags.owndata and not array.flags.writeable:
+        return array
     if array.shape not in ((), (n,)):
         raise InputError(f"{name} has shape {array.shape}; {n} epochs need one value or {n}")
     out = np.empty(n, dtype=dtype)

@@ -2,18 +2,24 @@
 
 from __future__ import annotations
 
+import itertools
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Solution
-from radioloc.io.dates import utc_to_text
+from radioloc.io.csv_columns import Cells, fixed_cells, lines_of, text_cells
+from radioloc.io.dates import utc_cells
 from radioloc.io.solution_files import write_json, write_residuals
+from radioloc.measurements.observations import KINDS
 from radioloc.studies.locate import arc_of
 from radioloc.studies.study import Study
-from radioloc.text_files import write_text
+from radioloc.text_files import write_blocks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -90,12 +96,20 @@ def write_terms(study: Study, solution: Solution, folder: str | Path) -> Path:
     terms = arc.terms(solution.position_pa_m)
     path = made_folder(folder) / "terms.csv"
     rows = arc.observations
-    columns = (utc_to_text(rows.epoch), rows.types(), rows.paths())
-    numbers = (np.char.mod("%.6f", values) for values in terms.values())
-    lines = [",".join(["epoch_utc", "type", "path", *(f"{name}_m" for name in terms)])]
-    lines += [",".join(row) for row in zip(*columns, *numbers, strict=True)]
-    write_text(path, "\n".join(lines) + "\n")
+    paths = Labels(rows.link, tuple(link.path for link in rows.links))
+    columns: list[Callable[[slice], Cells]] = [
+        lambda chosen: utc_cells(rows.epoch[chosen]),
+        lambda chosen: text_cells(np.array(KINDS)[rows.kind[chosen]]),
+        lambda chosen: text_cells(paths[chosen]),
+        *(_six_decimals(values) for values in terms.values()),
+    ]
+    header = ",".join(["epoch_utc", "type", "path", *(f"{name}_m" for name in terms)])
+    write_blocks(path, itertools.chain([f"{header}\n".encode()], lines_of(columns, len(rows))))
     return path
+
+
+def _six_decimals(values: NDArray[np.float64]) -> Callable[[slice], Cells]:
+    return lambda chosen: fixed_cells(values[chosen], 6)
 
 
 def _write_plots(solution: Solution, folder: Path) -> list[Path]:

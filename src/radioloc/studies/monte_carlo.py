@@ -23,7 +23,7 @@ from radioloc.studies.study import Study
 from radioloc.studies.trial_files import TrialFolder, refuse_other_study, study_record
 from radioloc.studies.trials import FullTrials, LinearTrials, Prepared
 from radioloc.studies.trials_summary import ArcSummary, summarize
-from radioloc.studies.workers import Job, run_chunks
+from radioloc.studies.workers import Job, require_workers, run_chunks
 
 logger = logging.getLogger(__name__)
 
@@ -245,6 +245,7 @@ def monte_carlo(
     generator(seed, "")  # refuses what is no seed
     if isinstance(trials, bool) or not isinstance(trials, int) or trials < 1:
         raise InputError(f"trials is {trials!r}; give a whole number above zero")
+    require_workers(workers, client)
     if resume and out is None:
         raise InputError("to resume needs the folder of the trials; give it as out")
     record = study_record(study, lengths, seed)

@@ -52,10 +52,9 @@ def run_chunks(
     Raises
     ------
     InputError
-        The number of workers is not a whole number above zero, or the client is none.
+        As :func:`require_workers`.
     """
-    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
-        raise InputError(f"workers is {workers!r}; give a whole number above zero")
+    require_workers(workers, client)
     if client is not None:
         yield from _on_cluster(job, seed, chunks, client)
     elif workers == 1 or len(chunks) < 2:
@@ -63,6 +62,26 @@ def run_chunks(
             yield chunk, job.run(seed, chunk)
     else:
         yield from _in_pool(job, seed, chunks, min(workers, len(chunks)))
+
+
+def require_workers(workers: int, client: Any) -> None:
+    """Refuse what cannot run anything.
+
+    Raises
+    ------
+    InputError
+        The number of workers is not a whole number above zero, or the client is none of Dask's.
+    """
+    if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
+        raise InputError(f"workers is {workers!r}; give a whole number above zero")
+    if client is None:
+        return
+    try:
+        import distributed
+    except ImportError as error:
+        raise InputError("a Dask cluster needs distributed: pip install 'radioloc[dask]'") from error
+    if not isinstance(client, distributed.Client):
+        raise InputError(f"client is {client!r}; give a distributed.Client, or workers for processes")
 
 
 def _in_pool(
@@ -84,12 +103,8 @@ def _in_pool(
 def _on_cluster(
     job: Job, seed: int, chunks: Sequence[Chunk], client: Any
 ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
-    try:
-        import distributed
-    except ImportError as error:
-        raise InputError("a Dask cluster needs distributed: pip install 'radioloc[dask]'") from error
-    if not isinstance(client, distributed.Client):
-        raise InputError(f"client is {client!r}; give a distributed.Client, or workers for processes")
+    import distributed
+
     there = client.scatter(job, broadcast=True)
     futures = {client.submit(_run, there, seed, chunk, pure=False): chunk for chunk in chunks}
     try:

@@ -44,6 +44,7 @@ def card_fields(solution: Solution) -> tuple[CardField, ...]:
     fields += [CardField("from", _variance_sources(solution))] if solution.position_estimated else []
     fields += [CardField("reference", _reference(solution.reference))] if solution.reference else []
     fields += [_other_parameters(solution)] if _others(solution) else []
+    fields += [CardField("held", held)] if (held := _held(solution)) else []
     fields += [CardField("passes", passes)] if (passes := _passes(solution)) else []
     fields += [CardField("data", _data(solution)), CardField("fit", _fit(solution)), _groups(solution)]
     fields += [CardField("left out", _left_out(solution))] if solution.fit.total.rejected else []
@@ -187,12 +188,21 @@ def _reference(reference: ReferenceComparison) -> tuple[str, ...]:
     return (line,)
 
 
-def _others(solution: Solution) -> list[int]:
-    """Parameters beside the position: those that are solved for, then those that are held."""
+def _others(solution: Solution, *, held: bool = False) -> list[int]:
+    """Parameters beside the position: those that are solved for, or those that are held."""
     free = solution.parameters.free
     involved = (solution.position_partials != 0.0).any(axis=0)
-    others = [k for k, item in enumerate(solution.parameters) if item.kind != "position" and not involved[k]]
-    return [k for k in others if free[k]] + [k for k in others if not free[k]]
+    return [
+        k
+        for k, item in enumerate(solution.parameters)
+        if item.kind != "position" and not involved[k] and free[k] != held
+    ]
+
+
+def _held(solution: Solution) -> tuple[str, ...]:
+    """Values that were given and not estimated."""
+    items = [solution.parameters.parameters[k] for k in _others(solution, held=True)]
+    return (", ".join(f"{item.name} {item.prior_value:.6g} {item.unit}" for item in items),) if items else ()
 
 
 def _other_parameters(solution: Solution) -> CardField:
@@ -204,7 +214,6 @@ def _other_parameters(solution: Solution) -> CardField:
         prior = (
             "free" if math.isinf(item.prior_sigma) else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
         )
-        prior = "held" if item.fixed else prior
         sigma = f"{sigmas[k]:.3g}" if math.isfinite(sigmas[k]) else "undetermined"
         rows.append((item.name, f"{solution.values[k]:.6g}", sigma, item.unit, prior))
     lines = (f"{len(others) - _MAX_ROWS} more are not shown",) if len(others) > _MAX_ROWS else ()

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import platform
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -42,7 +42,7 @@ from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study, TerrainPrior
-from radioloc.studies.weights import Weight, weighted_observations
+from radioloc.studies.weights import Weight, require_stations, weighted_observations
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
 
 _DOUBTFUL_EXCESS = 20.0
@@ -239,6 +239,10 @@ def _observations(
             study.observations.files, catalogue=study.catalogue, tdm=tdm, lunar=_trajectory(study) is None
         )
     chosen, left_out = select_observations(observations, study.observations, study.catalogue)
+    for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m"):
+        given = getattr(study.observations, key)
+        if isinstance(given, Mapping):
+            require_stations(chosen, key, given, study.catalogue)
     return weighted_observations(chosen, study.observations.weights, study.catalogue), left_out
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, StationError
-from radioloc.measurements.observations import KINDS, Observations
+from radioloc.measurements.observations import KINDS, Link, Observations
 
 
 @dataclass(frozen=True, slots=True)
@@ -130,6 +130,24 @@ def weighted_observations(
     return replace(observations, sigma_m=sigma_m)
 
 
+def require_stations(
+    observations: Observations, key: str, names: Iterable[str], catalogue: StationCatalogue
+) -> None:
+    """Raise :class:`InputError` where a station that a key gives a noise is unknown or in no observation."""
+    present = {
+        _name(catalogue, name) for link in _links(observations) for name in (link.transmitter, link.receiver)
+    }
+    for name in names:
+        try:
+            known = catalogue.get(name).name
+        except StationError as error:
+            raise StationError(f"[observations] {key}: {error}") from None
+        if known not in present:
+            raise InputError(
+                f"[observations] {key}: no observation by {name}; the observations are of {_present(observations)}"
+            )
+
+
 def _rows(observations: Observations, weight: Weight, catalogue: StationCatalogue) -> NDArray[np.bool_]:
     rows = np.ones(len(observations), dtype=bool)
     if weight.type is not None:
@@ -153,6 +171,9 @@ def _name(catalogue: StationCatalogue, name: str) -> str:
 
 def _present(observations: Observations) -> str:
     kinds = ", ".join(KINDS[k] for k in np.unique(observations.kind))
-    links = [observations.links[k] for k in np.unique(observations.link)]
-    stations = sorted({name for link in links for name in (link.transmitter, link.receiver)})
+    stations = sorted({name for link in _links(observations) for name in (link.transmitter, link.receiver)})
     return f"{kinds} by {', '.join(stations)}"
+
+
+def _links(observations: Observations) -> list[Link]:
+    return [observations.links[k] for k in np.unique(observations.link)]

@@ -12,7 +12,7 @@ from radioloc import InputError, Link, ObservationChoice, Observations
 from radioloc.earth.stations import StationCatalogue
 from radioloc.measurements.observations import KINDS
 from radioloc.studies.station_noise import stated_noise
-from radioloc.studies.weights import Weight, weighted_observations
+from radioloc.studies.weights import Weight, require_stations, weighted_observations
 from radioloc.time import Epochs
 
 ROOT = Path(__file__).resolve().parents[3]
@@ -114,6 +114,16 @@ def test_sigmas_of_vlbi_stations_by_name():
         stated_noise(arc, ObservationChoice(vlbi_station_sigma_m={"ATLANTIS": 1.0}))
     with pytest.raises(InputError, match=r"vlbi_station_sigma_m\.URUMQI must not be negative"):
         ObservationChoice(vlbi_station_sigma_m={"URUMQI": -1.0})
+
+
+def test_a_noise_of_a_station_without_observations_is_an_error():
+    require_stations(observations(), "vlbi_station_sigma_m", ["SESHAN25", "KASHI"], CATALOGUE)
+    with pytest.raises(
+        InputError, match=r"vlbi_station_sigma_m: no observation by URUMQI; .* by JIAMUSI, KASHI"
+    ):
+        require_stations(observations(), "vlbi_station_sigma_m", ["URUMQI"], CATALOGUE)
+    with pytest.raises(InputError, match=r"vlbi_station_sigma_m: .*ATLANTIS"):
+        require_stations(observations(), "vlbi_station_sigma_m", ["ATLANTIS"], CATALOGUE)
 
 
 def test_from_the_study_file_to_card_and_provenance(tmp_path):

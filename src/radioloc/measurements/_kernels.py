@@ -104,18 +104,3 @@ def quantities(
                     out[q, rows[start + j]] = at_t[j]
             start += m
             ends[s] = 0
-
-
-@numba.njit(nogil=True, cache=True)
-def first_quantity(
-    segment: NDArray[np.int32], x: Floats, coefficients: Floats, out: Floats, begin: int, end: int
-) -> None:
-    """Evaluate the first quantity alone; parameters as :func:`quantities`, but `out` of shape (n,)."""
-    for i in range(begin, end):
-        s = segment[i]
-        if s > EXACT:
-            t = x[i]
-            total = coefficients[s, 0, 0]
-            for k in range(1, coefficients.shape[2]):
-                total = total * t + coefficients[s, 0, k]
-            out[i] = total

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -120,14 +121,15 @@ class InterpolatedArc:
         # A segment was refused whose nodes do not all agree in this.
         if self._net is not None:
             out[smooth] = self._net.predicted_eop[self._segment[smooth]]
-        if self._exact is not None:
-            out[~smooth] = self._exact.predicted_eop[-1 - self._segment[~smooth]]
+        if self._computed is not None:
+            of_exact = self._computed.predicted_eop[len(self._computed.observations) - self._n_exact :]
+            out[~smooth] = of_exact[-1 - self._segment[~smooth]]
         return out
 
     @property
     def accuracy(self) -> InterpolationAccuracy:
         """Agreement with the model at the check points, at the position at which it was checked last."""
-        exact = 0 if self._exact is None else len(self._exact.observations)
+        exact = self._n_exact
         interpolated = len(self.observations) - exact
         if self._net is None:
             return InterpolationAccuracy(0.0, 0.0, 0.0, 0.0, interpolated, exact, 0, 0)
@@ -172,10 +174,13 @@ class InterpolatedArc:
         """
         if np.linalg.norm(lander_pa_m - self._checked_pa_m) > CHECKED_WITHIN_M:
             self.check(lander_pa_m)
-        exact = None if self._exact is None else self._exact.compute(lander_pa_m)
-        coefficients, problem = np.zeros((0, WIDTH, MOST)), np.zeros(0, dtype="<U1")
-        if self._net is not None:
-            coefficients, problem = self._net.polynomials(lander_pa_m)
+        coefficients, problem, exact = np.zeros((0, WIDTH, MOST)), np.zeros(0, dtype="<U1"), None
+        if self._computed is not None:
+            computed = self._computed.compute(lander_pa_m)
+            n_nodes = len(computed.value_m) - self._n_exact
+            exact = computed.rows(slice(n_nodes, None))
+            if self._net is not None:
+                coefficients, problem = self._net.polynomials(computed.rows(slice(0, n_nodes)))
         return InterpolatedPrediction(self._segment, self._x, coefficients, problem, exact)
 
     def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
@@ -190,17 +195,21 @@ class InterpolatedArc:
         segment = np.atleast_1d(self._segment[which])
         part._x = np.atleast_1d(self._x[which])
         part._segment = segment.copy()
+        nodes = np.zeros(0, dtype=np.intp)
         if self._net is not None:
             kept = np.unique(segment[segment >= 0])
+            nodes = self._net.nodes_of(kept)
             number = np.zeros(len(self._net), dtype=np.int32)
             number[kept] = np.arange(len(kept))
             part._segment[segment >= 0] = number[segment[segment >= 0]]
             part._net = self._net.select(kept) if len(kept) else None
             part._deviation = self._deviation[kept]
-        if self._exact is not None:
-            rows = -1 - segment[segment < 0]
-            part._exact = self._exact.select(rows) if len(rows) else None
-            part._segment[segment < 0] = -1 - np.arange(len(rows))
+        rows = -1 - segment[segment < 0]
+        part._segment[segment < 0] = -1 - np.arange(len(rows))
+        part._n_exact = len(rows)
+        if self._computed is not None:
+            first = len(self._computed.observations) - self._n_exact
+            part._computed = self._computed.select(np.concatenate([nodes, first + rows]))
         return part
 
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
@@ -225,9 +234,12 @@ class InterpolatedArc:
         self._segment, self._x = series.place(accepted)
         rest = np.flatnonzero(self._segment < 0)
         self._segment[rest] = -1 - np.arange(len(rest), dtype=np.int32)
-        self._exact = None
+        # What is computed for each position, at once: the nodes, then what is not interpolated.
+        parts = [] if self._net is None else [self._net.nodes]
         if len(rest):
-            self._exact = TrackingArc(self.model, self.observations.select(rest), lander_pa_m)
+            parts.append(TrackingArc(self.model, self.observations.select(rest), lander_pa_m))
+        self._n_exact = len(rest)
+        self._computed = TrackingArc.concatenate(parts) if parts else None
         self._deviation = np.zeros((0, WIDTH))
         if self._net is not None:
             self._deviation = self._net.compare(lander_pa_m).deviation
@@ -258,23 +270,26 @@ class InterpolatedPrediction:
         problem: NDArray[np.str_],
         exact: Computed | None,
     ) -> None:
-        from radioloc.measurements._kernels import first_quantity
-
         self._segment, self._x = segment, x
-        self._coefficients, self._problem, self._exact = coefficients, problem, exact
-        self.value_m = np.empty(len(segment))
-        _in_threads(first_quantity, segment, x, coefficients, self.value_m)
-        if exact is not None:
-            few = np.flatnonzero(segment < 0)
-            self.value_m[few] = exact.value_m[-1 - segment[few]]
+        self._coefficients, self._problem = coefficients, problem
+        self._troubled = bool((problem != "").any())
+        self._exact = exact if exact is not None and len(exact.value_m) else None
+
+    @cached_property
+    def value_m(self) -> NDArray[np.float64]:
+        """Range, delay or growth of the range of every observation, m, shape (n,)."""
+        out = np.empty((1, len(self._segment)))
+        _in_threads(self._segment, self._x, np.ascontiguousarray(self._coefficients[:, :1]), out)
+        if self._exact is not None:
+            few = np.flatnonzero(self._segment < 0)
+            out[0, few] = self._exact.value_m[-1 - self._segment[few]]
+        return np.asarray(out[0])
 
     def rows(self, which: Any) -> Computed:
         """Values and partials of the rows chosen by a mask, a slice or indices, in that order."""
-        from radioloc.measurements._kernels import quantities
-
         segment = np.ascontiguousarray(self._segment[which])
         out = np.empty((WIDTH, len(segment)))
-        _in_threads(quantities, segment, np.ascontiguousarray(self._x[which]), self._coefficients, out)
+        _in_threads(segment, np.ascontiguousarray(self._x[which]), self._coefficients, out)
         computed = Computed(**columns_of(out), problem=self._problems(segment, out[ELEVATION]))
         if self._exact is not None:
             few = np.flatnonzero(segment < 0)
@@ -285,29 +300,25 @@ class InterpolatedPrediction:
 
     def _problems(self, segment: NDArray[np.int32], elevation_rad: NDArray[np.float64]) -> NDArray[np.str_]:
         """Texts only where there are problems; an elevation in them is the observation's own."""
-        smooth = np.flatnonzero(self._problem != "") if len(self._problem) else self._segment[:0]
-        exact = self._exact is not None and bool((self._exact.problem != "").any())
-        if not len(smooth) and not exact:
+        smooth, few = np.flatnonzero(segment >= 0), np.flatnonzero(segment < 0)
+        texts = self._problem[segment[smooth]] if self._troubled else self._problem[:0]
+        smooth = smooth[texts != ""] if self._troubled else smooth[:0]
+        texts = texts[texts != ""]
+        exact = self._exact.problem[-1 - segment[few]] if self._exact is not None else self._problem[:0]
+        few, exact = few[exact != ""], exact[exact != ""]
+        if not len(smooth) and not len(few):
             return np.zeros(len(segment), dtype="<U1")
-        texts = self._problem
-        out = np.zeros(len(segment), dtype=object)
-        out[:] = ""
-        rows = np.flatnonzero(segment >= 0)
-        rows = rows[texts[segment[rows]] != ""]
-        out[rows] = texts[segment[rows]]
-        below = rows[texts[segment[rows]] == BELOW_HORIZON]
+        out = np.zeros(len(segment), dtype=np.result_type(texts, exact, "<U32"))
+        out[smooth], out[few] = texts, exact
+        below = smooth[texts == BELOW_HORIZON]
         # The first station's text comes first, as in the model.
         for station in (1, 0):
             low = below[elevation_rad[station, below] < 0.0]
-            out[low] = with_horizon_problem(out[low].astype(np.str_), elevation_rad[station, low])
-        few = np.flatnonzero(segment < 0)
-        if self._exact is not None:
-            out[few] = self._exact.problem[-1 - segment[few]]
-        return out.astype(np.str_)
+            out[low] = with_horizon_problem(out[low], elevation_rad[station, low])
+        return out
 
 
 def _in_threads(
-    function: Any,
     segment: NDArray[np.int32],
     x: NDArray[np.float64],
     coefficients: NDArray[np.float64],
@@ -316,15 +327,18 @@ def _in_threads(
     """Evaluate all rows, parts of them at the same time; each row's result is the same however they are divided."""
     import numba
 
+    from radioloc.measurements._kernels import quantities
+
     n = len(segment)
     threads = min(int(numba.config.NUMBA_NUM_THREADS), n // _ROWS_OF_A_THREAD)  # type: ignore[attr-defined]
     if threads < 2:
-        function(segment, x, coefficients, out, 0, n)
+        quantities(segment, x, coefficients, out, 0, n)
         return
     bounds = np.linspace(0, n, threads + 1).astype(int).tolist()
     with ThreadPoolExecutor(threads) as pool:
         parts = [
-            pool.submit(function, segment, x, coefficients, out, a, b) for a, b in itertools.pairwise(bounds)
+            pool.submit(quantities, segment, x, coefficients, out, a, b)
+            for a, b in itertools.pairwise(bounds)
         ]
         for part in parts:
             part.result()

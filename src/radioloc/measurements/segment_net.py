@@ -113,24 +113,29 @@ class SegmentNet:
 
     def select(self, which: NDArray[np.intp]) -> SegmentNet:
         """Some of the segments."""
-        first = np.cumsum(self.degree + 1) - (self.degree + 1)
-        rows = [np.arange(first[k], first[k] + self.degree[k] + 1) for k in which]
         checks = which[:, None] * CHECK_POINTS + np.arange(CHECK_POINTS)
         return SegmentNet(
-            self.degree[which], self.nodes.select(np.concatenate(rows)), self.checks.select(checks.ravel())
+            self.degree[which], self.nodes.select(self.nodes_of(which)), self.checks.select(checks.ravel())
         )
+
+    def nodes_of(self, which: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Rows of the nodes of some segments."""
+        first = self._first_nodes()
+        rows = [np.arange(first[k], first[k] + self.degree[k] + 1) for k in which]
+        return np.concatenate([np.zeros(0, dtype=np.intp), *rows])
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
         """Whether each segment rests on predicted Earth orientation, shape (m,)."""
         return self.checks.predicted_eop[::CHECK_POINTS]
 
-    def polynomials(self, lander_pa_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
-        """Coefficients of all quantities, powers descending, and the problem of each segment."""
-        computed = self.nodes.compute(lander_pa_m)
+    def polynomials(self, computed: Computed) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
+        """Coefficients of all quantities, powers descending, and the problem of each segment, of computed nodes."""
         coefficients, _ = self._coefficients(computed)
-        first = np.cumsum(self.degree + 1) - (self.degree + 1)
-        return coefficients, _kinds(computed.problem[first])
+        return coefficients, _kinds(computed.problem[self._first_nodes()])
+
+    def _first_nodes(self) -> NDArray[np.intp]:
+        return np.cumsum(self.degree + 1) - (self.degree + 1)
 
     def compare(self, lander_pa_m: NDArray[np.float64]) -> Comparison:
         """Compare the polynomials with the model at the check points."""
@@ -154,7 +159,7 @@ class SegmentNet:
                 clear = elevation_rad - limit_rad
                 side = np.sign(clear[:, :, :1])
                 good[of_degree] &= (clear * side > margin_rad[of_degree, None, None]).all(axis=(1, 2))
-        starts = np.cumsum(self.degree + 1) - (self.degree + 1)
+        starts = self._first_nodes()
         for of_nodes, of_checks in (
             (_kinds(at_nodes.problem), _kinds(at_checks.problem)),
             (self.nodes.predicted_eop, self.checks.predicted_eop),

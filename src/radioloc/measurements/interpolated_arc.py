@@ -39,8 +39,8 @@ from radioloc.measurements.tracking_arc import BELOW_HORIZON, TrackingArc, stati
 
 CHECKED_WITHIN_M = 1e4
 """How far from the position at which the segments were checked they are used without checking them again."""
-_ROWS_OF_A_THREAD = 16384
-"""Rows for which it is worth starting a thread."""
+_ROWS_OF_A_THREAD = 32768
+"""Rows for which it is worth starting a thread: one millisecond."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -334,14 +334,13 @@ def _in_threads(
     if threads < 2:
         quantities(segment, x, coefficients, out, 0, n)
         return
-    bounds = np.linspace(0, n, threads + 1).astype(int).tolist()
-    with ThreadPoolExecutor(threads) as pool:
-        parts = [
-            pool.submit(quantities, segment, x, coefficients, out, a, b)
-            for a, b in itertools.pairwise(bounds)
-        ]
-        for part in parts:
-            part.result()
+    bounds = itertools.pairwise(np.linspace(0, n, threads + 1).astype(int).tolist())
+    mine = next(bounds)
+    with ThreadPoolExecutor(threads - 1) as pool:
+        others = [pool.submit(quantities, segment, x, coefficients, out, *rows) for rows in bounds]
+        quantities(segment, x, coefficients, out, *mine)
+        for other in others:
+            other.result()
 
 
 @contextmanager

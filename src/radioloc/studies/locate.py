@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import math
 import platform
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -13,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc._version import __version__
-from radioloc.constants import C_M_S
+from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.ionex import read_ionex
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
@@ -302,6 +303,8 @@ def status_of(arc: Arc, target_pa: LunarPosition | None) -> Labels:
     def earth_deg(epochs: Epochs) -> NDArray[np.float64]:
         return np.degrees(earth_elevation_rad(model.ephemeris, model.libration, epochs, start_pa_m))
 
+    # Of a spacecraft the arc itself knows what the Moon hides.
+    may_set = target_pa is not None and _lowest(earth_deg, arc.observations.epoch) < _LOWEST_EARTH_DEG + 1.0
     codes = np.zeros(len(arc.observations), dtype=np.int32)
     places = {USED: 0}
     for rows in _blocks(arc):
@@ -310,14 +313,32 @@ def status_of(arc: Arc, target_pa: LunarPosition | None) -> Labels:
         texts, which = np.unique(problem[bad], return_inverse=True)
         new = [places.setdefault(str(text), len(places)) for text in texts]
         codes[rows[bad]] = np.array(new, dtype=np.int32)[which]
-        if target_pa is None:
-            continue  # of a spacecraft the arc itself knows what the Moon hides
+        if not may_set:
+            continue
         # The Earth moves in the lander's sky with the librations, in days.
         above_deg = evaluate_smooth(earth_deg, tt_to_tdb(utc_to_tt(arc.observations.epoch[rows])))
         for row in np.flatnonzero((codes[rows] == 0) & (above_deg < _LOWEST_EARTH_DEG)):
             text = f"the Earth is {-above_deg[row]:.1f} deg below the target's horizon"
             codes[rows[row]] = places.setdefault(text, len(places))
     return Labels(codes, tuple(places))
+
+
+def _lowest(earth_deg: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epochs) -> float:
+    """Lowest elevation of the Earth in the span of epochs, every six hours, in which it moves half a degree.
+
+    Minus infinity if the epochs themselves are fewer.
+    """
+    if not len(epoch_utc):
+        return math.inf
+    ends = epoch_utc[[int(epoch_utc.mjd.argmin()), int(epoch_utc.mjd.argmax())]]
+    first, last = (tt_to_tdb(utc_to_tt(ends))[[k]] for k in (0, 1))
+    span_d = last.seconds_since(first)[0] / SECONDS_PER_DAY
+    count = int(4.0 * span_d) + 2
+    if count > len(epoch_utc):
+        return -math.inf
+    return float(
+        earth_deg(Epochs.from_jd(first.jd, first.fraction + np.linspace(0.0, span_d, count), "TDB")).min()
+    )
 
 
 def _reasons(status: Labels, observations: Observations) -> str:

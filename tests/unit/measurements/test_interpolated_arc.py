@@ -354,3 +354,26 @@ def test_series_are_told_apart(model):
     assert all(len(group) == 1 for group in groups)
     assert groups[0] == groups[1]
     assert len(set.union(*groups)) == 5
+
+
+def test_kernel_against_numpy():
+    """Runs with compilation or without; rows below zero are left as they are."""
+    pytest.importorskip("numba")
+    from radioloc.measurements import _kernels
+
+    random = np.random.default_rng(8)
+    n, quantities = 2 * _kernels.GROUPED + 37, 3
+    segment = random.integers(-2, 5, n).astype(np.int32)
+    x = random.uniform(-1.0, 1.0, n)
+    for terms in (1, 2, 5, 7, 17):
+        coefficients = random.normal(size=(5, quantities, terms))
+        out, plain = np.full((quantities, n), np.nan), np.full((quantities, n), np.nan)
+        _kernels.quantities(segment, x, coefficients, out, 0, n)
+        getattr(_kernels.quantities, "py_func", _kernels.quantities)(segment, x, coefficients, plain, 3, n)
+        assert (out[:, 3:] == plain[:, 3:]).all(where=segment[3:] >= 0)
+        assert np.isnan(out[:, segment < 0]).all()
+        inside = np.flatnonzero(segment >= 0)
+        expected = [
+            [np.polyval(coefficients[segment[i], q], x[i]) for i in inside] for q in range(quantities)
+        ]
+        np.testing.assert_allclose(out[:, inside], expected, rtol=0, atol=1e-13)

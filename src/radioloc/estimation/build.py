@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import InputError
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.least_squares import FitResult
+from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.solution import ReferenceComparison, Residuals, Solution
 from radioloc.estimation.statistics import (
@@ -22,6 +23,7 @@ from radioloc.estimation.statistics import (
     group_statistics,
     statistics_by,
 )
+from radioloc.estimation.time_correlation import assess_time_correlation
 from radioloc.time import Epochs
 
 
@@ -78,7 +80,8 @@ def build_solution(
     excess_noise_m : mapping of str to float, optional
         Noise that was added in quadrature to the stated sigmas of each type, m.
     scale_covariance : bool
-        Scale the observation noise to what the residuals show, where that is significantly more than stated.
+        Scale the observation noise to what the residuals show, where that is significantly more than stated, and
+        allow for residuals of a link that stay alike (:mod:`~radioloc.estimation.time_correlation`).
     reference_pa_m : array_like, shape (3,), optional
         A known position in the same principal axes, m.
     reference_name : str
@@ -119,6 +122,11 @@ def build_solution(
     position = _array("position_pa_m", position_pa_m, (3,))
     noise_scale = statistics.noise_scale if scale_covariance else 1.0
     formal = _array("covariance", fit.covariance, (p, p))
+    covariance = scaled_covariance(fit, noise_scale)
+    correlation = None
+    if scale_covariance and edited.complete and fit.status in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE):
+        correlation = assess_time_correlation(fit, residuals.types, residuals.paths, _seconds(epoch_utc))
+        covariance = covariance if correlation is None else covariance + correlation.added_covariance
 
     solution = Solution(
         name=name,
@@ -128,8 +136,9 @@ def build_solution(
         parameters=fit.parameters,
         values=_array("x", fit.x, (p,)),
         formal_covariance=formal,
-        covariance=_array("covariance", scaled_covariance(fit, noise_scale), (p, p)),
+        covariance=_array("covariance", covariance, (p, p)),
         noise_scale=noise_scale,
+        time_correlation=correlation,
         pa_frame=pa_frame,
         me_frame=me_frame,
         position_pa_m=position,
@@ -224,6 +233,12 @@ def _fit_statistics(
         robust_scale=edited.robust_scale,
         excess_noise_m=dict(excess_noise_m),
     )
+
+
+def _seconds(epoch: Epochs) -> NDArray[np.float64]:
+    """Time since the first midnight, s, shape (n,); a leap second is nothing to how long errors last."""
+    first = epoch.jd.min() if len(epoch) else 0.0
+    return np.asarray(((epoch.jd - first) + epoch.fraction) * SECONDS_PER_DAY)
 
 
 def _array(name: str, values: ArrayLike, shape: tuple[int, ...]) -> NDArray[np.float64]:

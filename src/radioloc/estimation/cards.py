@@ -22,6 +22,7 @@ _SHORTEST_NAME = 6  # where numbers take all the room, the card grows wider
 _MAX_ROWS = 6  # stations, biases, outliers: a card is to fit a screen; to_dict() has them all
 _MAX_OUTLIERS = 3
 _MAX_SENTENCES = 4
+_MAX_SERIES = 3
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,6 +149,8 @@ def _sigmas(solution: Solution) -> CardField:
     levels = [("formal", solution.sigma_enu_m("formal"))]
     if solution.noise_scale > 1.0:
         levels.append((f"noise scaled by {solution.noise_scale:.3g}", solution.sigma_enu_m("scaled")))
+    if solution.time_correlation is not None:
+        levels = [*levels[:1], ("with residuals alike", solution.sigma_enu_m("scaled"))]
     if solution.ephemeris_sigma_enu_m.any():
         levels.append(("with ephemeris error", solution.sigma_enu_m("total")))
     rows = tuple(
@@ -171,6 +174,7 @@ def _variance_sources(solution: Solution) -> tuple[str, ...]:
         "noise": "the measurement noise",
         "other parameters": "solving for the other parameters",
         "misfit": "residuals larger than the stated sigmas",
+        "correlation": "residuals that stay alike for a while",
         "ephemeris": "the assumed ephemeris error",
     }
     parts = [f"{names[key]} {100.0 * part:.0f} %" for key, part in shares.items() if part >= 0.005]
@@ -260,6 +264,7 @@ def _fit(solution: Solution) -> tuple[str, ...]:
         lines.append(
             f"{metres(excess_m)} m of noise added in quadrature to each stated sigma of {kind}: the residuals show it"
         )
+    lines += _alike(solution)
     if fit.chi2_per_dof is None or fit.chi2_per_dof_bound is None:
         return (*lines, "no redundancy: nothing tests the stated sigmas")
     verdict = f"chi2/dof {fit.chi2_per_dof:.3g} with {fit.dof} degrees of freedom"
@@ -269,6 +274,17 @@ def _fit(solution: Solution) -> tuple[str, ...]:
             f"(chance allows {fit.chi2_per_dof_bound:.3g} in 99.9 %, Wilson-Hilferty)"
         )
     return (*lines, verdict)
+
+
+def _alike(solution: Solution) -> list[str]:
+    """Which residuals stay alike, those that count least first, and what that does to the sigma."""
+    if solution.time_correlation is None:
+        return []
+    series = sorted(solution.time_correlation.series, key=lambda item: item.effective_count / item.count)
+    lines = [str(item) for item in series[:_MAX_SERIES]]
+    if len(series) > _MAX_SERIES:
+        lines[-1] += f"; so do {len(series) - _MAX_SERIES} more series"
+    return [*lines, f"the position's sigma grows by a factor of {solution.correlation_factor:.2g} for that"]
 
 
 def _groups(solution: Solution) -> CardField:

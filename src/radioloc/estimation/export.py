@@ -145,6 +145,10 @@ def _fit_dict(solution: Solution) -> dict[str, Any]:
         "chi2_per_dof_bound": solution.fit.chi2_per_dof_bound,
         "excess_noise_m": dict(solution.fit.excess_noise_m),
         "noise_scale": solution.noise_scale,
+        "correlation_factor": solution.correlation_factor,
+        "time_correlation": [
+            asdict(item) for item in (solution.time_correlation.series if solution.time_correlation else ())
+        ],
         "robust_scale": solution.fit.robust_scale,
         "iterations": len(solution.iterations),
         "passes": solution.passes,

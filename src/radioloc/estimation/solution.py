@@ -18,6 +18,7 @@ from radioloc.estimation.least_squares import Iteration
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.statistics import FitStatistics
+from radioloc.estimation.time_correlation import TimeCorrelation
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
 from radioloc.time import Epochs
 
@@ -161,8 +162,9 @@ class Solution:
 
     Made by :func:`~radioloc.estimation.build.build_solution`. Three levels of uncertainty are kept:
     ``"formal"`` from the stated sigmas, ``"scaled"`` with the observation noise scaled up to what the
-    residuals show where that is significantly more, ``"total"`` with the assumed error of the ephemeris
-    added to the position. What is called sigma without a further word is the total.
+    residuals show where that is significantly more, and with residuals that stay alike for a while,
+    ``"total"`` with the assumed error of the ephemeris added to the position. What is called sigma without a
+    further word is the total.
 
     Parameters
     ----------
@@ -198,6 +200,8 @@ class Solution:
         All observations.
     observability : Observability
         What is determined poorly or not at all.
+    time_correlation : TimeCorrelation or None
+        Series whose residuals stay alike, and what that adds to the scaled covariance.
     iterations : tuple of Iteration
         History of the last fit.
     passes : int
@@ -232,6 +236,7 @@ class Solution:
     fit: FitStatistics
     residuals: Residuals
     observability: Observability
+    time_correlation: TimeCorrelation | None = None
     iterations: tuple[Iteration, ...] = ()
     passes: int = 1
     reference: ReferenceComparison | None = None
@@ -342,7 +347,8 @@ class Solution:
         -----
         ``noise``: the stated noise, were all other parameters known (conditional covariance). ``other
         parameters``: what solving for them adds (marginal less conditional). ``misfit``: what scaling to
-        the residuals adds. ``ephemeris``: its assumed error. Empty if the position is held or not
+        the residuals adds. ``correlation``: what residuals add that stay alike. ``ephemeris``: its assumed
+        error. Empty if the position is held or not
         determined.
         """
         if not (self.position_estimated and self.position_determined):
@@ -362,14 +368,31 @@ class Solution:
         noise = float(np.trace(root @ conditional @ root.T))
         formal = float(np.trace(self.position_covariance("enu", "formal")))
         scaled = float(np.trace(self.position_covariance("enu", "scaled")))
+        alike = self._correlation_variance_m2()
         total = float(np.trace(self.position_covariance("enu", "total")))
         shares = {
             "noise": noise / total,
             "other parameters": (formal - noise) / total,
-            "misfit": (scaled - formal) / total,
+            "misfit": (scaled - alike - formal) / total,
+            "correlation": alike / total,
             "ephemeris": (total - scaled) / total,
         }
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
+
+    @property
+    def correlation_factor(self) -> float:
+        """Factor by which the position's scaled sigma grows as residuals stay alike; 1 where they do not."""
+        alike = self._correlation_variance_m2()
+        if not (alike > 0.0 and self.position_determined):
+            return 1.0
+        scaled = float(np.trace(self.position_covariance("enu", "scaled")))
+        return math.sqrt(scaled / (scaled - alike))
+
+    def _correlation_variance_m2(self) -> float:
+        if self.time_correlation is None:
+            return 0.0
+        root = self.position_partials
+        return float(np.trace(root @ self.time_correlation.added_covariance @ root.T))
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the single residuals, in types that JSON has; None where a number is not finite."""

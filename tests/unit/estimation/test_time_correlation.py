@@ -1,0 +1,161 @@
+"""Residuals that stay alike: found where they do, in the right numbers, and nothing else touched."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from delay_network import DelayNetwork
+
+from radioloc.estimation import ALONE, Labels, Parameter, ParameterSet, fit_least_squares, observation_noise
+from radioloc.estimation import time_correlation as module
+from radioloc.estimation.time_correlation import SeriesCorrelation, assess_time_correlation
+from radioloc.simulation.noise import gauss_markov
+
+STEP_S = 60.0
+TAU_S = 3600.0
+ROUNDING = 1e-9
+
+
+def labels(n, text):
+    return Labels(np.zeros(n, dtype=np.int32), (text,))
+
+
+def line(n=1200, series=2, coloured=1.0, seed=0, **prior):
+    """Straight lines through noise of several stations at the same instants."""
+    rng = np.random.default_rng(seed)
+    time_s = np.repeat(STEP_S * np.arange(n), series)
+    path = Labels(np.tile(np.arange(series, dtype=np.int32), n), tuple(f"S{k}" for k in range(series)))
+    error = rng.normal(size=n * series)
+    for k in range(series):
+        error[k::series] += coloured * gauss_markov(rng.normal(size=n), np.exp(-STEP_S / TAU_S))
+    error /= np.hypot(1.0, coloured)
+    design = np.column_stack([np.ones(n * series), np.linspace(-1.0, 1.0, n * series)])
+    parameters = ParameterSet([Parameter("a", "m", "p", **prior), Parameter("b", "m", "p")])
+    fit = fit_least_squares(lambda x: (error - design @ x, design), parameters, 1.0)
+    return fit, labels(n * series, "range"), path, time_s
+
+
+def test_numbers_of_a_known_process():
+    found = assess_time_correlation(*line(n=6000))
+    assert [item.name for item in found.series] == ["range S0", "range S1"]
+    for item in found.series:
+        assert item.count == 6000
+        # 200 correlation times of noise: some ten per cent.
+        assert item.share == pytest.approx(0.5, abs=0.08)
+        assert item.correlation_time_s == pytest.approx(TAU_S, rel=0.35)
+        # Of n observations step apart, the mean has the variance (w + c 2 tau / step) / n.
+        expected = 6000 / (0.5 + 0.5 * 2.0 * TAU_S / STEP_S)
+        assert item.effective_count == pytest.approx(expected, rel=0.35)
+
+
+def test_covariance_is_the_sandwich():
+    fit, types, path, time_s = line(n=6000)
+    found = assess_time_correlation(fit, types, path, time_s)
+    design = fit.linearization.partials(np.arange(len(time_s)))
+    # The known process, as the sum over lags of a stationary series whose partials change slowly.
+    growth = 0.5 + 0.5 * 2.0 * TAU_S / STEP_S
+    expected = (growth - 1.0) * np.linalg.inv(design.T @ design)
+    assert np.diag(found.added_covariance) == pytest.approx(np.diag(expected), rel=0.35)
+
+
+def test_white_residuals_are_left_alone():
+    assert assess_time_correlation(*line(coloured=0.0)) is None
+
+
+def test_what_is_known_a_priori_alone_stays():
+    fit, *rest = line(prior_sigma=1e-6)
+    found = assess_time_correlation(fit, *rest)
+    assert found.added_covariance[0, 0] < 1e-3 * fit.covariance[0, 0]
+    assert found.added_covariance[1, 1] > 5.0 * fit.covariance[1, 1]
+
+
+def test_no_direction_becomes_smaller():
+    found = assess_time_correlation(*line())
+    assert np.linalg.eigvalsh(found.added_covariance).min() >= -1e-18
+
+
+def test_an_undetermined_parameter_stays_undetermined():
+    fit, types, path, time_s = line()
+    design = np.column_stack([fit.linearization.partials(np.arange(len(time_s))), np.zeros(len(time_s))])
+    parameters = ParameterSet([*fit.parameters, Parameter("c", "m", "p")])
+    residual = fit.residual_m
+    wider = fit_least_squares(lambda x: (residual - design @ x, design), parameters, 1.0)
+    found = assess_time_correlation(wider, types, path, time_s)
+    assert (found.added_covariance[2] == 0.0).all()
+    assert found.added_covariance[1, 1] > 0.0
+
+
+def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
+    fit, types, path, time_s = line()
+    found = assess_time_correlation(fit, types, path, time_s).added_covariance
+    order = np.random.default_rng(1).permutation(len(time_s))
+    design, residual = fit.linearization.partials(order), fit.residual_m[order]
+    mixed = fit_least_squares(lambda x: (residual - design @ x, design), fit.parameters, 1.0)
+    monkeypatch.setattr(observation_noise, "_ROWS_AT_ONCE", 333)
+    other = assess_time_correlation(mixed, types, path.select(order), time_s[order]).added_covariance
+    np.testing.assert_allclose(other, found, rtol=0.0, atol=1e-6 * np.abs(found).max())
+
+
+def test_gaps_take_no_stretches():
+    filled = np.concatenate([np.arange(1000), 9000 + np.arange(1000)])
+    place, width = module._stretches(filled)
+    counts = np.bincount(place)
+    assert width == pytest.approx(2000 / 80, rel=0.05)
+    assert len(counts) == pytest.approx(80, abs=3)
+    assert counts.min() > 0
+    assert place[999] < place[1000]
+    # Fewer than that are each their own.
+    assert module._stretches(np.array([3, 70, 71, 900]))[0].tolist() == [0, 1, 2, 3]
+
+
+def test_kernel_is_the_mean_over_two_stretches():
+    width_s, tau_s = 600.0, 900.0
+    times = np.array([0.0, 600.0, 2400.0])
+    inner = (np.arange(2000) + 0.5) / 2000 * width_s - 0.5 * width_s
+    kernel = module._kernel(times, width_s, tau_s)
+    for i in range(3):
+        for j in range(3):
+            apart = times[i] + inner[:, None] - times[j] - inner[None, :]
+            assert kernel[i, j] == pytest.approx(np.exp(-np.abs(apart) / tau_s).mean(), abs=1e-5)
+
+
+def test_stations_whose_errors_last_are_found_in_their_delays():
+    """Six baselines of four stations: three combinations hold the stations' errors, three only the baselines' own."""
+    epochs = 1500
+    network = DelayNetwork.make(epochs=epochs)
+    rng = np.random.default_rng(5)
+    stations = np.column_stack(
+        [gauss_markov(rng.normal(size=epochs), np.exp(-STEP_S / TAU_S)) for _ in range(4)]
+    )
+    of_stations = stations[network.epoch, network.second] - stations[network.epoch, network.first]
+    observed_m = network.own_m * rng.normal(size=len(network.epoch)) + network.station_m * of_stations
+    fit = fit_least_squares(network.residual_function(observed_m), network.parameters(), network.noise)
+    codes = (4 * network.first + network.second).astype(np.int32)
+    paths = Labels.coded([f"{i}<x>{j}" for i in range(4) for j in range(4)], codes)
+    found = assess_time_correlation(
+        fit, labels(len(codes), "vlbi_delay"), paths, STEP_S * network.epoch.astype(float)
+    )
+    assert (network.epoch != ALONE).all()
+    assert len(found.series) == 3
+    for item in found.series:
+        assert item.name.endswith("of 6 that share errors")
+        assert item.share > 0.8
+        assert item.correlation_time_s == pytest.approx(TAU_S, rel=0.5)
+
+
+@pytest.mark.parametrize(
+    ("time_s", "words"),
+    [(90.0, "1.5 min"), (5000.0, "1.4 h"), (100 * 3600.0, "4.2 days")],
+)
+def test_words(time_s, words):
+    text = str(SeriesCorrelation("range A", 2880, 35.2, time_s, 0.5))
+    assert text == f"residuals of range A stay alike for {words}: 2880 observations count as 35"
+
+
+def test_nothing_to_assess():
+    fit, types, path, time_s = line(n=40)
+    assert assess_time_correlation(fit, types, path, time_s) is None
+    none = SimpleNamespace(
+        factor=SimpleNamespace(determined=np.zeros(0, dtype=bool)), used=np.ones(3, dtype=bool)
+    )
+    assert assess_time_correlation(none, types, path, time_s) is None

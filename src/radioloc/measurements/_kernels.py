@@ -13,6 +13,9 @@ Floats = NDArray[np.float64]
 GROUPED = 1024
 """Rows that are sorted by segment at a time; their results stay in the nearest cache."""
 
+RUN = 64
+"""So many successive rows of one segment need no sorting."""
+
 EXACT = -1
 """A segment's index from here down marks a row that is not interpolated."""
 
@@ -71,8 +74,20 @@ def quantities(
     found = np.empty(GROUPED, dtype=np.int64)
     rows = np.empty(GROUPED, dtype=np.int64)
     t, at_t = np.empty(GROUPED), np.empty(GROUPED)
-    for first in range(begin, end, GROUPED):
-        stop = min(first + GROUPED, end)
+    first = begin
+    while first < end:
+        # Where the rows are in order of their segments, their places in memory serve as they are.
+        stop, same = min(first + GROUPED, end), first + 1
+        while same < stop and segment[same] == segment[first]:
+            same += 1
+        if same - first >= RUN:
+            if segment[first] > EXACT:
+                for q in range(coefficients.shape[1]):
+                    _polynomial(
+                        coefficients, segment[first], q, x[first:same], out[q, first:same], same - first
+                    )
+            first = same
+            continue
         # Rows in groups of one segment each, by counting.
         n_found = 0
         for i in range(first, stop):
@@ -104,3 +119,4 @@ def quantities(
                     out[q, rows[start + j]] = at_t[j]
             start += m
             ends[s] = 0
+        first = stop

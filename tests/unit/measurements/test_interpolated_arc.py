@@ -372,6 +372,11 @@ def test_kernel_against_numpy():
         getattr(_kernels.quantities, "py_func", _kernels.quantities)(segment, x, coefficients, plain, 3, n)
         assert (out[:, 3:] == plain[:, 3:]).all(where=segment[3:] >= 0)
         assert np.isnan(out[:, segment < 0]).all()
+        # In order of their segments they are evaluated in place, to the same bits.
+        order = np.argsort(segment, kind="stable")
+        in_place = np.full((quantities, n), np.nan)
+        _kernels.quantities(segment[order], x[order], coefficients, in_place, 0, n)
+        np.testing.assert_array_equal(in_place, out[:, order])
         inside = np.flatnonzero(segment >= 0)
         expected = [
             [np.polyval(coefficients[segment[i], q], x[i]) for i in inside] for q in range(quantities)

@@ -23,7 +23,7 @@ from radioloc.estimation.least_squares import FitSettings, factorize
 from radioloc.estimation.linearization import DenseLinearization
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
-from radioloc.estimation.robust import MAX_REWEIGHTINGS, robust_scale
+from radioloc.estimation.robust import MAX_REWEIGHTINGS, robust_scale, sample
 from radioloc.estimation.robust import SETTLED as START_SETTLED
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 
@@ -31,6 +31,9 @@ _Floats = NDArray[np.float64]
 
 _SLAB_NUMBERS = 8192
 """Numbers in a slab of the basis; OpenBLAS, which numpy ships with, takes a second thread from 9216 on."""
+
+_START_ROWS = 2000
+"""Of more observations a sample makes the robust start, which only has to tell outliers from the rest."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -84,6 +87,10 @@ class RepeatedFit:
         Partials by the basis.
     to_free : ndarray, shape (q, q)
         From coordinates in the basis to changes of the free parameters.
+    start : ndarray of int, shape (s,)
+        Indices into `rows` of those that make the robust start.
+    start_basis : ndarray, shape (j, l, q)
+        Their partials, in slabs of their own.
     slabs : ndarray of int, shape (c + 1,)
         First slab of each class.
     class_sigma_m : ndarray, shape (c,)
@@ -104,6 +111,8 @@ class RepeatedFit:
     place: NDArray[np.intp]
     basis: _Floats
     to_free: _Floats
+    start: NDArray[np.intp]
+    start_basis: _Floats
     slabs: NDArray[np.intp]
     class_sigma_m: _Floats
     class_group: NDArray[np.intp]
@@ -176,12 +185,21 @@ class RepeatedFit:
         padded[place] = partials[rows][:, free] @ to_free
         basis = padded.reshape(-1, length, q)
         normal = np.swapaxes(basis, 1, 2) @ basis
+        start = np.arange(n_usable)
+        if n_usable > _START_ROWS:
+            drawn = np.zeros(len(sigma_m), dtype=bool)
+            drawn[sample(whole, sigma_m, usable, parameters, _START_ROWS)] = True
+            start = np.flatnonzero(drawn[rows])
+        of_start = np.zeros((-(-len(start) // length) * length, q))
+        of_start[: len(start)] = padded[place[start]]
         return cls(
             free=free,
             rows=rows,
             place=place,
             basis=basis,
             to_free=to_free,
+            start=start,
+            start_basis=of_start.reshape(-1, length, q),
             slabs=slabs,
             class_sigma_m=classes[:, 1].copy(),
             class_group=classes[:, 0].astype(np.intp),
@@ -257,22 +275,27 @@ class _State:
 
     def robust_start(self) -> _Floats:
         """Coordinates that minimize Huber's loss, as :func:`radioloc.estimation.robust.robust_start`."""
-        problem = self._problem
-        sigma_m = problem.class_sigma_m[self._slab_class][:, None]
+        problem, basis = self._problem, self._problem.start_basis
+        count, shape = len(problem.start), basis.shape[:2]
+        sigma_m, residual_m = np.ones(shape), np.zeros(shape)
+        sigma_m.ravel()[:count] = problem.class_sigma_m[self._row_class[problem.start]]
+        residual_m.ravel()[:count] = self._residual_m.ravel()[problem.place[problem.start]]
+        # A sample stands for all: the a-priori values weigh as much less as there are fewer rows.
+        part = count / len(problem.rows)
         y = np.zeros(self._q)
-        remaining = np.abs(self._residual_m) / sigma_m
+        remaining = np.abs(residual_m) / sigma_m
         for _ in range(MAX_REWEIGHTINGS):
             weight = 1.0 / (sigma_m**2 * np.maximum(1.0, remaining))
-            weighted = np.swapaxes(problem.basis * weight[..., None], 1, 2)
-            normal = (weighted @ problem.basis).sum(axis=0) + problem.prior_normal
-            side = (weighted @ self._residual_m[..., None]).sum(axis=0)[:, 0] + problem.prior_side
+            weighted = np.swapaxes(basis * weight[..., None], 1, 2)
+            normal = (weighted @ basis).sum(axis=0) + part * problem.prior_normal
+            side = (weighted @ residual_m[..., None]).sum(axis=0)[:, 0] + part * problem.prior_side
             new = np.linalg.solve(normal, side)
-            moved = float(np.max(np.abs(problem.basis @ (new - y)) / sigma_m))
+            moved = float(np.max(np.abs(basis @ (new - y)) / sigma_m))
             y = new
-            remaining = np.abs(self._residual_m - problem.basis @ y) / sigma_m
+            remaining = np.abs(residual_m - basis @ y) / sigma_m
             if moved < START_SETTLED:
                 break
-            if moved < START_SETTLED * robust_scale(remaining.ravel()[problem.place], self._q):
+            if moved < START_SETTLED * robust_scale(remaining.ravel()[:count], self._q):
                 break
         return y
 

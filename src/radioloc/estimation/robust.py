@@ -68,7 +68,7 @@ def robust_start(
     Minimizes Huber's loss (1964) with its corner at one stated sigma, so that far from the solution it is
     the sum of absolute residuals, by iteratively reweighted least squares on each linearization. The loss
     is convex: far from the solution there is no false minimum of a linear model to fall into, and no scale
-    has to be guessed. Of more than :data:`_MOST_ROWS` observations a sample makes the start (:func:`_sample`).
+    has to be guessed. Of more than :data:`_MOST_ROWS` observations a sample makes the start (:func:`sample`).
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ def robust_start(
     whole = evaluate(residual_function, x) if at_start is None else at_start
     check_residuals(whole, usable)
     many = int(usable.sum()) > _MOST_ROWS
-    rows = _sample(whole, sigma_m, usable, parameters) if many else np.flatnonzero(usable)
+    rows = sample(whole, sigma_m, usable, parameters) if many else np.flatnonzero(usable)
     sigma_m = sigma_m[rows]
     residual_m, partials = whole.residual_m[rows], whole.partials(rows)
     check_finite(DenseLinearization(residual_m, partials), np.ones(len(rows), dtype=bool), parameters)
@@ -136,10 +136,14 @@ def robust_start(
     return x, whole
 
 
-def _sample(
-    whole: Linearization, sigma_m: NDArray[np.float64], usable: NDArray[np.bool_], parameters: ParameterSet
+def sample(
+    whole: Linearization,
+    sigma_m: NDArray[np.float64],
+    usable: NDArray[np.bool_],
+    parameters: ParameterSet,
+    most: int = _MOST_ROWS,
 ) -> NDArray[np.intp]:
-    """Rows that stand for all usable ones, in order.
+    """Rows that stand for all usable ones, in order, about as many as `most` or fewer.
 
     Notes
     -----
@@ -163,7 +167,7 @@ def _sample(
         counts += (found > 0.0).sum(axis=0)
         sums += found.sum(axis=0)
     counts, sums = np.maximum(counts, 1.0), np.where(sums > 0.0, sums, 1.0)
-    draws = max(_MOST_ROWS // max(len(free), 1), _FEWEST_DRAWS)
+    draws = max(most // max(len(free), 1), _FEWEST_DRAWS)
     random = np.random.Generator(np.random.PCG64(_SEED))
     places = (np.arange(draws) + random.random((len(free), draws))) / draws
     drawn = np.zeros(len(usable), dtype=bool)

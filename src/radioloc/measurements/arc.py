@@ -127,6 +127,9 @@ class Arc(Protocol):
         """The arc of some of the observations (a mask, a slice or indices), already prepared."""
         ...
 
+    def with_values(self, value_m: NDArray[np.float64]) -> Arc:
+        """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
+
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Table of terms: by how much each active term changes each computed value, m."""
         ...

@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -211,6 +211,12 @@ class InterpolatedArc:
             first = len(self._computed.observations) - self._n_exact
             part._computed = self._computed.select(np.concatenate([nodes, first + rows]))
         return part
+
+    def with_values(self, value_m: NDArray[np.float64]) -> InterpolatedArc:
+        """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
+        other = copy.copy(self)
+        other.observations = replace(self.observations, value_m=value_m)
+        return other
 
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Table of terms at a position: :func:`~radioloc.measurements.arc.table_of_terms`."""

@@ -25,9 +25,10 @@ from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.arc import Arc
+from radioloc.measurements.evaluation import prepare_arc
 from radioloc.measurements.observations import KINDS
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.simulation import Departure, Scenario, Spread, World
 from radioloc.simulation.departures import position_departure_m
 from radioloc.simulation.noise import NoiseDraws
@@ -83,7 +84,7 @@ class Prepared:
         With the fixed departures, none drawn.
     rows : ndarray of int
         Those of the plan that the study asks for.
-    arcs : tuple of TrackingArc
+    arcs : tuple of Arc
         The longest first.
     parts : tuple of ndarray of int
         Rows of the longest that each has.
@@ -101,7 +102,7 @@ class Prepared:
     model: PhysicalModel
     world: World
     rows: NDArray[np.intp]
-    arcs: tuple[TrackingArc, ...]
+    arcs: tuple[Arc, ...]
     parts: tuple[NDArray[np.intp], ...]
     hours: tuple[float, ...]
     span_h: tuple[float, ...]
@@ -141,7 +142,7 @@ class Prepared:
         planned = weighted_observations(
             world.plan.observations.select(rows), study.observations.weights, study.catalogue
         )
-        longest = TrackingArc(model, planned, target.xyz_m)
+        longest = prepare_arc(model, planned, target.xyz_m, study.model.evaluation)
         parts = arc_parts(longest.observations, choice, reversed(hours))
         arcs = [longest if len(part) == len(rows) else longest.select(part) for _, _, part in parts]
         estimates = [
@@ -233,7 +234,7 @@ class Prepared:
         return position_in_pa("[target]", self.study.target, self.model.ephemeris.constants)
 
     def _linear_arc(
-        self, arc: TrackingArc, part: NDArray[np.intp], estimate: EstimateChoice, usable: NDArray[np.bool_]
+        self, arc: Arc, part: NDArray[np.intp], estimate: EstimateChoice, usable: NDArray[np.bool_]
     ) -> LinearArc | None:
         study = self.study
         problem = Problem.of(arc, self._target_pa, estimate, study.catalogue)

@@ -1,6 +1,7 @@
 """Monte Carlo studies: linear and full trials, wherever they run, interrupted and resumed, what is told and written."""
 
 import csv
+import io
 import json
 import os
 import signal
@@ -170,6 +171,15 @@ def test_a_trial_does_not_depend_on_the_others(ready):
 def test_processes_give_the_same_bits(study, found):
     in_pool = radioloc.monte_carlo(study, 60, HOURS, workers=2)
     np.testing.assert_array_equal(in_pool.values, found.values)
+
+
+@pytest.mark.slow
+def test_processes_fit_in_full_as_well(study, ready):
+    in_pool = radioloc.monte_carlo(study, 4, HOURS, full=True, workers=2)
+    assert not in_pool.linear
+    assert in_pool.proof is None
+    # Least squares of some hundred rows, in one thread or two: rounding.
+    np.testing.assert_allclose(in_pool.values, FullTrials(study, HOURS, ready).run(5, range(4)), rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -429,6 +439,23 @@ def test_the_command(tmp_path, capsys):
     with pytest.raises(SystemExit):
         main([*arguments, "--resume"])
     assert "--resume needs --out" in capsys.readouterr().err
+
+
+class Terminal(io.StringIO):
+    """Standard error of somebody who looks."""
+
+    def isatty(self):
+        return True
+
+
+@pytest.mark.parametrize(
+    ("progress", "looks", "shown"), [(True, True, True), (False, True, False), (True, False, False)]
+)
+def test_a_bar_is_shown_on_a_terminal_only(study, monkeypatch, progress, looks, shown):
+    stream = Terminal() if looks else io.StringIO()
+    monkeypatch.setattr(sys, "stderr", stream)
+    radioloc.monte_carlo(study, 2, [12.0], progress=progress)
+    assert ("2/2" in stream.getvalue()) == shown
 
 
 @pytest.mark.parametrize(

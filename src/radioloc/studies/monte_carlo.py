@@ -17,11 +17,12 @@ from radioloc.errors import InputError
 from radioloc.estimation.cards import render_html
 from radioloc.simulation.noise import generator
 from radioloc.studies.arc_parts import DEFAULT_HOURS, arc_lengths
+from radioloc.studies.linear_trials import LinearTrials
 from radioloc.studies.monte_carlo_card import card_fields, card_text
+from radioloc.studies.prepared_trials import FullTrials, Prepared
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.study import Study
 from radioloc.studies.trial_files import TrialFolder, refuse_other_study, study_record
-from radioloc.studies.trials import FullTrials, LinearTrials, Prepared
 from radioloc.studies.trials_summary import ArcSummary, summarize
 from radioloc.studies.workers import Job, require_workers, run_chunks
 

@@ -4,11 +4,13 @@ import csv
 import io
 import json
 import os
+import pickle
 import signal
 import subprocess
 import sys
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,7 +30,8 @@ from radioloc.simulation import (
     all_ranges,
     baselines,
 )
-from radioloc.studies.trials import FullTrials, Prepared, trial_seed
+from radioloc.studies.prepared_trials import FullTrials, Prepared
+from radioloc.studies.trial_rows import trial_seed
 from radioloc.studies.trials_summary import binomial_bounds, summarize
 
 HOURS = (12.0, 24.0)
@@ -185,24 +188,16 @@ def test_processes_fit_in_full_as_well(study, ready):
 @pytest.mark.slow
 def test_threads_of_linear_algebra_give_the_same_bits(tmp_path):
     code = (
-        "import sys, numpy as np; sys.path[:0] = sys.argv[2:]; from test_monte_carlo import study_of, HOURS; "
-        "from radioloc.studies.trials import Prepared; ready = Prepared.of(study_of(120.0), HOURS); import pickle; "
-        "np.save(sys.argv[1], pickle.load(open(sys.argv[1] + '.job', 'rb')).run(1, range(3)))"
+        "import pickle, sys, numpy as np; job = pickle.load(open(sys.argv[1] + '.job', 'rb')); "
+        "np.save(sys.argv[1], job.run(1, range(3)))"
     )
-    import pickle
-    from pathlib import Path
-
     job = Prepared.of(study_of(120.0), HOURS).linear()
-    here = Path(__file__).resolve()
     results = []
     for threads in ("1", "2"):
         name = tmp_path / f"{threads}.npy"
         Path(f"{name}.job").write_bytes(pickle.dumps(job))
-        subprocess.run(
-            [sys.executable, "-c", code, str(name), str(here.parent), str(here.parents[2] / "toys")],
-            check=True,
-            env=os.environ | {"OPENBLAS_NUM_THREADS": threads},
-        )
+        environment = os.environ | {"OPENBLAS_NUM_THREADS": threads}
+        subprocess.run([sys.executable, "-c", code, str(name)], check=True, env=environment)
         results.append(np.load(name))
     np.testing.assert_array_equal(*results)
 
@@ -281,8 +276,6 @@ radioloc.monte_carlo(study_of(), 60, HOURS, out=sys.argv[1])
 @pytest.mark.slow
 @pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
 def test_killed_and_resumed(study, found, tmp_path):
-    from pathlib import Path
-
     here = Path(__file__).resolve()
     paths = [str(here.parent), str(here.parents[2] / "toys")]
     killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), *paths], check=False)

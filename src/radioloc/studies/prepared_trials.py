@@ -1,39 +1,33 @@
-"""The trials of a Monte Carlo study: simulated tracking drawn by lot, fitted as :func:`radioloc.locate` would.
+"""A Monte Carlo study made ready, and its trials with the whole model.
 
-There are two ways. :class:`FullTrials` simulates the world of each trial and fits it from the a-priori position on,
-seconds for each. :class:`LinearTrials` rests on what is prepared once: values and partials at the true position, and
-responses to departures; a trial is then a sum of vectors and a linear fit, milliseconds. Both give the same columns.
+:class:`Prepared` has the world without noise and an arc for each length; from it come the fast trials
+(:mod:`radioloc.studies.linear_trials`) and those that they are proved by, simulated and fitted in full, a second each.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
-from radioloc.estimation.build import scaled_by
 from radioloc.estimation.editing import USED, EditingSettings
-from radioloc.estimation.excess_noise import fit_with_excess_noise
-from radioloc.estimation.observation_noise import ObservationNoise
-from radioloc.estimation.parameters import ParameterSet
-from radioloc.estimation.repeated_fit import RepeatedFit, RepeatedOutcome
+from radioloc.estimation.repeated_fit import RepeatedFit
 from radioloc.estimation.solution import Solution
-from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.arc import Arc
 from radioloc.measurements.evaluation import prepare_arc
 from radioloc.measurements.observations import KINDS
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.simulation import Departure, Scenario, Spread, World
-from radioloc.simulation.departures import position_departure_m
+from radioloc.simulation import Scenario, World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.responses import responses
 from radioloc.studies.arc_parts import arc_parts
+from radioloc.studies.linear_trials import GeneralFit, LinearArc, LinearTrials
 from radioloc.studies.locate import fit_arc, model_of, position_in_pa, status_of
 from radioloc.studies.owners import of_part
 from radioloc.studies.problem import Problem
@@ -41,33 +35,10 @@ from radioloc.studies.selection import select_observations
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, Study
+from radioloc.studies.trial_rows import COLUMNS, row_of, station_of, trial_seed, true_biases_m
 from radioloc.studies.weights import weighted_observations
 
 _Floats = NDArray[np.float64]
-
-COLUMNS = (
-    "converged",
-    "used",
-    "rejected",
-    "east_m",
-    "north_m",
-    "up_m",
-    "sigma_east_m",
-    "sigma_north_m",
-    "sigma_up_m",
-    "correlation_east_north",
-    "nees",
-    "nees_horizontal",
-    "noise_scale",
-)
-"""What is kept of each trial and arc; then the excess noise by type, then each nuisance parameter, its sigma and, of a
-range bias, its error: the estimate less what was put in."""
-
-
-def trial_seed(seed: int, trial: int) -> int:
-    """Seed of one trial's noise and departures, as ``SeedSequence(seed).spawn`` gives to its child of that number."""
-    words = np.random.SeedSequence(seed, spawn_key=(trial,)).generate_state(4)
-    return sum(int(word) << (32 * k) for k, word in enumerate(words))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -176,7 +147,7 @@ class Prepared:
                 *(
                     column
                     for name in names
-                    for column in (name, f"{name}.sigma", *([f"{name}.error"] if _station_of(name) else []))
+                    for column in (name, f"{name}.sigma", *([f"{name}.error"] if station_of(name) else []))
                 ),
             ),
         )
@@ -277,141 +248,6 @@ def _parameters_at(problem: Problem, position_pa_m: _Floats) -> _Floats:
     )
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class GeneralFit:
-    """As :class:`~radioloc.estimation.repeated_fit.RepeatedFit`, for observations that share errors, but slower."""
-
-    partials: _Floats
-    parameters: ParameterSet
-    x: _Floats
-    noise: ObservationNoise
-    group: NDArray[np.int32]
-    usable: NDArray[np.bool_]
-    editing: EditingSettings
-
-    def fit(self, residual_m: _Floats) -> RepeatedOutcome:
-        """Fit to residuals at the values x."""
-        found = fit_with_excess_noise(
-            lambda x: (residual_m - self.partials @ (x - self.x), self.partials),
-            self.parameters,
-            self.noise,
-            groups=np.array(KINDS)[self.group],
-            status=np.where(self.usable, USED, "not usable"),
-            editing=self.editing,
-        )
-        fit = found.edited.fit
-        scale, used = 1.0, int(fit.used.sum())
-        if fit.chi2_per_dof is not None and fit.chi2 > chi2_quantile(SCALING_PROBABILITY, fit.dof):
-            scale = float(np.sqrt(fit.chi2_per_dof))
-        return RepeatedOutcome(
-            step=fit.x - self.x,
-            covariance=fit.covariance,
-            noise_scale=scale,
-            used=used,
-            rejected=len(fit.used) - used,
-            excess_noise_m=np.array([found.excess_noise_m.get(kind, 0.0) for kind in KINDS]),
-            converged=found.edited.converged,
-        )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LinearArc:
-    """What the linear model knows of one arc.
-
-    Parameters
-    ----------
-    part : ndarray of int
-        Rows of the longest arc.
-    fit : RepeatedFit or GeneralFit
-    parameters : ParameterSet
-    x : ndarray, shape (p,)
-        Parameters of the true position; the others at their a-priori values.
-    held_m : ndarray, shape (m,)
-        What those others add to the computed values, m.
-    enu_by_parameters : ndarray, shape (3, p)
-        d(east, north, up)/d(parameter).
-    ephemeris_sigma_m : ndarray, shape (3,)
-    """
-
-    part: NDArray[np.intp]
-    fit: RepeatedFit | GeneralFit
-    parameters: ParameterSet
-    x: _Floats
-    held_m: _Floats
-    enu_by_parameters: _Floats
-    ephemeris_sigma_m: _Floats
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class LinearTrials:
-    """Trials by the linear model; all that a worker needs, and nothing of kernels or tables.
-
-    Parameters
-    ----------
-    draws : NoiseDraws
-    rows : ndarray of int, shape (n,)
-        Rows of the plan that take part.
-    constant_m : ndarray, shape (n,)
-        Observed less computed at the true position, without noise and drawn departures, m.
-    spread : Spread
-    responses : dict of Departure to ndarray, shape (n,)
-        What a unit of each drawn departure adds.
-    arcs : tuple of LinearArc
-        The longest first.
-    columns : tuple of str
-    range_bias_m : dict of str to float
-        Fixed biases of ranges that are put in, by station, m.
-    """
-
-    draws: NoiseDraws
-    rows: NDArray[np.intp]
-    constant_m: _Floats
-    spread: Spread
-    responses: dict[Departure, _Floats] = field(repr=False)
-    arcs: tuple[LinearArc, ...]
-    columns: tuple[str, ...]
-    range_bias_m: dict[str, float]
-
-    def run(self, seed: int, trials: Sequence[int]) -> _Floats:
-        """Some trials of a study's seed, shape (trials, arcs, columns).
-
-        Each trial comes out the same whatever others are run with it.
-        """
-        seeds = [trial_seed(seed, trial) for trial in trials]
-        noise_m, _ = self.draws.draw(seeds)
-        out = np.full((len(seeds), len(self.arcs), len(self.columns)), np.nan)
-        for k, one in enumerate(seeds):
-            drawn = self.spread.draw(one)
-            residual_m = self.constant_m + noise_m[k, self.rows]
-            for departure, value in drawn.items():
-                residual_m += value * self.responses[departure]
-            off_m, biases_m = position_departure_m(drawn), _true_biases_m(self.range_bias_m, drawn)
-            for i, arc in enumerate(self.arcs):
-                found = arc.fit.fit(residual_m[arc.part] - arc.held_m)
-                out[k, i] = self._row(arc, found, off_m, biases_m)
-        return out
-
-    def _row(
-        self, arc: LinearArc, found: RepeatedOutcome, off_m: _Floats, biases_m: dict[str, float]
-    ) -> _Floats:
-        prior_sigmas = arc.parameters.prior_sigmas
-        covariance = scaled_by(found.covariance, prior_sigmas, found.noise_scale)
-        x, sigmas = arc.x + found.step, np.sqrt(np.diag(covariance))
-        return _row(
-            self.columns,
-            converged=found.converged,
-            used=found.used,
-            rejected=found.rejected,
-            error_m=arc.enu_by_parameters @ found.step - off_m,
-            covariance_m2=arc.enu_by_parameters @ covariance @ arc.enu_by_parameters.T
-            + np.diag(arc.ephemeris_sigma_m**2),
-            noise_scale=found.noise_scale,
-            excess_noise_m=dict(zip(KINDS, found.excess_noise_m.tolist(), strict=False)),
-            parameters={p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
-            biases_m=biases_m,
-        )
-
-
 class FullTrials:
     """Trials with the whole model: each world simulated, each arc fitted from the a-priori position on.
 
@@ -454,31 +290,16 @@ def _full_trial(ready: Prepared, seed: int) -> _Floats:
     found = []
     for arc, part, estimate in zip(ready.arcs, ready.parts, ready.estimates, strict=True):
         solution = fit_arc(study, arc.with_values(value_m[part]), {}, estimate)
-        biases_m = _true_biases_m(ready.range_bias_m, drawn)
+        biases_m = true_biases_m(ready.range_bias_m, drawn)
         found.append(_solution_row(ready, solution, world.target_pa_m, biases_m))
     return np.array(found)
-
-
-def _true_biases_m(fixed_m: dict[str, float], drawn: dict[Departure, float]) -> dict[str, float]:
-    """Biases of ranges that are in a trial, by station, m."""
-    biases_m = dict(fixed_m)
-    for departure, value in drawn.items():
-        if departure.quantity == "range_bias_m":
-            biases_m[departure.station] = biases_m.get(departure.station, 0.0) + value
-    return biases_m
-
-
-def _station_of(name: str) -> str | None:
-    """Station of a range bias, by the name of the parameter; none of other parameters."""
-    kind, _, station = name.partition(".")
-    return station if kind == "range_bias" else None
 
 
 def _solution_row(
     ready: Prepared, solution: Solution, target_pa_m: _Floats, biases_m: dict[str, float]
 ) -> _Floats:
     sigmas = solution.sigmas()
-    return _row(
+    return row_of(
         ready.columns,
         converged=solution.converged,
         used=solution.fit.total.used,
@@ -490,39 +311,3 @@ def _solution_row(
         parameters={p.name: (solution.values[j], sigmas[j]) for j, p in enumerate(solution.parameters)},
         biases_m=biases_m,
     )
-
-
-def _row(
-    columns: Sequence[str],
-    *,
-    converged: bool,
-    used: int,
-    rejected: int,
-    error_m: _Floats,
-    covariance_m2: _Floats,
-    noise_scale: float,
-    excess_noise_m: dict[str, float],
-    parameters: dict[str, tuple[float, float]],
-    biases_m: dict[str, float],
-) -> _Floats:
-    """One row of results in the order of the columns; NaN where an arc has no such number."""
-    sigma_m = np.sqrt(np.diag(covariance_m2))
-    correlation = nees = nees_horizontal = np.nan
-    if np.isfinite(covariance_m2).all():
-        correlation = covariance_m2[0, 1] / (sigma_m[0] * sigma_m[1])
-        nees = float(error_m @ np.linalg.solve(covariance_m2, error_m))
-        nees_horizontal = float(error_m[:2] @ np.linalg.solve(covariance_m2[:2, :2], error_m[:2]))
-    known = dict(
-        zip(
-            COLUMNS,
-            (converged, used, rejected, *error_m, *sigma_m, correlation, nees, nees_horizontal, noise_scale),
-            strict=True,
-        )
-    )
-    known |= {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
-    for name, (value, sigma) in parameters.items():
-        known[name], known[f"{name}.sigma"] = value, sigma
-        station = _station_of(name)
-        if station is not None:
-            known[f"{name}.error"] = value - biases_m.get(station, 0.0)
-    return np.array([float(known.get(column, np.nan)) for column in columns])

@@ -1,0 +1,162 @@
+"""Trials by the linear model: what is prepared once, values and partials at the truth, serves all of them.
+
+A trial is a sum of vectors (noise, and responses to what departs) and a linear fit: milliseconds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.estimation.build import scaled_by
+from radioloc.estimation.editing import USED, EditingSettings
+from radioloc.estimation.excess_noise import fit_with_excess_noise
+from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.parameters import ParameterSet
+from radioloc.estimation.repeated_fit import RepeatedFit, RepeatedOutcome
+from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.measurements.observations import KINDS
+from radioloc.simulation import Departure, Spread
+from radioloc.simulation.departures import position_departure_m
+from radioloc.simulation.noise import NoiseDraws
+from radioloc.studies.trial_rows import row_of, trial_seed, true_biases_m
+
+_Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GeneralFit:
+    """As :class:`~radioloc.estimation.repeated_fit.RepeatedFit`, for observations that share errors, but slower."""
+
+    partials: _Floats
+    parameters: ParameterSet
+    x: _Floats
+    noise: ObservationNoise
+    group: NDArray[np.int32]
+    usable: NDArray[np.bool_]
+    editing: EditingSettings
+
+    def fit(self, residual_m: _Floats) -> RepeatedOutcome:
+        """Fit to residuals at the values x."""
+        found = fit_with_excess_noise(
+            lambda x: (residual_m - self.partials @ (x - self.x), self.partials),
+            self.parameters,
+            self.noise,
+            groups=np.array(KINDS)[self.group],
+            status=np.where(self.usable, USED, "not usable"),
+            editing=self.editing,
+        )
+        fit = found.edited.fit
+        scale, used = 1.0, int(fit.used.sum())
+        if fit.chi2_per_dof is not None and fit.chi2 > chi2_quantile(SCALING_PROBABILITY, fit.dof):
+            scale = float(np.sqrt(fit.chi2_per_dof))
+        return RepeatedOutcome(
+            step=fit.x - self.x,
+            covariance=fit.covariance,
+            noise_scale=scale,
+            used=used,
+            rejected=len(fit.used) - used,
+            excess_noise_m=np.array([found.excess_noise_m.get(kind, 0.0) for kind in KINDS]),
+            converged=found.edited.converged,
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearArc:
+    """What the linear model knows of one arc.
+
+    Parameters
+    ----------
+    part : ndarray of int
+        Rows of the longest arc.
+    fit : RepeatedFit or GeneralFit
+    parameters : ParameterSet
+    x : ndarray, shape (p,)
+        Parameters of the true position; the others at their a-priori values.
+    held_m : ndarray, shape (m,)
+        What those others add to the computed values, m.
+    enu_by_parameters : ndarray, shape (3, p)
+        d(east, north, up)/d(parameter).
+    ephemeris_sigma_m : ndarray, shape (3,)
+    """
+
+    part: NDArray[np.intp]
+    fit: RepeatedFit | GeneralFit
+    parameters: ParameterSet
+    x: _Floats
+    held_m: _Floats
+    enu_by_parameters: _Floats
+    ephemeris_sigma_m: _Floats
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearTrials:
+    """Trials by the linear model; all that a worker needs, and nothing of kernels or tables.
+
+    Parameters
+    ----------
+    draws : NoiseDraws
+    rows : ndarray of int, shape (n,)
+        Rows of the plan that take part.
+    constant_m : ndarray, shape (n,)
+        Observed less computed at the true position, without noise and drawn departures, m.
+    spread : Spread
+    responses : dict of Departure to ndarray, shape (n,)
+        What a unit of each drawn departure adds.
+    arcs : tuple of LinearArc
+        The longest first.
+    columns : tuple of str
+    range_bias_m : dict of str to float
+        Fixed biases of ranges that are put in, by station, m.
+    """
+
+    draws: NoiseDraws
+    rows: NDArray[np.intp]
+    constant_m: _Floats
+    spread: Spread
+    responses: dict[Departure, _Floats] = field(repr=False)
+    arcs: tuple[LinearArc, ...]
+    columns: tuple[str, ...]
+    range_bias_m: dict[str, float]
+
+    def run(self, seed: int, trials: Sequence[int]) -> _Floats:
+        """Some trials of a study's seed, shape (trials, arcs, columns).
+
+        Each trial comes out the same whatever others are run with it.
+        """
+        seeds = [trial_seed(seed, trial) for trial in trials]
+        noise_m, _ = self.draws.draw(seeds)
+        out = np.full((len(seeds), len(self.arcs), len(self.columns)), np.nan)
+        for k, one in enumerate(seeds):
+            drawn = self.spread.draw(one)
+            residual_m = self.constant_m + noise_m[k, self.rows]
+            for departure, value in drawn.items():
+                residual_m += value * self.responses[departure]
+            off_m, biases_m = position_departure_m(drawn), true_biases_m(self.range_bias_m, drawn)
+            for i, arc in enumerate(self.arcs):
+                found = arc.fit.fit(residual_m[arc.part] - arc.held_m)
+                out[k, i] = self._row(arc, found, off_m, biases_m)
+        return out
+
+    def _row(
+        self, arc: LinearArc, found: RepeatedOutcome, off_m: _Floats, biases_m: dict[str, float]
+    ) -> _Floats:
+        prior_sigmas = arc.parameters.prior_sigmas
+        covariance = scaled_by(found.covariance, prior_sigmas, found.noise_scale)
+        x, sigmas = arc.x + found.step, np.sqrt(np.diag(covariance))
+        return row_of(
+            self.columns,
+            converged=found.converged,
+            used=found.used,
+            rejected=found.rejected,
+            error_m=arc.enu_by_parameters @ found.step - off_m,
+            covariance_m2=arc.enu_by_parameters @ covariance @ arc.enu_by_parameters.T
+            + np.diag(arc.ephemeris_sigma_m**2),
+            noise_scale=found.noise_scale,
+            excess_noise_m=dict(zip(KINDS, found.excess_noise_m.tolist(), strict=False)),
+            parameters={p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
+            biases_m=biases_m,
+        )

@@ -329,12 +329,16 @@ class Observations:
         """Text for people: how many observations, from when to when, by path and kind."""
         if len(self) == 0:
             return "no observations"
-        order = np.lexsort((self.epoch.fraction, self.epoch.jd))
-        first, last = (str(s) for s in utc_strings(self.epoch[order[[0, -1]]], decimals=0))
-        lines = [f"{len(self)} observations, {first} to {last} UTC, {len(set(self.file.tolist()))} file(s)"]
-        groups, counts = np.unique(np.stack([self.link, self.kind], axis=1), axis=0, return_counts=True)
+        days = (np.flatnonzero(self.epoch.jd == day(self.epoch.jd)) for day in (np.min, np.max))
+        rows = [
+            rows[of(self.epoch.fraction[rows])] for rows, of in zip(days, (np.argmin, np.argmax), strict=True)
+        ]
+        first, last = (str(s) for s in utc_strings(self.epoch[rows], decimals=0))
+        lines = [f"{len(self)} observations, {first} to {last} UTC, {len(np.unique(self.file))} file(s)"]
+        groups, counts = np.unique(self.link * len(KINDS) + self.kind, return_counts=True)
         named = sorted(
-            (self.links[i].path, KINDS[k], int(c)) for (i, k), c in zip(groups, counts, strict=True)
+            (self.links[group // len(KINDS)].path, KINDS[group % len(KINDS)], int(count))
+            for group, count in zip(groups, counts, strict=True)
         )
         width = max(len(path) for path, _, _ in named)
         lines += [f"  {path:<{width}}  {kind}  {count:>7}" for path, kind, count in named]

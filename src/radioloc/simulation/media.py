@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,12 @@ from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations, is_counted, is_differenced
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.simulation.visibility import Target, elevations
+from radioloc.simulation.dense_visibility import station_elevations_rad
+from radioloc.simulation.visibility import Target
 from radioloc.time import utc_to_tt
+
+_Share = tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64], NDArray[np.float64]]
+"""Rows, the station that one end of their paths is at, and what a unit of zenith delay and of content there adds."""
 
 MappingFunction = Callable[[NDArray[np.float64]], NDArray[np.float64]]
 """From elevations, rad, to the delay there over the delay in the zenith."""
@@ -75,15 +79,15 @@ def media_error_m(
     InputError
         An electron content is given where an observation has no frequency.
     """
-    by_zenith, by_tec = media_partials(
-        model, observations, target_pa_m, troposphere_mapping, ionosphere_mapping
-    )
-    added = {}
-    for name, errors, partials in (("troposphere", zenith_m, by_zenith), ("ionosphere", tec_tecu, by_tec)):
-        added[name] = np.zeros(len(observations))
-        for station, error in errors.items():
-            if error and station in partials:
-                added[name] += error * partials[station]
+    stations = _stations(observations)
+    shares = _shares(model, observations, target_pa_m, troposphere_mapping, ionosphere_mapping)
+    zenith, tec = (np.array([errors.get(name, 0.0) for name in stations]) for errors in (zenith_m, tec_tecu))
+    added = {name: np.zeros(len(observations)) for name in ("troposphere", "ionosphere")}
+    for rows, station, by_zenith, by_tec in shares:
+        added["troposphere"][rows] += zenith[station] * by_zenith
+        # A content without an error needs no frequency.
+        content = tec[station]
+        added["ionosphere"][rows] += np.where(content == 0.0, 0.0, content * by_tec)
     refuse_unknown_frequencies(added["ionosphere"])
     return added
 
@@ -113,31 +117,46 @@ def media_partials(
         By station: m per metre of zenith delay, and m per TECU of vertical content, NaN where the frequency of an
         observation that the station has part in is not known.
     """
-    ends = ("transmitter", "receiver")
-    n = len(observations)
-    names = sorted({getattr(link, end) for link in observations.links for end in ends})
-    place = {name: k for k, name in enumerate(names)}
-    by_zenith, by_tec = np.zeros((n, len(names))), np.zeros((n, len(names)))
+    names = _stations(observations)
+    by_zenith, by_tec = np.zeros((2, len(names), len(observations)))
+    for rows, station, zenith, tec in _shares(
+        model, observations, target_pa_m, troposphere_mapping, ionosphere_mapping
+    ):
+        by_zenith[station, rows] += zenith
+        by_tec[station, rows] += tec
+    return dict(zip(names, by_zenith, strict=True)), dict(zip(names, by_tec, strict=True))
+
+
+def _stations(observations: Observations) -> list[str]:
+    return sorted({name for link in observations.links for name in (link.transmitter, link.receiver)})
+
+
+def _shares(
+    model: PhysicalModel,
+    observations: Observations,
+    target_pa_m: Target,
+    troposphere_mapping: MappingFunction,
+    ionosphere_mapping: MappingFunction,
+) -> Iterator[_Share]:
+    """What each end of the paths has part in, at each instant that counts."""
+    names = _stations(observations)
     counted, delay = is_counted(observations.kind), is_differenced(observations.kind)
-    down_hz = C_M_S / (observations.wavelength_um * 1e-6)
     half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
     tt = utc_to_tt(observations.epoch)
     # Of the two instants, that of a range or a delay is the first; the second one is for what is counted alone.
     for sign, rows, shift_s in (
-        (1.0, np.arange(n), half_s),
+        (1.0, np.arange(len(observations)), half_s),
         (-1.0, np.flatnonzero(counted), -half_s),
     ):
-        at = elevations(model, target_pa_m, names, tt[rows].shifted(shift_s[rows])).at_station_rad
-        for end in ends:
-            which = np.array([place[getattr(link, end)] for link in observations.links])[
-                observations.link[rows]
-            ]
-            elevation_rad = at[np.arange(len(rows)), which]
-            leg = np.where(delay[rows] & (end == "transmitter"), -sign, sign)
-            sent = (end == "transmitter") & ~delay[rows]
-            hz = np.where(sent, observations.uplink_hz[rows], down_hz[rows])
-            phase = np.where(counted[rows], -1.0, 1.0)
+        at = tt[rows].shifted(shift_s[rows])
+        phase = np.where(counted[rows], -1.0, 1.0)
+        for end in ("transmitter", "receiver"):
+            of_link = np.array([names.index(getattr(link, end)) for link in observations.links])
+            station = of_link[observations.link[rows]]
+            elevation_rad = station_elevations_rad(model, target_pa_m, names, station, at)
+            leg, hz = np.full(len(rows), sign), C_M_S / (observations.wavelength_um[rows] * 1e-6)
+            if end == "transmitter":
+                leg = np.where(delay[rows], -sign, sign)
+                hz = np.where(delay[rows], hz, observations.uplink_hz[rows])
             at_frequency = _IONOSPHERE_M_HZ2 * ionosphere_mapping(elevation_rad) / hz**2
-            by_zenith[rows, which] += leg * troposphere_mapping(elevation_rad)
-            by_tec[rows, which] += leg * phase * at_frequency
-    return dict(zip(names, by_zenith.T, strict=True)), dict(zip(names, by_tec.T, strict=True))
+            yield rows, station, leg * troposphere_mapping(elevation_rad), leg * phase * at_frequency

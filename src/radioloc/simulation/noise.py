@@ -186,9 +186,10 @@ class NoiseDraws:
         """Find out which series of errors each observation has part in."""
         observations = plan.observations
         found: dict[str, _Series] = {}
-        groups = np.unique(np.stack([plan.session, observations.link], axis=1), axis=0)
-        for session_index, link_index in groups.tolist():
-            rows = np.flatnonzero((plan.session == session_index) & (observations.link == link_index))
+        group = plan.session * len(observations.links) + observations.link
+        for number in np.unique(group).tolist():
+            session_index, link_index = divmod(number, len(observations.links))
+            rows = np.flatnonzero(group == number)
             session, link = plan.sessions[session_index], observations.links[link_index]
             parts = [(1.0, model.link.get(session.kind, Noise()), link.path)]
             if link.differenced:
@@ -266,10 +267,19 @@ def gauss_markov(drive: NDArray[np.float64], step_correlation: float) -> NDArray
     -----
     x_0 = w_0, x_k = f x_(k-1) + sqrt(1 - f^2) w_k (Gelb 1974, Applied Optimal Estimation, chapter 3).
     """
-    scaled = drive * math.sqrt(1.0 - step_correlation**2)
-    scaled[..., :1] = drive[..., :1]
-    # Epoch by epoch, all processes at once.
-    states = np.ascontiguousarray(np.moveaxis(scaled, -1, 0))
-    for k in range(1, len(states)):
+    n = drive.shape[-1]
+    length = math.isqrt(max(n - 1, 0)) + 1
+    parts = -(-n // length)
+    # Part by part side by side, shape (length, ..., parts): each as if it began from nothing.
+    states = np.zeros((*drive.shape[:-1], parts * length))
+    states[..., :n] = drive * math.sqrt(1.0 - step_correlation**2)
+    states[..., :1] = drive[..., :1]
+    states = np.ascontiguousarray(np.moveaxis(states.reshape(*drive.shape[:-1], parts, length), -1, 0))
+    for k in range(1, length):
         states[k] += step_correlation * states[k - 1]
-    return np.ascontiguousarray(np.moveaxis(states, 0, -1))
+    # Then what each has from the part before, which fades from epoch to epoch.
+    fading = step_correlation ** np.arange(1, length + 1)
+    for part in range(1, parts):
+        before = states[-1, ..., part - 1]
+        states[..., part] += fading.reshape(-1, *[1] * before.ndim) * before
+    return np.moveaxis(states, 0, -1).reshape(*drive.shape[:-1], -1)[..., :n].copy()

@@ -20,7 +20,8 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.measurements.observations import BASELINE_KINDS, KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.simulation.visibility import Masks, Target, elevations
+from radioloc.simulation.dense_visibility import seen
+from radioloc.simulation.visibility import Masks, Target
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 
 Pair = tuple[str, str]
@@ -224,11 +225,11 @@ class Schedule:
         stations = tuple(dict.fromkeys(name for pair in pairs for name in pair))
         place = {name: k for k, name in enumerate(stations)}
         ends = np.array([[place[first], place[second]] for first, second in pairs])
-        seen = self._seen(session, model, target_pa_m, stations, utc)
-        measured = seen[:, ends[:, 0]] & seen[:, ends[:, 1]]
+        can_see = self._seen(session, model, target_pa_m, stations, utc)
+        measured = can_see[:, ends[:, 0]] & can_see[:, ends[:, 1]]
         if session.one_uplink:
             senders = list(dict.fromkeys(ends[:, 0].tolist()))
-            first_seen = np.array(senders)[np.argmax(seen[:, senders], axis=1)]
+            first_seen = np.array(senders)[np.argmax(can_see[:, senders], axis=1)]
             measured &= first_seen[:, None] == ends[:, 0]
         slot, pair = np.nonzero(measured)
         differenced = session.kind in BASELINE_KINDS
@@ -262,10 +263,10 @@ class Schedule:
             after_s += 0.0 if session.time_tag == "receive" else _ROUND_TRIP_S
         tt = utc_to_tt(utc)
         first, last = (
-            elevations(model, target_pa_m, stations, tt.shifted(shift_s)).margin_rad(self.masks)
+            seen(model, target_pa_m, stations, tt.shifted(shift_s), self.masks)
             for shift_s in (-before_s, after_s)
         )
-        return (first >= 0.0) & (last >= 0.0)
+        return first & last
 
 
 def _canonical(pairs: Sequence[Pair], catalogue: StationCatalogue) -> list[Pair]:
@@ -273,8 +274,10 @@ def _canonical(pairs: Sequence[Pair], catalogue: StationCatalogue) -> list[Pair]
 
 
 def _refuse_overlaps(observations: Observations) -> None:
-    keys = np.stack(
-        [observations.epoch.jd, observations.epoch.fraction, observations.link, observations.kind], axis=1
-    )
-    if len(np.unique(keys, axis=0)) < len(keys):
+    keys = observations.epoch.jd, observations.epoch.fraction, observations.link, observations.kind
+    order = np.lexsort(keys[::-1])
+    same = np.ones(len(order) - 1, dtype=bool)
+    for key in keys:
+        same &= np.diff(key[order]) == 0
+    if same.any():
         raise InputError("two sessions measure the same link at the same time; let one of them end before")

@@ -21,6 +21,8 @@ from radioloc.simulation.schedule import Plan, Schedule
 from radioloc.simulation.truth import Truth
 from radioloc.simulation.visibility import Target
 
+_ROWS_AT_ONCE = 65536
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulated:
@@ -144,7 +146,7 @@ class World:
         noise_m, is_outlier = noise.draw(self.plan, seed)
         value_m = self.error_free_m + noise_m
         for added_m in self.added_m.values():
-            value_m = value_m + added_m
+            value_m += added_m
         value_m.flags.writeable = False
         return Simulated(
             observations=replace(self.plan.observations, value_m=value_m),
@@ -213,17 +215,22 @@ def _computed_m(
     trajectory: Trajectory | None,
 ) -> NDArray[np.float64]:
     """Prediction of the observations, refused where the model does not hold."""
-    computed = prepare_arc(world, observations, target_pa_m, trajectory=trajectory).compute(target_pa_m)
-    wrong = np.flatnonzero(computed.problem != "")
-    if len(wrong):
-        row = int(wrong[0])
+    predicted = prepare_arc(world, observations, target_pa_m, trajectory=trajectory).at(target_pa_m)
+    wrong, problem = 0, ""
+    for start in range(0, len(observations), _ROWS_AT_ONCE):
+        problems = predicted.rows(slice(start, start + _ROWS_AT_ONCE)).problem
+        found = np.flatnonzero(problems != "")
+        if len(found) and not wrong:
+            row, problem = start + int(found[0]), str(problems[found[0]])
+        wrong += len(found)
+    if wrong:
         link = observations.links[observations.link[row]].path
         kind = KINDS[observations.kind[row]]
         raise InputError(
-            f"{len(wrong)} of {len(observations)} observations cannot be simulated; the first, a {kind} of {link}: "
-            f"{computed.problem[row]}; raise the elevation mask, or leave the term out of the model"
+            f"{wrong} of {len(observations)} observations cannot be simulated; the first, a {kind} of {link}: "
+            f"{problem}; raise the elevation mask, or leave the term out of the model"
         )
-    return computed.value_m
+    return predicted.value_m
 
 
 def _departures(truth: Truth) -> list[tuple[str, Any]]:

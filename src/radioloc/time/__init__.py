@@ -18,13 +18,14 @@ from radioloc.time.scales import (
     utc_to_tai,
     utc_to_tt,
 )
-from radioloc.time.smooth import evaluate_smooth
+from radioloc.time.smooth import evaluate_smooth, lagrange_weights
 
 __all__ = [
     "Epochs",
     "epochs_from_strings",
     "evaluate_smooth",
     "geocentric_tdb_minus_tt",
+    "lagrange_weights",
     "tai_to_tt",
     "tai_to_utc",
     "tdb_minus_tt",

@@ -51,12 +51,12 @@ def evaluate_smooth(function: Callable[[Epochs], NDArray[Any]], epochs: Epochs) 
     whole, part = np.divmod(nodes, NODES_PER_DAY)
     values = np.asarray(function(Epochs(day + whole, part / NODES_PER_DAY, epochs.scale)))
     around = values[which.reshape(len(starts), _POINTS)][row]
-    weights = _lagrange_weights(place - first)
+    weights = lagrange_weights(place - first)
     return np.asarray(np.einsum("nk,nk...->n...", weights, around))
 
 
-def _lagrange_weights(u: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Weights of the nodes -3 to 4 for a place u between 0 and 1, shape (n, 8)."""
+def lagrange_weights(u: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Weights of the nodes -3 to 4 for a place u among them, best between 0 and 1, shape (n, 8)."""
     nodes = np.arange(_POINTS) - (_POINTS // 2 - 1.0)
     apart = u[:, None] - nodes
     weights = np.empty_like(apart)

@@ -96,6 +96,17 @@ def test_outliers_are_as_many_and_as_large_as_asked_for():
     assert (error_m[~wild] == plain_m[~wild]).all()
 
 
+def test_gauss_markov_recursion_of_long_series():
+    drive = np.random.default_rng(3).standard_normal((2, 1000))
+    f = 0.98
+    expected = drive.copy()
+    for k in range(1, 1000):
+        expected[:, k] = f * expected[:, k - 1] + np.sqrt(1.0 - f * f) * drive[:, k]
+    np.testing.assert_allclose(gauss_markov(drive, f), expected, rtol=0.0, atol=1e-13)
+    for n in (0, 1, 2, 17):
+        np.testing.assert_allclose(gauss_markov(drive[:, :n], f), expected[:, :n], rtol=0.0, atol=1e-13)
+
+
 def test_gauss_markov_recursion():
     drive = np.array([1.0, 2.0, -1.0])
     f, g = 0.6, 0.8

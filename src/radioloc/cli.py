@@ -1,4 +1,4 @@
-"""The command line: ``radioloc locate``, ``residuals``, ``arcs``, ``simulate``, ``montecarlo`` and ``stations``.
+"""The command line: ``radioloc locate``, ``residuals``, ``arcs``, ``simulate``, ``montecarlo``, ``convert``, ...
 
 Exit status: 0 converged (or done), 2 bad input, 3 not converged or not observable.
 """
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from radioloc.estimation.solution import Solution
     from radioloc.studies.study import Study
 
+_ORIGINATOR_HELP = "agency that makes a Tracking Data Message, which must be named"
 EXIT_DONE, EXIT_BAD_INPUT, EXIT_NOT_CONVERGED = 0, 2, 3
 
 
@@ -103,8 +104,9 @@ def _parser() -> argparse.ArgumentParser:
         type=Path,
         metavar="FILE",
         required=True,
-        help="write the observations there: .csv or .parquet",
+        help="write the observations there, by its ending: .csv, .parquet, .tdm, .kvn or .xml",
     )
+    simulate.add_argument("--originator", metavar="NAME", help=_ORIGINATOR_HELP)
     simulate.add_argument("--seed", type=int, metavar="N", help="of the noise (default: the study's)")
     simulate.add_argument("--quiet", action="store_true", help="print nothing but errors")
     simulate.set_defaults(run=_simulate)
@@ -115,7 +117,10 @@ def _parser() -> argparse.ArgumentParser:
         "files", type=Path, nargs="+", metavar="IN", help="files to read, each of any format"
     )
     convert.add_argument(
-        "out", type=Path, metavar="OUT", help="file to write, by its ending: .csv, .parquet, .tdm or .xml"
+        "out",
+        type=Path,
+        metavar="OUT",
+        help="file to write, by its ending: .csv, .parquet, .tdm, .kvn or .xml",
     )
     convert.add_argument(
         "--sigma",
@@ -124,7 +129,7 @@ def _parser() -> argparse.ArgumentParser:
         metavar="TYPE=METRES",
         help="sigmas of observations in Tracking Data Messages, which state none, such as range=1.0; one for each type",
     )
-    convert.add_argument("--originator", metavar="NAME", help="agency that makes a Tracking Data Message")
+    convert.add_argument("--originator", metavar="NAME", help=_ORIGINATOR_HELP)
     convert.add_argument("--quiet", action="store_true", help="print nothing but errors")
     convert.set_defaults(run=_convert)
     trials = commands.add_parser(
@@ -183,12 +188,14 @@ def _arcs(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from radioloc.io.write import write_observations
+    from radioloc.io.write import require_writable, write_observations
     from radioloc.studies.simulate import simulate
     from radioloc.studies.study_file import read_study
 
+    require_writable(options.out, options.originator)  # before the work, which may take long
     made = simulate(read_study(options.study), options.seed)
-    write_observations(options.out, made.observations, comments=[made.summary()])
+    comments = [made.summary()]
+    write_observations(options.out, made.observations, originator=options.originator, comments=comments)
     if not options.quiet:
         print(made.summary())
         print(f"\nwritten to {options.out}")
@@ -198,9 +205,9 @@ def _simulate(options: argparse.Namespace) -> int:
 def _convert(options: argparse.Namespace) -> int:
     from radioloc.io.detect import read_observations
     from radioloc.io.tdm_agreement import TdmAgreement
-    from radioloc.io.write import require_ending, write_observations
+    from radioloc.io.write import require_writable, write_observations
 
-    require_ending(options.out)  # before the reading, which may take long
+    require_writable(options.out, options.originator)  # before the reading, which may take long
     tdm = TdmAgreement(sigma_m=_sigmas(options.sigma)) if options.sigma else None
     observations = read_observations(options.files, tdm=tdm)
     write_observations(options.out, observations, originator=options.originator)

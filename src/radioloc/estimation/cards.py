@@ -9,17 +9,21 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import NDArray
 
-from radioloc.estimation.statistics import GroupStatistics
+from radioloc.estimation.labels import Labels
+from radioloc.estimation.statistics import GroupStatistics, statistics_by
+from radioloc.measurements.observations import Link
 from radioloc.time import utc_strings
 
 if TYPE_CHECKING:
-    from radioloc.estimation.solution import ReferenceComparison, Solution
+    from radioloc.estimation.solution import ReferenceComparison, Residuals, Solution
 
 _WIDTH = 80
 _LABEL_WIDTH = 12
 _SHORTEST_NAME = 6  # where numbers take all the room, the card grows wider
 _MAX_ROWS = 6  # stations, biases, outliers: a card is to fit a screen; to_dict() has them all
+_MAX_LINKS = 12  # six baselines of four stations, and some that range
 _MAX_OUTLIERS = 3
 _MAX_SENTENCES = 4
 _MAX_SERIES = 3
@@ -44,10 +48,11 @@ def card_fields(solution: Solution) -> tuple[CardField, ...]:
     ]
     fields += [CardField("from", _variance_sources(solution))] if solution.position_estimated else []
     fields += [CardField("reference", _reference(solution.reference))] if solution.reference else []
+    fields += [CardField("a priori", priors)] if (priors := _position_priors(solution)) else []
     fields += [_other_parameters(solution)] if _others(solution) else []
     fields += [CardField("held", held)] if (held := _held(solution)) else []
     fields += [CardField("passes", passes)] if (passes := _passes(solution)) else []
-    fields += [CardField("data", _data(solution)), CardField("fit", _fit(solution)), _groups(solution)]
+    fields += [CardField("data", _data(solution)), CardField("fit", _fit(solution)), *_groups(solution)]
     fields += [CardField("left out", _left_out(solution))] if solution.fit.total.rejected else []
     sentences = solution.observability.describe()
     fields += [CardField("observable", sentences[:_MAX_SENTENCES])] if sentences else []
@@ -192,6 +197,21 @@ def _reference(reference: ReferenceComparison) -> tuple[str, ...]:
     return (line,)
 
 
+def _position_priors(solution: Solution) -> tuple[str, ...]:
+    """A-priori values of the position's parameters, and how far off the estimate is."""
+    lines = []
+    for item, value in zip(solution.parameters, solution.values, strict=True):
+        if item.kind != "position" or item.fixed or not math.isfinite(item.prior_sigma):
+            continue
+        off_m = float(value) - item.prior_value
+        lines.append(
+            f"{item.name} {item.prior_value:.6g} +- {metres(item.prior_sigma)} {item.unit}; estimated "
+            f"{metres(off_m) if off_m < 0.0 else '+' + metres(off_m)} {item.unit} from it, "
+            f"{abs(off_m) / item.prior_sigma:.2f} of its sigmas"
+        )
+    return tuple(lines)
+
+
 def _others(solution: Solution, *, held: bool = False) -> list[int]:
     """Parameters beside the position: those that are solved for, or those that are held."""
     free = solution.parameters.free
@@ -244,7 +264,7 @@ def _data(solution: Solution) -> tuple[str, ...]:
     hours = 24.0 * float((last.jd - first.jd + last.fraction - first.fraction)[0])
     span = f"{hours:.1f} h" if hours < 72.0 else f"{hours / 24.0:.1f} days"
     start, stop = (str(utc_strings(epoch, decimals=0)[0]) for epoch in (first, last))
-    stations = _plural(len(solution.fit.by_station), "station")
+    stations = _plural(len(_ends(rows)), "station")
     return (
         f"{_plural(len(rows), 'observation')} from {stations} over {span},",
         f"{start} to {stop} UTC",
@@ -254,7 +274,9 @@ def _data(solution: Solution) -> tuple[str, ...]:
 def _fit(solution: Solution) -> tuple[str, ...]:
     fit = solution.fit
     line = f"{fit.total.used} used, {fit.total.rejected} left out"
-    if fit.total.wrms_m is not None:
+    if (
+        fit.total.wrms_m is not None and len(fit.by_type) <= 1
+    ):  # types in metres of different things have none
         line += f"; wrms {metres(fit.total.wrms_m)} m"
         if {group.label for group in fit.by_type} == {"range"}:
             line += f" of the whole light path ({metres(0.5 * fit.total.wrms_m)} m one way)"
@@ -287,7 +309,41 @@ def _alike(solution: Solution) -> list[str]:
     return [*lines, f"the position's sigma grows by a factor of {solution.correlation_factor:.2g} for that"]
 
 
-def _groups(solution: Solution) -> CardField:
+def _ends(rows: Residuals) -> set[str]:
+    """Stations at either end of some path."""
+    if not _have_paths(rows):
+        return set(rows.stations.present())
+    links = [Link.from_path(path) for path in rows.paths.present()]
+    return {end for link in links for end in (link.transmitter, link.receiver)}
+
+
+def _have_paths(rows: Residuals) -> bool:
+    """Whether paths are those of observations, not names of stations in their place."""
+    return all(">" in path for path in rows.paths.present())
+
+
+def _groups(solution: Solution) -> list[CardField]:
+    """Statistics by station; where kinds of measurement differ, or there are baselines, by kind and by link."""
+    rows, fit = solution.residuals, solution.fit
+    several = len(fit.by_type) > 1
+    baselines = any("<" in path for path in rows.paths.texts)
+    if not _have_paths(rows) or not (several or baselines):
+        return [_statistics("stations", fit.by_station, _MAX_ROWS)]
+    places = Labels.coded(_places(rows), rows.paths.codes)
+    if several:
+        # Of several kinds a station has no one rms: metres of range and of growth over a count interval differ.
+        names = [f"{place} {kind}" for place in places.texts for kind in rows.types.texts]
+        places = Labels.coded(names, places.codes * len(rows.types.texts) + rows.types.codes)
+    by_link = statistics_by(places, rows.residual_m, rows.sigma_m, rows.used)
+    fields = [_statistics("types", fit.by_type, _MAX_ROWS)] if several else []
+    return [*fields, _statistics("links", by_link, _MAX_LINKS)]
+
+
+def _places(rows: Residuals) -> list[str]:
+    return [Link.from_path(path).place for path in rows.paths.texts]
+
+
+def _statistics(label: str, groups: tuple[GroupStatistics, ...], most: int) -> CardField:
     def cells(group: GroupStatistics) -> tuple[str, ...]:
         values = (group.mean_m, group.rms_m, group.wrms_m)
         return (
@@ -297,10 +353,9 @@ def _groups(solution: Solution) -> CardField:
             *("-" if value is None else metres(value) for value in values),
         )
 
-    groups = solution.fit.by_station
-    lines = (f"{len(groups) - _MAX_ROWS} more are not shown",) if len(groups) > _MAX_ROWS else ()
+    lines = (f"{len(groups) - most} more are not shown",) if len(groups) > most else ()
     heading = ("residuals, m", "used", "left out", "mean", "rms", "wrms")
-    return CardField("stations", lines, heading, tuple(cells(group) for group in groups[:_MAX_ROWS]))
+    return CardField(label, lines, heading, tuple(cells(group) for group in groups[:most]))
 
 
 def _left_out(solution: Solution) -> tuple[str, ...]:
@@ -310,8 +365,22 @@ def _left_out(solution: Solution) -> tuple[str, ...]:
     out = out[np.argsort(-np.abs(rows.residual_m[out] / rows.sigma_m[out]), kind="stable")]
     shown = out[:_MAX_OUTLIERS]
     epochs = utc_strings(rows.epoch_utc[shown], decimals=0)
-    told = zip(epochs, rows.stations[shown], rows.outcome[shown], strict=True)
-    lines = [f"{epoch} {station}: {reason}" for epoch, station, reason in told]
+    told = zip(epochs, _names(rows, shown), rows.outcome[shown], strict=True)
+    lines = [f"{epoch} {name}: {reason}" for epoch, name, reason in told]
     if len(out) > len(shown):
         lines.append(f"... and {len(out) - len(shown)} more")
     return tuple(lines)
+
+
+def _names(rows: Residuals, shown: NDArray[np.intp]) -> list[str]:
+    """What some observations are called in a line: their station or baseline, and what else tells them apart."""
+    if not _have_paths(rows):
+        return [str(station) for station in rows.stations[shown]]
+    several = len(rows.types.present()) > 1
+    names = []
+    for path, kind in zip(rows.paths[shown], rows.types[shown], strict=True):
+        link = Link.from_path(str(path))
+        three_way = not link.differenced and link.transmitter != link.receiver
+        name = f"{link.place} from {link.transmitter}" if three_way else link.place
+        names.append(f"{name} {kind}" if several else name)
+    return names

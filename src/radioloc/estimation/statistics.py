@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.labels import Labels
 
 SCALING_PROBABILITY = 0.999
-"""The formal covariance is scaled up when the reduced chi-square would exceed its value by chance in fewer
-than one
+"""The formal covariance is scaled up when the reduced chi-square would exceed its value by chance in fewer than one
 fit of a thousand."""
 
 

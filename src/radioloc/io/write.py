@@ -49,21 +49,31 @@ def write_observations(
     FileFormatError
         The file cannot be written.
     """
-    ending = require_ending(path)
+    ending = require_writable(path, originator)
     if ending == ".csv":
         write_table(path, observations, comments=comments)
     elif ending == ".parquet":
         write_parquet(path, observations)
-    elif originator is None:
-        raise InputError(f"{path}: a Tracking Data Message names the agency that makes it; give originator")
     else:
+        assert originator is not None  # require_writable has seen to that
         write_tdm(path, observations, originator=originator, comments=comments)
 
 
-def require_ending(path: str | Path) -> str:
-    """The ending of a file's name, in small letters; :class:`InputError` if it is none of :data:`ENDINGS`."""
+def require_writable(path: str | Path, originator: str | None = None) -> str:
+    """The ending of a file's name, in small letters, if a file of it can be written.
+
+    Raises
+    ------
+    InputError
+        It is none of :data:`ENDINGS`, or that of a message, and no originator is given.
+    """
     ending = Path(path).suffix.lower()
     if ending not in ENDINGS:
         known = ", ".join(f"{known} ({name})" for known, name in ENDINGS.items())
         raise InputError(f"{path}: the ending says no format that is written; use {known}")
+    if originator is None and ending not in (".csv", ".parquet"):
+        raise InputError(
+            f"{path}: a Tracking Data Message names the agency that makes it; "
+            "give originator (--originator NAME)"
+        )
     return ending

@@ -100,6 +100,11 @@ class Link:
         """Text such as ``APOLLO>apollo15>APOLLO``, or ``SESHAN25<lander>KUNMING`` of a differenced delay."""
         return f"{self.transmitter}{'<' if self.differenced else '>'}{self.target}>{self.receiver}"
 
+    @property
+    def place(self) -> str:
+        """The receiving station, or the two of a baseline (``SESHAN25–KUNMING``): what residuals are grouped by."""
+        return f"{self.transmitter}\N{EN DASH}{self.receiver}" if self.differenced else self.receiver
+
     @classmethod
     def from_path(cls, path: str) -> Link:
         """Read text such as ``APOLLO>apollo15>APOLLO`` or ``SESHAN25<lander>KUNMING``.

@@ -28,7 +28,8 @@ if TYPE_CHECKING:
 
 _ORDER = ("vlbi_delay", "vlbi_delay_rate", "range", "doppler")
 _WORDS = {"vlbi_delay": "delay", "vlbi_delay_rate": "delay rate", "range": "range", "doppler": "Doppler"}
-_MAX_PANELS = 30
+MOST_LINKS = 30
+"""Panels that fit on a page."""
 _COLUMNS = 3
 _PANEL_IN = (3.7, 1.9)
 # Panels of a kind share a scale unless one would be squeezed by more than this.
@@ -80,8 +81,8 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
     if not len(residuals):
         raise InputError("there are no residuals to draw")
     panels = _panels(residuals)
-    if len(panels) > _MAX_PANELS:
-        raise InputError(f"{len(panels)} links do not fit on one page; select up to {_MAX_PANELS}")
+    if len(panels) > MOST_LINKS:
+        raise InputError(f"{len(panels)} links do not fit on one page; select up to {MOST_LINKS}")
     if title is None:
         title = f"{solution.name}: " if isinstance(solution, Solution) else ""
         title += "observed \N{MINUS SIGN} computed"
@@ -110,6 +111,11 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
     return figure
 
 
+def number_of_links(residuals: Residuals) -> int:
+    """How many panels :func:`plot_links` would need."""
+    return len(_panels(residuals))
+
+
 def _crowded(residuals: Residuals, panel: _Panel) -> bool:
     return int(residuals.used[panel.all_rows].sum()) > MOST_POINTS
 
@@ -125,11 +131,10 @@ def _panels(residuals: Residuals) -> list[_Panel]:
         if kind not in KINDS:
             raise InputError(f"type {kind!r} of an observation is not known; use {', '.join(KINDS)}")
         if link.differenced:
-            place, name = f"{link.transmitter}\N{EN DASH}{link.receiver}", ""
+            name = ""
         else:
-            place = link.receiver
             name = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"
-        found.setdefault((_ORDER.index(kind), place), {})[name] = np.flatnonzero(keys == key)
+        found.setdefault((_ORDER.index(kind), link.place), {})[name] = np.flatnonzero(keys == key)
     return [
         _Panel(_ORDER[kind], f"{_WORDS[_ORDER[kind]]} {place}", dict(sorted(rows.items(), reverse=True)))
         for (kind, place), rows in sorted(found.items())

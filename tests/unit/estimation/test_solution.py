@@ -281,6 +281,40 @@ def test_card_says_what_was_left_out_and_the_one_way_equivalent(solution):
     assert "200 observations from 3 stations over 3.0 days" in card
 
 
+def test_card_keeps_links_and_types_apart():
+    """A delay belongs to two stations, and ranges and Doppler have no common rms."""
+    paths = ["A>x>A", "A>x>B", "C<x>B", "C<x>D", "A>x>A"] * 40
+    types = ["range", "range", "vlbi_delay", "vlbi_delay", "doppler"] * 40
+    card = str(toy_solution(ToyMoon(200, 72.0), path=paths, type=types, blunders_m={2: 20.0, 6: -30.0}))
+    text = " ".join(card.split())
+    assert "200 observations from 4 stations" in text
+    assert "198 used, 2 left out chi2/dof" in text
+    rows = {" ".join(line.split()[:-5]): line.split()[-5:-3] for line in card.splitlines() if " 0." in line}
+    for label in (
+        "A range",
+        "B range",
+        "C–B vlbi_delay",
+        "C–D vlbi_delay",
+        "A doppler",
+        "range",
+        "vlbi_delay",
+    ):
+        assert label in rows
+    assert rows["C–B vlbi_delay"] == ["39", "1"]
+    assert "C–B vlbi_delay: outlier: " in text
+    assert "B from A range: outlier: " in text
+
+
+def test_card_tells_how_far_the_position_is_from_its_prior():
+    model = ToyMoon(100, 72.0)
+    parameters = model.parameters(LANDER_M + np.array([1e3, 0.0, 0.0]), np.inf)
+    parameters = parameters.changed(parameters.names[2], prior_value=LANDER_M[2] - 6.0, prior_sigma=4.0)
+    solution = toy_solution(model, parameters=parameters)
+    off_m = solution.values[2] - (LANDER_M[2] - 6.0)
+    text = " ".join(str(solution).split())
+    assert f"+- 4.00 m; estimated +{metres(off_m)} m from it, {off_m / 4.0:.2f} of its sigmas" in text
+
+
 class _Text(HTMLParser):
     def __init__(self):
         super().__init__()

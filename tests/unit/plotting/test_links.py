@@ -9,6 +9,7 @@ from toy_moon import ToyMoon, toy_solution
 from radioloc.errors import InputError
 from radioloc.estimation import Labels, Outcome
 from radioloc.plotting import plot_links, save_figure
+from radioloc.plotting.links import number_of_links
 
 DASH = "\N{EN DASH}"
 PATHS = {
@@ -56,6 +57,10 @@ def test_a_panel_for_each_baseline_and_each_receiver(rows):
         "range KASHI",
         "Doppler KASHI",
     ]
+
+
+def test_as_many_panels_as_links(rows):
+    assert number_of_links(rows) == len(panels_of(plot_links(rows)))
 
 
 def test_panels_show_the_used_residuals_of_their_links(rows):

@@ -6,8 +6,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from toy_moon import ToyMoon, toy_solution
 
 import radioloc
+import radioloc.plotting
 from radioloc import InputError, LunarPosition, ObservationChoice, Study
 from radioloc.studies.report import write_report, write_terms
 
@@ -155,3 +157,25 @@ def test_statuses_do_not_break_the_table(apollo15, near15, tmp_path):
     rows = rows_of(tmp_path / "residuals.csv")
     assert all(row["status"].startswith("outlier: ") for row in rows[::10])
     assert all(None not in row for row in rows)
+
+
+@pytest.mark.parametrize(
+    ("paths", "types", "by_link"),
+    [
+        (("A>x>A", "A>x>B"), ("range", "range"), False),
+        (("A>x>A", "A>x>A"), ("range", "doppler"), True),
+        (("A<x>B", "A<x>C"), ("vlbi_delay", "vlbi_delay"), True),
+    ],
+)
+def test_kinds_and_baselines_have_panels_of_their_own(paths, types, by_link, tmp_path, monkeypatch):
+    drawn = []
+    for name in ("plot_links", "plot_residuals"):
+        draw = getattr(radioloc.plotting, name)
+        monkeypatch.setattr(
+            radioloc.plotting, name, lambda s, name=name, draw=draw: (drawn.append(name), draw(s))[1]
+        )
+    solution = toy_solution(
+        ToyMoon(60, 72.0), path=[*paths] * 30, type=[*types] * 30, elevation_deg=np.full(60, 30.0)
+    )
+    write_report(solution, tmp_path)
+    assert drawn == ["plot_links" if by_link else "plot_residuals"]

@@ -167,11 +167,10 @@ class TrackingArc:
         ConvergenceError
             The light times did not settle.
         """
-        path, relay = self._solve(lander_pa_m)
+        path, relay, (up, down) = self._solve(lander_pa_m)
         if self._too_far(path):
             self._prepare(lander_pa_m)
-            path, relay = self._solve(lander_pa_m)
-        up, down = self._slants(path, relay)
+            path, relay, (up, down) = self._solve(lander_pa_m)
         length_m = C_M_S * (self._sign * path.up_s + (path.down_s + self._equipment.in_value_s))
         if self.model.has("tdb_tt"):
             tdb_tt_s = self._down.tdb_minus_tt_at(path.receive_s) - self._up.tdb_minus_tt_at(path.transmit_s)
@@ -281,7 +280,7 @@ class TrackingArc:
         self._down = self._up if same else self._station(self._receiver, zero)
         self._meet(zero)
         # From the tag's instant the straight motions give the events to some nanoseconds.
-        path, _ = self._solve(lander_pa_m)
+        path, _, _ = self._solve(lander_pa_m)
         self._up = self._moved(self._up, self._transmitter, path.transmit_s)
         self._down = self._moved(self._down, self._receiver, path.receive_s)
         self._meet(path.bounce_s)
@@ -322,7 +321,13 @@ class TrackingArc:
         )
         return bool((np.abs(moved_s) > _STRAIGHT_FOR_S).any())
 
-    def _solve(self, lander_pa_m: NDArray[np.float64]) -> tuple[LightPath, MovingPoint]:
+    def _solve(
+        self, lander_pa_m: NDArray[np.float64]
+    ) -> tuple[LightPath, MovingPoint, tuple[_Slant, _Slant]]:
+        """The path, the motion of the point, and the view from both stations.
+
+        The views are those along the path without delays, in which elevations are off by 1e-10 rad.
+        """
         relay = (
             self._moon.point(self.model, lander_pa_m)
             if self._craft is None
@@ -340,7 +345,7 @@ class TrackingArc:
         up, down = self._slants(path, relay)
         up_drag, down_drag = self._drag(path)
         up_m, down_m = up_m + up_drag * up.media_m, down_m + down_drag * down.media_m
-        return self._path(relay, tagged_s, up_m, down_m), relay
+        return self._path(relay, tagged_s, up_m, down_m), relay, (up, down)
 
     def _path(
         self, relay: MovingPoint, tagged_s: NDArray[np.float64], up_m: ArrayLike, down_m: ArrayLike

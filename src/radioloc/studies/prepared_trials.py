@@ -31,7 +31,7 @@ from radioloc.studies.linear_trials import GeneralFit, LinearArc, LinearTrials
 from radioloc.studies.locate import fit_arc, model_of, position_in_pa, status_of
 from radioloc.studies.owners import of_part
 from radioloc.studies.problem import Problem
-from radioloc.studies.selection import select_observations
+from radioloc.studies.selection import selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, Study
@@ -105,11 +105,7 @@ class Prepared:
         position_in_pa("[simulation.position]", scenario.position, constants)
         world = scenario.world(model)
         choice = replace(study.observations, hours=hours[-1])
-        n = len(world.plan.observations)
-        # The value of each tells which it is.
-        numbered = replace(world.plan.observations, value_m=np.arange(1.0, n + 1.0))
-        chosen, _ = select_observations(numbered, choice, study.catalogue)
-        rows = np.rint(chosen.value_m).astype(np.intp) - 1
+        rows = np.flatnonzero(selected(world.plan.observations, choice, study.catalogue)[0])
         planned = weighted_observations(
             world.plan.observations.select(rows), study.observations.weights, study.catalogue
         )

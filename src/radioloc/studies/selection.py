@@ -43,6 +43,17 @@ def select_observations(
         Nothing is left, a target or station named is not among the observations, or the observations are of several
         targets and none is named.
     """
+    kept, left_out = selected(observations, choice, catalogue)
+    return observations.select(kept), left_out
+
+
+def selected(
+    observations: Observations, choice: ObservationChoice, catalogue: StationCatalogue
+) -> tuple[NDArray[np.bool_], dict[str, int]]:
+    """Which observations a study asks for, shape (n,), and how many others there are, by reason.
+
+    Parameters and errors as :func:`select_observations`.
+    """
     left_out: dict[str, int] = {}
     kept = np.ones(len(observations), dtype=bool)
 
@@ -60,7 +71,7 @@ def select_observations(
     if not kept.any():
         why = "; ".join(f"{count} {reason}" for reason, count in left_out.items()) or "the files hold none"
         raise InputError(f"no observations left ({why}); change targets, stations, start, stop or hours")
-    return observations.select(kept), left_out
+    return kept, left_out
 
 
 def _of_targets(observations: Observations, targets: tuple[str, ...] | None) -> NDArray[np.bool_]:

@@ -125,7 +125,9 @@ def build_solution(
     covariance = scaled_covariance(fit, noise_scale)
     correlation = None
     if scale_covariance and edited.complete and fit.status in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE):
-        correlation = assess_time_correlation(fit, residuals.types, residuals.paths, _seconds(epoch_utc))
+        correlation = assess_time_correlation(
+            fit, residuals.types, residuals.paths, seconds_since_midnight(epoch_utc)
+        )
         covariance = covariance if correlation is None else covariance + correlation.added_covariance
 
     solution = Solution(
@@ -235,7 +237,7 @@ def _fit_statistics(
     )
 
 
-def _seconds(epoch: Epochs) -> NDArray[np.float64]:
+def seconds_since_midnight(epoch: Epochs) -> NDArray[np.float64]:
     """Time since the first midnight, s, shape (n,); a leap second is nothing to how long errors last."""
     first = epoch.jd.min() if len(epoch) else 0.0
     return np.asarray(((epoch.jd - first) + epoch.fraction) * SECONDS_PER_DAY)

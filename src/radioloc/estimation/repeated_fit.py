@@ -49,10 +49,12 @@ class RepeatedOutcome:
     noise_scale : float
         Factor from stated sigmas to those that the residuals show, 1 unless significantly more
         (:class:`~radioloc.estimation.statistics.FitStatistics`).
-    used : int
-        Number of observations that took part.
-    rejected : int
-        Number of observations that did not.
+    root : ndarray, shape (q, q)
+        Square root of the covariance of the free parameters: times its transpose it is that.
+    used : ndarray of bool, shape (n,)
+        Which observations took part.
+    left_m : ndarray, shape (n,)
+        Residuals of the fit, of usable observations, m.
     excess_noise_m : ndarray, shape (groups,)
         Noise added in quadrature, by group, m.
     converged : bool
@@ -62,8 +64,9 @@ class RepeatedOutcome:
     step: _Floats
     covariance: _Floats
     noise_scale: float
-    used: int
-    rejected: int
+    root: _Floats
+    used: NDArray[np.bool_]
+    left_m: _Floats
     excess_noise_m: _Floats
     converged: bool
 
@@ -349,11 +352,13 @@ class _State:
     def outcome(self, edited: _Edited, excess_m: _Floats, complete: bool) -> RepeatedOutcome:
         """Back to the parameters."""
         problem = self._problem
-        inverse = np.linalg.inv(edited.normal)
+        root = problem.to_free @ np.linalg.inv(np.linalg.cholesky(edited.normal)).T
         covariance = np.zeros((len(problem.free),) * 2)
-        covariance[np.ix_(problem.free, problem.free)] = problem.to_free @ inverse @ problem.to_free.T
+        covariance[np.ix_(problem.free, problem.free)] = root @ root.T
         step = np.zeros(len(problem.free))
         step[problem.free] = problem.to_free @ edited.y
+        taking_part, left_m = np.zeros(problem.n, dtype=bool), np.zeros(problem.n)
+        taking_part[problem.rows], left_m[problem.rows] = edited.used, edited.residual_m
         used = int(edited.used.sum())
         squares = float(np.sum((edited.residual_m / edited.sigma_m[self._row_class])[edited.used] ** 2))
         chi2, dof = squares + self._prior_squares(edited.y), used + problem.n_prior - self._q
@@ -364,8 +369,9 @@ class _State:
             step,
             0.5 * (covariance + covariance.T),
             scale,
-            used,
-            problem.n - used,
+            root,
+            taking_part,
+            left_m,
             excess_m,
             complete and edited.complete,
         )

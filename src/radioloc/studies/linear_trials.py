@@ -14,10 +14,14 @@ from numpy.typing import NDArray
 from radioloc.estimation.build import scaled_by
 from radioloc.estimation.editing import USED, EditingSettings
 from radioloc.estimation.excess_noise import fit_with_excess_noise
+from radioloc.estimation.labels import Labels
+from radioloc.estimation.least_squares import Factor, FitResult, FitStatus
+from radioloc.estimation.linearization import DenseLinearization
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.repeated_fit import RepeatedFit, RepeatedOutcome
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.estimation.time_correlation import assess_time_correlation
 from radioloc.measurements.observations import KINDS
 from radioloc.simulation import Departure, Spread
 from radioloc.simulation.departures import position_departure_m
@@ -50,15 +54,16 @@ class GeneralFit:
             editing=self.editing,
         )
         fit = found.edited.fit
-        scale, used = 1.0, int(fit.used.sum())
+        scale = 1.0
         if fit.chi2_per_dof is not None and fit.chi2 > chi2_quantile(SCALING_PROBABILITY, fit.dof):
             scale = float(np.sqrt(fit.chi2_per_dof))
         return RepeatedOutcome(
             step=fit.x - self.x,
             covariance=fit.covariance,
             noise_scale=scale,
-            used=used,
-            rejected=len(fit.used) - used,
+            root=fit.factor.root_covariance(),
+            used=fit.used,
+            left_m=fit.residual_m,
             excess_noise_m=np.array([found.excess_noise_m.get(kind, 0.0) for kind in KINDS]),
             converged=found.edited.converged,
         )
@@ -81,6 +86,13 @@ class LinearArc:
     enu_by_parameters : ndarray, shape (3, p)
         d(east, north, up)/d(parameter).
     ephemeris_sigma_m : ndarray, shape (3,)
+    partials : ndarray, shape (m, p)
+    noise : ObservationNoise
+        As stated.
+    types, paths : Labels
+        Of the observations.
+    time_s : ndarray, shape (m,)
+        When each was made, s.
     """
 
     part: NDArray[np.intp]
@@ -90,6 +102,36 @@ class LinearArc:
     held_m: _Floats
     enu_by_parameters: _Floats
     ephemeris_sigma_m: _Floats
+    partials: _Floats
+    noise: ObservationNoise
+    types: Labels
+    paths: Labels
+    time_s: _Floats
+
+    def covariance(self, found: RepeatedOutcome) -> _Floats:
+        """Covariance of the parameters as :func:`~radioloc.estimation.build.build_solution` has it, shape (p, p)."""
+        scaled = scaled_by(found.covariance, self.parameters.prior_sigmas, found.noise_scale)
+        if not found.converged:
+            return scaled
+        q = found.root.shape[1]
+        excess_m = found.excess_noise_m[self.types.codes]
+        fit = FitResult(
+            parameters=self.parameters,
+            x=self.x + found.step,
+            covariance=found.covariance,
+            linearization=DenseLinearization(found.left_m, self.partials),
+            noise=self.noise.with_excess(excess_m) if excess_m.any() else self.noise,
+            used=found.used,
+            chi2=0.0,
+            dof=0,
+            status=FitStatus.CONVERGED,
+            iterations=(),
+            factor=Factor(
+                np.ones(len(found.root)), np.ones(q), found.root, np.zeros(q), np.ones(q, dtype=bool)
+            ),
+        )
+        correlation = assess_time_correlation(fit, self.types, self.paths, self.time_s)
+        return scaled if correlation is None else scaled + correlation.added_covariance
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,14 +186,13 @@ class LinearTrials:
     def _row(
         self, arc: LinearArc, found: RepeatedOutcome, off_m: _Floats, biases_m: dict[str, float]
     ) -> _Floats:
-        prior_sigmas = arc.parameters.prior_sigmas
-        covariance = scaled_by(found.covariance, prior_sigmas, found.noise_scale)
+        covariance = arc.covariance(found)
         x, sigmas = arc.x + found.step, np.sqrt(np.diag(covariance))
         return row_of(
             self.columns,
             converged=found.converged,
-            used=found.used,
-            rejected=found.rejected,
+            used=int(found.used.sum()),
+            rejected=int((~found.used).sum()),
             error_m=arc.enu_by_parameters @ found.step - off_m,
             covariance_m2=arc.enu_by_parameters @ covariance @ arc.enu_by_parameters.T
             + np.diag(arc.ephemeris_sigma_m**2),

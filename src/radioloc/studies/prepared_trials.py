@@ -14,7 +14,9 @@ from numpy.typing import NDArray
 
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
+from radioloc.estimation.build import seconds_since_midnight
 from radioloc.estimation.editing import USED, EditingSettings
+from radioloc.estimation.labels import Labels
 from radioloc.estimation.repeated_fit import RepeatedFit
 from radioloc.estimation.solution import Solution
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
@@ -227,6 +229,11 @@ class Prepared:
             held_m=partials[:, 3:] @ x[3:],
             enu_by_parameters=self.rot_pa_to_enu @ problem.position_partials(x),
             ephemeris_sigma_m=np.array(estimate.ephemeris_sigma_m),
+            partials=partials,
+            noise=noise,
+            types=Labels(kind, KINDS),
+            paths=Labels.coded([link.path for link in arc.observations.links], arc.observations.link),
+            time_s=seconds_since_midnight(arc.observations.epoch),
         )
 
 

@@ -75,14 +75,15 @@ def test_the_same_as_the_general_fit(case):
         np.testing.assert_allclose(
             found.excess_noise_m, list(known.excess_noise_m.values()), rtol=1e-8, atol=1e-12
         )
-        assert found.used == fit.used.sum()
-        assert found.used + found.rejected == len(fit.used)
+        assert (found.used == fit.used).all()
+        np.testing.assert_allclose(found.left_m[found.used], fit.residual_m[fit.used], rtol=0.0, atol=1e-9)
+        np.testing.assert_allclose(found.root @ found.root.T, fit.covariance[np.ix_(free, free)], rtol=1e-6)
         assert found.converged == known.edited.converged
 
 
 def test_too_many_outliers_are_not_left_out():
     found, known, _ = both(1, outliers=220)
-    assert found.used == known.edited.fit.used.sum()
+    assert (found.used == known.edited.fit.used).all()
     assert found.converged == known.edited.converged
     np.testing.assert_allclose(found.excess_noise_m, list(known.excess_noise_m.values()), rtol=1e-6)
     assert found.excess_noise_m.min() > 5.0

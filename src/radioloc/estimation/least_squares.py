@@ -34,6 +34,11 @@ from radioloc.estimation.parameters import ParameterSet
 # Damping given up at, in largest singular values: the step is then a millionth of the plain one.
 _MAX_DAMPING = 1e3
 
+_SHORT = 0.1
+"""Steps below so many standard deviations are not asked to lower the sum of squares."""
+_ROUNDED = 1e-4
+"""What rounding may add to the sum, in parts of its root: 1e-7 m in residuals of millimetres."""
+
 _NEAR = 1.0
 """A step of so many parameter scales (metres) changes the partials by less than 1e-6 of themselves: their triangle
 stays."""
@@ -405,7 +410,7 @@ def fit_least_squares(
 
     def next_factor(here: _Point, trial: _Point, factor: Factor) -> Factor | None:
         moved = np.abs(trial.x - here.x) / parameters.scales
-        if trial.chi2 <= here.chi2 and moved.max() <= _NEAR:
+        if moved.max() <= _NEAR:
             near = refreshed(factor, trial.linearization, combinations, parameters, trial.x)
             if near.step_sigmas < tolerance(trial):
                 return near
@@ -441,7 +446,9 @@ def fit_least_squares(
                 break
             if np.isfinite(trial.chi2):
                 after = next_factor(here, trial, factor)
-                if after is not None and trial.chi2 <= here.chi2:
+                # Ranges are rounded to 1e-7 m, and the sum with them: it cannot tell a short step's gain.
+                short = damping == 0.0 and length <= _SHORT
+                if after is not None and trial.chi2 <= here.chi2 + short * _ROUNDED * np.sqrt(here.chi2):
                     break
                 # A long step in a weak direction leaves the curved valley of low sums; a second one leads back.
                 if after is not None:
@@ -453,7 +460,7 @@ def fit_least_squares(
         if after is None:
             # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m),
             # or the partials point the wrong way.
-            at_floor = length <= max(0.1, 1e-3 * np.sqrt(here.chi2))
+            at_floor = length <= max(_SHORT, 1e-3 * np.sqrt(here.chi2))
             status = FitStatus.CONVERGED if at_floor else FitStatus.DIVERGED
             break
         iterations.append(Iteration(here.chi2, trial.chi2, length, damping))

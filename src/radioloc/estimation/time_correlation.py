@@ -17,7 +17,7 @@ hours tell better together, unless a series says otherwise. The covariance is av
 it holds how badly they are known; a c far beyond the variance of the residuals, which then would all have been absorbed
 by the parameters, counts for as much less (Gelman 2006). Errors of different series count as independent.
 
-All is done with sums over some eighty stretches of time in each series, so the cost is linear in the observations.
+All is done with sums over some fifty stretches of time in each series, so the cost is linear in the observations.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.statistics import SCALING_PROBABILITY
 
-_BINS = 80
-"""Stretches of time that a series is divided into; gaps do not count."""
+_BINS = 56
+"""Stretches of time that a series is divided into; gaps do not count. Larger matrices are shared out
+between threads by linear algebra libraries, which takes longer than the work."""
 _CELLS = 16384
 """Cells of the time line that stretches are made of."""
 _CHANCE = 0.01
@@ -417,15 +418,25 @@ class _Likelihood:
         dof_inside = float(count.sum()) - len(count)
 
         kernels = np.array([_kernel(time_s, width_s, tau_s) for tau_s in taus_s])
-        values, axes = np.linalg.eigh(kept.T @ (root_count[:, None] * kernels * root_count) @ kept)
-        squares = (np.swapaxes(axes, 1, 2) @ y) ** 2
-        spread = 1.0 + _RATIOS[:, None] * np.maximum(values, 0.0)[:, None, :]
+        coloured = kept.T @ (root_count[:, None] * kernels * root_count) @ kept
+        size = np.trace(coloured, axis1=1, axis2=2) / max(float(y @ y), np.finfo(float).tiny)
+        # y^T (1 + g K)^-1 y from eigenvalues alone: g s times it is the ratio of the determinants of
+        # 1 + g (K + s y y^T) and of 1 + g K, less one.
+        log_without = _log_determinants(coloured)
+        log_with = _log_determinants(coloured + size[:, None, None] * np.outer(y, y))
+        squares = np.expm1(log_with - log_without) / (_RATIOS * size[:, None])
         spread_inside = 1.0 + _RATIOS * (1.0 - kernels[:, 0, 0])[:, None]
         every = dof + dof_inside
-        white = ((squares[:, None, :] / spread).sum(axis=2) + inside / spread_inside) / every
-        log = -0.5 * (every * np.log(white) + np.log(spread).sum(axis=2) + dof_inside * np.log(spread_inside))
+        white = (squares + inside / spread_inside) / every
+        log = -0.5 * (every * np.log(white) + log_without + dof_inside * np.log(spread_inside))
         null = -0.5 * every * math.log((float(y @ y) + inside) / every)
         return cls(log - null, white, kernels)
+
+
+def _log_determinants(matrices: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Logarithms of the determinants of 1 + g K for all ratios g, shape (matrices, ratios)."""
+    values = np.maximum(np.linalg.eigvalsh(matrices), 0.0)
+    return np.asarray(np.log1p(_RATIOS[:, None] * values[:, None, :]).sum(axis=2))
 
 
 def _series_correlation(

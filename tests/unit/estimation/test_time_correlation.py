@@ -100,8 +100,8 @@ def test_gaps_take_no_stretches():
     filled = np.concatenate([np.arange(1000), 9000 + np.arange(1000)])
     place, width = module._stretches(filled)
     counts = np.bincount(place)
-    assert width == pytest.approx(2000 / 80, rel=0.05)
-    assert len(counts) == pytest.approx(80, abs=3)
+    assert width == pytest.approx(2000 / 56, rel=0.05)
+    assert len(counts) == pytest.approx(56, abs=3)
     assert counts.min() > 0
     assert place[999] < place[1000]
     # Fewer than that are each their own.

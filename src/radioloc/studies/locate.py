@@ -32,22 +32,20 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.arc import Arc
 from radioloc.measurements.electron_content import ElectronContent, UniformTec
 from radioloc.measurements.evaluation import prepare_arc
-from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.interpolated_arc import InterpolatedArc
 from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel, kernel_record
 from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.tracking_arc import TrackingArc
+from radioloc.studies.notes import notes_of
 from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study, TerrainPrior
-from radioloc.studies.weights import Weight, require_stations, weighted_observations
+from radioloc.studies.weights import require_stations, weighted_observations
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
 
-_DOUBTFUL_EXCESS = 20.0
-"""Excess noise in stated sigmas that is no longer a matter of model errors; laser ranges of DE421's time ask for 5."""
 _LOWEST_EARTH_DEG = -8.0
 """The highest terrain, 10.8 km, sees 6.4 deg below the horizontal; an a-priori position 50 km off is 1.6 deg off."""
 
@@ -158,9 +156,7 @@ def fit_arc(study: Study, arc: Arc, left_out: dict[str, int], estimate: Estimate
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
-        notes=_doubts(fitted, arc.observations)
-        + _weights_note(study.observations.weights)
-        + _notes(model, arc, left_out, estimate),
+        notes=notes_of(study, arc, left_out, estimate, fitted, lander_pa_m),
         provenance=_provenance(study, model, observations, left_out, estimate)
         | {"evaluation": _evaluation_record(arc, lander_pa_m)},
         trajectory=None if arc.trajectory is None else str(arc.trajectory),
@@ -375,88 +371,6 @@ def _fit(study: Study, problem: Problem, estimate: EstimateChoice | None, status
         status=status,
         editing=EditingSettings(threshold=estimate.rejection_sigma),
     )
-
-
-def _weights_note(weights: tuple[Weight, ...]) -> list[str]:
-    return [f"sigmas changed: {'; '.join(map(str, weights))}"] if weights else []
-
-
-def _notes(
-    model: PhysicalModel, arc: Arc, left_out: dict[str, int], estimate: EstimateChoice | None
-) -> list[str]:
-    """What a reader of the result must know about the model and the data."""
-    notes = [f"{_count(count)} not asked for: {reason}" for reason, count in left_out.items()]
-    stations = [model.catalogue.get(name) for name in arc.stations]
-    coarse = [s.name for s in stations if s.quality != "survey"]
-    if coarse:
-        notes.append(
-            f"positions of {', '.join(coarse)} are rounded in the catalogue, good to 100 m to 1 km only"
-        )
-    unmoved = [s.name for s in stations if not s.velocity_known]
-    if unmoved and model.has("station_velocity"):
-        notes.append(
-            f"no velocity for {', '.join(unmoved)}: taken to stand still, though plates move by some cm a year"
-        )
-    unloaded = [s.name for s in stations if s.ocean_loading is None]
-    if unloaded and model.has("ocean_loading"):
-        notes.append(
-            f"no ocean loading coefficients for {', '.join(unloaded)}: up to about 1 cm is not modelled"
-        )
-    aside = [s.name for s in stations if s.axis_offset_m is None and s.kind != "llr"]
-    if aside and model.has("antenna_axis_offset"):
-        notes.append(
-            f"no antenna axis offset for {', '.join(aside)}: millimetres, of some antennas metres, are not modelled; "
-            "give axis_offset_m and mount under [stations.NAME]"
-        )
-    predicted = int(arc.predicted_eop.sum())
-    if predicted:
-        notes.append(f"Earth orientation is predicted, not measured, for {_count(predicted)}")
-    absent = model.missing_planets
-    if absent:
-        sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
-        notes.append(
-            f"the ephemeris file does not hold {sizes}: no gravitational delay by them, one way; take a whole one"
-        )
-    laser = all(station.kind == "llr" for station in stations)
-    if model.has("ionosphere") and model.ionosphere is None and not laser:
-        notes.append("no ionosphere for radio signals: give maps or a content as [model] ionex or tec_tecu")
-    files = model.radio_atmosphere
-    if model.has("troposphere") and files is not None and not laser:
-        radio = [station for station in stations if station.kind != "llr"]
-        for source in ("VMF3", "GPT3"):
-            served = [station.name for station in radio if files.source_of(station) == source]
-            if served:
-                notes.append(
-                    f"troposphere of radio signals from {source} for {', '.join(served)}, beside recorded pressure"
-                )
-    if arc.trajectory is not None:
-        notes.append("the trajectory is taken as known: its error is in the residuals, and in no sigma")
-    off = [name for name in TERMS if not model.has(name)]
-    if off:
-        notes.append(f"terms left out of the model: {', '.join(off)}")
-    if estimate is not None and arc.trajectory is None and not any(estimate.ephemeris_sigma_m):
-        notes.append(
-            f"the sigma does not contain the error of {model.ephemeris.name} itself; name one as "
-            "[estimate] ephemeris_sigma_m = [east, north, up]"
-        )
-    return notes
-
-
-def _doubts(noise: NoisyFit, observations: Observations) -> list[str]:
-    """Warnings where data of a type and model disagree by far more than the data's own noise."""
-    doubts = []
-    for kind, excess_m in noise.excess_noise_m.items():
-        typical_m = float(np.median(observations.sigma_m[observations.kind == KINDS.index(kind)]))
-        if excess_m > _DOUBTFUL_EXCESS * typical_m:
-            doubts.append(
-                f"WARNING: the {kind} residuals are {excess_m / typical_m:.0f} times the stated sigmas; data and model "
-                "disagree: look for blunders (which few points cannot tell), a wrong station or target, a term left out"
-            )
-    return doubts
-
-
-def _count(count: int) -> str:
-    return f"{count} observation{'' if count == 1 else 's'}"
 
 
 def _provenance(

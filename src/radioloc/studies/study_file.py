@@ -265,9 +265,17 @@ def _estimate(table: TomlTable, folder: Path) -> EstimateChoice:
         "rejection_sigma": table.number("rejection_sigma"),
     }
     table.finish()
-    return table.build(
+    choice = table.build(
         EstimateChoice, height_prior=None if prior is None else _height_prior(prior, folder), **fields
     )
+    for key, (_, sigma_key) in STATION_PARAMETERS.items():
+        if fields[key] is None and fields[sigma_key] is not None:
+            table.fail(sigma_key, f'is given, but no {key}; list its stations there, or say "all" or "none"')
+    if fields["range_bias"] is None and fields["range_bias_per"] is not None:
+        table.fail(
+            "range_bias_per", 'is given, but no range_bias; list its stations there, or say "all" or "none"'
+        )
+    return choice
 
 
 def _stations(table: TomlTable, key: str) -> tuple[str, ...] | str | None:

@@ -8,6 +8,7 @@ import radioloc
 from radioloc import EstimateChoice, InputError, LunarPosition, StationError, Study
 from radioloc.constants import C_M_S
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Link, Observations
+from radioloc.studies.notes import _height_doubt
 from radioloc.studies.problem import Problem
 from radioloc.studies.study import ModelChoice, ObservationChoice
 from radioloc.time import Epochs, tai_to_utc
@@ -250,3 +251,17 @@ def test_arcs_leave_out_the_stations_that_come_later(ranges):
     )
     found = radioloc.arcs(chosen, (48.0, 3.2), ranges[0])
     assert [list(arc.solution.biases()) for arc in found.arcs] == [["KASHI", "JIAMUSI"], ["JIAMUSI"]]
+
+
+def test_all_of_what_no_observation_depends_on_is_told(ranges):
+    solution = radioloc.locate(study(clock="all", range_bias="all"), ranges[0])
+    assert any(note.startswith("no clock is estimated") for note in solution.notes)
+    assert not any("no range_bias" in note for note in solution.notes)
+
+
+@pytest.mark.parametrize(("height_m", "doubtful"), [(10_700.0, False), (25_000.0, True), (-30_000.0, True)])
+def test_a_height_that_the_moon_has_not_is_told(height_m, doubtful):
+    high = LunarPosition(
+        "ME_DE421", TARGET.xyz_m * (1.0 + (height_m + 2550.4) / np.linalg.norm(TARGET.xyz_m))
+    )
+    assert any("WARNING: the Moon has no height of" in text for text in _height_doubt(high.xyz_m)) == doubtful

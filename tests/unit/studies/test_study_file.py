@@ -319,6 +319,9 @@ def test_misspelt_files_is_not_called_missing(read):
             "[estimate.height_prior] sigma_m must be above zero",
         ),
         ("height_prior = { height_m = 0, sigma_m = 1, x = 3 }", "[estimate.height_prior] 'x' is not known"),
+        ("range_bias_sigma_m = 10", "[estimate] range_bias_sigma_m: is given, but no range_bias"),
+        ("clock_rate_sigma_s_s = 1e-13", "clock_rate_sigma_s_s: is given, but no clock_rate"),
+        ('range_bias_per = "pass"', "[estimate] range_bias_per: is given, but no range_bias"),
         ('position = "none"\nheight_prior = { height_m = 0, sigma_m = 1 }', 'needs position = "geographic"'),
     ],
 )

@@ -1,0 +1,155 @@
+"""What a reader of a result must know about its data and its model: sentences for the card."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.estimation.excess_noise import NoisyFit
+from radioloc.estimation.parameters import ParameterSet
+from radioloc.measurements.arc import Arc
+from radioloc.measurements.gravitational_delay import PLANETS_MM
+from radioloc.measurements.observations import KINDS, Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.terms import TERMS
+from radioloc.studies.study import HEIGHT_LIMITS_M, STATION_PARAMETERS, EstimateChoice, Study
+from radioloc.studies.weights import Weight
+
+_DOUBTFUL_EXCESS = 20.0
+"""Excess noise in stated sigmas that is no longer a matter of model errors; laser ranges of DE421's time ask for 5."""
+
+
+def notes_of(
+    study: Study,
+    arc: Arc,
+    left_out: dict[str, int],
+    estimate: EstimateChoice | None,
+    fitted: NoisyFit,
+    lander_pa_m: NDArray[np.float64],
+) -> list[str]:
+    """All notes of a result, warnings first.
+
+    Parameters
+    ----------
+    study : Study
+    arc : Arc
+    left_out : dict of str to int
+        How many observations the arc leaves out, by reason.
+    estimate : EstimateChoice or None
+        What was estimated; nothing where ``None``.
+    fitted : NoisyFit
+    lander_pa_m : ndarray, shape (3,)
+        Where the point was found, principal axes, m.
+    """
+    return [
+        *_doubts(fitted, arc.observations),
+        *(_height_doubt(lander_pa_m) if arc.trajectory is None else []),
+        *_weights_note(study.observations.weights),
+        *_of_data_and_model(arc.model, arc, left_out, estimate),
+        *([] if estimate is None else _without_owners(estimate, fitted.edited.fit.parameters)),
+    ]
+
+
+def _without_owners(estimate: EstimateChoice, parameters: ParameterSet) -> list[str]:
+    """Parameters that were asked for of all stations, and that no observation depends on."""
+    none = [
+        key for key in STATION_PARAMETERS if getattr(estimate, key) == "all" and not parameters.of_kind(key)
+    ]
+    return [
+        f'no {key} is estimated, though "all" were asked for: no observation depends on one' for key in none
+    ]
+
+
+def _height_doubt(lander_pa_m: NDArray[np.float64]) -> list[str]:
+    """A warning where the point is above or below all of the Moon's terrain."""
+    height_m = float(np.linalg.norm(lander_pa_m)) - MEAN_LUNAR_RADIUS_M
+    low_m, high_m = HEIGHT_LIMITS_M
+    if low_m <= height_m <= high_m:
+        return []
+    return [
+        f"WARNING: the Moon has no height of {height_m / 1e3:.0f} km (-9.2 to 10.8 km): look at the sigma; what is "
+        "missing may be an a-priori height, or a-priori sigmas of biases"
+    ]
+
+
+def _doubts(noise: NoisyFit, observations: Observations) -> list[str]:
+    """Warnings where data of a type and model disagree by far more than the data's own noise."""
+    doubts = []
+    for kind, excess_m in noise.excess_noise_m.items():
+        typical_m = float(np.median(observations.sigma_m[observations.kind == KINDS.index(kind)]))
+        if excess_m > _DOUBTFUL_EXCESS * typical_m:
+            doubts.append(
+                f"WARNING: the {kind} residuals are {excess_m / typical_m:.0f} times the stated sigmas; data and model "
+                "disagree: look for blunders (which few points cannot tell), a wrong station or target, a term left out"
+            )
+    return doubts
+
+
+def _weights_note(weights: tuple[Weight, ...]) -> list[str]:
+    return [f"sigmas changed: {'; '.join(map(str, weights))}"] if weights else []
+
+
+def _of_data_and_model(
+    model: PhysicalModel, arc: Arc, left_out: dict[str, int], estimate: EstimateChoice | None
+) -> list[str]:
+    """What a reader of the result must know about the model and the data."""
+    notes = [f"{_count(count)} not asked for: {reason}" for reason, count in left_out.items()]
+    stations = [model.catalogue.get(name) for name in arc.stations]
+    coarse = [s.name for s in stations if s.quality != "survey"]
+    if coarse:
+        notes.append(
+            f"positions of {', '.join(coarse)} are rounded in the catalogue, good to 100 m to 1 km only"
+        )
+    unmoved = [s.name for s in stations if not s.velocity_known]
+    if unmoved and model.has("station_velocity"):
+        notes.append(
+            f"no velocity for {', '.join(unmoved)}: taken to stand still, though plates move by some cm a year"
+        )
+    unloaded = [s.name for s in stations if s.ocean_loading is None]
+    if unloaded and model.has("ocean_loading"):
+        notes.append(
+            f"no ocean loading coefficients for {', '.join(unloaded)}: up to about 1 cm is not modelled"
+        )
+    aside = [s.name for s in stations if s.axis_offset_m is None and s.kind != "llr"]
+    if aside and model.has("antenna_axis_offset"):
+        notes.append(
+            f"no antenna axis offset for {', '.join(aside)}: millimetres, of some antennas metres, are not modelled; "
+            "give axis_offset_m and mount under [stations.NAME]"
+        )
+    predicted = int(arc.predicted_eop.sum())
+    if predicted:
+        notes.append(f"Earth orientation is predicted, not measured, for {_count(predicted)}")
+    absent = model.missing_planets
+    if absent:
+        sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
+        notes.append(
+            f"the ephemeris file does not hold {sizes}: no gravitational delay by them, one way; take a whole one"
+        )
+    laser = all(station.kind == "llr" for station in stations)
+    if model.has("ionosphere") and model.ionosphere is None and not laser:
+        notes.append("no ionosphere for radio signals: give maps or a content as [model] ionex or tec_tecu")
+    files = model.radio_atmosphere
+    if model.has("troposphere") and files is not None and not laser:
+        radio = [station for station in stations if station.kind != "llr"]
+        for source in ("VMF3", "GPT3"):
+            served = [station.name for station in radio if files.source_of(station) == source]
+            if served:
+                notes.append(
+                    f"troposphere of radio signals from {source} for {', '.join(served)}, beside recorded pressure"
+                )
+    if arc.trajectory is not None:
+        notes.append("the trajectory is taken as known: its error is in the residuals, and in no sigma")
+    off = [name for name in TERMS if not model.has(name)]
+    if off:
+        notes.append(f"terms left out of the model: {', '.join(off)}")
+    if estimate is not None and arc.trajectory is None and not any(estimate.ephemeris_sigma_m):
+        notes.append(
+            f"the sigma does not contain the error of {model.ephemeris.name} itself; name one as "
+            "[estimate] ephemeris_sigma_m = [east, north, up]"
+        )
+    return notes
+
+
+def _count(count: int) -> str:
+    return f"{count} observation{'' if count == 1 else 's'}"

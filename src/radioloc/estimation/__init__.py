@@ -22,6 +22,11 @@ from radioloc.estimation.observation_noise import ALONE, ObservationNoise, Share
 from radioloc.estimation.parameters import Parameter, ParameterSet
 from radioloc.estimation.solution import Ellipse, ReferenceComparison, Residuals, Solution
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics
+from radioloc.estimation.time_correlation import (
+    SeriesCorrelation,
+    TimeCorrelation,
+    assess_time_correlation,
+)
 
 __all__ = [
     "ALONE",
@@ -49,9 +54,12 @@ __all__ = [
     "ReferenceComparison",
     "ResidualFunction",
     "Residuals",
+    "SeriesCorrelation",
     "SharedErrors",
     "Solution",
+    "TimeCorrelation",
     "assess_observability",
+    "assess_time_correlation",
     "build_solution",
     "compare_with",
     "fit_least_squares",

@@ -1,0 +1,178 @@
+"""Fits of many observations: partials by rows, whatever the parts; memory; the same on any number of threads."""
+
+import os
+import subprocess
+import sys
+import tracemalloc
+from pathlib import Path
+
+import numpy as np
+import pytest
+from delay_network import DelayNetwork
+from harmonic_series import Series, solved
+
+from radioloc.errors import InputError
+from radioloc.estimation import (
+    Parameter,
+    ParameterSet,
+    fit_least_squares,
+    fit_with_editing,
+    fit_with_excess_noise,
+    least_squares,
+    observation_noise,
+    robust,
+)
+
+PARTS = 1e-12
+"""Rounding of sums in another order, relative."""
+SAME_ANSWER_SIGMAS = 0.01
+"""The step tolerance, a thousandth of a sigma, and some reserve."""
+
+
+def test_rows_on_demand_are_the_same_as_all_at_once():
+    series = Series(5000, excess_m=0.02, blunders=0.02)
+    dense = fit_with_excess_noise(series.dense, series.parameters, series.sigma_m)
+    by_rows = fit_with_excess_noise(series.linearize, series.parameters, series.sigma_m)
+    np.testing.assert_array_equal(by_rows.edited.fit.used, dense.edited.fit.used)
+    np.testing.assert_allclose(by_rows.edited.fit.x, dense.edited.fit.x, rtol=PARTS * 1e3)
+    np.testing.assert_allclose(by_rows.edited.fit.covariance, dense.edited.fit.covariance, rtol=PARTS * 1e3)
+
+
+@pytest.mark.parametrize("rows_at_once", [7, 500, 10**6])
+def test_size_of_parts_does_not_matter(rows_at_once, monkeypatch):
+    series = Series(3000)
+    expected = fit_least_squares(series.linearize, series.parameters, series.sigma_m)
+    monkeypatch.setattr(observation_noise, "_ROWS_AT_ONCE", rows_at_once)
+    found = fit_least_squares(series.linearize, series.parameters, series.sigma_m)
+    # The condition number of the columns is 100.
+    np.testing.assert_allclose(
+        found.factor.singular_values, expected.factor.singular_values, rtol=100 * PARTS
+    )
+    np.testing.assert_allclose(found.x, expected.x, rtol=0.0, atol=1e-6 * expected.sigmas.min())
+    assert found.chi2 == pytest.approx(expected.chi2, rel=PARTS)
+
+
+@pytest.mark.parametrize("columns", [1, 2, 10, 40])
+@pytest.mark.parametrize("rows", [1, 5, 700, 20011])
+def test_triangle_keeps_all_products(rows, columns):
+    rng = np.random.default_rng(0)
+    above, matrix = np.triu(rng.normal(size=(columns, columns))), rng.normal(size=(rows, columns))
+    triangle = least_squares.reduced(above, matrix)
+    assert triangle.shape == (columns, columns)
+    products = above.T @ above + matrix.T @ matrix
+    np.testing.assert_allclose(triangle.T @ triangle, products, rtol=0.0, atol=1e-12 * products.max())
+
+
+def test_orthogonal_whatever_the_condition():
+    """Columns that differ by 1e-8 of themselves: normal equations would hold nothing but rounding of it."""
+    rng = np.random.default_rng(2)
+    first = rng.normal(size=200000)
+    design = np.column_stack([first, first + 1e-8 * rng.normal(size=len(first))])
+    parameters = ParameterSet([Parameter(f"a.{k}", "m", "a") for k in range(2)])
+    fit = fit_least_squares(lambda x: (design @ ([1.0, 2.0] - x), design), parameters, 1.0)
+    # The difference is known to sigma / (1e-8 sqrt(n)); the partials carry 1e-16 of rounding, 1e-8 of it.
+    assert fit.sigmas[1] == pytest.approx(1e8 / np.sqrt(len(first)), rel=0.02)
+
+
+def test_a_sample_starts_what_the_whole_ends(monkeypatch):
+    """One series in a hundred has a bias of its own; most blunders are of one sign."""
+    rng = np.random.default_rng(4)
+    n = 30000
+    rare = np.arange(n) % 100 == 17
+    design = np.column_stack([np.ones(n), np.linspace(-1.0, 1.0, n), rare])
+    bad = rng.random(n) < 0.15
+    observed_m = design @ [100.0, -50.0, 7.0] + 0.01 * rng.normal(size=n)
+    observed_m += bad * 10.0 ** rng.uniform(0.3, 4.0, n)
+    parameters = ParameterSet([Parameter(f"a.{k}", "m", "a") for k in range(3)])
+    function = lambda x: (observed_m - design @ x, design)  # noqa: E731
+    sampled = fit_with_editing(function, parameters, 0.01)
+    monkeypatch.setattr(robust, "_MOST_ROWS", n)
+    whole = fit_with_editing(function, parameters, 0.01)
+    assert sampled.converged
+    np.testing.assert_array_equal(sampled.fit.used, ~bad)
+    np.testing.assert_array_equal(whole.fit.used, sampled.fit.used)
+    np.testing.assert_allclose(
+        sampled.fit.x, whole.fit.x, rtol=0.0, atol=SAME_ANSWER_SIGMAS * whole.fit.sigmas.min()
+    )
+
+
+def test_a_strong_minority_is_in_the_sample():
+    """Three hundred ranges of 3 mm among a hundred thousand of 1 m say nearly all."""
+    series = Series(100000)
+    sigma_m = np.where(np.arange(series.n) % 333 == 0, 0.003, 1.0)
+    usable = np.ones(series.n, dtype=bool)
+    at = series.linearize(np.zeros(series.p))
+    rows = robust.sample(at, sigma_m, usable, series.parameters)
+    assert len(rows) < 21000
+    assert (sigma_m[rows] < 0.01).sum() > 250
+    np.testing.assert_array_equal(rows, robust.sample(at, sigma_m, usable, series.parameters))
+
+
+def test_blocks_are_factorized_once(monkeypatch):
+    network = DelayNetwork.make(epochs=50)
+    made = []
+    genuine = np.linalg.eigh
+    monkeypatch.setattr(np.linalg, "eigh", lambda a: made.append(len(a)) or genuine(a))
+    noise = network.noise
+    assert made == [50]
+    more = noise.with_excess(np.full(len(noise), 0.3))
+    kept = np.arange(len(noise)) != 8
+    list(more.among(kept).whitened(lambda rows: np.ones((len(rows), 1))))
+    # One block has lost a row.
+    assert made == [50, 1]
+
+
+def test_linearization_of_another_shape_is_refused():
+    class Flat:
+        residual_m = np.ones((3, 1))
+
+    with pytest.raises(InputError, match=r"residuals have shape \(3, 1\)"):
+        fit_least_squares(lambda x: Flat(), ParameterSet([Parameter("a", "m", "a")]), 1.0)
+
+
+def test_a_hundred_thousand_observations():
+    series = Series(100_000, excess_m=0.02, blunders=0.02)
+    solution = solved(series)
+    assert solution.converged
+    # Blunders below five of their sigmas cannot be told.
+    np.testing.assert_array_equal(~solution.residuals.used & ~series.bad, False)
+    assert (series.bad & solution.residuals.used).sum() < 0.01 * series.bad.sum()
+    assert solution.residuals.status[np.flatnonzero(~solution.residuals.used)[0]].startswith("outlier: ")
+    assert solution.time_correlation is None
+
+
+@pytest.mark.slow
+def test_a_million_observations_take_less_than_300_bytes_each():
+    series = Series(1_000_000, excess_m=0.02, blunders=0.02)
+    tracemalloc.start()
+    solution = solved(series)
+    str(solution)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert solution.converged
+    # Some ten megabytes are the same however many there are.
+    assert most < 300 * 1_000_000
+
+
+SCRIPT = """
+import numpy as np
+from harmonic_series import Series
+from radioloc.estimation import fit_with_excess_noise
+series = Series(200_000, p=12, excess_m=0.02, blunders=0.02)
+fit = fit_with_excess_noise(series.linearize, series.parameters, series.sigma_m).edited.fit
+print(fit.x.tobytes().hex(), fit.covariance.tobytes().hex(), fit.chi2.hex(), int(fit.used.sum()))
+"""
+
+
+@pytest.mark.slow
+def test_number_of_threads_does_not_matter():
+    toys = str(Path(__file__).resolve().parents[2] / "toys")
+    said = []
+    for threads in ("1", "2", "4"):
+        paths = os.pathsep.join([toys, *sys.path])
+        environment = dict(os.environ, OPENBLAS_NUM_THREADS=threads, PYTHONPATH=paths)
+        done = subprocess.run(
+            [sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=True
+        )
+        said.append(done.stdout)
+    assert said[0] == said[1] == said[2]

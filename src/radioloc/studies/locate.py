@@ -39,6 +39,7 @@ from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_a
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.notes import notes_of
+from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.problem import Problem
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
@@ -86,6 +87,7 @@ def arc_of(study: Study, observations: Observations | None = None) -> tuple[Arc,
     return arc, _start_pa_m(_target_in_pa(study, arc.model.ephemeris.constants))
 
 
+@on_one_blas_thread
 def prepared_arc(study: Study, observations: Observations | None = None) -> tuple[Arc, dict[str, int]]:
     """The prepared arc of a study, and how many observations were not asked for, by reason.
 
@@ -108,6 +110,7 @@ def _solve(study: Study, given: Observations | None, estimate: EstimateChoice | 
     return fit_arc(study, arc, left_out, estimate)
 
 
+@on_one_blas_thread
 def fit_arc(study: Study, arc: Arc, left_out: dict[str, int], estimate: EstimateChoice | None) -> Solution:
     """Fit an arc that has been prepared already.
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 from radioloc.errors import InputError
 from radioloc.simulation import Scenario, Simulated
 from radioloc.studies.locate import model_of
+from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.study import Study
 
 
+@on_one_blas_thread
 def simulate(study: Study, seed: int | None = None) -> Simulated:
     """Simulate the tracking that a study describes.
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import html
 import math
 import textwrap
+from collections.abc import Iterable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -54,8 +55,8 @@ def card_fields(solution: Solution) -> tuple[CardField, ...]:
     fields += [CardField("passes", passes)] if (passes := _passes(solution)) else []
     fields += [CardField("data", _data(solution)), CardField("fit", _fit(solution)), *_groups(solution)]
     fields += [CardField("left out", _left_out(solution))] if solution.fit.total.rejected else []
-    sentences = solution.observability.describe()
-    fields += [CardField("observable", sentences[:_MAX_SENTENCES])] if sentences else []
+    sentences = (*solution.observability.describe()[:_MAX_SENTENCES], *formal_only((solution,)))
+    fields += [CardField("observable", sentences)] if sentences else []
     fields += [CardField("notes", solution.notes)] if solution.notes else []
     return tuple(fields)
 
@@ -87,6 +88,15 @@ def render_html(fields: tuple[CardField, ...]) -> str:
         left = 'style="text-align:left"'
         rows.append(f"<tr><th {left}>{html.escape(item.label)}</th><td {left}>{content}</td></tr>")
     return f"<table>{''.join(rows)}</table>"
+
+
+def formal_only(solutions: Iterable[Solution]) -> tuple[str, ...]:
+    """What to say below sentences on observability, whose sigmas are formal, where other sigmas are larger."""
+    for solution in solutions:
+        told = solution.observability.common or solution.observability.weak
+        if told and (solution.noise_scale > 1.0 or solution.time_correlation is not None):
+            return ("sigmas in these lines are formal ones, which do not contain what the residuals show",)
+    return ()
 
 
 def metres(value_m: float | None) -> str:

@@ -399,3 +399,13 @@ def test_columns_of_another_length_are_refused(given, words):
 )
 def test_metres(value_m, text):
     assert metres(value_m) == text
+
+
+def test_card_says_which_sigmas_are_formal():
+    """Sigmas of weak directions are smaller than those above them, where residuals show more than is stated."""
+    quiet, loud = (
+        toy_solution(ToyMoon(100, 0.5), noise_factor=factor, bias_sigma_m=100.0) for factor in (1.0, 5.0)
+    )
+    assert quiet.observability.weak
+    assert "are formal ones" not in " ".join(str(quiet).split())
+    assert "are formal ones" in " ".join(str(loud).split())

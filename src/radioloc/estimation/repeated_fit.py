@@ -216,6 +216,13 @@ class RepeatedFit:
             editing=editing,
         )
 
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Observations that may take part, shape (n,)."""
+        usable = np.zeros(self.n, dtype=bool)
+        usable[self.rows] = True
+        return usable
+
     def fit(self, residual_m: _Floats) -> RepeatedOutcome:
         """Fit the problem to residuals.
 

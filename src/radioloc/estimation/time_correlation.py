@@ -22,6 +22,7 @@ All is done with sums over some fifty stretches of time in each series, so the c
 
 from __future__ import annotations
 
+import copy
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -106,7 +107,11 @@ class TimeCorrelation:
 
 
 def assess_time_correlation(
-    fit: FitResult, types: Labels, paths: Labels, time_s: NDArray[np.float64]
+    fit: FitResult,
+    types: Labels,
+    paths: Labels,
+    time_s: NDArray[np.float64],
+    like: RepeatedSeries | None = None,
 ) -> TimeCorrelation | None:
     """Find series whose residuals are significantly alike in time, and what that does to the covariance.
 
@@ -118,6 +123,8 @@ def assess_time_correlation(
         Kind and light path of the n observations; those of one kind and path are a series.
     time_s : ndarray, shape (n,)
         When each was made, s from any instant.
+    like : RepeatedSeries, optional
+        What is known from a fit of the same observations with other errors, which makes this one faster.
 
     Returns
     -------
@@ -127,7 +134,7 @@ def assess_time_correlation(
     if not fit.factor.determined.any() or not fit.used.any():
         return None
     whitened = _Whitened(fit, types, paths)
-    sums = _Sums.of(whitened, time_s)
+    sums = _Sums.of(whitened, time_s) if like is None else like.sums.again(whitened, time_s)
     suspects = {whitened.groups[k] for k in range(len(whitened.names)) if sums.suspicious(k)}
     tried = [k for k in range(len(whitened.names)) if whitened.groups[k] in suspects and sums.enough(k)]
     if not tried:
@@ -137,7 +144,15 @@ def assess_time_correlation(
     widths_s = [sums.width_s[k] for k in tried]
     longest_s = max(float(np.ptp(sums.time_s[sums.part(k)])) for k in tried)
     taus_s = np.geomspace(0.5 * min(widths_s), max(0.5 * longest_s, max(widths_s)), _TAUS)
-    likelihoods = {k: it for k in tried if (it := _Likelihood.of(sums, k, taus_s)) is not None}
+    likelihoods = {}
+    for k in tried:
+        if like is None:
+            likelihood = _Likelihood.of(sums, k, taus_s)
+        else:
+            modes = like.modes(k, taus_s)
+            likelihood = None if modes is None else _Likelihood.repeated(sums, k, modes)
+        if likelihood is not None:
+            likelihoods[k] = likelihood
 
     found: list[SeriesCorrelation] = []
     added = np.zeros((root.shape[1], root.shape[1]))
@@ -160,6 +175,35 @@ def assess_time_correlation(
     if not found:
         return None
     return TimeCorrelation(tuple(found), _in_parameters(fit, root, added))
+
+
+class RepeatedSeries:
+    """What repeated fits of the same observations have in common: stretches of time, and how errors spread over them.
+
+    All is taken from one fit. In another, other observations may be left out as outliers, and weights may be others; as
+    long as those are few, the stretches' means and what the parameters absorb are the same but for a part in thousands.
+
+    Parameters
+    ----------
+    fit : FitResult
+        Of observations that share no errors.
+    types, paths, time_s
+        As for :func:`assess_time_correlation`.
+    """
+
+    def __init__(self, fit: FitResult, types: Labels, paths: Labels, time_s: NDArray[np.float64]) -> None:
+        whitened = _Whitened(fit, types, paths)
+        self.sums = _Sums.of(whitened, time_s)
+        filled = [k for k in range(len(whitened.names)) if len(self.sums.count[self.sums.part(k)]) >= _FEWEST]
+        self.sums.add_partials(whitened, time_s, fit.factor.root_covariance(), filled)
+        self._modes: dict[tuple[int, bytes], _Modes | None] = {}
+
+    def modes(self, code: int, taus_s: NDArray[np.float64]) -> _Modes | None:
+        """Those of a series; None where the parameters leave too little of it."""
+        key = (code, taus_s.tobytes())
+        if key not in self._modes:
+            self._modes[key] = _Modes.of(self.sums, code, taus_s)
+        return self._modes[key]
 
 
 def _in_parameters(
@@ -308,6 +352,20 @@ class _Sums:
         made.time_s /= made.count
         return made
 
+    def again(self, whitened: _Whitened, time_s: NDArray[np.float64]) -> _Sums:
+        """The same stretches with the residuals of another fit."""
+        made = copy.copy(self)
+        made.residual, made.squares = np.zeros_like(self.residual), np.zeros(self.n_series)
+        made.count = np.zeros_like(self.count)
+        for rows, codes, whitening, weight in whitened.parts():
+            z = whitened.apply(whitened.fit.residual_m[rows, None], whitening, weight)[:, 0]
+            into = self._into(codes, time_s[rows])
+            made.residual += np.bincount(into, z, minlength=len(self.count))
+            made.count += np.bincount(into, minlength=len(self.count))
+            made.squares += np.bincount(codes, z * z, minlength=self.n_series)
+        made.count = np.maximum(made.count, 1e-3)  # a stretch of nothing but outliers says nothing
+        return made
+
     def part(self, code: int) -> slice:
         """Stretches of a series."""
         return slice(int(self.starts[code]), int(self.starts[code + 1]))
@@ -381,6 +439,44 @@ def _stretches(filled: NDArray[np.intp]) -> tuple[NDArray[np.intp], float]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class _Modes:
+    """How errors that last spread over the stretches of a series, what the parameters can absorb projected out.
+
+    Parameters
+    ----------
+    kept : ndarray, shape (b, d)
+        Basis of what is left, in sums over those roots.
+    axes : ndarray, shape (taus, d, d)
+        Principal axes of the correlations, in columns.
+    spread : ndarray, shape (taus, ratios, d)
+        Variance along them over w.
+    kernels : ndarray, shape (taus, b, b)
+        Correlations between the stretches.
+    log_spread : ndarray, shape (taus, ratios)
+        Sum of the logarithms of `spread`.
+    """
+
+    kept: NDArray[np.float64]
+    axes: NDArray[np.float64]
+    spread: NDArray[np.float64]
+    kernels: NDArray[np.float64]
+    log_spread: NDArray[np.float64]
+
+    @classmethod
+    def of(cls, sums: _Sums, code: int, taus_s: NDArray[np.float64]) -> _Modes | None:
+        """Those of a series; None where the parameters leave too little of it."""
+        part = sums.part(code)
+        time_s, width_s, root_count = sums.time_s[part], sums.width_s[code], np.sqrt(sums.count[part])
+        kept = _not_absorbed(sums, code)
+        if kept is None:
+            return None
+        kernels = np.array([_kernel(time_s, width_s, tau_s) for tau_s in taus_s])
+        values, axes = np.linalg.eigh(kept.T @ (root_count[:, None] * kernels * root_count) @ kept)
+        spread = 1.0 + _RATIOS[:, None] * np.maximum(values, 0.0)[:, None, :]
+        return cls(kept, axes, spread, kernels, np.log(spread).sum(axis=2))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class _Likelihood:
     """Restricted likelihood of a series for all correlation times and ratios that are tried.
 
@@ -406,18 +502,12 @@ class _Likelihood:
         deviations from the means of the stretches have w + c (1 - k), k being the mean correlation within one.
         """
         part = sums.part(code)
-        count, time_s, width_s = sums.count[part], sums.time_s[part], sums.width_s[code]
-        root_count = np.sqrt(count)
-        left, s, _ = np.linalg.svd(sums.partials[part] / root_count[:, None])
-        kept = left[:, int((s * _ABSORBED > 1.0).sum()) :]
-        dof = kept.shape[1]
-        if dof < _FEWEST:
+        root_count = np.sqrt(sums.count[part])
+        kept = _not_absorbed(sums, code)
+        if kept is None:
             return None
         y = kept.T @ (sums.residual[part] / root_count)
-        inside = max(float(sums.squares[code] - (sums.residual[part] ** 2 / count).sum()), 0.0)
-        dof_inside = float(count.sum()) - len(count)
-
-        kernels = np.array([_kernel(time_s, width_s, tau_s) for tau_s in taus_s])
+        kernels = np.array([_kernel(sums.time_s[part], sums.width_s[code], tau_s) for tau_s in taus_s])
         coloured = kept.T @ (root_count[:, None] * kernels * root_count) @ kept
         size = np.trace(coloured, axis1=1, axis2=2) / max(float(y @ y), np.finfo(float).tiny)
         # y^T (1 + g K)^-1 y from eigenvalues alone: g s times it is the ratio of the determinants of
@@ -425,12 +515,45 @@ class _Likelihood:
         log_without = _log_determinants(coloured)
         log_with = _log_determinants(coloured + size[:, None, None] * np.outer(y, y))
         squares = np.expm1(log_with - log_without) / (_RATIOS * size[:, None])
+        return cls._from(sums, code, y, squares, log_without, kernels)
+
+    @classmethod
+    def repeated(cls, sums: _Sums, code: int, modes: _Modes) -> _Likelihood:
+        """The same, with what is known already of how errors spread."""
+        part = sums.part(code)
+        y = modes.kept.T @ (sums.residual[part] / np.sqrt(sums.count[part]))
+        along = (np.swapaxes(modes.axes, 1, 2) @ y) ** 2
+        squares = (along[:, None, :] / modes.spread).sum(axis=2)
+        return cls._from(sums, code, y, squares, modes.log_spread, modes.kernels)
+
+    @classmethod
+    def _from(
+        cls,
+        sums: _Sums,
+        code: int,
+        y: NDArray[np.float64],
+        squares: NDArray[np.float64],
+        log_spread: NDArray[np.float64],
+        kernels: NDArray[np.float64],
+    ) -> _Likelihood:
+        part = sums.part(code)
+        count = sums.count[part]
+        inside = max(float(sums.squares[code] - (sums.residual[part] ** 2 / count).sum()), 0.0)
+        dof_inside = float(count.sum()) - len(count)
         spread_inside = 1.0 + _RATIOS * (1.0 - kernels[:, 0, 0])[:, None]
-        every = dof + dof_inside
+        every = len(y) + dof_inside
         white = (squares + inside / spread_inside) / every
-        log = -0.5 * (every * np.log(white) + log_without + dof_inside * np.log(spread_inside))
+        log = -0.5 * (every * np.log(white) + log_spread + dof_inside * np.log(spread_inside))
         null = -0.5 * every * math.log((float(y @ y) + inside) / every)
         return cls(log - null, white, kernels)
+
+
+def _not_absorbed(sums: _Sums, code: int) -> NDArray[np.float64] | None:
+    """Basis of what the parameters leave of sums over stretches, shape (b, d); None where that is too little."""
+    part = sums.part(code)
+    left, s, _ = np.linalg.svd(sums.partials[part] / np.sqrt(sums.count[part])[:, None])
+    kept: NDArray[np.float64] = left[:, int((s * _ABSORBED > 1.0).sum()) :]
+    return kept if kept.shape[1] >= _FEWEST else None
 
 
 def _log_determinants(matrices: NDArray[np.float64]) -> NDArray[np.float64]:

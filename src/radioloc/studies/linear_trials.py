@@ -21,7 +21,7 @@ from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.repeated_fit import RepeatedFit, RepeatedOutcome
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
-from radioloc.estimation.time_correlation import assess_time_correlation
+from radioloc.estimation.time_correlation import RepeatedSeries, assess_time_correlation
 from radioloc.measurements.observations import KINDS
 from radioloc.simulation import Departure, Spread
 from radioloc.simulation.departures import position_departure_m
@@ -93,6 +93,8 @@ class LinearArc:
         Of the observations.
     time_s : ndarray, shape (m,)
         When each was made, s.
+    like : RepeatedSeries or None
+        What all fits have in common in the correlation of their residuals; None where observations share errors.
     """
 
     part: NDArray[np.intp]
@@ -107,15 +109,41 @@ class LinearArc:
     types: Labels
     paths: Labels
     time_s: _Floats
+    like: RepeatedSeries | None = field(init=False)
+
+    def __post_init__(self) -> None:
+        like = None
+        if isinstance(self.fit, RepeatedFit):
+            # As stated, nothing left out: so it does not depend on which trial comes first.
+            rows = len(self.part)
+            reference = RepeatedOutcome(
+                step=np.zeros(len(self.x)),
+                covariance=np.zeros((len(self.x), len(self.x))),
+                noise_scale=1.0,
+                root=self.fit.to_free,
+                used=self.fit.usable,
+                left_m=np.zeros(rows),
+                excess_noise_m=np.zeros(len(KINDS)),
+                converged=True,
+            )
+            like = RepeatedSeries(self._as_fit(reference), self.types, self.paths, self.time_s)
+        object.__setattr__(self, "like", like)
 
     def covariance(self, found: RepeatedOutcome) -> _Floats:
         """Covariance of the parameters as :func:`~radioloc.estimation.build.build_solution` has it, shape (p, p)."""
         scaled = scaled_by(found.covariance, self.parameters.prior_sigmas, found.noise_scale)
         if not found.converged:
             return scaled
+        correlation = assess_time_correlation(
+            self._as_fit(found), self.types, self.paths, self.time_s, self.like
+        )
+        return scaled if correlation is None else scaled + correlation.added_covariance
+
+    def _as_fit(self, found: RepeatedOutcome) -> FitResult:
+        """What is known of a fit, its sums of squares left out."""
         q = found.root.shape[1]
         excess_m = found.excess_noise_m[self.types.codes]
-        fit = FitResult(
+        return FitResult(
             parameters=self.parameters,
             x=self.x + found.step,
             covariance=found.covariance,
@@ -130,8 +158,6 @@ class LinearArc:
                 np.ones(len(found.root)), np.ones(q), found.root, np.zeros(q), np.ones(q, dtype=bool)
             ),
         )
-        correlation = assess_time_correlation(fit, self.types, self.paths, self.time_s)
-        return scaled if correlation is None else scaled + correlation.added_covariance
 
 
 @dataclass(frozen=True, slots=True, eq=False)

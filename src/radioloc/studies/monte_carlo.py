@@ -36,6 +36,9 @@ _CHUNKS_PER_WORKER = 4
 _RANDOM_PROOFS = 2
 _ALLOWED_M, _ALLOWED_SIGMAS = 1e-3, 0.01
 """How far a position by the linear model may be from that of the full fit: the larger of both."""
+_ALLOWED_OF_SIGMAS = 0.02
+"""By how much sigmas may differ: the stretches of time in which residuals are looked at for being alike begin elsewhere
+when outliers are left out, and that alone moves sigmas by up to 1 %."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -51,7 +54,7 @@ class Proof:
     largest_sigmas : float
         The same in parts of the sigma claimed; of sigmas themselves, by how much they differ, if that is more.
     passed : bool
-        Whether all differences are within 1 mm or 1 % of sigma, whichever is larger, and all sigmas within 1 %.
+        Whether all differences are within 1 mm or 1 % of sigma, whichever is larger, and all sigmas within 2 %.
     """
 
     trials: tuple[int, ...]
@@ -239,7 +242,10 @@ def monte_carlo(
     -----
     The model is linearized at the true position, and trials are fitted with that. The trials farthest from it and some
     at random are then simulated and fitted in full as well; where a position differs by more than 1 mm and 1 % of its
-    sigma, or a sigma by 1 %, all trials are fitted in full.
+    sigma, or a sigma by 2 %, all trials are fitted in full.
+
+    Trials are the same to the last bit wherever they are run, but for full fits and for delays that share the errors of
+    stations, whose least squares may be rounded otherwise in another number of threads.
     """
     lengths = arc_lengths(hours, study.observations)
     seed = scenario_of(study).seed if seed is None else seed
@@ -339,7 +345,9 @@ def _prove(linear: LinearTrials, full: FullTrials, seed: int, values: _Floats) -
     sigma_m = known[..., sigmas]
     in_sigmas = apart_m / sigma_m
     of_sigmas = np.abs(one[..., sigmas] / sigma_m - 1.0)
-    passed = (apart_m <= np.maximum(_ALLOWED_M, _ALLOWED_SIGMAS * sigma_m)) & (of_sigmas <= _ALLOWED_SIGMAS)
+    passed = (apart_m <= np.maximum(_ALLOWED_M, _ALLOWED_SIGMAS * sigma_m)) & (
+        of_sigmas <= _ALLOWED_OF_SIGMAS
+    )
     passed &= (one[..., columns["converged"]] == known[..., columns["converged"]])[..., None]
     return Proof(
         chosen, float(apart_m.max()), float(max(in_sigmas.max(), of_sigmas.max())), bool(passed.all())

@@ -1,5 +1,6 @@
 """Residuals that stay alike: found where they do, in the right numbers, and nothing else touched."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,7 +9,7 @@ from delay_network import DelayNetwork
 
 from radioloc.estimation import ALONE, Labels, Parameter, ParameterSet, fit_least_squares, observation_noise
 from radioloc.estimation import time_correlation as module
-from radioloc.estimation.time_correlation import SeriesCorrelation, assess_time_correlation
+from radioloc.estimation.time_correlation import RepeatedSeries, SeriesCorrelation, assess_time_correlation
 from radioloc.simulation.noise import gauss_markov
 
 STEP_S = 60.0
@@ -56,6 +57,22 @@ def test_covariance_is_the_sandwich():
     growth = 0.5 + 0.5 * 2.0 * TAU_S / STEP_S
     expected = (growth - 1.0) * np.linalg.inv(design.T @ design)
     assert np.diag(found.added_covariance) == pytest.approx(np.diag(expected), rel=0.35)
+
+
+def test_what_repeated_fits_have_in_common():
+    fit, types, path, time_s = line(n=3000, series=3)
+    like = RepeatedSeries(fit, types, path, time_s)
+    # The same fit again is the same, whatever the residuals were that the series are from.
+    again, *_ = line(n=3000, series=3, seed=5)
+    known, found = (assess_time_correlation(again, types, path, time_s, how) for how in (None, like))
+    np.testing.assert_allclose(found.added_covariance, known.added_covariance, rtol=1e-9)
+    assert found.series == known.series
+    # One with some observations left out and other weights: other stretches, and sigmas that differ by 1 % at most.
+    used = np.random.default_rng(1).random(len(time_s)) > 0.002
+    part = replace(again, used=used, noise=again.noise.with_excess(np.full(len(time_s), 0.5)))
+    known, found = (assess_time_correlation(part, types, path, time_s, how) for how in (None, like))
+    sigmas = [np.sqrt(np.diag(one.added_covariance)) for one in (found, known)]
+    np.testing.assert_allclose(*sigmas, rtol=0.01)
 
 
 def test_white_residuals_are_left_alone():

@@ -65,8 +65,8 @@ def test_what_repeated_fits_have_in_common():
     # The same fit again is the same, whatever the residuals were that the series are from.
     again, *_ = line(n=3000, series=3, seed=5)
     known, found = (assess_time_correlation(again, types, path, time_s, how) for how in (None, like))
-    np.testing.assert_allclose(found.added_covariance, known.added_covariance, rtol=1e-9)
-    assert found.series == known.series
+    np.testing.assert_allclose(found.added_covariance, known.added_covariance, rtol=1e-7)
+    assert list(map(str, found.series)) == list(map(str, known.series))
     # One with some observations left out and other weights: other stretches, and sigmas that differ by 1 % at most.
     used = np.random.default_rng(1).random(len(time_s)) > 0.002
     part = replace(again, used=used, noise=again.noise.with_excess(np.full(len(time_s), 0.5)))

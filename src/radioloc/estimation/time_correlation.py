@@ -327,7 +327,7 @@ class _Sums:
         counts: dict[int, NDArray[np.intp]] = {}
         for rows, codes, _, _ in whitened.parts():
             cells = ((time_s[rows] - first_s) / step_s).astype(np.intp)
-            for code in np.unique(codes).tolist():
+            for code in np.flatnonzero(np.bincount(codes)).tolist():
                 more = np.bincount(cells[codes == code], minlength=_CELLS)
                 counts[code] = counts[code] + more if code in counts else more
         made = cls(len(whitened.names), first_s, step_s)
@@ -416,7 +416,7 @@ class _Sums:
             into = self._into(codes, time_s[rows])
             for k in range(q):
                 self.partials[:, k] += np.bincount(into, unit[:, k], minlength=total)
-            for code in np.unique(codes[wanted[codes]]).tolist():
+            for code in np.flatnonzero(np.bincount(codes, minlength=len(wanted)) * wanted).tolist():
                 mine = unit[codes == code]
                 self.products[code] += np.einsum("ni,nj->ij", mine, mine)
 

@@ -273,6 +273,7 @@ def _data(solution: Solution) -> tuple[str, ...]:
     first, last = rows.epoch_utc[order[:1]], rows.epoch_utc[order[1:]]
     hours = 24.0 * float((last.jd - first.jd + last.fraction - first.fraction)[0])
     span = f"{hours:.1f} h" if hours < 72.0 else f"{hours / 24.0:.1f} days"
+    span = f"{60.0 * hours:.1f} min" if hours < 0.95 else span
     start, stop = (str(utc_strings(epoch, decimals=0)[0]) for epoch in (first, last))
     stations = _plural(len(_ends(rows)), "station")
     return (

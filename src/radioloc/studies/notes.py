@@ -6,18 +6,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError
 from radioloc.estimation.excess_noise import NoisyFit
 from radioloc.estimation.parameters import ParameterSet
+from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.measurements.arc import Arc
 from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.observations import KINDS, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
-from radioloc.studies.study import HEIGHT_LIMITS_M, STATION_PARAMETERS, EstimateChoice, Study
+from radioloc.studies.study import HEIGHT_LIMITS_M, STATION_PARAMETERS, EstimateChoice, Study, TerrainPrior
 from radioloc.studies.weights import Weight
 
 _DOUBTFUL_EXCESS = 20.0
 """Excess noise in stated sigmas that is no longer a matter of model errors; laser ranges of DE421's time ask for 5."""
+_ROUGHER = 1.5
+"""Ratio of the sigmas that a terrain's roughness gives here and there, from which on it is told."""
 
 
 def notes_of(
@@ -46,6 +50,7 @@ def notes_of(
         *_doubts(fitted, arc.observations),
         *(_height_doubt(lander_pa_m) if arc.trajectory is None else []),
         *_weights_note(study.observations.weights),
+        *(_terrain_doubt(arc, estimate, fitted.edited.fit.parameters, lander_pa_m)),
         *_of_data_and_model(arc.model, arc, left_out, estimate),
         *([] if estimate is None else _without_owners(estimate, fitted.edited.fit.parameters)),
     ]
@@ -70,6 +75,29 @@ def _height_doubt(lander_pa_m: NDArray[np.float64]) -> list[str]:
     return [
         f"WARNING: the Moon has no height of {height_m / 1e3:.0f} km (-9.2 to 10.8 km): look at the sigma; what is "
         "missing may be an a-priori height, or a-priori sigmas of biases"
+    ]
+
+
+def _terrain_doubt(
+    arc: Arc, estimate: EstimateChoice | None, parameters: ParameterSet, lander_pa_m: NDArray[np.float64]
+) -> list[str]:
+    """Where the terrain at the estimate is not as rough as at the a-priori position, which the prior's sigma is of."""
+    if estimate is None or not isinstance(estimate.height_prior, TerrainPrior):
+        return []
+    prior = estimate.height_prior
+    longitude_rad, latitude_rad, _ = cartesian_to_selenographic(
+        rot_pa_to_me(arc.model.ephemeris.constants) @ lander_pa_m
+    )
+    used_m = parameters["position.height_above_terrain"].prior_sigma
+    try:
+        here_m = float(prior.terrain.sigma_m(longitude_rad, latitude_rad, prior.sigma_m))
+    except InputError as error:  # roughness takes more cells than a height
+        return [f"WARNING: how rough the terrain is at the estimate is not known: {error}"]
+    if used_m / _ROUGHER < here_m < used_m * _ROUGHER:
+        return []
+    return [
+        f"WARNING: the height above the terrain was given {used_m:.3g} m, from its roughness at the a-priori position; "
+        f"at the estimate it is {here_m:.3g} m: take the estimate for [target] and fit again"
     ]
 
 

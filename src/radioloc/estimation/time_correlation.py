@@ -448,17 +448,17 @@ class _Modes:
         Basis of what is left, in sums over those roots.
     axes : ndarray, shape (taus, d, d)
         Principal axes of the correlations, in columns.
-    spread : ndarray, shape (taus, ratios, d)
-        Variance along them over w.
+    inverse_spread : ndarray, shape (taus, ratios, d)
+        One over (variance along them over w).
     kernels : ndarray, shape (taus, b, b)
         Correlations between the stretches.
     log_spread : ndarray, shape (taus, ratios)
-        Sum of the logarithms of `spread`.
+        Sum of the logarithms of variances over w.
     """
 
     kept: NDArray[np.float64]
     axes: NDArray[np.float64]
-    spread: NDArray[np.float64]
+    inverse_spread: NDArray[np.float64]
     kernels: NDArray[np.float64]
     log_spread: NDArray[np.float64]
 
@@ -473,7 +473,7 @@ class _Modes:
         kernels = np.array([_kernel(time_s, width_s, tau_s) for tau_s in taus_s])
         values, axes = np.linalg.eigh(kept.T @ (root_count[:, None] * kernels * root_count) @ kept)
         spread = 1.0 + _RATIOS[:, None] * np.maximum(values, 0.0)[:, None, :]
-        return cls(kept, axes, spread, kernels, np.log(spread).sum(axis=2))
+        return cls(kept, axes, 1.0 / spread, kernels, np.log(spread).sum(axis=2))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -523,7 +523,7 @@ class _Likelihood:
         part = sums.part(code)
         y = modes.kept.T @ (sums.residual[part] / np.sqrt(sums.count[part]))
         along = (np.swapaxes(modes.axes, 1, 2) @ y) ** 2
-        squares = (along[:, None, :] / modes.spread).sum(axis=2)
+        squares = (modes.inverse_spread @ along[:, :, None])[..., 0]
         return cls._from(sums, code, y, squares, modes.log_spread, modes.kernels)
 
     @classmethod

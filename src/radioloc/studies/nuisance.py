@@ -176,13 +176,15 @@ class Nuisance:
         shares = self.shares(part)
         if not self.of_stations:
             return shares.sum(axis=-1, keepdims=True)
-        mine = np.array([owner.station for owner in owners])
-        first = (part.transmitters[:, None] == mine) * shares[:, :1]
-        columns: NDArray[np.float64] = first + (part.receivers[:, None] == mine) * shares[:, 1:]
-        for k, owner in enumerate(owners):
+        # Column by column in memory: several times as fast as row by row.
+        columns = np.zeros((len(owners), len(part)))
+        ends = (part.transmitters, shares[:, 0].copy()), (part.receivers, shares[:, 1].copy())
+        for column, owner in zip(columns, owners, strict=True):
+            for station, share in ends:
+                column += np.where(station == owner.station, share, 0.0)
             if owner.pass_of is not None:
-                columns[:, k] *= owner.pass_of[part.rows] == owner.number
-        return columns
+                column *= owner.pass_of[part.rows] == owner.number
+        return columns.T
 
 
 def _range_bias(part: ArcRows) -> NDArray[np.float64]:

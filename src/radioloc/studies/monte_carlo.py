@@ -219,7 +219,8 @@ def monte_carlo(
     client : distributed.Client, optional
         A Dask cluster to run on, in place of processes.
     out : path-like, optional
-        Folder that keeps the trials as they are made, so that a study can be resumed.
+        Folder that keeps the trials as they are made, so that a study can be resumed. Without `resume`, those that are
+        there from before are removed.
     resume : bool
         Take over the trials that are in `out` already; more trials than last time may be asked for.
     full : bool

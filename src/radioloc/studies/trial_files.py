@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import csv
 import hashlib
-import importlib.metadata
 import io
 import json
 import math
@@ -40,10 +39,10 @@ def study_record(study: Study, hours: Sequence[float], seed: int) -> dict[str, A
         Lengths of the arcs, h.
     seed : int
     """
+    from importlib.metadata import version
+
     return {
-        "versions": {
-            name: importlib.metadata.version(name) for name in ("numpy", "astropy-iers-data", "pyerfa")
-        }
+        "versions": {name: version(name) for name in ("numpy", "astropy-iers-data", "pyerfa")}
         | {"radioloc": __version__},
         "seed": seed,
         "hours": list(hours),

@@ -9,9 +9,7 @@ from __future__ import annotations
 import os
 import pickle
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
-from multiprocessing import get_context
 from typing import Any, Protocol
 
 import numpy as np
@@ -87,6 +85,9 @@ def require_workers(workers: int, client: Any) -> None:
 def _in_pool(
     job: Job, seed: int, chunks: Sequence[Chunk], workers: int
 ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+    from concurrent.futures import ProcessPoolExecutor, as_completed
+    from multiprocessing import get_context
+
     # Processes are spawned, not forked: a fork of a process with threads may hang, and some systems cannot.
     pool = ProcessPoolExecutor(
         workers, mp_context=get_context("spawn"), initializer=_install, initargs=(pickle.dumps(job),)

@@ -109,6 +109,14 @@ def metres(value_m: float | None) -> str:
     return f"{round(value_m, decimals) + 0.0:.{decimals}f}"
 
 
+def to_sigma(value: float, sigma: float) -> str:
+    """Text of a value with the digits that its sigma, given to three of them, asks for; nought far below it."""
+    if not (math.isfinite(sigma) and sigma > 0.0 and math.isfinite(value) and value):
+        return f"{value + 0.0:.6g}"
+    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 3
+    return f"{value:#.{min(digits, 15)}g}".replace(".e", "e").rstrip(".") if digits > 0 else "0"
+
+
 def _columns(table: tuple[tuple[str, ...], ...], width: int) -> list[str]:
     """Rows of cells as aligned lines: the first column to the left, the others to the right."""
     widths = [max(len(row[k]) for row in table) for k in range(len(table[0]))]
@@ -249,7 +257,7 @@ def _other_parameters(solution: Solution) -> CardField:
             "free" if math.isinf(item.prior_sigma) else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
         )
         sigma = f"{sigmas[k]:.3g}" if math.isfinite(sigmas[k]) else "undetermined"
-        rows.append((item.name, f"{solution.values[k]:.6g}", sigma, item.unit, prior))
+        rows.append((item.name, to_sigma(solution.values[k], sigmas[k]), sigma, item.unit, prior))
     lines = (f"{len(others) - _MAX_ROWS} more are not shown",) if len(others) > _MAX_ROWS else ()
     return CardField("estimated", lines, ("parameter", "value", "sigma", "unit", "a priori"), tuple(rows))
 

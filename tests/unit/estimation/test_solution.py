@@ -8,7 +8,7 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet, build_solution, fit_with_editing
 from radioloc.estimation.build import scaled_covariance
-from radioloc.estimation.cards import card_fields, metres
+from radioloc.estimation.cards import card_fields, metres, to_sigma
 from radioloc.lunar.selenographic import cartesian_partials, selenographic_to_cartesian
 from radioloc.time import Epochs
 
@@ -409,3 +409,22 @@ def test_card_says_which_sigmas_are_formal():
     assert quiet.observability.weak
     assert "are formal ones" not in " ".join(str(quiet).split())
     assert "are formal ones" in " ".join(str(loud).split())
+
+
+@pytest.mark.parametrize(
+    ("value", "sigma", "text"),
+    [
+        (2.73315, 7.14, "2.73"),
+        (1672.29, 566.0, "1672"),
+        (2.001, 6.57, "2.00"),
+        (3e-9, 4e-7, "3e-09"),
+        (12345.6789, 0.00123, "12345.67890"),
+        (-1.23456789e-7, 1e-12, "-1.2345679e-07"),
+        (-3.1e-17, 1e-8, "0"),
+        (0.0, 1.0, "0"),
+        (12.5, np.inf, "12.5"),
+        (12.5, 0.0, "12.5"),
+    ],
+)
+def test_values_have_the_digits_that_their_sigmas_ask_for(value, sigma, text):
+    assert to_sigma(value, sigma) == text

@@ -27,6 +27,7 @@ _MAX_ROWS = 6  # stations, biases, outliers: a card is to fit a screen; to_dict(
 _MAX_LINKS = 12  # six baselines of four stations, and some that range
 _MAX_OUTLIERS = 3
 _MAX_SENTENCES = 4
+_FINE = 1e-3  # sigmas below, such as those of clocks, are written with a power of ten
 _MAX_SERIES = 3
 
 
@@ -113,8 +114,18 @@ def to_sigma(value: float, sigma: float) -> str:
     """Text of a value with the digits that its sigma, given to three of them, asks for; nought far below it."""
     if not (math.isfinite(sigma) and sigma > 0.0 and math.isfinite(value) and value):
         return f"{value + 0.0:.6g}"
-    digits = math.floor(math.log10(abs(value))) - math.floor(math.log10(sigma)) + 3
+    decimals = 2 - math.floor(math.log10(sigma))
+    if sigma >= _FINE:
+        return f"{round(value, max(decimals, 0)) + 0.0:.{max(decimals, 0)}f}"
+    digits = math.floor(math.log10(abs(value))) + decimals + 1
     return f"{value:#.{min(digits, 15)}g}".replace(".e", "e").rstrip(".") if digits > 0 else "0"
+
+
+def sigma_text(sigma: float) -> str:
+    """Text of a sigma to three digits."""
+    if not math.isfinite(sigma):
+        return "undetermined"
+    return metres(sigma) if sigma >= _FINE else f"{sigma:.3g}"
 
 
 def _columns(table: tuple[tuple[str, ...], ...], width: int) -> list[str]:
@@ -256,8 +267,8 @@ def _other_parameters(solution: Solution) -> CardField:
         prior = (
             "free" if math.isinf(item.prior_sigma) else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
         )
-        sigma = f"{sigmas[k]:.3g}" if math.isfinite(sigmas[k]) else "undetermined"
-        rows.append((item.name, to_sigma(solution.values[k], sigmas[k]), sigma, item.unit, prior))
+        value = to_sigma(solution.values[k], sigmas[k])
+        rows.append((item.name, value, sigma_text(sigmas[k]), item.unit, prior))
     lines = (f"{len(others) - _MAX_ROWS} more are not shown",) if len(others) > _MAX_ROWS else ()
     return CardField("estimated", lines, ("parameter", "value", "sigma", "unit", "a priori"), tuple(rows))
 

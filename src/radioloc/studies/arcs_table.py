@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.estimation.cards import CardField, formal_only, metres, render_text, to_sigma
+from radioloc.estimation.cards import CardField, formal_only, metres, render_text, sigma_text, to_sigma
 
 if TYPE_CHECKING:
     from radioloc.estimation.solution import Solution
@@ -346,7 +346,7 @@ def _parameter_fields(study: ArcStudy) -> list[CardField]:
 
 
 def _with_sigma(value: float, sigma: float) -> str:
-    return f"{to_sigma(value, sigma)} +- {sigma:.3g}" if math.isfinite(sigma) else "undetermined"
+    return f"{to_sigma(value, sigma)} +- {sigma_text(sigma)}" if math.isfinite(sigma) else "undetermined"
 
 
 def _observable(study: ArcStudy) -> list[str]:

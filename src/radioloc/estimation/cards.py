@@ -25,6 +25,7 @@ _LABEL_WIDTH = 12
 _SHORTEST_NAME = 6  # where numbers take all the room, the card grows wider
 _MAX_ROWS = 6  # stations, biases, outliers: a card is to fit a screen; to_dict() has them all
 _MAX_LINKS = 12  # six baselines of four stations, and some that range
+_MAX_PARAMETERS = 12
 _MAX_OUTLIERS = 3
 _MAX_SENTENCES = 4
 _FINE = 1e-3  # sigmas below, such as those of clocks, are written with a power of ten
@@ -33,12 +34,13 @@ _MAX_SERIES = 3
 
 @dataclass(frozen=True, slots=True)
 class CardField:
-    """A label and what it says: lines of text, or rows of a table under a heading."""
+    """A label and what it says: lines of text, rows of a table under a heading, lines below it."""
 
     label: str
     lines: tuple[str, ...] = ()
     heading: tuple[str, ...] = ()
     rows: tuple[tuple[str, ...], ...] = ()
+    below: tuple[str, ...] = ()
 
 
 def card_fields(solution: Solution) -> tuple[CardField, ...]:
@@ -71,6 +73,8 @@ def render_text(fields: tuple[CardField, ...], width: int = _WIDTH) -> str:
             lines += textwrap.wrap(line, width - _LABEL_WIDTH, subsequent_indent="  ") or [""]
         if item.rows:
             lines += _columns((item.heading, *item.rows), width)
+        for line in item.below:
+            lines += textwrap.wrap(line, width - _LABEL_WIDTH, subsequent_indent="  ")
         for k, line in enumerate(lines):
             out.append(f"{item.label if k == 0 else '':<{_LABEL_WIDTH}}{line}".rstrip())
     return "\n".join(out)
@@ -86,6 +90,7 @@ def render_html(fields: tuple[CardField, ...]) -> str:
             cells = ["".join(f"<td>{html.escape(cell)}</td>" for cell in row) for row in item.rows]
             body = "".join(f"<tr>{row}</tr>" for row in cells)
             content += f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        content += "<br>".join(html.escape(line) for line in item.below)
         left = 'style="text-align:left"'
         rows.append(f"<tr><th {left}>{html.escape(item.label)}</th><td {left}>{content}</td></tr>")
     return f"<table>{''.join(rows)}</table>"
@@ -262,15 +267,19 @@ def _other_parameters(solution: Solution) -> CardField:
     others = _others(solution)
     sigmas = solution.sigmas()
     rows = []
-    for k in others[:_MAX_ROWS]:
+    for k in others[:_MAX_PARAMETERS]:
         item = solution.parameters.parameters[k]
         prior = (
             "free" if math.isinf(item.prior_sigma) else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
         )
         value = to_sigma(solution.values[k], sigmas[k])
         rows.append((item.name, value, sigma_text(sigmas[k]), item.unit, prior))
-    lines = (f"{len(others) - _MAX_ROWS} more are not shown",) if len(others) > _MAX_ROWS else ()
-    return CardField("estimated", lines, ("parameter", "value", "sigma", "unit", "a priori"), tuple(rows))
+    heading = ("parameter", "value", "sigma", "unit", "a priori")
+    return CardField("estimated", (), heading, tuple(rows), _more(len(others), _MAX_PARAMETERS))
+
+
+def _more(count: int, most: int, where: str = "solution.json") -> tuple[str, ...]:
+    return (f"{count - most} more are not shown; {where} has them",) if count > most else ()
 
 
 def _passes(solution: Solution) -> tuple[str, ...]:
@@ -280,8 +289,7 @@ def _passes(solution: Solution) -> tuple[str, ...]:
         for item in solution.parameters
         if item.span_utc is not None
     ]
-    more = (f"{len(spans) - _MAX_ROWS} more are not shown",) if len(spans) > _MAX_ROWS else ()
-    return (*spans[:_MAX_ROWS], *more)
+    return (*spans[:_MAX_ROWS], *_more(len(spans), _MAX_ROWS))
 
 
 def _data(solution: Solution) -> tuple[str, ...]:
@@ -366,14 +374,16 @@ def _groups(solution: Solution) -> list[CardField]:
         places = Labels.coded(names, places.codes * len(rows.types.texts) + rows.types.codes)
     by_link = statistics_by(places, rows.residual_m, rows.sigma_m, rows.used)
     fields = [_statistics("types", fit.by_type, _MAX_ROWS)] if several else []
-    return [*fields, _statistics("links", by_link, _MAX_LINKS)]
+    return [*fields, _statistics("links", by_link, _MAX_LINKS, "residuals.csv")]
 
 
 def _places(rows: Residuals) -> list[str]:
     return [Link.from_path(path).place for path in rows.paths.texts]
 
 
-def _statistics(label: str, groups: tuple[GroupStatistics, ...], most: int) -> CardField:
+def _statistics(
+    label: str, groups: tuple[GroupStatistics, ...], most: int, where: str = "solution.json"
+) -> CardField:
     def cells(group: GroupStatistics) -> tuple[str, ...]:
         values = (group.mean_m, group.rms_m, group.wrms_m)
         return (
@@ -383,9 +393,9 @@ def _statistics(label: str, groups: tuple[GroupStatistics, ...], most: int) -> C
             *("-" if value is None else metres(value) for value in values),
         )
 
-    lines = (f"{len(groups) - most} more are not shown",) if len(groups) > most else ()
     heading = ("residuals, m", "used", "left out", "mean", "rms", "wrms")
-    return CardField(label, lines, heading, tuple(cells(group) for group in groups[:most]))
+    shown = tuple(cells(group) for group in groups[:most])
+    return CardField(label, (), heading, shown, _more(len(groups), most, where))
 
 
 def _left_out(solution: Solution) -> tuple[str, ...]:

@@ -3,7 +3,7 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 
-.PHONY: demo test test-all lint bench clean
+.PHONY: demo test test-all lint bench scaling clean
 
 $(VENV)/.installed-demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -36,6 +36,9 @@ $(VENV)/.installed-bench: $(VENV)/.installed-dev
 
 bench: $(VENV)/.installed-bench  ## Ratios against what else there is, off by default.
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-only
+
+scaling: $(VENV)/.installed-dev  ## Time and memory from a thousand to ten million observations, as docs/images/scaling.png.
+	$(BIN)/python tests/benchmarks/scaling.py docs/images/scaling.png
 
 clean:
 	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache .hypothesis

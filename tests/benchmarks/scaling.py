@@ -1,0 +1,206 @@
+"""Time and memory of preparing and fitting a thousand to ten million observations, and a figure of them.
+
+``make scaling``; or ``python tests/benchmarks/scaling.py FIGURE.png [MOST]``. The tracking is that of Chang'e-5 at 1 Hz
+on nine links, longer and longer: ten million observations are a month. Each number of observations has a process of
+its own, which reads them, as arrays, from a file made before; what it needs beyond them is its peak.
+"""
+
+from __future__ import annotations
+
+import json
+import resource
+import subprocess
+import sys
+import tempfile
+import time
+import warnings
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+sys.path[:0] = [str(Path(__file__).parents[1] / "toys")]
+
+COUNTS = (1000, 3000, 10_000, 30_000, 100_000, 300_000, 1_000_000, 3_000_000, 10_000_000)
+RATE_HZ = 3.0
+"""No day of the month has fewer observations a second."""
+STUDY = """
+[target]
+longitude_deg = -51.8
+latitude_deg = 43.0
+height_m = -2500.0
+[observations]
+files = ["none.csv"]
+[estimate]
+position = "geographic"
+range_bias = "all"
+range_bias_sigma_m = 10.0
+height_prior = { height_m = -2550.4, sigma_m = 5.0 }
+[model]
+off = ["ionosphere"]
+"""
+
+
+def make(path: Path, count: int) -> None:
+    """Simulate the first so many observations and keep their columns."""
+    from change5_case import LANDER, NOISE, RANGING, START, VLBI
+
+    import radioloc
+    from radioloc.simulation import Schedule, Session, all_ranges, baselines, simulate
+    from radioloc.time import epochs_from_strings, tai_to_utc, utc_strings, utc_to_tai
+
+    model = radioloc.PhysicalModel.build(off=["ionosphere"])
+    start = utc_to_tai(epochs_from_strings([START]))
+    stop = str(utc_strings(tai_to_utc(start.shifted(count / RATE_HZ + 120.0)), decimals=0)[0])
+    sessions = [
+        Session("range", all_ranges(*RANGING), START, stop, 1.0, sigma_m=1.0, one_uplink=True),
+        Session("vlbi_delay", baselines(*VLBI), START, stop, 1.0, sigma_m=0.3),
+    ]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", radioloc.RadiolocWarning)
+        made = simulate(Schedule(sessions), LANDER, None, NOISE, model=model, seed=1).observations
+    if len(made) < count:
+        raise ValueError(f"{len(made)} observations to {stop}, too few for {count}")
+    made = made.select(slice(0, count))
+    columns = {"jd": made.epoch.jd, "fraction": made.epoch.fraction}
+    columns |= {
+        f.name: getattr(made, f.name) for f in fields(made) if f.name not in ("epoch", "links", "files")
+    }
+    np.savez(path, **{f"of_{name}": column for name, column in columns.items()})
+    Path(f"{path}.json").write_text(json.dumps([link.path for link in made.links]))
+
+
+def fit(path: Path) -> None:
+    """Prepare and fit the observations of a file; print what it took."""
+    started = time.perf_counter(), time.process_time()
+    import radioloc
+    from radioloc.studies.locate import fit_arc, prepared_arc
+
+    links = tuple(radioloc.Link.from_path(text) for text in json.loads(Path(f"{path}.json").read_text()))
+    with np.load(path) as file:
+        columns = {name.removeprefix("of_"): file[name] for name in file.files}
+    epoch = radioloc.Epochs(columns.pop("jd"), columns.pop("fraction"), "UTC")
+    observations = radioloc.Observations(epoch=epoch, links=links, files=("in memory",), **columns)
+    held = sum(getattr(column, "nbytes", 0) for column in (epoch.jd, epoch.fraction, *columns.values()))
+    del columns
+    study_file = path.with_suffix(".toml")
+    study_file.write_text(STUDY)
+    study_file.with_name("none.csv").touch()
+    study = radioloc.read_study(study_file)
+    before_kb = _peak_kb()
+    times = [(time.perf_counter(), time.process_time())]
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", radioloc.RadiolocWarning)
+        arc, left_out = prepared_arc(study, observations)
+        times.append((time.perf_counter(), time.process_time()))
+        solution = fit_arc(study, arc, left_out, study.estimate)
+        times.append((time.perf_counter(), time.process_time()))
+    peak_kb = _peak_kb()
+    wall_s, processor_s = (np.diff([at[k] for at in times]) for k in (0, 1))
+    print(
+        json.dumps(
+            {
+                "observations": len(observations),
+                "load_s": times[0][0] - started[0],
+                "prepare_s": wall_s[0],
+                "fit_s": wall_s[1],
+                "prepare_cpu_s": processor_s[0],
+                "fit_cpu_s": processor_s[1],
+                "held_mb": held / 1e6,
+                "before_mb": before_kb / 1e3,
+                "peak_mb": peak_kb / 1e3,
+                "converged": solution.converged,
+            }
+        )
+    )
+
+
+def _peak_kb() -> float:
+    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return peak / 1024 if sys.platform == "darwin" else peak
+
+
+def measure(most: int) -> list[dict[str, float]]:
+    """Figures for each number of observations up to the most, the best time of three where that is short."""
+    found = []
+    with tempfile.TemporaryDirectory() as folder:
+        for count in [count for count in COUNTS if count <= most]:
+            path = Path(folder) / f"{count}.npz"
+            _run("make", path, count)
+            runs = [json.loads(_run("fit", path)) for _ in range(3 if count < 1_000_000 else 1)]
+            found.append(min(runs, key=cpu_s))
+            path.unlink()
+            print(row(found[-1]), flush=True)
+    return found
+
+
+def _run(*arguments: object) -> str:
+    command = [sys.executable, __file__, *map(str, arguments)]
+    return subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True).stdout
+
+
+def cpu_s(run: dict[str, float]) -> float:
+    """Processor time of preparing and fitting, s."""
+    return run["prepare_cpu_s"] + run["fit_cpu_s"]
+
+
+HEADER = """| observations | prepare, s | fit, s | CPU, s | data, MB | peak, MB | peak beyond the data, bytes each |
+| ---: | ---: | ---: | ---: | ---: | ---: | ---: |"""
+
+
+def row(run: dict[str, float]) -> str:
+    """A row of the table."""
+    beyond = (run["peak_mb"] - run["before_mb"]) * 1e6 / run["observations"]
+    cells = (
+        f"{run['observations']:,}".replace(",", " "),
+        *(f"{run[key]:.2f}" for key in ("prepare_s", "fit_s")),
+        f"{cpu_s(run):.2f}",
+        *(f"{run[key]:.0f}" for key in ("held_mb", "peak_mb")),
+        f"{beyond:.0f}",
+    )
+    return f"| {' | '.join(cells)} |"
+
+
+def draw(found: list[dict[str, float]], path: Path) -> None:
+    """Time and memory over the number of observations, with straight lines of what is linear."""
+    import matplotlib
+
+    matplotlib.use("Agg")
+    import matplotlib.pyplot as plt
+
+    n = np.array([run["observations"] for run in found])
+    time_s = np.array([cpu_s(run) for run in found])
+    peak_mb = np.array([run["peak_mb"] for run in found])
+    figure, (left, right) = plt.subplots(1, 2, figsize=(10.0, 4.2), layout="constrained")
+    left.loglog(n, time_s, "o-", color="tab:blue", label="prepare and fit")
+    left.loglog(n, [run["prepare_cpu_s"] for run in found], "s:", color="tab:orange", label="prepare")
+    left.loglog(n, time_s[-1] * n / n[-1], "k--", lw=1.0, label="in proportion")
+    left.set(
+        xlabel="observations", ylabel="processor time, s", title="Time", ylim=(time_s.min() / 30.0, None)
+    )
+    right.loglog(n, peak_mb, "o-", color="tab:blue", label="peak of the process")
+    right.loglog(n, [run["held_mb"] for run in found], "s:", color="tab:orange", label="the observations")
+    right.loglog(n, peak_mb[-1] * n / n[-1], "k--", lw=1.0, label="in proportion")
+    right.set(xlabel="observations", ylabel="memory, MB", title="Memory", ylim=(10.0, None))
+    for axes in (left, right):
+        axes.grid(True, which="major", alpha=0.3)
+        axes.legend(frameon=False)
+    figure.savefig(path, dpi=120)
+
+
+def main() -> None:
+    """Do what the arguments say."""
+    match sys.argv[1:]:
+        case ["make", path, count]:
+            make(Path(path), int(count))
+        case ["fit", path]:
+            fit(Path(path))
+        case [figure, *most]:
+            print(HEADER)
+            draw(measure(int(most[0]) if most else COUNTS[-1]), Path(figure))
+        case _:
+            sys.exit(__doc__)
+
+
+if __name__ == "__main__":
+    main()

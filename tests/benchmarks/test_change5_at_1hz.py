@@ -1,0 +1,170 @@
+"""From a file to a solution: 48 hours of nine links at 1 Hz, in processes of their own as a user would run them.
+
+Prints what it took and asserts the limits; run with ``make bench``. Limits are of processor time: on quiet cores that
+is more than the wall time, and on cores that others use as well it stays nearly the same.
+"""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+
+EXAMPLE = Path(__file__).parents[2] / "examples" / "change5" / "simulation.toml"
+LOCATED_S, FITTED_S, PEAK_MB = 10.0, 3.0, 1500.0
+SIMULATED_S, SIMULATED_PEAK_MB = 15.0, 600.0
+COMPILED_S, FIRST_FIT_S = 15.0, 2.0
+
+STUDY = """
+[target]
+longitude_deg = -51.8
+latitude_deg = 43.0
+height_m = -2500.0
+[observations]
+files = ["change5.csv"]
+[estimate]
+position = "geographic"
+range_bias = "all"
+range_bias_sigma_m = 10.0
+height_prior = { height_m = -2550.4, sigma_m = 5.0 }
+[model]
+off = ["ionosphere"]
+"""
+
+STAGES = """
+import json, time
+stages = [time.process_time()]
+def done(stage):
+    stages.append(time.process_time())
+    print(json.dumps({stage: stages[-1] - stages[-2]}))
+import radioloc
+from radioloc.studies.locate import fit_arc, prepared_arc
+study = radioloc.read_study("change5.toml")
+done("import")
+observations = radioloc.read_observations(study.observations.files, catalogue=study.catalogue)
+done("read")
+arc, left_out = prepared_arc(study, observations)
+done("select and prepare")
+solution = fit_arc(study, arc, left_out, study.estimate)
+done("fit")
+str(solution)
+done("card")
+assert solution.converged
+"""
+
+FIRST_FIT = """
+import json, sys, time
+sys.path.insert(0, sys.argv[1])
+import numba.core.event
+import radioloc
+from change5_case import observations
+model = radioloc.PhysicalModel.build(off=["ionosphere"])
+made = observations(model, 180.0)
+began = time.process_time()
+study = radioloc.Study(
+    target=radioloc.LunarPosition.from_selenographic(-51.8, 43.0, -2500.0),
+    model=radioloc.ModelChoice(evaluation="interpolated"),
+)
+compiled = []
+with numba.core.event.install_timer("numba:compile", compiled.append):
+    radioloc.locate(study, made)
+ended = time.process_time()
+print(json.dumps({"compile": sum(compiled), "fit": ended - began, "begin": ended}))
+"""
+
+
+def run(folder, *command, **environment):
+    """Wall time, s, CPU time, s, peak memory, MB, and the output of a process of Python."""
+    started = time.perf_counter()
+    process = subprocess.Popen(
+        [sys.executable, *command],
+        cwd=folder,
+        env=os.environ | {"PYTHONWARNINGS": "ignore"} | environment,
+        stdout=subprocess.PIPE,
+        text=True,
+    )
+    output = process.stdout.read()
+    process.stdout.close()
+    _, status, usage = os.wait4(process.pid, 0)
+    process.returncode = os.waitstatus_to_exitcode(status)
+    assert process.returncode == 0, output
+    peak_kb = usage.ru_maxrss / (1024 if sys.platform == "darwin" else 1)
+    return time.perf_counter() - started, usage.ru_utime + usage.ru_stime, peak_kb / 1e3, output
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("change5")
+    (folder / "simulation.toml").write_text(EXAMPLE.read_text().replace("step_s = 60.0", "step_s = 1.0"))
+    (folder / "change5.toml").write_text(STUDY)
+    simulate(folder)
+    return folder
+
+
+def simulate(folder):
+    return run(folder, "-m", "radioloc.cli", "simulate", "simulation.toml", "--out", "change5.csv", "--quiet")
+
+
+def locate(folder, *arguments):
+    return run(folder, "-m", "radioloc.cli", "locate", "change5.toml", "--quiet", *arguments)
+
+
+def told(benchmark, capsys, what, ran):
+    wall_s, cpu_s, peak_mb, _ = ran
+    with capsys.disabled():
+        print(f"\n{what}: {wall_s:.1f} s wall, {cpu_s:.1f} s CPU, {peak_mb:.0f} MB at most")
+    benchmark.extra_info.update({"wall_s": wall_s, "cpu_s": cpu_s, "peak_mb": peak_mb})
+
+
+def test_simulated(benchmark, folder, capsys):
+    ran = benchmark.pedantic(simulate, args=(folder,), rounds=1)
+    told(benchmark, capsys, "simulated to a file of 74 MB", ran)
+    assert ran[1] < SIMULATED_S
+    assert ran[2] < SIMULATED_PEAK_MB
+
+
+def test_located(benchmark, folder, capsys):
+    locate(folder)  # compiled once and for all
+    ran = benchmark.pedantic(locate, args=(folder,), rounds=1)
+    told(benchmark, capsys, "located", ran)
+    assert ran[1] < LOCATED_S
+    assert ran[2] < PEAK_MB
+
+
+def test_located_with_all_files(benchmark, folder, capsys):
+    ran = benchmark.pedantic(locate, args=(folder, "--out", "out"), rounds=1)
+    told(benchmark, capsys, "located, with residuals.csv and figures", ran)
+    assert ran[2] < PEAK_MB
+
+
+def test_stages(benchmark, folder, capsys):
+    _, _, _, output = benchmark.pedantic(run, args=(folder, "-c", STAGES), rounds=1)
+    stages = {name: s for line in output.splitlines() for name, s in json.loads(line).items()}
+    with capsys.disabled():
+        print("\n" + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.items()))
+    benchmark.extra_info.update(stages)
+    assert stages["fit"] < FITTED_S
+
+
+def test_first_fit_of_a_process(benchmark, tmp_path, capsys):
+    """All compiled functions take part in an interpolated fit; their code is kept for the next process."""
+    toys = str(Path(__file__).parents[1] / "toys")
+
+    def first_fit():
+        *_, output = run(tmp_path, "-c", FIRST_FIT, toys, NUMBA_CACHE_DIR=str(tmp_path / "cache"))
+        return json.loads(output)
+
+    cold = first_fit()
+    warm = benchmark.pedantic(first_fit, rounds=1)
+    with capsys.disabled():
+        print(
+            f"\ncompiled in {cold['compile']:.1f} s; first fit of the next process {warm['fit']:.2f} s, "
+            f"with all before it {warm['begin']:.2f} s"
+        )
+    benchmark.extra_info.update({"compile_s": cold["compile"], "first_fit_s": warm["fit"]})
+    assert 0.0 < cold["compile"] < COMPILED_S
+    assert warm["compile"] == 0.0
+    assert warm["fit"] < FIRST_FIT_S

@@ -21,6 +21,7 @@ from radioloc.errors import (
 )
 from radioloc.estimation import Solution
 from radioloc.io.detect import read_observations
+from radioloc.io.write import write_observations
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.evaluation import prepare_arc
@@ -99,6 +100,7 @@ __all__ = [
     "simulate",
     "write_arcs",
     "write_monte_carlo",
+    "write_observations",
     "write_report",
     "write_terms",
 ]

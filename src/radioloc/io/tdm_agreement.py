@@ -111,7 +111,7 @@ class TdmAgreement:
             raise InputError(
                 f"a TDM says nothing of uncertainties, and it holds {kind} observations: "
                 f"give sigma_m = {{{kind!r}: ...}} (in a study file "
-                f"sigma_m = {{ {kind} = ... }}), metres of the whole light path"
+                f"sigma_m = {{ {kind} = ... }}, to radioloc convert --sigma {kind}=...), metres of the whole light path"
             )
         return float(self.sigma_m[kind])
 

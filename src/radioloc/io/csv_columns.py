@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.labels import Labels
 
 Cells = NDArray[np.bytes_]
 """Texts of a column in UTF-8, filled up with zero bytes, shape (n,)."""
@@ -71,6 +72,18 @@ def text_cells(texts: ArrayLike) -> Cells:
         return np.asarray(np.strings.encode(array, "utf-8"))
     except UnicodeEncodeError as error:
         raise InputError(f"{error.object[error.start : error.end]!r} is not text; leave it out") from error
+
+
+def label_cells(labels: Labels, rows: Any) -> Cells:
+    """Texts of some rows, of which few differ.
+
+    Raises
+    ------
+    InputError
+        A text holds half a surrogate pair.
+    """
+    cells: Cells = text_cells(labels.texts or ("",))[labels.codes[rows]]
+    return cells
 
 
 def shortest_cells(values: NDArray[np.float64]) -> Cells:

@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.editing import Outcome
 from radioloc.estimation.labels import Labels
-from radioloc.io.csv_columns import Cells, fixed_cells, lines_of, text_cells
+from radioloc.io.csv_columns import Cells, fixed_cells, label_cells, lines_of, text_cells
 from radioloc.io.dates import utc_cells
 from radioloc.text_files import write_blocks, write_text
 from radioloc.time import Epochs
@@ -90,6 +90,8 @@ def write_residuals(
 
 
 def _text_column(texts: TextColumn) -> Callable[[slice], Cells]:
+    if isinstance(texts, Labels):
+        return lambda rows: label_cells(texts, rows)
     return lambda rows: text_cells(texts[rows])
 
 

@@ -41,7 +41,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError
 from radioloc.estimation.labels import Labels
-from radioloc.io.csv_columns import Cells, lines_of, shortest_cells, text_cells
+from radioloc.io.csv_columns import Cells, label_cells, lines_of, shortest_cells
 from radioloc.io.dates import utc_cells
 from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.names import Catalogue
@@ -204,7 +204,7 @@ def _cells_of(column: Epochs | Labels | NDArray[np.float64]) -> Callable[[slice]
         case Epochs():
             return lambda rows: utc_cells(column[rows])
         case Labels():
-            return lambda rows: text_cells(column[rows])
+            return lambda rows: label_cells(column, rows)
     return lambda rows: shortest_cells(column[rows])
 
 

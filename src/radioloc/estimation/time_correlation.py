@@ -133,8 +133,12 @@ def assess_time_correlation(
     """
     if not fit.factor.determined.any() or not fit.used.any():
         return None
-    whitened = _Whitened(fit, types, paths)
-    sums = _Sums.of(whitened, time_s) if like is None else like.sums.again(whitened, time_s)
+    if like is None:
+        whitened = _Whitened(fit, types, paths)
+        sums = _Sums.of(whitened, time_s)
+    else:
+        whitened = like.whitened.again(fit)
+        sums = like.sums.again(whitened, time_s)
     suspects = {whitened.groups[k] for k in range(len(whitened.names)) if sums.suspicious(k)}
     tried = [k for k in range(len(whitened.names)) if whitened.groups[k] in suspects and sums.enough(k)]
     if not tried:
@@ -192,7 +196,7 @@ class RepeatedSeries:
     """
 
     def __init__(self, fit: FitResult, types: Labels, paths: Labels, time_s: NDArray[np.float64]) -> None:
-        whitened = _Whitened(fit, types, paths)
+        whitened = self.whitened = _Whitened(fit, types, paths)
         self.sums = _Sums.of(whitened, time_s)
         filled = [k for k in range(len(whitened.names)) if len(self.sums.count[self.sums.part(k)]) >= _FEWEST]
         self.sums.add_partials(whitened, time_s, fit.factor.root_covariance(), filled)
@@ -242,6 +246,12 @@ class _Whitened:
         self.names = [f"{types.texts[k]} {paths.texts[j]}" for k, j in of_series]
         self._combinations = fit.noise.among(fit.used)
         self._classes: dict[tuple[int, ...], tuple[int, NDArray[np.float64]]] = {}
+
+    def again(self, fit: FitResult) -> _Whitened:
+        """The same series in another fit, of observations that share no errors."""
+        made = copy.copy(self)
+        made.fit, made._combinations = fit, fit.noise.among(fit.used)
+        return made
 
     def parts(
         self,

@@ -33,7 +33,7 @@ def select_observations(
     Returns
     -------
     observations : Observations
-        What is kept, in input order.
+        What is kept, in input order; the same table if that is all.
     left_out : dict of str to int
         How many were not asked for, by reason.
 
@@ -44,7 +44,8 @@ def select_observations(
         targets and none is named.
     """
     kept, left_out = selected(observations, choice, catalogue)
-    return observations.select(kept), left_out
+    # A table of which all is kept is not copied; nobody writes to it.
+    return observations.select(kept) if left_out else observations, left_out
 
 
 def selected(

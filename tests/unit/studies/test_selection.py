@@ -41,6 +41,11 @@ def test_target_by_any_of_its_names():
     assert kept(ObservationChoice(targets=["apollo-11", "Apollo 11"])) == ([3], {"other target": 5})
 
 
+def test_a_table_of_which_all_is_kept_is_not_copied():
+    of_one = some().select([0, 1, 2])
+    assert select_observations(of_one, ObservationChoice(), CATALOGUE) == (of_one, {})
+
+
 def test_several_targets_need_a_choice():
     with pytest.raises(radioloc.InputError, match=r"several targets \(apollo11, apollo15\).*name one"):
         kept(ObservationChoice())

@@ -58,7 +58,7 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
 
     Two- and three-way ranges of a station have colours of their own. Observations left out are red crosses, or
     triangles at the edge where they are beyond a panel, which is scaled to the used ones. Panels of a kind share a
-    scale.
+    scale. Of more than thirty links those with the most observations are drawn, as a line below then says.
 
     Parameters
     ----------
@@ -75,14 +75,17 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
     Raises
     ------
     InputError
-        There are no observations, or more links than panels fit on a page (30).
+        There are no observations.
     """
     residuals = solution.residuals if isinstance(solution, Solution) else solution
     if not len(residuals):
         raise InputError("there are no residuals to draw")
     panels = _panels(residuals)
+    notes = []
     if len(panels) > MOST_LINKS:
-        raise InputError(f"{len(panels)} links do not fit on one page; select up to {MOST_LINKS}")
+        notes.append(f"{MOST_LINKS} of {len(panels)} links, those with the most observations")
+        largest = np.argsort([-len(panel.all_rows) for panel in panels], kind="stable")[:MOST_LINKS]
+        panels = [panels[k] for k in sorted(largest.tolist())]
     if title is None:
         title = f"{solution.name}: " if isinstance(solution, Solution) else ""
         title += "observed \N{MINUS SIGN} computed"
@@ -104,16 +107,13 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
         lowest.tick_params(labelbottom=True)
     figure.suptitle(title, fontsize=11, fontweight="bold")
     if any(_crowded(residuals, panel) for panel in panels):
-        note = f"{CROWD_NOTE}; {_LEFT_OUT}" if not residuals.used.all() else CROWD_NOTE
-        figure.supxlabel(note, fontsize=7, color="0.4")
-    elif not residuals.used.all():
-        figure.supxlabel(_LEFT_OUT, fontsize=7, color=REJECTED_COLOR)
+        notes.append(CROWD_NOTE)
+    color = "0.4" if notes else REJECTED_COLOR
+    if not residuals.used.all():
+        notes.append(_LEFT_OUT)
+    if notes:
+        figure.supxlabel("; ".join(notes), fontsize=7, color=color)
     return figure
-
-
-def number_of_links(residuals: Residuals) -> int:
-    """How many panels :func:`plot_links` would need."""
-    return len(_panels(residuals))
 
 
 def _crowded(residuals: Residuals, panel: _Panel) -> bool:

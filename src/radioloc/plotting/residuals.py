@@ -37,7 +37,8 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
 
     Bars are the stated sigmas. Of more than 5000 observations of a station bars show by spans of time from where to
     where they reach, as a line below says. Observations left out are red crosses, or triangles at the edge where they
-    are beyond a panel, which is scaled to the used ones. Ranges have a second scale for the one-way equivalent.
+    are beyond a panel, which is scaled to the used ones. Ranges have a second scale for the one-way equivalent. Of more
+    than twelve stations those with the most observations are drawn, as a line below then says.
 
     Parameters
     ----------
@@ -54,14 +55,18 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
     Raises
     ------
     InputError
-        There are no observations, or more stations than panels fit on a page (12).
+        There are no observations.
     """
     residuals = solution.residuals if isinstance(solution, Solution) else solution
     if not len(residuals):
         raise InputError("there are no residuals to draw")
     stations = residuals.stations.present()
+    notes = []
     if len(stations) > _MAX_PANELS:
-        raise InputError(f"{len(stations)} stations do not fit on one page; select up to {_MAX_PANELS}")
+        notes.append(f"{_MAX_PANELS} of {len(stations)} stations, those with the most observations")
+        counts = [int(residuals.stations.are(station).sum()) for station in stations]
+        largest = np.argsort(-np.array(counts), kind="stable")[:_MAX_PANELS]
+        stations = tuple(stations[k] for k in sorted(largest.tolist()))
     if title is None:
         title = (f"{solution.name}: " if isinstance(solution, Solution) else "") + _TITLE
 
@@ -76,7 +81,9 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
     date_axis(panels[-1], dates)
     figure.suptitle(title, fontsize=11, fontweight="bold")
     if any(residuals.used[residuals.stations.are(station)].sum() > MOST_POINTS for station in stations):
-        figure.supxlabel(CROWD_NOTE, fontsize=7, color="0.4")
+        notes.append(CROWD_NOTE)
+    if notes:
+        figure.supxlabel("; ".join(notes), fontsize=7, color="0.4")
     return figure
 
 

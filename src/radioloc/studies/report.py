@@ -114,13 +114,11 @@ def _six_decimals(values: NDArray[np.float64]) -> Callable[[slice], Cells]:
 
 def _write_plots(solution: Solution, folder: Path) -> list[Path]:
     from radioloc.plotting import plot_links, plot_position, plot_residuals
-    from radioloc.plotting.links import MOST_LINKS, number_of_links
 
     rows = solution.residuals
     # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
     apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
-    by_link = apart and number_of_links(rows) <= MOST_LINKS
-    figures = {"residuals": plot_links(solution) if by_link else plot_residuals(solution)}
+    figures = {"residuals": plot_links(solution) if apart else plot_residuals(solution)}
     if solution.position_estimated and solution.position_determined:
         figures["position"] = plot_position(solution)
     return [path for name, figure in figures.items() for path in write_figure(figure, folder, name)]

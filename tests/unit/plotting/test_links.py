@@ -8,8 +8,8 @@ from toy_moon import ToyMoon, toy_solution
 
 from radioloc.errors import InputError
 from radioloc.estimation import Labels, Outcome
-from radioloc.plotting import plot_links, save_figure
-from radioloc.plotting.links import number_of_links
+from radioloc.plotting import plot_links, plot_residuals, save_figure
+from radioloc.plotting.links import MOST_LINKS
 
 DASH = "\N{EN DASH}"
 PATHS = {
@@ -59,8 +59,23 @@ def test_a_panel_for_each_baseline_and_each_receiver(rows):
     ]
 
 
-def test_as_many_panels_as_links(rows):
-    assert number_of_links(rows) == len(panels_of(plot_links(rows)))
+def test_of_too_many_links_those_with_the_most_observations(rows):
+    """Forty receivers, the last with more observations than the others: it is there; that others are not is said."""
+    receivers = [f"S{k:02d}" for k in range(40)] * 2 + ["S39"] * 10
+    many = replace(
+        rows,
+        types=Labels.of(["range"] * 90),
+        paths=Labels.of([f"{name}>lander>{name}" for name in receivers]),
+        stations=Labels.of(receivers),
+    )
+    for figure, most, what in (
+        (plot_links(many), MOST_LINKS, "links"),
+        (plot_residuals(many), 12, "stations"),
+    ):
+        shown = [axes for axes in figure.axes if axes.get_visible() and axes.get_title(loc="left")]
+        assert len(shown) == most
+        assert any("S39" in axes.get_title(loc="left") for axes in shown)
+        assert f"{most} of 40 {what}, those with the most observations" in figure.get_supxlabel()
 
 
 def test_panels_show_the_used_residuals_of_their_links(rows):
@@ -156,12 +171,9 @@ def test_title(rows):
     assert plot_links(named).get_suptitle().startswith(f"{solution.name}: ")
 
 
-def test_nothing_and_too_much_are_refused(rows):
+def test_nothing_and_unknown_types_are_refused(rows):
     with pytest.raises(InputError, match="no residuals"):
         plot_links(rows.select(slice(0)))
-    many = np.array([f"S{k}>x>S{k}" for k in range(90)])
-    with pytest.raises(InputError, match="links do not fit"):
-        plot_links(replace(rows, paths=Labels.of(many)))
     with pytest.raises(InputError, match="'phase' of an observation is not known"):
         plot_links(replace(rows, types=Labels.of(np.full(90, "phase"))))
 

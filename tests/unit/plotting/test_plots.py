@@ -7,7 +7,6 @@ import pytest
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
-from radioloc.estimation import Labels
 from radioloc.plotting import plot_position, plot_residuals, save_figure
 from radioloc.plotting.figures import length_unit
 
@@ -71,10 +70,8 @@ def test_stations_of_like_quality_share_a_scale(solution):
     assert len({axes.get_ylim() for axes in panels_of(plot_residuals(solution))}) == 1
 
 
-def test_no_observations_or_too_many_stations_are_refused(solution):
+def test_no_observations_are_refused(solution):
     rows = solution.residuals
-    with pytest.raises(InputError, match="90 stations do not fit"):
-        plot_residuals(replace(rows, stations=Labels.of([f"S{k}" for k in range(90)])))
     with pytest.raises(InputError, match="no residuals"):
         plot_residuals(rows.select(slice(0)))
 

@@ -1,5 +1,6 @@
 """The public face: names, what importing costs, and the first lines that a user types."""
 
+import os
 import subprocess
 import sys
 import types
@@ -22,16 +23,19 @@ def test_public_names_exist_once_and_are_described():
             assert value.__doc__, name
 
 
-def test_import_is_light_and_quick():
+def test_import_is_light_and_quick(tmp_path):
     heavy = ("matplotlib", "astropy", "scipy", "pandas", "numba")
     code = (
         "import time; import numpy; start = time.process_time(); import radioloc, sys; "
         "print(time.process_time() - start); "
         f"print([m for m in {heavy!r} if m in sys.modules])"
     )
-    seconds, modules = subprocess.run(
-        [sys.executable, "-W", "error", "-c", code], capture_output=True, text=True, check=True, timeout=60
-    ).stdout.splitlines()
+    # The first run compiles the sources, which an installed package has done already.
+    environment = os.environ | {"PYTHONPYCACHEPREFIX": str(tmp_path), "PYTHONDONTWRITEBYTECODE": ""}
+    command = [sys.executable, "-W", "error", "-c", code]
+    for _ in range(2):
+        run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=60)
+    seconds, modules = run.stdout.splitlines()
     assert float(seconds) < IMPORT_LIMIT_S
     assert modules == "[]"
 

@@ -6,6 +6,11 @@ together as a :class:`Solution`.
 """
 
 from radioloc.estimation.build import build_solution, compare_with
+from radioloc.estimation.correlated_weights import (
+    CorrelatedFit,
+    SeriesWeight,
+    fit_with_correlated_weights,
+)
 from radioloc.estimation.editing import USED, EditedFit, EditingSettings, Outcome, fit_with_editing
 from radioloc.estimation.excess_noise import NoisyFit, fit_with_excess_noise
 from radioloc.estimation.labels import Labels
@@ -31,6 +36,7 @@ from radioloc.estimation.time_correlation import (
 __all__ = [
     "ALONE",
     "USED",
+    "CorrelatedFit",
     "Correlation",
     "DenseLinearization",
     "Direction",
@@ -55,6 +61,7 @@ __all__ = [
     "ResidualFunction",
     "Residuals",
     "SeriesCorrelation",
+    "SeriesWeight",
     "SharedErrors",
     "Solution",
     "TimeCorrelation",
@@ -63,6 +70,7 @@ __all__ = [
     "build_solution",
     "compare_with",
     "fit_least_squares",
+    "fit_with_correlated_weights",
     "fit_with_editing",
     "fit_with_excess_noise",
 ]

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import InputError
+from radioloc.estimation.correlated_weights import SeriesWeight
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus
@@ -43,6 +44,7 @@ def build_solution(
     elevation_deg: ArrayLike | None = None,
     ephemeris_sigma_enu_m: ArrayLike = (0.0, 0.0, 0.0),
     excess_noise_m: Mapping[str, float] | None = None,
+    series_weights: Sequence[SeriesWeight] = (),
     scale_covariance: bool = True,
     reference_pa_m: ArrayLike | None = None,
     reference_name: str = "reference",
@@ -79,6 +81,8 @@ def build_solution(
         Assumed error of ephemeris and orientation as seen in the position, east, north, up, m.
     excess_noise_m : mapping of str to float, optional
         Noise that was added in quadrature to the stated sigmas of each type, m.
+    series_weights : sequence of SeriesWeight
+        Series that the fit weighs as fewer observations.
     scale_covariance : bool
         Scale the observation noise to what the residuals show, where that is significantly more than stated, and
         allow for residuals of a link that stay alike (:mod:`~radioloc.estimation.time_correlation`).
@@ -120,7 +124,8 @@ def build_solution(
     statistics = _fit_statistics(edited, residuals, excess_noise_m or {})
     rotation = _array("rot_pa_to_me", rot_pa_to_me, (3, 3))
     position = _array("position_pa_m", position_pa_m, (3,))
-    noise_scale = statistics.noise_scale if scale_covariance else 1.0
+    # What weighs correlated series as such has its variances from the residuals themselves.
+    noise_scale = statistics.noise_scale if scale_covariance and fit.sigma_factor is None else 1.0
     formal = _array("covariance", fit.covariance, (p, p))
     covariance = scaled_covariance(fit, noise_scale)
     correlation = None
@@ -141,6 +146,7 @@ def build_solution(
         covariance=_array("covariance", covariance, (p, p)),
         noise_scale=noise_scale,
         time_correlation=correlation,
+        series_weights=tuple(series_weights),
         pa_frame=pa_frame,
         me_frame=me_frame,
         position_pa_m=position,

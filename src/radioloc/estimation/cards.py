@@ -30,6 +30,8 @@ _MAX_OUTLIERS = 3
 _MAX_SENTENCES = 4
 _FINE = 1e-3  # sigmas below, such as those of clocks, are written with a power of ten
 _MAX_SERIES = 3
+_MUCH_GROWTH = 3.0
+"""A sigma that grows by more has an estimate that other weights make much better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -344,7 +346,25 @@ def _alike(solution: Solution) -> list[str]:
     lines = [str(item) for item in series[:_MAX_SERIES]]
     if len(series) > _MAX_SERIES:
         lines[-1] += f"; so do {len(series) - _MAX_SERIES} more series"
-    return [*lines, f"the position's sigma grows by a factor of {solution.correlation_factor:.2g} for that"]
+    growth = f"the position's sigma grows by a factor of {solution.correlation_factor:.2g} for that"
+    if solution.series_weights:
+        return [*lines, *_weighed_as(solution), growth]
+    if solution.correlation_factor > _MUCH_GROWTH:
+        growth += ', as the estimate weighs them in full: [estimate] weights = "correlated" does not'
+    return [*lines, growth]
+
+
+def _weighed_as(solution: Solution) -> list[str]:
+    """Which series the estimate does not weigh in full, those that count least first."""
+    weights = sorted(solution.series_weights, key=lambda item: -item.sigma_factor)
+    lines = [
+        f"weighed as {max(item.weighed_as, 1.0):.0f} independent ones: {item.name}"
+        for item in weights[:_MAX_SERIES]
+    ]
+    if len(weights) > _MAX_SERIES:
+        least, most = (max(end(w.weighed_as for w in weights[_MAX_SERIES:]), 1.0) for end in (min, max))
+        lines[-1] += f"; {len(weights) - _MAX_SERIES} more series as {least:.0f} to {most:.0f}"
+    return lines
 
 
 def _ends(rows: Residuals) -> set[str]:

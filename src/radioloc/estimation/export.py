@@ -149,6 +149,9 @@ def _fit_dict(solution: Solution) -> dict[str, Any]:
         "time_correlation": [
             asdict(item) for item in (solution.time_correlation.series if solution.time_correlation else ())
         ],
+        "series_weights": [
+            asdict(item) | {"weighed_as": item.weighed_as} for item in solution.series_weights
+        ],
         "robust_scale": solution.fit.robust_scale,
         "iterations": len(solution.iterations),
         "passes": solution.passes,

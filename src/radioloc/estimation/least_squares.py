@@ -184,7 +184,11 @@ class FitResult:
     iterations : tuple of Iteration
         History.
     factor : Factor
-        Singular values and directions over the free parameters, at `x` or less than a last, converged step from it.
+        Singular values and directions over the free parameters, at `x` or less than a last, converged step from it; of
+        the problem as it was weighed.
+    sigma_factor : ndarray, shape (n,), or None
+        Factor on the stated sigmas that the observations were weighed with; 1 where ``None``. One for all observations
+        that share errors.
     """
 
     parameters: ParameterSet
@@ -198,6 +202,7 @@ class FitResult:
     status: FitStatus
     iterations: tuple[Iteration, ...]
     factor: Factor
+    sigma_factor: NDArray[np.float64] | None = None
 
     @property
     def converged(self) -> bool:
@@ -476,7 +481,7 @@ def fit_least_squares(
     return FitResult(
         parameters=parameters,
         x=here.x,
-        covariance=_covariance(factor, parameters),
+        covariance=covariance_of(factor, parameters),
         linearization=here.linearization,
         noise=noise,
         used=mask,
@@ -511,10 +516,21 @@ def sum_of_squares(
     return total if np.isfinite(total) else np.inf
 
 
-def _covariance(factor: Factor, parameters: ParameterSet) -> NDArray[np.float64]:
-    """Formal covariance over all parameters, shape (p, p)."""
+def covariance_of(
+    factor: Factor, parameters: ParameterSet, unit: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Covariance over all parameters, shape (p, p).
+
+    Parameters
+    ----------
+    factor : Factor
+        Of the free ones.
+    parameters : ParameterSet
+    unit : ndarray, shape (r, r), optional
+        Covariance along the determined directions in units of their sigmas, where it is not the identity.
+    """
     root = factor.root_covariance()
-    covariance_free = root @ root.T
+    covariance_free = root @ root.T if unit is None else root @ unit @ root.T
     # A parameter takes part in an undetermined direction if its share, in units of its scale, is more than
     # rounding.
     directions = factor.undetermined_directions() / parameters.scales[parameters.free]

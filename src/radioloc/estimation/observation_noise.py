@@ -171,6 +171,17 @@ class ObservationNoise:
             blocks += [block.with_excess(more_m)] if even else _blocks_of_rows(own_m, self.shared, block.rows)
         return ObservationNoise(own_m, self.shared, tuple(blocks))
 
+    def inflated(self, factor: NDArray[np.float64]) -> ObservationNoise:
+        """Noise with all errors of each observation larger by a factor (n,), the same within a block."""
+        own_m = self.own_m * factor
+        if self.shared is None:
+            return ObservationNoise(own_m)
+        shared = SharedErrors(self.shared.group, self.shared.source, self.shared.effect_m * factor[:, None])
+        blocks = [
+            _Block(block.rows, block.axes, block.combined_m * factor[block.rows]) for block in self.blocks
+        ]
+        return ObservationNoise(own_m, shared, tuple(blocks))
+
     def among(self, used: NDArray[np.bool_] | None = None) -> Combinations:
         """Independent combinations of the observations in use, all of them by default.
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditingSettings
 from radioloc.estimation.excess_noise import MAX_PASSES, SETTLED
-from radioloc.estimation.least_squares import FitSettings, factorize
+from radioloc.estimation.least_squares import FitResult, FitSettings, factorize
 from radioloc.estimation.linearization import DenseLinearization
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
@@ -59,6 +59,9 @@ class RepeatedOutcome:
         Noise added in quadrature, by group, m.
     converged : bool
         Whether editing and excess noise settled.
+    weighed : FitResult or None
+        The same fit as it is where correlated series are weighed as such; its covariance is not the inverse of its
+        information.
     """
 
     step: _Floats
@@ -69,6 +72,7 @@ class RepeatedOutcome:
     left_m: _Floats
     excess_noise_m: _Floats
     converged: bool
+    weighed: FitResult | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
+from radioloc.estimation.correlated_weights import SeriesWeight
 from radioloc.estimation.editing import Outcome
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import Iteration
@@ -202,6 +203,8 @@ class Solution:
         What is determined poorly or not at all.
     time_correlation : TimeCorrelation or None
         Series whose residuals stay alike, and what that adds to the scaled covariance.
+    series_weights : tuple of SeriesWeight
+        Series that the estimate weighs as fewer observations, since their residuals stay alike.
     iterations : tuple of Iteration
         History of the last fit.
     passes : int
@@ -237,6 +240,7 @@ class Solution:
     residuals: Residuals
     observability: Observability
     time_correlation: TimeCorrelation | None = None
+    series_weights: tuple[SeriesWeight, ...] = ()
     iterations: tuple[Iteration, ...] = ()
     passes: int = 1
     reference: ReferenceComparison | None = None

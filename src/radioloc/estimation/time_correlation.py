@@ -17,6 +17,9 @@ hours tell better together, unless a series says otherwise. The covariance is av
 it holds how badly they are known; a c far beyond the variance of the residuals, which then would all have been absorbed
 by the parameters, counts for as much less (Gelman 2006). Errors of different series count as independent.
 
+Where the estimate weighs a series with larger sigmas (:mod:`~radioloc.estimation.correlated_weights`), A and V are over
+the stated ones as before, and its part of the middle is divided by the fourth power of the factor on them.
+
 All is done with sums over some fifty stretches of time in each series, so the cost is linear in the observations.
 """
 
@@ -48,8 +51,9 @@ _TAUS = 10
 """Correlation times tried, from half the shortest stretch to half the longest span, evenly by their logarithm."""
 _RATIOS = np.logspace(-6.0, 3.0, 46)
 """Ratios c / w that are tried."""
-_ABSORBED = 30.0
-"""Formal sigmas that the estimate may be off by: what it then takes out of a series is left out of the likelihood."""
+_ABSORBED, _ABSORBED_WEIGHED = 30.0, 3.0
+"""Sigmas that the estimate may be off by: what it then takes out of a series is left out of the likelihood. Sigmas by
+weights that allow for correlation are nearly those that the estimate has."""
 _SCREEN = 1.0
 """Types are looked at closely when a sum over stretches spreads by more than this many standard errors."""
 
@@ -175,7 +179,8 @@ def assess_time_correlation(
                 sums, k, whitened.names[k], likelihoods[k], own if differs else together, taus_s
             )
             found.append(correlation)
-            added += more
+            # The partials are over the stated sigmas; those and the errors count by the weights, which are smaller.
+            added += more / whitened.sigma_factor[k] ** 4
     if not found:
         return None
     return TimeCorrelation(tuple(found), _in_parameters(fit, root, added))
@@ -210,6 +215,11 @@ class RepeatedSeries:
         return self._modes[key]
 
 
+def shared_series(kind: str) -> str:
+    """What the names of all series begin with that combinations of a kind's observations make."""
+    return f"{kind}, combination "
+
+
 def _in_parameters(
     fit: FitResult, root: NDArray[np.float64], added: NDArray[np.float64]
 ) -> NDArray[np.float64]:
@@ -239,11 +249,13 @@ class _Whitened:
     def __init__(self, fit: FitResult, types: Labels, paths: Labels) -> None:
         self.fit = fit
         both = types.codes.astype(np.intp) * len(paths.texts) + paths.codes
-        kinds, codes = np.unique(both, return_inverse=True)
+        kinds, first, codes = np.unique(both, return_index=True, return_inverse=True)
         self.codes = codes.astype(np.int32)
         of_series = [divmod(int(kind), len(paths.texts)) for kind in kinds]
         self.groups = [types.texts[k] for k, _ in of_series]
         self.names = [f"{types.texts[k]} {paths.texts[j]}" for k, j in of_series]
+        factor = fit.sigma_factor
+        self.sigma_factor = [1.0] * len(kinds) if factor is None else factor[first].tolist()
         self._combinations = fit.noise.among(fit.used)
         self._classes: dict[tuple[int, ...], tuple[int, NDArray[np.float64]]] = {}
 
@@ -285,7 +297,8 @@ class _Whitened:
         """Names and groups of the combinations of a kind of block: those of like sigma go together."""
         kind = self.groups[key[0]]
         for j, sigma_m in enumerate(combined_m.tolist()):
-            self.names.append(f"{kind}, combination {j + 1} of {len(key)} that share errors")
+            self.names.append(f"{shared_series(kind)}{j + 1} of {len(key)} that share errors")
+            self.sigma_factor.append(self.sigma_factor[key[0]])
             self.groups.append(f"{kind} {key} {round(2.0 * math.log(sigma_m))}")
 
     @staticmethod
@@ -316,6 +329,8 @@ class _Sums:
         Sum of whitened partials by parameters of unit formal covariance.
     products : dict of int to ndarray, shape (q, q)
         Sum of products of the same.
+    absorbed : float
+        Sigmas that the parameters may be off by.
     """
 
     def __init__(self, n_series: int, first_s: float, step_s: float) -> None:
@@ -326,6 +341,7 @@ class _Sums:
         self.count = self.time_s = self.residual = np.zeros(0)
         self.partials = np.zeros((0, 0))
         self.products: dict[int, NDArray[np.float64]] = {}
+        self.absorbed = _ABSORBED
         self._bin_of_cell = np.zeros((0, 0), dtype=np.int32)
 
     @classmethod
@@ -418,6 +434,7 @@ class _Sums:
         free = np.flatnonzero(fit.parameters.free)
         q, total = root.shape[1], len(self.count)
         self.partials = np.zeros((total, q))
+        self.absorbed = _ABSORBED if fit.sigma_factor is None else _ABSORBED_WEIGHED
         self.products = {code: np.zeros((q, q)) for code in tried}
         for rows, codes, whitening, weight in whitened.parts():
             if not wanted[codes].any():
@@ -562,7 +579,7 @@ def _not_absorbed(sums: _Sums, code: int) -> NDArray[np.float64] | None:
     """Basis of what the parameters leave of sums over stretches, shape (b, d); None where that is too little."""
     part = sums.part(code)
     left, s, _ = np.linalg.svd(sums.partials[part] / np.sqrt(sums.count[part])[:, None])
-    kept: NDArray[np.float64] = left[:, int((s * _ABSORBED > 1.0).sum()) :]
+    kept: NDArray[np.float64] = left[:, int((s * sums.absorbed > 1.0).sum()) :]
     return kept if kept.shape[1] >= _FEWEST else None
 
 

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.build import scaled_by
+from radioloc.estimation.correlated_weights import fit_with_correlated_weights
 from radioloc.estimation.editing import USED, EditingSettings
 from radioloc.estimation.excess_noise import fit_with_excess_noise
 from radioloc.estimation.labels import Labels
@@ -33,7 +34,11 @@ _Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class GeneralFit:
-    """As :class:`~radioloc.estimation.repeated_fit.RepeatedFit`, for observations that share errors, but slower."""
+    """As :class:`~radioloc.estimation.repeated_fit.RepeatedFit`, but slower.
+
+    For observations that share errors, and, where `series` has their types, paths and times, weighed as their residuals
+    ask for (:func:`~radioloc.estimation.correlated_weights.fit_with_correlated_weights`).
+    """
 
     partials: _Floats
     parameters: ParameterSet
@@ -42,20 +47,32 @@ class GeneralFit:
     group: NDArray[np.int32]
     usable: NDArray[np.bool_]
     editing: EditingSettings
+    series: tuple[Labels, Labels, _Floats] | None = None
 
     def fit(self, residual_m: _Floats) -> RepeatedOutcome:
         """Fit to residuals at the values x."""
+
+        def linear(x: _Floats) -> tuple[_Floats, _Floats]:
+            return residual_m - self.partials @ (x - self.x), self.partials
+
         found = fit_with_excess_noise(
-            lambda x: (residual_m - self.partials @ (x - self.x), self.partials),
+            linear,
             self.parameters,
             self.noise,
             groups=np.array(KINDS)[self.group],
             status=np.where(self.usable, USED, "not usable"),
             editing=self.editing,
         )
-        fit = found.edited.fit
+        edited = found.edited
+        if self.series is not None:
+            edited = fit_with_correlated_weights(linear, edited, *self.series).edited
+        fit = edited.fit
         scale = 1.0
-        if fit.chi2_per_dof is not None and fit.chi2 > chi2_quantile(SCALING_PROBABILITY, fit.dof):
+        if (
+            fit.sigma_factor is None
+            and fit.chi2_per_dof is not None
+            and fit.chi2 > chi2_quantile(SCALING_PROBABILITY, fit.dof)
+        ):
             scale = float(np.sqrt(fit.chi2_per_dof))
         return RepeatedOutcome(
             step=fit.x - self.x,
@@ -65,7 +82,8 @@ class GeneralFit:
             used=fit.used,
             left_m=fit.residual_m,
             excess_noise_m=np.array([found.excess_noise_m.get(kind, 0.0) for kind in KINDS]),
-            converged=found.edited.converged,
+            converged=edited.converged,
+            weighed=None if self.series is None else fit,
         )
 
 
@@ -131,12 +149,11 @@ class LinearArc:
 
     def covariance(self, found: RepeatedOutcome) -> _Floats:
         """Covariance of the parameters as :func:`~radioloc.estimation.build.build_solution` has it, shape (p, p)."""
+        fit = self._as_fit(found) if found.weighed is None else found.weighed
         scaled = scaled_by(found.covariance, self.parameters.prior_sigmas, found.noise_scale)
         if not found.converged:
             return scaled
-        correlation = assess_time_correlation(
-            self._as_fit(found), self.types, self.paths, self.time_s, self.like
-        )
+        correlation = assess_time_correlation(fit, self.types, self.paths, self.time_s, self.like)
         return scaled if correlation is None else scaled + correlation.added_covariance
 
     def _as_fit(self, found: RepeatedOutcome) -> FitResult:

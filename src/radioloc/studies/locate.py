@@ -18,7 +18,8 @@ from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.ionex import read_ionex
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
-from radioloc.estimation.build import build_solution
+from radioloc.estimation.build import build_solution, seconds_since_midnight
+from radioloc.estimation.correlated_weights import SeriesWeight, fit_with_correlated_weights
 from radioloc.estimation.editing import USED, EditingSettings, fit_with_editing
 from radioloc.estimation.excess_noise import NoisyFit, fit_with_excess_noise
 from radioloc.estimation.labels import Labels
@@ -139,6 +140,13 @@ def fit_arc(study: Study, arc: Arc, left_out: dict[str, int], estimate: Estimate
     )
     problem = Problem.of(arc, target, estimate, study.catalogue, held=study.estimate)
     fitted = _fit(study, problem, estimate, status_of(arc, target))
+    paths = Labels.coded([link.path for link in observations.links], observations.link)
+    types = Labels.coded(KINDS, observations.kind)
+    series_weights: tuple[SeriesWeight, ...] = ()
+    if estimate is not None and estimate.weights == "correlated":
+        time_s = seconds_since_midnight(observations.epoch)
+        weighed = fit_with_correlated_weights(problem.linearize, fitted.edited, types, paths, time_s)
+        fitted, series_weights = replace(fitted, edited=weighed.edited), weighed.weights
     x = fitted.edited.fit.x
     lander_pa_m = problem.position_pa_m(x)
     return build_solution(
@@ -151,11 +159,12 @@ def fit_arc(study: Study, arc: Arc, left_out: dict[str, int], estimate: Estimate
         epoch_utc=observations.epoch,
         station=Labels.coded(arc.stations, arc.receivers),
         observed_m=observations.value_m,
-        path=Labels.coded([link.path for link in observations.links], observations.link),
-        type=Labels.coded(KINDS, observations.kind),
+        path=paths,
+        type=types,
         elevation_deg=_elevation_deg(arc, lander_pa_m),
         ephemeris_sigma_enu_m=(0.0, 0.0, 0.0) if estimate is None else estimate.ephemeris_sigma_m,
         excess_noise_m=fitted.excess_noise_m,
+        series_weights=series_weights,
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,

@@ -212,9 +212,13 @@ class Prepared:
         noise = stated_noise(arc, study.observations)
         editing = EditingSettings(threshold=study.estimate.rejection_sigma)
         kind = arc.observations.kind.astype(np.int32)
-        if noise.shared is not None:
+        types, time_s = Labels(kind, KINDS), seconds_since_midnight(arc.observations.epoch)
+        paths = Labels.coded([link.path for link in arc.observations.links], arc.observations.link)
+        correlated = study.estimate.weights == "correlated"
+        if noise.shared is not None or correlated:
+            series = (types, paths, time_s) if correlated else None
             fit: RepeatedFit | GeneralFit = GeneralFit(
-                partials, problem.parameters, x, noise, kind, usable, editing
+                partials, problem.parameters, x, noise, kind, usable, editing, series
             )
         else:
             made = RepeatedFit.of(partials, problem.parameters, x, noise.sigma_m, kind, usable, editing)
@@ -231,9 +235,9 @@ class Prepared:
             ephemeris_sigma_m=np.array(estimate.ephemeris_sigma_m),
             partials=partials,
             noise=noise,
-            types=Labels(kind, KINDS),
-            paths=Labels.coded([link.path for link in arc.observations.links], arc.observations.link),
-            time_s=seconds_since_midnight(arc.observations.epoch),
+            types=types,
+            paths=paths,
+            time_s=time_s,
         )
 
 

@@ -118,6 +118,7 @@ STATION_PARAMETERS = {
 """Parameters that each station can have, by the key that lists the stations, with those of a-priori value and sigma."""
 
 RANGE_BIAS_PER = ("station", "pass")
+WEIGHTS = ("independent", "correlated")
 
 PASS_GAP_H = 4.0
 """A station that has not observed for so long begins a new pass. Between two passes the Moon is down for 5 h or more at
@@ -209,6 +210,8 @@ class EstimateChoice:
         Error to be assumed of the lunar ephemeris and orientation as seen in the position: east, north, up.
     rejection_sigma : float
         An observation is rejected when its residual exceeds so many of its expected sigmas; 2 or more.
+    weights : {"independent", "correlated"}
+        Whether all observations count in full, or series whose residuals stay alike as the few that they are worth.
 
     Raises
     ------
@@ -239,6 +242,7 @@ class EstimateChoice:
     height_prior: HeightPrior | TerrainPrior | None = None
     ephemeris_sigma_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
     rejection_sigma: float = 5.0
+    weights: str = "independent"
 
     def __post_init__(self) -> None:
         if self.position not in POSITION_FORMS:
@@ -274,6 +278,8 @@ class EstimateChoice:
                 f"rejection_sigma must be {LOWEST_REJECTION_SIGMA:g} or more, not {self.rejection_sigma!r}: "
                 "less cuts good data"
             )
+        if self.weights not in WEIGHTS:
+            raise InputError(f'weights must be "independent" or "correlated", not {self.weights!r}')
 
     def held(self) -> EstimateChoice:
         """Nothing estimated; the a-priori values of all biases and the like stay."""

@@ -263,6 +263,7 @@ def _estimate(table: TomlTable, folder: Path) -> EstimateChoice:
         "transponder_delay_sigma_s": table.number("transponder_delay_sigma_s"),
         "ephemeris_sigma_m": _east_north_up(table, "ephemeris_sigma_m"),
         "rejection_sigma": table.number("rejection_sigma"),
+        "weights": table.text("weights"),
     }
     table.finish()
     choice = table.build(

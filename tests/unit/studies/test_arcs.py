@@ -199,6 +199,10 @@ def test_arcs_depart_from_the_longest_by_what_they_should(found, study, tracked)
     # The biases' a-priori sigmas, which stay, are half of the sigma.
     assert bent.longest.correlation_factor > 1.3
     assert "the sigmas are too small" not in str(bent)
+    correlated = replace(study, estimate=replace(study.estimate, weights="correlated"))
+    weighed = radioloc.arcs(correlated, [24, 48], replace(tracked, value_m=tracked.value_m + wrong))
+    assert {item.name.split()[0] for item in weighed.longest.series_weights} == {"range"}
+    assert weighed.rows[0].sigma_north_m < bent.rows[0].sigma_north_m
     # As if all residuals were independent of each other, they would not.
     white = [
         replace(arc, solution=replace(arc.solution, covariance=arc.solution.formal_covariance))

@@ -311,3 +311,29 @@ def test_arc_for_predictions(apollo15, near15, solution):
     assert start_pa_m == pytest.approx(near15.to_axes("PA", arc.model.ephemeris.constants).xyz_m)
     computed = arc.compute(solution.position_pa_m)
     assert computed.value_m == pytest.approx(solution.residuals.computed_m, abs=1e-6)
+
+
+def test_weights_of_a_single_series_change_nothing_but_what_is_said(apollo15, near15, solution):
+    found = fit(apollo15, near15, weights="correlated")
+    (weight,) = found.series_weights
+    (item,) = found.time_correlation.series
+    assert weight.name == item.name == "range APOLLO>apollo15>APOLLO"
+    assert weight.weighed_as == pytest.approx(item.effective_count, rel=0.05)
+    # All observations count for less by one factor, and no a-priori value counts against them.
+    assert apart_m(found, solution) < 1e-3
+    np.testing.assert_allclose(found.covariance, solution.covariance, rtol=0.05)
+    np.testing.assert_allclose(found.formal_covariance, solution.formal_covariance, rtol=1e-4)
+    np.testing.assert_allclose(found.residuals.sigma_m, solution.residuals.sigma_m, rtol=0.0, atol=0.0)
+    assert found.fit.chi2 == pytest.approx(solution.fit.chi2, rel=1e-6)
+    assert "weighed as 34 independent ones: range APOLLO>apollo15>APOLLO" in " ".join(str(found).split())
+    assert found.provenance["estimate"]["weights"] == "correlated"
+    recorded = found.to_dict()["fit"]["series_weights"]
+    assert recorded == [
+        {
+            "name": weight.name,
+            "count": 151,
+            "sigma_factor": weight.sigma_factor,
+            "weighed_as": weight.weighed_as,
+        }
+    ]
+    assert solution.to_dict()["fit"]["series_weights"] == []

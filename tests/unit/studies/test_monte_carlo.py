@@ -117,6 +117,23 @@ def test_linear_trials_are_the_full_ones(study, ready):
     )
 
 
+@pytest.mark.parametrize("vlbi_station_sigma_m", [0.0, 0.1])
+def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
+    choice = ObservationChoice(vlbi_station_sigma_m=vlbi_station_sigma_m)
+    study = study_of(600.0, observations=choice, weights="correlated")
+    plain = study_of(600.0, observations=choice)
+    ready = Prepared.of(study, (24.0,))
+    linear, full = (way.run(5, [1]) for way in (ready.linear(), FullTrials(study, (24.0,), ready)))
+    errors = columns_of(ready, linear - full, "east_m", "north_m", "up_m")
+    sigmas = ("sigma_east_m", "sigma_north_m", "sigma_up_m")
+    assert (np.abs(errors) < 0.01 * columns_of(ready, full, *sigmas)).all()
+    ratio = columns_of(ready, linear, *sigmas) / columns_of(ready, full, *sigmas)
+    np.testing.assert_allclose(ratio, 1.0, rtol=0.0, atol=0.01)
+    # And other weights than before.
+    unlike = Prepared.of(plain, (24.0,)).linear().run(5, [1])
+    assert (np.abs(columns_of(ready, linear - unlike, "north_m")) > 0.01).all()
+
+
 def test_a_full_trial_is_what_locate_gives(study, ready):
     quiet = replace(study.simulation, spread=Spread())
     one = replace(study, simulation=quiet)

@@ -61,6 +61,7 @@ time_bias_sigma_s = 1e-6
 height_prior = { height_m = -1900.0, sigma_m = 5.0 }
 ephemeris_sigma_m = [0.1, 0.2, 0.3]
 rejection_sigma = 4
+weights = "correlated"
 [stations.MINE]
 itrf_m = [6378000.0, 0.0, 0.0]
 velocity_m_yr = [0.01, 0.0, 0.0]
@@ -95,6 +96,7 @@ position_m = [1554678.949, 98094.118, 765004.906]
         height_prior=radioloc.HeightPrior(-1900.0, 5.0),
         ephemeris_sigma_m=(0.1, 0.2, 0.3),
         rejection_sigma=4.0,
+        weights="correlated",
     )
     assert set(radioloc.TERMS) - study.model.terms == {"shapiro", "pole_tide"}
     assert study.model.ephemeris == str(folder / "sub" / "de.bsp")

@@ -59,12 +59,12 @@ class SpiceLoop:
         sender, lander, receiver = (np.asarray(r) / 1e3 for r in (sender_m, lander_pa_m, receiver_m))
 
         def station(itrf, et):
-            earth, _ = spiceypy.spkezr("399", et, "J2000", "NONE", "0")
-            return earth[:3] + spiceypy.pxform("IAU_EARTH", "J2000", et) @ itrf
+            earth, _ = spiceypy.spkpos("399", et, "J2000", "NONE", "0")
+            return earth + spiceypy.pxform("IAU_EARTH", "J2000", et) @ itrf
 
         def point(et):
-            moon, _ = spiceypy.spkezr("301", et, "J2000", "NONE", "0")
-            return moon[:3] + spiceypy.pxform("MOON_PA_DE421", "J2000", et) @ lander
+            moon, _ = spiceypy.spkpos("301", et, "J2000", "NONE", "0")
+            return moon + spiceypy.pxform("MOON_PA_DE421", "J2000", et) @ lander
 
         out = np.empty(len(received_tdb_s))
         for i, received in enumerate(received_tdb_s):

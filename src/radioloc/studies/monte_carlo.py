@@ -19,6 +19,7 @@ from radioloc.simulation.noise import generator
 from radioloc.studies.arc_parts import DEFAULT_HOURS, arc_lengths
 from radioloc.studies.linear_trials import LinearTrials
 from radioloc.studies.monte_carlo_card import card_fields, card_text
+from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.prepared_trials import FullTrials, Prepared
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.study import Study
@@ -187,6 +188,7 @@ class MonteCarlo:
         return render_html(card_fields(self))
 
 
+@on_one_blas_thread
 def monte_carlo(
     study: Study,
     trials: int = 1000,

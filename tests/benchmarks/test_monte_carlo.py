@@ -14,7 +14,7 @@ EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "change5" / "simula
 TRIALS = 1000
 FULL = 6
 LIMIT_S = 30.0
-"""On two cores that do nothing else; the goal is 20 s, and 22 to 24 s were measured."""
+"""On two cores that do nothing else; the goal is 20 s, and 20 to 24 s were measured."""
 
 
 def montecarlo_s(trials, *options):

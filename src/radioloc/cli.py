@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, NoReturn, TextIO
 
 from radioloc._version import __version__
 from radioloc.errors import ConvergenceError, InputError, RadiolocError, RadiolocWarning
+from radioloc.studies.arc_parts import DEFAULT_HOURS
 
 if TYPE_CHECKING:
     from radioloc.estimation.solution import Solution
@@ -79,23 +80,16 @@ def _parser() -> argparse.ArgumentParser:
         command.add_argument(
             "--out", type=Path, metavar="DIR", help="write solution.json, residuals.csv and plots there"
         )
-        command.add_argument("--quiet", action="store_true", help="print nothing but errors")
+        _add_quiet(command)
         command.add_argument(
             "--terms", action="store_true", help="with --out, also write terms.csv: what each model term adds"
         )
         command.set_defaults(run=run, parser=command)
     arcs = commands.add_parser("arcs", help="fit the first hours only, for several lengths, and compare")
     arcs.add_argument("study", type=Path, metavar="STUDY.toml", help="the study file")
-    arcs.add_argument(
-        "--hours",
-        type=float,
-        nargs="+",
-        default=[12.0, 24.0, 48.0],
-        metavar="H",
-        help="lengths of the arcs (default: 12 24 48)",
-    )
+    _add_hours(arcs)
     arcs.add_argument("--out", type=Path, metavar="DIR", help="write tables, figure and all solutions there")
-    arcs.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    _add_quiet(arcs)
     arcs.set_defaults(run=_arcs)
     simulate = commands.add_parser("simulate", help="simulate the tracking that a study describes")
     simulate.add_argument("study", type=Path, metavar="STUDY.toml", help="a study file with [simulation]")
@@ -108,7 +102,7 @@ def _parser() -> argparse.ArgumentParser:
     )
     simulate.add_argument("--originator", metavar="NAME", help=_ORIGINATOR_HELP)
     simulate.add_argument("--seed", type=int, metavar="N", help="of the noise (default: the study's)")
-    simulate.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    _add_quiet(simulate)
     simulate.set_defaults(run=_simulate)
     convert = commands.add_parser(
         "convert", help="read observations of any format and write them as one file"
@@ -130,7 +124,7 @@ def _parser() -> argparse.ArgumentParser:
         help="sigmas of observations in Tracking Data Messages, which state none, such as range=1.0; one for each type",
     )
     convert.add_argument("--originator", metavar="NAME", help=_ORIGINATOR_HELP)
-    convert.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    _add_quiet(convert)
     convert.set_defaults(run=_convert)
     trials = commands.add_parser(
         "montecarlo",
@@ -138,24 +132,42 @@ def _parser() -> argparse.ArgumentParser:
     )
     trials.add_argument("study", type=Path, metavar="STUDY.toml", help="a study file with [simulation]")
     trials.add_argument("--trials", type=int, default=1000, metavar="N", help="how many (default: 1000)")
-    trials.add_argument(
-        "--hours",
-        type=float,
-        nargs="+",
-        default=[12.0, 24.0, 48.0],
-        metavar="H",
-        help="lengths of the arcs (default: 12 24 48)",
-    )
+    _add_hours(trials)
     trials.add_argument("--seed", type=int, metavar="N", help="of all that is drawn (default: the study's)")
     trials.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default: 1)")
     trials.add_argument("--out", type=Path, metavar="DIR", help="write trials, summary and figures there")
     trials.add_argument("--resume", action="store_true", help="take over the trials that are in DIR already")
     trials.add_argument("--full", action="store_true", help="fit every trial with the whole model")
-    trials.add_argument("--quiet", action="store_true", help="print nothing but errors")
+    _add_quiet(trials)
     trials.set_defaults(run=_monte_carlo, parser=trials)
     stations = commands.add_parser("stations", help="list the stations that are known by name")
     stations.set_defaults(run=_stations)
     return parser
+
+
+def _add_hours(command: argparse.ArgumentParser) -> None:
+    lengths = " ".join(f"{hours:g}" for hours in DEFAULT_HOURS)
+    command.add_argument(
+        "--hours",
+        type=float,
+        nargs="+",
+        default=list(DEFAULT_HOURS),
+        metavar="H",
+        help=f"lengths of the arcs (default: {lengths})",
+    )
+
+
+def _add_quiet(command: argparse.ArgumentParser) -> None:
+    command.add_argument("--quiet", action="store_true", help="print nothing but errors")
+
+
+def _tell(options: argparse.Namespace, card: object) -> None:
+    """Print a card and where files were written, unless told to be quiet."""
+    if options.quiet:
+        return
+    print(card)
+    if options.out is not None:
+        print(f"\nwritten to {options.out}")
 
 
 def _locate(options: argparse.Namespace) -> int:
@@ -180,10 +192,7 @@ def _arcs(options: argparse.Namespace) -> int:
     found = arcs(read_study(options.study), options.hours)
     if options.out is not None:
         write_arcs(found, options.out)
-    if not options.quiet:
-        print(found)
-        if options.out is not None:
-            print(f"\nwritten to {options.out}")
+    _tell(options, found)
     return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
 
 
@@ -196,9 +205,7 @@ def _simulate(options: argparse.Namespace) -> int:
     made = simulate(read_study(options.study), options.seed)
     comments = [made.summary()]
     write_observations(options.out, made.observations, originator=options.originator, comments=comments)
-    if not options.quiet:
-        print(made.summary())
-        print(f"\nwritten to {options.out}")
+    _tell(options, made.summary())
     return EXIT_DONE
 
 
@@ -211,9 +218,7 @@ def _convert(options: argparse.Namespace) -> int:
     tdm = TdmAgreement(sigma_m=_sigmas(options.sigma)) if options.sigma else None
     observations = read_observations(options.files, tdm=tdm)
     write_observations(options.out, observations, originator=options.originator)
-    if not options.quiet:
-        print(observations.summary())
-        print(f"\nwritten to {options.out}")
+    _tell(options, observations.summary())
     return EXIT_DONE
 
 
@@ -249,10 +254,7 @@ def _monte_carlo(options: argparse.Namespace) -> int:
     )
     if options.out is not None:
         write_monte_carlo(found, options.out)
-    if not options.quiet:
-        print(found)
-        if options.out is not None:
-            print(f"\nwritten to {options.out}")
+    _tell(options, found)
     return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
 
 
@@ -269,10 +271,7 @@ def _run(options: argparse.Namespace, job: Callable[[Study], Solution]) -> Solut
         write_report(solution, options.out)
         if options.terms:
             write_terms(study, solution, options.out)
-    if not options.quiet:
-        print(solution)
-        if options.out is not None:
-            print(f"\nwritten to {options.out}")
+    _tell(options, solution)
     return solution
 
 

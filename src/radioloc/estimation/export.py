@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.observability import Direction
 from radioloc.estimation.statistics import GroupStatistics
+from radioloc.extras import astropy_table
 from radioloc.time import utc_strings
 
 if TYPE_CHECKING:
@@ -93,12 +94,9 @@ def solution_table(solution: Solution, what: str) -> Any:
     InputError
         astropy is not installed, or something else is asked for.
     """
-    try:
-        from astropy.table import Table
-    except ImportError as error:
-        raise InputError("a Table needs astropy: pip install 'radioloc[notebook]'") from error
+    table = astropy_table().Table
     if what == "parameters":
-        return Table(_parameter_rows(solution, finite=False))
+        return table(_parameter_rows(solution, finite=False))
     if what != "residuals":
         raise InputError(f"there is no table of {what!r}; use residuals or parameters")
     rows = solution.residuals
@@ -115,7 +113,7 @@ def solution_table(solution: Solution, what: str) -> Any:
     }
     if rows.elevation_deg is not None:
         columns["elevation_deg"] = rows.elevation_deg
-    return Table(columns)
+    return table(columns)
 
 
 def _biases(solution: Solution, kind: str, unit: str) -> dict[str, Any]:

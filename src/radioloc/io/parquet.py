@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 from radioloc._version import __version__
 from radioloc.errors import FileFormatError, InputError
 from radioloc.estimation.labels import Labels
+from radioloc.extras import optional
 from radioloc.io.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
 from radioloc.io.names import Catalogue
 from radioloc.io.table import checked_observations, require_columns, table_columns
@@ -268,12 +269,8 @@ def _is_text(type_: Any) -> bool:
 
 
 def _pyarrow() -> tuple[Any, Any]:
-    try:
-        import pyarrow
-        import pyarrow.parquet
-    except ImportError as error:
-        raise InputError("Parquet files need pyarrow: pip install 'radioloc[parquet]'") from error
-    return pyarrow, pyarrow.parquet
+    need = "Parquet files need pyarrow:"
+    return optional("pyarrow", need, "parquet"), optional("pyarrow.parquet", need, "parquet")
 
 
 @contextmanager

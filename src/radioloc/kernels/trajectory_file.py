@@ -16,7 +16,8 @@ import numpy as np
 from jplephem.daf import DAF
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError, KernelError
+from radioloc.errors import KernelError
+from radioloc.extras import optional
 from radioloc.kernels.files import KernelFile, segment_summaries, tdb_date, with_daf
 from radioloc.kernels.registry import find_kernel, sha256_of
 
@@ -169,11 +170,7 @@ def _rotation(spice: Any, path: Path, body: int, frame: int) -> NDArray[np.float
 
 
 def _spice() -> Any:
-    try:
-        import spiceypy
-    except ImportError as error:
-        raise InputError("trajectories need SPICE: pip install 'radioloc[trajectories]'") from error
-    return spiceypy
+    return optional("spiceypy", "trajectories need SPICE:", "trajectories")
 
 
 @contextmanager

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError
+from radioloc.extras import optional
 
 _STEP_RAD = 1e-6  # 1.7 m on the ground: rounding of map coordinates leaves a part in 1e9 of a derivative
 _AROUND_TOLERANCE_CELLS = 0.1  # a label's rounded map scale leaves a global map open by less than this
@@ -32,14 +32,9 @@ def load_rasterio() -> ModuleType:
     InputError
         It is not installed.
     """
-    try:
-        import rasterio
-        import rasterio.warp
-    except ImportError as error:
-        raise InputError(
-            "terrain maps are read through rasterio, which is not installed; pip install 'radioloc[terrain]'"
-        ) from error
-    return rasterio
+    need = "terrain maps are read through rasterio, which is not installed;"
+    optional("rasterio.warp", need, "terrain")
+    return optional("rasterio", need, "terrain")
 
 
 @dataclass(frozen=True, slots=True)

@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import FileFormatError, InputError
+from radioloc.extras import astropy_table
 from radioloc.time import Epochs, utc_strings
 
 TIME_TAGS = ("transmit", "receive", "bounce")
@@ -307,11 +308,7 @@ class Observations:
         InputError
             astropy is not installed.
         """
-        try:
-            from astropy.table import Table
-        except ImportError as error:
-            raise InputError("a Table needs astropy: pip install 'radioloc[notebook]'") from error
-        return Table(
+        return astropy_table().Table(
             {
                 "epoch_utc": utc_strings(self.epoch),
                 "type": self.types(),

@@ -12,6 +12,7 @@ from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.cards import render_html
 from radioloc.estimation.solution import Solution
+from radioloc.extras import astropy_table
 from radioloc.measurements.observations import Observations
 from radioloc.studies.arc_parts import DEFAULT_HOURS, arc_lengths, arc_parts
 from radioloc.studies.arcs_table import PositionRow, card_fields, card_text, comparison, table_dict
@@ -92,12 +93,10 @@ class ArcStudy:
         InputError
             astropy is not installed.
         """
-        try:
-            from astropy.table import Table
-        except ImportError as error:
-            raise InputError("a Table needs astropy: pip install 'radioloc[notebook]'") from error
         records = [row.to_dict() for row in self.rows]
-        return Table({key: [np.nan if r[key] is None else r[key] for r in records] for key in records[0]})
+        return astropy_table().Table(
+            {key: [np.nan if r[key] is None else r[key] for r in records] for key in records[0]}
+        )
 
     def __str__(self) -> str:
         return card_text(card_fields(self))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.cards import render_html
+from radioloc.extras import astropy_table
 from radioloc.simulation.noise import generator
 from radioloc.studies.arc_parts import DEFAULT_HOURS, arc_lengths
 from radioloc.studies.linear_trials import LinearTrials
@@ -167,12 +168,8 @@ class MonteCarlo:
         InputError
             astropy is not installed.
         """
-        try:
-            from astropy.table import Table
-        except ImportError as error:
-            raise InputError("a Table needs astropy: pip install 'radioloc[notebook]'") from error
         n, k, _ = self.values.shape
-        table = Table({"trial": np.repeat(np.arange(n), k), "hours": np.tile(self.hours, n)})
+        table = astropy_table().Table({"trial": np.repeat(np.arange(n), k), "hours": np.tile(self.hours, n)})
         for column in self.columns:
             table[column] = self[column].ravel()
         return table

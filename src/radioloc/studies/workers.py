@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.extras import optional
 
 Chunk = Sequence[int]
 """Numbers of trials that are run together."""
@@ -74,10 +75,7 @@ def require_workers(workers: int, client: Any) -> None:
         raise InputError(f"workers is {workers!r}; give a whole number above zero")
     if client is None:
         return
-    try:
-        import distributed
-    except ImportError as error:
-        raise InputError("a Dask cluster needs distributed: pip install 'radioloc[dask]'") from error
+    distributed = optional("distributed", "a Dask cluster needs distributed:", "dask")
     if not isinstance(client, distributed.Client):
         raise InputError(f"client is {client!r}; give a distributed.Client, or workers for processes")
 

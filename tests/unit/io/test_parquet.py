@@ -1,6 +1,6 @@
 """Observations as Parquet: the same there and back, and every mistake named with its row."""
 
-import builtins
+import sys
 import time
 
 import numpy as np
@@ -231,14 +231,7 @@ def test_damaged_and_empty_files(tmp_path):
 
 def test_without_pyarrow_the_command_is_told(tmp_path, monkeypatch):
     write_parquet(tmp_path / "a.parquet", some_observations())
-    imported = builtins.__import__
-
-    def without(name, *arguments, **named):
-        if name.startswith("pyarrow"):
-            raise ImportError(name)
-        return imported(name, *arguments, **named)
-
-    monkeypatch.setattr(builtins, "__import__", without)
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
     with pytest.raises(InputError, match=r"pip install 'radioloc\[parquet\]'"):
         read_observations(tmp_path / "a.parquet")
     with pytest.raises(InputError, match=r"pip install 'radioloc\[parquet\]'"):

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import builtins
+import sys
 
 import numpy as np
 import pytest
@@ -123,13 +123,7 @@ def test_a_file_that_is_gone_is_told_in_one_line(orbit):
 
 
 def test_without_spice_it_is_said_what_to_install(orbit, monkeypatch):
-    def absent(name, *rest):
-        if name.startswith("spiceypy"):
-            raise ImportError(name)
-        return real(name, *rest)
-
-    real = builtins.__import__
-    monkeypatch.setattr(builtins, "__import__", absent)
+    monkeypatch.setitem(sys.modules, "spiceypy", None)
     with pytest.raises(InputError, match=r"pip install 'radioloc\[trajectories\]'"):
         open_trajectory_file(orbit, ORBITER)
 

@@ -1,29 +1,24 @@
-"""Weighted batch least squares with a-priori information, by orthogonal factorization.
+"""Weighted batch least squares with a-priori information: the Gauss-Newton iterations of a fit, and its result.
 
 Minimizes, over the parameters x, ``|(o - c(x)) / sigma|^2 + |(x - x_prior) / sigma_prior|^2``; independent
-combinations take the place of observations that share errors. Each Gauss-Newton step reduces the whitened
-partials, the a-priori rows and the right side to a triangle by Householder reflections (Bierman 1977,
-chapters IV and V; Lawson and Hanson 1974) and solves that by its singular values, so the condition number is
-never squared by normal equations. Rows are reduced some hundred at a time, and the triangles of these again
-(Demmel et al. 2012): they stay in the processor's cache, and never are all partials held at once. A step
-that does not lower the sum of squares is damped (Levenberg 1944, Marquardt 1963) in the same singular basis,
-at no cost in further factorizations.
+combinations take the place of observations that share errors. Each step solves the problem linearized where the last
+one led (:mod:`~radioloc.estimation.factorization`). A step that does not lower the sum of squares is damped (Levenberg
+1944, Marquardt 1963) in the same singular basis, at no cost in further factorizations.
 """
 
 from __future__ import annotations
 
 import enum
-from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.factorization import Factor, covariance_of, factorize, refreshed
 from radioloc.estimation.linearization import (
     Linearization,
     ResidualFunction,
-    Rows,
     check_finite,
     check_residuals,
     evaluate,
@@ -45,10 +40,6 @@ stays."""
 
 _NEGLIGIBLE = 1e-3
 """A next step below this part of the tolerance is not taken any more."""
-
-_LEAF_ELEMENTS = 8192
-"""Numbers in the matrices that rows are reduced in: they fit a processor's own cache, and are too few for linear
-algebra libraries to share them out, so the result does not depend on the number of threads."""
 
 
 class FitStatus(enum.Enum):
@@ -105,54 +96,6 @@ class Iteration:
     chi2_after: float
     step_sigmas: float
     damping: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Factor:
-    """The whitened linear problem reduced to its singular values.
-
-    The free parameters are multiplied by ``column_norms`` so that every column has length one.
-
-    Parameters
-    ----------
-    column_norms : ndarray, shape (q,)
-        Length of each whitened column with its a-priori row; 1/scale for a column of zeros.
-    singular_values : ndarray, shape (q,)
-        Of the matrix with columns of length one, descending.
-    vectors : ndarray, shape (q, q)
-        Right singular vectors in columns.
-    right_side : ndarray, shape (q,)
-        Whitened residuals in the singular basis.
-    determined : ndarray of bool, shape (q,)
-        Which singular directions the data and the a-priori rows determine.
-    """
-
-    column_norms: NDArray[np.float64]
-    singular_values: NDArray[np.float64]
-    vectors: NDArray[np.float64]
-    right_side: NDArray[np.float64]
-    determined: NDArray[np.bool_]
-
-    @property
-    def step_sigmas(self) -> float:
-        """Length of the undamped step in formal standard deviations."""
-        return float(np.linalg.norm(self.right_side[self.determined]))
-
-    def step(self, damping: float = 0.0) -> NDArray[np.float64]:
-        """Change of the free parameters, none of it along undetermined directions, shape (q,)."""
-        s = self.singular_values[self.determined]
-        along = s * self.right_side[self.determined] / (s**2 + damping**2)
-        return (self.vectors[:, self.determined] @ along) / self.column_norms
-
-    def root_covariance(self) -> NDArray[np.float64]:
-        """Square root of the covariance: times its transpose it is the determined part's, shape (q, r)."""
-        root: NDArray[np.float64] = self.vectors[:, self.determined] / self.singular_values[self.determined]
-        return root / self.column_norms[:, None]
-
-    def undetermined_directions(self) -> NDArray[np.float64]:
-        """Undetermined directions in parameter units, one per row, shape (q - r, q)."""
-        directions: NDArray[np.float64] = self.vectors[:, ~self.determined].T / self.column_norms
-        return directions
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -235,116 +178,6 @@ class FitResult:
         return self.chi2 / self.dof if self.dof > 0 else None
 
 
-def factorize(
-    linearization: Linearization,
-    combinations: Combinations,
-    parameters: ParameterSet,
-    x: NDArray[np.float64],
-    settings: FitSettings,
-) -> Factor | None:
-    """Reduce one linearized problem, a-priori rows included, to its singular values.
-
-    Parameters
-    ----------
-    linearization : Linearization
-        Of all observations.
-    combinations : Combinations
-        The observations to use, with their noise.
-    parameters : ParameterSet
-        Gives the a-priori rows and which columns are free.
-    x : ndarray, shape (p,)
-        Where the problem was linearized.
-    settings : FitSettings
-        The tolerances of rank.
-
-    Returns
-    -------
-    Factor or None
-        None where a residual or a partial is not finite.
-    """
-    free = np.flatnonzero(parameters.free)
-    q = len(free)
-    with_prior = np.flatnonzero(np.isfinite(parameters.prior_sigmas[free]))
-    prior_sigmas = parameters.prior_sigmas[free][with_prior]
-    triangle = np.zeros((len(with_prior), q + 1))
-    triangle[np.arange(len(with_prior)), with_prior] = 1.0 / prior_sigmas
-    triangle[:, q] = (parameters.prior_values - x)[free][with_prior] / prior_sigmas
-
-    # The triangle carries over from part to part, so no copy of all whitened rows is made.
-    for whitened in _whitened_rows(linearization, combinations, free) if q else ():
-        triangle = reduced(triangle, whitened)
-    if not np.isfinite(triangle).all():
-        return None
-
-    # Fewer rows than columns leave a trapezoid; rows of zeros complete it and show up as zero singular
-    # values.
-    matrix = np.zeros((q, q))
-    right_side = np.zeros(q)
-    height = min(q, len(triangle))
-    matrix[:height], right_side[:height] = triangle[:height, :q], triangle[:height, q]
-
-    scales = parameters.scales[free]
-    norms = np.linalg.norm(matrix, axis=0)
-    norms = np.where(norms > 0.0, norms, 1.0 / scales)
-    left, s, right = np.linalg.svd(matrix / norms)
-    sizes = np.linalg.norm(right / norms / scales, axis=1)
-    determined = (s > settings.rank_tolerance * s.max(initial=0.0)) & (s * settings.max_sigma > sizes)
-    return Factor(norms, s, right.T, left.T @ right_side, determined)
-
-
-def _whitened_rows(
-    linearization: Linearization, combinations: Combinations, free: NDArray[np.intp]
-) -> Iterator[NDArray[np.float64]]:
-    """Whitened partials by the free parameters with the residuals as last column, part by part."""
-    q = len(free)
-
-    def rows_of(rows: Rows) -> NDArray[np.float64]:
-        partials = linearization.partials(rows)
-        out = np.empty((len(rows), q + 1))
-        out[:, :q] = partials if partials.shape[1] == q else partials[:, free]
-        out[:, q] = linearization.residual_m[rows]
-        return out
-
-    return combinations.whitened(rows_of)
-
-
-def refreshed(
-    factor: Factor,
-    linearization: Linearization,
-    combinations: Combinations,
-    parameters: ParameterSet,
-    x: NDArray[np.float64],
-) -> Factor:
-    """Factor of a neighbouring point: its right side from the gradient here, its triangle as it was there.
-
-    Notes
-    -----
-    Corrected seminormal equations (Bjorck 1987): with the triangle R of an orthogonal factorization, R^-T A^T r is the
-    right side but for rounding of the condition number, not of its square, times that of the residuals. It tells
-    whether another step is worth taking, at a third of the cost of another factorization.
-    """
-    free = np.flatnonzero(parameters.free)
-    gradient = (parameters.prior_values - x)[free] / parameters.prior_sigmas[free] ** 2
-    for rows in _whitened_rows(linearization, combinations, free):
-        # Summed by numpy itself: the result does not depend on the number of threads.
-        gradient += np.einsum("nq,n->q", rows[:, :-1], rows[:, -1])
-    along = factor.vectors.T @ (gradient / factor.column_norms)
-    s = factor.singular_values
-    right_side = np.divide(along, s, out=np.zeros_like(along), where=factor.determined)
-    return replace(factor, right_side=right_side)
-
-
-def reduced(triangle: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Triangle of a triangle (k, c) with more rows (m, c) beneath it, shape (min(k + m, c), c)."""
-    columns = rows.shape[1]
-    leaf = max(2 * columns, _LEAF_ELEMENTS // columns)
-    while len(rows) > 2 * leaf:
-        count = len(rows) // leaf
-        tops = np.asarray(np.linalg.qr(rows[: count * leaf].reshape(count, leaf, columns), mode="r"))
-        rows = np.concatenate([tops.reshape(-1, columns), rows[count * leaf :]])
-    return np.asarray(np.linalg.qr(np.concatenate([triangle, rows]), mode="r"))
-
-
 def fit_least_squares(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
@@ -399,82 +232,14 @@ def fit_least_squares(
     if mask.shape != (n,):
         raise InputError(f"used has shape {mask.shape}; {n} observations need ({n},)")
     check_residuals(at_start, mask)
-    combinations = noise.among(mask)
     n_used = int(mask.sum())
-
-    def point(x: NDArray[np.float64], linearization: Linearization) -> _Point:
-        return _Point(x, linearization, sum_of_squares(linearization.residual_m, combinations, parameters, x))
-
-    def reduce(at: _Point) -> Factor | None:
-        return factorize(at.linearization, combinations, parameters, at.x, settings)
-
-    def stepped(at: _Point, factor: Factor, damping: float) -> _Point:
-        x = at.x.copy()
-        x[parameters.free] += factor.step(damping)
-        return point(x, evaluate(residual_function, x))
-
-    def next_factor(here: _Point, trial: _Point, factor: Factor) -> Factor | None:
-        moved = np.abs(trial.x - here.x) / parameters.scales
-        if moved.max() <= _NEAR:
-            near = refreshed(factor, trial.linearization, combinations, parameters, trial.x)
-            if near.step_sigmas < tolerance(trial):
-                return near
-        return reduce(trial)
-
-    def tolerance(at: _Point) -> float:
-        return settings.step_tolerance * max(1.0, float(np.sqrt(at.chi2 / max(1, n_used))))
-
-    here = point(x, at_start)
-    first = reduce(here)
+    problem = _Problem(residual_function, parameters, noise.among(mask), n_used, settings)
+    here = problem.point(x, at_start)
+    first = problem.factor(here)
     if first is None:
         check_finite(at_start, mask, parameters)
         raise InputError("the whitened partials overflow at the start; check the sigmas")
-    factor = first
-    iterations: list[Iteration] = []
-    # With every parameter fixed there is nothing to do but to report the residuals.
-    status = FitStatus.MAX_ITERATIONS if parameters.free.any() else FitStatus.CONVERGED
-    damping = 0.0
-    while len(iterations) < settings.max_iterations and parameters.free.any():
-        length = factor.step_sigmas
-        if iterations and length < _NEGLIGIBLE * tolerance(here):
-            status = FitStatus.CONVERGED
-            break
-        small = length < tolerance(here)
-        lowest = float(factor.singular_values[factor.determined].min(initial=1.0))
-        after: Factor | None = None
-        while damping <= _MAX_DAMPING * factor.singular_values[0]:
-            trial = stepped(here, factor, damping)
-            # A step this small changes the sum by less than its rounding may: it is taken as it is, and the partials
-            # change by no more than the step in parts of the distances, which are thousands of kilometres.
-            if small:
-                after = factor
-                break
-            if np.isfinite(trial.chi2):
-                after = next_factor(here, trial, factor)
-                # Ranges are rounded to 1e-7 m, and the sum with them: it cannot tell a short step's gain.
-                short = damping == 0.0 and length <= _SHORT
-                if after is not None and trial.chi2 <= here.chi2 + short * _ROUNDED * np.sqrt(here.chi2):
-                    break
-                # A long step in a weak direction leaves the curved valley of low sums; a second one leads back.
-                if after is not None:
-                    trial = stepped(trial, after, 0.0)
-                    after = reduce(trial) if trial.chi2 <= here.chi2 else None
-                    if after is not None:
-                        break
-            damping = 3.0 * damping if damping > 0.0 else lowest
-        if after is None:
-            # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m),
-            # or the partials point the wrong way.
-            at_floor = length <= max(_SHORT, 1e-3 * np.sqrt(here.chi2))
-            status = FitStatus.CONVERGED if at_floor else FitStatus.DIVERGED
-            break
-        iterations.append(Iteration(here.chi2, trial.chi2, length, damping))
-        damping = 0.0 if damping <= lowest else damping / 3.0
-        here, factor = trial, after
-        if small:
-            status = FitStatus.CONVERGED
-            break
-
+    here, factor, status, iterations = _iterated(problem, here, first)
     if not factor.determined.all() and status is FitStatus.CONVERGED:
         status = FitStatus.UNOBSERVABLE
     n_prior = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
@@ -488,7 +253,7 @@ def fit_least_squares(
         chi2=here.chi2,
         dof=n_used + n_prior - int(factor.determined.sum()),
         status=status,
-        iterations=tuple(iterations),
+        iterations=iterations,
         factor=factor,
     )
 
@@ -500,6 +265,102 @@ class _Point:
     x: NDArray[np.float64]
     linearization: Linearization
     chi2: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """What stays the same while a fit goes from point to point."""
+
+    residual_function: ResidualFunction
+    parameters: ParameterSet
+    combinations: Combinations
+    n_used: int
+    settings: FitSettings
+
+    def point(self, x: NDArray[np.float64], linearization: Linearization) -> _Point:
+        chi2 = sum_of_squares(linearization.residual_m, self.combinations, self.parameters, x)
+        return _Point(x, linearization, chi2)
+
+    def factor(self, at: _Point) -> Factor | None:
+        return factorize(at.linearization, self.combinations, self.parameters, at.x, self.settings)
+
+    def stepped(self, at: _Point, factor: Factor, damping: float) -> _Point:
+        x = at.x.copy()
+        x[self.parameters.free] += factor.step(damping)
+        return self.point(x, evaluate(self.residual_function, x))
+
+    def factor_after(self, here: _Point, trial: _Point, factor: Factor) -> Factor | None:
+        """That of the point a step led to: at the end of a fit the one it has serves on."""
+        moved = np.abs(trial.x - here.x) / self.parameters.scales
+        if moved.max() <= _NEAR:
+            near = refreshed(factor, trial.linearization, self.combinations, self.parameters, trial.x)
+            if near.step_sigmas < self.tolerance(trial):
+                return near
+        return self.factor(trial)
+
+    def tolerance(self, at: _Point) -> float:
+        """Length of a step at which a fit has converged, in formal standard deviations."""
+        return self.settings.step_tolerance * max(1.0, float(np.sqrt(at.chi2 / max(1, self.n_used))))
+
+    def descend(self, here: _Point, factor: Factor, damping: float) -> tuple[_Point, Factor, float] | None:
+        """Point and factor after a step, and its damping: the least from the one given on with which the sum falls.
+
+        ``None`` where no step lowers the sum.
+        """
+        length = factor.step_sigmas
+        while damping <= _MAX_DAMPING * factor.singular_values[0]:
+            trial = self.stepped(here, factor, damping)
+            # A step this small changes the sum by less than its rounding may: it is taken as it is, and the partials
+            # change by no more than the step in parts of the distances, which are thousands of kilometres.
+            if length < self.tolerance(here):
+                return trial, factor, damping
+            after = self.factor_after(here, trial, factor) if np.isfinite(trial.chi2) else None
+            if after is not None:
+                # Ranges are rounded to 1e-7 m, and the sum with them: it cannot tell a short step's gain.
+                short = damping == 0.0 and length <= _SHORT
+                if trial.chi2 <= here.chi2 + short * _ROUNDED * np.sqrt(here.chi2):
+                    return trial, after, damping
+                # A long step in a weak direction leaves the curved valley of low sums; a second one leads back.
+                trial = self.stepped(trial, after, 0.0)
+                after = self.factor(trial) if trial.chi2 <= here.chi2 else None
+                if after is not None:
+                    return trial, after, damping
+            damping = 3.0 * damping if damping > 0.0 else _least_damping(factor)
+        return None
+
+
+def _least_damping(factor: Factor) -> float:
+    return float(factor.singular_values[factor.determined].min(initial=1.0))
+
+
+def _iterated(
+    problem: _Problem, here: _Point, factor: Factor
+) -> tuple[_Point, Factor, FitStatus, tuple[Iteration, ...]]:
+    """Where the iterations end, the factor there, why, and their history."""
+    iterations: list[Iteration] = []
+    # With every parameter fixed there is nothing to do but to report the residuals.
+    if not problem.parameters.free.any():
+        return here, factor, FitStatus.CONVERGED, ()
+    damping = 0.0
+    while len(iterations) < problem.settings.max_iterations:
+        length, tolerance = factor.step_sigmas, problem.tolerance(here)
+        if iterations and length < _NEGLIGIBLE * tolerance:
+            return here, factor, FitStatus.CONVERGED, tuple(iterations)
+        found = problem.descend(here, factor, damping)
+        if found is None:
+            # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m),
+            # or the partials point the wrong way.
+            at_floor = length <= max(_SHORT, 1e-3 * np.sqrt(here.chi2))
+            status = FitStatus.CONVERGED if at_floor else FitStatus.DIVERGED
+            return here, factor, status, tuple(iterations)
+        least = _least_damping(factor)
+        chi2_before = here.chi2
+        here, factor, damping = found
+        iterations.append(Iteration(chi2_before, here.chi2, length, damping))
+        damping = 0.0 if damping <= least else damping / 3.0
+        if length < tolerance:
+            return here, factor, FitStatus.CONVERGED, tuple(iterations)
+    return here, factor, FitStatus.MAX_ITERATIONS, tuple(iterations)
 
 
 def sum_of_squares(
@@ -514,33 +375,3 @@ def sum_of_squares(
     for part in combinations.whitened(lambda rows: residual_m[rows, None]):
         total += float(np.square(part, out=part).sum())
     return total if np.isfinite(total) else np.inf
-
-
-def covariance_of(
-    factor: Factor, parameters: ParameterSet, unit: NDArray[np.float64] | None = None
-) -> NDArray[np.float64]:
-    """Covariance over all parameters, shape (p, p).
-
-    Parameters
-    ----------
-    factor : Factor
-        Of the free ones.
-    parameters : ParameterSet
-    unit : ndarray, shape (r, r), optional
-        Covariance along the determined directions in units of their sigmas, where it is not the identity.
-    """
-    root = factor.root_covariance()
-    covariance_free = root @ root.T if unit is None else root @ unit @ root.T
-    # A parameter takes part in an undetermined direction if its share, in units of its scale, is more than
-    # rounding.
-    directions = factor.undetermined_directions() / parameters.scales[parameters.free]
-    if len(directions):
-        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
-        lost = (np.abs(directions) > 1e-6).any(axis=0)
-        covariance_free[lost, :] = 0.0
-        covariance_free[:, lost] = 0.0
-        covariance_free[lost, lost] = np.inf
-    p = len(parameters)
-    covariance = np.zeros((p, p))
-    covariance[np.ix_(parameters.free, parameters.free)] = covariance_free
-    return covariance

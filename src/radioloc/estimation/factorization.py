@@ -1,0 +1,224 @@
+"""One linearized problem by orthogonal factorization: its singular values, directions, steps and covariance.
+
+The whitened partials, the a-priori rows and the right side are reduced to a triangle by Householder reflections
+(Bierman 1977, chapters IV and V; Lawson and Hanson 1974) and that is solved by its singular values, so the condition
+number is never squared by normal equations. Rows are reduced some hundred at a time, and the triangles of these again
+(Demmel et al. 2012): they stay in the processor's cache, and never are all partials held at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.estimation.linearization import Linearization, Rows
+from radioloc.estimation.observation_noise import Combinations
+from radioloc.estimation.parameters import ParameterSet
+
+_LEAF_ELEMENTS = 8192
+"""Numbers in the matrices that rows are reduced in: they fit a processor's own cache, and are too few for linear
+algebra libraries to share them out, so the result does not depend on the number of threads."""
+
+
+class RankLimits(Protocol):
+    """What counts as determined; :class:`~radioloc.estimation.least_squares.FitSettings` says it."""
+
+    @property
+    def rank_tolerance(self) -> float:
+        """Least singular value of a determined direction, in parts of the largest."""
+
+    @property
+    def max_sigma(self) -> float:
+        """Largest standard deviation of a determined direction, in parameter scales."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Factor:
+    """The whitened linear problem reduced to its singular values.
+
+    The free parameters are multiplied by ``column_norms`` so that every column has length one.
+
+    Parameters
+    ----------
+    column_norms : ndarray, shape (q,)
+        Length of each whitened column with its a-priori row; 1/scale for a column of zeros.
+    singular_values : ndarray, shape (q,)
+        Of the matrix with columns of length one, descending.
+    vectors : ndarray, shape (q, q)
+        Right singular vectors in columns.
+    right_side : ndarray, shape (q,)
+        Whitened residuals in the singular basis.
+    determined : ndarray of bool, shape (q,)
+        Which singular directions the data and the a-priori rows determine.
+    """
+
+    column_norms: NDArray[np.float64]
+    singular_values: NDArray[np.float64]
+    vectors: NDArray[np.float64]
+    right_side: NDArray[np.float64]
+    determined: NDArray[np.bool_]
+
+    @property
+    def step_sigmas(self) -> float:
+        """Length of the undamped step in formal standard deviations."""
+        return float(np.linalg.norm(self.right_side[self.determined]))
+
+    def step(self, damping: float = 0.0) -> NDArray[np.float64]:
+        """Change of the free parameters, none of it along undetermined directions, shape (q,)."""
+        s = self.singular_values[self.determined]
+        along = s * self.right_side[self.determined] / (s**2 + damping**2)
+        return (self.vectors[:, self.determined] @ along) / self.column_norms
+
+    def root_covariance(self) -> NDArray[np.float64]:
+        """Square root of the covariance: times its transpose it is the determined part's, shape (q, r)."""
+        root: NDArray[np.float64] = self.vectors[:, self.determined] / self.singular_values[self.determined]
+        return root / self.column_norms[:, None]
+
+    def undetermined_directions(self) -> NDArray[np.float64]:
+        """Undetermined directions in parameter units, one per row, shape (q - r, q)."""
+        directions: NDArray[np.float64] = self.vectors[:, ~self.determined].T / self.column_norms
+        return directions
+
+
+def factorize(
+    linearization: Linearization,
+    combinations: Combinations,
+    parameters: ParameterSet,
+    x: NDArray[np.float64],
+    limits: RankLimits,
+) -> Factor | None:
+    """Reduce one linearized problem, a-priori rows included, to its singular values.
+
+    Parameters
+    ----------
+    linearization : Linearization
+        Of all observations.
+    combinations : Combinations
+        The observations to use, with their noise.
+    parameters : ParameterSet
+        Gives the a-priori rows and which columns are free.
+    x : ndarray, shape (p,)
+        Where the problem was linearized.
+    limits : RankLimits
+        Which directions are determined.
+
+    Returns
+    -------
+    Factor or None
+        None where a residual or a partial is not finite.
+    """
+    free = np.flatnonzero(parameters.free)
+    q = len(free)
+    with_prior = np.flatnonzero(np.isfinite(parameters.prior_sigmas[free]))
+    prior_sigmas = parameters.prior_sigmas[free][with_prior]
+    triangle = np.zeros((len(with_prior), q + 1))
+    triangle[np.arange(len(with_prior)), with_prior] = 1.0 / prior_sigmas
+    triangle[:, q] = (parameters.prior_values - x)[free][with_prior] / prior_sigmas
+
+    # The triangle carries over from part to part, so no copy of all whitened rows is made.
+    for whitened in _whitened_rows(linearization, combinations, free) if q else ():
+        triangle = reduced(triangle, whitened)
+    if not np.isfinite(triangle).all():
+        return None
+
+    # Fewer rows than columns leave a trapezoid; rows of zeros complete it and show up as zero singular
+    # values.
+    matrix = np.zeros((q, q))
+    right_side = np.zeros(q)
+    height = min(q, len(triangle))
+    matrix[:height], right_side[:height] = triangle[:height, :q], triangle[:height, q]
+
+    scales = parameters.scales[free]
+    norms = np.linalg.norm(matrix, axis=0)
+    norms = np.where(norms > 0.0, norms, 1.0 / scales)
+    left, s, right = np.linalg.svd(matrix / norms)
+    sizes = np.linalg.norm(right / norms / scales, axis=1)
+    determined = (s > limits.rank_tolerance * s.max(initial=0.0)) & (s * limits.max_sigma > sizes)
+    return Factor(norms, s, right.T, left.T @ right_side, determined)
+
+
+def _whitened_rows(
+    linearization: Linearization, combinations: Combinations, free: NDArray[np.intp]
+) -> Iterator[NDArray[np.float64]]:
+    """Whitened partials by the free parameters with the residuals as last column, part by part."""
+    q = len(free)
+
+    def rows_of(rows: Rows) -> NDArray[np.float64]:
+        partials = linearization.partials(rows)
+        out = np.empty((len(rows), q + 1))
+        out[:, :q] = partials if partials.shape[1] == q else partials[:, free]
+        out[:, q] = linearization.residual_m[rows]
+        return out
+
+    return combinations.whitened(rows_of)
+
+
+def refreshed(
+    factor: Factor,
+    linearization: Linearization,
+    combinations: Combinations,
+    parameters: ParameterSet,
+    x: NDArray[np.float64],
+) -> Factor:
+    """Factor of a neighbouring point: its right side from the gradient here, its triangle as it was there.
+
+    Notes
+    -----
+    Corrected seminormal equations (Bjorck 1987): with the triangle R of an orthogonal factorization, R^-T A^T r is the
+    right side but for rounding of the condition number, not of its square, times that of the residuals. It tells
+    whether another step is worth taking, at a third of the cost of another factorization.
+    """
+    free = np.flatnonzero(parameters.free)
+    gradient = (parameters.prior_values - x)[free] / parameters.prior_sigmas[free] ** 2
+    for rows in _whitened_rows(linearization, combinations, free):
+        # Summed by numpy itself: the result does not depend on the number of threads.
+        gradient += np.einsum("nq,n->q", rows[:, :-1], rows[:, -1])
+    along = factor.vectors.T @ (gradient / factor.column_norms)
+    s = factor.singular_values
+    right_side = np.divide(along, s, out=np.zeros_like(along), where=factor.determined)
+    return replace(factor, right_side=right_side)
+
+
+def reduced(triangle: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Triangle of a triangle (k, c) with more rows (m, c) beneath it, shape (min(k + m, c), c)."""
+    columns = rows.shape[1]
+    leaf = max(2 * columns, _LEAF_ELEMENTS // columns)
+    while len(rows) > 2 * leaf:
+        count = len(rows) // leaf
+        tops = np.asarray(np.linalg.qr(rows[: count * leaf].reshape(count, leaf, columns), mode="r"))
+        rows = np.concatenate([tops.reshape(-1, columns), rows[count * leaf :]])
+    return np.asarray(np.linalg.qr(np.concatenate([triangle, rows]), mode="r"))
+
+
+def covariance_of(
+    factor: Factor, parameters: ParameterSet, unit: NDArray[np.float64] | None = None
+) -> NDArray[np.float64]:
+    """Covariance over all parameters, shape (p, p).
+
+    Parameters
+    ----------
+    factor : Factor
+        Of the free ones.
+    parameters : ParameterSet
+    unit : ndarray, shape (r, r), optional
+        Covariance along the determined directions in units of their sigmas, where it is not the identity.
+    """
+    root = factor.root_covariance()
+    covariance_free = root @ root.T if unit is None else root @ unit @ root.T
+    # A parameter takes part in an undetermined direction if its share, in units of its scale, is more than
+    # rounding.
+    directions = factor.undetermined_directions() / parameters.scales[parameters.free]
+    if len(directions):
+        directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+        lost = (np.abs(directions) > 1e-6).any(axis=0)
+        covariance_free[lost, :] = 0.0
+        covariance_free[:, lost] = 0.0
+        covariance_free[lost, lost] = np.inf
+    p = len(parameters)
+    covariance = np.zeros((p, p))
+    covariance[np.ix_(parameters.free, parameters.free)] = covariance_free
+    return covariance

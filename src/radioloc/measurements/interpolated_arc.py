@@ -27,15 +27,17 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import PredictedEopWarning
 from radioloc.measurements.arc import Computed, table_of_terms
+from radioloc.measurements.arc_stations import stations_of
 from radioloc.measurements.dense_series import (
     CHECK_POINTS,
     DenseSeries,
     Segments,
 )
+from radioloc.measurements.line_of_sight import BELOW_HORIZON, with_horizon_problem
 from radioloc.measurements.observations import Observations, is_counted, is_differenced
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.segment_net import ELEVATION, MOST, QUANTITIES, WIDTH, SegmentNet, columns_of
-from radioloc.measurements.tracking_arc import BELOW_HORIZON, TrackingArc, stations_of, with_horizon_problem
+from radioloc.measurements.tracking_arc import TrackingArc
 
 CHECKED_WITHIN_M = 1e4
 """How far from the position at which the segments were checked they are used without checking them again."""

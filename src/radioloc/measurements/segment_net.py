@@ -22,9 +22,10 @@ from radioloc.measurements.dense_series import (
     check_points,
     nodes,
 )
+from radioloc.measurements.line_of_sight import BELOW_HORIZON
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import BELOW_HORIZON, TrackingArc
+from radioloc.measurements.tracking_arc import TrackingArc
 
 SAFETY = 4.0
 """By how much the deviation found at the check points must stay below what is allowed."""

@@ -23,21 +23,17 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import dataclass, fields, is_dataclass, replace
+from dataclasses import fields, is_dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
-from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
-from radioloc.errors import StationError
 from radioloc.measurements.arc import Computed, table_of_terms
-from radioloc.measurements.axis_offset import AxisOffset, axis_offset_delay
-from radioloc.measurements.elevation import Elevation, elevation_of
+from radioloc.measurements.arc_stations import stations_of
 from radioloc.measurements.gravitational_delay import gravitational_delay_m
-from radioloc.measurements.ionosphere import frequencies_hz, ionosphere_delay
 from radioloc.measurements.light_path import (
     RECEIVE,
     TRANSMIT,
@@ -46,14 +42,15 @@ from radioloc.measurements.light_path import (
     path_length_partials,
     solve_light_path,
 )
+from radioloc.measurements.line_of_sight import LineOfSight, line_of_sight
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.observations import Observations, is_counted, is_differenced
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.radio_atmosphere import ZenithAir
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
-from radioloc.measurements.trajectory_motion import behind_moon, displaced, trajectory_motion
-from radioloc.measurements.troposphere import SHORTEST_RADIO_UM, SlantDelay, troposphere_delay
+from radioloc.measurements.trajectory_motion import displaced, trajectory_motion
+from radioloc.measurements.troposphere import SHORTEST_RADIO_UM
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 
 _STRAIGHT_FOR_S = 1e-3
@@ -182,15 +179,15 @@ class TrackingArc:
             by_time = by_time - C_M_S * (self._down.tdb_rate - self._up.tdb_rate)
         by_zenith_wet = []
         legs = zip((up, down), (partials.by_up_delay, partials.by_down_delay), self._drag(path), strict=True)
-        for slant, by_delay, drag in legs:
+        for view, by_delay, drag in legs:
             by_media = by_delay * drag
-            by_elevation = by_media * slant.by_elevation_m_rad
-            by_time = by_time + by_elevation * slant.elevation.rate_rad_s
-            by_position = by_position + by_elevation[:, None] * slant.elevation.by_position_rad_m
-            if slant.axes is not None:
-                by_time = by_time + by_media * slant.axes.rate_m_s
-                by_position = by_position + by_media[:, None] * slant.axes.by_position
-            by_zenith_wet.append(by_media * slant.delay.by_zenith_wet)
+            by_elevation = by_media * view.by_elevation_m_rad
+            by_time = by_time + by_elevation * view.elevation.rate_rad_s
+            by_position = by_position + by_elevation[:, None] * view.elevation.by_position_rad_m
+            if view.axes is not None:
+                by_time = by_time + by_media * view.axes.rate_m_s
+                by_position = by_position + by_media[:, None] * view.axes.by_position
+            by_zenith_wet.append(by_media * view.by_zenith_wet)
         n = len(self.observations)
         problem = np.where(up.problem != "", up.problem, down.problem)
         problem[self._counted] = np.where(problem[self._counted] != "", problem[self._counted], problem[n:])
@@ -323,7 +320,7 @@ class TrackingArc:
 
     def _solve(
         self, lander_pa_m: NDArray[np.float64]
-    ) -> tuple[LightPath, MovingPoint, tuple[_Slant, _Slant]]:
+    ) -> tuple[LightPath, MovingPoint, tuple[LineOfSight, LineOfSight]]:
         """The path, the motion of the point, and the view from both stations.
 
         The views are those along the path without delays, in which elevations are off by 1e-10 rad.
@@ -342,9 +339,9 @@ class TrackingArc:
         tagged_s = tagged_s + self._equipment.after_tag_s
         path = self._path(relay, tagged_s, 0.0, 0.0)
         up_m, down_m = self._gravity(path, relay)
-        up, down = self._slants(path, relay)
+        up, down = self._lines_of_sight(path, relay)
         up_drag, down_drag = self._drag(path)
-        up_m, down_m = up_m + up_drag * up.media_m, down_m + down_drag * down.media_m
+        up_m, down_m = up_m + up_drag * up.delay_m, down_m + down_drag * down.delay_m
         return self._path(relay, tagged_s, up_m, down_m), relay, (up, down)
 
     def _path(
@@ -396,11 +393,24 @@ class TrackingArc:
                 total[leg] += gravitational_delay_m(station.gcrs_m, lander_gcrs_m, body_m, gm(body))
         return total[0], total[1]
 
-    def _slants(self, path: LightPath, relay: MovingPoint) -> tuple[_Slant, _Slant]:
-        """Elevation and tropospheric delay at both stations."""
+    def _lines_of_sight(self, path: LightPath, relay: MovingPoint) -> tuple[LineOfSight, LineOfSight]:
+        """The views from both stations."""
         lander_gcrs_m, velocity_m_s = self._moon.geocentric(relay, path.bounce_s)
         up, down = (
-            self._slant(station, which, uplink, air, lander_gcrs_m, velocity_m_s)
+            line_of_sight(
+                self.model,
+                self._paths,
+                self._stations,
+                which,
+                station,
+                lander_gcrs_m,
+                velocity_m_s,
+                radio=self._radio,
+                uplink=uplink,
+                weather_is_here=which == self._receiver,
+                air=air,
+                moon_gcrs_m=None if self._craft is None else self._moon.moon_gcrs_m,
+            )
             for station, which, uplink, air in (
                 (self._up, self._transmitter, self._sign > 0.0, self._air[0]),
                 (self._down, self._receiver, np.zeros(len(self._paths), dtype=bool), self._air[1]),
@@ -408,63 +418,6 @@ class TrackingArc:
         )
         return up, down
 
-    def _slant(
-        self,
-        station: StationMotion,
-        which: NDArray[np.int32],
-        uplink: NDArray[np.bool_],
-        air: ZenithAir | None,
-        lander_gcrs_m: NDArray[np.float64],
-        velocity_m_s: NDArray[np.float64],
-    ) -> _Slant:
-        elevation = elevation_of(station, lander_gcrs_m, velocity_m_s)
-        elevation_rad = elevation.angle_rad
-        if self.model.has("troposphere"):
-            delay = troposphere_delay(
-                self._paths, station, elevation_rad, self._radio, which == self._receiver, air
-            )
-        else:
-            delay = SlantDelay.none(len(elevation_rad))
-        media_m, by_elevation_m_rad, problem = delay.delay_m, delay.by_elevation_m_rad, delay.problem
-        if self.model.has("ionosphere") and self.model.ionosphere is not None:
-            away_m = lander_gcrs_m - station.gcrs_m
-            ionosphere_m, by_elevation, no_frequency = ionosphere_delay(
-                self.model.ionosphere,
-                self._paths,
-                station,
-                np.array([s.itrf_m for s in self._stations])[which],
-                away_m / np.linalg.norm(away_m, axis=-1)[:, None],
-                elevation_rad,
-                frequencies_hz(self._paths, uplink=uplink),
-                self._radio,
-            )
-            media_m, by_elevation_m_rad = media_m + ionosphere_m, by_elevation_m_rad + by_elevation
-            problem = np.where(problem != "", problem, no_frequency)
-        axes = None
-        if self.model.has("antenna_axis_offset"):
-            axes = axis_offset_delay(self._stations, which, station, lander_gcrs_m, velocity_m_s)
-            media_m = media_m + axes.delay_m
-        if self._craft is not None:
-            hidden = behind_moon(lander_gcrs_m, station.gcrs_m, self._moon.moon_gcrs_m)
-            seen_from = np.array([f"behind the Moon as seen from {s.name}" for s in self._stations])[which]
-            problem = np.where(hidden, seen_from, problem)
-        problem = with_horizon_problem(problem, elevation_rad)
-        return _Slant(elevation, delay, media_m, by_elevation_m_rad, axes, problem)
-
-
-def with_horizon_problem(problem: NDArray[np.str_], elevation_rad: NDArray[np.float64]) -> NDArray[np.str_]:
-    """Problems of observations, those below the horizon replaced by that; text is made for these only."""
-    below = np.flatnonzero(elevation_rad < 0.0)
-    if not len(below):
-        return problem
-    texts = np.array([f"{BELOW_HORIZON} ({e:.1f} deg)" for e in np.degrees(elevation_rad[below])])
-    out = problem.astype(np.result_type(problem, texts))
-    out[below] = texts
-    return out
-
-
-BELOW_HORIZON = "below the horizon"
-"""How the problem of an observation begins that one of its stations cannot make."""
 
 _PER_PATH = (
     "_paths",
@@ -516,40 +469,3 @@ def _rows_of(value: Any, rows: NDArray[np.intp]) -> Any:
     if isinstance(value, dict):
         return {key: _rows_of(item, rows) for key, item in value.items()}
     return value[rows]
-
-
-@dataclass(frozen=True, slots=True)
-class _Slant:
-    """The view from one station, and what stands against using it."""
-
-    elevation: Elevation
-    delay: SlantDelay
-    media_m: NDArray[np.float64]
-    """Delay of the troposphere, the ionosphere and the antenna's axes, m, shape (n,)."""
-    by_elevation_m_rad: NDArray[np.float64]
-    """Of the troposphere and the ionosphere."""
-    axes: AxisOffset | None
-    problem: NDArray[np.str_]
-
-
-def stations_of(
-    model: PhysicalModel, observations: Observations
-) -> tuple[tuple[Station, ...], NDArray[np.int32], NDArray[np.int32]]:
-    """The stations that take part, and for each observation which one transmits and which receives."""
-    found: dict[str, int] = {}
-    stations: list[Station] = []
-    ends = np.zeros((len(observations.links), 2), dtype=np.int32)
-    for i, link in enumerate(observations.links):
-        rows = np.flatnonzero(observations.link == i)
-        if len(rows) == 0:
-            continue
-        for end, name in enumerate((link.transmitter, link.receiver)):
-            try:
-                station = model.catalogue.get(name)
-            except StationError as error:
-                raise StationError(f"{observations.origin(int(rows[0]))}: {error}") from None
-            if station.name not in found:
-                found[station.name] = len(stations)
-                stations.append(station)
-            ends[i, end] = found[station.name]
-    return tuple(stations), ends[observations.link, 0], ends[observations.link, 1]

@@ -77,7 +77,7 @@ def test_rate_against_differences(model):
         tai = epochs_tai(24, 48.0).shifted(shift_s)
         arc = TrackingArc(model, observations("GRASSE>x>APOLLO", tai, **LASER), APOLLO15_PA_M)
         path, relay, _ = arc._solve(APOLLO15_PA_M)
-        motions[shift_s] = arc._slants(path, relay)
+        motions[shift_s] = arc._lines_of_sight(path, relay)
     for end in (0, 1):
         numeric = (motions[1.0][end].elevation.angle_rad - motions[-1.0][end].elevation.angle_rad) / 2.0
         # The light time's own change (1e-6 of 7e-5 rad/s) and the curvature over a second are below this.

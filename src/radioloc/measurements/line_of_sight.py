@@ -1,0 +1,142 @@
+"""The line of sight from a station to the point: its elevation, what delays a signal along it, what is in its way.
+
+One way and at one end of a path. The delays are those of the troposphere, of the ionosphere and by the offset of the
+antenna's axes, each where the model has it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.earth.stations import Station
+from radioloc.measurements.axis_offset import AxisOffset, axis_offset_delay
+from radioloc.measurements.elevation import Elevation, elevation_of
+from radioloc.measurements.ionosphere import frequencies_hz, ionosphere_delay
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.radio_atmosphere import ZenithAir
+from radioloc.measurements.station_motion import StationMotion
+from radioloc.measurements.trajectory_motion import behind_moon
+from radioloc.measurements.troposphere import SlantDelay, troposphere_delay
+
+BELOW_HORIZON = "below the horizon"
+"""How the problem of an observation begins that one of its stations cannot make."""
+
+
+@dataclass(frozen=True, slots=True)
+class LineOfSight:
+    """Elevation of the point, delay of a signal on its way to or from it, and what stands against using it.
+
+    Parameters
+    ----------
+    elevation : Elevation
+        Without refraction.
+    delay_m : ndarray, shape (n,)
+        Of the troposphere, the ionosphere and the antenna's axes together, m.
+    by_elevation_m_rad : ndarray, shape (n,)
+        Derivative of that of the troposphere and the ionosphere with respect to elevation.
+    by_zenith_wet : ndarray, shape (n,)
+        Derivative with respect to the wet delay at the zenith, m/m.
+    axes : AxisOffset or None
+        Delay by the offset of the axes with its derivatives; ``None`` where the model has none.
+    problem : ndarray of str, shape (n,)
+        Why the model does not hold; empty where it does.
+    """
+
+    elevation: Elevation
+    delay_m: NDArray[np.float64]
+    by_elevation_m_rad: NDArray[np.float64]
+    by_zenith_wet: NDArray[np.float64]
+    axes: AxisOffset | None
+    problem: NDArray[np.str_]
+
+
+def line_of_sight(
+    model: PhysicalModel,
+    paths: Observations,
+    stations: Sequence[Station],
+    which: NDArray[np.int32],
+    motion: StationMotion,
+    point_gcrs_m: NDArray[np.float64],
+    velocity_m_s: NDArray[np.float64],
+    *,
+    radio: NDArray[np.bool_],
+    uplink: NDArray[np.bool_],
+    weather_is_here: NDArray[np.bool_],
+    air: ZenithAir | None = None,
+    moon_gcrs_m: NDArray[np.float64] | None = None,
+) -> LineOfSight:
+    """View of the point from the stations at one end.
+
+    Parameters
+    ----------
+    model : PhysicalModel
+        Which terms there are, and the ionosphere.
+    paths : Observations
+        Epochs, weather, wavelengths and frequencies are used, shape (n,).
+    stations : sequence of Station
+    which : ndarray of int, shape (n,)
+        Index into `stations` of the one at this end.
+    motion : StationMotion
+        The stations at their events.
+    point_gcrs_m, velocity_m_s : ndarray, shape (n, 3)
+        Geocentric position and velocity of the point at its event, as for
+        :func:`~radioloc.measurements.elevation.elevation_of`.
+    radio : ndarray of bool, shape (n,)
+        Whether the signal is radio, not light.
+    uplink : ndarray of bool, shape (n,)
+        Whether it has the frequency of the uplink.
+    weather_is_here : ndarray of bool, shape (n,)
+        Whether the recorded weather is that of this end.
+    air : ZenithAir, optional
+        What files say of the troposphere above the stations.
+    moon_gcrs_m : ndarray, shape (n, 3), optional
+        Geocentric position of the Moon where it can hide the point, a spacecraft.
+    """
+    elevation = elevation_of(motion, point_gcrs_m, velocity_m_s)
+    elevation_rad = elevation.angle_rad
+    if model.has("troposphere"):
+        troposphere = troposphere_delay(paths, motion, elevation_rad, radio, weather_is_here, air)
+    else:
+        troposphere = SlantDelay.none(len(elevation_rad))
+    delay_m, by_elevation_m_rad = troposphere.delay_m, troposphere.by_elevation_m_rad
+    problem = troposphere.problem
+    if model.has("ionosphere") and model.ionosphere is not None:
+        away_m = point_gcrs_m - motion.gcrs_m
+        ionosphere_m, by_elevation, no_frequency = ionosphere_delay(
+            model.ionosphere,
+            paths,
+            motion,
+            np.array([station.itrf_m for station in stations])[which],
+            away_m / np.linalg.norm(away_m, axis=-1)[:, None],
+            elevation_rad,
+            frequencies_hz(paths, uplink=uplink),
+            radio,
+        )
+        delay_m, by_elevation_m_rad = delay_m + ionosphere_m, by_elevation_m_rad + by_elevation
+        problem = np.where(problem != "", problem, no_frequency)
+    axes = None
+    if model.has("antenna_axis_offset"):
+        axes = axis_offset_delay(stations, which, motion, point_gcrs_m, velocity_m_s)
+        delay_m = delay_m + axes.delay_m
+    if moon_gcrs_m is not None:
+        hidden = behind_moon(point_gcrs_m, motion.gcrs_m, moon_gcrs_m)
+        seen_from = np.array([f"behind the Moon as seen from {station.name}" for station in stations])[which]
+        problem = np.where(hidden, seen_from, problem)
+    problem = with_horizon_problem(problem, elevation_rad)
+    return LineOfSight(elevation, delay_m, by_elevation_m_rad, troposphere.by_zenith_wet, axes, problem)
+
+
+def with_horizon_problem(problem: NDArray[np.str_], elevation_rad: NDArray[np.float64]) -> NDArray[np.str_]:
+    """Problems of observations, those below the horizon replaced by that; text is made for these only."""
+    below = np.flatnonzero(elevation_rad < 0.0)
+    if not len(below):
+        return problem
+    texts = np.array([f"{BELOW_HORIZON} ({e:.1f} deg)" for e in np.degrees(elevation_rad[below])])
+    out = problem.astype(np.result_type(problem, texts))
+    out[below] = texts
+    return out

@@ -88,16 +88,21 @@ class Outcome:
     def __getitem__(self, rows: Any) -> NDArray[np.str_]:
         """Texts of a slice, a mask or indices of rows."""
         texts = self.given[rows]
-        outliers = np.flatnonzero((texts == USED) & ~self.used[rows])
+        outliers, reasons = self.outliers(rows)
         if not len(outliers):
             return texts
-        residual_m, expected_m = self.residual_m[rows][outliers], self.sigma_m[rows][outliers] * self.scale
+        wide = texts.astype(np.result_type(texts.dtype, reasons.dtype))
+        wide[outliers] = reasons
+        return wide
+
+    def outliers(self, rows: Any) -> tuple[NDArray[np.intp], NDArray[np.str_]]:
+        """Which of a slice, a mask or indices of rows were left out by the fit, and why."""
+        found = np.flatnonzero(self.given.select(rows).are(USED) & ~self.used[rows])
+        residual_m, expected_m = self.residual_m[rows][found], self.sigma_m[rows][found] * self.scale
         reasons = [
             outlier_reason(r, e) for r, e in zip(residual_m.tolist(), expected_m.tolist(), strict=True)
         ]
-        wide = texts.astype(np.result_type(texts.dtype, np.array(reasons).dtype))
-        wide[outliers] = reasons
-        return wide
+        return found, np.array(reasons, dtype=np.str_)
 
     def select(self, rows: Any) -> Outcome:
         """Some rows."""

@@ -17,14 +17,29 @@ from radioloc.estimation.labels import Labels
 
 Cells = NDArray[np.bytes_]
 """Texts of a column in UTF-8, filled up with zero bytes, shape (n,)."""
-Characters = NDArray[np.uint8]
+Packed = NDArray[np.unsignedinteger[Any]]
+"""Characters of two or four digits as one unsigned integer, in the order of the memory."""
 
-_ROWS_AT_ONCE = 32768
-_MINUS, _ZERO = ord("-"), ord("0")
-_FOUR_DIGITS: Characters = (
-    np.arange(10000)[:, np.newaxis] // np.array([1000, 100, 10, 1]) % 10 + _ZERO
-).astype(np.uint8)
-_POWERS = 10 ** np.arange(19, dtype=np.int64)
+# So many that array functions cost little beside their work, so few that a block stays in the processor's cache.
+_ROWS_AT_ONCE = 16384
+_MINUS = ord("-")
+_POWERS = np.array([1000, 100, 10, 1])
+_NUMBERS = np.arange(10000)[:, np.newaxis]
+_DIGITS = (_NUMBERS // _POWERS % 10 + ord("0")).astype(np.uint8)
+
+
+def _packed(shown: ArrayLike) -> Packed:
+    """Of 0 to 9999, those of the four digits that are shown, zero bytes for the others."""
+    return np.where(shown, _DIGITS, np.uint8(0)).view(np.uint32)[:, 0]
+
+
+_LAST_DIGITS = [_packed(np.arange(4) >= 4 - count) for count in range(5)]
+# With zeros in front; without; and zero as nothing, where digits follow.
+_FILLED, _UNPADDED, _OR_NOTHING = 0, 10000, 20000
+_FOUR_DIGITS = np.concatenate(
+    [_LAST_DIGITS[4], _packed(_POWERS // 10 * 10 <= _NUMBERS), _packed(_POWERS <= _NUMBERS)]
+)
+_TWO_DIGITS: Packed = np.ascontiguousarray(_DIGITS[:100, 2:]).view(np.uint16)[:, 0]
 # Above, the whole part and its decimals do not both fit in a float.
 _LARGEST_WHOLE = 1e15
 # In units of the last decimal: nearer to half way than what the scaling may have rounded.
@@ -43,15 +58,14 @@ def lines_of(columns: Sequence[Callable[[slice], Cells]], count: int) -> Iterato
     """
     for start in range(0, count, _ROWS_AT_ONCE):
         rows = slice(start, min(start + _ROWS_AT_ONCE, count))
-        parts = [_characters(column(rows)) for column in columns]
-        width = sum(part.shape[1] + 1 for part in parts)
-        table = np.empty((rows.stop - rows.start, width), dtype=np.uint8)
-        at = 0
-        for part in parts:
-            table[:, at : at + part.shape[1]] = part
-            at += part.shape[1] + 1
-            table[:, at - 1] = ord(",")
-        table[:, -1] = ord("\n")
+        parts = [column(rows) for column in columns]
+        fields: list[tuple[str, Any]] = []
+        for k, part in enumerate(parts):
+            fields += [(f"cell {k}", part.dtype), (f"end {k}", "S1")]
+        table = np.empty(rows.stop - rows.start, dtype=fields)
+        for k, part in enumerate(parts):
+            table[f"cell {k}"] = part
+            table[f"end {k}"] = b"," if k + 1 < len(parts) else b"\n"
         yield table.tobytes().translate(None, b"\0")
 
 
@@ -104,20 +118,22 @@ def fixed_cells(values: NDArray[np.float64], decimals: int) -> Cells:
     """
     size = np.abs(values)
     large = ~(size < _LARGEST_WHOLE)
-    size = np.where(large, 0.0, size)
+    size[large] = 0.0
     whole = np.floor(size)
     scaled = (size - whole) * 10.0**decimals
     part = np.rint(scaled)
+    doubtful = np.flatnonzero(large | (np.abs(scaled - part) > 0.5 - _DOUBT))
     carry = part >= 10.0**decimals
-    number = (whole + carry).astype(np.int64)
-    sign = np.where(np.signbit(values), _MINUS, 0).astype(np.uint8)
-    cells = joined_cells(
-        sign[:, np.newaxis],
-        unpadded_digits(number),
-        ".",
-        digits(np.where(carry, 0.0, part).astype(np.int64), decimals),
-    )
-    doubtful = np.flatnonzero(large | (np.abs(scaled - np.floor(scaled) - 0.5) < _DOUBT))
+    whole[carry] += 1.0
+    part[carry] = 0.0
+    groups = -(-len(f"{whole.max(initial=0.0):.0f}") // 4)
+    form = [("sign", "u1"), ("whole", "u4", (groups,)), ("point", "u1"), ("part", "u4", (-(-decimals // 4),))]
+    characters = np.empty(len(values), dtype=form)
+    characters["sign"] = np.where(np.signbit(values), np.uint8(_MINUS), np.uint8(0))
+    characters["whole"] = unpadded_digits(whole, groups)
+    characters["point"] = ord(".")
+    characters["part"] = digits(part, decimals)
+    cells: Cells = characters.view(f"S{characters.itemsize}")
     if len(doubtful):
         exact = np.array([f"{value:.{decimals}f}" for value in values[doubtful].tolist()], dtype=np.bytes_)
         cells = cells.astype(np.result_type(cells.dtype, exact.dtype))
@@ -125,37 +141,38 @@ def fixed_cells(values: NDArray[np.float64], decimals: int) -> Cells:
     return cells
 
 
-def digits(numbers: NDArray[np.int64], count: int) -> Characters:
-    """Digits of numbers below 10**count, zeros in front, shape (n, count)."""
-    groups = -(-count // 4)
-    parts = [_FOUR_DIGITS[numbers // 10000**k % 10000] for k in reversed(range(groups))]
-    joined: Characters = np.concatenate(parts, axis=1)[:, 4 * groups - count :]
-    return joined
+def two_digits(numbers: NDArray[np.int64]) -> Packed:
+    """Characters of numbers below 100, shape (n,)."""
+    packed: Packed = _TWO_DIGITS[numbers]
+    return packed
 
 
-def unpadded_digits(numbers: NDArray[np.int64]) -> Characters:
-    """Digits of numbers, filled up in front with zero bytes, shape (n, digits of the largest)."""
-    most = len(str(int(numbers.max(initial=0))))
-    out = digits(numbers, most)
-    # How many digits each has: one more than the powers of ten from 10 on that it reaches.
-    count = 1 + np.searchsorted(_POWERS[1:], numbers, side="right")
-    out[np.arange(most) < (most - count)[:, np.newaxis]] = 0
-    return out
+def digits(numbers: NDArray[Any], count: int) -> Packed:
+    """Characters of whole numbers below 10**count, zeros in front, shape (n, count / 4); behind some zero bytes."""
+    groups = _fours(numbers, -(-count // 4))
+    first = _LAST_DIGITS[count - 4 * (len(groups) - 1)]
+    return np.stack([first[groups[0]], *(_FOUR_DIGITS[group] for group in groups[1:])], axis=-1)
 
 
-def joined_cells(*parts: Characters | str) -> Cells:
-    """Cells of characters of shape (n, m) and of texts that all rows have, side by side."""
-    [rows, *_] = [len(part) for part in parts if not isinstance(part, str)]
-    sides = [
-        np.broadcast_to(np.frombuffer(part.encode(), dtype=np.uint8), (rows, len(part)))
-        if isinstance(part, str)
-        else part
-        for part in parts
-    ]
-    joined = np.ascontiguousarray(np.concatenate(sides, axis=1))
-    return joined.view(f"S{joined.shape[1]}")[:, 0]
+def unpadded_digits(numbers: NDArray[Any], groups: int) -> Packed:
+    """Characters of whole numbers below 10000**groups, behind zero bytes, shape (n, groups)."""
+    packed, begun = [], np.zeros(len(numbers), dtype=bool)
+    for k, four in enumerate(_fours(numbers, groups)):
+        if k + 1 < groups:
+            packed.append(_FOUR_DIGITS[four + np.where(begun, _FILLED, _OR_NOTHING)])
+            begun |= four > 0
+        else:
+            packed.append(_FOUR_DIGITS[four + np.where(begun, _FILLED, _UNPADDED)])
+    return np.stack(packed, axis=-1)
 
 
-def _characters(cells: Any) -> Characters:
-    array = np.ascontiguousarray(cells)
-    return array.view(np.uint8).reshape(len(array), array.itemsize)
+def _fours(numbers: NDArray[Any], groups: int) -> list[NDArray[np.intp]]:
+    """Digits of whole numbers by fours, the highest first."""
+    # Divisions of short integers are several times as quick.
+    whole: NDArray[Any] = numbers.astype(np.uint32 if groups <= 2 else np.int64)
+    found = []
+    for _ in range(groups - 1):
+        rest = whole // 10000
+        found.append((whole - 10000 * rest).astype(np.intp))
+        whole = rest
+    return [whole.astype(np.intp), *reversed(found)]

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import InputError
-from radioloc.io.csv_columns import Cells, digits, joined_cells
+from radioloc.io.csv_columns import Cells, digits, two_digits
 from radioloc.io.fields import POWERS, Fields, NotPlainError
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai
 
@@ -28,6 +28,19 @@ _PICOSECONDS = 10**12
 _TIME_OF_DAY_END = 19
 _MARKS = {4: "-", 7: "-", 10: "T", 13: ":", 16: ":"}
 _DIGITS = [k for k in range(_TIME_OF_DAY_END) if k not in _MARKS]
+_DATE = np.dtype(
+    [
+        ("day", "S10"),
+        ("T", "u1"),
+        ("hour", "u2"),
+        (":", "u1"),
+        ("minute", "u2"),
+        ("::", "u1"),
+        ("second", "u2"),
+        (".", "u1"),
+        ("part", "u4", (3,)),
+    ]
+)
 # Decimals whose integer is a float, so that dividing rounds once.
 _EXACT_DECIMALS = 15
 
@@ -186,23 +199,27 @@ def utc_cells(utc: Epochs) -> Cells:
     utc : Epochs
         Epochs in UTC.
     """
+    # Observations of one instant stand one after another in dense data.
+    new = np.ones(len(utc), dtype=bool)
+    new[1:] = (utc.jd[1:] != utc.jd[:-1]) | (utc.fraction[1:] != utc.fraction[:-1])
+    if not new.all():
+        return utc_cells(utc[new])[np.cumsum(new) - 1]
     midnight, second, picoseconds = _whole_picoseconds(utc)
     leap = (second >= SECONDS_PER_DAY).astype(np.int64)
     minute, second = np.divmod(second - leap, 60)
     hour, minute = np.divmod(minute, 60)
     different, day = np.unique(midnight, return_inverse=True)
     days = Epochs(different, np.zeros(len(different)), "UTC").day_strings().astype("S10")
-    return joined_cells(
-        np.ascontiguousarray(days[day]).view(np.uint8).reshape(-1, 10),
-        "T",
-        digits(hour, 2),
-        ":",
-        digits(minute, 2),
-        ":",
-        digits(second + leap, 2),
-        ".",
-        digits(picoseconds, 12),
-    )
+    characters = np.empty(len(utc), dtype=_DATE)
+    characters["day"] = days[day]
+    characters["hour"] = two_digits(hour)
+    characters["minute"] = two_digits(minute)
+    characters["second"] = two_digits(second + leap)
+    characters["part"] = digits(picoseconds, 12)
+    for name, mark in (("T", "T"), (":", ":"), ("::", ":"), (".", ".")):
+        characters[name] = ord(mark)
+    cells: Cells = characters.view(f"S{_DATE.itemsize}")
+    return cells
 
 
 def utc_to_picoseconds(utc: Epochs) -> tuple[NDArray[np.int64], NDArray[np.int64]]:

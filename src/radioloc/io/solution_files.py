@@ -92,7 +92,19 @@ def write_residuals(
 def _text_column(texts: TextColumn) -> Callable[[slice], Cells]:
     if isinstance(texts, Labels):
         return lambda rows: label_cells(texts, rows)
+    if isinstance(texts, Outcome):
+        return lambda rows: _outcome_cells(texts, rows)
     return lambda rows: text_cells(texts[rows])
+
+
+def _outcome_cells(outcome: Outcome, rows: slice) -> Cells:
+    cells = label_cells(outcome.given, rows)
+    outliers, texts = outcome.outliers(rows)
+    if len(outliers):
+        reasons = text_cells(texts)
+        cells = cells.astype(np.result_type(cells.dtype, reasons.dtype))
+        cells[outliers] = reasons
+    return cells
 
 
 def _number_column(values: NDArray[np.float64], decimals: int) -> Callable[[slice], Cells]:

@@ -6,7 +6,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radioloc.errors import InputError
-from radioloc.io.csv_columns import digits, fixed_cells, lines_of, shortest_cells, text_cells, unpadded_digits
+from radioloc.io.csv_columns import (
+    digits,
+    fixed_cells,
+    lines_of,
+    shortest_cells,
+    text_cells,
+    two_digits,
+    unpadded_digits,
+)
 
 FLOATS = st.lists(
     st.one_of(
@@ -38,12 +46,21 @@ def test_shortest(values):
     assert shortest_cells(np.array([np.nan, 1.0])).tolist() == [b"", b"1.0"]
 
 
+def characters(packed):
+    return [row.tobytes().replace(b"\0", b"").decode() for row in packed]
+
+
 def test_digits():
-    numbers = np.array([0, 7, 99, 100, 123456789012])
-    rows = [bytes(row) for row in digits(numbers, 13)]
-    assert rows == [f"{number:013d}".encode() for number in numbers]
-    rows = [bytes(row).replace(b"\0", b"") for row in unpadded_digits(numbers)]
-    assert rows == [str(number).encode() for number in numbers]
+    numbers = np.array([0, 7, 99, 100, 9999, 10000, 50000000, 90071992, 123456789012])
+    for count in range(12, 17):
+        assert characters(digits(numbers, count)) == [f"{number:0{count}d}" for number in numbers]
+    for groups in (3, 4):
+        assert characters(unpadded_digits(numbers, groups)) == [str(number) for number in numbers]
+    for count in range(1, 9):
+        few = numbers[numbers < 10**count]
+        assert characters(digits(few, count)) == [f"{number:0{count}d}" for number in few]
+        assert characters(unpadded_digits(few, -(-count // 4))) == [str(number) for number in few]
+    assert characters(two_digits(np.arange(100))) == [f"{number:02d}" for number in range(100)]
 
 
 def test_lines_of_texts_of_any_script():

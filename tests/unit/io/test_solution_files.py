@@ -2,14 +2,18 @@
 
 import csv
 import json
+import tracemalloc
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from radioloc.errors import FileFormatError, InputError
+from radioloc.estimation.editing import Outcome
+from radioloc.estimation.labels import Labels
+from radioloc.io.dates import utc_to_text
 from radioloc.io.solution_files import write_json, write_residuals
-from radioloc.time import epochs_from_strings
+from radioloc.time import Epochs, epochs_from_strings
 
 
 def columns(**changes):
@@ -48,6 +52,56 @@ def test_residuals_are_one_row_each_in_the_order_given(tmp_path):
     assert rows[2][0] == "2006-04-07T06:32:30.250000000000"
     assert rows[2][-1] == "rejected"
     assert len(rows) == 3
+
+
+def many(count, rng):
+    """Rows of several blocks: three links at each instant, some left out by the fit and some before it."""
+    residual_m, sigma_m = rng.normal(0.0, 1.0, count), rng.uniform(0.1, 2.0, count)
+    used = rng.random(count) > 0.01
+    residual_m[~used] *= 1e3
+    given = Labels.coded(["used", "JIAMUSI's elevation is -1.2 deg"], (rng.random(count) < 0.01).astype(int))
+    second = np.repeat(np.arange(-(-count // 3)), 3)[:count]
+    observed_m = rng.uniform(-1.0, 1.0, count) * 10.0 ** rng.integers(0, 9, count)
+    return {
+        "epoch": Epochs.from_jd(2459184.5, second / 86400.0, "UTC"),
+        "types": Labels.coded(["range", "vlbi_delay"], np.arange(count) % 2),
+        "paths": Labels.coded(["A>b>A", "Łódź<b>C"], np.arange(count) % 2),
+        "observed_m": observed_m,
+        "computed_m": observed_m - residual_m,
+        "residual_m": residual_m,
+        "sigma_m": sigma_m,
+        "elevation_deg": rng.uniform(-3.0, 90.0, count),
+        "status": Outcome(used, given, residual_m, sigma_m, 1.5),
+    }
+
+
+def test_many_residuals_are_what_python_writes_one_by_one(tmp_path):
+    file, rows = tmp_path / "residuals.csv", many(40_000, np.random.default_rng(8))
+    write_residuals(file, **rows)
+    numbers = {"observed_m": 7, "computed_m": 7, "residual_m": 6, "sigma_m": 6, "elevation_deg": 4}
+    expected = zip(
+        utc_to_text(rows["epoch"]),
+        rows["types"].array(),
+        rows["paths"].array(),
+        *([f"{x:.{decimals}f}" for x in rows[name].tolist()] for name, decimals in numbers.items()),
+        rows["status"].array(),
+        strict=True,
+    )
+    written = file.read_text(encoding="utf-8").split("\n")
+    assert written[1:-1] == [",".join(row) for row in expected]
+    assert any("is 1" in line and "outlier" in line for line in written)
+
+
+def test_residuals_are_written_block_by_block(tmp_path):
+    """What writing needs beside the columns does not grow with them: some ten megabytes."""
+    rows = many(200_000, np.random.default_rng(8))
+    write_residuals(tmp_path / "warm.csv", **columns())
+    tracemalloc.start()
+    write_residuals(tmp_path / "residuals.csv", **rows)
+    _, peak = tracemalloc.get_traced_memory()
+    tracemalloc.stop()
+    assert (tmp_path / "residuals.csv").stat().st_size > 2e7
+    assert peak < 1.5e7
 
 
 @pytest.mark.parametrize(

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,6 +50,15 @@ def style_axes(axes: Axes) -> None:
     for side in ("left", "bottom"):
         axes.spines[side].set_color("0.4")
     axes.tick_params(labelsize=8, color="0.4")
+
+
+def panel_title(axes: Axes, text: str, side: str, **style: Any) -> None:
+    """Put a title at the left or right above a panel, right above its edge.
+
+    Where it belongs needs not be found out from what stands there: no factor of the tick labels.
+    """
+    axes.ticklabel_format(axis="y", style="plain", useOffset=False)
+    axes.set_title(text, loc=side, y=1.0, pad=3, **style)  # type: ignore[arg-type]
 
 
 def length_unit(size_m: float) -> tuple[float, str]:
@@ -110,14 +120,37 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: i
     InputError
         The format is not one that matplotlib writes.
     """
-    from matplotlib import rc_context
-
     files = [paths] if isinstance(paths, str | Path) else list(paths)
     known = figure.canvas.get_supported_filetypes()
     for path in files:
-        ending = Path(path).suffix.removeprefix(".").lower()
+        ending = _ending(path)
         if ending not in known:
             raise InputError(f"{path}: figures cannot be written as {ending!r}; use .png, .svg or .pdf")
-        # Neither the hour nor chance belongs in a figure: the same figure makes the same file.
-        with rc_context({"svg.hashsalt": "radioloc"}):
-            figure.savefig(path, dpi=dpi, metadata=_UNDATED.get(ending))
+    with _laid_out(figure, dpi):
+        for path in files:
+            figure.savefig(path, dpi=dpi, metadata=_UNDATED.get(_ending(path)))
+
+
+def _ending(path: str | Path) -> str:
+    return Path(path).suffix.removeprefix(".").lower()
+
+
+@contextmanager
+def _laid_out(figure: Figure, dpi: float) -> Iterator[None]:
+    """Find the places of all that is in a figure once for all its files, as that takes longer than to draw it."""
+    from matplotlib import rc_context
+
+    engine, own_dpi = figure.get_layout_engine(), figure.dpi
+    # Neither the hour nor chance belongs in a figure: the same figure makes the same file.
+    with rc_context(
+        {"svg.hashsalt": "radioloc", "figure.autolayout": False, "figure.constrained_layout.use": False}
+    ):
+        try:
+            figure.dpi = dpi
+            if engine is not None:
+                engine.execute(figure)
+            figure.set_layout_engine(None)
+            yield
+        finally:
+            figure.dpi = own_dpi
+            figure.set_layout_engine(engine)

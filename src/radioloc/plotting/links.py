@@ -11,13 +11,14 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Residuals, Solution
 from radioloc.measurements.observations import KINDS, Link
-from radioloc.plotting.crowds import CROWD_NOTE, MOST_POINTS, draw_spans, outermost
+from radioloc.plotting.crowds import CROWD_NOTE, MOST_POINTS, apart, draw_spans
 from radioloc.plotting.figures import (
     COLORS,
     REJECTED_COLOR,
     date_axis,
     length_unit,
     new_figure,
+    panel_title,
     style_axes,
     utc_dates,
 )
@@ -193,17 +194,17 @@ def _draw_panel(
     above, below = beyond & (y[out] > 0.0), beyond & (y[out] < 0.0)
     for which, marker in ((~beyond, "x"), (above, "^"), (below, "v")):
         shown = np.clip(y[out[which]], -_EDGE * limit, _EDGE * limit) if marker != "x" else y[out[which]]
-        some = outermost(dates[out[which]], shown, limits)
+        some = apart(dates[out[which]], shown, limits, 2.0 * limit)
         axes.plot(
             dates[out[which]][some], shown[some], marker, color=REJECTED_COLOR, markersize=4, rasterized=True
         )
     # The legend has a strip of its own, where it hides nothing.
     axes.set_ylim(-limit * (_LEGEND_STRIP if any(panel.rows) else 1.0), limit)
     axes.set_ylabel(f"residual, {unit}", fontsize=8)
-    axes.set_title(panel.title, loc="left", fontsize=7.5, fontweight="bold", pad=3)
+    panel_title(axes, panel.title, "left", fontsize=7.5, fontweight="bold")
     statement = _statement(residuals, panel.all_rows, factor, unit)
     size = 6.5 if len(panel.title) + len(statement) < _LONGEST_TITLES else 5.2
-    axes.set_title(statement, loc="right", fontsize=size, pad=3)
+    panel_title(axes, statement, "right", fontsize=size)
     if any(panel.rows):
         axes.legend(
             handles=handles,

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Residuals, Solution
 from radioloc.estimation.statistics import group_statistics
-from radioloc.plotting.crowds import CROWD_NOTE, MOST_POINTS, draw_spans, outermost
+from radioloc.plotting.crowds import CROWD_NOTE, MOST_MARKS, MOST_POINTS, apart, draw_spans
 from radioloc.plotting.figures import (
     COLORS,
     REJECTED_COLOR,
     date_axis,
     length_unit,
     new_figure,
+    panel_title,
     style_axes,
     utc_dates,
 )
@@ -142,7 +143,8 @@ def _draw_station(
                 "markersize": 5,
                 "linestyle": "none",
             }
-            some = outermost(dates[which], shown, limits)
+            some = apart(dates[which], shown, limits, 2.0 * limit)
+            style["rasterized"] = len(some) > MOST_MARKS
             handles += axes.plot(dates[which][some], shown[some], label=f"{which.sum()} {name}", **style)
     axes.set_ylim(-limit, limit)
     axes.set_ylabel(f"light path ({unit})", fontsize=8)
@@ -151,7 +153,7 @@ def _draw_station(
         one_way.set_ylabel(f"one way ({unit})", fontsize=8, color="0.4")
         one_way.tick_params(labelsize=8, color="0.4", labelcolor="0.4")
         one_way.spines["right"].set_visible(False)
-    axes.set_title(station, loc="left", fontsize=9, fontweight="bold", color=color, pad=3)
+    panel_title(axes, station, "left", fontsize=9, fontweight="bold", color=color)
     axes.legend(
         handles=handles,
         loc="lower right",

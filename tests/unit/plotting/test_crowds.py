@@ -11,7 +11,7 @@ from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Residuals
 from radioloc.measurements.observations import KINDS
 from radioloc.plotting import plot_links, plot_residuals, save_figure
-from radioloc.plotting.crowds import CROWD_NOTE, MOST_POINTS, SPANS, draw_spans, outermost, span_of
+from radioloc.plotting.crowds import CROWD_NOTE, MOST_POINTS, PLACES, SPANS, apart, draw_spans, span_of
 from radioloc.plotting.figures import new_figure
 from radioloc.time import Epochs
 
@@ -50,27 +50,42 @@ def test_bars_reach_from_the_lowest_to_the_highest_of_each_span():
     limits = dates.min(), dates.max()
     axes = new_figure(8.0, 3.0).subplots()
     draw_spans(axes, dates, values, limits, color="k", label="x")
-    reach, spread = (np.array(bars.get_segments()) for bars in axes.collections)
+    reach, spread = (line.get_xydata().reshape(-1, 3, 2) for line in axes.lines)
     span = span_of(dates, limits)
     assert len(reach) == len(np.unique(span)) < SPANS
     for bar, dark, number in zip(reach, spread, np.unique(span), strict=True):
         mine = values[span == number]
         assert (bar[0, 1], bar[1, 1]) == (mine.min(), mine.max())
-        assert dark[:, 1] == pytest.approx([mine.mean() - mine.std(), mine.mean() + mine.std()], abs=1e-9)
+        assert dark[:2, 1] == pytest.approx([mine.mean() - mine.std(), mine.mean() + mine.std()], abs=1e-9)
     assert (reach[:, 0, 1].min(), reach[:, 1, 1].max()) == (-40.0, 50.0)
 
 
-def test_outermost_points_of_each_span_stay():
-    dates, values = dates_of(50000), np.random.default_rng(3).normal(0.0, 1.0, 50000)
+def test_of_points_with_marks_only_those_that_hide_another_go():
+    """Every point is drawn, or one within a pixel of it; those beyond a panel, all at one height, likewise."""
+    dates, rng = dates_of(50000), np.random.default_rng(3)
     limits = dates.min(), dates.max()
-    kept = outermost(dates, values, limits)
-    assert len(kept) <= 2 * SPANS
-    span = span_of(dates, limits)
-    for number in range(0, SPANS, 37):
-        mine = values[span == number]
-        shown = values[kept[span[kept] == number]]
-        assert {mine.min(), mine.max()} == set(shown)
-    np.testing.assert_array_equal(outermost(dates[:300], values[:300], limits), np.arange(300))
+    whole_ms = (limits[1] - limits[0]).astype(float)
+    for values in (rng.uniform(-1.0, 1.0, 50000), np.full(50000, 0.93), np.full(50000, -1.0)):
+        kept = apart(dates, values, limits, 2.0)
+        assert (np.diff(kept) > 0).all()
+        place = np.stack([(dates - limits[0]).astype(float) / whole_ms, values / 2.0], axis=-1) * PLACES
+        cells = {tuple(cell) for cell in np.floor(place[kept]).astype(int)}
+        assert len(cells) == len(kept)
+        assert cells == {tuple(cell) for cell in np.floor(place).astype(int)}
+    assert len(kept) <= PLACES[0] + 1
+    np.testing.assert_array_equal(apart(dates[:300], values[:300], limits, 2.0), np.arange(300))
+
+
+@pytest.mark.parametrize("plot", [plot_residuals, plot_links])
+def test_thousands_left_out_are_all_drawn(plot):
+    rows = residuals(60_000, left_out=0.05)
+    left_out = int((~rows.used).sum())
+    figure = plot(rows, "t")
+    [axes] = [axes for axes in figure.axes if axes.get_title(loc="left")]
+    marks = {line.get_marker(): len(line.get_xdata()) for line in axes.lines if line.get_marker() != "None"}
+    # Of those beyond the panel only the epochs can differ.
+    assert marks["^"] + marks["v"] <= 2 * (PLACES[0] + 1)
+    assert sum(marks.values()) > 0.5 * left_out > 1000
 
 
 def test_one_instant_is_one_span():

@@ -135,3 +135,14 @@ def test_matplotlib_is_imported_only_when_used():
         "sys.exit(any(name in sys.modules for name in ('matplotlib', 'scipy', 'astropy')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_figure_keeps_its_layout_and_size_after_it_was_saved(solution, tmp_path):
+    figure = plot_residuals(solution)
+    engine, dpi = figure.get_layout_engine(), figure.dpi
+    save_figure(figure, [tmp_path / "a.png", tmp_path / "a.svg"])
+    save_figure(figure, tmp_path / "b.png")
+    assert (figure.get_layout_engine(), figure.dpi) == (engine, dpi)
+    # Its parts lie where matplotlib alone would have put them.
+    plot_residuals(solution).savefig(tmp_path / "c.png", dpi=200)
+    assert len({(tmp_path / f"{name}.png").read_bytes() for name in "abc"}) == 1

@@ -13,7 +13,7 @@ description, for many epochs at once.
 from __future__ import annotations
 
 import csv
-from functools import cache
+from functools import cache, lru_cache
 from importlib.resources import files
 
 import erfa
@@ -104,6 +104,14 @@ def sum_of_tides(
 
 def all_amplitudes(amplitudes_m: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Find the amplitudes A of all 342 tides, m, shape (3, 342): the sum is Re(A e^(i argument))."""
+    given = np.ascontiguousarray(amplitudes_m, dtype=np.complex128)
+    return _all_amplitudes(given.shape, given.tobytes())
+
+
+@lru_cache(maxsize=256)
+def _all_amplitudes(shape: tuple[int, ...], content: bytes) -> NDArray[np.complex128]:
+    # Kept, as an arc asks for those of its stations again and again: as often as for the displacements.
+    amplitudes_m = np.frombuffer(content, dtype=np.complex128).reshape(shape)
     multipliers, equilibrium_m = tidal_potential()
     frequency = multipliers @ _RATES_CYCLES_PER_DAY
     given_frequency = GIVEN_TIDES @ _RATES_CYCLES_PER_DAY
@@ -116,6 +124,7 @@ def all_amplitudes(amplitudes_m: NDArray[np.complex128]) -> NDArray[np.complex12
         nodes = nodes[np.argsort(given_frequency[nodes])]
         interpolated = _interpolate(given_frequency[nodes], admittance[:, nodes], frequency[members])
         amplitudes[:, members] = interpolated * equilibrium_m[members] * np.exp(1j * phase)
+    amplitudes.setflags(write=False)
     return amplitudes
 
 

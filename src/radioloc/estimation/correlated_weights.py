@@ -33,7 +33,8 @@ from radioloc.estimation.least_squares import (
 )
 from radioloc.estimation.linearization import ResidualFunction, Rows
 from radioloc.estimation.observation_noise import ALONE
-from radioloc.estimation.time_correlation import TimeCorrelation, assess_time_correlation, shared_series
+from radioloc.estimation.series_stretches import shared_series
+from radioloc.estimation.time_correlation import TimeCorrelation, assess_time_correlation
 
 MAX_PASSES = 10
 SETTLED = 0.02

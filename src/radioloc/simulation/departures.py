@@ -1,7 +1,7 @@
 """Departures of the world from the model that are not known: drawn anew in every trial of a Monte Carlo study.
 
 A spread says how large each departure is, one standard deviation; :class:`~radioloc.simulation.truth.Truth` says what
-they XX
+they are.
 """
 
 from __future__ import annotations

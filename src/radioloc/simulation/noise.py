@@ -248,9 +248,12 @@ def generator(seed: int, label: str) -> np.random.Generator:
     """
     if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
         raise InputError(f"seed is {seed!r}; give a whole number from zero up")
-    words = np.frombuffer(hashlib.sha256(label.encode()).digest(), dtype="<u4")
+    seed = int(seed)
+    of_seed = seed.to_bytes(4 * max(1, -(-seed.bit_length() // 32)), "little")
+    # As words, which is what SeedSequence makes of numbers, slowly; those of the seed first.
+    words = np.frombuffer(of_seed + hashlib.sha256(label.encode()).digest(), dtype="<u4")
     # Named, as what default_rng stands for may change from one numpy to the next.
-    return np.random.Generator(np.random.PCG64(np.random.SeedSequence([int(seed), *words.tolist()])))
+    return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
 
 
 def gauss_markov(drive: NDArray[np.float64], step_correlation: float) -> NDArray[np.float64]:

@@ -20,9 +20,10 @@ from radioloc.estimation.least_squares import Factor, FitResult, FitStatus
 from radioloc.estimation.linearization import DenseLinearization
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
+from radioloc.estimation.repeated_correlation import RepeatedCorrelation
 from radioloc.estimation.repeated_fit import RepeatedFit, RepeatedOutcome
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
-from radioloc.estimation.time_correlation import RepeatedSeries, assess_time_correlation
+from radioloc.estimation.time_correlation import assess_time_correlation
 from radioloc.measurements.observations import KINDS
 from radioloc.simulation import Departure, Spread
 from radioloc.simulation.departures import position_departure_m
@@ -111,8 +112,8 @@ class LinearArc:
         Of the observations.
     time_s : ndarray, shape (m,)
         When each was made, s.
-    like : RepeatedSeries or None
-        What all fits have in common in the correlation of their residuals; None where observations share errors.
+    correlation : RepeatedCorrelation or None
+        Of residuals that stay alike; None where observations share errors or weights follow the residuals.
     """
 
     part: NDArray[np.intp]
@@ -127,10 +128,10 @@ class LinearArc:
     types: Labels
     paths: Labels
     time_s: _Floats
-    like: RepeatedSeries | None = field(init=False)
+    correlation: RepeatedCorrelation | None = field(init=False)
 
     def __post_init__(self) -> None:
-        like = None
+        correlation = None
         if isinstance(self.fit, RepeatedFit):
             # As stated, nothing left out: so it does not depend on which trial comes first.
             rows = len(self.part)
@@ -144,16 +145,20 @@ class LinearArc:
                 excess_noise_m=np.zeros(len(KINDS)),
                 converged=True,
             )
-            like = RepeatedSeries(self._as_fit(reference), self.types, self.paths, self.time_s)
-        object.__setattr__(self, "like", like)
+            correlation = RepeatedCorrelation(self._as_fit(reference), self.types, self.paths, self.time_s)
+        object.__setattr__(self, "correlation", correlation)
 
     def covariance(self, found: RepeatedOutcome) -> _Floats:
         """Covariance of the parameters as :func:`~radioloc.estimation.build.build_solution` has it, shape (p, p)."""
-        fit = self._as_fit(found) if found.weighed is None else found.weighed
         scaled = scaled_by(found.covariance, self.parameters.prior_sigmas, found.noise_scale)
         if not found.converged:
             return scaled
-        correlation = assess_time_correlation(fit, self.types, self.paths, self.time_s, self.like)
+        if self.correlation is not None:
+            sigma_m = np.hypot(self.noise.own_m, found.excess_noise_m[self.types.codes])
+            added = self.correlation.added_covariance(found.left_m, sigma_m, found.used, found.root)
+            return scaled if added is None else scaled + added
+        fit = self._as_fit(found) if found.weighed is None else found.weighed
+        correlation = assess_time_correlation(fit, self.types, self.paths, self.time_s)
         return scaled if correlation is None else scaled + correlation.added_covariance
 
     def _as_fit(self, found: RepeatedOutcome) -> FitResult:
@@ -215,14 +220,19 @@ class LinearTrials:
         seeds = [trial_seed(seed, trial) for trial in trials]
         noise_m, _ = self.draws.draw(seeds)
         out = np.full((len(seeds), len(self.arcs), len(self.columns)), np.nan)
-        for k, one in enumerate(seeds):
-            drawn = self.spread.draw(one)
-            residual_m = self.constant_m + noise_m[k, self.rows]
-            for departure, value in drawn.items():
-                residual_m += value * self.responses[departure]
-            off_m, biases_m = position_departure_m(drawn), true_biases_m(self.range_bias_m, drawn)
-            for i, arc in enumerate(self.arcs):
-                found = arc.fit.fit(residual_m[arc.part] - arc.held_m)
+        drawn = [self.spread.draw(one) for one in seeds]
+        residual_m = self.constant_m + noise_m[:, self.rows]
+        for k, departures in enumerate(drawn):
+            for departure, value in departures.items():
+                residual_m[k] += value * self.responses[departure]
+        # Arc by arc, as what an arc's fits have in common then stays in the processor's cache.
+        for i, arc in enumerate(self.arcs):
+            for k, departures in enumerate(drawn):
+                found = arc.fit.fit(residual_m[k, arc.part] - arc.held_m)
+                off_m, biases_m = (
+                    position_departure_m(departures),
+                    true_biases_m(self.range_bias_m, departures),
+                )
                 out[k, i] = self._row(arc, found, off_m, biases_m)
         return out
 

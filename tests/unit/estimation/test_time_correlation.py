@@ -8,8 +8,10 @@ import pytest
 from delay_network import DelayNetwork
 
 from radioloc.estimation import ALONE, Labels, Parameter, ParameterSet, fit_least_squares, observation_noise
-from radioloc.estimation import time_correlation as module
-from radioloc.estimation.time_correlation import RepeatedSeries, SeriesCorrelation, assess_time_correlation
+from radioloc.estimation.lasting_errors import kernel
+from radioloc.estimation.repeated_correlation import RepeatedCorrelation
+from radioloc.estimation.series_stretches import divided
+from radioloc.estimation.time_correlation import SeriesCorrelation, assess_time_correlation
 from radioloc.simulation.noise import gauss_markov
 
 STEP_S = 60.0
@@ -61,18 +63,51 @@ def test_covariance_is_the_sandwich():
 
 def test_what_repeated_fits_have_in_common():
     fit, types, path, time_s = line(n=3000, series=3)
-    like = RepeatedSeries(fit, types, path, time_s)
+    repeated = RepeatedCorrelation(fit, types, path, time_s)
+
+    def both(one):
+        known = assess_time_correlation(one, types, path, time_s).added_covariance
+        root = one.factor.root_covariance()
+        return repeated.added_covariance(one.residual_m, one.noise.own_m, one.used, root), known
+
     # The same fit again is the same, whatever the residuals were that the series are from.
     again, *_ = line(n=3000, series=3, seed=5)
-    known, found = (assess_time_correlation(again, types, path, time_s, how) for how in (None, like))
-    np.testing.assert_allclose(found.added_covariance, known.added_covariance, rtol=1e-7)
-    assert list(map(str, found.series)) == list(map(str, known.series))
+    np.testing.assert_allclose(*both(again), rtol=1e-7)
     # One with some observations left out and other weights: other stretches, and sigmas that differ by 1 % at most.
     used = np.random.default_rng(1).random(len(time_s)) > 0.002
     part = replace(again, used=used, noise=again.noise.with_excess(np.full(len(time_s), 0.5)))
-    known, found = (assess_time_correlation(part, types, path, time_s, how) for how in (None, like))
-    sigmas = [np.sqrt(np.diag(one.added_covariance)) for one in (found, known)]
-    np.testing.assert_allclose(*sigmas, rtol=0.01)
+    np.testing.assert_allclose(*(np.sqrt(np.diag(added)) for added in both(part)), rtol=0.01)
+
+
+def test_repeated_fits_to_white_noise_are_left_alone():
+    fit, types, path, time_s = line(coloured=0.0)
+    repeated = RepeatedCorrelation(fit, types, path, time_s)
+    root = fit.factor.root_covariance()
+    assert repeated.added_covariance(fit.residual_m, fit.noise.own_m, fit.used, root) is None
+
+
+def test_repeated_fits_with_sigmas_of_several_sizes():
+    """Stretches then hold several kinds of cells, and what is left out is taken from the right ones."""
+    fit, types, path, time_s = line(n=3000, series=2)
+    stated_m = np.random.default_rng(3).choice([0.5, 1.0, 2.0], len(time_s))
+    design = fit.linearization.partials(np.arange(len(time_s)))
+    residual_m = fit.residual_m * stated_m
+
+    def fitted(used=None, excess_m=0.0):
+        noise = observation_noise.ObservationNoise(np.hypot(stated_m, excess_m))
+        return fit_least_squares(
+            lambda x: (residual_m - design @ x, design), fit.parameters, noise, used=used
+        )
+
+    repeated = RepeatedCorrelation(fitted(), types, path, time_s)
+    used = np.random.default_rng(1).random(len(time_s)) > 0.01
+    for one in (fitted(), fitted(used), fitted(used, 0.3)):
+        known = assess_time_correlation(one, types, path, time_s).added_covariance
+        root = one.factor.root_covariance()
+        found = repeated.added_covariance(one.residual_m, one.noise.own_m, one.used, root)
+        if one.used.all():
+            np.testing.assert_allclose(found, known, rtol=1e-7)
+        np.testing.assert_allclose(np.sqrt(np.diag(found)), np.sqrt(np.diag(known)), rtol=0.01)
 
 
 def test_white_residuals_are_left_alone():
@@ -115,25 +150,25 @@ def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
 
 def test_gaps_take_no_stretches():
     filled = np.concatenate([np.arange(1000), 9000 + np.arange(1000)])
-    place, width = module._stretches(filled)
+    place, width = divided(filled)
     counts = np.bincount(place)
     assert width == pytest.approx(2000 / 56, rel=0.05)
     assert len(counts) == pytest.approx(56, abs=3)
     assert counts.min() > 0
     assert place[999] < place[1000]
     # Fewer than that are each their own.
-    assert module._stretches(np.array([3, 70, 71, 900]))[0].tolist() == [0, 1, 2, 3]
+    assert divided(np.array([3, 70, 71, 900]))[0].tolist() == [0, 1, 2, 3]
 
 
 def test_kernel_is_the_mean_over_two_stretches():
     width_s, tau_s = 600.0, 900.0
     times = np.array([0.0, 600.0, 2400.0])
     inner = (np.arange(2000) + 0.5) / 2000 * width_s - 0.5 * width_s
-    kernel = module._kernel(times, width_s, tau_s)
+    found = kernel(times, width_s, tau_s)
     for i in range(3):
         for j in range(3):
             apart = times[i] + inner[:, None] - times[j] - inner[None, :]
-            assert kernel[i, j] == pytest.approx(np.exp(-np.abs(apart) / tau_s).mean(), abs=1e-5)
+            assert found[i, j] == pytest.approx(np.exp(-np.abs(apart) / tau_s).mean(), abs=1e-5)
 
 
 def test_stations_whose_errors_last_are_found_in_their_delays():

@@ -96,6 +96,11 @@ def read_blocks(
         raise FileFormatError(path, "is empty; fetch or write it again")
 
 
+def require_file(path: str | Path) -> None:
+    """Raise the error of reading where there is no file, or none that can be read; for what others then read."""
+    next(_raw_pieces(path, 1), b"")
+
+
 def starts_with(path: str | Path, magic: bytes) -> bool:
     """Whether a file begins with these bytes; errors as :func:`read_text`."""
     return next(_raw_pieces(path, len(magic)), b"") == magic

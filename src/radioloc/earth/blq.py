@@ -17,6 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import FileFormatError, InputError
+from radioloc.text_files import read_blocks
 
 CONSTITUENTS = ("M2", "S2", "N2", "K2", "K1", "O1", "P1", "Q1", "MF", "MM", "SSA")
 """Tides of a BLQ record, in the order of its columns."""
@@ -66,9 +67,11 @@ class BlqCoefficients:
 
 def _frozen_table(values: ArrayLike, what: str) -> NDArray[np.float64]:
     table = np.array(values, dtype=np.float64)
-    if table.shape != (3, len(CONSTITUENTS)) or not np.isfinite(table).all():
+    if table.shape != (3, len(CONSTITUENTS)):
+        raise InputError(f"{what} must be 3 x {len(CONSTITUENTS)} numbers, but has shape {table.shape}")
+    if not np.isfinite(table).all():
         raise InputError(
-            f"{what} must be 3 x {len(CONSTITUENTS)} finite numbers, but has shape {table.shape}"
+            f"{what} holds a number that is not finite; give 3 x {len(CONSTITUENTS)} finite ones"
         )
     table.setflags(write=False)
     return table
@@ -80,8 +83,8 @@ def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
     Parameters
     ----------
     path : path-like
-        The file. Lines that start with ``$$`` are comments, of which the column order and the tide model are
-        used. The head of an e-mail and what follows ``$$ END TABLE`` are left aside.
+        The file, plain or gzip. Lines that start with ``$$`` are comments, of which the column order and the tide
+        model are used. The head of an e-mail and what follows ``$$ END TABLE`` are left aside.
 
     Returns
     -------
@@ -91,13 +94,12 @@ def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
     Raises
     ------
     FileFormatError
-        The columns are in another order, a record is cut short or has other than eleven numbers in a row, a
-        number cannot be read or is impossible, a site appears twice, or there is none.
-    OSError
-        The file cannot be opened.
+        The file cannot be read, the columns are in another order, a record is cut short or has other than eleven
+        numbers in a row, a number cannot be read or is impossible, a site appears twice, or there is none.
     """
-    path = Path(path)
-    return parse_blq(path.read_text(encoding="utf-8", errors="replace"), path)
+    # Names of sites and models may be in any encoding: what is no UTF-8 in them is replaced.
+    content = b"".join(block for _, block in read_blocks(path, encoding="latin-1"))
+    return parse_blq(content.decode("utf-8", errors="replace"), path)
 
 
 def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:

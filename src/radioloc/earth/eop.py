@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY, TT_MINUS_TAI_S
 from radioloc.earth.eop_files import EopRows, read_eop_rows
 from radioloc.earth.eop_tides import zonal_tides
-from radioloc.errors import CoverageError, InputError
+from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.time import Epochs, utc_to_tt
 
 _MJD_1972 = 41317.0
@@ -145,11 +145,13 @@ class EopTable:
         Raises
         ------
         FileFormatError
-            As :func:`radioloc.earth.eop_files.read_eop_rows`.
-        InputError
-            As the class.
+            As :func:`radioloc.earth.eop_files.read_eop_rows`; or what it holds is not what the class takes.
         """
-        return cls._from_rows([read_eop_rows(path, _MJD_1972)])
+        rows = read_eop_rows(path, _MJD_1972)
+        try:
+            return cls._from_rows([rows])
+        except InputError as error:
+            raise FileFormatError(path, str(error)) from error
 
     @classmethod
     def _from_rows(cls, parts: Sequence[EopRows], note: str = "") -> EopTable:

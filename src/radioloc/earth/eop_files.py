@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError
+from radioloc.text_files import read_blocks
 
 _C04_ROW = re.compile(rb"\d{4}[ \d]{4}[ \d]{4}[ \d]{4} *\d{5}\.\d\d ")
 _FINALS_ROW = re.compile(rb"[ \d]{6} \d{5}\.\d\d [IP ]")
@@ -65,7 +66,7 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
     Parameters
     ----------
     path : path-like
-        The file; which of the two it is, its rows tell.
+        The file, plain or gzip; which of the two it is, its rows tell.
     first_mjd_utc : float
         Leave out rows before this date.
 
@@ -76,14 +77,12 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
         pole offsets refer to the 1980 nutation theory.
     """
     path = Path(path)
-    try:
-        data = path.read_bytes()
-    except OSError as error:
-        raise FileFormatError(path, f"cannot be read: {error.strerror}") from error
-    texts = data.split(b"\n")
+    texts = b"".join(block for _, block in read_blocks(path, encoding="latin-1")).split(b"\n")
     line_numbers = [k for k, text in enumerate(texts) if text.strip() and not text.startswith(b"#")]
     if not line_numbers:
-        raise FileFormatError(path, "the file has no rows")
+        raise FileFormatError(path, "has no rows; fetch or write it again")
+    if len(texts) > 1 and 0 < len(texts[-1]) < len(texts[-2]):
+        raise FileFormatError(path, "the last row was cut; fetch or write the file again", len(texts))
     head = texts[line_numbers[0]]
     if _C04_ROW.match(head):
         series, width, offset_unit = "C04", 218, 1.0
@@ -102,9 +101,8 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
     columns = columns.select(
         columns.numbers("MJD", *((17, 26) if series == "C04" else (8, 15))) >= first_mjd_utc
     )
-    return EopRows(
-        path, hashlib.sha256(data).hexdigest(), series, *_values(columns, series == "C04", offset_unit)
-    )
+    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
+    return EopRows(path, sha256, series, *_values(columns, series == "C04", offset_unit))
 
 
 def _values(columns: _Columns, is_c04: bool, offset_unit: float) -> tuple[NDArray, ...]:

@@ -52,7 +52,14 @@ class IonexFile:
 
 def parse_ionex(path: Path) -> IonexFile:
     """Read one file; errors as :func:`radioloc.earth.ionex.read_ionex`."""
-    return _Reader(path).read()
+    reader = _Reader(path)
+    try:
+        return reader.read()
+    except FileFormatError as error:
+        if error.line is None or any(line.strip() for line in reader.lines[error.line :]):
+            raise
+        problem = f"{error.problem}; as the file ends here, it may have been cut: fetch it again"
+        raise FileFormatError(path, problem, error.line) from None
 
 
 class _Reader:
@@ -149,7 +156,8 @@ class _Reader:
                 case "COMMENT":
                     pass
                 case _:
-                    raise FileFormatError(self.path, f"{label!r} is not expected in a map", number)
+                    shown = label or content.strip()
+                    raise FileFormatError(self.path, f"{shown!r} is not expected in a map", number)
         if mjd is None or rows_left:
             what = "its epoch" if mjd is None else f"{len(rows_left)} of its rows"
             raise FileFormatError(self.path, f"the map that ends here lacks {what}", number)
@@ -215,7 +223,7 @@ class _Reader:
 
     def _take(self) -> tuple[int, str, str]:
         if self.next >= len(self.lines):
-            raise FileFormatError(self.path, "the file ends too early; fetch it again", len(self.lines))
+            raise FileFormatError(self.path, "the map or header is not complete", len(self.lines))
         line = self.lines[self.next]
         self.next += 1
         return self.next, line[60:80].strip(), line[:60]

@@ -35,7 +35,7 @@ from radioloc.io.names import Catalogue
 from radioloc.io.table import checked_observations, require_columns, table_columns
 from radioloc.io.table_rows import CODED_TEXTS, OPTIONAL_NUMBERS, column_name, joined_columns, text_code
 from radioloc.measurements.observations import Link, Observations
-from radioloc.text_files import replaced_file
+from radioloc.text_files import replaced_file, require_file
 from radioloc.time import Epochs
 
 MAGIC = b"PAR1"
@@ -60,12 +60,13 @@ def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None) -> Obs
     Raises
     ------
     FileFormatError
-        The file is damaged, a column is missing, unknown, of another type or there twice, or a value is missing or
-        impossible. Names the row, counted from 1, as the line.
+        The file cannot be read or is damaged, a column is missing, unknown, of another type or there twice, or a value
+        is missing or impossible. Names the row, counted from 1, as the line.
     InputError
         pyarrow is not installed, or the same observation is there twice.
     """
     pyarrow, parquet = _pyarrow()
+    require_file(path)
     with _damage_told(path, pyarrow), parquet.ParquetFile(path) as file:
         header = list(file.schema_arrow.names)
         if not set(EPOCH_COLUMNS).isdisjoint(header):

@@ -111,6 +111,8 @@ def find_kernel(name_or_path: str | Path, kind: str | None = None) -> Path:
     if len(fits) == 1:
         return kernel_directory() / fits[0].name
     known = ", ".join(f"{entry.name} ({entry.ephemeris} {entry.kind})" for entry in registered())
+    if path.is_dir():
+        raise KernelError(f"{name} is a directory; give a kernel file in it")
     if fits:
         raise KernelError(f"{name!r} stands for more than one kernel; name the file, one of {known}")
     raise KernelError(

@@ -74,7 +74,8 @@ class TerrainModel:
         Raises
         ------
         FileFormatError
-            Not a file that GDAL reads as one band of numbers with a map projection.
+            There is no such file, it was cut, or it is none that GDAL reads as one band of numbers with a map
+            projection.
         InputError
             rasterio is not installed; another body's map, axes that are not mean-Earth, longitudes that count west,
             an ellipsoid; a unit that is ambiguous; values that are no heights or radii of the Moon.

@@ -19,7 +19,9 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import FileFormatError, InputError
+from radioloc.lunar.cut_maps import refuse_cut_map
 from radioloc.lunar.terrain_grid import MapGrid, load_rasterio
+from radioloc.text_files import require_file
 
 LOWEST_M, HIGHEST_M = -10.0e3, 11.0e3
 """Heights above 1737.4 km that are taken for lunar; LOLA has -9.1 to 10.8 km (Smith et al. 2010)."""
@@ -161,7 +163,7 @@ def open_map(
     Raises
     ------
     FileFormatError
-        Not a file that GDAL reads as one band of numbers with a map projection.
+        There is no such file, it was cut, or it is none that GDAL reads as one band of numbers with a map projection.
     InputError
         rasterio is not installed; another body's map, axes that are not mean-Earth, longitudes that count west,
         an ellipsoid; a unit that is ambiguous; values that are no heights or radii of the Moon.
@@ -175,10 +177,10 @@ def open_map(
             "lunar maps use 1737400"
         )
     path = Path(path)
-    if not path.is_file():
-        raise InputError(f"there is no terrain map {path}")
+    require_file(path)
     try:
         with _opened(path) as dataset:
+            refuse_cut_map(path, dataset)
             return _described(path, dataset, radius_m, unit)
     except rasterio.errors.RasterioError as error:
         raise FileFormatError(

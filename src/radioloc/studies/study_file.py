@@ -101,7 +101,7 @@ def _content(path: Path) -> dict[str, object]:
         # Some editors put a byte order mark in front, which TOML does not know.
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
     except FileNotFoundError:
-        raise InputError(f"{path}: there is no such study file") from None
+        raise InputError(f"{path}: there is no such study file; check the name and the directory") from None
     except IsADirectoryError:
         raise InputError(f"{path}: is a directory; give the study file in it") from None
     except OSError as error:

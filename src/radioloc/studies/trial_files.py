@@ -24,7 +24,7 @@ from radioloc.errors import InputError
 from radioloc.io.solution_files import write_json
 from radioloc.studies.report import made_folder
 from radioloc.studies.study import Study, TerrainPrior
-from radioloc.text_files import write_text
+from radioloc.text_files import read_text, write_text
 
 _LONGEST_LIST = 100
 
@@ -125,13 +125,15 @@ class TrialFolder:
         """
         out: dict[int, list[list[float]]] = {}
         for path in sorted(self._parts.glob(f"{way}-*.csv")):
-            rows = list(csv.reader(io.StringIO(path.read_text(encoding="utf-8"))))
+            rows = list(csv.reader(io.StringIO(read_text(path))))
             if rows[:1] != [self._heading]:
                 raise InputError(
                     f"{path}: the columns are not those of the study; remove the file and resume"
                 )
             try:
                 for row in rows[1:]:
+                    if len(row) != len(self._heading):
+                        raise ValueError(f"a row has {len(row)} of {len(self._heading)} cells")
                     values = [float(cell) if cell else math.nan for cell in row[2:]]
                     out.setdefault(int(row[0]), []).append(values)
             except ValueError as error:
@@ -160,7 +162,9 @@ def refuse_other_study(folder: str | Path, record: dict[str, Any]) -> bool:
     if not path.is_file():
         return False
     try:
-        before = json.loads(path.read_text(encoding="utf-8"))
+        before = json.loads(read_text(path))
+        if not isinstance(before, dict):
+            raise ValueError
     except ValueError:
         raise InputError(f"{path}: is damaged; start anew, without resuming") from None
     now = json.loads(json.dumps(record))

@@ -1,31 +1,10 @@
 import astropy_iers_data
 import numpy as np
 import pytest
+from earth_files import C04, finals_row
 
 from radioloc.earth.eop_files import read_eop_rows
 from radioloc.errors import FileFormatError
-
-C04 = """# a comment
-2020   1   1   0  58849.00    0.076577    0.282336  -0.1771554    0.000101   -0.000108 0 0 0 0
-2020   1   2   0  58850.00    0.075350    0.283000  -0.1775000    0.000110   -0.000110 0 0 0 0
-"""
-
-
-def finals_row(mjd, flags="III", x="0.076577", y="0.282336", ut1="-0.1771554", dx="0.101", dy="-0.108"):
-    row = [" "] * 187
-
-    def put(first, last, text):
-        row[first - 1 : last] = list(f"{text:>{last - first + 1}}")
-
-    put(1, 6, "20 1 1")
-    put(8, 15, f"{mjd:.2f}")
-    for column, flag in zip((17, 58, 96), flags, strict=True):
-        put(column, column, flag)
-    for (first, last), text in zip(
-        ((19, 27), (38, 46), (59, 68), (98, 106), (117, 125)), (x, y, ut1, dx, dy), strict=True
-    ):
-        put(first, last, text)
-    return "".join(row)
 
 
 def write(tmp_path, *rows):
@@ -42,6 +21,14 @@ def test_c04_is_read(tmp_path):
     np.testing.assert_array_equal(rows.ut1_minus_utc_s, [-0.1771554, -0.1775])
     np.testing.assert_array_equal(rows.dy_arcsec, [-0.000108, -0.000110])
     assert not rows.predicted.any()
+
+
+@pytest.mark.parametrize("lost", [1, 40, 125])
+def test_a_row_cut_within_a_number_is_no_shorter_number(tmp_path, lost):
+    path = tmp_path / "eop.txt"
+    path.write_text("\n".join([finals_row(58849), finals_row(58850)])[:-lost])
+    with pytest.raises(FileFormatError, match="line 2: the last row was cut"):
+        read_eop_rows(path)
 
 
 def test_bulletin_a_is_read_in_arcseconds_with_its_flags_and_blanks(tmp_path):

@@ -2,32 +2,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from atmosphere_files import GPT3_CORNERS
 
 from radioloc.earth.gpt3 import Gpt3Grid, Gpt3Values, read_gpt3
 from radioloc.earth.radio_troposphere import zenith_hydrostatic_delay_m, zenith_wet_delay_askne_nordius_m
 from radioloc.errors import FileFormatError, InputError
 from radioloc.time import epochs_from_strings
-
-GRAZ_CORNERS = """\
-% lat lon p T Q dT undu Hs a_h a_w lambda Tm Gn_h Ge_h Gn_w Ge_w
-  47.5   12.5  89942  -161 -172   56   16 281.0  -8.4 -3.1  0.1  0.1  5.13 -2.91 -1.20  0.34  0.34  -6.5   0.6 -0.2 \
- 0.2 -0.1   47.30  1024.64  1.23150 -0.02207 -0.01128  0.00094  0.00117  0.52028 -0.00629 -0.01043  0.00399  0.00109 \
-2.7298 -0.1177  0.0419 -0.0809  0.0315 270.2  -7.1 -3.1  0.2  0.1  -19.32  -2.57   0.36  -0.79  -0.44  -4.78  -3.43 \
- -1.22  -0.74  -1.67 -10.46   9.84   2.57  -1.57  -1.27  -0.75  -0.44   0.20   0.46   0.59
-  47.5   17.5  99762   183  -97   41   -6 284.8 -10.5 -2.7 -0.3  0.1  6.21 -3.28 -1.34  0.41  0.22  -5.4   1.6 -0.0 \
- 0.0  0.1   44.86   160.75  1.23260 -0.02330 -0.01094  0.00076  0.00085  0.55990 -0.00898 -0.00981  0.00444  0.00265 \
-2.6067 -0.1332  0.0308 -0.0796 -0.0208 273.9  -7.8 -3.0  0.1 -0.1  -18.61  -3.39   0.19  -0.53  -0.20  -6.21  -1.92 \
- -2.05  -0.80  -2.00  -4.88   1.04   0.16   1.44   0.43  -1.97   2.79   0.96  -0.35  -0.80
-  42.5   12.5  95267   -27 -113   37   -3 286.9  -8.0 -3.5  0.4  0.4  7.07 -2.46 -1.62  0.07  0.23  -5.6   0.7 -0.2 \
- 0.4 -0.1   48.13   538.45  1.24106 -0.02108 -0.01120  0.00139  0.00170  0.53180 -0.01361 -0.00929  0.00104 -0.00214 \
-3.3387  0.1132  0.0503 -0.0240  0.0831 275.9  -6.6 -3.4  0.5  0.5  -19.13  -0.67   0.41   0.05  -1.33  -3.34  -0.87 \
- -1.44  -1.20  -2.47   2.13  -5.54  -0.31   2.87   1.42   6.52  -6.08  -0.68   2.43   1.65
-  42.5   17.5 100596   176  -52    9  -49 290.0  -7.6 -3.6  0.4  0.6  8.42 -3.57 -1.86  0.31  0.44  -6.1  -1.4  0.0 \
- 0.2 -0.1   43.23    75.92  1.24073 -0.02182 -0.01135  0.00123  0.00143  0.55628 -0.01250 -0.00849  0.00018 -0.00217 \
-3.3502 -0.2126 -0.0046 -0.0141  0.0751 278.1  -7.1 -3.4  0.5  0.4  -12.32  -1.84   0.40   0.03  -0.97  -5.56   0.93 \
- -0.88  -1.23  -2.34   6.63 -11.67  -0.46   3.29   1.77   5.45  -4.04  -0.49   1.18   0.30
-"""
-"""The four points of gpt3_5.grd (TU Wien) around Graz."""
 
 GRAZ = np.deg2rad(47.0671), np.deg2rad(15.4935), 538.30
 NEW_YEAR = epochs_from_strings(["2024-01-01"])
@@ -36,7 +16,7 @@ NEW_YEAR = epochs_from_strings(["2024-01-01"])
 @pytest.fixture
 def graz(tmp_path: Path) -> Gpt3Grid:
     path = tmp_path / "gpt3_5.grd"
-    path.write_text(GRAZ_CORNERS)
+    path.write_text(GPT3_CORNERS)
     return read_gpt3(path)
 
 
@@ -138,7 +118,7 @@ def test_seasons(tmp_path: Path, column: int, date: str, expected_k: float) -> N
 )
 def test_damaged_file(tmp_path: Path, old: str, new: str, line: int | None, what: str) -> None:
     path = tmp_path / "bad.grd"
-    path.write_text(GRAZ_CORNERS.replace(old, new))
+    path.write_text(GPT3_CORNERS.replace(old, new))
     with pytest.raises(FileFormatError, match=what) as caught:
         read_gpt3(path)
     assert caught.value.line == line

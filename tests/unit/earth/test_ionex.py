@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from atmosphere_files import IONEX_LATITUDES, IONEX_LONGITUDES, Field, ionex_text, labelled
 
 from radioloc.earth.geodesy import itrf_from_geodetic
 from radioloc.earth.ionex import IonexMaps, read_ionex
@@ -11,74 +12,8 @@ from radioloc.earth.ionosphere import modified_shell_mapping, pierce_point, thin
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.time import epochs_from_strings, utc_to_tt
 
-LATITUDES = np.arange(87.5, -87.6, -2.5)
-LONGITUDES = np.arange(-180.0, 180.1, 5.0)
-Field = Callable[[np.ndarray, np.ndarray, float], np.ndarray]
-
 ROUNDING_TECU = 0.06
 """Half of the last digit of values in 0.1 TECU, and a little."""
-
-
-def labelled(content: str, label: str) -> str:
-    return f"{content:<60}{label:<20}".rstrip()
-
-
-def rows_of(value: np.ndarray) -> list[str]:
-    fields = [f"{int(v):5d}" for v in value]
-    return ["".join(fields[k : k + 16]) for k in range(0, len(fields), 16)]
-
-
-def ionex_text(
-    field: Field, day: int = 15, hours: tuple[float, ...] = (0, 2, 4, 6), exponent: int = -1, rms: bool = True
-) -> str:
-    """IONEX 1.0 file of a field of latitude, longitude (degrees) and hour since 2019-01-15."""
-
-    def epoch(hour: float) -> str:
-        return f"{2019:6d}{1:6d}{day + int(hour) // 24:6d}{int(hour) % 24:6d}{0:6d}{0:6d}"
-
-    lines = [
-        labelled(f"{1.0:8.1f}{'':12}I{'':19}GPS", "IONEX VERSION / TYPE"),
-        labelled("a test", "PGM / RUN BY / DATE"),
-        labelled(epoch(hours[0]), "EPOCH OF FIRST MAP"),
-        labelled(epoch(hours[-1]), "EPOCH OF LAST MAP"),
-        labelled(f"{7200:6d}", "INTERVAL"),
-        labelled(f"{len(hours):6d}", "# OF MAPS IN FILE"),
-        labelled("  COSZ", "MAPPING FUNCTION"),
-        labelled(f"{10.0:8.1f}", "ELEVATION CUTOFF"),
-        labelled("", "OBSERVABLES USED"),
-        labelled(f"{6371.0:8.1f}", "BASE RADIUS"),
-        labelled(f"{2:6d}", "MAP DIMENSION"),
-        labelled(f"  {450.0:6.1f}{450.0:6.1f}{0.0:6.1f}", "HGT1 / HGT2 / DHGT"),
-        labelled(f"  {87.5:6.1f}{-87.5:6.1f}{-2.5:6.1f}", "LAT1 / LAT2 / DLAT"),
-        labelled(f"  {-180.0:6.1f}{180.0:6.1f}{5.0:6.1f}", "LON1 / LON2 / DLON"),
-        labelled(f"{exponent:6d}", "EXPONENT"),
-        labelled("a comment", "COMMENT"),
-        labelled("DIFFERENTIAL CODE BIASES", "START OF AUX DATA"),
-        labelled("    01    -8.1     0.0", "PRN / BIAS / RMS"),
-        labelled("DIFFERENTIAL CODE BIASES", "END OF AUX DATA"),
-        labelled("", "END OF HEADER"),
-    ]
-    for kind in ("TEC", "RMS") if rms else ("TEC",):
-        for number, hour in enumerate(hours, start=1):
-            lines += [
-                labelled(f"{number:6d}", f"START OF {kind} MAP"),
-                labelled(epoch(hour), "EPOCH OF CURRENT MAP"),
-            ]
-            for latitude in LATITUDES:
-                lines.append(
-                    labelled(
-                        f"  {latitude:6.1f}{-180.0:6.1f}{180.0:6.1f}{5.0:6.1f}{450.0:6.1f}",
-                        "LAT/LON1/LON2/DLON/H",
-                    )
-                )
-                values = (
-                    field(latitude, LONGITUDES, hour + 24.0 * (day - 15))
-                    if kind == "TEC"
-                    else 0.0 * LONGITUDES
-                )
-                lines += rows_of(np.round(values * 10.0**-exponent))
-            lines.append(labelled(f"{number:6d}", f"END OF {kind} MAP"))
-    return "\n".join([*lines, labelled("", "END OF FILE"), ""])
 
 
 def flat(latitude, longitude, hour):
@@ -108,7 +43,7 @@ def test_reads_what_stands_in_the_file(maps) -> None:
     assert (read.shell_height_m, read.base_radius_m, read.longest_gap_s) == (450e3, 6371e3, 7200.0)
     assert read.source == "test0150.19i"
     np.testing.assert_allclose(read.mjd_utc, 58498.0 + np.array([0, 2, 4, 6]) / 24.0)
-    expected = flat(LATITUDES[:, None], LONGITUDES, 2.0)
+    expected = flat(IONEX_LATITUDES[:, None], IONEX_LONGITUDES, 2.0)
     np.testing.assert_allclose(read.tec_tecu[1], expected, atol=ROUNDING_TECU)
 
 
@@ -309,7 +244,7 @@ def test_files_cut_short_or_apart(tmp_path: Path) -> None:
     path = tmp_path / "cut.19i"
     for keep in (5, FIRST_MAP + 4, FIRST_MAP + 50, len(LINES) - 1):
         path.write_text("\n".join(LINES[:keep]))
-        with pytest.raises(FileFormatError, match=r"ends too early|whole numbers"):
+        with pytest.raises(FileFormatError, match=r"is not complete|whole numbers"):
             read_ionex(path)
     missing_row = [line for k, line in enumerate(LINES, start=1) if not FIRST_MAP + 2 <= k <= FIRST_MAP + 7]
     path.write_text("\n".join(missing_row))

@@ -3,29 +3,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from atmosphere_files import VMF3_SITES, orography_text, vmf3_map_text
 
 from radioloc.earth.radio_troposphere import zenith_hydrostatic_delay_m
 from radioloc.earth.vmf3_files import read_vmf3_grids, read_vmf3_sites
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.time import epochs_from_strings, utc_to_tt
 
-SITES = """\
-# name  mjd  ah  aw  zhd  zwd  p  T  e
-GRAZ      60310.00  0.00120480  0.00058178  2.1686  0.1047   951.19   6.89   8.47
-WETTZELL  60310.00  0.00120100  0.00057000  2.1500  0.0900   943.00   5.00   8.00
-GRAZ      60310.25  0.00119426  0.00052434  2.1723  0.0706   953.07   3.26   6.49
-GRAZ      60310.50  0.00119736  0.00043794  2.1776  0.0535   955.28   5.43   6.92
-WETTZELL  60310.25  0.00120000  0.00055000  2.1520  0.0800   944.00   4.00   7.00
-"""
-"""Lines of GRAZ as published on the VMF data server for 2024-01-01."""
-
 WITH_GRADIENTS = """\
 ADEA      58496.00  0.00120787  0.00065184  2.2275  0.0626   979.44  -3.07   2.67  -0.406   0.051   0.112   0.023
 ADEA      58496.25  0.00120787  0.00065184  2.2275  0.0626   979.44  -3.07   2.67  -0.206   0.051   0.112   0.025
 """
-
-LATITUDES = np.arange(87.5, -88.0, -5.0)
-LONGITUDES = np.arange(2.5, 360.0, 5.0)
 
 
 def written(path: Path, text: str) -> Path:
@@ -35,7 +23,7 @@ def written(path: Path, text: str) -> Path:
 
 @pytest.fixture
 def sites(tmp_path: Path) -> Path:
-    return written(tmp_path / "2024001.vmf3_r", SITES)
+    return written(tmp_path / "2024001.vmf3_r", VMF3_SITES)
 
 
 def test_site_at_and_between_epochs(sites: Path) -> None:
@@ -75,7 +63,7 @@ def test_zenith_delay_of_the_file_is_that_of_its_pressure(sites: Path) -> None:
 
 def test_days_join_in_any_order_and_gzip(sites: Path, tmp_path: Path) -> None:
     later = tmp_path / "2024002.vmf3_r"
-    later.write_bytes(gzip.compress(SITES.replace("60310", "60311").encode()))
+    later.write_bytes(gzip.compress(VMF3_SITES.replace("60310", "60311").encode()))
     series = read_vmf3_sites([later, sites])["GRAZ"]
     np.testing.assert_array_equal(series.mjd_utc, [60310.0, 60310.25, 60310.5, 60311.0, 60311.25, 60311.5])
     assert len(series.at(epochs_from_strings(["2024-01-01T12:00:00", "2024-01-02T00:00:00"])).wet_a) == 2
@@ -115,7 +103,7 @@ def test_outside_the_files(sites: Path, date: str) -> None:
     ],
 )
 def test_damaged_file_of_sites(tmp_path: Path, old: str, new: str, line: int, what: str) -> None:
-    path = written(tmp_path / "bad.vmf3_r", SITES.replace(old, new))
+    path = written(tmp_path / "bad.vmf3_r", VMF3_SITES.replace(old, new))
     with pytest.raises(FileFormatError, match=what) as caught:
         read_vmf3_sites([path])
     assert caught.value.line == line
@@ -132,31 +120,9 @@ def test_nothing_to_read(tmp_path: Path) -> None:
         read_vmf3_sites([written(tmp_path / "comments", "# nothing\n")])
 
 
-def map_text(hour: int, kind: str = "VMF3", shift: float = 0.0, tail: str = "") -> str:
-    """Map whose values are linear in latitude and time, and along a parallel stand on one height."""
-    lines = [
-        "! Version:            1.0",
-        f"! Data_types:         {kind} (lat lon ah aw zhd zwd)",
-        f"! Epoch:              2024 01 01 {hour:02d} 00  0.0",
-        "! Scale_factor:       1.e+00",
-        "! Range/resolution:   -87.5 87.5 2.5 357.5 5 5",
-        "! Comment:            a test",
-    ]
-    for latitude in LATITUDES:
-        for longitude in LONGITUDES:
-            a_h = 1.2e-3 + 1e-6 * latitude + 1e-6 * hour
-            wet = 0.1 + shift * np.cos(np.deg2rad(longitude))
-            lines.append(f"{latitude:5.1f} {longitude:5.1f} {a_h:.8f} 0.00055000 2.2000 {wet:.6f}{tail}")
-    return "\n".join(lines) + "\n"
-
-
-def orography_text(height_m: float = 300.0) -> str:
-    return f"{height_m:.2f}\n" * (len(LATITUDES) * len(LONGITUDES))
-
-
 @pytest.fixture
 def maps(tmp_path: Path) -> tuple[list[Path], Path]:
-    paths = [written(tmp_path / f"VMF3_20240101.H{hour:02d}", map_text(hour)) for hour in (6, 0)]
+    paths = [written(tmp_path / f"VMF3_20240101.H{hour:02d}", vmf3_map_text(hour)) for hour in (6, 0)]
     return paths, written(tmp_path / "orography_ell_5x5", orography_text())
 
 
@@ -188,7 +154,7 @@ def test_zenith_delays_are_taken_to_the_height(maps: tuple[list[Path], Path]) ->
 
 def test_map_with_gradients_and_along_a_parallel(tmp_path: Path, maps: tuple[list[Path], Path]) -> None:
     paths = [
-        written(tmp_path / f"V3GR.H{hour:02d}", map_text(hour, "V3GR", 0.05, " 0.1 0.2 0.3 0.4"))
+        written(tmp_path / f"V3GR.H{hour:02d}", vmf3_map_text(hour, "V3GR", 0.05, " 0.1 0.2 0.3 0.4"))
         for hour in (0, 6)
     ]
     grids = read_vmf3_grids(paths, maps[1])
@@ -203,16 +169,16 @@ def test_map_with_gradients_and_along_a_parallel(tmp_path: Path, maps: tuple[lis
 @pytest.mark.parametrize(
     ("text", "line", "what"),
     [
-        (map_text(0).replace("VMF3 (", "VMF1 ("), 2, "VMF1 go with other b and c"),
-        (map_text(0).replace("! Epoch", "! Epic"), None, "no line '! Epoch:'"),
-        (map_text(0).replace("01 01 00 00", "13 01 00 00"), 3, "not a date that exists"),
-        (map_text(0).replace("01 01 00 00", "01 01 00"), 3, "year month day hour minute second"),
-        (map_text(0).replace("1.e+00", "1.e-03"), 4, "scale factor is 1.e-03"),
-        (map_text(0).replace("0.00055000", "0.00x", 1), 7, "'0.00x' is not a number"),
-        (map_text(0).replace("0.00055000", "0.5", 1), 7, "ah, aw, zhd, zwd are"),
-        (map_text(0).replace("0.00055000", "", 1), 7, "5 columns"),
-        (map_text(0).replace("87.5   2.5 0", "87.5   7.5 0", 1), None, "do not fill a grid"),
-        ("\n".join(map_text(0).splitlines()[:6]), None, "no point"),
+        (vmf3_map_text(0).replace("VMF3 (", "VMF1 ("), 2, "VMF1 go with other b and c"),
+        (vmf3_map_text(0).replace("! Epoch", "! Epic"), None, "no line '! Epoch:'"),
+        (vmf3_map_text(0).replace("01 01 00 00", "13 01 00 00"), 3, "not a date that exists"),
+        (vmf3_map_text(0).replace("01 01 00 00", "01 01 00"), 3, "year month day hour minute second"),
+        (vmf3_map_text(0).replace("1.e+00", "1.e-03"), 4, "scale factor is 1.e-03"),
+        (vmf3_map_text(0).replace("0.00055000", "0.00x", 1), 7, "'0.00x' is not a number"),
+        (vmf3_map_text(0).replace("0.00055000", "0.5", 1), 7, "ah, aw, zhd, zwd are"),
+        (vmf3_map_text(0).replace("0.00055000", "", 1), 7, "5 columns"),
+        (vmf3_map_text(0).replace("87.5   2.5 0", "87.5   7.5 0", 1), None, "do not fill a grid"),
+        ("\n".join(vmf3_map_text(0).splitlines()[:6]), None, "no point"),
     ],
 )
 def test_damaged_map(tmp_path: Path, text: str, line: int | None, what: str) -> None:
@@ -226,7 +192,7 @@ def test_maps_that_do_not_go_together(tmp_path: Path, maps: tuple[list[Path], Pa
     paths, orography = maps
     with pytest.raises(FileFormatError, match=r"has the epoch MJD 60310.25 of .*H06"):
         read_vmf3_grids([paths[0], paths[0]], orography)
-    other = written(tmp_path / "VMF3.H12", "\n".join(map_text(12).splitlines()[:-1]))
+    other = written(tmp_path / "VMF3.H12", "\n".join(vmf3_map_text(12).splitlines()[:-1]))
     with pytest.raises(FileFormatError, match="has other points than"):
         read_vmf3_grids([paths[0], other], orography)
     short = written(tmp_path / "orography_ell_1x1", orography_text()[:-7])

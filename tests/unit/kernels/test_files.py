@@ -68,7 +68,7 @@ def test_wrong_kinds(tmp_path):
         open_spk(written(tmp_path, b"KPL/FK\n\\begindata\n" * 100, "text.tf"))
     with pytest.raises(KernelError, match="is empty"):
         open_spk(written(tmp_path, b"", "empty.bsp"))
-    with pytest.raises(KernelError, match="neither a file nor a kernel"):
+    with pytest.raises(KernelError, match="is a directory; give a kernel file in it"):
         open_spk(tmp_path)
 
 

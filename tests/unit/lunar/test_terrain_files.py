@@ -218,8 +218,34 @@ def test_several_bands_refused(tmp_path):
 
 
 def test_missing_file():
-    with pytest.raises(InputError, match="there is no terrain map"):
+    with pytest.raises(InputError, match="there is no such file"):
         TerrainModel.open("nowhere.tif")
+
+
+@pytest.mark.parametrize("dtype", ["int16", "float32"])
+@pytest.mark.parametrize("big", ["NO", "YES"])
+def test_geotiff_cut_at_its_end_refused(tmp_path, dtype, big):
+    """What stands last are GDAL's scale and unit, without which GDAL reads other heights."""
+    path = tmp_path / "a.tif"
+    profile = {"driver": "GTiff", "width": 72, "height": 36, "count": 1, "dtype": dtype, "BIGTIFF": big}
+    with rasterio.open(path, "w", crs=CRS.from_string(EQC), transform=SMALL, **profile) as dataset:
+        dataset.write(SLOPING.astype(dtype)[:36, :72], 1)
+        dataset.scales, dataset.units = (0.5,), ("m",)
+    TerrainModel.open(path)
+    whole = path.read_bytes()
+    for lost in (1, 100, 200):
+        path.write_bytes(whole[:-lost])
+        with pytest.raises(FileFormatError, match=r"a\.tif: was cut: it has \d+ bytes of at least \d+"):
+            TerrainModel.open(path)
+
+
+def test_raw_image_cut_refused(tmp_path):
+    """GDAL reads zeros beyond the end of ENVI's images."""
+    path = write(tmp_path / "a.dat", SLOPING, EQC, SMALL, "ENVI")
+    TerrainModel.open(path)
+    path.write_bytes(path.read_bytes()[:-4])
+    with pytest.raises(FileFormatError, match="was cut"):
+        TerrainModel.open(path)
 
 
 def test_metadata_and_files(tmp_path):

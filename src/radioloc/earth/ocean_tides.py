@@ -13,7 +13,7 @@ description, for many epochs at once.
 from __future__ import annotations
 
 import csv
-from functools import cache, lru_cache
+from functools import cache
 from importlib.resources import files
 
 import erfa
@@ -104,20 +104,18 @@ def sum_of_tides(
 
 def all_amplitudes(amplitudes_m: NDArray[np.complex128]) -> NDArray[np.complex128]:
     """Find the amplitudes A of all 342 tides, m, shape (3, 342): the sum is Re(A e^(i argument))."""
-    given = np.ascontiguousarray(amplitudes_m, dtype=np.complex128)
-    return _all_amplitudes(given.shape, given.tobytes())
+    return amplitudes_m @ _amplitudes_by_given()
 
 
-@lru_cache(maxsize=256)
-def _all_amplitudes(shape: tuple[int, ...], content: bytes) -> NDArray[np.complex128]:
-    # Kept, as an arc asks for those of its stations again and again: as often as for the displacements.
-    amplitudes_m = np.frombuffer(content, dtype=np.complex128).reshape(shape)
+@cache
+def _amplitudes_by_given() -> NDArray[np.complex128]:
+    """Amplitudes of all tides, shape (11, 342), if one of those given is one and the others zero."""
     multipliers, equilibrium_m = tidal_potential()
     frequency = multipliers @ _RATES_CYCLES_PER_DAY
     given_frequency = GIVEN_TIDES @ _RATES_CYCLES_PER_DAY
     given = [int(np.flatnonzero((multipliers == tide).all(axis=1))[0]) for tide in GIVEN_TIDES]
-    admittance = amplitudes_m / np.abs(equilibrium_m[given])
-    amplitudes = np.empty((3, len(frequency)), dtype=np.complex128)
+    admittance = np.diag(1.0 / np.abs(equilibrium_m[given])).astype(np.complex128)
+    amplitudes = np.empty((len(GIVEN_TIDES), len(frequency)), dtype=np.complex128)
     for band, phase in enumerate(_EQUILIBRIUM_PHASE_RAD):
         members = multipliers[:, 0] == band
         nodes = np.flatnonzero(GIVEN_TIDES[:, 0] == band)

@@ -110,12 +110,16 @@ def station_motion(
     sun_m, _ = model.ephemeris.geocentric("sun", tdb)
     itrf_m, up_itrf = np.empty_like(moon_m), np.empty_like(moon_m)
     latitude_rad, height_m = np.empty(len(tdb)), np.empty(len(tdb))
+    geocentre_m = np.zeros(3)
+    if model.has("tidal_geocentre"):
+        geocentre_m = tidal_geocentre_displacement(tt, rotation.ut1.fraction)
     for i, station in enumerate(stations):
         rows = np.flatnonzero(which == i)
         itrf_m[rows] = _displaced_itrf(model, station, tt, rotation, rows, moon_m, sun_m)
         place = geodetic_from_itrf(station.itrf_m)
         latitude_rad[rows], height_m[rows] = place.latitude_rad, place.height_m
         up_itrf[rows] = rot_itrf_to_enu(station.itrf_m)[2]
+    itrf_m += geocentre_m
 
     gcrs_m = np.einsum("nij,nj->ni", rot, itrf_m)
     gcrs_velocity_m_s = np.einsum("nij,nj->ni", rotation.rot_itrf_to_gcrs_rate, itrf_m)
@@ -172,7 +176,7 @@ def _displaced_itrf(
     moon_gcrs_m: NDArray[np.float64],
     sun_gcrs_m: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """ITRF position of one station with all its displacements, at the rows that are its own, m, shape (k, 3)."""
+    """ITRF position of one station with the displacements of its own, at its rows, m, shape (k, 3)."""
     tt = tt[rows]
     rest_m = (
         station.position_at(tt) if model.has("station_velocity") else np.tile(station.itrf_m, (len(rows), 1))
@@ -193,6 +197,4 @@ def _displaced_itrf(
         displaced_m = displaced_m + ocean_loading_displacement(
             station.ocean_loading, rest_m, tt, rotation.ut1.fraction[rows]
         )
-    if model.has("tidal_geocentre"):
-        displaced_m = displaced_m + tidal_geocentre_displacement(tt, rotation.ut1.fraction[rows])
     return displaced_m

@@ -140,7 +140,7 @@ def test_matplotlib_is_imported_only_when_used():
 def test_a_figure_keeps_its_layout_and_size_after_it_was_saved(solution, tmp_path):
     figure = plot_residuals(solution)
     engine, dpi = figure.get_layout_engine(), figure.dpi
-    save_figure(figure, [tmp_path / "a.png", tmp_path / "a.svg"])
+    save_figure(figure, tmp_path / "a.png")
     save_figure(figure, tmp_path / "b.png")
     assert (figure.get_layout_engine(), figure.dpi) == (engine, dpi)
     # Its parts lie where matplotlib alone would have put them.

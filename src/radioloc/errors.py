@@ -86,7 +86,3 @@ class PredictedEopWarning(RadiolocWarning):
 
 class DataQualityWarning(RadiolocWarning):
     """A file marks its own data as suspect or poor."""
-
-
-class StationQualityWarning(RadiolocWarning):
-    """A station's catalogue position is too coarse for the data it is used with."""

@@ -60,7 +60,7 @@ def card_fields(solution: Solution) -> tuple[CardField, ...]:
     fields += [CardField("passes", passes)] if (passes := _passes(solution)) else []
     fields += [CardField("data", _data(solution)), CardField("fit", _fit(solution)), *_groups(solution)]
     fields += [CardField("left out", _left_out(solution))] if solution.fit.total.rejected else []
-    sentences = (*solution.observability.describe()[:_MAX_SENTENCES], *formal_only((solution,)))
+    sentences = (*solution.observability.describe()[:_MAX_SENTENCES], *which_sigmas((solution,)))
     fields += [CardField("observable", sentences)] if sentences else []
     fields += [CardField("notes", solution.notes)] if solution.notes else []
     return tuple(fields)
@@ -98,13 +98,21 @@ def render_html(fields: tuple[CardField, ...]) -> str:
     return f"<table>{''.join(rows)}</table>"
 
 
-def formal_only(solutions: Iterable[Solution]) -> tuple[str, ...]:
-    """What to say below sentences on observability, whose sigmas are formal, where other sigmas are larger."""
+def which_sigmas(solutions: Iterable[Solution]) -> tuple[str, ...]:
+    """What to say below sentences on observability of their sigmas, where those of the position are others."""
+    lines = []
     for solution in solutions:
-        told = solution.observability.common or solution.observability.weak
-        if told and (solution.noise_scale > 1.0 or solution.time_correlation is not None):
-            return ("sigmas in these lines are formal ones, which do not contain what the residuals show",)
-    return ()
+        if not (solution.observability.common or solution.observability.weak):
+            continue
+        if solution.series_weights:
+            lines.append(
+                "sigmas in these lines are those of the weights: series that stay alike count for less"
+            )
+        elif solution.noise_scale > 1.0 or solution.time_correlation is not None:
+            lines.append(
+                "sigmas in these lines are formal ones, which do not contain what the residuals show"
+            )
+    return tuple(dict.fromkeys(lines))
 
 
 def metres(value_m: float | None) -> str:

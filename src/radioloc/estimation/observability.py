@@ -8,12 +8,13 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.estimation.factorization import covariance_of
 from radioloc.estimation.least_squares import FitResult
+from radioloc.estimation.parameters import ParameterSet
 
 WEAK_FACTOR = 100.0
-"""A combination is weak when its formal sigma is this many times the median sigma of one observation:
-errors of the
-model (centimetres) then stand in the answer as metres, whatever the formal sigma says."""
+"""A combination is weak when its sigma is this many times the median sigma of one observation: errors of the model
+(centimetres) then stand in the answer as metres, whatever the sigma says."""
 
 STRONG_CORRELATION = 0.95
 """Correlations above this are listed; the two parameters share more than 90 % of their variance."""
@@ -39,7 +40,8 @@ class Direction:
     weights : tuple of float
         Their parts; the squares add up to nearly one, the first is positive.
     sigma : float
-        Formal standard deviation along it, in parameter scales; infinite where undetermined.
+        Standard deviation along it, in parameter scales; infinite where undetermined. Formal, or with correlated
+        weights that of the weights.
     unit : str
         Unit of `sigma`: ``"m"`` if all parts are in metres, otherwise ``"scales"``.
     changes : tuple of str
@@ -200,9 +202,10 @@ def assess_observability(fit: FitResult) -> Observability:
 
     Notes
     -----
-    Weak directions are the eigenvectors of the formal covariance in parameter scales, so of all
-    combinations of unit length they are those of largest sigma. Undetermined directions span a space; its
-    basis is brought to reduced echelon form, so that each direction names as few parameters as it can.
+    Weak directions are the eigenvectors of the covariance in parameter scales, so of all combinations of unit length
+    they are those of largest sigma. The covariance is the inverse of the normal matrix of the weights: the formal one,
+    or with correlated weights a larger one. Undetermined directions span a space; its basis is brought to reduced
+    echelon form, so that each direction names as few parameters as it can.
     """
     parameters = fit.parameters
     free = parameters.free
@@ -220,19 +223,21 @@ def assess_observability(fit: FitResult) -> Observability:
         for vector, sigma in zip(vectors.T, sigmas, strict=True)
         if sigma > WEAK_FACTOR * sigma_m > 0.0
     )
+    covariance = fit.covariance if fit.sigma_factor is None else covariance_of(fit.factor, parameters)
     return Observability(
         singular_values=fit.factor.singular_values,
         undetermined=undetermined,
         weak=weak,
-        correlations=_strong_correlations(fit.covariance, parameters.names),
+        correlations=_strong_correlations(covariance, parameters.names),
         observation_sigma_m=sigma_m,
-        common=_common_parts(fit, sigma_m),
+        common=_common_parts(parameters, covariance, sigma_m),
     )
 
 
-def _common_parts(fit: FitResult, sigma_m: float) -> tuple[CommonPart, ...]:
+def _common_parts(
+    parameters: ParameterSet, covariance: NDArray[np.float64], sigma_m: float
+) -> tuple[CommonPart, ...]:
     """Kinds whose mean is hardly better known than a priori, or, without a-priori sigmas, weak."""
-    parameters, covariance = fit.parameters, fit.covariance
     position = [k for k in parameters.of_kind("position") if not parameters.parameters[k].fixed]
     found = []
     for kind in dict.fromkeys(item.kind for item in parameters if item.kind != "position"):

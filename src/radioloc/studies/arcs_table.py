@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.estimation.cards import CardField, formal_only, metres, render_text, sigma_text, to_sigma
+from radioloc.estimation.cards import CardField, metres, render_text, sigma_text, to_sigma, which_sigmas
 
 if TYPE_CHECKING:
     from radioloc.estimation.solution import Solution
@@ -355,7 +355,7 @@ def _observable(study: ArcStudy) -> list[str]:
     for arc in study.arcs:
         sentences = arc.solution.observability.describe()
         lines += [f"{arc.name}: {sentences[0]}"] if sentences else []
-    return [*lines, *formal_only(arc.solution for arc in study.arcs)]
+    return [*lines, *which_sigmas(arc.solution for arc in study.arcs)]
 
 
 def _notes(study: ArcStudy) -> list[str]:

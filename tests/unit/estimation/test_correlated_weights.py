@@ -15,6 +15,7 @@ from radioloc.estimation import (
     correlated_weights,
     fit_with_correlated_weights,
     fit_with_editing,
+    observability,
 )
 from radioloc.simulation.noise import gauss_markov
 
@@ -127,6 +128,25 @@ def test_white_residuals_change_nothing():
     edited, found = TwoSeries(coloured=0.0).fits()
     assert found.weights == ()
     assert found.edited.fit is edited.fit
+
+
+def test_observability_is_that_of_the_weights(monkeypatch):
+    """Weak directions and correlations are of one covariance, that of the weights, which is above the formal one."""
+    monkeypatch.setattr(observability, "WEAK_FACTOR", 1e-4)
+    monkeypatch.setattr(observability, "STRONG_CORRELATION", 0.01)
+    case = TwoSeries(bias_sigma=1.0)
+    fit = case.fits()[1].edited.fit
+    weighted = case.design / (case.sigma * fit.sigma_factor)[:, None] ** 2
+    covariance = np.linalg.inv(case.design.T @ weighted + case.prior)
+    assert (np.diag(covariance) > 1.5 * np.diag(fit.covariance)).any()
+    found = observability.assess_observability(fit)
+    sigmas = np.sqrt(np.linalg.eigvalsh(covariance))[::-1]
+    np.testing.assert_allclose([item.sigma for item in found.weak], sigmas, rtol=ROUNDING)
+    expected = observability.correlation_matrix(covariance)
+    assert found.correlations
+    for item in found.correlations:
+        i, j = (["a", "b", "bias"].index(name) for name in (item.first, item.second))
+        assert item.coefficient == pytest.approx(expected[i, j], abs=ROUNDING)
 
 
 def test_factors_that_do_not_settle_are_said(monkeypatch):

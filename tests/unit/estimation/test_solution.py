@@ -1,4 +1,5 @@
 import json
+from dataclasses import replace
 from html.parser import HTMLParser
 
 import numpy as np
@@ -6,7 +7,7 @@ import pytest
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
-from radioloc.estimation import Parameter, ParameterSet, build_solution, fit_with_editing
+from radioloc.estimation import Parameter, ParameterSet, SeriesWeight, build_solution, fit_with_editing
 from radioloc.estimation.build import scaled_covariance
 from radioloc.estimation.cards import card_fields, metres, to_sigma
 from radioloc.lunar.selenographic import cartesian_partials, selenographic_to_cartesian
@@ -409,6 +410,9 @@ def test_card_says_which_sigmas_are_formal():
     assert quiet.observability.weak
     assert "are formal ones" not in " ".join(str(quiet).split())
     assert "are formal ones" in " ".join(str(loud).split())
+    weighed = replace(loud, series_weights=(SeriesWeight("range A>x>A", 100, 3.0),))
+    assert "are those of the weights" in " ".join(str(weighed).split())
+    assert "are formal ones" not in " ".join(str(weighed).split())
 
 
 @pytest.mark.parametrize(

@@ -10,18 +10,24 @@ from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
 
-GROUPED = 1024
-"""Rows that are sorted by segment at a time; their results stay in the nearest cache."""
+GROUPED = 2048
+"""Rows that are put together by segment at a time; their results for one quantity stay in the nearest cache."""
+
+BINS = 32
+"""Most segments among them; a group ends before the next one begins."""
+
+BIN = GROUPED + 72
+"""Places between the bins: a power of two would let all of them compete for the same lines of the cache."""
 
 RUN = 64
-"""So many successive rows of one segment need no sorting."""
+"""So many successive rows of one segment are evaluated where they are."""
 
 EXACT = -1
 """A segment's index from here down marks a row that is not interpolated."""
 
 
 @numba.njit(nogil=True, cache=True)
-def _polynomial(coefficients: Floats, s: int, q: int, t: Floats, out: Floats, m: int) -> None:
+def _polynomial(coefficients: Floats, s: int, q: int, begin: int, t: Floats, out: Floats, m: int) -> None:
     """Polynomial of quantity `q` in segment `s` at the first `m` of `t`, by Horner's rule.
 
     Parameters
@@ -29,16 +35,18 @@ def _polynomial(coefficients: Floats, s: int, q: int, t: Floats, out: Floats, m:
     coefficients : ndarray, shape (n_segments, n_quantities, n_coefficients)
         Powers descending.
     s, q : int
+    begin : int
+        The first coefficient that counts; those before it are zero.
     t, out : ndarray, shape (>= m,)
         Where, and the values.
     m : int
     """
     last = coefficients.shape[2]
-    first = coefficients[s, q, 0]
+    first = coefficients[s, q, begin]
     for j in range(m):
         out[j] = first
-    single = (last - 1) % 4
-    for k in range(1, single + 1):
+    single = begin + (last - 1 - begin) % 4
+    for k in range(begin + 1, single + 1):
         c = coefficients[s, q, k]
         for j in range(m):
             out[j] = out[j] * t[j] + c
@@ -52,6 +60,15 @@ def _polynomial(coefficients: Floats, s: int, q: int, t: Floats, out: Floats, m:
 
 
 @numba.njit(nogil=True, cache=True)
+def _leading(coefficients: Floats, s: int, q: int) -> int:
+    """Index of the first coefficient that is not zero, or of the last one."""
+    k, last = 0, coefficients.shape[2] - 1
+    while k < last and coefficients[s, q, k] == 0.0:
+        k += 1
+    return k
+
+
+@numba.njit(nogil=True, cache=True)
 def quantities(
     segment: NDArray[np.int32], x: Floats, coefficients: Floats, out: Floats, begin: int, end: int
 ) -> None:
@@ -60,20 +77,22 @@ def quantities(
     Parameters
     ----------
     segment : ndarray of int32, shape (n,)
-        Segment of each row; rows below zero are left as they are.
+        Segment of each row; rows below zero are not interpolated.
     x : ndarray, shape (n,)
         Time within the segment, -1 to 1.
     coefficients : ndarray, shape (n_segments, n_quantities, n_coefficients)
         Powers descending.
     out : ndarray, shape (n_quantities, n)
-        Filled.
+        Filled; NaN for rows that are not interpolated.
     begin, end : int
         The rows to evaluate.
     """
-    ends = np.zeros(coefficients.shape[0], dtype=np.int64)
-    found = np.empty(GROUPED, dtype=np.int64)
-    rows = np.empty(GROUPED, dtype=np.int64)
-    t, at_t = np.empty(GROUPED), np.empty(GROUPED)
+    n_quantities = coefficients.shape[1]
+    next_place = np.full(coefficients.shape[0], -1, dtype=np.int64)
+    found = np.empty(BINS, dtype=np.int64)
+    place = np.empty(GROUPED, dtype=np.int64)
+    t, at_t = np.empty(BINS * BIN), np.empty(BINS * BIN + 1)
+    at_t[-1] = np.nan
     first = begin
     while first < end:
         # Where the rows are in order of their segments, their places in memory serve as they are.
@@ -81,42 +100,44 @@ def quantities(
         while same < stop and segment[same] == segment[first]:
             same += 1
         if same - first >= RUN:
-            if segment[first] > EXACT:
-                for q in range(coefficients.shape[1]):
-                    _polynomial(
-                        coefficients, segment[first], q, x[first:same], out[q, first:same], same - first
-                    )
+            s = segment[first]
+            for q in range(n_quantities):
+                if s > EXACT:
+                    k = _leading(coefficients, s, q)
+                    _polynomial(coefficients, s, q, k, x[first:same], out[q, first:same], same - first)
+                else:
+                    out[q, first:same] = np.nan
             first = same
             continue
-        # Rows in groups of one segment each, by counting.
+        # Rows that take turns: the times of each segment into a bin of its own.
         n_found = 0
-        for i in range(first, stop):
+        i = first
+        while i < stop:
             s = segment[i]
             if s > EXACT:
-                if ends[s] == 0:
+                to = next_place[s]
+                if to < 0:
+                    if n_found == BINS:
+                        break
                     found[n_found] = s
+                    to = n_found * BIN
                     n_found += 1
-                ends[s] += 1
-        start = 0
+                t[to] = x[i]
+                place[i - first] = to
+                next_place[s] = to + 1
+            else:
+                place[i - first] = BINS * BIN
+            i += 1
+        stop = i
+        # One quantity after the other, so that what is gathered is near and what is written stands together.
+        for q in range(n_quantities):
+            for g in range(n_found):
+                s, of_bin = found[g], g * BIN
+                k = _leading(coefficients, s, q)
+                _polynomial(coefficients, s, q, k, t[of_bin:], at_t[of_bin:], next_place[s] - of_bin)
+            values = out[q, first:stop]
+            for j in range(stop - first):
+                values[j] = at_t[place[j]]
         for g in range(n_found):
-            size = ends[found[g]]
-            ends[found[g]] = start
-            start += size
-        for i in range(first, stop):
-            s = segment[i]
-            if s > EXACT:
-                rows[ends[s]] = i
-                ends[s] += 1
-        start = 0
-        for g in range(n_found):
-            s = found[g]
-            m = ends[s] - start
-            for j in range(m):
-                t[j] = x[rows[start + j]]
-            for q in range(coefficients.shape[1]):
-                _polynomial(coefficients, s, q, t, at_t, m)
-                for j in range(m):
-                    out[q, rows[start + j]] = at_t[j]
-            start += m
-            ends[s] = 0
+            next_place[found[g]] = -1
         first = stop

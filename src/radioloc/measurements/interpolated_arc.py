@@ -298,21 +298,31 @@ class InterpolatedPrediction:
         segment = np.ascontiguousarray(self._segment[which])
         out = np.empty((WIDTH, len(segment)))
         _in_threads(segment, np.ascontiguousarray(self._x[which]), self._coefficients, out)
-        computed = Computed(**columns_of(out), problem=self._problems(segment, out[ELEVATION]))
-        if self._exact is not None:
-            few = np.flatnonzero(segment < 0)
-            exact = self._exact.rows(-1 - segment[few])
-            for name in QUANTITIES:
-                getattr(computed, name)[few] = getattr(exact, name)
+        if self._exact is None:
+            problem = self._problems(segment, out[ELEVATION], np.zeros(0, dtype=np.intp), self._problem[:0])
+            return Computed(**columns_of(out), problem=problem)
+        few = np.flatnonzero(segment < 0)
+        exact = self._exact.rows(-1 - segment[few])
+        problem = self._problems(segment, out[ELEVATION], few, exact.problem)
+        computed = Computed(**columns_of(out), problem=problem)
+        for name in QUANTITIES:
+            getattr(computed, name)[few] = getattr(exact, name)
         return computed
 
-    def _problems(self, segment: NDArray[np.int32], elevation_rad: NDArray[np.float64]) -> NDArray[np.str_]:
-        """Texts only where there are problems; an elevation in them is the observation's own."""
-        smooth, few = np.flatnonzero(segment >= 0), np.flatnonzero(segment < 0)
-        texts = self._problem[segment[smooth]] if self._troubled else self._problem[:0]
-        smooth = smooth[texts != ""] if self._troubled else smooth[:0]
-        texts = texts[texts != ""]
-        exact = self._exact.problem[-1 - segment[few]] if self._exact is not None else self._problem[:0]
+    def _problems(
+        self,
+        segment: NDArray[np.int32],
+        elevation_rad: NDArray[np.float64],
+        few: NDArray[np.intp],
+        exact: NDArray[np.str_],
+    ) -> NDArray[np.str_]:
+        """Texts only where there are problems, of the few exact rows theirs.
+
+        An elevation in the text of an interpolated row is its own.
+        """
+        smooth = np.flatnonzero(segment >= 0) if self._troubled else np.zeros(0, dtype=np.intp)
+        texts = self._problem[segment[smooth]]
+        smooth, texts = smooth[texts != ""], texts[texts != ""]
         few, exact = few[exact != ""], exact[exact != ""]
         if not len(smooth) and not len(few):
             return np.zeros(len(segment), dtype="<U1")

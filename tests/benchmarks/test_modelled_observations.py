@@ -90,7 +90,7 @@ def polynomials(coefficients, t, n):
     total = 0.0
     for _ in range(0, n, t.shape[0]):
         for q in range(coefficients.shape[1]):
-            _polynomial(coefficients, 0, q, t, out, t.shape[0])
+            _polynomial(coefficients, 0, q, 0, t, out, t.shape[0])
             total += out[0]
     return total
 

@@ -35,7 +35,7 @@ _NIELL_WET = (
 )
 """Niell (1996), tables 3 and 4: rows a, b, c; columns latitudes of 15 to 75 degrees."""
 
-_HEIGHT_A, _HEIGHT_B, _HEIGHT_C = 2.53e-5, 5.49e-3, 1.14e-3
+_HEIGHT_ABC = np.array([2.53e-5, 5.49e-3, 1.14e-3])
 _NIELL_COLDEST_DAY = 28.0
 _YEAR_DAYS = 365.25
 
@@ -82,9 +82,23 @@ def continued_fraction(
     -----
     Marini (1972), normed by Herring (1992); IERS Conventions (2010), section 9.2.
     """
+    sine, cosine = _sine_and_cosine(elevation_rad)
+    return _fraction(sine, cosine, *(np.asarray(value, dtype=np.float64) for value in (a, b, c)))
+
+
+def _sine_and_cosine(elevation_rad: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     elevation = within("elevation", elevation_rad, "the mapping function")
-    a, b, c = (np.asarray(value, dtype=np.float64) for value in (a, b, c))
-    sine, cosine = np.sin(elevation), np.cos(elevation)
+    return np.sin(elevation), np.cos(elevation)
+
+
+def _fraction(
+    sine: NDArray[np.float64],
+    cosine: NDArray[np.float64],
+    a: NDArray[np.float64],
+    b: NDArray[np.float64],
+    c: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Continued fraction and its derivative, of the elevation's sine and cosine."""
     inner = sine + c
     middle = sine + b / inner
     outer = sine + a / middle
@@ -115,9 +129,14 @@ def height_correction(
     -----
     Niell (1996); 0.00053 at 1000 m and 20 degrees, 1.2 mm of delay.
     """
+    return _height_correction(*_sine_and_cosine(elevation_rad), height_m)
+
+
+def _height_correction(
+    sine: NDArray[np.float64], cosine: NDArray[np.float64], height_m: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     height_km = within("height", height_m, "the height correction") / 1000.0
-    sea_level, rate = continued_fraction(elevation_rad, _HEIGHT_A, _HEIGHT_B, _HEIGHT_C)
-    sine, cosine = np.sin(elevation_rad), np.cos(elevation_rad)
+    sea_level, rate = _fraction(sine, cosine, *_HEIGHT_ABC)
     return np.asarray(height_km * (1.0 / sine - sea_level)), np.asarray(
         height_km * (-cosine / sine**2 - rate)
     )
@@ -154,6 +173,13 @@ def niell(
     Niell (1996), tables 3 and 4. Nearer to the equator than 15 degrees and nearer to the poles than 75
     the coefficients are those at 15 and 75 degrees; the south has the north's seasons half a year later.
     """
+    return mapping_factors(elevation_rad, height_m, *niell_coefficients(latitude_rad, day_of_year))
+
+
+def niell_coefficients(
+    latitude_rad: ArrayLike, day_of_year: ArrayLike
+) -> tuple[tuple[NDArray[np.float64], ...], tuple[NDArray[np.float64], ...]]:
+    """Coefficients a, b, c of :func:`niell` at sea level, hydrostatic and wet; parameters and errors as there."""
     latitude = within("latitude", latitude_rad, "the mapping function of Niell")
     day = within("day of year", day_of_year, "the mapping function of Niell")
     phase = 2.0 * np.pi * (day - _NIELL_COLDEST_DAY) / _YEAR_DAYS + np.where(latitude < 0.0, np.pi, 0.0)
@@ -161,13 +187,11 @@ def niell(
     def at_latitude(row: tuple[float, ...]) -> NDArray[np.float64]:
         return np.interp(np.abs(latitude), _NIELL_LATITUDE_RAD, row)
 
-    coefficients = (
+    hydrostatic = (
         at_latitude(mean) - at_latitude(amplitude) * np.cos(phase)
         for mean, amplitude in zip(_NIELL_MEAN, _NIELL_AMPLITUDE, strict=True)
     )
-    return mapping_factors(
-        elevation_rad, height_m, (*coefficients,), tuple(at_latitude(row) for row in _NIELL_WET)
-    )
+    return (*hydrostatic,), tuple(at_latitude(row) for row in _NIELL_WET)
 
 
 def mapping_factors(
@@ -177,9 +201,10 @@ def mapping_factors(
     wet_abc: tuple[ArrayLike, ...],
 ) -> MappingFactors:
     """Mapping functions from their coefficients at sea level, a, b, c each; errors as :func:`niell`."""
-    hydrostatic, hydrostatic_rate = continued_fraction(elevation_rad, *hydrostatic_abc)
-    correction, correction_rate = height_correction(elevation_rad, height_m)
-    wet, wet_rate = continued_fraction(elevation_rad, *wet_abc)
+    sine, cosine = _sine_and_cosine(elevation_rad)
+    hydrostatic, hydrostatic_rate = _fraction(sine, cosine, *map(np.asarray, hydrostatic_abc))
+    correction, correction_rate = _height_correction(sine, cosine, height_m)
+    wet, wet_rate = _fraction(sine, cosine, *map(np.asarray, wet_abc))
     return MappingFactors(
         *np.broadcast_arrays(hydrostatic + correction, wet, hydrostatic_rate + correction_rate, wet_rate)
     )

@@ -16,6 +16,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError
 from radioloc.lunar.frames import rot_pa_to_me
+from radioloc.vectors import length
 
 # Mean of (a / R)^3 u u^T for the direction u and distance R of the Earth and the Sun, in mean-Earth axes over
 # four nodal periods of 18.6 years from 1969 (DE421); what is off the diagonal, below 2e-4, is 0.2 mm of
@@ -97,7 +98,7 @@ def _mean_tensor(constants: EphemerisConstants) -> NDArray[np.float64]:
 
 def _inverse_cube_dyad(position_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Dyad u u^T / R^3 of positions of shape (n, 3), shape (n, 3, 3)."""
-    distance_m = np.linalg.norm(position_m, axis=-1)
+    distance_m = length(position_m)
     unit = position_m / distance_m[:, np.newaxis]
     return unit[:, :, np.newaxis] * unit[:, np.newaxis, :] / distance_m[:, np.newaxis, np.newaxis] ** 3
 

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from radioloc.earth.stations import Station
 from radioloc.measurements.station_motion import StationMotion
+from radioloc.vectors import dot, length
 
 _REFRACTION_RAD = 3.13e-4
 """Refractivity of the air on the ground: refraction is this times the cotangent of the elevation."""
@@ -91,25 +92,21 @@ def axis_offset_delay(
         default=up,
     )
     away_m = point_gcrs_m[rows] - motion.gcrs_m[rows]
-    distance_m = np.linalg.norm(away_m, axis=-1)[:, None]
+    distance_m = length(away_m)[:, None]
     unit = away_m / distance_m
-    sine = _dot(up, unit)
+    sine = dot(up, unit)
     lift = _REFRACTION_RAD / np.sqrt(sine**2 + _LEVEL_SINE**2)
     apparent = _normalized(unit + lift[:, None] * (up - sine[:, None] * unit))
-    found.delay_m[rows] = -offset_m * np.linalg.norm(np.cross(apparent, fixed), axis=-1)
-    along = _dot(unit, fixed)
+    found.delay_m[rows] = -offset_m * length(np.cross(apparent, fixed))
+    along = dot(unit, fixed)
     # Towards the end of the fixed axis the delay has a corner, and no derivative.
-    slope = offset_m * along / np.maximum(np.linalg.norm(np.cross(unit, fixed), axis=-1), 1e-9)
+    slope = offset_m * along / np.maximum(length(np.cross(unit, fixed)), 1e-9)
     by_position = (fixed - unit * along[:, None]) * slope[:, None] / distance_m
-    turning = _EARTH_RATE_RAD_S * _dot(np.cross(pole, fixed), unit) * slope
+    turning = _EARTH_RATE_RAD_S * dot(np.cross(pole, fixed), unit) * slope
     found.by_position[rows] = by_position
-    found.rate_m_s[rows] = _dot(by_position, velocity_m_s[rows] - motion.gcrs_velocity_m_s[rows]) + turning
+    found.rate_m_s[rows] = dot(by_position, velocity_m_s[rows] - motion.gcrs_velocity_m_s[rows]) + turning
     return found
 
 
-def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.einsum("ni,ni->n", a, b)
-
-
 def _normalized(vectors: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.asarray(vectors / np.linalg.norm(vectors, axis=-1)[:, None])
+    return np.asarray(vectors / length(vectors)[:, None])

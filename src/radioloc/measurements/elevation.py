@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.measurements.station_motion import StationMotion
+from radioloc.vectors import dot, length
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,15 +44,13 @@ def elevation_of(
         direction between them is the one seen in the frame that moves with the Earth (aberration is contained).
     """
     away_m = point_gcrs_m - station.gcrs_m
-    distance_m = np.linalg.norm(away_m, axis=-1)[:, None]
+    distance_m = length(away_m)[:, None]
     unit = away_m / distance_m
     relative_m_s = velocity_m_s - station.gcrs_velocity_m_s
-    sine = np.einsum("ni,ni->n", station.up_gcrs, unit)
+    sine = dot(station.up_gcrs, unit)
     # arctan2 keeps its digits near the zenith, where arcsin loses half of them.
-    cosine = np.linalg.norm(np.cross(station.up_gcrs, unit), axis=-1)
+    cosine = length(np.cross(station.up_gcrs, unit))
     slope = 1.0 / np.maximum(cosine, 1e-9)
     by_position = (station.up_gcrs - unit * sine[:, None]) * slope[:, None] / distance_m
-    turning = np.einsum("ni,ni->n", station.up_rate_gcrs, unit) * slope
-    return Elevation(
-        np.arctan2(sine, cosine), np.einsum("ni,ni->n", by_position, relative_m_s) + turning, by_position
-    )
+    turning = dot(station.up_rate_gcrs, unit) * slope
+    return Elevation(np.arctan2(sine, cosine), dot(by_position, relative_m_s) + turning, by_position)

@@ -24,6 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import ConvergenceError
+from radioloc.vectors import dot, length
 
 TRANSMIT, RECEIVE, BOUNCE = 0, 1, 2
 _MAX_ITERATIONS = 12
@@ -132,8 +133,8 @@ def solve_light_path(
     sent, received = tag == TRANSMIT, tag == RECEIVE
     up_delay_m, down_delay_m, sign = np.asarray(up_delay_m), np.asarray(down_delay_m), np.asarray(sign)
     hold_s = np.asarray(hold_s)
-    up_s = np.linalg.norm(relay.position_m - transmitter.position_m, axis=-1) / C_M_S
-    down_s = np.linalg.norm(receiver.position_m - relay.position_m, axis=-1) / C_M_S
+    up_s = length(relay.position_m - transmitter.position_m) / C_M_S
+    down_s = length(receiver.position_m - relay.position_m) / C_M_S
     for _ in range(_MAX_ITERATIONS):
         bounce_s = tag_offset_s + np.where(sent, sign * up_s, np.where(received, -down_s - hold_s, 0.0))
         leave_s = bounce_s + hold_s
@@ -141,8 +142,8 @@ def solve_light_path(
         receive_s = np.where(received, tag_offset_s, leave_s + down_s)
         up_m = relay.at(bounce_s) - transmitter.at(transmit_s)
         down_m = receiver.at(receive_s) - relay.at(leave_s)
-        up_length_m = np.linalg.norm(up_m, axis=-1)
-        down_length_m = np.linalg.norm(down_m, axis=-1)
+        up_length_m = length(up_m)
+        down_length_m = length(down_m)
         new_up_s = (up_length_m + up_delay_m) / C_M_S
         new_down_s = (down_length_m + down_delay_m) / C_M_S
         moved_s = np.abs(new_up_s - up_s) + np.abs(new_down_s - down_s)
@@ -182,12 +183,12 @@ def path_length_partials(
     departure's. How the delays themselves change is left to the caller, who has the derivatives by them.
     """
     n, m, sign = path.up_unit, path.down_unit, np.asarray(sign)
-    c_up_a = C_M_S - sign * _dot(n, transmitter.velocity_m_s)
-    c_up_l = C_M_S - sign * _dot(n, relay.velocity_m_s)
-    c_down_l = C_M_S - _dot(m, relay.velocity_m_s)
-    c_down_b = C_M_S - _dot(m, receiver.velocity_m_s)
-    closing_up = _dot(n, relay.velocity_m_s - transmitter.velocity_m_s)
-    closing_down = _dot(m, receiver.velocity_m_s - relay.velocity_m_s)
+    c_up_a = C_M_S - sign * dot(n, transmitter.velocity_m_s)
+    c_up_l = C_M_S - sign * dot(n, relay.velocity_m_s)
+    c_down_l = C_M_S - dot(m, relay.velocity_m_s)
+    c_down_b = C_M_S - dot(m, receiver.velocity_m_s)
+    closing_up = dot(n, relay.velocity_m_s - transmitter.velocity_m_s)
+    closing_down = dot(m, receiver.velocity_m_s - relay.velocity_m_s)
     sent, received = tag == TRANSMIT, tag == RECEIVE
 
     # The leg next to the tag first; the other leg sees the bounce move with it.
@@ -202,7 +203,3 @@ def path_length_partials(
         by_down_delay=by_down,
         by_hold=C_M_S + np.where(received, -by_up * closing_up, by_down * closing_down),
     )
-
-
-def _dot(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
-    return np.einsum("ij,ij->i", a, b)

@@ -22,6 +22,7 @@ from radioloc.measurements.radio_atmosphere import ZenithAir
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.measurements.trajectory_motion import behind_moon
 from radioloc.measurements.troposphere import SlantDelay, troposphere_delay
+from radioloc.vectors import length
 
 BELOW_HORIZON = "below the horizon"
 """How the problem of an observation begins that one of its stations cannot make."""
@@ -66,7 +67,6 @@ def line_of_sight(
     *,
     radio: NDArray[np.bool_],
     uplink: NDArray[np.bool_],
-    weather_is_here: NDArray[np.bool_],
     air: ZenithAir | None = None,
     moon_gcrs_m: NDArray[np.float64] | None = None,
 ) -> LineOfSight:
@@ -90,17 +90,15 @@ def line_of_sight(
         Whether the signal is radio, not light.
     uplink : ndarray of bool, shape (n,)
         Whether it has the frequency of the uplink.
-    weather_is_here : ndarray of bool, shape (n,)
-        Whether the recorded weather is that of this end.
     air : ZenithAir, optional
-        What files say of the troposphere above the stations.
+        Air above the stations, which delays radio signals.
     moon_gcrs_m : ndarray, shape (n, 3), optional
         Geocentric position of the Moon where it can hide the point, a spacecraft.
     """
     elevation = elevation_of(motion, point_gcrs_m, velocity_m_s)
     elevation_rad = elevation.angle_rad
     if model.has("troposphere"):
-        troposphere = troposphere_delay(paths, motion, elevation_rad, radio, weather_is_here, air)
+        troposphere = troposphere_delay(paths, motion, elevation_rad, radio, air)
     else:
         troposphere = SlantDelay.none(len(elevation_rad))
     delay_m, by_elevation_m_rad = troposphere.delay_m, troposphere.by_elevation_m_rad
@@ -112,7 +110,7 @@ def line_of_sight(
             paths,
             motion,
             np.array([station.itrf_m for station in stations])[which],
-            away_m / np.linalg.norm(away_m, axis=-1)[:, None],
+            away_m / length(away_m)[:, None],
             elevation_rad,
             frequencies_hz(paths, uplink=uplink),
             radio,

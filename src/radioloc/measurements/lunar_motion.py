@@ -16,6 +16,7 @@ from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import geocentre_displacement_m
 from radioloc.time import Epochs
+from radioloc.vectors import dot, length
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,7 +71,7 @@ class LunarMotion:
         if model.has("lunar_scale"):
             seen_m = seen_m - r_m * self.shrinking[:, None]
         if model.has("lunar_lorentz"):
-            seen_m = seen_m - v_m_s * (np.einsum("ni,ni->n", v_m_s, r_m) / (2.0 * C_M_S**2))[:, None]
+            seen_m = seen_m - v_m_s * (dot(v_m_s, r_m) / (2.0 * C_M_S**2))[:, None]
         return MovingPoint(self.centre.offset_s, self.centre.position_m + seen_m, velocity_m_s)
 
     def geocentric(
@@ -116,8 +117,8 @@ def lunar_motion(
     angles_rad, rates_rad_s = model.libration.angles(tdb)
     rot = rot_icrf_to_pa(angles_rad)
     constants = model.ephemeris.constants
-    potential = constants.gm_sun_m3_s2 / np.linalg.norm(sun_m - moon_m, axis=-1)
-    potential = potential + constants.gm_earth_m3_s2 / np.linalg.norm(moon_m, axis=-1)
+    potential = constants.gm_sun_m3_s2 / length(sun_m - moon_m)
+    potential = potential + constants.gm_earth_m3_s2 / length(moon_m)
     geocentre_m = geocentre_displacement_m(reference_earth, offset_s)
     bodies_m = {"sun": geocentre_m + sun_m}
     for body in PLANETS_MM:

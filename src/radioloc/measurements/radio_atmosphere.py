@@ -1,4 +1,4 @@
-"""Air above stations from files: VMF3 (weather models, every six hours) and GPT3 (climate), for radio signals.
+"""Air above stations, for radio signals: from weather, or from files of VMF3 (weather models) and GPT3 (climate).
 
 What comes from where, the first that there is:
 
@@ -23,9 +23,19 @@ from numpy.typing import NDArray
 
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.gpt3 import Gpt3Grid, Gpt3Values, read_gpt3
-from radioloc.earth.mapping_functions import MappingFactors, day_of_year, mapping_factors
+from radioloc.earth.mapping_functions import (
+    MappingFactors,
+    day_of_year,
+    mapping_factors,
+    niell_coefficients,
+)
 from radioloc.earth.optical_troposphere import water_vapour_pressure_hpa
-from radioloc.earth.radio_troposphere import zenith_hydrostatic_delay_m, zenith_wet_delay_askne_nordius_m
+from radioloc.earth.radio_troposphere import (
+    standard_weather,
+    zenith_hydrostatic_delay_m,
+    zenith_wet_delay_askne_nordius_m,
+    zenith_wet_delay_m,
+)
 from radioloc.earth.stations import Station
 from radioloc.earth.text_numbers import ENCODING
 from radioloc.earth.vmf3 import vmf3_bc
@@ -129,7 +139,7 @@ class RadioAtmosphere:
             The files do not have a station, its place or an epoch; names files and station.
         """
         n = len(epochs)
-        air = ZenithAir(*(np.full(shape, np.nan) for shape in (n, n, (n, 3), (n, 3), n)))
+        air = _nothing_filled(n)
         for i, station in enumerate(stations):
             rows = np.flatnonzero(wanted & (which == i))
             if not len(rows):
@@ -199,6 +209,50 @@ class RadioAtmosphere:
         air.height_above_a_m[rows] = above_a_m
 
 
+def air_without_files(
+    stations: Sequence[Station],
+    which: NDArray[np.int32],
+    weather: Observations,
+    wanted: NDArray[np.bool_],
+    weather_is_here: NDArray[np.bool_],
+) -> ZenithAir:
+    """Air above stations by recorded weather, or else by the standard atmosphere.
+
+    Parameters are those of :meth:`RadioAtmosphere.at`; the epochs are the observations'.
+
+    Raises
+    ------
+    InputError
+        Weather or a station's height is outside of what the models cover.
+
+    Notes
+    -----
+    Zenith delays of Saastamoinen (Davis et al. 1985), mapping functions of Niell (1996).
+    """
+    n = len(which)
+    air = _nothing_filled(n)
+    rows = np.flatnonzero(wanted)
+    places = [geodetic_from_itrf(station.itrf_m) for station in stations]
+    latitude_rad = np.array([float(place.latitude_rad) for place in places])[which[rows]]
+    height_m = np.array([float(place.height_m) for place in places])[which[rows]]
+    recorded = [weather.pressure_hpa[rows], weather.temperature_k[rows], weather.relative_humidity[rows]]
+    missing = ~weather_is_here[rows] | np.isnan(np.stack(recorded)).any(axis=0)
+    standard = standard_weather(height_m)
+    pressure, temperature, humidity = (
+        np.where(missing, instead, value)
+        for value, instead in zip(
+            recorded, (standard.pressure_hpa, standard.temperature_k, standard.relative_humidity), strict=True
+        )
+    )
+    vapour_hpa = water_vapour_pressure_hpa(temperature, humidity, pressure)
+    hydrostatic, wet = niell_coefficients(latitude_rad, day_of_year(weather.epoch[rows]))
+    air.hydrostatic_m[rows] = zenith_hydrostatic_delay_m(pressure, latitude_rad, height_m)
+    air.wet_m[rows] = zenith_wet_delay_m(vapour_hpa, temperature)
+    air.hydrostatic_abc[rows], air.wet_abc[rows] = np.stack(hydrostatic, axis=-1), np.stack(wet, axis=-1)
+    air.height_above_a_m[rows] = height_m
+    return air
+
+
 def read_radio_atmosphere(
     vmf3: Sequence[str | Path] = (),
     vmf3_orography: str | Path | None = None,
@@ -243,6 +297,10 @@ def read_radio_atmosphere(
         vmf3_files=files if vmf3_orography is None else (*files, Path(vmf3_orography)),
         gpt3_files=() if gpt3 is None else (Path(gpt3),),
     )
+
+
+def _nothing_filled(n: int) -> ZenithAir:
+    return ZenithAir(*(np.full(shape, np.nan) for shape in (n, n, (n, 3), (n, 3), n)))
 
 
 def _is_map(file: Path) -> bool:

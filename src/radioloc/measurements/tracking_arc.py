@@ -46,12 +46,13 @@ from radioloc.measurements.line_of_sight import LineOfSight, line_of_sight
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.observations import Observations, is_counted, is_differenced
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.radio_atmosphere import ZenithAir
+from radioloc.measurements.radio_atmosphere import ZenithAir, air_without_files
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.trajectory_motion import displaced, trajectory_motion
 from radioloc.measurements.troposphere import SHORTEST_RADIO_UM
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
+from radioloc.vectors import dot
 
 _STRAIGHT_FOR_S = 1e-3
 """How far from its instant a straight motion is used: the error is below 0.034 m/s^2 * (1e-3 s)^2 / 2 = 2e-8 m."""
@@ -292,11 +293,12 @@ class TrackingArc:
         )
 
     def _air_above(self, which: NDArray[np.int32], tt: Epochs) -> ZenithAir | None:
-        """What files say of the air above the stations at one end."""
-        files = self.model.radio_atmosphere
-        if files is None or not self.model.has("troposphere"):
+        """The air above the stations at one end, which radio signals meet."""
+        if not self.model.has("troposphere"):
             return None
-        here = which == self._receiver
+        files, here = self.model.radio_atmosphere, which == self._receiver
+        if files is None:
+            return air_without_files(self._stations, which, self._paths, self._radio, here)
         return files.at(self._stations, which, tt, self._paths, self._radio, here)
 
     def _station(self, which: NDArray[np.int32], offset_s: NDArray[np.float64]) -> StationMotion:
@@ -365,7 +367,7 @@ class TrackingArc:
         While the signal is delayed the medium carries it along with the station, at up to 1e-4 of the speed of light.
         """
         up, down = (
-            np.einsum("ni,ni->n", unit, station.point.velocity_m_s) / C_M_S
+            dot(unit, station.point.velocity_m_s) / C_M_S
             for unit, station in ((path.up_unit, self._up), (path.down_unit, self._down))
         )
         return 1.0 - self._sign * up, 1.0 - down
@@ -407,7 +409,6 @@ class TrackingArc:
                 velocity_m_s,
                 radio=self._radio,
                 uplink=uplink,
-                weather_is_here=which == self._receiver,
                 air=air,
                 moon_gcrs_m=None if self._craft is None else self._moon.moon_gcrs_m,
             )

@@ -20,7 +20,8 @@ class Place:
 def delay(elevation_deg, **changes):
     elevation_rad = np.radians(np.atleast_1d(elevation_deg))
     table = observations("GRASSE>x>GRASSE", epochs_tai(len(elevation_rad), 1.0), **(LASER | changes))
-    return troposphere_delay(table, Place(len(elevation_rad)), elevation_rad)
+    radio = np.zeros(len(elevation_rad), dtype=bool)
+    return troposphere_delay(table, Place(len(elevation_rad)), elevation_rad, radio, None)
 
 
 def test_delay_is_that_of_the_optical_model():

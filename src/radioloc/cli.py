@@ -19,7 +19,6 @@ from radioloc.studies.arc_parts import DEFAULT_HOURS
 
 if TYPE_CHECKING:
     from radioloc.estimation.solution import Solution
-    from radioloc.studies.study import Study
 
 _ORIGINATOR_HELP = "agency that makes a Tracking Data Message, which must be named"
 EXIT_DONE, EXIT_BAD_INPUT, EXIT_NOT_CONVERGED = 0, 2, 3
@@ -171,16 +170,12 @@ def _tell(options: argparse.Namespace, card: object) -> None:
 
 
 def _locate(options: argparse.Namespace) -> int:
-    from radioloc.studies.locate import locate
-
-    solution = _run(options, locate)
+    solution = _run(options, fitted=True)
     return EXIT_DONE if solution.converged else EXIT_NOT_CONVERGED
 
 
 def _residuals(options: argparse.Namespace) -> int:
-    from radioloc.studies.locate import residuals
-
-    _run(options, residuals)
+    _run(options, fitted=False)
     return EXIT_DONE
 
 
@@ -258,19 +253,21 @@ def _monte_carlo(options: argparse.Namespace) -> int:
     return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
 
 
-def _run(options: argparse.Namespace, job: Callable[[Study], Solution]) -> Solution:
+def _run(options: argparse.Namespace, *, fitted: bool) -> Solution:
     """Do a study, write its files and print its card."""
+    from radioloc.studies.locate import fit_arc, prepared_arc
     from radioloc.studies.report import write_report, write_terms
     from radioloc.studies.study_file import read_study
 
     if options.terms and options.out is None:
         options.parser.error("--terms needs --out DIR, where to write terms.csv")
     study = read_study(options.study)
-    solution = job(study)
+    arc, left_out = prepared_arc(study)
+    solution = fit_arc(study, arc, left_out, study.estimate if fitted else None)
     if options.out is not None:
         write_report(solution, options.out)
         if options.terms:
-            write_terms(study, solution, options.out)
+            write_terms(arc, solution, options.out)
     _tell(options, solution)
     return solution
 

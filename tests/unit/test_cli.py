@@ -15,6 +15,7 @@ import pytest
 import radioloc
 from radioloc import cli
 from radioloc.errors import ConvergenceError, DataQualityWarning
+from radioloc.studies import locate
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TABLE = EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv"
@@ -118,9 +119,18 @@ def test_quiet_writes_the_same_files_and_says_nothing(run, folder):
         assert (folder / "a" / name).read_bytes() == (folder / "b" / name).read_bytes(), name
 
 
-def test_terms(run, folder):
+def test_terms(run, folder, monkeypatch):
+    prepared = []
+
+    def counted(*given):
+        prepared.append(given)
+        return prepare_arc(*given)
+
+    prepare_arc = locate.prepare_arc
+    monkeypatch.setattr(locate, "prepare_arc", counted)
     outcome = run(study_of(), "--out", folder / "out", "--terms", "--quiet")
     assert outcome.status == 0
+    assert len(prepared) == 1
     assert len(rows_of(folder / "out" / "terms.csv")) == len(rows_of(folder / "out" / "residuals.csv"))
     refused(run(study_of(), "--terms"), "--terms needs --out DIR")
 
@@ -155,7 +165,7 @@ def test_light_time_that_does_not_settle_ends_with_3(run, monkeypatch):
     def fails(study):
         raise ConvergenceError("the light time did not settle")
 
-    monkeypatch.setattr("radioloc.studies.locate.locate", fails)
+    monkeypatch.setattr("radioloc.studies.locate.prepared_arc", fails)
     outcome = run(study_of())
     assert (outcome.status, outcome.out, outcome.err) == (3, "", "radioloc: the light time did not settle\n")
 
@@ -314,7 +324,7 @@ def test_any_other_trouble_with_files_is_one_line(run, monkeypatch):
     def full(study):
         raise OSError(28, "No space left on device", "x.png")
 
-    monkeypatch.setattr("radioloc.studies.locate.locate", full)
+    monkeypatch.setattr("radioloc.studies.locate.prepared_arc", full)
     refused(run(study_of()), "x.png: No space left on device")
 
 
@@ -342,12 +352,13 @@ def test_stations_are_listed(capsys):
 
 
 def test_warnings_of_the_library_are_single_lines_said_once(run, monkeypatch):
-    def warns(study):
+    def warns(*given):
         for _ in range(3):
             warnings.warn("poor\n  data", DataQualityWarning, stacklevel=1)
-        return radioloc.studies.locate.residuals(study)
+        return fit_arc(*given)
 
-    monkeypatch.setattr("radioloc.studies.locate.locate", warns)
+    fit_arc = locate.fit_arc
+    monkeypatch.setattr(locate, "fit_arc", warns)
     outcome = run(study_of(), "--quiet")
     assert outcome.out == ""
     assert outcome.err == "radioloc: warning: poor data\n"

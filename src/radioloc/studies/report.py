@@ -13,9 +13,10 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Solution
-from radioloc.io.csv_columns import Cells, fixed_cells, lines_of, text_cells
+from radioloc.io.csv_columns import Cells, fixed_cells, label_cells, lines_of
 from radioloc.io.dates import utc_cells
 from radioloc.io.solution_files import write_json, write_residuals
+from radioloc.measurements.arc import Arc
 from radioloc.measurements.observations import KINDS
 from radioloc.studies.locate import arc_of
 from radioloc.studies.study import Study
@@ -75,13 +76,13 @@ def write_numbers(solution: Solution, folder: str | Path) -> list[Path]:
     return [folder / "solution.json", folder / "residuals.csv"]
 
 
-def write_terms(study: Study, solution: Solution, folder: str | Path) -> Path:
+def write_terms(study: Study | Arc, solution: Solution, folder: str | Path) -> Path:
     """Write ``terms.csv``: for each observation, what each active term of the model adds to the computed value.
 
     Parameters
     ----------
-    study : Study
-        The study of the solution.
+    study : Study or Arc
+        The study of the solution, or its arc where it has been prepared already.
     solution : Solution
         Where the terms are evaluated.
     folder : path-like
@@ -92,15 +93,16 @@ def write_terms(study: Study, solution: Solution, folder: str | Path) -> Path:
     InputError
         The folder cannot be made or written to.
     """
-    arc, _ = arc_of(study)
+    arc = arc_of(study)[0] if isinstance(study, Study) else study
     terms = arc.terms(solution.position_pa_m)
     path = made_folder(folder) / "terms.csv"
     rows = arc.observations
+    types = Labels(rows.kind.astype(np.int32), KINDS)
     paths = Labels(rows.link, tuple(link.path for link in rows.links))
     columns: list[Callable[[slice], Cells]] = [
         lambda chosen: utc_cells(rows.epoch[chosen]),
-        lambda chosen: text_cells(np.array(KINDS)[rows.kind[chosen]]),
-        lambda chosen: text_cells(paths[chosen]),
+        lambda chosen: label_cells(types, chosen),
+        lambda chosen: label_cells(paths, chosen),
         *(_six_decimals(values) for values in terms.values()),
     ]
     header = ",".join(["epoch_utc", "type", "path", *(f"{name}_m" for name in terms)])

@@ -15,16 +15,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.simulation.model_errors import NO_OFFSET, ModelErrors
 from radioloc.simulation.noise import generator
 from radioloc.simulation.truth import Clock, Truth
 
-_NONE_3 = (0.0, 0.0, 0.0)
 POSITION = "position_enu_m"
 """The one departure that is not of :class:`~radioloc.simulation.truth.Truth`: where the point itself stands."""
 
 
-@dataclass(frozen=True, slots=True)
-class Spread:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Spread(ModelErrors):
     """Standard deviations of departures, about the values of a truth.
 
     Parameters
@@ -33,7 +33,7 @@ class Spread:
         Of the point itself about its nominal place, to the east, to the north and up (selenocentric), m: how far a
         terrain map's height may be wrong, where the study has a prior on the height.
     moon_m, libration_rad, station_enu_m, ut1_s, pole_rad, range_bias_m, zenith_delay_m, tec_tecu
-        As in :class:`~radioloc.simulation.truth.Truth`.
+        As in :class:`~radioloc.simulation.model_errors.ModelErrors`.
     clock_s, clock_rate : mapping of str to float
         Of the stations' clocks, s and s/s.
     clock_epoch_utc : str, optional
@@ -45,17 +45,9 @@ class Spread:
         A number is negative or not finite, or rates come without an epoch.
     """
 
-    position_enu_m: tuple[float, float, float] = _NONE_3
-    moon_m: tuple[float, float, float] = _NONE_3
-    libration_rad: tuple[float, float, float] = _NONE_3
-    station_enu_m: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    ut1_s: float = 0.0
-    pole_rad: tuple[float, float] = (0.0, 0.0)
+    position_enu_m: tuple[float, float, float] = NO_OFFSET
     clock_s: Mapping[str, float] = field(default_factory=dict)
     clock_rate: Mapping[str, float] = field(default_factory=dict)
-    range_bias_m: Mapping[str, float] = field(default_factory=dict)
-    zenith_delay_m: Mapping[str, float] = field(default_factory=dict)
-    tec_tecu: Mapping[str, float] = field(default_factory=dict)
     clock_epoch_utc: str | None = None
 
     def __post_init__(self) -> None:
@@ -68,7 +60,8 @@ class Spread:
     def sigmas(self) -> dict[Departure, float]:
         """Standard deviation of each single departure, in the unit of its quantity; those of zero included."""
         found: dict[Departure, float] = {}
-        for quantity in (f.name for f in fields(self) if f.name != "clock_epoch_utc"):
+        of_the_world = (f.name for f in fields(self) if f.name not in (POSITION, "clock_epoch_utc"))
+        for quantity in (POSITION, *of_the_world):
             value = getattr(self, quantity)
             by_station = value if isinstance(value, Mapping) else {"": value}
             for station, sigma in by_station.items():
@@ -144,7 +137,7 @@ def departed(
             )
         elif name == "station_enu_m":
             stations = changes.setdefault(name, dict(truth.station_enu_m))
-            stations[station] = _added(stations.get(station, _NONE_3), axis, value)
+            stations[station] = _added(stations.get(station, NO_OFFSET), axis, value)
         elif station:
             by_station = changes.setdefault(name, dict(getattr(truth, name)))
             by_station[station] = by_station.get(station, 0.0) + value

@@ -24,11 +24,11 @@ from radioloc.measurements.observations import RANGE, TIME_TAGS, Observations, i
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import active_terms
 from radioloc.simulation.media import MappingFunction, black_eisner, media_error_m, thin_shell
+from radioloc.simulation.model_errors import ModelErrors
 from radioloc.simulation.offset_moon import OffsetEphemeris, OffsetOrientation
 from radioloc.simulation.visibility import Target
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
 
-_NO_OFFSET = (0.0, 0.0, 0.0)
 _Value = TypeVar("_Value")
 
 
@@ -72,30 +72,16 @@ class Clock:
         return self.offset_s + self.rate * since_s
 
 
-@dataclass(frozen=True, slots=True)
-class Truth:
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Truth(ModelErrors):
     """Departures of the simulated world from the nominal model.
 
     Parameters
     ----------
-    moon_m : tuple of float
-        Moon off its ephemeris, away from the Earth, along its orbit and normal to it, m.
-    libration_rad : tuple of float
-        Moon turned about its principal axes x (to the Earth), y and z (the pole), rad.
-    station_enu_m : mapping of str to (float, float, float)
-        Stations off their catalogue positions to the east, to the north and up, m.
-    ut1_s : float
-        UT1 off the table, s.
-    pole_rad : tuple of float
-        Pole off the table, xp and yp, rad.
+    moon_m, libration_rad, station_enu_m, ut1_s, pole_rad, range_bias_m, zenith_delay_m, tec_tecu
+        As in :class:`~radioloc.simulation.model_errors.ModelErrors`.
     clock : mapping of str to Clock
         Stations' clocks. A clock that is ahead tags observations late and makes the arrivals that it times late.
-    range_bias_m : mapping of str to float
-        Added to the ranges that a station receives, m.
-    zenith_delay_m : mapping of str to float
-        Tropospheric delay in a station's zenith that the model lacks, m.
-    tec_tecu : mapping of str to float
-        Vertical electron content that the model lacks, 1e16 per square metre.
     terms_on, terms_off : collection of str
         Terms (:data:`radioloc.measurements.terms.TERMS`) that the world has and the model not, and the reverse.
     troposphere_mapping, ionosphere_mapping : callable
@@ -106,15 +92,7 @@ class Truth:
     Names of stations are those of the catalogue or aliases.
     """
 
-    moon_m: tuple[float, float, float] = _NO_OFFSET
-    libration_rad: tuple[float, float, float] = _NO_OFFSET
-    station_enu_m: Mapping[str, tuple[float, float, float]] = field(default_factory=dict)
-    ut1_s: float = 0.0
-    pole_rad: tuple[float, float] = (0.0, 0.0)
     clock: Mapping[str, Clock] = field(default_factory=dict)
-    range_bias_m: Mapping[str, float] = field(default_factory=dict)
-    zenith_delay_m: Mapping[str, float] = field(default_factory=dict)
-    tec_tecu: Mapping[str, float] = field(default_factory=dict)
     terms_on: Iterable[str] = ()
     terms_off: Iterable[str] = ()
     troposphere_mapping: MappingFunction = black_eisner

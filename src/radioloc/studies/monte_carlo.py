@@ -26,7 +26,7 @@ from radioloc.studies.simulate import scenario_of
 from radioloc.studies.study import Study
 from radioloc.studies.trial_files import TrialFolder, refuse_other_study, study_record
 from radioloc.studies.trials_summary import ArcSummary, summarize
-from radioloc.studies.workers import Job, require_workers, run_chunks
+from radioloc.studies.workers import Job, Workers, workers_of
 
 logger = logging.getLogger(__name__)
 
@@ -252,32 +252,33 @@ def monte_carlo(
     generator(seed, "")  # refuses what is no seed
     if isinstance(trials, bool) or not isinstance(trials, int) or trials < 1:
         raise InputError(f"trials is {trials!r}; give a whole number above zero")
-    require_workers(workers, client)
     if resume and out is None:
         raise InputError("to resume needs the folder of the trials; give it as out")
     record = study_record(study, lengths, seed)
     known = resume and out is not None and refuse_other_study(out, record)
-    ready = Prepared.of(study, lengths)
-    folder = None if out is None else TrialFolder(out, record, ready.columns, ready.hours)
-    if folder is not None and not known:
-        folder.start()
-    run = _Runner(seed, trials, folder, workers, client, progress)
-    in_full = FullTrials(study, lengths, ready)
-    linear = None if full else ready.linear()
-    values, proof = None, None
-    if linear is not None:
-        values = run.all("linear", linear)
-        proof = _prove(linear, in_full, seed, values)
-        if not proof.passed:
-            logger.warning(
-                "the linear model is off by %.4g m, %.3g sigmas: all trials are fitted in full",
-                proof.largest_m,
-                proof.largest_sigmas,
-            )
-            values = None
-    if values is None:
-        linear = None
-        values = run.all("full", in_full)
+    with workers_of(workers, client) as started:
+        ready = Prepared.of(study, lengths)
+        folder = None if out is None else TrialFolder(out, record, ready.columns, ready.hours)
+        if folder is not None and not known:
+            folder.start()
+        chunks = None if workers == 1 and client is None else _CHUNKS_PER_WORKER * workers
+        run = _Runner(seed, trials, folder, started, chunks, progress)
+        in_full = FullTrials(study, lengths, ready)
+        linear = None if full else ready.linear()
+        values, proof = None, None
+        if linear is not None:
+            values = run.all("linear", linear)
+            proof = _prove(linear, in_full, seed, values)
+            if not proof.passed:
+                logger.warning(
+                    "the linear model is off by %.4g m, %.3g sigmas: all trials are fitted in full",
+                    proof.largest_m,
+                    proof.largest_sigmas,
+                )
+                values = None
+        if values is None:
+            linear = None
+            values = run.all("full", in_full)
     drawn = [d.quantity for d, sigma in ready.scenario.spread.sigmas().items() if sigma > 0.0]
     return MonteCarlo(
         name=study.name,
@@ -294,13 +295,13 @@ def monte_carlo(
 
 @dataclass(frozen=True, slots=True)
 class _Runner:
-    """How the trials are run and kept."""
+    """How the trials are run and kept; `chunks` is how many there are at least, None without others to share them."""
 
     seed: int
     trials: int
     folder: TrialFolder | None
-    workers: int
-    client: Any
+    workers: Workers
+    chunks: int | None
     progress: bool
 
     def all(self, way: str, job: Job) -> _Floats:
@@ -308,12 +309,13 @@ class _Runner:
         found = {} if self.folder is None else self.folder.found(way)
         found = {trial: values for trial, values in found.items() if trial < self.trials}
         missing = [trial for trial in range(self.trials) if trial not in found]
-        at_once = max(1, min(_MOST_IN_CHUNK, -(-len(missing) // (_CHUNKS_PER_WORKER * self.workers))))
-        if self.workers == 1 and self.client is None:
+        if self.chunks is None:
             at_once = _MOST_IN_CHUNK if way == "linear" else 1
+        else:
+            at_once = max(1, min(_MOST_IN_CHUNK, -(-len(missing) // self.chunks)))
         chunks = [missing[k : k + at_once] for k in range(0, len(missing), at_once)]
         with self._bar(len(found)) as bar:
-            for chunk, values in run_chunks(job, self.seed, chunks, workers=self.workers, client=self.client):
+            for chunk, values in self.workers.run(job, self.seed, chunks):
                 if self.folder is not None:
                     self.folder.add(way, chunk, values)
                 found |= dict(zip(chunk, values, strict=True))

@@ -9,7 +9,12 @@ from __future__ import annotations
 import os
 import pickle
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor, as_completed
 from contextlib import contextmanager
+from functools import lru_cache
+from multiprocessing import get_context
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 import numpy as np
@@ -31,19 +36,31 @@ class Job(Protocol):
         """Results of some trials, shape (trials, arcs, columns); the same in any company and in any process."""
 
 
-def run_chunks(
-    job: Job, seed: int, chunks: Sequence[Chunk], *, workers: int = 1, client: Any = None
-) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
-    """Run trials, chunk by chunk, and give each chunk's results as soon as they are there, in any order.
+class Workers(Protocol):
+    """Where trials run."""
+
+    def run(
+        self, job: Job, seed: int, chunks: Sequence[Chunk]
+    ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+        """Run trials, chunk by chunk, and give each chunk's results as soon as they are there, in any order.
+
+        Parameters
+        ----------
+        job : Job
+            Picklable, if others than this process are to run it.
+        seed : int
+            Of the study.
+        chunks : sequence of sequence of int
+        """
+
+
+@contextmanager
+def workers_of(count: int = 1, client: Any = None) -> Iterator[Workers]:
+    """Workers, until the block ends; processes start at once, beside what the block does before it needs them.
 
     Parameters
     ----------
-    job : Job
-        Picklable, if others than this process are to run it.
-    seed : int
-        Of the study.
-    chunks : sequence of sequence of int
-    workers : int
+    count : int
         Processes; with 1 this one does all.
     client : distributed.Client, optional
         In place of processes.
@@ -51,26 +68,19 @@ def run_chunks(
     Raises
     ------
     InputError
-        As :func:`require_workers`.
-    """
-    require_workers(workers, client)
-    if client is not None:
-        yield from _on_cluster(job, seed, chunks, client)
-    elif workers == 1 or len(chunks) < 2:
-        for chunk in chunks:
-            yield chunk, job.run(seed, chunk)
-    else:
-        yield from _in_pool(job, seed, chunks, min(workers, len(chunks)))
-
-
-def require_workers(workers: int, client: Any) -> None:
-    """Refuse what cannot run anything.
-
-    Raises
-    ------
-    InputError
         The number of workers is not a whole number above zero, or the client is none of Dask's.
     """
+    _require_workers(count, client)
+    if client is not None:
+        yield _Cluster(client)
+    elif count == 1:
+        yield _ThisProcess()
+    else:
+        with _Pool(count) as pool:
+            yield pool
+
+
+def _require_workers(workers: int, client: Any) -> None:
     if isinstance(workers, bool) or not isinstance(workers, int) or workers < 1:
         raise InputError(f"workers is {workers!r}; give a whole number above zero")
     if client is None:
@@ -80,37 +90,67 @@ def require_workers(workers: int, client: Any) -> None:
         raise InputError(f"client is {client!r}; give a distributed.Client, or workers for processes")
 
 
-def _in_pool(
-    job: Job, seed: int, chunks: Sequence[Chunk], workers: int
-) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
-    from concurrent.futures import ProcessPoolExecutor, as_completed
-    from multiprocessing import get_context
+class _ThisProcess:
+    def run(
+        self, job: Job, seed: int, chunks: Sequence[Chunk]
+    ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+        for chunk in chunks:
+            yield chunk, job.run(seed, chunk)
 
-    # Processes are spawned, not forked: a fork of a process with threads may hang, and some systems cannot.
-    pool = ProcessPoolExecutor(
-        workers, mp_context=get_context("spawn"), initializer=_install, initargs=(pickle.dumps(job),)
-    )
-    try:
+
+class _Pool:
+    """Processes, which read each job from a file once."""
+
+    def __init__(self, count: int) -> None:
+        # Processes are spawned, not forked: a fork of a process with threads may hang, and some systems cannot.
+        self._pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+        self._folder = TemporaryDirectory(prefix="radioloc-")
+        self._jobs = 0
         with _one_thread_each():
-            futures = {pool.submit(_run_installed, seed, chunk): chunk for chunk in chunks}
-        for future in as_completed(futures):
-            yield futures[future], future.result()
-    finally:
-        pool.shutdown(cancel_futures=True)
+            for _ in range(count):
+                self._pool.submit(_import_what_jobs_need)
+
+    def __enter__(self) -> _Pool:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self._pool.shutdown(cancel_futures=True)
+        self._folder.cleanup()
+
+    def run(
+        self, job: Job, seed: int, chunks: Sequence[Chunk]
+    ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+        self._jobs += 1
+        file = Path(self._folder.name) / f"job{self._jobs}.pickle"
+        file.write_bytes(pickle.dumps(job))
+        with _one_thread_each():
+            futures = {self._pool.submit(_run_from, str(file), seed, chunk): chunk for chunk in chunks}
+        try:
+            for future in as_completed(futures):
+                yield futures[future], future.result()
+        finally:
+            for future in futures:
+                future.cancel()
 
 
-def _on_cluster(
-    job: Job, seed: int, chunks: Sequence[Chunk], client: Any
-) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
-    import distributed
+class _Cluster:
+    """A Dask cluster; each job is sent to each of its workers once."""
 
-    there = client.scatter(job, broadcast=True)
-    futures = {client.submit(_run, there, seed, chunk, pure=False): chunk for chunk in chunks}
-    try:
-        for future, result in distributed.as_completed(futures, with_results=True):
-            yield futures[future], result
-    finally:
-        client.cancel(list(futures))
+    def __init__(self, client: Any) -> None:
+        self._client = client
+
+    def run(
+        self, job: Job, seed: int, chunks: Sequence[Chunk]
+    ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+        from distributed import as_completed
+
+        there = self._client.scatter(job, broadcast=True)
+        futures = {self._client.submit(_run, there, seed, chunk, pure=False): chunk for chunk in chunks}
+        try:
+            for future, result in as_completed(futures, with_results=True):
+                yield futures[future], result
+        finally:
+            self._client.cancel(list(futures))
 
 
 @contextmanager
@@ -128,18 +168,18 @@ def _one_thread_each() -> Iterator[None]:
                 os.environ[name] = value
 
 
-_installed: Job | None = None
-"""The job of this worker process, which it was started with."""
+def _import_what_jobs_need() -> None:
+    import radioloc.studies.linear_trials  # noqa: F401
 
 
-def _install(job: bytes) -> None:
-    global _installed
-    _installed = pickle.loads(job)
+@lru_cache(maxsize=1)
+def _job_from(file: str) -> Job:
+    job: Job = pickle.loads(Path(file).read_bytes())
+    return job
 
 
-def _run_installed(seed: int, chunk: Chunk) -> NDArray[np.float64]:
-    assert _installed is not None  # the pool's initializer has been here
-    return _installed.run(seed, chunk)
+def _run_from(file: str, seed: int, chunk: Chunk) -> NDArray[np.float64]:
+    return _job_from(file).run(seed, chunk)
 
 
 def _run(job: Job, seed: int, chunk: Chunk) -> NDArray[np.float64]:

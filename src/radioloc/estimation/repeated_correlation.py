@@ -62,8 +62,8 @@ class RepeatedCorrelation:
         new = np.concatenate([[True], (np.diff(self._stretch) > 0) | (np.diff(sigma_m) != 0.0)])
         self._cell_of_row = np.cumsum(new) - 1
         first = np.flatnonzero(new)
-        self._first_row, self._stretch_of_cell = self._rows[first], self._stretch[first]
-        self._first_cell = np.searchsorted(self._stretch_of_cell, np.arange(stretches.total))
+        self._cell_own_m, self._cell_type = sigma_m[first], types.codes[self._rows[first]]
+        self._first_cell = np.searchsorted(self._stretch[first], np.arange(stretches.total))
         self._first_of_stretch = first[self._first_cell]
         self._linearization = fit.linearization
         unit = self._unit(self._rows)
@@ -72,15 +72,15 @@ class RepeatedCorrelation:
         code = series.codes[self._rows].astype(np.intp)
         self._code = code
         kinds, kind = np.unique(np.stack([code, sigma_m], axis=1), axis=0, return_inverse=True)
-        kind = kind.reshape(-1)
+        by_kind = np.argsort(kind.reshape(-1), kind="stable")
+        ends = np.cumsum(np.bincount(kind.reshape(-1)))
         self._kind_code = kinds[:, 0].astype(np.intp)
-        self._kind_row = self._rows[np.unique(kind, return_index=True)[1]]
-        self._kind_product = np.array(
-            [np.einsum("ni,nj->ij", mine, mine) for mine in (unit[kind == k] for k in range(len(kinds)))]
-        )
+        self._kind_cell = self._cell_of_row[by_kind[ends - 1]]
+        parts = np.split(unit[by_kind], ends[:-1])
+        self._kind_product = np.array([np.einsum("ni,nj->ij", part, part) for part in parts])
 
     def added_covariance(
-        self, residual_m: _Floats, sigma_m: _Floats, used: NDArray[np.bool_], root: _Floats
+        self, residual_m: _Floats, excess_m: _Floats, used: NDArray[np.bool_], root: _Floats
     ) -> _Floats | None:
         """To add to the covariance of the parameters, shape (p, p); None where no type shows correlation.
 
@@ -88,14 +88,15 @@ class RepeatedCorrelation:
         ----------
         residual_m : ndarray, shape (n,)
             What the fit leaves.
-        sigma_m : ndarray, shape (n,)
-            Sigmas of the fit, m; the same where stated ones and types are the same.
+        excess_m : ndarray, shape (types,)
+            Excess noise of the fit, m.
         used : ndarray of bool, shape (n,)
         root : ndarray, shape (f, q)
             Root of the covariance of the free parameters.
         """
         out = np.flatnonzero(~used[self._rows])
-        sums = self._sums(residual_m, sigma_m, out)
+        cell_weight = 1.0 / np.hypot(self._cell_own_m, excess_m[self._cell_type])
+        sums = self._sums(residual_m, cell_weight, out)
         tried = sums.worth_a_look(self._groups)
         lasting = self._lasting(tuple(tried)) if tried else None
         if lasting is None:
@@ -108,15 +109,15 @@ class RepeatedCorrelation:
         codes = [lasting.codes[k] for k in chosen]
         log = np.array(list(found.values()))
         errors = AveragedErrors.of(lasting, chosen, log, likelihood.white[chosen], sums.variance[codes])
-        partials = self._partial_sums(codes, sigma_m, out)
+        partials = self._partial_sums(codes, cell_weight, out)
         added = errors.added(partials.sums, partials.products).sum(axis=0)
         turned = np.linalg.solve(self._root, root)
         lost = np.zeros(len(self._free), dtype=bool)
         return in_parameters(turned.T @ added @ turned, root, self._free, lost)
 
-    def _sums(self, residual_m: _Floats, sigma_m: _Floats, out: NDArray[np.intp]) -> StretchSums:
+    def _sums(self, residual_m: _Floats, cell_weight: _Floats, out: NDArray[np.intp]) -> StretchSums:
         stretches, reference = self._stretches, self._reference
-        z = residual_m[self._rows] / sigma_m[self._rows]
+        z = residual_m[self._rows] * cell_weight[self._cell_of_row]
         z[out] = 0.0
         count = reference.count - np.bincount(self._stretch[out], minlength=stretches.total)
         squares = by_series(np.add.reduceat(z * z, self._first_of_stretch), stretches)
@@ -137,14 +138,13 @@ class RepeatedCorrelation:
             self._modes[tried] = LastingErrors.of(self._reference, of_tried, ABSORBED)
         return self._modes[tried]
 
-    def _partial_sums(self, codes: list[int], sigma_m: _Floats, out: NDArray[np.intp]) -> PartialSums:
+    def _partial_sums(self, codes: list[int], cell_weight: _Floats, out: NDArray[np.intp]) -> PartialSums:
         """Sums of partials over the sigmas of a fit, by the parameters of unit covariance of the reference."""
-        weighted = self._cell_unit / sigma_m[self._first_row, None]
-        sums = np.add.reduceat(weighted, self._first_cell, axis=0)
-        by_kind = self._kind_product / sigma_m[self._kind_row, None, None] ** 2
+        sums = np.add.reduceat(self._cell_unit * cell_weight[:, None], self._first_cell, axis=0)
+        by_kind = self._kind_product * cell_weight[self._kind_cell, None, None] ** 2
         products = np.zeros((len(self._groups), *by_kind.shape[1:]))
         np.add.at(products, self._kind_code, by_kind)
-        lacking = self._unit(self._rows[out]) / sigma_m[self._rows[out], None]
+        lacking = self._unit(self._rows[out]) * cell_weight[self._cell_of_row[out], None]
         np.subtract.at(sums, self._stretch[out], lacking)
         np.subtract.at(products, self._code[out], lacking[:, :, None] * lacking[:, None, :])
         return PartialSums(tuple(codes), self._stretches.side_by_side(sums, codes), products[codes])

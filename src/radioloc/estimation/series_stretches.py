@@ -6,6 +6,7 @@ so its cost is linear in the observations.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
@@ -116,6 +117,7 @@ class Stretches:
         The cells of the time line that stretches are made of.
     of_cell : ndarray of int, shape (series, cells)
         Stretch that each cell belongs to.
+    blocks : Blocks
     """
 
     starts: NDArray[np.intp]
@@ -124,6 +126,7 @@ class Stretches:
     first_s: float
     step_s: float
     of_cell: NDArray[np.int32]
+    blocks: Blocks
 
     @classmethod
     def of(cls, series: WhitenedSeries, time_s: _Floats) -> Stretches:
@@ -153,7 +156,7 @@ class Stretches:
         lengths = np.diff(starts)
         grid = np.full((n, int(lengths.max())), total)
         grid[np.arange(grid.shape[1]) < lengths[:, None]] = np.arange(total)
-        return cls(starts, grid, width_s, first_s, step_s, of_cell)
+        return cls(starts, grid, width_s, first_s, step_s, of_cell, Blocks.of(starts))
 
     @property
     def total(self) -> int:
@@ -175,6 +178,47 @@ class Stretches:
         """Values (stretches, ...) of some series, shape (codes, most, ...)."""
         end = np.full((1, *values.shape[1:]), empty)
         return np.asarray(np.concatenate([values, end])[self.grid[list(codes)]])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Blocks:
+    """Blocks of one, two, four, ... stretches of each series, as long as there are five of them; sizes in turn.
+
+    Parameters
+    ----------
+    first, last : ndarray of int, shape (blocks,)
+        Their first stretches and those after their last ones.
+    starts, series, numbers : ndarray of int, shape (k,)
+        For each series and size the first block, the series, and the number of blocks.
+    """
+
+    first: NDArray[np.intp]
+    last: NDArray[np.intp]
+    starts: NDArray[np.intp]
+    series: NDArray[np.intp]
+    numbers: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, starts: NDArray[np.intp]) -> Blocks:
+        """Those of series that begin at some stretches, shape (series + 1,)."""
+        first, last, series, numbers = [], [], [], []
+        for code, (begin, end) in enumerate(itertools.pairwise(starts.tolist())):
+            size = 1
+            while (end - begin) // size >= 5:
+                count = (end - begin) // size
+                first.append(begin + size * np.arange(count))
+                last.append(first[-1] + size)
+                series.append(code)
+                numbers.append(count)
+                size *= 2
+        none = [np.zeros(0, dtype=np.intp)]
+        return cls(
+            np.concatenate(first or none),
+            np.concatenate(last or none),
+            np.concatenate([[0], np.cumsum(numbers[:-1], dtype=np.intp)]),
+            np.array(series, dtype=np.intp),
+            np.array(numbers, dtype=np.intp),
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -224,21 +268,18 @@ class StretchSums:
 
     def _spread(self) -> NDArray[np.bool_]:
         """Whether sums over stretches, or over some stretches together, spread more than white ones would."""
-        every = range(len(self.squares))
-        total = self.stretches.side_by_side(self.residual, every)
-        count = self.stretches.side_by_side(self.count, every, empty=1.0)
+        blocks = self.stretches.blocks
+        residual, count = (
+            np.concatenate([[0.0], np.cumsum(values)]) for values in (self.residual, self.count)
+        )
+        squares = (residual[blocks.last] - residual[blocks.first]) ** 2 / (
+            count[blocks.last] - count[blocks.first]
+        )
         variance = np.maximum(self.variance, np.finfo(float).tiny)
-        length = np.diff(self.stretches.starts)
-        found = np.zeros(len(length), dtype=bool)
-        while (length >= 5).any():
-            there = np.arange(total.shape[1]) < length[:, None]
-            mean = np.where(there, total**2 / count, 0.0).sum(axis=1) / (variance * np.maximum(length, 1))
-            found |= (length >= 5) & (mean > 1.0 + _SCREEN * np.sqrt(2.0 / np.maximum(length, 1)))
-            even = total.shape[1] // 2 * 2
-            total, count = (
-                column[:, :even].reshape(len(length), -1, 2).sum(axis=2) for column in (total, count)
-            )
-            length = length // 2
+        found = np.zeros(len(variance), dtype=bool)
+        if len(blocks.series):
+            mean = np.add.reduceat(squares, blocks.starts) / (blocks.numbers * variance[blocks.series])
+            found[blocks.series[mean > 1.0 + _SCREEN * np.sqrt(2.0 / blocks.numbers)]] = True
         return found
 
 

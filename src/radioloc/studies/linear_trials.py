@@ -154,8 +154,9 @@ class LinearArc:
         if not found.converged:
             return scaled
         if self.correlation is not None:
-            sigma_m = np.hypot(self.noise.own_m, found.excess_noise_m[self.types.codes])
-            added = self.correlation.added_covariance(found.left_m, sigma_m, found.used, found.root)
+            added = self.correlation.added_covariance(
+                found.left_m, found.excess_noise_m, found.used, found.root
+            )
             return scaled if added is None else scaled + added
         fit = self._as_fit(found) if found.weighed is None else found.weighed
         correlation = assess_time_correlation(fit, self.types, self.paths, self.time_s)

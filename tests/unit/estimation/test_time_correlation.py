@@ -65,10 +65,10 @@ def test_what_repeated_fits_have_in_common():
     fit, types, path, time_s = line(n=3000, series=3)
     repeated = RepeatedCorrelation(fit, types, path, time_s)
 
-    def both(one):
+    def both(one, excess_m=0.0):
         known = assess_time_correlation(one, types, path, time_s).added_covariance
         root = one.factor.root_covariance()
-        return repeated.added_covariance(one.residual_m, one.noise.own_m, one.used, root), known
+        return repeated.added_covariance(one.residual_m, np.array([excess_m]), one.used, root), known
 
     # The same fit again is the same, whatever the residuals were that the series are from.
     again, *_ = line(n=3000, series=3, seed=5)
@@ -76,14 +76,14 @@ def test_what_repeated_fits_have_in_common():
     # One with some observations left out and other weights: other stretches, and sigmas that differ by 1 % at most.
     used = np.random.default_rng(1).random(len(time_s)) > 0.002
     part = replace(again, used=used, noise=again.noise.with_excess(np.full(len(time_s), 0.5)))
-    np.testing.assert_allclose(*(np.sqrt(np.diag(added)) for added in both(part)), rtol=0.01)
+    np.testing.assert_allclose(*(np.sqrt(np.diag(added)) for added in both(part, 0.5)), rtol=0.01)
 
 
 def test_repeated_fits_to_white_noise_are_left_alone():
     fit, types, path, time_s = line(coloured=0.0)
     repeated = RepeatedCorrelation(fit, types, path, time_s)
     root = fit.factor.root_covariance()
-    assert repeated.added_covariance(fit.residual_m, fit.noise.own_m, fit.used, root) is None
+    assert repeated.added_covariance(fit.residual_m, np.zeros(1), fit.used, root) is None
 
 
 def test_repeated_fits_with_sigmas_of_several_sizes():
@@ -101,10 +101,11 @@ def test_repeated_fits_with_sigmas_of_several_sizes():
 
     repeated = RepeatedCorrelation(fitted(), types, path, time_s)
     used = np.random.default_rng(1).random(len(time_s)) > 0.01
-    for one in (fitted(), fitted(used), fitted(used, 0.3)):
+    for left, excess_m in ((None, 0.0), (used, 0.0), (used, 0.3)):
+        one = fitted(left, excess_m)
         known = assess_time_correlation(one, types, path, time_s).added_covariance
         root = one.factor.root_covariance()
-        found = repeated.added_covariance(one.residual_m, one.noise.own_m, one.used, root)
+        found = repeated.added_covariance(one.residual_m, np.array([excess_m]), one.used, root)
         if one.used.all():
             np.testing.assert_allclose(found, known, rtol=1e-7)
         np.testing.assert_allclose(np.sqrt(np.diag(found)), np.sqrt(np.diag(known)), rtol=0.01)

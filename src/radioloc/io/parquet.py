@@ -32,7 +32,8 @@ from radioloc.estimation.labels import Labels
 from radioloc.extras import optional
 from radioloc.io.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
 from radioloc.io.names import Catalogue
-from radioloc.io.table import checked_observations, require_columns, table_columns
+from radioloc.io.table import checked_observations, table_columns
+from radioloc.io.table_head import require_columns
 from radioloc.io.table_rows import CODED_TEXTS, OPTIONAL_NUMBERS, column_name, joined_columns, text_code
 from radioloc.measurements.observations import Link, Observations
 from radioloc.text_files import replaced_file, require_file
@@ -40,7 +41,6 @@ from radioloc.time import Epochs
 
 MAGIC = b"PAR1"
 """First bytes of every Parquet file."""
-EPOCH_COLUMNS = ("utc_date", "utc_ps")
 
 _ROWS_AT_ONCE = 2**17
 _UNITS = {"utc_ps": "ps", "relative_humidity": "1", "wavelength_um": "um"}
@@ -69,11 +69,7 @@ def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None) -> Obs
     require_file(path)
     with _damage_told(path, pyarrow), parquet.ParquetFile(path) as file:
         header = list(file.schema_arrow.names)
-        if not set(EPOCH_COLUMNS).isdisjoint(header):
-            _require_epoch(path, header)
-            require_columns(path, ["epoch_utc", *(name for name in header if name not in EPOCH_COLUMNS)])
-        else:
-            require_columns(path, header)
+        require_columns(path, header, split_epoch=True)
         reader = _Reader(path, catalogue)
         for batch in file.iter_batches(_ROWS_AT_ONCE):
             reader.read(batch)
@@ -241,19 +237,6 @@ class _Reader:
                 except InputError as error:
                     self._fail(name, row, str(error))
             raise
-
-
-def _require_epoch(path: str | Path, header: list[str]) -> None:
-    missing = [name for name in EPOCH_COLUMNS if name not in header]
-    if missing:
-        raise FileFormatError(path, f"column {missing[0]!r} is missing; an epoch is utc_date and utc_ps")
-    if "epoch_utc" in header:
-        raise FileFormatError(
-            path, "columns epoch_utc, utc_date and utc_ps say the same; leave epoch_utc out"
-        )
-    for name in EPOCH_COLUMNS:
-        if header.count(name) > 1:
-            raise FileFormatError(path, f"column {name!r} is there twice; leave one out")
 
 
 def _is(column: Any, kind: str) -> bool:

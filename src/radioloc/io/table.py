@@ -46,15 +46,11 @@ from radioloc.io.dates import utc_cells
 from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.names import Catalogue
 from radioloc.io.plausible import FLIGHT_TIME_LIMITS_S, require_lunar_flight_time
+from radioloc.io.table_head import SIGMA, VALUE, require_columns
 from radioloc.io.table_rows import OPTIONAL_NUMBERS, RowReader, is_content, split_lines
 from radioloc.measurements.observations import KINDS, RANGE, TIME_TAGS, WEATHER_LIMITS, Observations
 from radioloc.text_files import read_blocks, write_blocks
 from radioloc.time import Epochs
-
-_TEXT = ("epoch_utc", "type", "path", "time_tag")
-_VALUE = ("observed_m", "light_time_s")
-_SIGMA = ("sigma_m", "sigma_s")
-_COLUMNS = (*_TEXT[:3], *_VALUE, *_SIGMA, _TEXT[3], *OPTIONAL_NUMBERS)
 
 
 def looks_like_table(lines: list[str]) -> bool:
@@ -187,8 +183,8 @@ def table_columns(
         "epoch_utc": observations.epoch,
         "type": Labels(observations.kind.astype(np.int32), KINDS),
         "path": Labels(observations.link, tuple(link.path for link in observations.links)),
-        _VALUE[light_time]: observations.value_m / unit,
-        _SIGMA[light_time]: observations.sigma_m / unit,
+        VALUE[light_time]: observations.value_m / unit,
+        SIGMA[light_time]: observations.sigma_m / unit,
         "time_tag": Labels(observations.tag.astype(np.int32), TIME_TAGS),
     }
     for name in OPTIONAL_NUMBERS:
@@ -213,18 +209,3 @@ def _header(path: str | Path, number: int, line: str) -> list[str]:
     header = [name.strip() for name in fields]
     require_columns(path, header, number)
     return header
-
-
-def require_columns(path: str | Path, header: list[str], line: int | None = None) -> None:
-    """Raise :class:`FileFormatError` where a column is missing, unknown or there twice."""
-    for name in header:
-        if name not in _COLUMNS:
-            raise FileFormatError(path, f"column {name!r} is not known; use {', '.join(_COLUMNS)}", line)
-        if header.count(name) > 1:
-            raise FileFormatError(path, f"column {name!r} is there twice; leave one out", line)
-    for choice in (*((name,) for name in _TEXT), _VALUE, _SIGMA):
-        given = [name for name in choice if name in header]
-        if not given:
-            raise FileFormatError(path, f"column {' or '.join(choice)} is missing; add it", line)
-        if len(given) > 1:
-            raise FileFormatError(path, f"columns {' and '.join(given)} say the same; leave one out", line)

@@ -2,8 +2,9 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+COMPILED := tests/unit/measurements/test_interpolated_arc.py tests/unit/studies/test_evaluation.py
 
-.PHONY: demo test test-all lint bench scaling clean
+.PHONY: demo test test-all test-uncompiled lint bench scaling clean
 
 $(VENV)/.installed-demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -23,6 +24,9 @@ test: $(VENV)/.installed-dev  ## Run the tests that take seconds.
 
 test-all: $(VENV)/.installed-dev  ## Run all tests, slow studies included.
 	$(BIN)/python -m pytest
+
+test-uncompiled: $(VENV)/.installed-dev  ## Run the tests of compiled code with the compiler off, so that they see every line.
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow" $(COMPILED)
 
 lint: $(VENV)/.installed-dev  ## Style, types and the direction of imports.
 	$(BIN)/ruff check .

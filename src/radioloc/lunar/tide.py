@@ -16,7 +16,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError
 from radioloc.lunar.frames import rot_pa_to_me
-from radioloc.vectors import length
+from radioloc.vectors import dot, length
 
 # Mean of (a / R)^3 u u^T for the direction u and distance R of the Earth and the Sun, in mean-Earth axes over
 # four nodal periods of 18.6 years from 1969 (DE421); what is off the diagonal, below 2e-4, is 0.2 mm of
@@ -74,15 +74,21 @@ def solid_tide(
             f"{len(earth)} positions of the Earth, {len(sun)} of the Sun and {len(point)} points do not fit; "
             "give both bodies for each epoch, and one point or one for each epoch"
         )
-    tensor = constants.gm_earth_m3_s2 * _inverse_cube_dyad(earth)
-    tensor = tensor + constants.gm_sun_m3_s2 * _inverse_cube_dyad(sun)
+    up = point / length(point)[:, np.newaxis]
+    # S r and the trace of S.
+    pull, trace = np.zeros((1, 3)), np.zeros((1, 1))
+    bodies = (constants.gm_earth_m3_s2, earth), (constants.gm_sun_m3_s2, sun)
+    for gm_m3_s2, body_m in bodies:
+        distance_m = length(body_m)
+        unit = body_m / distance_m[:, np.newaxis]
+        strength = (gm_m3_s2 / distance_m**3)[:, np.newaxis]
+        pull = pull + strength * dot(unit, up)[:, np.newaxis] * unit
+        trace = trace + strength
     if permanent == "removed":
         to_me = rot_pa_to_me(constants)
-        tensor = tensor - to_me.T @ _mean_tensor(constants) @ to_me
-    up = point / np.linalg.norm(point, axis=-1, keepdims=True)
-    pull = np.einsum("...ij,...j->...i", tensor, up)
-    along_up = np.einsum("...i,...i->...", pull, up)[..., np.newaxis]
-    trace = np.trace(tensor, axis1=-2, axis2=-1)[..., np.newaxis]
+        mean = to_me.T @ _mean_tensor(constants) @ to_me
+        pull, trace = pull - up @ mean, trace - np.trace(mean)
+    along_up = dot(pull, up)[:, np.newaxis]
     radial = constants.h2 * (1.5 * along_up - 0.5 * trace) * up
     tangential = 3.0 * constants.l2 * (pull - along_up * up)
     return MEAN_LUNAR_RADIUS_M**4 / constants.gm_moon_m3_s2 * (radial + tangential)
@@ -94,13 +100,6 @@ def _mean_tensor(constants: EphemerisConstants) -> NDArray[np.float64]:
         constants.gm_earth_m3_s2 / _EARTH_DISTANCE_M**3 * _EARTH_MEAN
         + constants.gm_sun_m3_s2 / _SUN_DISTANCE_M**3 * _SUN_MEAN
     )
-
-
-def _inverse_cube_dyad(position_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Dyad u u^T / R^3 of positions of shape (n, 3), shape (n, 3, 3)."""
-    distance_m = length(position_m)
-    unit = position_m / distance_m[:, np.newaxis]
-    return unit[:, :, np.newaxis] * unit[:, np.newaxis, :] / distance_m[:, np.newaxis, np.newaxis] ** 3
 
 
 def _vectors(position_m: ArrayLike, name: str) -> NDArray[np.float64]:

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from radioloc.earth.stations import Station
 from radioloc.measurements.station_motion import StationMotion
-from radioloc.vectors import dot, length
+from radioloc.vectors import cross, dot, length
 
 _REFRACTION_RAD = 3.13e-4
 """Refractivity of the air on the ground: refraction is this times the cotangent of the elevation."""
@@ -77,35 +77,42 @@ def axis_offset_delay(
     itself. Derivatives leave it out.
     """
     n = len(which)
-    found = AxisOffset(np.zeros(n), np.zeros(n), np.zeros((n, 3)))
     offset_m = np.array([station.axis_offset_m or 0.0 for station in stations])[which]
-    rows = np.flatnonzero(offset_m)
-    if not len(rows):
-        return found
-    offset_m = offset_m[rows]
-    mount = np.array([station.mount for station in stations])[which[rows]]
-    up, pole = motion.up_gcrs[rows], motion.pole_gcrs[rows]
-    east = _normalized(np.cross(pole, up))
-    fixed = np.select(
-        [(mount == name)[:, None] for name in ("equatorial", "xy_north", "xy_east")],
-        [pole, np.cross(up, east), east],
-        default=up,
-    )
-    away_m = point_gcrs_m[rows] - motion.gcrs_m[rows]
+    if not offset_m.any():
+        return AxisOffset(np.zeros(n), np.zeros(n), np.zeros((n, 3)))
+    up, pole = motion.up_gcrs, motion.pole_gcrs
+    fixed = _fixed_axes(np.array([station.mount for station in stations]), which, up, pole)
+    away_m = point_gcrs_m - motion.gcrs_m
     distance_m = length(away_m)[:, None]
     unit = away_m / distance_m
     sine = dot(up, unit)
     lift = _REFRACTION_RAD / np.sqrt(sine**2 + _LEVEL_SINE**2)
     apparent = _normalized(unit + lift[:, None] * (up - sine[:, None] * unit))
-    found.delay_m[rows] = -offset_m * length(np.cross(apparent, fixed))
+    delay_m = -offset_m * length(cross(apparent, fixed))
     along = dot(unit, fixed)
     # Towards the end of the fixed axis the delay has a corner, and no derivative.
-    slope = offset_m * along / np.maximum(length(np.cross(unit, fixed)), 1e-9)
+    slope = offset_m * along / np.maximum(length(cross(unit, fixed)), 1e-9)
     by_position = (fixed - unit * along[:, None]) * slope[:, None] / distance_m
-    turning = _EARTH_RATE_RAD_S * dot(np.cross(pole, fixed), unit) * slope
-    found.by_position[rows] = by_position
-    found.rate_m_s[rows] = dot(by_position, velocity_m_s[rows] - motion.gcrs_velocity_m_s[rows]) + turning
-    return found
+    turning = _EARTH_RATE_RAD_S * dot(cross(pole, fixed), unit) * slope
+    return AxisOffset(
+        delay_m, dot(by_position, velocity_m_s - motion.gcrs_velocity_m_s) + turning, by_position
+    )
+
+
+def _fixed_axes(
+    mounts: NDArray[np.str_],
+    which: NDArray[np.int32],
+    up: NDArray[np.float64],
+    pole: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Direction of the fixed axis of each row's station, shape (n, 3)."""
+    if (mounts == "azimuth_elevation").all():
+        return up
+    east = _normalized(cross(pole, up))
+    fixed = up
+    for mount, axis in (("equatorial", pole), ("xy_north", cross(up, east)), ("xy_east", east)):
+        fixed = np.where((mounts == mount)[which][:, None], axis, fixed)
+    return fixed
 
 
 def _normalized(vectors: NDArray[np.float64]) -> NDArray[np.float64]:

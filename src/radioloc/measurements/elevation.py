@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.measurements.station_motion import StationMotion
-from radioloc.vectors import dot, length
+from radioloc.vectors import cross, dot, length
 
 
 @dataclass(frozen=True, slots=True)
@@ -49,7 +49,7 @@ def elevation_of(
     relative_m_s = velocity_m_s - station.gcrs_velocity_m_s
     sine = dot(station.up_gcrs, unit)
     # arctan2 keeps its digits near the zenith, where arcsin loses half of them.
-    cosine = length(np.cross(station.up_gcrs, unit))
+    cosine = length(cross(station.up_gcrs, unit))
     slope = 1.0 / np.maximum(cosine, 1e-9)
     by_position = (station.up_gcrs - unit * sine[:, None]) * slope[:, None] / distance_m
     turning = dot(station.up_rate_gcrs, unit) * slope

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
+from radioloc.vectors import length
 
 PLANETS_MM = {"venus": 0.1, "jupiter": 2.0, "saturn": 0.3}
 """Planets whose delay is modelled beside those of the Sun, the Earth and the Moon: largest size on one way, mm."""
@@ -32,6 +33,6 @@ def gravitational_delay_m(
     logarithm of (s + r12 + k) / (s - r12 + k) is taken as log1p, so that a short path loses no digits.
     """
     k_m = 2.0 * gm_m3_s2 / C_M_S**2
-    r12_m = np.linalg.norm(end_m - start_m, axis=-1)
-    sum_m = np.linalg.norm(start_m - body_m, axis=-1) + np.linalg.norm(end_m - body_m, axis=-1)
+    r12_m = length(end_m - start_m)
+    sum_m = length(start_m - body_m) + length(end_m - body_m)
     return k_m * np.log1p(2.0 * r12_m / (sum_m - r12_m + k_m))

@@ -11,6 +11,7 @@ from radioloc.earth.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.measurements.electron_content import ElectronContent
 from radioloc.measurements.observations import Observations, is_counted
 from radioloc.measurements.station_motion import StationMotion
+from radioloc.vectors import cross, dot
 
 
 def ionosphere_delay(
@@ -62,11 +63,9 @@ def ionosphere_delay(
     )
     rows = np.flatnonzero(radio & (problem == "") & (elevation_rad >= LEAST_ELEVATION_RAD))
     if len(rows):
-        east = np.cross(station.pole_gcrs[rows], station.up_gcrs[rows])
-        north = np.cross(station.up_gcrs[rows], east)
-        azimuth_rad = np.arctan2(
-            np.einsum("ni,ni->n", east, unit_gcrs[rows]), np.einsum("ni,ni->n", north, unit_gcrs[rows])
-        )
+        east = cross(station.pole_gcrs[rows], station.up_gcrs[rows])
+        north = cross(station.up_gcrs[rows], east)
+        azimuth_rad = np.arctan2(dot(east, unit_gcrs[rows]), dot(north, unit_gcrs[rows]))
         tec = source.slant_tec(
             itrf_m[rows], azimuth_rad % (2.0 * np.pi), elevation_rad[rows], observations.epoch[rows]
         )

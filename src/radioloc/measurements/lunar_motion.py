@@ -16,7 +16,7 @@ from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import geocentre_displacement_m
 from radioloc.time import Epochs
-from radioloc.vectors import dot, length
+from radioloc.vectors import dot, length, rotated
 
 
 @dataclass(frozen=True, slots=True)
@@ -64,8 +64,8 @@ class LunarMotion:
             pa_m = pa_m + solid_tide(
                 lander_pa_m, self.earth_pa_m, self.sun_pa_m, model.ephemeris.constants, permanent
             )
-        r_m = np.einsum("nij,nj->ni", self.rot_pa_to_icrf, pa_m)
-        velocity_m_s = self.centre.velocity_m_s + np.einsum("nij,nj->ni", self.rot_pa_to_icrf_rate, pa_m)
+        r_m = rotated(self.rot_pa_to_icrf, pa_m)
+        velocity_m_s = self.centre.velocity_m_s + rotated(self.rot_pa_to_icrf_rate, pa_m)
         v_m_s = self.centre.velocity_m_s
         seen_m = r_m
         if model.has("lunar_scale"):

@@ -66,7 +66,7 @@ class ZenithAir:
     wet_abc: NDArray[np.float64]
     height_above_a_m: NDArray[np.float64]
 
-    def mapping(self, elevation_rad: NDArray[np.float64], rows: NDArray[np.intp]) -> MappingFactors:
+    def mapping(self, elevation_rad: NDArray[np.float64], rows: NDArray[np.intp] | slice) -> MappingFactors:
         """Mapping functions of some rows, at their elevations."""
         hydrostatic, wet = self.hydrostatic_abc[rows].T, self.wet_abc[rows].T
         return mapping_factors(elevation_rad, self.height_above_a_m[rows], tuple(hydrostatic), tuple(wet))

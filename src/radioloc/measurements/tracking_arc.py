@@ -52,7 +52,7 @@ from radioloc.measurements.terms import TERMS
 from radioloc.measurements.trajectory_motion import displaced, trajectory_motion
 from radioloc.measurements.troposphere import SHORTEST_RADIO_UM
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
-from radioloc.vectors import dot
+from radioloc.vectors import by_component, dot, rotated
 
 _STRAIGHT_FOR_S = 1e-3
 """How far from its instant a straight motion is used: the error is below 0.034 m/s^2 * (1e-3 s)^2 / 2 = 2e-8 m."""
@@ -194,7 +194,9 @@ class TrackingArc:
         problem[self._counted] = np.where(problem[self._counted] != "", problem[self._counted], problem[n:])
         return Computed(
             value_m=self._observed(length_m),
-            by_position_pa=self._observed(np.einsum("ni,nij->nj", by_position, self._moon.rot_pa_to_icrf)),
+            by_position_pa=self._observed(
+                rotated(np.swapaxes(self._moon.rot_pa_to_icrf, -1, -2), by_position)
+            ),
             by_time_m_s=self._observed(by_time),
             by_transponder_delay_m_s=self._observed(np.where(self._sign > 0.0, partials.by_hold, 0.0)),
             by_zenith_wet=self._observed(np.stack(by_zenith_wet, axis=-1)),
@@ -282,6 +284,8 @@ class TrackingArc:
         self._up = self._moved(self._up, self._transmitter, path.transmit_s)
         self._down = self._moved(self._down, self._receiver, path.receive_s)
         self._meet(path.bounce_s)
+        for name in ("_up", "_down", "_moon", "_craft"):
+            setattr(self, name, _rows_of(getattr(self, name), slice(None)))
 
     def _meet(self, offset_s: NDArray[np.float64]) -> None:
         """Place the Moon, and the spacecraft if there is one, where the signals meet them."""
@@ -454,8 +458,8 @@ def _joined(parts: list[Any]) -> Any:
     return np.concatenate(parts)
 
 
-def _rows_of(value: Any, rows: NDArray[np.intp]) -> Any:
-    """Some rows of an array, or of all arrays of a record, which have one row per path."""
+def _rows_of(value: Any, rows: NDArray[np.intp] | slice) -> Any:
+    """Some rows of an array, or of all arrays of a record, which have one row per path; laid out by component."""
     if value is None:
         return None
     if isinstance(value, tuple):
@@ -469,4 +473,4 @@ def _rows_of(value: Any, rows: NDArray[np.intp]) -> Any:
         return replace(value, **parts)  # type: ignore[type-var]
     if isinstance(value, dict):
         return {key: _rows_of(item, rows) for key, item in value.items()}
-    return value[rows]
+    return by_component(value[rows])

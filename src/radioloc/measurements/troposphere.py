@@ -86,9 +86,8 @@ def troposphere_delay(
         if len(rows):
             _fill_light(slant, observations, station, elevation_rad, rows)
     if air is not None:
-        rows = np.flatnonzero(radio & high_enough)
-        if len(rows):
-            _fill_radio(slant, air, elevation_rad, rows)
+        wanted = radio & high_enough
+        _fill_radio(slant, air, elevation_rad, slice(None) if wanted.all() else np.flatnonzero(wanted))
     return SlantDelay(slant.delay_m, slant.by_elevation_m_rad, slant.by_zenith_wet, problem)
 
 
@@ -132,7 +131,7 @@ def _fill_light(
 
 
 def _fill_radio(
-    slant: SlantDelay, air: ZenithAir, elevation_rad: NDArray[np.float64], rows: NDArray[np.intp]
+    slant: SlantDelay, air: ZenithAir, elevation_rad: NDArray[np.float64], rows: NDArray[np.intp] | slice
 ) -> None:
     dry_m, wet_m = air.hydrostatic_m[rows], air.wet_m[rows]
     mapping = air.mapping(elevation_rad[rows], rows)

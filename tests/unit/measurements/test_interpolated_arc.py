@@ -357,7 +357,7 @@ def test_series_are_told_apart(model):
 
 
 def test_kernel_against_numpy():
-    """Runs with compilation or without; rows below zero are left as they are."""
+    """Runs with compilation or without; rows below zero are not a number."""
     pytest.importorskip("numba")
     from radioloc.measurements import _kernels
 
@@ -367,14 +367,15 @@ def test_kernel_against_numpy():
     x = random.uniform(-1.0, 1.0, n)
     for terms in (1, 2, 5, 7, 17):
         coefficients = random.normal(size=(5, quantities, terms))
-        out, plain = np.full((quantities, n), np.nan), np.full((quantities, n), np.nan)
+        out, plain = np.zeros((quantities, n)), np.zeros((quantities, n))
         _kernels.quantities(segment, x, coefficients, out, 0, n)
         getattr(_kernels.quantities, "py_func", _kernels.quantities)(segment, x, coefficients, plain, 3, n)
         assert (out[:, 3:] == plain[:, 3:]).all(where=segment[3:] >= 0)
         assert np.isnan(out[:, segment < 0]).all()
+        assert (plain[:, :3] == 0.0).all()
         # In order of their segments they are evaluated in place, to the same bits.
         order = np.argsort(segment, kind="stable")
-        in_place = np.full((quantities, n), np.nan)
+        in_place = np.zeros((quantities, n))
         _kernels.quantities(segment[order], x[order], coefficients, in_place, 0, n)
         np.testing.assert_array_equal(in_place, out[:, order])
         inside = np.flatnonzero(segment >= 0)
@@ -382,3 +383,23 @@ def test_kernel_against_numpy():
             [np.polyval(coefficients[segment[i], q], x[i]) for i in inside] for q in range(quantities)
         ]
         np.testing.assert_allclose(out[:, inside], expected, rtol=0, atol=1e-13)
+
+
+def test_kernel_with_more_paths_than_bins():
+    """Many segments that take turns, of several degrees: zeros before the first coefficient change nothing."""
+    pytest.importorskip("numba")
+    from radioloc.measurements import _kernels
+
+    random = np.random.default_rng(9)
+    n, segments = 3 * _kernels.GROUPED, 3 * _kernels.BINS
+    segment = random.integers(0, segments, n).astype(np.int32)
+    x = random.uniform(-1.0, 1.0, n)
+    coefficients = random.normal(size=(segments, 2, 17))
+    coefficients[::2, :, :6] = 0.0
+    coefficients[::5, 1] = 0.0
+    out = np.full((2, n), np.nan)
+    _kernels.quantities(segment, x, coefficients, out, 0, n)
+    expected = coefficients[segment, :, 0].T.copy()
+    for k in range(1, 17):
+        expected = expected * x + coefficients[segment, :, k].T
+    np.testing.assert_array_equal(out, expected)

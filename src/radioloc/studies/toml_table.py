@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from radioloc.errors import InputError
+from radioloc.studies.alike_keys import where_it_belongs
 from radioloc.time import Epochs, epochs_from_strings
 
 _Made = TypeVar("_Made")
@@ -32,13 +33,18 @@ class TomlTable:
         self._path = path
         self.name = name
         if not isinstance(content, Mapping):
-            raise InputError(f"{path}: [{name}] must be a table, not {_shown(content)}")
+            problem = _of_another_kind("a table", content, *name.rpartition(".")[::2])
+            raise InputError(f"{path}: [{name}] {problem}")
         self._content = dict(content)
         self._asked: list[str] = []
 
     def fail(self, key: str, problem: str) -> NoReturn:
         """Raise :class:`InputError` about one key."""
         raise InputError(f"{self._path}: [{self.name}] {key}: {problem}")
+
+    def _refuse(self, key: str, wanted: str, value: Any) -> NoReturn:
+        """Raise :class:`InputError` about a value of another kind."""
+        self.fail(key, _of_another_kind(wanted, value, self.name, key.partition(".")[0]))
 
     def build(self, make: Callable[..., _Made], **fields: Any) -> _Made:
         """Call with the fields that were given, so that others keep their defaults; errors name this table.
@@ -83,7 +89,7 @@ class TomlTable:
     def as_number(self, key: str, value: Any) -> float:
         """Check that a value is a finite number."""
         if isinstance(value, bool) or not isinstance(value, (int, float)):
-            self.fail(key, f"must be a number, not {_shown(value)}")
+            self._refuse(key, "a number", value)
         try:
             number = float(value)
         except OverflowError:
@@ -96,7 +102,7 @@ class TomlTable:
         """Take a string that is not empty."""
         value = self.take(key)
         if value is not None and not (isinstance(value, str) and value.strip()):
-            self.fail(key, f"must be a string that is not empty, not {_shown(value)}")
+            self._refuse(key, "a string that is not empty", value)
         return value
 
     def texts(self, key: str) -> tuple[str, ...] | None:
@@ -106,7 +112,7 @@ class TomlTable:
             return None
         values = [value] if isinstance(value, str) else value
         if not isinstance(values, list) or not all(isinstance(v, str) and v.strip() for v in values):
-            self.fail(key, f"must be a list of strings that are not empty, not {_shown(value)}")
+            self._refuse(key, "a list of strings that are not empty", value)
         return tuple(values)
 
     def vector(self, key: str) -> tuple[float, float, float] | None:
@@ -175,7 +181,7 @@ class TomlTable:
         if value is None:
             return []
         if not isinstance(value, list):
-            self.fail(key, f"must be a list of tables, [[{self.name}.{key}]], not {_shown(value)}")
+            self._refuse(key, f"a list of tables, [[{self.name}.{key}]]", value)
         return [TomlTable(self._path, f"{self.name}.{key}", item) for item in value]
 
     def finish(self) -> None:
@@ -185,6 +191,11 @@ class TomlTable:
             hint = f"; did you mean {near[0]!r}?" if near else f"; the keys are {', '.join(self._asked)}"
             where = f"[{self.name}] " if self.name else ""
             raise InputError(f"{self._path}: {where}{key!r} is not known{hint}")
+
+
+def _of_another_kind(wanted: str, value: Any, table: str, key: str) -> str:
+    advice = where_it_belongs(table, key)
+    return f"must be {wanted}, not {_shown(value)}" + (f"; {advice}" if advice else "")
 
 
 def _shown(value: Any) -> str:

@@ -466,3 +466,34 @@ itrf_m = [-1281152.0, 5640864.0, 2682653.0]
         file.write_text(text.replace(old, new, 1))
         with pytest.raises(InputError, match=words):
             read_study(file)
+
+
+@pytest.mark.parametrize(
+    ("tables", "words"),
+    [
+        ("[estimate]\nclock_rate = 1e-14", "[estimate] clock_rate: must be a list of strings"),
+        ("[estimate]\nclock_rate = 1e-14", "clock_rate_s_s, its sigma to clock_rate_sigma_s_s"),
+        ("[estimate]\nclock_rate = { KASHI = 1e-14 }", "to [simulation.truth] clock_rate"),
+        ("[estimate]\ntime_bias = 1e-6", "belongs to time_bias_s, its sigma to time_bias_sigma_s"),
+        ('[estimate]\nzenith_delay_m = ["KASHI"]', "zenith_delay says for which stations"),
+        ('[estimate]\nclock_sigma_s = "all"', "clock says for which stations"),
+        ("[estimate]\nweights = [{ sigma_m = 1.0 }]", "belong to [[observations.weights]]"),
+        (FILES + "sigma_m = 1.0", "in place of stated ones belongs to [[observations.weights]]"),
+        (FILES + "extra_sigma_m = { range = 1.0 }", "station or file belongs to [[observations.weights]]"),
+        (FILES + 'weights = "correlated"', "is said in [estimate] weights"),
+        (FILES + "[[observations.weights]]\nsigma_m = { range = 1.0 }", "belong to [observations] sigma_m"),
+        ('[simulation.truth]\nclock_rate = ["APOLLO"]', "is said in [estimate] clock_rate"),
+        ('[simulation.truth]\nrange_bias_m = "all"', "is said in [estimate] range_bias"),
+        ('[simulation.truth_sigma]\nclock_s = ["APOLLO"]', "is said in [estimate] clock"),
+    ],
+)
+def test_what_belongs_to_another_key_is_told_where(tables, words, read):
+    session = (
+        '[simulation.sessions.night]\nkind = "range"\nstations = ["APOLLO"]\nstart = 2006-04-07\n'
+        "stop = 2006-04-08\nstep_s = 60\nsigma_m = 0.02\n"
+    )
+    files = "" if FILES in tables else FILES
+    with pytest.raises(InputError) as caught:
+        read(TARGET + files + tables + "\n" + session)
+    assert words in str(caught.value)
+    assert "\n" not in str(caught.value)

@@ -20,8 +20,8 @@ from radioloc.earth.mapping_functions import niell
 from radioloc.earth.radio_troposphere import standard_weather, zenith_hydrostatic_delay_m, zenith_wet_delay_m
 from radioloc.earth.vmf3 import vmf3
 from radioloc.estimation.export import solution_dict
-from radioloc.io import table
 from radioloc.io.solution_files import RESIDUAL_COLUMNS
+from radioloc.io.table_head import COLUMNS
 from radioloc.measurements.terms import TERMS
 from radioloc.studies.toml_table import TomlTable
 from radioloc.time import tai_to_utc, utc_to_tai
@@ -209,7 +209,7 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
 
 def test_every_column_of_the_table_of_observations():
     page = DOCS / "reference" / "observation-table.md"
-    assert {row[0].strip("`") for row in rows_of_table(page, "column")} == set(table._COLUMNS)
+    assert {row[0].strip("`") for row in rows_of_table(page, "column")} == set(COLUMNS)
 
 
 def test_every_column_of_residuals():

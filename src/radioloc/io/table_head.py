@@ -11,7 +11,7 @@ VALUE = ("observed_m", "light_time_s")
 SIGMA = ("sigma_m", "sigma_s")
 EPOCH_COLUMNS = ("utc_date", "utc_ps")
 """Date and time of day apart, which a Parquet file may have in place of ``epoch_utc``."""
-_COLUMNS = ("epoch_utc", "type", "path", *VALUE, *SIGMA, "time_tag", *OPTIONAL_NUMBERS)
+COLUMNS = ("epoch_utc", "type", "path", *VALUE, *SIGMA, "time_tag", *OPTIONAL_NUMBERS)
 
 
 def require_columns(
@@ -30,7 +30,7 @@ def require_columns(
     split_epoch : bool
         Whether :data:`EPOCH_COLUMNS` are known too.
     """
-    known = (*_COLUMNS, *EPOCH_COLUMNS) if split_epoch else _COLUMNS
+    known = (*COLUMNS, *EPOCH_COLUMNS) if split_epoch else COLUMNS
     for name in header:
         if name not in known:
             raise FileFormatError(path, f"column {name!r} is not known; use {', '.join(known)}", line)

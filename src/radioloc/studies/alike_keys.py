@@ -32,7 +32,7 @@ def where_it_belongs(table: str, key: str) -> str:
                 "it is of all observations; one by type, station or file belongs to [[observations.weights]]"
             )
         case "observations", "weights":
-            return 'they are of chosen observations; how a series is weighed ("correlated") is said in [estimate] weights'
+            return 'they are of chosen observations; how series are weighed ("correlated") is in [estimate] weights'
         case "observations.weights", "sigma_m" | "factor" | "extra_sigma_m":
             return (
                 "it is of the observations that type, stations and files choose; sigmas by type, of files that state "

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,10 +13,39 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 
 
-def stations_of(
-    model: PhysicalModel, observations: Observations
-) -> tuple[tuple[Station, ...], NDArray[np.int32], NDArray[np.int32]]:
-    """The stations that take part, and for each observation which one transmits and which receives."""
+class ArcStations(NamedTuple):
+    """Stations of the observations of an arc.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the stations that take part, each once.
+    transmitters, receivers : ndarray of int32, shape (n,)
+        Index into `names` of each observation's transmitter and receiver.
+    stations : tuple of Station
+        The same as `names`, as they are in the catalogue.
+    """
+
+    names: tuple[str, ...]
+    transmitters: NDArray[np.int32]
+    receivers: NDArray[np.int32]
+    stations: tuple[Station, ...]
+
+
+def stations_of(model: PhysicalModel, observations: Observations) -> ArcStations:
+    """The stations that take part, in the order of the links.
+
+    Parameters
+    ----------
+    model : PhysicalModel
+        Has the catalogue.
+    observations : Observations
+
+    Raises
+    ------
+    StationError
+        A station is not in the catalogue; the message names the file and line.
+    """
     found: dict[str, int] = {}
     stations: list[Station] = []
     ends = np.zeros((len(observations.links), 2), dtype=np.int32)
@@ -31,4 +62,5 @@ def stations_of(
                 found[station.name] = len(stations)
                 stations.append(station)
             ends[i, end] = found[station.name]
-    return tuple(stations), ends[observations.link, 0], ends[observations.link, 1]
+    transmitters, receivers = ends[observations.link, 0], ends[observations.link, 1]
+    return ArcStations(tuple(found), transmitters, receivers, tuple(stations))

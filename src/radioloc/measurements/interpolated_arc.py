@@ -96,24 +96,9 @@ class InterpolatedArc:
     ) -> None:
         self.model = model
         self.observations = observations
-        self._stations, self._transmitter, self._receiver = stations_of(model, observations)
+        self.stations, self.transmitters, self.receivers, _ = stations_of(model, observations)
         with _predictions_told_once():
             self._plan(np.asarray(approximate_pa_m, dtype=np.float64), series)
-
-    @property
-    def stations(self) -> tuple[str, ...]:
-        """Names of the stations that take part, each once."""
-        return tuple(station.name for station in self._stations)
-
-    @property
-    def transmitters(self) -> NDArray[np.int32]:
-        """Index into :attr:`stations` of each observation's transmitter, shape (n,)."""
-        return self._transmitter
-
-    @property
-    def receivers(self) -> NDArray[np.int32]:
-        """Index into :attr:`stations` of each observation's receiver, shape (n,)."""
-        return self._receiver
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
@@ -193,7 +178,7 @@ class InterpolatedArc:
         """The arc of some of the observations (a mask, a slice or indices), already prepared."""
         part = copy.copy(self)
         part.observations = self.observations.select(which)
-        part._stations, part._transmitter, part._receiver = stations_of(self.model, part.observations)
+        part.stations, part.transmitters, part.receivers, _ = stations_of(self.model, part.observations)
         segment = np.atleast_1d(self._segment[which])
         part._x = np.atleast_1d(self._x[which])
         part._segment = segment.copy()

@@ -63,7 +63,8 @@ _OF_LANDERS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lorent
 class TrackingArc:
     """The observations of one arc, prepared for predictions from any position near an approximate one.
 
-    With a trajectory, every position is an offset from it in principal axes, constant in time: usually zeros.
+    An :class:`~radioloc.measurements.arc.Arc`, which says what it offers. With a trajectory, every position is an
+    offset from it in principal axes, constant in time: usually zeros.
 
     Parameters
     ----------
@@ -96,17 +97,15 @@ class TrackingArc:
         self.model = model
         self.trajectory = trajectory
         self.observations = observations
-        self._stations, transmitter, receiver = stations_of(model, observations)
-        tt = utc_to_tt(observations.epoch)
         # One path per observation; one that is counted is the difference of two, at the ends of its count interval.
         counted = is_counted(observations.kind)
         self._counted = np.flatnonzero(counted)
-        rows = np.concatenate([np.arange(len(observations)), self._counted])
+        rows = self._find_stations()
+        tt = utc_to_tt(observations.epoch)
         half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
         half_s = np.concatenate([half_s, -half_s[self._counted]])
         tt = tt[rows].shifted(half_s)
         self._paths = observations.select(rows)
-        self._transmitter, self._receiver = transmitter[rows], receiver[rows]
         differenced = is_differenced(self._paths.kind)
         # Without a recorded wavelength, a laser station's signal is light and any other's is radio.
         laser = np.array([station.kind == "llr" for station in self._stations], dtype=bool)[self._receiver]
@@ -128,21 +127,6 @@ class TrackingArc:
         )
         self._earth = model.ephemeris.earth(self._reference)
         self._prepare(np.asarray(approximate_pa_m, dtype=np.float64))
-
-    @property
-    def stations(self) -> tuple[str, ...]:
-        """Names of the stations that take part, each once."""
-        return tuple(station.name for station in self._stations)
-
-    @property
-    def transmitters(self) -> NDArray[np.int32]:
-        """Index into :attr:`stations` of each observation's transmitter, shape (n,)."""
-        return self._transmitter[: len(self.observations)]
-
-    @property
-    def receivers(self) -> NDArray[np.int32]:
-        """Index into :attr:`stations` of each observation's receiver, shape (n,)."""
-        return self._receiver[: len(self.observations)]
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
@@ -226,9 +210,7 @@ class TrackingArc:
         part = copy.copy(self)
         part.observations = self.observations.select(rows)
         part._counted = np.flatnonzero(second[rows] >= 0)
-        part._stations, transmitter, receiver = stations_of(self.model, part.observations)
-        path_rows = np.concatenate([np.arange(len(rows)), part._counted])
-        part._transmitter, part._receiver = transmitter[path_rows], receiver[path_rows]
+        part._find_stations()
         for name in _PER_PATH:
             setattr(part, name, _rows_of(getattr(self, name), paths))
         return part
@@ -239,9 +221,7 @@ class TrackingArc:
         whole = copy.copy(arcs[0])
         whole.observations = Observations.concatenate([arc.observations for arc in arcs])
         whole._counted = np.flatnonzero(is_counted(whole.observations.kind))
-        whole._stations, transmitter, receiver = stations_of(whole.model, whole.observations)
-        path_rows = np.concatenate([np.arange(len(whole.observations)), whole._counted])
-        whole._transmitter, whole._receiver = transmitter[path_rows], receiver[path_rows]
+        whole._find_stations()
         # The paths of each arc are its observations and then the second paths of what is counted; so are the whole's.
         second = np.concatenate([np.arange(len(arc._paths)) >= len(arc.observations) for arc in arcs])
         order = np.argsort(second, kind="stable")
@@ -264,6 +244,15 @@ class TrackingArc:
             return TrackingArc(model, observations, pa_m, self.trajectory)
 
         return table_of_terms(self, lander_pa_m, prepare, skip=() if self.trajectory is None else _OF_LANDERS)
+
+    def _find_stations(self) -> NDArray[np.intp]:
+        """Whose ends the paths have; returns the observation of each path."""
+        self.stations, self.transmitters, self.receivers, self._stations = stations_of(
+            self.model, self.observations
+        )
+        rows = np.concatenate([np.arange(len(self.observations)), self._counted])
+        self._transmitter, self._receiver = self.transmitters[rows], self.receivers[rows]
+        return rows
 
     def _observed(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:
         """From paths to observations: the path itself, or the difference of two where it is counted."""

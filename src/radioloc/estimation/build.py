@@ -24,7 +24,7 @@ from radioloc.estimation.statistics import (
     group_statistics,
     statistics_by,
 )
-from radioloc.estimation.time_correlation import assess_time_correlation
+from radioloc.estimation.time_correlation import TimeCorrelation, assess_time_correlation
 from radioloc.time import Epochs
 
 
@@ -124,17 +124,12 @@ def build_solution(
     statistics = _fit_statistics(edited, residuals, excess_noise_m or {})
     rotation = _array("rot_pa_to_me", rot_pa_to_me, (3, 3))
     position = _array("position_pa_m", position_pa_m, (3,))
-    # What weighs correlated series as such has its variances from the residuals themselves.
-    noise_scale = statistics.noise_scale if scale_covariance and fit.sigma_factor is None else 1.0
-    formal = _array("covariance", fit.covariance, (p, p))
+    noise_scale, correlation = 1.0, None
+    if scale_covariance:
+        noise_scale, correlation = _what_residuals_show(edited, residuals, statistics)
     covariance = scaled_covariance(fit, noise_scale)
-    correlation = None
-    if scale_covariance and edited.complete and fit.status in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE):
-        correlation = assess_time_correlation(
-            fit, residuals.types, residuals.paths, seconds_since_midnight(epoch_utc)
-        )
-        covariance = covariance if correlation is None else covariance + correlation.added_covariance
-
+    if correlation is not None:
+        covariance = covariance + correlation.added_covariance
     solution = Solution(
         name=name,
         converged=edited.converged,
@@ -142,7 +137,7 @@ def build_solution(
         message=edited.message,
         parameters=fit.parameters,
         values=_array("x", fit.x, (p,)),
-        formal_covariance=formal,
+        formal_covariance=_array("covariance", fit.covariance, (p, p)),
         covariance=_array("covariance", covariance, (p, p)),
         noise_scale=noise_scale,
         time_correlation=correlation,
@@ -167,6 +162,19 @@ def build_solution(
         return solution
     reference = compare_with(solution, _array("reference_pa_m", reference_pa_m, (3,)), reference_name)
     return replace(solution, reference=reference)
+
+
+def _what_residuals_show(
+    edited: EditedFit, residuals: Residuals, statistics: FitStatistics
+) -> tuple[float, TimeCorrelation | None]:
+    """By how much the noise is larger than stated, and which residuals stay alike."""
+    fit = edited.fit
+    # What weighs correlated series as such has its variances from the residuals themselves.
+    noise_scale = statistics.noise_scale if fit.sigma_factor is None else 1.0
+    if not (edited.complete and fit.status in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE)):
+        return noise_scale, None
+    time_s = seconds_since_midnight(residuals.epoch_utc)
+    return noise_scale, assess_time_correlation(fit, residuals.types, residuals.paths, time_s)
 
 
 def scaled_covariance(fit: FitResult, noise_scale: float) -> NDArray[np.float64]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
@@ -247,40 +248,67 @@ def fit_with_editing(
 
     if previous is None:
         x, at_x = robust_start(residual_function, parameters, sigma, usable, settings, at_x)
-    scale = robust_scale(_normalized(at_x.residual_m, sigma, usable), n_free)
+    return _settled(fit, given, sigma, n_free, limit, editing, x, at_x)
+
+
+_Fit = Callable[[NDArray[np.bool_], NDArray[np.float64], Linearization], FitResult]
+"""A fit of the chosen observations, from where to start and the linearization there."""
+
+
+def _settled(
+    fit: _Fit,
+    given: Labels,
+    sigma_m: NDArray[np.float64],
+    n_free: int,
+    limit: int,
+    editing: EditingSettings,
+    x: NDArray[np.float64],
+    at_x: Linearization,
+) -> EditedFit:
+    """Fit and select by turns from some start on, at most `limit` left out, until the selection stays."""
+    usable = given.are(USED)
+    n_usable = int(usable.sum())
+    scale = robust_scale(_normalized(at_x.residual_m, sigma_m, usable), n_free)
     seen: list[NDArray[np.bool_]] = []
-    message = ""
-    complete = True
+    found: EditedFit | None = None
     while True:
         limit_sigmas = editing.threshold * max(1.0, scale)
-        used = usable & (np.abs(at_x.residual_m) <= limit_sigmas * sigma)
-        if seen and np.array_equal(used, seen[-1]):
-            break
-        repeated = [k for k, earlier in enumerate(seen) if np.array_equal(used, earlier)]
-        if repeated:
-            # The selection runs in a circle: what any part of the circle leaves out stays out.
-            circle = np.array(seen[repeated[0] :])
-            used = np.asarray(circle.all(axis=0))
-            wavering = int((circle.any(axis=0) & ~used).sum())
-            message = f"{wavering} observations at the outlier limit were left out, in and out by turns"
+        used = usable & (np.abs(at_x.residual_m) <= limit_sigmas * sigma_m)
+        if found is not None and np.array_equal(used, found.fit.used):
+            return found
+        used, message = _without_wavering(used, seen)
+        last, complete = bool(message), True
         n_rejected = n_usable - int(used.sum())
         if n_rejected > limit:
-            complete = False
+            last, complete = True, False
             used = usable
             message = (
                 f"{n_rejected} of {n_usable} observations exceed {editing.threshold:g} sigmas, more than the "
                 f"{limit} that may be left out, so none was: check stations, sigmas and model"
             )
         elif len(seen) >= editing.max_passes:
-            complete = False
+            last, complete = True, False
             message = f"the editing did not settle in {editing.max_passes} passes"
         result = fit(used, x, at_x)
-        scale = robust_scale(_normalized(result.residual_m, sigma, usable), n_free)
+        scale = robust_scale(_normalized(result.residual_m, sigma_m, usable), n_free)
         seen.append(used)
-        if repeated or not complete or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
-            break
+        found = EditedFit(result, given, scale, len(seen), complete, message)
+        if last or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
+            return found
         x, at_x = result.x, result.linearization
-    return EditedFit(result, given, scale, len(seen), complete, message)
+
+
+def _without_wavering(
+    used: NDArray[np.bool_], seen: list[NDArray[np.bool_]]
+) -> tuple[NDArray[np.bool_], str]:
+    """A selection and no text; or, where it runs in a circle, that without what any part of it leaves out, and why."""
+    first = next((k for k, earlier in enumerate(seen) if np.array_equal(used, earlier)), None)
+    if first is None:
+        return used, ""
+    circle = np.array(seen[first:])
+    kept = np.asarray(circle.all(axis=0))
+    wavering = int((circle.any(axis=0) & ~kept).sum())
+    return kept, f"{wavering} observations at the outlier limit were left out, in and out by turns"
 
 
 def _given(status: ArrayLike | Labels | None, n: int) -> Labels:

@@ -20,7 +20,7 @@ Rows = NDArray[np.intp]
 """Indices of observations, in any order."""
 
 ROWS_AT_ONCE = 65536
-"""Rows of partials that are held together: 8 MB for 15 parameters."""
+"""Rows of partials, or of what else belongs to observations, that are held together: 8 MB for 15 parameters."""
 
 
 class Linearization(Protocol):

@@ -19,12 +19,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.linearization import ROWS_AT_ONCE
 
 ALONE = -1
 """Group of an observation that shares no error."""
-
-_ROWS_AT_ONCE = 65536
-"""Rows handled together: bounds the copies made."""
 
 _FLATTEST = 1e-10
 """Least variance of a combination, in parts of the largest in its block: below, rounding shows in the weights."""
@@ -207,22 +205,6 @@ class ObservationNoise:
                 blocks += _blocks_of(self.own_m[rows], self.shared.select(rows), rows)
         return Combinations(self, used, tuple(blocks))
 
-    def combinations(
-        self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
-    ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """As :meth:`Combinations.parts`, of all observations."""
-        return self.among().parts(rows_of)
-
-    def combined(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """As :meth:`Combinations.combined`, of all observations."""
-        return self.among().combined(values)
-
-    def whitened(
-        self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
-    ) -> Iterator[NDArray[np.float64]]:
-        """As :meth:`Combinations.whitened`, of all observations."""
-        return self.among().whitened(rows_of)
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combinations:
@@ -245,8 +227,8 @@ class Combinations:
     def rows(self) -> Iterator[tuple[NDArray[np.intp], _Block | None]]:
         """Observations part by part, in an order of their own: rows alone (m,), or of whole blocks (b, k)."""
         group = None if self.noise.shared is None else self.noise.shared.group
-        for start in range(0, len(self.noise), _ROWS_AT_ONCE):
-            part = slice(start, min(start + _ROWS_AT_ONCE, len(self.noise)))
+        for start in range(0, len(self.noise), ROWS_AT_ONCE):
+            part = slice(start, min(start + ROWS_AT_ONCE, len(self.noise)))
             alone = np.ones(part.stop - start, dtype=bool) if group is None else group[part] == ALONE
             if self.used is not None:
                 alone &= self.used[part]
@@ -254,7 +236,7 @@ class Combinations:
             if len(rows):
                 yield rows, None
         for block in self.blocks:
-            at_once = max(1, _ROWS_AT_ONCE // block.rows.shape[1])
+            at_once = max(1, ROWS_AT_ONCE // block.rows.shape[1])
             for start in range(0, len(block.rows), at_once):
                 part_of = block.select(slice(start, start + at_once))
                 yield part_of.rows, part_of
@@ -354,7 +336,7 @@ def _blocks_of_rows(
     size = rows.shape[1]
     axes, combined_m = np.empty((*rows.shape, size)), np.empty(rows.shape)
     diagonal = np.arange(size)
-    at_once = max(1, _ROWS_AT_ONCE // size)
+    at_once = max(1, ROWS_AT_ONCE // size)
     for start in range(0, len(rows), at_once):
         part = rows[start : start + at_once]
         covariance = shared.covariance_m2(part)

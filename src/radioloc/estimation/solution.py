@@ -301,8 +301,7 @@ class Solution:
         if not self.position_determined:
             return np.diag([np.inf, np.inf, np.inf])
         covariance = self.formal_covariance if level == "formal" else self.covariance
-        # Parameters without part in the position may have infinite variances; they must not meet the zeros
-        # here.
+        # Parameters without part in the position may have infinite variances; they must not meet the zeros here.
         involved = (self.position_partials != 0.0).any(axis=0)
         root = self.rot_pa_to_enu @ self.position_partials[:, involved]
         in_enu = root @ covariance[np.ix_(involved, involved)] @ root.T
@@ -352,8 +351,7 @@ class Solution:
         ``noise``: the stated noise, were all other parameters known (conditional covariance). ``other
         parameters``: what solving for them adds (marginal less conditional). ``misfit``: what scaling to
         the residuals adds. ``correlation``: what residuals add that stay alike. ``ephemeris``: its assumed
-        error. Empty if the position is held or not
-        determined.
+        error. Empty if the position is held or not determined.
         """
         if not (self.position_estimated and self.position_determined):
             return {}

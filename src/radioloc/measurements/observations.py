@@ -143,7 +143,8 @@ class Observations:
     links : tuple of Link
         The different paths, each once.
     value_m : ndarray, shape (n,)
-        Whole light path, the speed of light times the time of flight, m.
+        What was measured, m: of a range the whole light path, the speed of light times the time of flight; of other
+        kinds as :data:`KINDS` says.
     sigma_m : ndarray, shape (n,)
         Its standard deviation, m.
     pressure_hpa, temperature_k, relative_humidity : ndarray, shape (n,)
@@ -152,7 +153,7 @@ class Observations:
         Vacuum wavelength of the light or of the radio signal on its way down, micrometres. NaN says that it was not
         recorded.
     uplink_hz : ndarray, shape (n,)
-        Frequency of the radio signal on its way up. NaN says that it was not recorded or does not apply.
+        Frequency of the radio signal on its way up, Hz. NaN says that it was not recorded or does not apply.
     count_s : ndarray, shape (n,)
         Count interval of Doppler and of a delay rate, s; NaN for other kinds.
     files : tuple of str

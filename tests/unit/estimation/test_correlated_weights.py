@@ -211,14 +211,14 @@ def test_inflated_noise_is_that_of_larger_errors():
     noise = case.noise.inflated(factor)
     expected = factor[:, None] * case.covariance * factor
     np.testing.assert_allclose(noise.sigma_m, np.sqrt(np.diag(expected)), rtol=1e-12)
-    whitened = np.concatenate(list(noise.whitened(lambda rows: case.design[rows])))
+    whitened = np.concatenate(list(noise.among().whitened(lambda rows: case.design[rows])))
     np.testing.assert_allclose(
         whitened.T @ whitened, case.design.T @ np.linalg.solve(expected, case.design), rtol=1e-9
     )
     values = np.arange(len(factor), dtype=float)
     alone = case.select(case.epoch < 0).noise.inflated(np.full(4, 3.0))
     np.testing.assert_allclose(alone.own_m, 3.0 * case.own_m[:4])
-    assert noise.combined(values)[0].shape == values.shape
+    assert noise.among().combined(values)[0].shape == values.shape
 
 
 def test_weighed_as():

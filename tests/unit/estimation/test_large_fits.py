@@ -42,7 +42,7 @@ def test_rows_on_demand_are_the_same_as_all_at_once():
 def test_size_of_parts_does_not_matter(rows_at_once, monkeypatch):
     series = Series(3000)
     expected = fit_least_squares(series.linearize, series.parameters, series.sigma_m)
-    monkeypatch.setattr(observation_noise, "_ROWS_AT_ONCE", rows_at_once)
+    monkeypatch.setattr(observation_noise, "ROWS_AT_ONCE", rows_at_once)
     found = fit_least_squares(series.linearize, series.parameters, series.sigma_m)
     # The condition number of the columns is 100.
     np.testing.assert_allclose(

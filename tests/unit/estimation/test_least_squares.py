@@ -6,7 +6,7 @@ from toy_moon import LANDER_M, ToyMoon
 
 from radioloc.errors import InputError
 from radioloc.estimation import FitSettings, FitStatus, Parameter, ParameterSet, fit_least_squares
-from radioloc.estimation.observation_noise import _ROWS_AT_ONCE
+from radioloc.estimation.linearization import ROWS_AT_ONCE
 
 # Solving 5 well-conditioned unknowns in double precision; the closed form itself loses about 1e-12.
 LINEAR_RTOL = 1e-10
@@ -198,7 +198,7 @@ def test_no_information_beyond_the_size_of_the_moon():
 
 
 def test_blocks_of_rows_give_the_same_as_one():
-    design, observed, sigma = linear(n=_ROWS_AT_ONCE + 17)
+    design, observed, sigma = linear(n=ROWS_AT_ONCE + 17)
     fit = fit_least_squares(function(design, observed), free_parameters(5), sigma)
     x = np.linalg.lstsq(design / sigma[:, None], observed / sigma, rcond=None)[0]
     np.testing.assert_allclose(fit.x, x, rtol=LINEAR_RTOL)

@@ -56,7 +56,7 @@ def test_fit_is_generalized_least_squares(network):
 
 
 def test_whitened_rows_carry_the_inverse_covariance(network):
-    [*parts] = network.noise.whitened(lambda rows: np.eye(len(network.epoch))[rows])
+    [*parts] = network.noise.among().whitened(lambda rows: np.eye(len(network.epoch))[rows])
     root = np.vstack(parts)
     weight = np.linalg.inv(network.covariance)
     np.testing.assert_allclose(root.T @ root, weight, rtol=0.0, atol=ROUNDING * weight.max())
@@ -93,8 +93,8 @@ def test_order_of_the_rows_does_not_matter(network):
 def test_parts_of_any_length_give_the_same(network, monkeypatch):
     observed_m = errors_m(network)
     whole = fit(network, observed_m)
-    monkeypatch.setattr(observation_noise, "_ROWS_AT_ONCE", 4)  # less than a block
-    parts = list(network.noise.whitened(lambda rows: observed_m[rows, None]))
+    monkeypatch.setattr(observation_noise, "ROWS_AT_ONCE", 4)  # less than a block
+    parts = list(network.noise.among().whitened(lambda rows: observed_m[rows, None]))
     assert {len(part) for part in parts} == {4, 1, 6}
     assert fit(network, observed_m).chi2 == pytest.approx(whole.chi2, rel=ROUNDING)
 
@@ -168,7 +168,7 @@ def test_excess_noise_is_on_the_diagonal():
     expected_m = np.sqrt(OWN_M**2 + delays * (excess_m**2 + 2.0 * STATION_M**2))
     assert fit.sigma_m == pytest.approx(expected_m, rel=1e-12)
     assert fit.noise.own_m == pytest.approx(np.hypot(OWN_M, excess_m * delays), rel=1e-12)
-    of_delays = fit.noise.select(delays).combined(fit.residual_m[delays])
+    of_delays = fit.noise.select(delays).among().combined(fit.residual_m[delays])
     dof = round(delays.sum() * (1.0 - 3.0 / len(delays)))
     assert float(((of_delays[0] / of_delays[1]) ** 2).sum()) == pytest.approx(dof, rel=5e-3)
 
@@ -192,7 +192,7 @@ def test_a_station_shares_nothing_with_itself():
 def test_nothing_has_no_parts():
     network = DelayNetwork.make(epochs=2)
     none = network.noise.select(np.zeros(12, dtype=bool))
-    assert (len(none), *(len(column) for column in none.combined(np.zeros(0)))) == (0, 0, 0)
+    assert (len(none), *(len(column) for column in none.among().combined(np.zeros(0)))) == (0, 0, 0)
 
 
 def shared_of(count=2, effect_m=1.0):

@@ -144,7 +144,7 @@ def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
     order = np.random.default_rng(1).permutation(len(time_s))
     design, residual = fit.linearization.partials(order), fit.residual_m[order]
     mixed = fit_least_squares(lambda x: (residual - design @ x, design), fit.parameters, 1.0)
-    monkeypatch.setattr(observation_noise, "_ROWS_AT_ONCE", 333)
+    monkeypatch.setattr(observation_noise, "ROWS_AT_ONCE", 333)
     other = assess_time_correlation(mixed, types, path.select(order), time_s[order]).added_covariance
     np.testing.assert_allclose(other, found, rtol=0.0, atol=1e-6 * np.abs(found).max())
 

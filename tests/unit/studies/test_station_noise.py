@@ -64,7 +64,7 @@ def test_ranges_share_nothing():
         ),
     )
     noise = stated_noise(arc, ObservationChoice(extra_sigma_m=4.0, vlbi_station_sigma_m=2.0))
-    weight = np.vstack(list(noise.whitened(lambda rows: np.eye(5)[rows])))
+    weight = np.vstack(list(noise.among().whitened(lambda rows: np.eye(5)[rows])))
     covariance = np.linalg.inv(weight.T @ weight)
     expected = 25.0 * np.eye(5)
     # Errors of stations 0, 1, 2 in delays 0-1, 0-2, 1-2.
@@ -86,7 +86,7 @@ def test_delay_rates_share_the_growth_of_their_stations_times():
         ),
     )
     noise = stated_noise(arc, ObservationChoice(vlbi_station_sigma_m=5.0, vlbi_station_rate_sigma_m=2.0))
-    weight = np.vstack(list(noise.whitened(lambda rows: np.eye(5)[rows])))
+    weight = np.vstack(list(noise.among().whitened(lambda rows: np.eye(5)[rows])))
     expected = 9.0 * np.eye(5)
     expected[0, 0] += 2 * 25.0
     expected[1:4, 1:4] += 4.0 * np.array([[2, 1, -1], [1, 2, 1], [-1, 1, 2]])

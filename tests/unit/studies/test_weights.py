@@ -106,7 +106,7 @@ def test_sigmas_of_vlbi_stations_by_name():
         ),
     )
     noise = stated_noise(arc, ObservationChoice(vlbi_station_sigma_m={"KUNMING": 2.0, "URUMQI": 3.0}))
-    weight = np.vstack(list(noise.whitened(lambda rows: np.eye(3)[rows])))
+    weight = np.vstack(list(noise.among().whitened(lambda rows: np.eye(3)[rows])))
     # Errors of stations 0, 1, 2 in delays 0-1, 0-2, 1-2.
     expected = np.eye(3) + np.array([[4, 0, -4], [0, 9, 9], [-4, 9, 13]])
     np.testing.assert_allclose(np.linalg.inv(weight.T @ weight), expected, rtol=0.0, atol=1e-12)

@@ -67,20 +67,20 @@ def solid_tide(
     """
     if permanent not in ("included", "removed"):
         raise InputError(f"permanent tide {permanent!r} is not known; use 'included' or 'removed'")
-    point = _vectors(point_pa_m, "point")
-    earth, sun = _vectors(earth_pa_m, "Earth"), _vectors(sun_pa_m, "Sun")
-    if len(earth) != len(sun) or len(point) not in (1, len(earth)):
+    radius_m, up = _polar(point_pa_m, "point")
+    bodies = (
+        (constants.gm_earth_m3_s2, *_polar(earth_pa_m, "Earth")),
+        (constants.gm_sun_m3_s2, *_polar(sun_pa_m, "Sun")),
+    )
+    n_earth, n_sun = (len(distance_m) for _, distance_m, _ in bodies)
+    if n_earth != n_sun or len(radius_m) not in (1, n_earth):
         raise InputError(
-            f"{len(earth)} positions of the Earth, {len(sun)} of the Sun and {len(point)} points do not fit; "
+            f"{n_earth} positions of the Earth, {n_sun} of the Sun and {len(radius_m)} points do not fit; "
             "give both bodies for each epoch, and one point or one for each epoch"
         )
-    up = point / length(point)[:, np.newaxis]
     # S r and the trace of S.
     pull, trace = np.zeros((1, 3)), np.zeros((1, 1))
-    bodies = (constants.gm_earth_m3_s2, earth), (constants.gm_sun_m3_s2, sun)
-    for gm_m3_s2, body_m in bodies:
-        distance_m = length(body_m)
-        unit = body_m / distance_m[:, np.newaxis]
+    for gm_m3_s2, distance_m, unit in bodies:
         strength = (gm_m3_s2 / distance_m**3)[:, np.newaxis]
         pull = pull + strength * dot(unit, up)[:, np.newaxis] * unit
         trace = trace + strength
@@ -102,10 +102,12 @@ def _mean_tensor(constants: EphemerisConstants) -> NDArray[np.float64]:
     )
 
 
-def _vectors(position_m: ArrayLike, name: str) -> NDArray[np.float64]:
+def _polar(position_m: ArrayLike, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Distances, shape (n,), and unit vectors, shape (n, 3)."""
     vectors = np.atleast_2d(np.asarray(position_m, dtype=np.float64))
     if vectors.ndim != 2 or vectors.shape[-1] != 3:
         raise InputError(f"the position of the {name} has the shape {vectors.shape}; (n, 3) is needed")
-    if not np.isfinite(vectors).all() or not vectors.any(axis=-1).all():
+    distance_m = length(vectors)
+    if not ((distance_m > 0.0) & (distance_m < np.inf)).all():
         raise InputError(f"a position of the {name} is zero or not a finite number")
-    return vectors
+    return distance_m, vectors / distance_m[:, np.newaxis]

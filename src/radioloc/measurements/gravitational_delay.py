@@ -32,7 +32,14 @@ def gravitational_delay_m(
     accounts for the bending of the ray; IERS Conventions (2010), eq. 11.17 without it. With s = r1 + r2 the
     logarithm of (s + r12 + k) / (s - r12 + k) is taken as log1p, so that a short path loses no digits.
     """
+    return delay_of_distances_m(
+        length(start_m - body_m), length(end_m - body_m), length(end_m - start_m), gm_m3_s2
+    )
+
+
+def delay_of_distances_m(
+    r1_m: NDArray[np.float64], r2_m: NDArray[np.float64], r12_m: NDArray[np.float64], gm_m3_s2: float
+) -> NDArray[np.float64]:
+    """The same from the distances of both points from the body and from each other, m, shapes (n,)."""
     k_m = 2.0 * gm_m3_s2 / C_M_S**2
-    r12_m = length(end_m - start_m)
-    sum_m = length(start_m - body_m) + length(end_m - body_m)
-    return k_m * np.log1p(2.0 * r12_m / (sum_m - r12_m + k_m))
+    return k_m * np.log1p(2.0 * r12_m / (r1_m + r2_m - r12_m + k_m))

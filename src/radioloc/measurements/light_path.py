@@ -28,7 +28,7 @@ from radioloc.vectors import dot, length
 
 TRANSMIT, RECEIVE, BOUNCE = 0, 1, 2
 _MAX_ITERATIONS = 12
-_TOLERANCE_S = 1e-15
+TOLERANCE_S = 1e-15
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,6 +103,8 @@ def solve_light_path(
     down_delay_m: ArrayLike,
     sign: ArrayLike = 1.0,
     hold_s: ArrayLike = 0.0,
+    near: LightPath | None = None,
+    tolerance_s: float = TOLERANCE_S,
 ) -> LightPath:
     """Solve the light-time equations of both legs in the BCRS.
 
@@ -120,6 +122,10 @@ def solve_light_path(
         1 for a range, -1 for a differenced delay, whose tag then is the first station's (0) or the second's (1).
     hold_s : array_like, shape () or (n,)
         How long the point keeps the signal of a range before it sends it down, s; zero for a differenced delay.
+    near : LightPath, optional
+        A path of nearly the same lengths, to begin with.
+    tolerance_s : float
+        By how much the durations may still change in the last step; their error is a ten-thousandth of that.
 
     Raises
     ------
@@ -133,8 +139,11 @@ def solve_light_path(
     sent, received = tag == TRANSMIT, tag == RECEIVE
     up_delay_m, down_delay_m, sign = np.asarray(up_delay_m), np.asarray(down_delay_m), np.asarray(sign)
     hold_s = np.asarray(hold_s)
-    up_s = length(relay.position_m - transmitter.position_m) / C_M_S
-    down_s = length(receiver.position_m - relay.position_m) / C_M_S
+    if near is None:
+        up_s = length(relay.position_m - transmitter.position_m) / C_M_S
+        down_s = length(receiver.position_m - relay.position_m) / C_M_S
+    else:
+        up_s, down_s = near.up_s, near.down_s
     for _ in range(_MAX_ITERATIONS):
         bounce_s = tag_offset_s + np.where(sent, sign * up_s, np.where(received, -down_s - hold_s, 0.0))
         leave_s = bounce_s + hold_s
@@ -149,7 +158,7 @@ def solve_light_path(
         moved_s = np.abs(new_up_s - up_s) + np.abs(new_down_s - down_s)
         up_s, down_s = new_up_s, new_down_s
         # Written so that a NaN does not pass for converged.
-        if bool(np.all(moved_s < _TOLERANCE_S)):
+        if bool(np.all(moved_s < tolerance_s)):
             return LightPath(
                 transmit_s,
                 bounce_s,
@@ -159,7 +168,7 @@ def solve_light_path(
                 up_m / up_length_m[:, None],
                 down_m / down_length_m[:, None],
             )
-    open_paths = int(np.sum(~(moved_s < _TOLERANCE_S)))
+    open_paths = int(np.sum(~(moved_s < tolerance_s)))
     raise ConvergenceError(
         f"the light time of {open_paths} of {len(moved_s)} paths did not settle within {_MAX_ITERATIONS} iterations; "
         "are the positions finite, and the point near the Moon?"

@@ -33,9 +33,10 @@ from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.ephemeris import Trajectory
 from radioloc.measurements.arc import Computed, table_of_terms
 from radioloc.measurements.arc_stations import stations_of
-from radioloc.measurements.gravitational_delay import gravitational_delay_m
+from radioloc.measurements.gravitational_delay import delay_of_distances_m
 from radioloc.measurements.light_path import (
     RECEIVE,
+    TOLERANCE_S,
     TRANSMIT,
     LightPath,
     MovingPoint,
@@ -52,10 +53,12 @@ from radioloc.measurements.terms import TERMS
 from radioloc.measurements.trajectory_motion import displaced, trajectory_motion
 from radioloc.measurements.troposphere import SHORTEST_RADIO_UM
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
-from radioloc.vectors import by_component, dot, rotated
+from radioloc.vectors import by_component, dot, length, rotated
 
 _STRAIGHT_FOR_S = 1e-3
 """How far from its instant a straight motion is used: the error is below 0.034 m/s^2 * (1e-3 s)^2 / 2 = 2e-8 m."""
+_ROUGHLY_S = 1e-9
+"""Light times of the path without delays settle to 1e-13 s, in which nothing moves by more than 3e-9 m."""
 _OF_LANDERS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lorentz")
 """Terms of a point fixed to the Moon, which have no part in a trajectory."""
 
@@ -332,15 +335,21 @@ class TrackingArc:
             np.where(self._tag == RECEIVE, self._down.topocentric_s, 0.0),
         )
         tagged_s = tagged_s + self._equipment.after_tag_s
-        path = self._path(relay, tagged_s, 0.0, 0.0)
+        path = self._path(relay, tagged_s, 0.0, 0.0, tolerance_s=_ROUGHLY_S)
         up_m, down_m = self._gravity(path, relay)
         up, down = self._lines_of_sight(path, relay)
         up_drag, down_drag = self._drag(path)
         up_m, down_m = up_m + up_drag * up.delay_m, down_m + down_drag * down.delay_m
-        return self._path(relay, tagged_s, up_m, down_m), relay, (up, down)
+        return self._path(relay, tagged_s, up_m, down_m, path), relay, (up, down)
 
     def _path(
-        self, relay: MovingPoint, tagged_s: NDArray[np.float64], up_m: ArrayLike, down_m: ArrayLike
+        self,
+        relay: MovingPoint,
+        tagged_s: NDArray[np.float64],
+        up_m: ArrayLike,
+        down_m: ArrayLike,
+        near: LightPath | None = None,
+        tolerance_s: float = TOLERANCE_S,
     ) -> LightPath:
         return solve_light_path(
             self._up.point,
@@ -352,6 +361,8 @@ class TrackingArc:
             down_m,
             self._sign,
             self._equipment.hold_s,
+            near,
+            tolerance_s,
         )
 
     def _drag(self, path: LightPath) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -373,20 +384,30 @@ class TrackingArc:
         The Sun and the planets stand still in the barycentric frame to what matters; for the Earth and the Moon, which
         do not, the frame that moves with the Earth is the one in which they do.
         """
-        total = [np.zeros(len(self._paths)), np.zeros(len(self._paths))]
+        total_m = [np.zeros(len(self._paths)), np.zeros(len(self._paths))]
         if not self.model.has("shapiro"):
-            return total[0], total[1]
+            return total_m[0], total_m[1]
         gm = self.model.ephemeris.constants.gm_m3_s2
         lander_m = relay.at(path.bounce_s)
         lander_gcrs_m, _ = self._moon.geocentric(relay, path.bounce_s)
-        ends = (self._up, path.transmit_s), (self._down, path.receive_s)
-        for leg, (station, event_s) in enumerate(ends):
-            station_m = station.point.at(event_s)
-            for body, body_m in self._moon.bodies_m.items():
-                total[leg] += gravitational_delay_m(station_m, lander_m, body_m, gm(body))
-            for body, body_m in (("earth", np.zeros(3)), ("moon", self._moon.moon_gcrs_m)):
-                total[leg] += gravitational_delay_m(station.gcrs_m, lander_gcrs_m, body_m, gm(body))
-        return total[0], total[1]
+        stations = self._up, self._down
+        solar_m = [
+            station.point.at(event_s)
+            for station, event_s in zip(stations, (path.transmit_s, path.receive_s), strict=True)
+        ]
+        terrestrial_m = [station.gcrs_m for station in stations]
+        at_rest = (
+            (lander_m, solar_m, self._moon.bodies_m),
+            (lander_gcrs_m, terrestrial_m, {"earth": np.zeros(3), "moon": self._moon.moon_gcrs_m}),
+        )
+        for point_m, ends_m, bodies_m in at_rest:
+            between_m = [length(point_m - end_m) for end_m in ends_m]
+            for body, body_m in bodies_m.items():
+                to_point_m = length(point_m - body_m)
+                for leg, end_m in enumerate(ends_m):
+                    to_end_m = length(end_m - body_m)
+                    total_m[leg] += delay_of_distances_m(to_end_m, to_point_m, between_m[leg], gm(body))
+        return total_m[0], total_m[1]
 
     def _lines_of_sight(self, path: LightPath, relay: MovingPoint) -> tuple[LineOfSight, LineOfSight]:
         """The views from both stations."""

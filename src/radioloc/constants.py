@@ -14,6 +14,10 @@ C_M_S = 299792458.0
 SECONDS_PER_DAY = 86400.0
 """SI seconds in a day of TAI, TT or TDB."""
 
+EARTH_ROTATION_RAD_S = 7.292115e-5
+"""Nominal angular velocity of the Earth, rad/s (GRS80; IERS Conventions 2010, table 1.2); to 2e-8 of itself the rate of
+the Earth rotation angle by UT1, 2 pi 1.00273781191135448 / 86400 (ibid., eq. 5.15)."""
+
 J2000_JD = 2451545.0
 """Julian date of J2000.0."""
 

@@ -322,9 +322,8 @@ def _data(solution: Solution) -> tuple[str, ...]:
 def _fit(solution: Solution) -> tuple[str, ...]:
     fit = solution.fit
     line = f"{fit.total.used} used, {fit.total.rejected} left out"
-    if (
-        fit.total.wrms_m is not None and len(fit.by_type) <= 1
-    ):  # types in metres of different things have none
+    # Types whose metres are of different things have no common one.
+    if fit.total.wrms_m is not None and len(fit.by_type) <= 1:
         line += f"; wrms {metres(fit.total.wrms_m)} m"
         if {group.label for group in fit.by_type} == {"range"}:
             line += f" of the whole light path ({metres(0.5 * fit.total.wrms_m)} m one way)"

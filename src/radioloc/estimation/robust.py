@@ -5,7 +5,8 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.least_squares import FitSettings, factorize
+from radioloc.estimation.factorization import factorize
+from radioloc.estimation.least_squares import FitSettings
 from radioloc.estimation.linearization import (
     ROWS_AT_ONCE,
     DenseLinearization,

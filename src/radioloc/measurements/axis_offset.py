@@ -21,6 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import EARTH_ROTATION_RAD_S
 from radioloc.earth.stations import Station
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.vectors import cross, dot, length
@@ -29,7 +30,6 @@ _REFRACTION_RAD = 3.13e-4
 """Refractivity of the air on the ground: refraction is this times the cotangent of the elevation."""
 _LEVEL_SINE = 0.03
 """Near the horizon the cotangent levels off; with this, refraction there is 36 minutes of arc."""
-_EARTH_RATE_RAD_S = 7.292115e-5
 
 
 @dataclass(frozen=True, slots=True)
@@ -93,7 +93,7 @@ def axis_offset_delay(
     # Towards the end of the fixed axis the delay has a corner, and no derivative.
     slope = offset_m * along / np.maximum(length(cross(unit, fixed)), 1e-9)
     by_position = (fixed - unit * along[:, None]) * slope[:, None] / distance_m
-    turning = _EARTH_RATE_RAD_S * dot(cross(pole, fixed), unit) * slope
+    turning = EARTH_ROTATION_RAD_S * dot(cross(pole, fixed), unit) * slope
     return AxisOffset(
         delay_m, dot(by_position, velocity_m_s - motion.gcrs_velocity_m_s) + turning, by_position
     )

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S, L_B, L_G
+from radioloc.constants import C_M_S, L_B, L_G, SECONDS_PER_DAY
 from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
 from radioloc.earth.ocean_loading import ocean_loading_displacement
 from radioloc.earth.orientation import EarthRotation
@@ -103,7 +103,7 @@ def station_motion(
     tdb = reference.shifted(offset_s)
     earth = model.ephemeris.earth(tdb)
     geocentric_s = geocentric_tdb_minus_tt(tdb)
-    tt = Epochs.from_jd(tdb.jd, tdb.fraction - geocentric_s / 86400.0, "TT")
+    tt = Epochs.from_jd(tdb.jd, tdb.fraction - geocentric_s / SECONDS_PER_DAY, "TT")
     rotation = model.earth.evaluate(tt)
     rot = rotation.rot_itrf_to_gcrs
     moon_m, _ = model.ephemeris.geocentric("moon", tdb)

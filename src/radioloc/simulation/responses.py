@@ -13,7 +13,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S
+from radioloc.constants import C_M_S, EARTH_ROTATION_RAD_S
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_icrf_to_pa, rot_pa_to_me
@@ -26,8 +26,6 @@ from radioloc.simulation.truth import Clock, Truth
 from radioloc.simulation.visibility import directions_itrf
 from radioloc.time import tt_to_tdb, utc_to_tai, utc_to_tt
 
-_EARTH_TURNS_RAD_S = 7.292115e-5
-"""Of the Earth rotation angle by UT1 (IERS Conventions 2010, equation 5.15)."""
 _CLOCK_S, _CLOCK_RATE = 1e-3, 1e-9
 """Departures of clocks that responses are taken from: large beside the rounding of epochs, and clocks are linear."""
 
@@ -103,7 +101,7 @@ def responses(
             row = ends.by_stations(shift)
         elif name == "ut1_s":
             row = ends.by_stations(
-                {s: _EARTH_TURNS_RAD_S * np.array([-r[1], r[0], 0.0]) for s, r in ends.itrf_m.items()}
+                {s: EARTH_ROTATION_RAD_S * np.array([-r[1], r[0], 0.0]) for s, r in ends.itrf_m.items()}
             )
         elif name == "pole_rad":
             # W = R3(-s') R2(xp) R1(yp), IERS Conventions 2010, equation 5.3.

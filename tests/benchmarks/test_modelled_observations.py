@@ -3,6 +3,9 @@
 ``radioloc`` models all ranges, or all VLBI delays, of 48 hours at 1 Hz with all terms and their partials, nodes
 included, as one evaluation in a fit does; the others the bare geometry of three-way ranges. Ratios are of time per
 observation, one thread against one thread; run with ``make bench``.
+
+The floor is the arithmetic alone: polynomials of the same degree for as many observations and quantities, all of one
+segment, at sorted times, in the nearest cache. All that a user gets is to stay within four times of it.
 """
 
 from __future__ import annotations
@@ -30,6 +33,8 @@ pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptio
 START, STOP = "2020-12-01T15:11:00", "2020-12-03T15:10:00"
 SECONDS = 4 * 3600
 """Of one link, for the others."""
+MOST_FLOORS = 4.0
+"""Goal: within this many times of the polynomials' bare evaluation."""
 
 
 @pytest.fixture(scope="module")
@@ -66,6 +71,16 @@ def seconds_each(function, n, *arguments, at_least_s=0.5):
         start = time.perf_counter()
         function(*arguments)
         best = min(best, (time.perf_counter() - start) / n)
+    return best
+
+
+def seconds_each_in_turns(cases, at_least_s=4.0):
+    """Best times per observation of functions that take turns, so that all meet the same clock and neighbours, s."""
+    best = [np.inf for _ in cases]
+    began = time.perf_counter()
+    while time.perf_counter() - began < at_least_s or np.inf in best:
+        for i, (function, n) in enumerate(cases):
+            best[i] = min(best[i], seconds_each(function, n, at_least_s=0.0))
     return best
 
 
@@ -115,16 +130,18 @@ def arcs(model):
 @pytest.mark.parametrize("what", ["three-way range", "VLBI delay"])
 def test_ratios(benchmark, arcs, link, what, one_thread, tmp_path, capsys):
     arc, lander_pa_m = arcs[what]
-    n = len(arc.observations)
-    blocks(arc, lander_pa_m)
-    benchmark.pedantic(blocks, args=(arc, lander_pa_m), rounds=5)
-    ours_s = benchmark.stats.stats.min / n
-    floor, floor_n = floor_of(arc, lander_pa_m)
-    floor()
-    floor_s = seconds_each(floor, floor_n)
     observations = arc.observations
-    sorted_rows = np.lexsort((observations.epoch.fraction, observations.epoch.jd, observations.link))
-    by_series_s = seconds_each(blocks, n, arc.select(sorted_rows), lander_pa_m, at_least_s=2.0)
+    n = len(observations)
+    by_link = arc.select(np.lexsort((observations.epoch.fraction, observations.epoch.jd, observations.link)))
+    floor, floor_n = floor_of(arc, lander_pa_m)
+    cases = (
+        (lambda: blocks(arc, lander_pa_m), n),
+        (lambda: blocks(by_link, lander_pa_m), n),
+        (floor, floor_n),
+    )
+    seconds_each_in_turns(cases, at_least_s=0.0)  # compiles
+    ours_s, by_link_s, floor_s = seconds_each_in_turns(cases)
+    benchmark.pedantic(blocks, args=(arc, lander_pa_m), rounds=5)
     sender, lander, receiver, tdb_s = link
     loop = others.SpiceLoop(tmp_path)
     few = tdb_s[::20]
@@ -144,12 +161,18 @@ def test_ratios(benchmark, arcs, link, what, one_thread, tmp_path, capsys):
         print(
             f"  {ours_s / floor_s:6.2f} times the polynomial floor of {1e9 * floor_s:.1f} ns in order of time,"
         )
-        print(f"  {by_series_s / floor_s:6.2f} times with the observations of a link together")
+        print(f"  {by_link_s / floor_s:6.2f} times with the observations of a link together")
         for name, ratio in ratios.items():
             print(f"  {ratio:9.0f} times faster than {name} ({1e6 * ratio * ours_s:.2f} us)")
-    floors = {"floor": ours_s / floor_s, "floor, by link": by_series_s / floor_s}
+    floors = {"floor": ours_s / floor_s, "floor, by link": by_link_s / floor_s}
     benchmark.extra_info.update({"ns": 1e9 * ours_s, **floors, **ratios})
     assert ratios["spiceypy loop"] > 1000.0
+    if max(floors.values()) > MOST_FLOORS and os.getloadavg()[0] > 1.5:
+        pytest.skip(
+            f"the machine is busy (load {os.getloadavg()[0]:.1f}): {max(floors.values()):.1f} times the floor say "
+            f"nothing of {MOST_FLOORS:g}"
+        )
+    assert max(floors.values()) < MOST_FLOORS
 
 
 @pytest.mark.skipif(shutil.which("javac") is None, reason="Orekit needs Java, with its compiler")

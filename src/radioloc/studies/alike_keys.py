@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from radioloc.studies.study import STATION_PARAMETERS
+from dataclasses import fields
+
+from radioloc.studies.study import STATION_PARAMETERS, EstimateChoice, ModelChoice, ObservationChoice
 
 _LISTED_FOR = {
     "range_bias_m": "range_bias",
@@ -11,6 +13,32 @@ _LISTED_FOR = {
     "zenith_delay_m": "zenith_delay",
 }
 """What the simulated world has, and the key of ``[estimate]`` that lists for which stations a fit solves for it."""
+
+_KEYS = {
+    "observations": {field.name for field in fields(ObservationChoice)} - {"tdm"},
+    "estimate": {field.name for field in fields(EstimateChoice)},
+    "model": {field.name for field in fields(ModelChoice)} - {"terms", "delays"} | {"off", "station_delay_s"},
+}
+
+
+def table_of(key: str, besides: str) -> str:
+    """The table of what is read, modelled or estimated that has a key unknown to one of them or above all tables.
+
+    Parameters
+    ----------
+    key : str
+    besides : str
+        Name of the table in which it was found, empty for none.
+
+    Returns
+    -------
+    str
+        Empty where there is none, or several.
+    """
+    if besides and besides not in _KEYS:
+        return ""
+    found = [table for table, keys in _KEYS.items() if key in keys]
+    return found[0] if len(found) == 1 else ""
 
 
 def where_it_belongs(table: str, key: str) -> str:

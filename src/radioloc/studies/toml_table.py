@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, NoReturn, TypeVar
 
 from radioloc.errors import InputError
-from radioloc.studies.alike_keys import where_it_belongs
+from radioloc.studies.alike_keys import table_of, where_it_belongs
 from radioloc.time import Epochs, epochs_from_strings
 
 _Made = TypeVar("_Made")
@@ -189,6 +189,8 @@ class TomlTable:
         for key in self._content:
             near = difflib.get_close_matches(key, self._asked, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else f"; the keys are {', '.join(self._asked)}"
+            if table := table_of(key, self.name):
+                hint = f"; it belongs to [{table}]"
             where = f"[{self.name}] " if self.name else ""
             raise InputError(f"{self._path}: {where}{key!r} is not known{hint}")
 

@@ -497,3 +497,26 @@ def test_what_belongs_to_another_key_is_told_where(tables, words, read):
         read(TARGET + files + tables + "\n" + session)
     assert words in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (
+            TARGET + FILES + "rejection_sigma = 4",
+            "[observations] 'rejection_sigma' is not known; it belongs to [estimate]",
+        ),
+        (
+            TARGET + FILES + "[estimate]\nextra_sigma_m = 1",
+            "'extra_sigma_m' is not known; it belongs to [observations]",
+        ),
+        (TARGET + FILES + '[estimate]\noff = "shapiro"', "'off' is not known; it belongs to [model]"),
+        ("hours = 3\n" + TARGET + FILES, "'hours' is not known; it belongs to [observations]"),
+        # Two tables have weights: neither is meant more than the other.
+        (TARGET + FILES + '[model]\nweights = "correlated"', "[model] 'weights' is not known; the keys are"),
+    ],
+)
+def test_keys_of_another_table_are_told_where(text, message, read):
+    with pytest.raises(InputError) as caught:
+        read(text)
+    assert message in str(caught.value)

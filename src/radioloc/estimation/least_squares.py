@@ -168,11 +168,6 @@ class FitResult:
         return self.noise.sigma_m
 
     @property
-    def normalized_residuals(self) -> NDArray[np.float64]:
-        """Residuals over their stated sigmas, all observations, each seen alone, shape (n,)."""
-        return self.residual_m / self.sigma_m
-
-    @property
     def chi2_per_dof(self) -> float | None:
         """Reduced chi-square; None without redundancy."""
         return self.chi2 / self.dof if self.dof > 0 else None

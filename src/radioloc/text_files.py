@@ -20,9 +20,18 @@ _GZIP_MAGIC = b"\x1f\x8b"
 _COMPRESS_MAGIC = b"\x1f\x9d"
 
 
-def read_lines(path: str | Path, *, encoding: str = "utf-8-sig") -> list[str]:
-    """Lines of a text file, plain or gzip, without line ends; as :func:`read_text`."""
-    return read_text(path, encoding=encoding).split("\n")
+def read_lines(path: str | Path, *, encoding: str = "utf-8-sig") -> Iterator[str]:
+    """Lines of a text file, plain or gzip, without line ends, of which only a piece is in memory.
+
+    Parameters and errors as :func:`read_text`; what is wrong further down is told when it is reached. Behind a line end
+    that ends the file comes an empty line.
+    """
+    last = ""
+    for _, block in read_blocks(path, encoding=encoding):
+        lines = block.decode(_within(encoding)).split("\n")
+        last = lines.pop()
+        yield from lines
+    yield last
 
 
 def read_text(path: str | Path, *, encoding: str = "utf-8-sig") -> str:
@@ -42,7 +51,12 @@ def read_text(path: str | Path, *, encoding: str = "utf-8-sig") -> str:
         No such file, a directory, not readable, empty, a gzip file that was cut or damaged, compressed in another
         way, or not text.
     """
-    return b"".join(block for _, block in read_blocks(path, encoding=encoding)).decode(encoding)
+    return "".join(block.decode(_within(encoding)) for _, block in read_blocks(path, encoding=encoding))
+
+
+def _within(encoding: str) -> str:
+    """Encoding behind the start of a file: a byte order mark there is a character as any other."""
+    return encoding.removesuffix("-sig")
 
 
 def read_blocks(

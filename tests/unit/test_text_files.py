@@ -21,7 +21,7 @@ def test_plain_gzip_and_line_ends_give_the_same_lines(tmp_path):
         "zipped.txt": gzip.compress(b"a\nb\xc2\xb1\n"),
     }.items():
         (tmp_path / name).write_bytes(content)
-        assert read_lines(tmp_path / name) == ["a", "b±", ""], name
+        assert list(read_lines(tmp_path / name)) == ["a", "b±", ""], name
 
 
 @pytest.mark.parametrize(
@@ -43,24 +43,24 @@ def test_unreadable_content_is_one_clear_error(tmp_path, content, words, line):
     file = tmp_path / "a.npt"
     file.write_bytes(content)
     with pytest.raises(FileFormatError, match=words) as caught:
-        read_lines(file)
+        list(read_lines(file))
     assert caught.value.line == line
     assert str(file) in str(caught.value)
 
 
 def test_missing_file_and_directory(tmp_path):
     with pytest.raises(FileFormatError, match="no such file"):
-        read_lines(tmp_path / "none.npt")
+        list(read_lines(tmp_path / "none.npt"))
     with pytest.raises(FileFormatError, match="is a directory"):
-        read_lines(tmp_path)
+        list(read_lines(tmp_path))
     with pytest.raises(FileFormatError, match="cannot be read"):
-        read_lines("a\0b")
+        list(read_lines("a\0b"))
 
 
 def test_latin_1_where_it_is_asked_for(tmp_path):
     file = tmp_path / "a.grd"
     file.write_bytes(b"% Universit\xe4t\r\n1 2\r\n")
-    assert read_lines(file, encoding="latin-1") == ["% Universität", "1 2", ""]
+    assert list(read_lines(file, encoding="latin-1")) == ["% Universität", "1 2", ""]
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_file_without_permission(tmp_path):
     file.write_text("a")
     file.chmod(0)
     with pytest.raises(FileFormatError, match="cannot be read"):
-        read_lines(file)
+        list(read_lines(file))
 
 
 def test_write_replaces_at_once_and_leaves_nothing_behind(tmp_path):
@@ -112,3 +112,14 @@ def test_nowhere_to_write(tmp_path):
         write_text(tmp_path / "none" / "a.txt", "one")
     with pytest.raises(FileFormatError, match="is a directory"):
         write_text(tmp_path, "one")
+
+
+def test_lines_are_read_as_they_are_asked_for(tmp_path):
+    """What is wrong far down does not keep the lines before it from being read; blocks break no line."""
+    file = tmp_path / "long.txt"
+    file.write_bytes(b"line\r\n" * 800_000 + b"\xff\n")
+    lines = read_lines(file)
+    assert [next(lines) for _ in range(600_000)] == ["line"] * 600_000
+    with pytest.raises(FileFormatError, match="not UTF-8") as caught:
+        list(lines)
+    assert caught.value.line == 800_001

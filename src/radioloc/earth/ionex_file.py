@@ -67,7 +67,7 @@ class _Reader:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.lines = read_lines(path, encoding=ENCODING)
+        self.lines = list(read_lines(path, encoding=ENCODING))
         self.next = 0
         self.exponent = -1
 

@@ -24,6 +24,7 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
@@ -120,7 +121,7 @@ def read_crd(path: str | Path, *, catalogue: Catalogue | None = None) -> Observa
     return parse_crd(path, read_lines(path), catalogue)
 
 
-def parse_crd(path: str | Path, lines: list[str], catalogue: Catalogue | None) -> Observations:
+def parse_crd(path: str | Path, lines: Iterable[str], catalogue: Catalogue | None) -> Observations:
     """As :func:`read_crd`, from the file's lines."""
     links: dict[Link, int] = {}
     columns: list[list[NDArray[np.float64]]] = []
@@ -129,6 +130,7 @@ def parse_crd(path: str | Path, lines: list[str], catalogue: Catalogue | None) -
     wavelengths_um: dict[str, float] = {}
     current: _Pass | None = None
     ended = False
+    number = 0
     for number, text in enumerate(lines, start=1):
         code = text[:2].upper()
         if code in _PASSED_OVER or not text.strip():
@@ -177,7 +179,7 @@ def parse_crd(path: str | Path, lines: list[str], catalogue: Catalogue | None) -
                 current = None
     if not ended:
         problem = "the file ends without its end record (H9): it was cut; fetch it again"
-        raise FileFormatError(path, problem, len(lines))
+        raise FileFormatError(path, problem, number)
     if not columns:
         raise FileFormatError(path, "has no pass; fetch it again")
     return _observations(path, columns, tuple(links))
@@ -186,7 +188,10 @@ def parse_crd(path: str | Path, lines: list[str], catalogue: Catalogue | None) -
 def _observations(
     path: str | Path, columns: list[list[NDArray[np.float64]]], links: tuple[Link, ...]
 ) -> Observations:
-    joined = [np.concatenate(parts) for parts in zip(*columns, strict=True)]
+    parts = [list(of_passes) for of_passes in zip(*columns, strict=True)]
+    # A column that is joined is let go.
+    columns.clear()
+    joined = [np.concatenate(parts.pop(0)) for _ in range(len(parts))]
     line, link, jd, second, flight_s, tag, sigma_s, wavelength_um, pressure, temperature, humidity = joined
     observations = Observations.from_columns(
         epoch=utc_from_seconds_of_day(jd, second),

@@ -113,4 +113,4 @@ def _starts(path: str | Path) -> Iterator[list[str]]:
     """Lines at the start of a file, then all of them."""
     _, start = next(read_blocks(path))
     yield start.decode().split("\n")
-    yield read_lines(path)
+    yield list(read_lines(path))

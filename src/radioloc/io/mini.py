@@ -15,6 +15,8 @@ rest is not used.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterable, Iterator
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -36,6 +38,8 @@ STATIONS = {"70610": "7045", "01910": "7845", "07941": "7941", "71112": "7080"}
 """Pad numbers of the station codes in columns 39-43."""
 
 _WIDTH = 73
+# A column of numbers takes a tenth of the memory of the rows it is made of.
+_ROWS_AT_ONCE = 20_000
 _INTEGER = re.compile(r" *-?\d+", re.ASCII)
 
 
@@ -67,25 +71,21 @@ def read_mini(path: str | Path, *, catalogue: Catalogue | None = None) -> Observ
     return parse_mini(path, read_lines(path), catalogue)
 
 
-def parse_mini(path: str | Path, lines: list[str], catalogue: Catalogue | None) -> Observations:
+def parse_mini(path: str | Path, lines: Iterable[str], catalogue: Catalogue | None) -> Observations:
     """As :func:`read_mini`, from the file's lines."""
-    rows = []
-    links: dict[str, Link] = {}
-    for number, line in enumerate(lines, start=1):
-        if line.strip():
-            columns = _parse_line(path, number, line)
-            codes = line[37:43].replace(" ", "0")
-            if codes not in links:
-                links[codes] = _link(path, number, codes, catalogue)
-            rows.append((*columns, list(links).index(codes), number))
-    if not rows:
+    links: list[Link] = []
+    rows = _rows(path, lines, catalogue, links)
+    parts = []
+    while part := list(islice(rows, _ROWS_AT_ONCE)):
+        parts.append(np.array(part).T)
+    if not parts:
         raise FileFormatError(path, "has no normal points; fetch it again")
     jd, second, flight, sigma, pressure, temperature, humidity, wavelength, link, line_numbers = (
-        np.array(column) for column in zip(*rows, strict=True)
+        np.concatenate(parts, axis=1)
     )
     observations = Observations.from_columns(
         epoch=utc_from_seconds_of_day(jd, second),
-        links=tuple(links.values()),
+        links=tuple(links),
         link=link,
         value_m=C_M_S * flight,
         sigma_m=C_M_S * sigma,
@@ -98,6 +98,21 @@ def parse_mini(path: str | Path, lines: list[str], catalogue: Catalogue | None) 
     )
     refuse_duplicates(observations)
     return observations
+
+
+def _rows(
+    path: str | Path, lines: Iterable[str], catalogue: Catalogue | None, links: list[Link]
+) -> Iterator[tuple[float, ...]]:
+    """What :func:`_parse_line` finds in each line, the index of its link, and its number; appends to the links."""
+    places: dict[str, int] = {}
+    for number, line in enumerate(lines, start=1):
+        if line.strip():
+            columns = _parse_line(path, number, line)
+            codes = line[37:43].replace(" ", "0")
+            if codes not in places:
+                places[codes] = len(links)
+                links.append(_link(path, number, codes, catalogue))
+            yield (*columns, places[codes], number)
 
 
 def _link(path: str | Path, number: int, codes: str, catalogue: Catalogue | None) -> Link:

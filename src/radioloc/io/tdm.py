@@ -21,7 +21,7 @@ from radioloc.io.tdm_kvn import looks_like_kvn, parse_kvn
 from radioloc.io.tdm_observations import tdm_observations
 from radioloc.io.tdm_xml import looks_like_xml, parse_xml
 from radioloc.measurements.observations import Observations
-from radioloc.text_files import read_text
+from radioloc.text_files import read_blocks, read_lines, read_text
 
 # Characters among which a file's first line is.
 _START = 20_000
@@ -45,13 +45,13 @@ def read_tdm_file(path: str | Path) -> TdmFile:
     FileFormatError
         The file cannot be read, is no message, was cut, or holds what the standard does not allow. Names the line.
     """
-    text = read_text(path)
-    if looks_like_xml(text):
-        # Not through lines, which would have to be joined again.
-        return parse_xml(path, text)
-    if looks_like_kvn(text[:_START].split("\n")):
-        return parse_tdm(path, text.split("\n"))
-    first = next(line for line in text.split("\n") if line.strip())
+    _, block = next(read_blocks(path))
+    start = block.decode()
+    if looks_like_xml(start):
+        return parse_xml(path, read_text(path))
+    if looks_like_kvn(start[:_START].split("\n")):
+        return parse_kvn(path, read_lines(path))
+    first = next(line for line in read_lines(path) if line.strip())
     problem = f"starts with {first[:40]!r}; a TDM starts with CCSDS_TDM_VERS = 2.0, or is XML with <tdm>"
     raise FileFormatError(path, problem, 1)
 

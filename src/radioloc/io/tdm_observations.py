@@ -144,13 +144,15 @@ def _readout(shared: Shared) -> TdmReadout:
     if not shared.columns:
         held = ", ".join(sorted({k for _, segment in shared.segments for k in segment.keywords()}))
         raise FileFormatError(shared.files[0], f"holds no range, Doppler or VLBI delay, only {held}")
+    epoch = Epochs.concatenate([part.pop("epoch") for part in shared.columns])
+    # A column that is joined is let go; one that need not be joined may be a single number for all of its rows.
     joined: dict[str, Any] = {
-        name: np.concatenate([part[name] for part in shared.columns])
-        for name in shared.columns[0]
-        if name != "epoch"
+        name: np.concatenate(parts) if len(parts) > 1 else parts[0]
+        for name in list(shared.columns[0])
+        for parts in [[part.pop(name) for part in shared.columns]]
     }
     observations = Observations.from_columns(
-        epoch=Epochs.concatenate([part["epoch"] for part in shared.columns]),
+        epoch=epoch,
         links=tuple(shared.links),
         files=shared.files,
         **joined,

@@ -41,7 +41,7 @@ _BRANCHES = ("tdm", "header", "body", "segment", "metadata", "data", "observatio
 # Stands, as a processing instruction, where observations were cut out.
 _CUT = "observations-cut-out"
 # Characters that are taken apart at once: enough to be quick, few enough not to fill the memory.
-_CHUNK = 8_000_000
+_CHUNK = 4_000_000
 
 
 def looks_like_xml(text: str) -> bool:
@@ -73,9 +73,11 @@ class _NotPlainError(Exception):
 
 
 class _Block(NamedTuple):
-    """Observations of one data section as text, and the line on which they start."""
+    """Observations of one data section: where in the text they are, and the line on which they start."""
 
     text: str
+    start: int
+    end: int
     line: int
     prefix: str
 
@@ -101,7 +103,7 @@ def _cut(text: str) -> tuple[str, list[_Block]]:
             return text, []
         line += text.count("\n", done, start)
         newlines = text.count("\n", start, end)
-        block = _Block(text[start:end], line, prefix)
+        block = _Block(text, start, end, line, prefix)
         blocks.append(block)
         line += newlines
         kept += [text[done:start], f"<?{_CUT} {len(blocks) - 1}?>", "\n" * newlines]
@@ -112,14 +114,14 @@ def _cut(text: str) -> tuple[str, list[_Block]]:
 def _plain_records(path: str, block: _Block, metadata: dict[str, str]) -> Records:
     """Records of observations that all have the form <observation><EPOCH>t</EPOCH><KEY>v</KEY></observation>."""
     prefix, text = block.prefix, block.text
-    if not text.isascii() or "&" in text:
-        raise _NotPlainError
     end_tag = f"</{prefix}observation>"
     parts = []
-    start, line = 0, block.line
-    while start < len(text):
-        end = text.find(end_tag, min(start + _CHUNK, len(text) - len(end_tag))) + len(end_tag)
+    start, line = block.start, block.line
+    while start < block.end:
+        end = text.find(end_tag, min(start + _CHUNK, block.end - len(end_tag))) + len(end_tag)
         part = text[start:end]
+        if not part.isascii() or "&" in part:
+            raise _NotPlainError
         tokens = part.replace("<", " <").replace(">", "> ").split()
         n = len(tokens) // 8
         marks = {0: "observation", 1: "EPOCH", 3: "/EPOCH", 7: "/observation"}

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice
 from pathlib import Path
 
 import numpy as np
@@ -306,7 +307,7 @@ def _nothing_filled(n: int) -> ZenithAir:
 def _is_map(file: Path) -> bool:
     """Maps begin with lines of ``! Name: content``, of which one names the types of data."""
     return any(
-        line.lstrip(" !").startswith("Data_types") for line in read_lines(file, encoding=ENCODING)[:20]
+        line.lstrip(" !").startswith("Data_types") for line in islice(read_lines(file, encoding=ENCODING), 20)
     )
 
 

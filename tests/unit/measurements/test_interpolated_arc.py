@@ -362,7 +362,7 @@ def test_kernel_against_numpy():
     from radioloc.measurements import _kernels
 
     random = np.random.default_rng(8)
-    n, quantities = 2 * _kernels.GROUPED + 37, 3
+    n, quantities = _kernels.GROUPED + 37, 3
     segment = random.integers(-2, 5, n).astype(np.int32)
     x = random.uniform(-1.0, 1.0, n)
     for terms in (1, 2, 5, 7, 17):

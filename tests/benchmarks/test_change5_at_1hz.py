@@ -1,7 +1,8 @@
 """From a file to a solution: 48 hours of nine links at 1 Hz, in processes of their own as a user would run them.
 
 Prints what it took and asserts the limits; run with ``make bench``. Limits are of processor time: on quiet cores that
-is more than the wall time, and on cores that others use as well it stays nearly the same.
+is more than the wall time, and on cores that others use as well it stays nearly the same. Only of the whole command,
+files and figures included, the wall time is limited: of the quickest of some runs, and if the machine is not busy.
 """
 
 import json
@@ -15,6 +16,7 @@ import pytest
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "change5" / "simulation.toml"
 LOCATED_S, FITTED_S, PEAK_MB = 10.0, 3.0, 1500.0
+WHOLE_WALL_S, WHOLE_PEAK_MB, WRITTEN_S = 10.0, 600.0, 1.5
 SIMULATED_S, SIMULATED_PEAK_MB = 15.0, 600.0
 COMPILED_S, FIRST_FIT_S = 15.0, 2.0
 
@@ -55,6 +57,28 @@ done("fit")
 str(solution)
 done("card")
 assert solution.converged
+"""
+
+FILES = """
+import json, time
+from pathlib import Path
+import radioloc
+from radioloc.studies.report import write_figure, write_numbers
+folder = Path("files")
+solution = radioloc.locate(radioloc.read_study("change5.toml"))
+stages = [time.process_time()]
+def done(stage):
+    stages.append(time.process_time())
+    print(json.dumps({stage: stages[-1] - stages[-2]}))
+write_numbers(solution, folder)
+done("residuals.csv and solution.json")
+import matplotlib.dates, matplotlib.figure, matplotlib.backends.backend_agg
+from radioloc.plotting import plot_links, plot_position
+done("import matplotlib")
+write_figure(plot_links(solution), folder, "residuals")
+done("residuals.png and .svg")
+write_figure(plot_position(solution), folder, "position")
+done("position.png and .svg")
 """
 
 FIRST_FIT = """
@@ -137,9 +161,31 @@ def test_located(benchmark, folder, capsys):
 
 
 def test_located_with_all_files(benchmark, folder, capsys):
-    ran = benchmark.pedantic(locate, args=(folder, "--out", "out"), rounds=1)
-    told(benchmark, capsys, "located, with residuals.csv and figures", ran)
-    assert ran[2] < PEAK_MB
+    """Wall time, as the user has it: from the command to the prompt, all of it in files."""
+    locate(folder)  # compiled once and for all
+    runs = []
+    benchmark.pedantic(lambda: runs.append(locate(folder, "--out", "out")), rounds=3)
+    best = min(runs, key=lambda ran: ran[0])
+    told(benchmark, capsys, "located, with residuals.csv and figures", best)
+    assert (folder / "out" / "residuals.csv").stat().st_size > 8e7
+    assert {file.suffix for file in (folder / "out").iterdir()} == {".json", ".csv", ".png", ".svg"}
+    assert best[2] < WHOLE_PEAK_MB
+    if best[0] > WHOLE_WALL_S and os.getloadavg()[0] > 1.5:
+        pytest.skip(
+            f"the machine is busy (load {os.getloadavg()[0]:.1f}): {best[0]:.1f} s say nothing of "
+            f"{WHOLE_WALL_S:g} s"
+        )
+    assert best[0] < WHOLE_WALL_S
+
+
+def test_files_of_a_solution(benchmark, folder, capsys):
+    """What each kind of file takes: residuals.csv is 86 MB."""
+    _, _, _, output = benchmark.pedantic(run, args=(folder, "-c", FILES), rounds=1)
+    files = {name: s for line in output.splitlines() for name, s in json.loads(line).items()}
+    with capsys.disabled():
+        print("\n" + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in files.items()))
+    benchmark.extra_info.update(files)
+    assert files["residuals.csv and solution.json"] < WRITTEN_S
 
 
 def test_stages(benchmark, folder, capsys):

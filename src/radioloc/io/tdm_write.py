@@ -16,8 +16,8 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from decimal import Decimal
+from html import escape
 from pathlib import Path
-from xml.sax.saxutils import escape
 
 import numpy as np
 from numpy.typing import NDArray
@@ -283,7 +283,7 @@ def _xml_lines(message: TdmFile) -> Iterator[str]:
 
 
 def _elements(fields: Iterable[tuple[str, str]]) -> Iterator[str]:
-    return (f"<{keyword}>{escape(value)}</{keyword}>" for keyword, value in fields)
+    return (f"<{keyword}>{escape(value, quote=False)}</{keyword}>" for keyword, value in fields)
 
 
 def _split_lines(comments: Iterable[str]) -> Iterator[str]:

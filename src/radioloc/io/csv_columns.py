@@ -100,14 +100,6 @@ def label_cells(labels: Labels, rows: Any) -> Cells:
     return cells
 
 
-def shortest_cells(values: NDArray[np.float64]) -> Cells:
-    """Numbers with as many digits as give back the same float; NaN as nothing."""
-    # Weather and sigmas are mostly the same few numbers; told apart by their bits, so that zero keeps its sign.
-    different, which = np.unique(np.ascontiguousarray(values).view(np.int64), return_inverse=True)
-    texts = ["" if value != value else repr(value) for value in different.view(np.float64).tolist()]
-    return np.array(texts, dtype=np.bytes_)[which]
-
-
 def fixed_cells(values: NDArray[np.float64], decimals: int) -> Cells:
     """Numbers with so many decimals, 1 to 8, the last one rounded as ``%.7f`` does.
 

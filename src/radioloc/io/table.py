@@ -41,11 +41,12 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError
 from radioloc.estimation.labels import Labels
-from radioloc.io.csv_columns import Cells, label_cells, lines_of, shortest_cells
+from radioloc.io.csv_columns import Cells, label_cells, lines_of
 from radioloc.io.dates import utc_cells
 from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.names import Catalogue
 from radioloc.io.plausible import FLIGHT_TIME_LIMITS_S, require_lunar_flight_time
+from radioloc.io.shortest_numbers import shortest_cells
 from radioloc.io.table_head import SIGMA, VALUE, require_columns
 from radioloc.io.table_rows import OPTIONAL_NUMBERS, RowReader, is_content, split_lines
 from radioloc.measurements.observations import KINDS, RANGE, TIME_TAGS, WEATHER_LIMITS, Observations

@@ -10,7 +10,6 @@ from radioloc.io.csv_columns import (
     digits,
     fixed_cells,
     lines_of,
-    shortest_cells,
     text_cells,
     two_digits,
     unpadded_digits,
@@ -38,14 +37,6 @@ def test_fixed_decimals(values, decimals):
     ]
 
 
-@settings(deadline=None)
-@given(FLOATS)
-def test_shortest(values):
-    values = [*values, -0.0, 0.0]
-    assert shortest_cells(np.array(values)).tolist() == [repr(value).encode() for value in values]
-    assert shortest_cells(np.array([np.nan, 1.0])).tolist() == [b"", b"1.0"]
-
-
 def characters(packed):
     return [row.tobytes().replace(b"\0", b"").decode() for row in packed]
 
@@ -66,7 +57,7 @@ def test_digits():
 def test_lines_of_texts_of_any_script():
     names = np.array(["a", "Łódź", "", "±", "APOLLO>x>APOLLO"] * 14000)
     numbers = np.arange(len(names), dtype=float)
-    columns = [lambda rows: text_cells(names[rows]), lambda rows: shortest_cells(numbers[rows])]
+    columns = [lambda rows: text_cells(names[rows]), lambda rows: fixed_cells(numbers[rows], 1)]
     written = b"".join(lines_of(columns, len(names))).decode()
     assert written == "".join(
         f"{name},{number!r}\n" for name, number in zip(names, numbers.tolist(), strict=True)

@@ -1,4 +1,4 @@
-"""Chebyshev series of a kernel's segment, with two derivatives, at epochs of two floats."""
+"""Chebyshev series of a kernel's segment, with derivatives, at epochs of two floats."""
 
 from __future__ import annotations
 
@@ -12,9 +12,9 @@ from radioloc.time import Epochs, utc_strings
 
 
 def evaluate(
-    kernel: Kernel, segment: Segment, tdb: Epochs
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Evaluate a segment: three components, rates and second derivatives, in the file's units and seconds.
+    kernel: Kernel, segment: Segment, tdb: Epochs, derivatives: int = 1
+) -> tuple[NDArray[np.float64], ...]:
+    """Evaluate a segment: three components and their derivatives, in the file's units and seconds.
 
     Parameters
     ----------
@@ -24,10 +24,13 @@ def evaluate(
         What to evaluate.
     tdb : Epochs
         Epochs in TDB, n of them.
+    derivatives : {1, 2}
+        Up to which order.
 
     Returns
     -------
-    values, rates, accelerations : ndarray, shape (n, 3)
+    values, rates : ndarray, shape (n, 3)
+        And second derivatives where asked for; they lie component by component.
 
     Raises
     ------
@@ -54,19 +57,24 @@ def evaluate(
     past_end = record == len(segment.coefficients)
     record = record - past_end
     offset_s = offset_s + past_end * length_s
-    s = (2.0 * offset_s / length_s - 1.0)[:, np.newaxis]
-    coefficients = segment.coefficients[record]
-    b = b_next = db = db_next = ddb = ddb_next = np.zeros((len(tdb), 3))
-    for k in range(coefficients.shape[2] - 1, 0, -1):
-        ddb, ddb_next = 4.0 * db + 2.0 * s * ddb - ddb_next, ddb
-        db, db_next = 2.0 * b + 2.0 * s * db - db_next, db
+    s = 2.0 * offset_s / length_s - 1.0
+    twice = 2.0 * s
+    present, which = np.unique(record, return_inverse=True)
+    coefficients = np.take(segment.coefficients[present].transpose(2, 1, 0), which.reshape(-1), axis=2)
+    b = b_next = db = db_next = ddb = ddb_next = np.zeros((3, len(tdb)))
+    for k in range(len(coefficients) - 1, 0, -1):
+        if derivatives > 1:
+            ddb, ddb_next = 4.0 * db + twice * ddb - ddb_next, ddb
+        db, db_next = 2.0 * b + twice * db - db_next, db
         # Summed in this order the leading coefficient, 1e4 rad for the lunar angle psi, rounds once.
-        b, b_next = coefficients[:, :, k] + (2.0 * s * b - b_next), b
+        b, b_next = coefficients[k] + (twice * b - b_next), b
     per_second = 2.0 / length_s
-    values = coefficients[:, :, 0] + (s * b - b_next)
+    values = coefficients[0] + (s * b - b_next)
     rates = (b + s * db - db_next) * per_second
+    if derivatives == 1:
+        return values.T, rates.T
     accelerations = (2.0 * db + s * ddb - ddb_next) * per_second**2
-    return values, rates, accelerations
+    return values.T, rates.T, accelerations.T
 
 
 def _require_covered(

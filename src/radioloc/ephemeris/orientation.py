@@ -90,7 +90,5 @@ class LunarOrientation:
         InputError
             The epochs are not in TDB.
         """
-        angles_rad, rates_rad_s, _ = evaluate(
-            self.pck, self.pck.segment(self.frame_code, _INERTIAL_FRAME), tdb
-        )
+        angles_rad, rates_rad_s = evaluate(self.pck, self.pck.segment(self.frame_code, _INERTIAL_FRAME), tdb)
         return angles_rad, rates_rad_s

@@ -128,8 +128,8 @@ class Ephemeris:
         Round-off of the position is some 1e-5 m. The acceleration is the second derivative of the Chebyshev
         series.
         """
-        barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
-        earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
+        barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb, derivatives=2)
+        earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb, derivatives=2)
         return EarthState(*((b + e) * _M_PER_KM for b, e in zip(barycentre, earth, strict=True)))
 
     def geocentric(self, body: str, tdb: Epochs) -> _State:
@@ -193,9 +193,9 @@ class Ephemeris:
         if code == _EARTH_MOON_BARYCENTRE:
             return -earth[0] * _M_PER_KM, -earth[1] * _M_PER_KM
         barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
-        other = (np.zeros(3), np.zeros(3))
+        other: tuple[NDArray[np.float64], ...] = (np.zeros(3), np.zeros(3))
         if code != _SOLAR_SYSTEM_BARYCENTRE:
-            other = self._evaluate(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)[:2]
+            other = self._evaluate(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
         return (
             ((other[0] - barycentre[0]) - earth[0]) * _M_PER_KM,
             ((other[1] - barycentre[1]) - earth[1]) * _M_PER_KM,
@@ -214,13 +214,13 @@ class Ephemeris:
             barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
             moon = self._evaluate(_MOON, _EARTH_MOON_BARYCENTRE, tdb)
             return (barycentre[0] + moon[0]) * _M_PER_KM, (barycentre[1] + moon[1]) * _M_PER_KM
-        position_km, velocity_km_s, _ = self._evaluate(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+        position_km, velocity_km_s = self._evaluate(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
         return position_km * _M_PER_KM, velocity_km_s * _M_PER_KM
 
     def _evaluate(
-        self, target: int, center: int, tdb: Epochs
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-        return evaluate(self.spk, self.spk.segment(target, center), tdb)
+        self, target: int, center: int, tdb: Epochs, derivatives: int = 1
+    ) -> tuple[NDArray[np.float64], ...]:
+        return evaluate(self.spk, self.spk.segment(target, center), tdb, derivatives)
 
 
 def _code(body: str) -> int:

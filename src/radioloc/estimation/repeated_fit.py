@@ -32,7 +32,7 @@ _Floats = NDArray[np.float64]
 _SLAB_NUMBERS = 8192
 """Numbers in a slab of the basis; OpenBLAS, which numpy ships with, takes a second thread from 9216 on."""
 
-_START_ROWS = 2000
+_START_ROWS = 1000
 """Of more observations a sample makes the robust start, which only has to tell outliers from the rest."""
 
 

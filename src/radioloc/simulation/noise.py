@@ -216,7 +216,7 @@ class NoiseDraws:
             A seed is not a whole number from zero up.
         """
         for seed in seeds:
-            generator(seed, "")  # refuses what is no seed, also where there is nothing to draw
+            require_seed(seed)
         noise_m = np.zeros((len(seeds), self.count))
         is_outlier = np.zeros((len(seeds), self.count), dtype=bool)
         for one in self.series:
@@ -246,14 +246,19 @@ def generator(seed: int, label: str) -> np.random.Generator:
     InputError
         The seed is not a whole number from zero up.
     """
-    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
-        raise InputError(f"seed is {seed!r}; give a whole number from zero up")
+    require_seed(seed)
     seed = int(seed)
     of_seed = seed.to_bytes(4 * max(1, -(-seed.bit_length() // 32)), "little")
     # As words, which is what SeedSequence makes of numbers, slowly; those of the seed first.
     words = np.frombuffer(of_seed + hashlib.sha256(label.encode()).digest(), dtype="<u4")
     # Named, as what default_rng stands for may change from one numpy to the next.
     return np.random.Generator(np.random.PCG64(np.random.SeedSequence(words)))
+
+
+def require_seed(seed: int) -> None:
+    """Raise :class:`InputError` if a seed is not a whole number from zero up."""
+    if isinstance(seed, bool) or not isinstance(seed, int | np.integer) or seed < 0:
+        raise InputError(f"seed is {seed!r}; give a whole number from zero up")
 
 
 def gauss_markov(drive: NDArray[np.float64], step_correlation: float) -> NDArray[np.float64]:

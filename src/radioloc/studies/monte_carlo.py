@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.cards import render_html
 from radioloc.extras import astropy_table
-from radioloc.simulation.noise import generator
+from radioloc.simulation.noise import generator, require_seed
 from radioloc.studies.arc_parts import DEFAULT_HOURS, arc_lengths
 from radioloc.studies.linear_trials import LinearTrials
 from radioloc.studies.monte_carlo_card import card_fields, card_text
@@ -249,7 +249,7 @@ def monte_carlo(
     """
     lengths = arc_lengths(hours, study.observations)
     seed = scenario_of(study).seed if seed is None else seed
-    generator(seed, "")  # refuses what is no seed
+    require_seed(seed)
     if isinstance(trials, bool) or not isinstance(trials, int) or trials < 1:
         raise InputError(f"trials is {trials!r}; give a whole number above zero")
     if resume and out is None:

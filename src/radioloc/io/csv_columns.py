@@ -46,8 +46,10 @@ _LARGEST_WHOLE = 1e15
 _DOUBT = 1e-5
 
 
-def lines_of(columns: Sequence[Callable[[slice], Cells]], count: int) -> Iterator[bytes]:
-    """Lines of comma-separated text, some thousand at a time.
+def lines_of(
+    columns: Sequence[Callable[[slice], Cells]], count: int, separator: bytes = b","
+) -> Iterator[bytes]:
+    """Lines of text with a separator between their columns, some thousand lines at a time.
 
     Parameters
     ----------
@@ -55,6 +57,8 @@ def lines_of(columns: Sequence[Callable[[slice], Cells]], count: int) -> Iterato
         Gives the texts of some rows of a column.
     count : int
         Rows.
+    separator : bytes
+        One character; a zero byte is none.
     """
     for start in range(0, count, _ROWS_AT_ONCE):
         rows = slice(start, min(start + _ROWS_AT_ONCE, count))
@@ -65,7 +69,7 @@ def lines_of(columns: Sequence[Callable[[slice], Cells]], count: int) -> Iterato
         table = np.empty(rows.stop - rows.start, dtype=fields)
         for k, part in enumerate(parts):
             table[f"cell {k}"] = part
-            table[f"end {k}"] = b"," if k + 1 < len(parts) else b"\n"
+            table[f"end {k}"] = separator if k + 1 < len(parts) else b"\n"
         yield table.tobytes().translate(None, b"\0")
 
 

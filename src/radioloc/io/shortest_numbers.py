@@ -8,6 +8,9 @@ more ``repr`` takes the nearest, and seventeen are always enough. What is too ne
 
 from __future__ import annotations
 
+import math
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -19,15 +22,31 @@ _DECADES = np.array([float(f"1e{k}") for k in range(-4, 15)])
 _POWERS = np.array([float(f"1e{k}") for k in range(23)])  # exact
 _WHOLE_POWERS = 10 ** np.arange(19, dtype=np.int64)
 _PRECISIONS = (15, 16, 17)
-_MOST_DECIMALS = 20
 # Part of a unit of m, and of a float's half unit, within which a limit is too near.
 _DOUBT = 1e-6
 # Cuts a float in two of 26 bits each, whose products are exact (Dekker 1971).
 _SPLIT = 2.0**27 + 1.0
 
 
-def shortest_cells(values: NDArray[np.float64]) -> Cells:
-    """Numbers with as many digits as give back the same float; NaN as nothing, shape (n,)."""
+def shortest_cells(
+    values: NDArray[np.float64],
+    exponent: int = 0,
+    one_by_one: Callable[[float], str] = lambda value: "" if math.isnan(value) else repr(value),
+) -> Cells:
+    """Numbers with as many digits as give back the same float.
+
+    Parameters
+    ----------
+    values : ndarray, shape (n,)
+    exponent : int
+        Write the decimal number divided by ten to this power, 0 to 3.
+    one_by_one : callable
+        Text of a number of an unusual size; ``repr`` by default, and nothing for NaN.
+
+    Returns
+    -------
+    ndarray of bytes, shape (n,)
+    """
     # Weather and sigmas are mostly the same few numbers; told apart by their bits, so that zero keeps its sign.
     different, which = np.unique(np.ascontiguousarray(values).view(np.int64), return_inverse=True)
     numbers = different.view(np.float64)
@@ -37,9 +56,8 @@ def shortest_cells(values: NDArray[np.float64]) -> Cells:
     sure[sure] = np.frexp(size[sure])[0] != 0.5
     mantissa, decimals, doubtful = _decimal(size[sure])
     sure[np.flatnonzero(sure)[doubtful]] = False
-    written = _written(numbers[sure], mantissa[~doubtful], decimals[~doubtful])
-    rest = ["" if value != value else repr(value) for value in numbers[~sure].tolist()]
-    others = np.array(rest, dtype=np.bytes_)
+    written = _written(numbers[sure], mantissa[~doubtful], decimals[~doubtful] + exponent)
+    others = np.array([one_by_one(value) for value in numbers[~sure].tolist()], dtype=np.bytes_)
     cells: Cells = np.empty(len(numbers), dtype=np.result_type(written.dtype, others.dtype))
     cells[sure], cells[~sure] = written, others
     return cells[which]
@@ -88,9 +106,10 @@ def _written(numbers: NDArray[np.float64], mantissa: NDArray[np.int64], decimals
         return np.zeros(0, dtype="S1")
     power = _WHOLE_POWERS[np.minimum(decimals, len(_WHOLE_POWERS) - 1)]
     whole = np.where(decimals < len(_WHOLE_POWERS), mantissa // power, 0)
-    part = digits(mantissa - whole * power, _MOST_DECIMALS).view(np.uint8)
-    place, first = np.arange(_MOST_DECIMALS), _MOST_DECIMALS - decimals
-    last = _MOST_DECIMALS - 1 - np.argmax((part != ord("0"))[:, ::-1], axis=1)
+    most = 4 * -(-int(decimals.max()) // 4)
+    part = digits(mantissa - whole * power, most).view(np.uint8)
+    place, first = np.arange(most), most - decimals
+    last = most - 1 - np.argmax((part != ord("0"))[:, ::-1], axis=1)
     last = np.where((part == ord("0")).all(axis=1), first, np.maximum(last, first))
     part[(place < first[:, np.newaxis]) | (place > last[:, np.newaxis])] = 0
     begin = int(first.min())
@@ -101,7 +120,7 @@ def _written(numbers: NDArray[np.float64], mantissa: NDArray[np.int64], decimals
             ("sign", "u1"),
             ("whole", "u4", (groups,)),
             ("point", "u1"),
-            ("part", "u1", (_MOST_DECIMALS - begin,)),
+            ("part", "u1", (most - begin,)),
         ],
     )
     characters["sign"] = np.where(np.signbit(numbers), np.uint8(ord("-")), np.uint8(0))

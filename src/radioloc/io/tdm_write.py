@@ -13,9 +13,10 @@ Source: CCSDS 503.0-B-2 (2020), chapters 3 to 5.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from decimal import Decimal
+from functools import partial
 from html import escape
 from pathlib import Path
 
@@ -24,7 +25,10 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
-from radioloc.io.dates import utc_to_text
+from radioloc.estimation.labels import Labels
+from radioloc.io.csv_columns import Cells, label_cells, lines_of
+from radioloc.io.dates import utc_cells
+from radioloc.io.shortest_numbers import shortest_cells
 from radioloc.io.tdm_file import TdmFile, TdmHeader, TdmSegment
 from radioloc.io.tdm_keywords import CODE, DATA, METADATA, exponent_of
 from radioloc.io.tdm_weather import COLUMNS
@@ -36,7 +40,7 @@ from radioloc.measurements.observations import (
     VLBI_DELAY_RATE,
     Observations,
 )
-from radioloc.text_files import write_text
+from radioloc.text_files import write_blocks
 from radioloc.time import Epochs
 
 _MICROMETRES = 1e6
@@ -44,6 +48,7 @@ _MICROMETRES = 1e6
 _SHORTEST_UM = 100.0
 _KEYWORDS = {RANGE: "RANGE", DOPPLER: "DOPPLER_INTEGRATED", VLBI_DELAY: "VLBI_DELAY"}
 _FIXED = range(-5, 16)
+_SHORTEST_DATE = len("2020-12-31T23:59:60.000")
 _XML_START = (
     '<?xml version="1.0" encoding="UTF-8"?>\n'
     '<tdm xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
@@ -106,7 +111,7 @@ def write_tdm_file(path: str | Path, message: TdmFile) -> None:
         The file cannot be written.
     """
     is_xml = Path(path).suffix.lower() == ".xml"
-    write_text(path, "\n".join(_xml_lines(message) if is_xml else _kvn_lines(message)) + "\n")
+    write_blocks(path, _xml_blocks(message) if is_xml else _kvn_blocks(message))
 
 
 def tdm_of(observations: Observations, header: TdmHeader) -> TdmFile:
@@ -154,10 +159,12 @@ def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
         np.where(observations.kind == VLBI_DELAY, np.nan_to_num(observations.wavelength_um), 0.0),
         *(np.isnan(getattr(observations, column)) for column in COLUMNS.values()),
     ]
-    _, group = np.unique(
-        np.stack([np.asarray(key, dtype=np.float64) for key in alike]), axis=1, return_inverse=True
-    )
-    group = group.reshape(-1)
+    group = np.zeros(len(observations), dtype=np.int64)
+    for key in alike:
+        # Most are the same for all rows.
+        if key.min() != key.max():
+            different, place = np.unique(key, return_inverse=True)
+            _, group = np.unique(group * len(different) + place, return_inverse=True)
     order = np.lexsort((observations.epoch.fraction, observations.epoch.jd, group))
     epoch = observations.epoch[order]
     same = (np.diff(group[order]) == 0) & (np.diff(epoch.jd) == 0.0) & (np.diff(epoch.fraction) == 0.0)
@@ -247,39 +254,78 @@ def _inverse(
     return np.select([forward(candidate) == wanted for candidate in near], near, default=guess)
 
 
-def _kvn_lines(message: TdmFile) -> Iterator[str]:
+def _kvn_blocks(message: TdmFile) -> Iterator[bytes]:
     header = message.header
-    yield "CCSDS_TDM_VERS = 2.0"
-    yield from (f"COMMENT {_printable(comment)}" for comment in _split_lines(header.comments))
-    yield from (f"{keyword} = {value}" for keyword, value in _header_fields(header).items())
+    yield _lines(
+        [
+            "CCSDS_TDM_VERS = 2.0",
+            *(f"COMMENT {_printable(comment)}" for comment in _split_lines(header.comments)),
+            *(f"{keyword} = {value}" for keyword, value in _header_fields(header).items()),
+        ]
+    )
     for segment in message.segments:
-        yield "META_START"
-        yield from (f"COMMENT {_printable(comment)}" for comment in _split_lines(segment.comments))
-        yield from (f"{keyword} = {value}" for keyword, value in _metadata_fields(segment).items())
-        yield from ("META_STOP", "DATA_START")
-        yield from (f"COMMENT {_printable(comment)}" for comment in _split_lines(segment.data_comments))
-        yield from (f"{keyword} = {date} {value}" for keyword, date, value in _record_texts(segment))
-        yield "DATA_STOP"
-
-
-def _xml_lines(message: TdmFile) -> Iterator[str]:
-    header = message.header
-    yield from (_XML_START, "<header>")
-    yield from _elements(("COMMENT", _printable(comment)) for comment in _split_lines(header.comments))
-    yield from _elements(_header_fields(header).items())
-    yield from ("</header>", "<body>")
-    for segment in message.segments:
-        yield from ("<segment>", "<metadata>")
-        yield from _elements(("COMMENT", _printable(comment)) for comment in _split_lines(segment.comments))
-        yield from _elements(_metadata_fields(segment).items())
-        yield from ("</metadata>", "<data>")
-        yield from _elements(
-            ("COMMENT", _printable(comment)) for comment in _split_lines(segment.data_comments)
+        yield _lines(
+            [
+                "META_START",
+                *(f"COMMENT {_printable(comment)}" for comment in _split_lines(segment.comments)),
+                *(f"{keyword} = {value}" for keyword, value in _metadata_fields(segment).items()),
+                "META_STOP",
+                "DATA_START",
+                *(f"COMMENT {_printable(comment)}" for comment in _split_lines(segment.data_comments)),
+            ]
         )
-        for keyword, date, value in _record_texts(segment):
-            yield f"<observation><EPOCH>{date}</EPOCH><{keyword}>{value}</{keyword}></observation>"
-        yield from ("</data>", "</segment>")
-    yield from ("</body>", "</tdm>")
+        starts = Labels(segment.keyword.astype(np.int32), tuple(f"{keyword} =" for keyword in DATA))
+        columns: list[Callable[[slice], Cells]] = [
+            partial(label_cells, starts),
+            partial(_epoch_cells, segment),
+            partial(_value_cells, segment),
+        ]
+        yield from lines_of(columns, len(segment.line), b" ")
+        yield _lines(["DATA_STOP"])
+
+
+def _xml_blocks(message: TdmFile) -> Iterator[bytes]:
+    header = message.header
+    yield _lines(
+        [
+            _XML_START,
+            "<header>",
+            *_elements(("COMMENT", _printable(comment)) for comment in _split_lines(header.comments)),
+            *_elements(_header_fields(header).items()),
+            "</header>",
+            "<body>",
+        ]
+    )
+    for segment in message.segments:
+        yield _lines(
+            [
+                "<segment>",
+                "<metadata>",
+                *_elements(("COMMENT", _printable(text)) for text in _split_lines(segment.comments)),
+                *_elements(_metadata_fields(segment).items()),
+                "</metadata>",
+                "<data>",
+                *_elements(("COMMENT", _printable(text)) for text in _split_lines(segment.data_comments)),
+            ]
+        )
+        codes = segment.keyword.astype(np.int32)
+        first = Labels(np.zeros(len(codes), dtype=np.int32), ("<observation><EPOCH>",))
+        second = Labels(codes, tuple(f"</EPOCH><{keyword}>" for keyword in DATA))
+        last = Labels(codes, tuple(f"</{keyword}></observation>" for keyword in DATA))
+        columns: list[Callable[[slice], Cells]] = [
+            partial(label_cells, first),
+            partial(_epoch_cells, segment),
+            partial(label_cells, second),
+            partial(_value_cells, segment),
+            partial(label_cells, last),
+        ]
+        yield from lines_of(columns, len(codes), b"\0")
+        yield _lines(["</data>", "</segment>"])
+    yield _lines(["</body>", "</tdm>"])
+
+
+def _lines(texts: Sequence[str]) -> bytes:
+    return "".join(f"{text}\n" for text in texts).encode()
 
 
 def _elements(fields: Iterable[tuple[str, str]]) -> Iterator[str]:
@@ -313,18 +359,43 @@ def _printable(text: str) -> str:
     return text
 
 
-def _record_texts(segment: TdmSegment) -> Iterator[tuple[str, str, str]]:
+def _epoch_cells(segment: TdmSegment, rows: slice) -> Cells:
+    return _date_cells(segment.epoch[rows])
+
+
+def _value_cells(segment: TdmSegment, rows: slice) -> Cells:
+    """Values of some records, each in the unit of its keyword."""
     units = segment.metadata.get("RANGE_UNITS", "km")
-    exponent = [exponent_of(keyword, units) for keyword in DATA]
-    rows = zip(segment.keyword.tolist(), _date_texts(segment.epoch), segment.value.tolist(), strict=True)
-    return ((DATA[code], date, _text(value, exponent[code])) for code, date, value in rows)
+    code, value = segment.keyword[rows], segment.value[rows]
+    parts = []
+    for keyword in np.unique(code).tolist():
+        exponent = exponent_of(DATA[keyword], units)
+        mine = np.flatnonzero(code == keyword)
+        if exponent < 0:
+            texts = np.array([_text(number, exponent) for number in value[mine].tolist()], dtype=np.bytes_)
+        else:
+            texts = shortest_cells(value[mine], exponent, partial(_text, exponent=exponent))
+        parts.append((mine, texts))
+    cells: Cells = np.empty(len(code), dtype=np.result_type(*(texts.dtype for _, texts in parts)))
+    for mine, texts in parts:
+        cells[mine] = texts
+    return cells
 
 
 def _date_texts(utc: Epochs) -> list[str]:
     """Dates with as many decimals as they need, three at the least."""
-    texts = utc_to_text(utc)
-    shortest = len("2020-12-31T23:59:60.000")
-    return [text[:shortest] + text[shortest:].rstrip("0") for text in texts]
+    return [text.decode() for text in _date_cells(utc).tolist()]
+
+
+def _date_cells(utc: Epochs) -> Cells:
+    """As :func:`_date_texts`, shape (n,)."""
+    cells = np.ascontiguousarray(utc_cells(utc))
+    characters = cells.view(np.uint8).reshape(len(cells), -1)
+    ends = np.ones(len(cells), dtype=bool)
+    for place in range(characters.shape[1] - 1, _SHORTEST_DATE - 1, -1):
+        ends &= characters[:, place] == ord("0")
+        characters[ends, place] = 0
+    return cells
 
 
 def _text(value: float, exponent: int) -> str:

@@ -10,12 +10,13 @@ from tdm_messages import DELAY, RANGES, TWO_WAY, kvn
 
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
+from radioloc.io.dates import utc_to_text
 from radioloc.io.tdm import read_tdm, read_tdm_file
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_file import TdmHeader
 from radioloc.io.tdm_keywords import DATA, METADATA, exponent_of
 from radioloc.io.tdm_kvn import parse_kvn
-from radioloc.io.tdm_write import tdm_of, write_tdm, write_tdm_file
+from radioloc.io.tdm_write import _text, tdm_of, write_tdm, write_tdm_file
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Link, Observations
 from radioloc.time import Epochs
 
@@ -263,3 +264,29 @@ def test_what_ccsds_ndm_writes_is_read(suffix, tmp_path):
         np.testing.assert_allclose(getattr(theirs, name), getattr(ours, name), rtol=3e-16, atol=0.0)
     assert theirs.paths().tolist() == ours.paths().tolist()
     assert theirs.epoch.fraction.tolist() == ours.epoch.fraction.tolist()
+
+
+@pytest.mark.parametrize("suffix", ["kvn", "xml"])
+def test_many_records_are_what_is_written_one_by_one(suffix, tmp_path):
+    rng = np.random.default_rng(6)
+    count = 40_000
+    value_m = rng.uniform(7e8, 8e8, count)
+    epoch = Epochs.from_jd(2459184.5, np.arange(count) / 86400.0, "UTC")
+    made = Observations.from_columns(
+        epoch=epoch,
+        links=[Link("KASHI", "lander", "KASHI")],
+        value_m=value_m,
+        sigma_m=1.0,
+        pressure_hpa=rng.uniform(800.0, 900.0, count),
+    )
+    path = tmp_path / f"a.{suffix}"
+    write_tdm(path, made, originator="X", creation_date="2024-01-01T00:00:00")
+    written = [line for line in path.read_text().split("\n") if "RANGE =" in line or "<RANGE>" in line]
+    for k, line in enumerate(written[:3000]):
+        date, number = utc_to_text(epoch[[k]])[0][:23], _text(float(value_m[k]), 3)
+        if suffix == "kvn":
+            assert line == f"RANGE = {date} {number}"
+        else:
+            assert line == f"<observation><EPOCH>{date}</EPOCH><RANGE>{number}</RANGE></observation>"
+    assert len(written) == count
+    assert len(read_tdm_file(path)) == 2 * count

@@ -263,7 +263,7 @@ def monte_carlo(
             folder.start()
         chunks = None if workers == 1 and client is None else _CHUNKS_PER_WORKER * workers
         run = _Runner(seed, trials, folder, started, chunks, progress)
-        in_full = FullTrials(study, lengths, ready)
+        in_full = FullTrials(ready)
         linear = None if full else ready.linear()
         values, proof = None, None
         if linear is not None:

@@ -255,35 +255,21 @@ def _parameters_at(problem: Problem, position_pa_m: _Floats) -> _Floats:
     )
 
 
+@dataclass(frozen=True, slots=True, eq=False)
 class FullTrials:
     """Trials with the whole model: each world simulated, each arc fitted from the a-priori position on.
 
     Parameters
     ----------
-    study : Study
-    hours : sequence of float
-        The shortest first, h.
-    prepared : Prepared, optional
-        The same study, where it has been prepared already.
+    ready : Prepared
+        Workers get it as it is; they need no kernels or tables of their own.
     """
 
-    def __init__(self, study: Study, hours: Sequence[float], prepared: Prepared | None = None) -> None:
-        self._study, self._hours = study, tuple(hours)
-        self._ready = prepared
-
-    def __getstate__(self) -> tuple[Study, tuple[float, ...]]:
-        # A worker opens kernels and prepares arcs by itself, once.
-        return self._study, self._hours
-
-    def __setstate__(self, state: tuple[Study, tuple[float, ...]]) -> None:
-        self._study, self._hours = state
-        self._ready = None
+    ready: Prepared
 
     def run(self, seed: int, trials: Iterable[int]) -> _Floats:
         """As :meth:`LinearTrials.run`."""
-        if self._ready is None:
-            self._ready = Prepared.of(self._study, self._hours)
-        return np.array([_full_trial(self._ready, trial_seed(seed, trial)) for trial in trials])
+        return np.array([_full_trial(self.ready, trial_seed(seed, trial)) for trial in trials])
 
 
 def _full_trial(ready: Prepared, seed: int) -> _Floats:

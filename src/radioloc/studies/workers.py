@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import pickle
 from collections.abc import Iterator, Sequence
-from concurrent.futures import ProcessPoolExecutor, as_completed
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import lru_cache
 from multiprocessing import get_context
@@ -20,11 +21,13 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError
+from radioloc.errors import InputError, RadiolocError
 from radioloc.extras import optional
 
 Chunk = Sequence[int]
 """Numbers of trials that are run together."""
+
+_GUARD = 'a script that asks for several workers needs if __name__ == "__main__":, as they are spawned'
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
 
@@ -106,9 +109,13 @@ class _Pool:
         self._pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
         self._folder = TemporaryDirectory(prefix="radioloc-")
         self._jobs = 0
-        with _one_thread_each():
-            for _ in range(count):
-                self._pool.submit(_import_what_jobs_need)
+        try:
+            with _one_thread_each():
+                for _ in range(count):
+                    self._pool.submit(_import_what_jobs_need)
+        except RuntimeError:  # of a script that is being imported by a process that it has spawned itself
+            self.__exit__()
+            raise InputError(_GUARD) from None
 
     def __enter__(self) -> _Pool:
         return self
@@ -123,11 +130,18 @@ class _Pool:
         self._jobs += 1
         file = Path(self._folder.name) / f"job{self._jobs}.pickle"
         file.write_bytes(pickle.dumps(job))
-        with _one_thread_each():
-            futures = {self._pool.submit(_run_from, str(file), seed, chunk): chunk for chunk in chunks}
+        futures: dict[Future[NDArray[np.float64]], Chunk] = {}
         try:
+            with _one_thread_each():
+                for chunk in chunks:
+                    futures[self._pool.submit(_run_from, str(file), seed, chunk)] = chunk
             for future in as_completed(futures):
                 yield futures[future], future.result()
+        except BrokenProcessPool:
+            raise RadiolocError(
+                f"a worker process ended before its trials did: {_GUARD}; or it was killed, as by a system that is "
+                "short of memory"
+            ) from None
         finally:
             for future in futures:
                 future.cancel()

@@ -102,7 +102,7 @@ def columns_of(ready, values, *names):
 
 
 def test_linear_trials_are_the_full_ones(study, ready):
-    linear, full = ready.linear().run(5, range(4)), FullTrials(study, HOURS, ready).run(5, range(4))
+    linear, full = ready.linear().run(5, range(4)), FullTrials(ready).run(5, range(4))
     error_m, sigma_m = ("east_m", "north_m", "up_m"), ("sigma_east_m", "sigma_north_m", "sigma_up_m")
     apart_m = np.abs(columns_of(ready, linear - full, *error_m))
     assert (apart_m < np.maximum(1e-3, 0.01 * columns_of(ready, full, *sigma_m))).all()
@@ -123,7 +123,7 @@ def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
     study = study_of(600.0, observations=choice, weights="correlated")
     plain = study_of(600.0, observations=choice)
     ready = Prepared.of(study, (24.0,))
-    linear, full = (way.run(5, [1]) for way in (ready.linear(), FullTrials(study, (24.0,), ready)))
+    linear, full = (way.run(5, [1]) for way in (ready.linear(), FullTrials(ready)))
     errors = columns_of(ready, linear - full, "east_m", "north_m", "up_m")
     sigmas = ("sigma_east_m", "sigma_north_m", "sigma_up_m")
     assert (np.abs(errors) < 0.01 * columns_of(ready, full, *sigmas)).all()
@@ -143,7 +143,7 @@ def test_a_full_trial_is_what_locate_gives(study, ready):
         replace(one, observations=ObservationChoice(hours=24.0), reference=radioloc.Reference(LANDER)),
         made.observations,
     )
-    trial = FullTrials(one, HOURS).run(5, [3])[0, 0]
+    trial = FullTrials(Prepared.of(one, HOURS)).run(5, [3])[0, 0]
     known = dict(zip(ready.columns, trial, strict=True))
     np.testing.assert_allclose(
         [known[f"{axis}_m"] for axis in ("east", "north", "up")],
@@ -161,7 +161,7 @@ def test_a_full_trial_is_what_locate_gives(study, ready):
 def test_noise_and_selection_are_those_of_the_study(changes):
     one = study_of(observations=ObservationChoice(**changes))
     ready = Prepared.of(one, (12.0,))
-    linear, full = ready.linear().run(1, range(2)), FullTrials(one, (12.0,), ready).run(1, range(2))
+    linear, full = ready.linear().run(1, range(2)), FullTrials(ready).run(1, range(2))
     same = columns_of(ready, linear - full, "east_m", "north_m", "up_m", "sigma_east_m")
     assert np.abs(same).max() < 0.05
     assert (columns_of(ready, linear, "used") == columns_of(ready, full, "used")).all()
@@ -170,7 +170,7 @@ def test_noise_and_selection_are_those_of_the_study(changes):
 def test_biases_with_a_priori_values():
     one = study_of(range_bias_m={"KASHI": 7.0})
     ready = Prepared.of(one, (12.0,))
-    linear, full = ready.linear().run(1, range(2)), FullTrials(one, (12.0,), ready).run(1, range(2))
+    linear, full = ready.linear().run(1, range(2)), FullTrials(ready).run(1, range(2))
     names = ("range_bias.KASHI", "range_bias.JIAMUSI", "east_m", "up_m")
     np.testing.assert_allclose(
         columns_of(ready, linear, *names), columns_of(ready, full, *names), rtol=0.0, atol=0.05
@@ -199,7 +199,7 @@ def test_processes_fit_in_full_as_well(study, ready):
     assert not in_pool.linear
     assert in_pool.proof is None
     # Least squares of some hundred rows, in one thread or two: rounding.
-    np.testing.assert_allclose(in_pool.values, FullTrials(study, HOURS, ready).run(5, range(4)), rtol=1e-6)
+    np.testing.assert_allclose(in_pool.values, FullTrials(ready).run(5, range(4)), rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -241,7 +241,7 @@ def test_where_the_linear_model_is_off_all_is_fitted_in_full(study, ready, monke
     result = radioloc.monte_carlo(study, 3, HOURS)
     assert not result.linear
     assert not result.proof.passed
-    np.testing.assert_array_equal(result.values, FullTrials(study, HOURS, ready).run(5, range(3)))
+    np.testing.assert_array_equal(result.values, FullTrials(ready).run(5, range(3)))
     assert "every trial fitted in full: the linear model is off by up to" in str(result)
 
 
@@ -257,6 +257,29 @@ def test_where_not_everything_is_determined_all_is_fitted_in_full():
     assert "NOT CONVERGED in 2 of the trials" in str(result)
     assert result.arcs == (None,)
     assert result.to_dict()["arcs"] == [{"hours": 1.0, "converged": 0}]
+
+
+UNGUARDED = """
+from radioloc.studies.workers import workers_of
+with workers_of(2) as workers:
+    list(workers.run(None, 0, [[0], [1]]))
+"""
+
+
+def test_a_script_without_a_guard_is_told(tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(UNGUARDED)
+    ended = subprocess.run([sys.executable, str(script)], capture_output=True, text=True, check=False)
+    assert ended.returncode == 1
+    *_, last = ended.stderr.strip().splitlines()
+    assert (
+        "a worker process ended before its trials did: a script that asks for several workers needs" in last
+    )
+    # What spawned processes say themselves is the same, not what multiprocessing has to say of it.
+    assert (
+        'InputError: a script that asks for several workers needs if __name__ == "__main__":' in ended.stderr
+    )
+    assert "freeze_support" not in ended.stderr
 
 
 # Interrupted and resumed.
@@ -298,7 +321,7 @@ def test_killed_and_resumed(study, found, tmp_path):
     killed = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path), *paths], check=False)
     assert killed.returncode == -signal.SIGKILL
     [part] = (tmp_path / "parts").iterdir()
-    assert part.name == "linear-000000-000049.csv"
+    assert part.name == "linear-000000-000024.csv"
     time.sleep(0.01)
     stamp = part.stat().st_mtime_ns
     resumed = radioloc.monte_carlo(study, 60, HOURS, out=tmp_path, resume=True)

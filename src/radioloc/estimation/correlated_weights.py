@@ -22,12 +22,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.factorization import covariance_of
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import (
     FitResult,
     FitSettings,
     FitStatus,
-    covariance_of,
     fit_least_squares,
     sum_of_squares,
 )

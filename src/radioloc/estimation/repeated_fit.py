@@ -19,7 +19,8 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditingSettings
 from radioloc.estimation.excess_noise import MAX_PASSES, SETTLED
-from radioloc.estimation.least_squares import FitResult, FitSettings, factorize
+from radioloc.estimation.factorization import factorize
+from radioloc.estimation.least_squares import FitResult, FitSettings
 from radioloc.estimation.linearization import DenseLinearization
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet

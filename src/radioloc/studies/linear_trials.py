@@ -15,8 +15,9 @@ from radioloc.estimation.build import scaled_by
 from radioloc.estimation.correlated_weights import fit_with_correlated_weights
 from radioloc.estimation.editing import USED, EditingSettings
 from radioloc.estimation.excess_noise import fit_with_excess_noise
+from radioloc.estimation.factorization import Factor
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.least_squares import Factor, FitResult, FitStatus
+from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import DenseLinearization
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet

@@ -106,8 +106,12 @@ class Noise:
             for k, seed in enumerate(seeds):
                 random = generator(seed, f"{label} outliers")
                 is_outlier[k] = random.random(n) < self.outlier_fraction
-                size_m = self.outlier_m * (0.5 + random.random(n)) * random.choice([-1.0, 1.0], n)
-                error_m[k] += np.where(is_outlier[k], size_m, 0.0)
+                wild, size, positive = (
+                    np.flatnonzero(is_outlier[k]),
+                    random.random(n),
+                    random.integers(0, 2, n),
+                )
+                error_m[k, wild] += self.outlier_m * (0.5 + size[wild]) * (2.0 * positive[wild] - 1.0)
         return error_m, is_outlier
 
 

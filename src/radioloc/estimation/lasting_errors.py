@@ -78,18 +78,20 @@ class LastingErrors:
         absorbed : float
             Sigmas that the estimate may be off by: what it then takes out of a series is projected out.
         """
-        kept = [_not_absorbed(sums, code, sums_of, absorbed) for code, sums_of in _each(partials)]
-        codes = [code for code, basis in zip(partials.codes, kept, strict=True) if basis.shape[1] >= FEWEST]
-        if not codes:
+        bases = {}
+        for code, sums_of in zip(partials.codes, partials.sums, strict=True):
+            basis = _not_absorbed(sums, code, sums_of, absorbed)
+            if basis.shape[1] >= FEWEST:
+                bases[code] = basis
+        if not bases:
             return None
-        taus_s = tried_taus_s(sums, partials.codes)
-        bases = [basis for basis in kept if basis.shape[1] >= FEWEST]
-        n, most = len(codes), max(len(basis) for basis in bases)
-        widest = max(basis.shape[1] for basis in bases)
+        taus_s = _tried_taus_s(sums, partials.codes)
+        n, most = len(bases), max(len(basis) for basis in bases.values())
+        widest = max(basis.shape[1] for basis in bases.values())
         kernels = np.zeros((n, len(taus_s), most, most))
         onto = np.zeros((n, len(taus_s), widest, most))
         values = np.zeros((n, len(taus_s), widest))
-        for k, (code, basis) in enumerate(zip(codes, bases, strict=True)):
+        for k, (code, basis) in enumerate(bases.items()):
             part, (b, d) = sums.stretches.part(code), basis.shape
             root_count = np.sqrt(sums.count[part])
             one = np.array(
@@ -102,15 +104,15 @@ class LastingErrors:
             onto[k, :, :d, :b] = np.swapaxes(axes, 1, 2) @ basis.T
         spread = 1.0 + RATIOS[:, None] * np.maximum(values, 0.0)[:, :, None, :]
         return cls(
-            codes=tuple(codes),
+            codes=tuple(bases),
             taus_s=taus_s,
             kernels=kernels,
             inside_spread=1.0 + RATIOS * (1.0 - kernels[:, :, 0, 0])[..., None],
             onto_modes=onto,
             inverse_spread=1.0 / spread,
             log_spread=np.log(spread).sum(axis=3),
-            kept=np.array([basis.shape[1] for basis in bases], dtype=np.float64),
-            stretches=np.array([len(basis) for basis in bases], dtype=np.float64),
+            kept=np.array([basis.shape[1] for basis in bases.values()], dtype=np.float64),
+            stretches=np.array([len(basis) for basis in bases.values()], dtype=np.float64),
         )
 
     def likelihood(self, sums: StretchSums) -> Likelihood:
@@ -176,10 +178,12 @@ class Likelihood:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AveragedErrors:
-    """White and lasting errors of some series, averaged over a likelihood.
+    """White and lasting errors of the series that show some, averaged over a likelihood.
 
     Parameters
     ----------
+    codes : tuple of int
+        The series, s in number.
     white : ndarray, shape (s,)
         Variance w.
     coloured : ndarray, shape (s, taus)
@@ -188,20 +192,14 @@ class AveragedErrors:
         Covariance of the lasting errors between stretches.
     """
 
+    codes: tuple[int, ...]
     white: _Floats
     coloured: _Floats
     kernel: _Floats
 
     @classmethod
-    def of(
-        cls,
-        lasting: LastingErrors,
-        chosen: Sequence[int],
-        log: _Floats,
-        white: _Floats,
-        variance: _Floats,
-    ) -> AveragedErrors:
-        """Average over likelihoods.
+    def of(cls, lasting: LastingErrors, sums: StretchSums, groups: Sequence[str]) -> AveragedErrors | None:
+        """Average over the likelihood of what residuals show; None where no group shows errors that last.
 
         A c far beyond the variance of the residuals, which then would all have been absorbed by the parameters, counts
         for as much less (Gelman 2006).
@@ -209,13 +207,17 @@ class AveragedErrors:
         Parameters
         ----------
         lasting : LastingErrors
-        chosen : sequence of int
-            Which of its series, s in number.
-        log, white : ndarray, shape (s, taus, ratios)
-            Logarithm of the likelihood, whatever it is relative to, and w.
-        variance : ndarray, shape (s,)
-            Of the residuals.
+        sums : StretchSums
+        groups : sequence of str
+            Of each series of the sums, also of those that are not looked at.
         """
+        likelihood = lasting.likelihood(sums)
+        found = likelihood.significant([groups[code] for code in lasting.codes], len(set(groups)))
+        if not found:
+            return None
+        chosen, log = list(found), np.array(list(found.values()))
+        codes = [lasting.codes[k] for k in chosen]
+        white, variance = likelihood.white[chosen], sums.variance[codes]
         coloured = white * RATIOS
         weights = np.exp(log - log.max(axis=(1, 2), keepdims=True)) / (
             1.0 + coloured / variance[:, None, None]
@@ -226,31 +228,22 @@ class AveragedErrors:
         kernel = np.array(
             [one @ lasting.kernels[k].reshape(len(one), -1) for one, k in zip(by_tau, chosen, strict=True)]
         ).reshape(-1, most, most)
-        return cls((weights * white).sum(axis=(1, 2)), by_tau, kernel)
+        return cls(tuple(codes), (weights * white).sum(axis=(1, 2)), by_tau, kernel)
 
-    def added(self, sums: _Floats, products: _Floats) -> _Floats:
-        """What each series adds to a unit covariance, shape (s, q, q).
-
-        Parameters
-        ----------
-        sums, products : ndarray, shape (s, b, q), (s, q, q)
-            As :class:`~radioloc.estimation.series_stretches.PartialSums` has them.
-        """
-        unit = sums[:, : self.kernel.shape[1]]
+    def added(self, partials: PartialSums) -> _Floats:
+        """What each series adds to a unit covariance, shape (s, q, q); the partials are of these series."""
+        unit = partials.sums[:, : self.kernel.shape[1]]
         return np.asarray(
-            (self.white - 1.0)[:, None, None] * products + np.swapaxes(unit, 1, 2) @ self.kernel @ unit
+            (self.white - 1.0)[:, None, None] * partials.products
+            + np.swapaxes(unit, 1, 2) @ self.kernel @ unit
         )
 
 
-def tried_taus_s(sums: StretchSums, codes: Sequence[int]) -> _Floats:
+def _tried_taus_s(sums: StretchSums, codes: Sequence[int]) -> _Floats:
     """Correlation times that are tried for some series, s, shape (taus,)."""
     widths_s = sums.stretches.width_s[list(codes)]
     longest_s = max(float(np.ptp(sums.time_s[sums.stretches.part(code)])) for code in codes)
     return np.geomspace(0.5 * widths_s.min(), max(0.5 * longest_s, widths_s.max()), TAUS)
-
-
-def _each(partials: PartialSums) -> list[tuple[int, _Floats]]:
-    return list(zip(partials.codes, partials.sums, strict=True))
 
 
 def _not_absorbed(sums: StretchSums, code: int, partials: _Floats, absorbed: float) -> _Floats:

@@ -101,16 +101,10 @@ class RepeatedCorrelation:
         lasting = self._lasting(tuple(tried)) if tried else None
         if lasting is None:
             return None
-        likelihood = lasting.likelihood(sums)
-        found = likelihood.significant([self._groups[k] for k in lasting.codes], len(set(self._groups)))
-        if not found:
+        errors = AveragedErrors.of(lasting, sums, self._groups)
+        if errors is None:
             return None
-        chosen = list(found)
-        codes = [lasting.codes[k] for k in chosen]
-        log = np.array(list(found.values()))
-        errors = AveragedErrors.of(lasting, chosen, log, likelihood.white[chosen], sums.variance[codes])
-        partials = self._partial_sums(codes, cell_weight, out)
-        added = errors.added(partials.sums, partials.products).sum(axis=0)
+        added = errors.added(self._partial_sums(errors.codes, cell_weight, out)).sum(axis=0)
         turned = np.linalg.solve(self._root, root)
         lost = np.zeros(len(self._free), dtype=bool)
         return in_parameters(turned.T @ added @ turned, root, self._free, lost)
@@ -133,12 +127,13 @@ class RepeatedCorrelation:
     def _lasting(self, tried: tuple[int, ...]) -> LastingErrors | None:
         """How errors spread over the stretches of some series."""
         if tried not in self._modes:
-            place = [self._partials.codes.index(code) for code in tried]
-            of_tried = PartialSums(tried, self._partials.sums[place], self._partials.products[place])
+            of_tried = self._partials.of_series(tried)
             self._modes[tried] = LastingErrors.of(self._reference, of_tried, ABSORBED)
         return self._modes[tried]
 
-    def _partial_sums(self, codes: list[int], cell_weight: _Floats, out: NDArray[np.intp]) -> PartialSums:
+    def _partial_sums(
+        self, codes: tuple[int, ...], cell_weight: _Floats, out: NDArray[np.intp]
+    ) -> PartialSums:
         """Sums of partials over the sigmas of a fit, by the parameters of unit covariance of the reference."""
         sums = np.add.reduceat(self._cell_unit * cell_weight[:, None], self._first_cell, axis=0)
         by_kind = self._kind_product * cell_weight[self._kind_cell, None, None] ** 2
@@ -147,7 +142,7 @@ class RepeatedCorrelation:
         lacking = self._unit(self._rows[out]) * cell_weight[self._cell_of_row[out], None]
         np.subtract.at(sums, self._stretch[out], lacking)
         np.subtract.at(products, self._code[out], lacking[:, :, None] * lacking[:, None, :])
-        return PartialSums(tuple(codes), self._stretches.side_by_side(sums, codes), products[codes])
+        return PartialSums(codes, self._stretches.side_by_side(sums, codes), products[list(codes)])
 
     def _unit(self, rows: NDArray[np.intp]) -> _Floats:
         """Partials by the parameters of unit covariance of the reference, shape (m, q)."""

@@ -329,6 +329,11 @@ class PartialSums:
                     products[place[code]] += np.einsum("ni,nj->ij", mine, mine)
         return cls(tuple(codes), stretches.side_by_side(sums, codes), products)
 
+    def of_series(self, codes: Sequence[int]) -> PartialSums:
+        """Those of some of the series."""
+        place = [self.codes.index(code) for code in codes]
+        return PartialSums(tuple(codes), self.sums[place], self.products[place])
+
 
 def by_series(values: _Floats, stretches: Stretches) -> _Floats:
     """Sum of what stretches have (stretches,) over each series, shape (series,)."""

@@ -124,22 +124,16 @@ def assess_time_correlation(
     lasting = LastingErrors.of(sums, partials, ABSORBED if fit.sigma_factor is None else _ABSORBED_WEIGHED)
     if lasting is None:
         return None
-    likelihood = lasting.likelihood(sums)
-    found = likelihood.significant([series.groups[k] for k in lasting.codes], len(set(series.groups)))
-    if not found:
+    errors = AveragedErrors.of(lasting, sums, series.groups)
+    if errors is None:
         return None
-    chosen = list(found)
-    codes = [lasting.codes[k] for k in chosen]
-    log = np.array(list(found.values()))
-    errors = AveragedErrors.of(lasting, chosen, log, likelihood.white[chosen], sums.variance[codes])
-    place = [partials.codes.index(code) for code in codes]
     # The partials are over the stated sigmas; those and the errors count by the weights, which are smaller.
-    weight = np.array([series.sigma_factor[code] for code in codes]) ** -4.0
-    each = weight[:, None, None] * errors.added(partials.sums[place], partials.products[place])
+    weight = np.array([series.sigma_factor[code] for code in errors.codes]) ** -4.0
+    each = weight[:, None, None] * errors.added(partials.of_series(errors.codes))
     return TimeCorrelation(
         tuple(
             _series_correlation(series.names[code], sums, code, errors, k, lasting.taus_s)
-            for k, code in enumerate(codes)
+            for k, code in enumerate(errors.codes)
         ),
         in_parameters(each.sum(axis=0), root, fit.parameters.free, np.isinf(np.diag(fit.covariance))),
     )

@@ -13,28 +13,14 @@ import time
 from pathlib import Path
 
 import pytest
+from busy import skip_if_busy
+from change5_case import STUDY
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "change5" / "simulation.toml"
 LOCATED_S, FITTED_S, PEAK_MB = 10.0, 3.0, 1500.0
 WHOLE_WALL_S, WHOLE_PEAK_MB, WRITTEN_S = 10.0, 600.0, 1.5
 SIMULATED_S, SIMULATED_PEAK_MB = 15.0, 600.0
 COMPILED_S, FIRST_FIT_S = 15.0, 2.0
-
-STUDY = """
-[target]
-longitude_deg = -51.8
-latitude_deg = 43.0
-height_m = -2500.0
-[observations]
-files = ["change5.csv"]
-[estimate]
-position = "geographic"
-range_bias = "all"
-range_bias_sigma_m = 10.0
-height_prior = { height_m = -2550.4, sigma_m = 5.0 }
-[model]
-off = ["ionosphere"]
-"""
 
 STAGES = """
 import json, time
@@ -170,30 +156,29 @@ def test_located_with_all_files(benchmark, folder, capsys):
     assert (folder / "out" / "residuals.csv").stat().st_size > 8e7
     assert {file.suffix for file in (folder / "out").iterdir()} == {".json", ".csv", ".png", ".svg"}
     assert best[2] < WHOLE_PEAK_MB
-    if best[0] > WHOLE_WALL_S and os.getloadavg()[0] > 1.5:
-        pytest.skip(
-            f"the machine is busy (load {os.getloadavg()[0]:.1f}): {best[0]:.1f} s say nothing of "
-            f"{WHOLE_WALL_S:g} s"
-        )
+    if best[0] > WHOLE_WALL_S:
+        skip_if_busy(1.5, f"{best[0]:.1f} s say nothing of {WHOLE_WALL_S:g} s")
     assert best[0] < WHOLE_WALL_S
+
+
+def taken_by_parts(benchmark, folder, capsys, script):
+    """CPU time of what a script does, s, by the names that it gives; told as well."""
+    _, _, _, output = benchmark.pedantic(run, args=(folder, "-c", script), rounds=1)
+    parts = {name: s for line in output.splitlines() for name, s in json.loads(line).items()}
+    with capsys.disabled():
+        print("\n" + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in parts.items()))
+    benchmark.extra_info.update(parts)
+    return parts
 
 
 def test_files_of_a_solution(benchmark, folder, capsys):
     """What each kind of file takes: residuals.csv is 86 MB."""
-    _, _, _, output = benchmark.pedantic(run, args=(folder, "-c", FILES), rounds=1)
-    files = {name: s for line in output.splitlines() for name, s in json.loads(line).items()}
-    with capsys.disabled():
-        print("\n" + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in files.items()))
-    benchmark.extra_info.update(files)
+    files = taken_by_parts(benchmark, folder, capsys, FILES)
     assert files["residuals.csv and solution.json"] < WRITTEN_S
 
 
 def test_stages(benchmark, folder, capsys):
-    _, _, _, output = benchmark.pedantic(run, args=(folder, "-c", STAGES), rounds=1)
-    stages = {name: s for line in output.splitlines() for name, s in json.loads(line).items()}
-    with capsys.disabled():
-        print("\n" + ", ".join(f"{name} {seconds:.2f} s" for name, seconds in stages.items()))
-    benchmark.extra_info.update(stages)
+    stages = taken_by_parts(benchmark, folder, capsys, STAGES)
     assert stages["fit"] < FITTED_S
 
 

@@ -8,7 +8,7 @@ import sys
 import time
 from pathlib import Path
 
-import pytest
+from busy import skip_if_busy
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "change5" / "simulation.toml"
 TRIALS = 1000
@@ -46,8 +46,5 @@ def test_a_thousand_trials(benchmark, tmp_path, capsys):
             f"  {TRIALS * full_s / taken_s:.0f} times faster than whole fits one after the other ({full_s:.2f} s each)"
         )
     benchmark.extra_info["times_faster_than_whole_fits"] = TRIALS * full_s / taken_s
-    if os.getloadavg()[0] > workers + 0.5:
-        pytest.skip(
-            f"the machine is busy (load {os.getloadavg()[0]:.1f}): {taken_s:.1f} s say nothing of {LIMIT_S:g} s"
-        )
+    skip_if_busy(workers + 0.5, f"{taken_s:.1f} s say nothing of {LIMIT_S:g} s")
     assert taken_s < LIMIT_S

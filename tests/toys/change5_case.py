@@ -14,6 +14,22 @@ RANGING = ("JIAMUSI", "KASHI", "NEUQUEN")
 VLBI = ("SESHAN25", "MIYUN50", "KUNMING", "URUMQI")
 NOISE = NoiseModel(link={"range": Noise(white_m=1.0), "vlbi_delay": Noise(white_m=0.3)})
 BIAS_M = {"JIAMUSI": 3.0, "KASHI": -4.0, "NEUQUEN": 2.0}
+STUDY = """
+[target]
+longitude_deg = -51.8
+latitude_deg = 43.0
+height_m = -2500.0
+[observations]
+files = ["change5.csv"]
+[estimate]
+position = "geographic"
+range_bias = "all"
+range_bias_sigma_m = 10.0
+height_prior = { height_m = -2550.4, sigma_m = 5.0 }
+[model]
+off = ["ionosphere"]
+"""
+"""Study file of benchmarks, for observations in ``change5.csv`` beside it."""
 
 
 def world(

@@ -2,7 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
-COMPILED := tests/unit/measurements/test_interpolated_arc.py tests/unit/studies/test_evaluation.py
+COMPILED := tests/unit/measurements/test_chebyshev_predictor.py tests/unit/studies/test_evaluation.py
 
 .PHONY: demo test test-all test-uncompiled lint bench scaling clean
 

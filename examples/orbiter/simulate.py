@@ -71,7 +71,7 @@ def write_tracking(path: Path, orbit: Path) -> None:
         "uplink_hz": 7.2e9,
     }
     plan = radioloc.Observations.from_columns(value_m=1.0, **columns)
-    arc = radioloc.TrackingArc(model, plan, np.zeros(3), trajectory)
+    arc = radioloc.ExactPredictor(model, plan, np.zeros(3), trajectory)
     computed = arc.compute(np.zeros(3))
     value_m = computed.value_m + plan.sigma_m * np.random.default_rng(1).standard_normal(len(plan))
     value_m += np.where(~doppler & (link == 1), BIAS_M, 0.0)

@@ -23,13 +23,13 @@ from radioloc.estimation import Solution
 from radioloc.io.detect import read_observations
 from radioloc.io.write import write_observations
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
-from radioloc.measurements.evaluation import prepare_arc
-from radioloc.measurements.interpolated_arc import InterpolatedArc
+from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS, active_terms
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.plotting import plot_links, plot_position, plot_residuals, save_figure
 from radioloc.studies.arcs import ArcStudy, arcs
 from radioloc.studies.arcs_report import write_arcs
@@ -53,15 +53,16 @@ from radioloc.time import Epochs, epochs_from_strings
 __all__ = [
     "TERMS",
     "ArcStudy",
+    "ChebyshevPredictor",
     "ConvergenceError",
     "CoverageError",
     "Epochs",
     "EquipmentDelays",
     "EstimateChoice",
+    "ExactPredictor",
     "FileFormatError",
     "HeightPrior",
     "InputError",
-    "InterpolatedArc",
     "KernelError",
     "Link",
     "LunarPosition",
@@ -79,7 +80,6 @@ __all__ = [
     "StationDelay",
     "StationError",
     "Study",
-    "TrackingArc",
     "Trajectory",
     "Weight",
     "__version__",
@@ -92,7 +92,7 @@ __all__ = [
     "plot_links",
     "plot_position",
     "plot_residuals",
-    "prepare_arc",
+    "prepare_predictor",
     "read_observations",
     "read_study",
     "residuals",

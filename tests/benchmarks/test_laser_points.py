@@ -64,7 +64,7 @@ def test_ratios(benchmark, model, points, tmp_path, capsys):
     def prepared():
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", radioloc.RadiolocWarning)
-            return [(radioloc.TrackingArc(model, mine, place), place) for mine, place in points]
+            return [(radioloc.ExactPredictor(model, mine, place), place) for mine, place in points]
 
     arcs = prepared()
 

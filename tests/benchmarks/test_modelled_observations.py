@@ -23,7 +23,7 @@ from change5_case import LANDER, RANGING, VLBI
 
 import radioloc
 from radioloc.measurements._kernels import _polynomial
-from radioloc.measurements.evaluation import prepare_arc
+from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import RANGE, VLBI_DELAY
 from radioloc.simulation import Schedule, Session, all_ranges, baselines
 from radioloc.time import tt_to_tdb, utc_to_tt
@@ -121,7 +121,7 @@ def arcs(model):
     observations = Schedule(sessions).plan(model, lander_pa_m, "lander").observations
     return {
         what: (
-            prepare_arc(model, observations.select(observations.kind == kind), lander_pa_m),
+            prepare_predictor(model, observations.select(observations.kind == kind), lander_pa_m),
             lander_pa_m,
         )
         for what, kind in (("three-way range", RANGE), ("VLBI delay", VLBI_DELAY))
@@ -155,7 +155,7 @@ def test_ratios(benchmark, arcs, link, what, one_thread, tmp_path, capsys):
         ("astropy", others.astropy_three_way_m),
     ):
         ratios[f"{name} vectorized"] = seconds_each(function, len(jd), sender, lander, receiver, jd) / ours_s
-    exact = radioloc.TrackingArc(arc.model, arc.observations.select(slice(0, 4096)), lander_pa_m)
+    exact = radioloc.ExactPredictor(arc.model, arc.observations.select(slice(0, 4096)), lander_pa_m)
     ratios["own exact path, prepared"] = seconds_each(exact.compute, 4096, lander_pa_m) / ours_s
     with capsys.disabled():
         print(f"\n{what}: {1e9 * ours_s:.1f} ns with all terms and partials, one thread ({n} observations)")

@@ -15,9 +15,9 @@ import pytest
 from radioloc import EquipmentDelays, LunarPosition, StationCatalogue, StationDelay
 from radioloc.constants import C_M_S
 from radioloc.measurements.electron_content import UniformTec
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.nuisance import middle_of
 from radioloc.studies.problem import Problem
 from radioloc.studies.study import STATION_PARAMETERS, EstimateChoice, TerrainPrior
@@ -82,7 +82,7 @@ def arc_of(model, case, tai=TAI):
         wavelength_um=35394.6,
         uplink_hz=np.nan if "<" in path else 7.2e9,
     )
-    return TrackingArc(model, observations, SITE.to_axes("PA", model.ephemeris.constants).xyz_m)
+    return ExactPredictor(model, observations, SITE.to_axes("PA", model.ephemeris.constants).xyz_m)
 
 
 def problem_of(arc, **choice):

@@ -40,9 +40,9 @@ from radioloc.earth.pole_tide import pole_tide_displacement, secular_pole_rad
 from radioloc.earth.radio_troposphere import zenith_hydrostatic_delay_m
 from radioloc.earth.stations import StationCatalogue
 from radioloc.lunar import rot_icrf_to_pa
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 
 GOAL_S = 10e-12
@@ -187,7 +187,7 @@ def predict(model, baseline, tags_s, point_pa_m=POINT_PA_M):
         kind=KINDS.index("vlbi_delay"),
         tag=TIME_TAGS.index("receive"),
     )
-    computed = TrackingArc(model, observations, point_pa_m).compute(point_pa_m)
+    computed = ExactPredictor(model, observations, point_pa_m).compute(point_pa_m)
     return computed.value_m / C_M_S, computed.by_time_m_s / C_M_S
 
 
@@ -237,7 +237,7 @@ def test_growth_of_the_delay(model, baseline):
         tag=TIME_TAGS.index("receive"),
         count_s=count_s,
     )
-    computed_s = TrackingArc(model, observations, POINT_PA_M).compute(POINT_PA_M).value_m / C_M_S
+    computed_s = ExactPredictor(model, observations, POINT_PA_M).compute(POINT_PA_M).value_m / C_M_S
     assert np.abs(np.diff(delay_s) - computed_s).max() < GROWTH_S
 
 

@@ -18,10 +18,10 @@ from radioloc.constants import C_M_S, L_B, L_G
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs, utc_to_tt
 
 GOAL_M = 5e-5
@@ -180,7 +180,7 @@ def model():
 def test_path_against_40_digits(model, sender, receiver, tag, jd, fraction):
     fewer = model.without(*(set(TERMS) - {*GEOMETRIC_TERMS, "subdaily_eop"}))
     table = observations(f"{sender}>apollo15>{receiver}", Epochs.from_jd(jd, fraction, "TAI"), tag)
-    ours_m = TrackingArc(fewer, table, APOLLO15_PA_M).compute(APOLLO15_PA_M).value_m[0]
+    ours_m = ExactPredictor(fewer, table, APOLLO15_PA_M).compute(APOLLO15_PA_M).value_m[0]
     catalogue = StationCatalogue.default()
     with mp.workdps(DIGITS):
         exact_m = FortyDigits(fewer.terms).value_m(
@@ -197,7 +197,7 @@ def test_successive_ranges_are_smooth(model, tag, path, spacing_s):
     count = 101
     tai = epochs_tai(count, spacing_s * (count - 1) / 3600.0, 2460310.5, 0.28)
     table = observations(path, tai, tag, **LASER)
-    computed = TrackingArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    computed = ExactPredictor(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
     assert (computed.problem == "").all()
     elapsed_s = tai.seconds_since(tai[np.zeros(count, dtype=int)])
     # Counted from the first, which is exact: a fit to 7.7e8 m itself is rounded by 1 to 20 micrometres, by how the

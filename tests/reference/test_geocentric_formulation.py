@@ -15,10 +15,10 @@ from geocentric_formulation import GeocentricFormulation, gcrs_terms
 
 from radioloc.constants import C_M_S
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
 
 RANGE_GOAL_M, DELAY_GOAL_S = 1e-3, 3e-12
@@ -73,7 +73,7 @@ def barycentric_m(model, point_pa_m, first, second, tag, kind="range"):
         kind=KINDS.index(kind),
         tag=TIME_TAGS.index(tag),
     )
-    return TrackingArc(model, observations, point_pa_m).compute(point_pa_m).value_m
+    return ExactPredictor(model, observations, point_pa_m).compute(point_pa_m).value_m
 
 
 def geocentric_m(geocentric, model, first, second, tag, kind="range"):

@@ -14,8 +14,8 @@ from arc_cases import REFLECTORS_PA_M
 
 import radioloc
 from radioloc.io.detect import read_observations
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 EARLY = [
@@ -51,7 +51,7 @@ def one_way_residuals(model, observations):
     residual_m = np.full(len(observations), np.nan)
     for target in np.unique(targets):
         rows = np.flatnonzero(targets == target)
-        arc = TrackingArc(model, observations.select(rows), REFLECTORS_PA_M[target])
+        arc = ExactPredictor(model, observations.select(rows), REFLECTORS_PA_M[target])
         computed = arc.compute(REFLECTORS_PA_M[target])
         assert (computed.problem == "").all()
         residual_m[rows] = (observations.value_m[rows] - computed.value_m) / 2.0
@@ -90,7 +90,7 @@ def test_spring_2024(model):
 def fit_rms_m(model, observations):
     """RMS of the one-way residuals after the reflector's three coordinates were fitted, m."""
     start = REFLECTORS_PA_M["apollo15"]
-    computed = TrackingArc(model, observations, start).compute(start)
+    computed = ExactPredictor(model, observations, start).compute(start)
     residual_m = (observations.value_m - computed.value_m) / 2.0
     columns = computed.by_position_pa / 2.0
     weight = 1.0 / np.hypot(observations.sigma_m / 2.0, 0.02)
@@ -150,7 +150,7 @@ def test_lunar_constants_show_in_the_range_itself(model, apollo15):
 
     def rms_m(some_model):
         start = REFLECTORS_PA_M["apollo15"]
-        computed = TrackingArc(some_model, apollo15["2006-07"], start).compute(start).value_m
+        computed = ExactPredictor(some_model, apollo15["2006-07"], start).compute(start).value_m
         return float(np.sqrt(np.mean(((apollo15["2006-07"].value_m - computed) / 2.0) ** 2)))
 
     whole_m = rms_m(model)

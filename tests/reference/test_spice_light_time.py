@@ -16,10 +16,10 @@ from radioloc.constants import C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.stations import StationCatalogue
 from radioloc.kernels import find_kernel
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs, utc_to_tt
 
 # SPICE's epoch is one float: 0.06 to 0.12 microseconds, in which the Earth moves 1.8 to 3.6 mm along its orbit, and
@@ -130,7 +130,7 @@ def range_by_spice(sender, receiver, tag, tt, keep_rest):
 )
 def test_bare_geometry(model, sender, receiver, jd, fraction, tag):
     table = observations(f"{sender}>apollo15>{receiver}", Epochs.from_jd(jd, fraction, "TAI"), tag)
-    ours_m = TrackingArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M).value_m[0]
+    ours_m = ExactPredictor(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M).value_m[0]
     eop = EopTable.packaged()
     ends = Station(sender, eop), Station(receiver, eop)
     tt = utc_to_tt(table.epoch)

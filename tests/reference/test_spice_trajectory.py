@@ -14,9 +14,9 @@ from spk_files import ORBITER, low_lunar_orbit, tracking, write_chebyshev, write
 from radioloc.constants import C_M_S, J2000_JD, MEAN_LUNAR_RADIUS_M, SECONDS_PER_DAY
 from radioloc.ephemeris import Trajectory
 from radioloc.kernels import find_kernel
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, tai_to_tt, tdb_to_tt
 
 NOWHERE = np.zeros(3)
@@ -87,7 +87,7 @@ def round_trips_m(sender, receiver, et_s):
 def test_light_time_over_an_orbiter(model, orbiter, receiver):
     tai = epochs_tai(60, 30.0, start_fraction=0.01)
     path = f"KASHI>x>{receiver}"
-    computed = TrackingArc(model, tracking(path, tai), NOWHERE, orbiter).compute(NOWHERE)
+    computed = ExactPredictor(model, tracking(path, tai), NOWHERE, orbiter).compute(NOWHERE)
     et_s, lost_s = tagged_et(model, receiver, tai)
     by_spice_m = round_trips_m("KASHI", receiver, et_s) + computed.by_time_m_s * lost_s
     assert np.abs(computed.by_time_m_s).max() > 2000.0
@@ -97,7 +97,7 @@ def test_light_time_over_an_orbiter(model, orbiter, receiver):
 def test_doppler_is_the_growth_of_spice_light_times(model, orbiter):
     tai, half_s = epochs_tai(30, 30.0, start_fraction=0.01), 30.0
     table = tracking("KASHI>x>JIAMUSI", tai, kind="doppler", count_s=2.0 * half_s)
-    computed = TrackingArc(model, table, NOWHERE, orbiter).compute(NOWHERE)
+    computed = ExactPredictor(model, table, NOWHERE, orbiter).compute(NOWHERE)
     late, early = (tagged_et(model, "JIAMUSI", tai.shifted(s))[0] for s in (half_s, -half_s))
     grown_m = round_trips_m("KASHI", "JIAMUSI", late) - round_trips_m("KASHI", "JIAMUSI", early)
     assert np.abs(computed.value_m - grown_m).max() < SPICE_EPOCH_M
@@ -110,7 +110,7 @@ def test_occultations(model, orbiter):
         spiceypy.pdpool(f"BODY301_{name}", [0.0, 0.0, 0.0])
     # 500 epochs, of which none is closer than some milliseconds to the limb.
     tai = epochs_tai(500, 35.0, start_fraction=0.01)
-    problem = TrackingArc(model, tracking("KASHI>x>KASHI", tai), NOWHERE, orbiter).compute(NOWHERE).problem
+    problem = ExactPredictor(model, tracking("KASHI>x>KASHI", tai), NOWHERE, orbiter).compute(NOWHERE).problem
     above = ~np.char.startswith(problem, "below the horizon")
     et_s, _ = tagged_et(model, "KASHI", tai)
     hidden = [

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.simulation import Noise, NoiseModel, Schedule, Session, World, all_ranges, baselines
 
 RUNS = 400
@@ -33,7 +33,7 @@ def prepared(model, *sessions):
 def nees(world, model, noise):
     """Squared error of the fitted position in its formal covariance, by run; the fit is linear at the truth."""
     partials = (
-        TrackingArc(model, world.plan.observations, world.target_pa_m)
+        ExactPredictor(model, world.plan.observations, world.target_pa_m)
         .compute(world.target_pa_m)
         .by_position_pa
         / world.plan.observations.sigma_m[:, None]

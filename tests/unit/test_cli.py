@@ -124,10 +124,10 @@ def test_terms(run, folder, monkeypatch):
 
     def counted(*given):
         prepared.append(given)
-        return prepare_arc(*given)
+        return prepare_predictor(*given)
 
-    prepare_arc = locate.prepare_arc
-    monkeypatch.setattr(locate, "prepare_arc", counted)
+    prepare_predictor = locate.prepare_predictor
+    monkeypatch.setattr(locate, "prepare_predictor", counted)
     outcome = run(study_of(), "--out", folder / "out", "--terms", "--quiet")
     assert outcome.status == 0
     assert len(prepared) == 1

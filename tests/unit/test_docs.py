@@ -279,9 +279,9 @@ def three_way_terms(model):
         sigma_m=1.0,
         tag=1,
     )
-    arc = radioloc.TrackingArc(model.without("troposphere"), plan, lander_pa_m)
+    arc = radioloc.ExactPredictor(model.without("troposphere"), plan, lander_pa_m)
     high = (np.degrees(arc.compute(lander_pa_m).elevation_rad) > 5.0).all(axis=1)
-    return radioloc.TrackingArc(arc.model, plan.select(high), lander_pa_m).terms(lander_pa_m)
+    return radioloc.ExactPredictor(arc.model, plan.select(high), lander_pa_m).terms(lander_pa_m)
 
 
 def assert_sizes(row, columns, added_m):
@@ -293,7 +293,7 @@ def assert_sizes(row, columns, added_m):
 def test_two_way_sizes_of_all_terms(model):
     added: dict[str, list] = {}
     for observed, where in laser_ranges().values():
-        for name, values in radioloc.TrackingArc(model, observed, where).terms(where).items():
+        for name, values in radioloc.ExactPredictor(model, observed, where).terms(where).items():
             added.setdefault(name, []).append(values)
     for row in rows_of_table(PHYSICS, "term"):
         assert_sizes(row, (1, 2), np.concatenate(added[row[0].strip("`")]))
@@ -310,7 +310,7 @@ def test_three_way_sizes_of_all_terms(model):
 
 
 def one_way_mm(model, observed, where):
-    computed = radioloc.TrackingArc(model, observed, where).compute(where)
+    computed = radioloc.ExactPredictor(model, observed, where).compute(where)
     return 0.5 * MILLIMETRES * (observed.value_m - computed.value_m)
 
 

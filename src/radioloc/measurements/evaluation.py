@@ -7,12 +7,12 @@ from numpy.typing import NDArray
 
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
-from radioloc.measurements.arc import Arc
+from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.dense_series import DenseSeries
-from radioloc.measurements.interpolated_arc import InterpolatedArc
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
+from radioloc.measurements.predictor import Predictor
 
 EVALUATIONS = ("auto", "exact", "interpolated")
 """How an arc can be evaluated."""
@@ -21,13 +21,13 @@ _MANY = 5000
 """Below so many observations computing them is a matter of a second; compiled code takes about as long to load."""
 
 
-def prepare_arc(
+def prepare_predictor(
     model: PhysicalModel,
     observations: Observations,
     approximate_pa_m: NDArray[np.float64],
     evaluation: str = "auto",
     trajectory: Trajectory | None = None,
-) -> Arc:
+) -> Predictor:
     """Prepare the observations of one arc for predictions.
 
     Parameters
@@ -60,10 +60,10 @@ def prepare_arc(
         raise InputError('the tracking of a spacecraft is not interpolated; evaluation is "exact" or "auto"')
     sparse = len(observations) < _MANY
     if evaluation == "exact" or trajectory is not None or (evaluation == "auto" and sparse):
-        return TrackingArc(model, observations, approximate_pa_m, trajectory)
+        return ExactPredictor(model, observations, approximate_pa_m, trajectory)
     series = DenseSeries(model, observations)
     if evaluation == "auto":
         segments = series.segments()
         if int((segments.end - segments.begin).sum()) <= len(observations) // 2:
-            return TrackingArc(model, observations, approximate_pa_m)
-    return InterpolatedArc(model, observations, approximate_pa_m, series)
+            return ExactPredictor(model, observations, approximate_pa_m)
+    return ChebyshevPredictor(model, observations, approximate_pa_m, series)

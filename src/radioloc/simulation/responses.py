@@ -17,9 +17,9 @@ from radioloc.constants import C_M_S, EARTH_ROTATION_RAD_S
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_icrf_to_pa, rot_pa_to_me
+from radioloc.measurements.exact_predictor import Computed
 from radioloc.measurements.observations import RANGE, Observations, is_counted, is_differenced
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import Computed
 from radioloc.simulation.departures import POSITION, Departure
 from radioloc.simulation.media import media_partials, refuse_unknown_frequencies
 from radioloc.simulation.truth import Clock, Truth

@@ -13,7 +13,7 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.evaluation import prepare_arc
+from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import KINDS, RANGE, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.simulation.noise import NoiseModel
@@ -215,7 +215,7 @@ def _computed_m(
     trajectory: Trajectory | None,
 ) -> NDArray[np.float64]:
     """Prediction of the observations, refused where the model does not hold."""
-    predicted = prepare_arc(world, observations, target_pa_m, trajectory=trajectory).at(target_pa_m)
+    predicted = prepare_predictor(world, observations, target_pa_m, trajectory=trajectory).at(target_pa_m)
     wrong, problem = 0, ""
     for start in range(0, len(observations), _ROWS_AT_ONCE):
         problems = predicted.rows(slice(start, start + _ROWS_AT_ONCE)).problem

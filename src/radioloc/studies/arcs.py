@@ -22,7 +22,7 @@ from radioloc.studies.study import Reference, Study
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Arc:
+class Predictor:
     """One arc of a study.
 
     Parameters
@@ -55,7 +55,7 @@ class ArcStudy:
     ----------
     name : str
         Name of the study.
-    arcs : tuple of Arc
+    arcs : tuple of Predictor
         The longest first.
     references : tuple of Reference
         Known positions in mean-Earth axes. The first is the benchmark that all others are compared with; where there
@@ -63,7 +63,7 @@ class ArcStudy:
     """
 
     name: str
-    arcs: tuple[Arc, ...]
+    arcs: tuple[Predictor, ...]
     references: tuple[Reference, ...] = ()
 
     @property
@@ -154,7 +154,7 @@ def arcs(
         one = replace(whole, name=f"{study.name}, {length:g} h")
         arc = longest if not later else longest.select(rows)
         estimate = study.estimate if not later else of_part(study.estimate, arc, study.catalogue)
-        found.append(Arc(length, span_h, fit_arc(one, arc, reasons, estimate)))
+        found.append(Predictor(length, span_h, fit_arc(one, arc, reasons, estimate)))
     constants = longest.model.ephemeris.constants
     references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]
     return ArcStudy(study.name, tuple(found), tuple(references))

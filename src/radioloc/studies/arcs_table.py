@@ -15,7 +15,7 @@ from radioloc.estimation.cards import CardField, metres, render_text, sigma_text
 
 if TYPE_CHECKING:
     from radioloc.estimation.solution import Solution
-    from radioloc.studies.arcs import Arc, ArcStudy
+    from radioloc.studies.arcs import ArcStudy, Predictor
 
 _WIDTH = 96
 _PARAMETERS_IN_ROW = 3
@@ -283,7 +283,7 @@ def _fixed(value: float | None, decimals: int) -> str:
     return "-" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"
 
 
-def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
+def _sigma_cells(arc: Predictor, row: PositionRow) -> tuple[str, ...]:
     sigmas = (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m)
     held = not arc.solution.position_estimated
     return (
@@ -295,7 +295,7 @@ def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
     )
 
 
-def _data_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
+def _data_cells(arc: Predictor, row: PositionRow) -> tuple[str, ...]:
     chi2 = arc.solution.fit.chi2_per_dof
     return (
         arc.name,

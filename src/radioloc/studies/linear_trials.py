@@ -227,7 +227,7 @@ class LinearTrials:
         for k, departures in enumerate(drawn):
             for departure, value in departures.items():
                 residual_m[k] += value * self.responses[departure]
-        # Arc by arc, as what an arc's fits have in common then stays in the processor's cache.
+        # Predictor by arc, as what an arc's fits have in common then stays in the processor's cache.
         for i, arc in enumerate(self.arcs):
             for k, departures in enumerate(drawn):
                 found = arc.fit.fit(residual_m[k, arc.part] - arc.held_m)

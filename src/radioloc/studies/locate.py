@@ -30,15 +30,15 @@ from radioloc.io.tdm_agreement import LightTime
 from radioloc.kernels import sha256_of
 from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.arc import Arc
+from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.electron_content import ElectronContent, UniformTec
-from radioloc.measurements.evaluation import prepare_arc
-from radioloc.measurements.interpolated_arc import InterpolatedArc
+from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel, kernel_record
+from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.measurements.terms import TERMS
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.studies.notes import notes_of
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.problem import Problem
@@ -79,7 +79,7 @@ def residuals(study: Study, observations: Observations | None = None) -> Solutio
     return _solve(study, observations, None)
 
 
-def arc_of(study: Study, observations: Observations | None = None) -> tuple[Arc, NDArray[np.float64]]:
+def arc_of(study: Study, observations: Observations | None = None) -> tuple[Predictor, NDArray[np.float64]]:
     """The prepared arc of a study and its a-priori position in principal axes, for predictions and tables of terms.
 
     Parameters and errors as :func:`locate`.
@@ -89,7 +89,7 @@ def arc_of(study: Study, observations: Observations | None = None) -> tuple[Arc,
 
 
 @on_one_blas_thread
-def prepared_arc(study: Study, observations: Observations | None = None) -> tuple[Arc, dict[str, int]]:
+def prepared_arc(study: Study, observations: Observations | None = None) -> tuple[Predictor, dict[str, int]]:
     """The prepared arc of a study, and how many observations were not asked for, by reason.
 
     Parameters and errors as :func:`locate`.
@@ -112,14 +112,16 @@ def _solve(study: Study, given: Observations | None, estimate: EstimateChoice | 
 
 
 @on_one_blas_thread
-def fit_arc(study: Study, arc: Arc, left_out: dict[str, int], estimate: EstimateChoice | None) -> Solution:
+def fit_arc(
+    study: Study, arc: Predictor, left_out: dict[str, int], estimate: EstimateChoice | None
+) -> Solution:
     """Fit an arc that has been prepared already.
 
     Parameters
     ----------
     study : Study
         Its observations and kernels are those of the arc.
-    arc : Arc
+    arc : Predictor
     left_out : dict of str to int
         How many observations the arc leaves out, by reason.
     estimate : EstimateChoice or None
@@ -263,37 +265,39 @@ def _light_time_to(study: Study, model: PhysicalModel, target_pa: LunarPosition 
             epoch=epoch, links=[link], tag=TIME_TAGS.index(tag), value_m=1.0, sigma_m=1.0
         )
         start_pa_m = _start_pa_m(target_pa)
-        return TrackingArc(model, asked, start_pa_m, _trajectory(study)).compute(start_pa_m).value_m / C_M_S
+        return (
+            ExactPredictor(model, asked, start_pa_m, _trajectory(study)).compute(start_pa_m).value_m / C_M_S
+        )
 
     return light_time_s
 
 
 def _arc(
     study: Study, model: PhysicalModel, observations: Observations, target_pa: LunarPosition | None
-) -> Arc:
+) -> Predictor:
     start_pa_m, trajectory = _start_pa_m(target_pa), _trajectory(study)
     try:
-        return prepare_arc(model, observations, start_pa_m, study.model.evaluation, trajectory)
+        return prepare_predictor(model, observations, start_pa_m, study.model.evaluation, trajectory)
     except CoverageError:
         # The kernel or table does not know the files: say which observation lies outside, the first or the last.
         order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
         for row in (int(order[0]), int(order[-1])):
             try:
-                TrackingArc(model, observations.select([row]), start_pa_m, trajectory)
+                ExactPredictor(model, observations.select([row]), start_pa_m, trajectory)
             except CoverageError as error:
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
         raise
 
 
-def _blocks(arc: Arc) -> Iterator[NDArray[np.intp]]:
+def _blocks(arc: Predictor) -> Iterator[NDArray[np.intp]]:
     """Rows of an arc, some ten thousand at a time."""
     n = len(arc.observations)
     for start in range(0, n, ROWS_AT_ONCE):
         yield np.arange(start, min(start + ROWS_AT_ONCE, n))
 
 
-def _elevation_deg(arc: Arc, lander_pa_m: NDArray[np.float64]) -> NDArray[np.float64]:
+def _elevation_deg(arc: Predictor, lander_pa_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Lower of the stations' elevations, deg, shape (n,)."""
     at = arc.at(lander_pa_m)
     elevation_deg = np.empty(len(arc.observations))
@@ -303,7 +307,7 @@ def _elevation_deg(arc: Arc, lander_pa_m: NDArray[np.float64]) -> NDArray[np.flo
     return elevation_deg
 
 
-def status_of(arc: Arc, target_pa: LunarPosition | None) -> Labels:
+def status_of(arc: Predictor, target_pa: LunarPosition | None) -> Labels:
     """Which observations can be used at all, seen from the a-priori position, and why others cannot."""
     start_pa_m = _start_pa_m(target_pa)
     at, model = arc.at(start_pa_m), arc.model
@@ -414,9 +418,9 @@ def _provenance(
     }
 
 
-def _evaluation_record(arc: Arc, lander_pa_m: NDArray[np.float64]) -> dict[str, Any]:
+def _evaluation_record(arc: Predictor, lander_pa_m: NDArray[np.float64]) -> dict[str, Any]:
     """How the observations were computed and, where they were interpolated, how well that agrees with the model."""
-    if isinstance(arc, InterpolatedArc):
+    if isinstance(arc, ChebyshevPredictor):
         return {"kind": "interpolated", **asdict(arc.check(lander_pa_m))}
     return {"kind": "exact"}
 

@@ -10,10 +10,10 @@ from radioloc.errors import InputError
 from radioloc.estimation.excess_noise import NoisyFit
 from radioloc.estimation.parameters import ParameterSet
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
-from radioloc.measurements.arc import Arc
 from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.observations import KINDS, Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.terms import TERMS
 from radioloc.studies.study import HEIGHT_LIMITS_M, STATION_PARAMETERS, EstimateChoice, Study, TerrainPrior
 from radioloc.studies.weights import Weight
@@ -26,7 +26,7 @@ _ROUGHER = 1.5
 
 def notes_of(
     study: Study,
-    arc: Arc,
+    arc: Predictor,
     left_out: dict[str, int],
     estimate: EstimateChoice | None,
     fitted: NoisyFit,
@@ -37,7 +37,7 @@ def notes_of(
     Parameters
     ----------
     study : Study
-    arc : Arc
+    arc : Predictor
     left_out : dict of str to int
         How many observations the arc leaves out, by reason.
     estimate : EstimateChoice or None
@@ -79,7 +79,10 @@ def _height_doubt(lander_pa_m: NDArray[np.float64]) -> list[str]:
 
 
 def _terrain_doubt(
-    arc: Arc, estimate: EstimateChoice | None, parameters: ParameterSet, lander_pa_m: NDArray[np.float64]
+    arc: Predictor,
+    estimate: EstimateChoice | None,
+    parameters: ParameterSet,
+    lander_pa_m: NDArray[np.float64],
 ) -> list[str]:
     """Where the terrain at the estimate is not as rough as at the a-priori position, which the prior's sigma is of."""
     if estimate is None or not isinstance(estimate.height_prior, TerrainPrior):
@@ -119,7 +122,7 @@ def _weights_note(weights: tuple[Weight, ...]) -> list[str]:
 
 
 def _of_data_and_model(
-    model: PhysicalModel, arc: Arc, left_out: dict[str, int], estimate: EstimateChoice | None
+    model: PhysicalModel, arc: Predictor, left_out: dict[str, int], estimate: EstimateChoice | None
 ) -> list[str]:
     """What a reader of the result must know about the model and the data."""
     notes = [f"{_count(count)} not asked for: {reason}" for reason, count in left_out.items()]

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.estimation.linearization import ROWS_AT_ONCE
-from radioloc.measurements.arc import Arc, Computed
 from radioloc.measurements.observations import (
     RANGE,
     TIME_TAGS,
@@ -18,6 +17,7 @@ from radioloc.measurements.observations import (
     VLBI_DELAY_RATE,
     is_differenced,
 )
+from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.time import Epochs, utc_to_tai
 
 
@@ -26,7 +26,7 @@ class ArcRows:
 
     Parameters
     ----------
-    arc : Arc
+    arc : Predictor
     rows : ndarray of int, shape (m,), optional
         Which observations; all by default.
     computed : callable, optional
@@ -37,7 +37,7 @@ class ArcRows:
 
     def __init__(
         self,
-        arc: Arc,
+        arc: Predictor,
         rows: NDArray[np.intp] | None = None,
         computed: Callable[[NDArray[np.intp]], Computed] | None = None,
         middle: Epochs | None = None,
@@ -85,7 +85,7 @@ class ArcRows:
         return self._computed
 
 
-def middle_of(arc: Arc) -> Epochs:
+def middle_of(arc: Predictor) -> Epochs:
     """Half way between an arc's first and last observation, TAI, one epoch."""
     epoch = arc.observations.epoch
     days = (epoch.jd - epoch.jd.min()) + epoch.fraction
@@ -158,7 +158,7 @@ class Nuisance:
         """Key of the a-priori value's sigma in ``[estimate]``."""
         return f"{self.key}_sigma_{self.unit.replace('/', '_')}"
 
-    def stations(self, arc: Arc) -> list[int]:
+    def stations(self, arc: Predictor) -> list[int]:
         """Indices of the stations with observations that such a parameter acts on."""
         taking_part: set[int] = set()
         n = len(arc.transmitters)

@@ -16,15 +16,15 @@ from numpy.typing import NDArray
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, StationError
 from radioloc.estimation.parameters import Parameter
-from radioloc.measurements.arc import Arc
 from radioloc.measurements.observations import RANGE
+from radioloc.measurements.predictor import Predictor
 from radioloc.studies.nuisance import NUISANCES, Nuisance, Owner, middle_of
 from radioloc.studies.study import EstimateChoice
 from radioloc.time import utc_strings, utc_to_tai
 
 
 def owned_parameters(
-    nuisance: Nuisance, choice: EstimateChoice, catalogue: StationCatalogue, arc: Arc
+    nuisance: Nuisance, choice: EstimateChoice, catalogue: StationCatalogue, arc: Predictor
 ) -> list[tuple[Owner, Parameter]]:
     """The parameters of one kind that an arc gets.
 
@@ -67,7 +67,7 @@ def owned_parameters(
     return found
 
 
-def of_part(choice: EstimateChoice, part: Arc, catalogue: StationCatalogue) -> EstimateChoice:
+def of_part(choice: EstimateChoice, part: Predictor, catalogue: StationCatalogue) -> EstimateChoice:
     """What is estimated in a part of an arc: without the stations that have no observations in it.
 
     That the names are right is known from the whole arc.
@@ -93,7 +93,9 @@ def of_part(choice: EstimateChoice, part: Arc, catalogue: StationCatalogue) -> E
     return replace(choice, **changes)  # type: ignore[arg-type]
 
 
-def _of_the_point(nuisance: Nuisance, choice: EstimateChoice, arc: Arc) -> list[tuple[Owner, Parameter]]:
+def _of_the_point(
+    nuisance: Nuisance, choice: EstimateChoice, arc: Predictor
+) -> list[tuple[Owner, Parameter]]:
     if not getattr(choice, nuisance.key):
         return []
     if not nuisance.stations(arc):
@@ -110,7 +112,7 @@ def _of_the_point(nuisance: Nuisance, choice: EstimateChoice, arc: Arc) -> list[
     return [(Owner(None, ""), parameter)]
 
 
-def _taking_part(nuisance: Nuisance, choice: EstimateChoice, arc: Arc) -> list[int]:
+def _taking_part(nuisance: Nuisance, choice: EstimateChoice, arc: Predictor) -> list[int]:
     """Stations that such a parameter acts on; not looked for where none is asked for."""
     asked = getattr(choice, nuisance.key) != "none" or getattr(choice, nuisance.value_key) is not None
     return nuisance.stations(arc) if asked or getattr(choice, nuisance.sigma_key) is not None else []
@@ -120,7 +122,7 @@ def _listed(
     nuisance: Nuisance,
     names: tuple[str, ...] | str,
     catalogue: StationCatalogue,
-    arc: Arc,
+    arc: Predictor,
     taking_part: list[int],
 ) -> list[int]:
     """Indices of the stations whose parameter is estimated."""
@@ -137,7 +139,7 @@ def _by_station(
     choice: EstimateChoice,
     key: str,
     catalogue: StationCatalogue,
-    arc: Arc,
+    arc: Predictor,
     taking_part: list[int],
     everyone: list[int],
 ) -> dict[int, float]:
@@ -156,7 +158,7 @@ def _by_station(
     return found
 
 
-def _index(key: str, name: str, catalogue: StationCatalogue, arc: Arc, taking_part: list[int]) -> int:
+def _index(key: str, name: str, catalogue: StationCatalogue, arc: Predictor, taking_part: list[int]) -> int:
     try:
         station = catalogue.get(name).name
     except StationError as error:
@@ -169,7 +171,7 @@ def _index(key: str, name: str, catalogue: StationCatalogue, arc: Arc, taking_pa
     return arc.stations.index(station)
 
 
-def _passes(arc: Arc, station: int, gap_h: float) -> list[Owner]:
+def _passes(arc: Predictor, station: int, gap_h: float) -> list[Owner]:
     """Passes in which a station received ranges: a new one begins where it has long observed nothing at all."""
     mine = np.flatnonzero((arc.receivers == station) | (arc.transmitters == station))
     since_s = utc_to_tai(arc.observations.epoch[mine]).seconds_since(middle_of(arc))

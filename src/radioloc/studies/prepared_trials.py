@@ -21,10 +21,10 @@ from radioloc.estimation.repeated_fit import RepeatedFit
 from radioloc.estimation.solution import Solution
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.arc import Arc
-from radioloc.measurements.evaluation import prepare_arc
+from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import KINDS
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import Predictor
 from radioloc.simulation import Scenario, World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.responses import responses
@@ -57,7 +57,7 @@ class Prepared:
         With the fixed departures, none drawn.
     rows : ndarray of int
         Those of the plan that the study asks for.
-    arcs : tuple of Arc
+    arcs : tuple of Predictor
         The longest first.
     parts : tuple of ndarray of int
         Rows of the longest that each has.
@@ -75,7 +75,7 @@ class Prepared:
     model: PhysicalModel
     world: World
     rows: NDArray[np.intp]
-    arcs: tuple[Arc, ...]
+    arcs: tuple[Predictor, ...]
     parts: tuple[NDArray[np.intp], ...]
     hours: tuple[float, ...]
     span_h: tuple[float, ...]
@@ -111,7 +111,7 @@ class Prepared:
         planned = weighted_observations(
             world.plan.observations.select(rows), study.observations.weights, study.catalogue
         )
-        longest = prepare_arc(model, planned, target.xyz_m, study.model.evaluation)
+        longest = prepare_predictor(model, planned, target.xyz_m, study.model.evaluation)
         parts = arc_parts(longest.observations, choice, reversed(hours))
         arcs = [longest if len(part) == len(rows) else longest.select(part) for _, _, part in parts]
         estimates = [
@@ -203,7 +203,7 @@ class Prepared:
         return position_in_pa("[target]", self.study.target, self.model.ephemeris.constants)
 
     def _linear_arc(
-        self, arc: Arc, part: NDArray[np.intp], estimate: EstimateChoice, usable: NDArray[np.bool_]
+        self, arc: Predictor, part: NDArray[np.intp], estimate: EstimateChoice, usable: NDArray[np.bool_]
     ) -> LinearArc | None:
         study = self.study
         problem = Problem.of(arc, self._target_pa, estimate, study.catalogue)

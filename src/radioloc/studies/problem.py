@@ -18,7 +18,7 @@ from radioloc.estimation.linearization import ROWS_AT_ONCE, Rows
 from radioloc.estimation.parameters import Parameter, ParameterSet
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.arc import Arc, Prediction
+from radioloc.measurements.predictor import Prediction, Predictor
 from radioloc.studies.nuisance import NUISANCES, ArcRows, Nuisance, Owner, middle_of
 from radioloc.studies.owners import owned_parameters
 from radioloc.studies.study import EstimateChoice, HeightPrior, TerrainPrior
@@ -36,7 +36,7 @@ class Problem:
 
     Parameters
     ----------
-    arc : Arc
+    arc : Predictor
     parameters : ParameterSet
         Three of the position, then the nuisance parameters, kind by kind.
     position : PositionFunction
@@ -46,7 +46,7 @@ class Problem:
         Middle of the arc, which clock rates count from, one epoch; None for an arc without observations.
     """
 
-    arc: Arc
+    arc: Predictor
     parameters: ParameterSet
     position: PositionFunction
     nuisances: tuple[tuple[Nuisance, list[Owner]], ...]
@@ -55,7 +55,7 @@ class Problem:
     @classmethod
     def of(
         cls,
-        arc: Arc,
+        arc: Predictor,
         target_pa: LunarPosition | None,
         estimate: EstimateChoice | None,
         catalogue: StationCatalogue,
@@ -65,7 +65,7 @@ class Problem:
 
         Parameters
         ----------
-        arc : Arc
+        arc : Predictor
         target_pa : LunarPosition or None
             A-priori position in principal axes; none for a trajectory, whose offset is then held at zero.
         estimate : EstimateChoice or None

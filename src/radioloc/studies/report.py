@@ -16,8 +16,8 @@ from radioloc.estimation.solution import Solution
 from radioloc.io.csv_columns import Cells, fixed_cells, label_cells, lines_of
 from radioloc.io.dates import utc_cells
 from radioloc.io.solution_files import write_json, write_residuals
-from radioloc.measurements.arc import Arc
 from radioloc.measurements.observations import KINDS
+from radioloc.measurements.predictor import Predictor
 from radioloc.studies.locate import arc_of
 from radioloc.studies.study import Study
 from radioloc.text_files import write_blocks
@@ -76,12 +76,12 @@ def write_numbers(solution: Solution, folder: str | Path) -> list[Path]:
     return [folder / "solution.json", folder / "residuals.csv"]
 
 
-def write_terms(study: Study | Arc, solution: Solution, folder: str | Path) -> Path:
+def write_terms(study: Study | Predictor, solution: Solution, folder: str | Path) -> Path:
     """Write ``terms.csv``: for each observation, what each active term of the model adds to the computed value.
 
     Parameters
     ----------
-    study : Study or Arc
+    study : Study or Predictor
         The study of the solution, or its arc where it has been prepared already.
     solution : Solution
         Where the terms are evaluated.

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError, StationError
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
-from radioloc.measurements.arc import Arc
 from radioloc.measurements.observations import VLBI_DELAY, VLBI_DELAY_RATE
+from radioloc.measurements.predictor import Predictor
 from radioloc.studies.study import ObservationChoice
 from radioloc.time import Epochs, utc_to_tai
 
@@ -24,12 +24,12 @@ SAME_EPOCH_S = 0.05
 time through the Earth; epochs 0.1 s apart or more can be told from each other."""
 
 
-def stated_noise(arc: Arc, choice: ObservationChoice) -> ObservationNoise:
+def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
     """Noise of an arc's observations before the residuals are asked.
 
     Parameters
     ----------
-    arc : Arc
+    arc : Predictor
     choice : ObservationChoice
         The error beyond the stated sigmas, and that of the VLBI stations.
 
@@ -60,7 +60,7 @@ def stated_noise(arc: Arc, choice: ObservationChoice) -> ObservationNoise:
 
 
 def _ends_m(
-    arc: Arc, key: str, given: float | Mapping[str, float], rows: NDArray[np.intp]
+    arc: Predictor, key: str, given: float | Mapping[str, float], rows: NDArray[np.intp]
 ) -> NDArray[np.float64]:
     """Error of the first and of the second station of some observations, shape (n, 2)."""
     if not isinstance(given, Mapping):

@@ -312,7 +312,7 @@ class ModelChoice:
     delays : EquipmentDelays
         Delays of transponder and stations that the observations contain.
     evaluation : {"auto", "exact", "interpolated"}
-        Whether dense series are interpolated: :func:`~radioloc.measurements.evaluation.prepare_arc`.
+        Whether dense series are interpolated: :func:`~radioloc.measurements.evaluation.prepare_predictor`.
 
     Raises
     ------

@@ -7,8 +7,8 @@ import pytest
 from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
 
 import radioloc
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import KINDS, TIME_TAGS
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import tai_to_utc
 
 SAME_M = 1e-6
@@ -38,7 +38,7 @@ def arc():
     )
     mixed = radioloc.Observations.concatenate([doppler, ranges, light, delay])
     order = np.random.default_rng(4).permutation(len(mixed))
-    return TrackingArc(radioloc.PhysicalModel.build(), mixed.select(order), APOLLO15_PA_M)
+    return ExactPredictor(radioloc.PhysicalModel.build(), mixed.select(order), APOLLO15_PA_M)
 
 
 def assert_same(one, other, atol=0.0):
@@ -65,7 +65,7 @@ def test_part_is_computed_as_the_whole(arc, which):
 def test_part_is_what_a_new_arc_would_be(arc):
     rows = np.flatnonzero(arc.observations.kind != KINDS.index("range"))
     part = arc.select(rows)
-    fresh = TrackingArc(arc.model, arc.observations.select(rows), APOLLO15_PA_M)
+    fresh = ExactPredictor(arc.model, arc.observations.select(rows), APOLLO15_PA_M)
     assert part.stations == fresh.stations == ("KASHI", "SESHAN25", "URUMQI")
     assert (part.transmitters == fresh.transmitters).all()
     assert (part.receivers == fresh.receivers).all()
@@ -84,7 +84,7 @@ def test_a_part_taken_elsewhere_leaves_the_whole_alone(arc):
     # So far that the light time changes by more than a motion is taken to be straight.
     away_m = -APOLLO15_PA_M
     part = arc.select(slice(0, 10))
-    fresh = TrackingArc(arc.model, arc.observations.select(slice(0, 10)), away_m)
+    fresh = ExactPredictor(arc.model, arc.observations.select(slice(0, 10)), away_m)
     assert_same(part.compute(away_m), fresh.compute(away_m), atol=SAME_M)
     assert_same(arc.compute(APOLLO15_PA_M), before)
 

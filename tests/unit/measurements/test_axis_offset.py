@@ -12,9 +12,9 @@ from radioloc.constants import C_M_S
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.stations import MOUNTS, StationCatalogue
 from radioloc.errors import StationError
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import BASELINE_KINDS, KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
 
 OFFSET_M = 8.0
@@ -55,7 +55,7 @@ def compute(model, kind="vlbi_delay", ends=BASELINE, tai=TAI, count_s=np.nan):
         tag=TIME_TAGS.index("receive"),
         count_s=count_s,
     )
-    return TrackingArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    return ExactPredictor(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
 
 
 def enu_of(model, tai=TAI):

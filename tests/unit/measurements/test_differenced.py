@@ -12,9 +12,9 @@ from radioloc.constants import C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import PredictedEopWarning
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import BASELINE_KINDS, KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
 
 # The noise of two ranges that are differenced.
@@ -52,7 +52,7 @@ def arc_of(model, kind, ends, tai=TAI, tag="receive", count_s=np.nan):
         tag=TIME_TAGS.index(tag),
         count_s=count_s,
     )
-    return TrackingArc(model, observations, APOLLO15_PA_M)
+    return ExactPredictor(model, observations, APOLLO15_PA_M)
 
 
 def compute(model, kind, ends, tai=TAI, **more):
@@ -222,7 +222,7 @@ def test_kinds_are_each_computed_as_if_alone(model):
     alone = [arc_of(model, kind, ends, count_s=count_s) for kind, ends, count_s in cases]
     order = np.arange(len(cases) * len(TAI)).reshape(len(cases), -1).T.ravel()
     table = Observations.concatenate([arc.observations for arc in alone]).select(order)
-    together = TrackingArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    together = ExactPredictor(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
     apart = [arc.compute(APOLLO15_PA_M) for arc in alone]
     for name, tolerance in (("value_m", SAME_M), ("by_position_pa", 1e-9), ("by_time_m_s", 1e-6)):
         expected = np.concatenate([getattr(one, name) for one in apart])[order]

@@ -9,9 +9,9 @@ from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.stations import StationCatalogue
 from radioloc.measurements.elevation import elevation_of
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import StationMotion
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import tt_to_tdb, utc_to_tt
 
 
@@ -57,7 +57,7 @@ def test_elevation_of_the_moon_against_plain_geometry(model):
     """East, north, up of the Moon's direction by the ITRF, without light time: 1.3 s of turning are 1e-4 rad."""
     tai = epochs_tai(24, 48.0)
     table = observations("GRASSE>x>APOLLO", tai, **LASER)
-    found = TrackingArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad
+    found = ExactPredictor(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad
     tt = utc_to_tt(table.epoch)
     moon_m, _ = model.ephemeris.geocentric("moon", tt_to_tdb(tt))
     to_itrf = np.swapaxes(model.earth.evaluate(tt).rot_itrf_to_gcrs, -1, -2)
@@ -75,7 +75,7 @@ def test_rate_against_differences(model):
     motions = {}
     for shift_s in (-1.0, 0.0, 1.0):
         tai = epochs_tai(24, 48.0).shifted(shift_s)
-        arc = TrackingArc(model, observations("GRASSE>x>APOLLO", tai, **LASER), APOLLO15_PA_M)
+        arc = ExactPredictor(model, observations("GRASSE>x>APOLLO", tai, **LASER), APOLLO15_PA_M)
         path, relay, _ = arc._solve(APOLLO15_PA_M)
         motions[shift_s] = arc._lines_of_sight(path, relay)
     for end in (0, 1):

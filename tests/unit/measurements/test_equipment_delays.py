@@ -10,9 +10,9 @@ from arc_cases import APOLLO15_PA_M, epochs_tai, observations
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import DOPPLER, VLBI_DELAY
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 
 # The chain's noise is half a micrometre.
 SAME_M = 2e-6
@@ -31,7 +31,7 @@ def with_delays(model, transponder_s=None, stations=None):
 
 
 def computed(model, path, tag="transmit", tai=TAI, **columns):
-    arc = TrackingArc(model, observations(path, tai, tag, **columns), APOLLO15_PA_M)
+    arc = ExactPredictor(model, observations(path, tai, tag, **columns), APOLLO15_PA_M)
     return arc.compute(APOLLO15_PA_M)
 
 
@@ -98,7 +98,7 @@ def test_terms_switch_them_off(plain, term, size_s):
 def test_part_of_an_arc_keeps_its_delays(plain):
     model = with_delays(plain, HOLD_S, STATIONS)
     both = observations("KASHI>x>JIAMUSI", TAI, "receive", kind=DOPPLER, count_s=60.0)
-    whole = TrackingArc(model, both, APOLLO15_PA_M)
+    whole = ExactPredictor(model, both, APOLLO15_PA_M)
     part = whole.select([5, 2]).compute(APOLLO15_PA_M).value_m
     assert part.tolist() == whole.compute(APOLLO15_PA_M).value_m[[5, 2]].tolist()
 
@@ -130,8 +130,8 @@ def test_air_delays_by_the_time_that_its_own_frame_has(plain, path):
     """
     differenced = "<" in path
     columns = {"kind": VLBI_DELAY, "value_m": 1e6} if differenced else {}
-    arc = TrackingArc(plain, observations(path, epochs_tai(49, 24.0), "receive", **columns), APOLLO15_PA_M)
-    vacuum = TrackingArc(plain.without("troposphere"), arc.observations, APOLLO15_PA_M)
+    arc = ExactPredictor(plain, observations(path, epochs_tai(49, 24.0), "receive", **columns), APOLLO15_PA_M)
+    vacuum = ExactPredictor(plain.without("troposphere"), arc.observations, APOLLO15_PA_M)
     solved, relay, _ = arc._solve(APOLLO15_PA_M)
     up, down = arc._lines_of_sight(solved, relay)
     seen_m = arc.compute(APOLLO15_PA_M).value_m - vacuum.compute(APOLLO15_PA_M).value_m

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from arc_cases import epochs_tai
 
-from radioloc import Link, LunarPosition, Observations, PhysicalModel, TrackingArc
+from radioloc import ExactPredictor, Link, LunarPosition, Observations, PhysicalModel
 from radioloc.constants import C_M_S
 from radioloc.earth.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.errors import InputError
@@ -32,7 +32,7 @@ def predicted(kind, tec, uplink_hz=X_UP_HZ, wavelength_um=C_M_S / X_DOWN_HZ * 1e
         wavelength_um=wavelength_um,
         **columns,
     )
-    return TrackingArc(model, observations, point.xyz_m).compute(point.xyz_m)
+    return ExactPredictor(model, observations, point.xyz_m).compute(point.xyz_m)
 
 
 def slants(computed, frequencies_hz):

@@ -18,11 +18,11 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.earth.vmf3 import vmf3
 from radioloc.earth.vmf3_files import Vmf3Grids
 from radioloc.errors import CoverageError, FileFormatError, InputError
-from radioloc.measurements.interpolated_arc import InterpolatedArc
+from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
 
 SAME_M = 1e-6
@@ -76,13 +76,13 @@ def arc_of(atmosphere, kind="range", ends=ENDS, utc=UTC, **columns):
         **columns,
     )
     model = PhysicalModel.build(off=["ionosphere"], radio_atmosphere=atmosphere)
-    return TrackingArc(model, table, APOLLO15_PA_M)
+    return ExactPredictor(model, table, APOLLO15_PA_M)
 
 
 def added_m(arc):
     """What the troposphere adds, and the elevations."""
     computed = arc.compute(APOLLO15_PA_M)
-    without = TrackingArc(arc.model.without("troposphere"), arc.observations, APOLLO15_PA_M)
+    without = ExactPredictor(arc.model.without("troposphere"), arc.observations, APOLLO15_PA_M)
     assert (computed.problem == "").all()
     return computed.value_m - without.compute(APOLLO15_PA_M).value_m, computed.elevation_rad
 
@@ -186,7 +186,7 @@ def test_dense_series_are_interpolated_over_the_files_epochs(tmp_path):
     start = utc_to_tai(epochs_from_strings(["2020-12-02T17:00:00"]))
     tai = start[np.zeros(600, dtype=int)].shifted(12.0 * np.arange(600))
     arc = arc_of(read_radio_atmosphere([path]), "vlbi_delay", utc=tai_to_utc(tai))
-    dense = InterpolatedArc(arc.model, arc.observations, APOLLO15_PA_M)
+    dense = ChebyshevPredictor(arc.model, arc.observations, APOLLO15_PA_M)
     assert dense.accuracy.interpolated > 300
     found, exact = dense.compute(APOLLO15_PA_M), arc.compute(APOLLO15_PA_M)
     np.testing.assert_allclose(found.value_m, exact.value_m, rtol=0.0, atol=0.9e-4)
@@ -225,9 +225,11 @@ def test_epochs_outside_the_files(sites):
 def test_light_and_models_without_troposphere_ask_for_nothing(sites):
     late = epochs_from_strings(["2020-12-05T18:30:00"])
     arc = arc_of(sites, ends=("GRASSE", "GRASSE"), utc=late, wavelength_um=0.532, **WEATHER)
-    bare = TrackingArc(dataclasses.replace(arc.model, radio_atmosphere=None), arc.observations, APOLLO15_PA_M)
+    bare = ExactPredictor(
+        dataclasses.replace(arc.model, radio_atmosphere=None), arc.observations, APOLLO15_PA_M
+    )
     assert arc.compute(APOLLO15_PA_M).value_m == bare.compute(APOLLO15_PA_M).value_m
-    TrackingArc(arc.model.without("troposphere"), arc_of(None, utc=late).observations, APOLLO15_PA_M)
+    ExactPredictor(arc.model.without("troposphere"), arc_of(None, utc=late).observations, APOLLO15_PA_M)
 
 
 def test_files_that_do_not_go_together(tmp_path):

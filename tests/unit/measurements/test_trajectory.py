@@ -22,8 +22,8 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, InputError
 from radioloc.measurements.equipment_delays import EquipmentDelays
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 
 NOWHERE = np.zeros(3)
 
@@ -67,10 +67,10 @@ def orbiter(model, folder):
 def test_a_lander_written_as_a_trajectory_is_where_it_was(model, tmp_path, path, tag, kind):
     table = tracking(path, epochs_tai(20, 30.0), tag, kind)
     surface = model.without("lunar_tide", "lunar_scale", "lunar_lorentz")
-    fixed = TrackingArc(surface, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    fixed = ExactPredictor(surface, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
     file = write_states(tmp_path / "lander.bsp", lander(model.libration, APOLLO15_PA_M), step_s=600.0)
     # All terms are on here: those of a lander have no part in a trajectory.
-    moving = TrackingArc(model, table, NOWHERE, Trajectory.open(file, ORBITER)).compute(NOWHERE)
+    moving = ExactPredictor(model, table, NOWHERE, Trajectory.open(file, ORBITER)).compute(NOWHERE)
     assert np.abs(moving.value_m - fixed.value_m).max() < SAME_M
     assert np.abs(moving.by_position_pa - fixed.by_position_pa).max() < 1e-12
     assert np.abs(moving.by_time_m_s - fixed.by_time_m_s).max() < 1e-7
@@ -90,7 +90,7 @@ def test_the_same_orbit_in_other_files(model, folder, orbiter, kind):
         write_states(file, about_the_earth(model, states), center=399, step_s=30.0)
     table = tracking("KASHI>x>KASHI", epochs_tai(30, 30.0))
     first, second = (
-        TrackingArc(model, table, NOWHERE, trajectory).compute(NOWHERE).value_m
+        ExactPredictor(model, table, NOWHERE, trajectory).compute(NOWHERE).value_m
         for trajectory in (orbiter, Trajectory.open(file, ORBITER))
     )
     # Nodes of states that are 4e8 m long are themselves rounded to 6e-8 m.
@@ -108,7 +108,7 @@ def about_the_earth(model, states):
 
 
 def test_partials_are_with_respect_to_an_offset_from_the_trajectory(model, orbiter):
-    arc = TrackingArc(model, tracking("KASHI>x>JIAMUSI", epochs_tai(60, 30.0)), NOWHERE, orbiter)
+    arc = ExactPredictor(model, tracking("KASHI>x>JIAMUSI", epochs_tai(60, 30.0)), NOWHERE, orbiter)
     partials = arc.compute(NOWHERE).by_position_pa
     for axis, step_m in enumerate(100.0 * np.eye(3)):
         difference = (arc.compute(step_m).value_m - arc.compute(-step_m).value_m) / 200.0
@@ -118,7 +118,7 @@ def test_partials_are_with_respect_to_an_offset_from_the_trajectory(model, orbit
 def test_the_partial_by_the_time_tag_is_the_range_rate(model, orbiter):
     tai, step_s = epochs_tai(60, 30.0), 0.05
     early, middle, late = (
-        TrackingArc(model, tracking("KASHI>x>KASHI", tai.shifted(s)), NOWHERE, orbiter).compute(NOWHERE)
+        ExactPredictor(model, tracking("KASHI>x>KASHI", tai.shifted(s)), NOWHERE, orbiter).compute(NOWHERE)
         for s in (-step_s, 0.0, step_s)
     )
     assert np.abs(middle.by_time_m_s).max() > 2000.0
@@ -129,18 +129,18 @@ def test_the_partial_by_the_time_tag_is_the_range_rate(model, orbiter):
 def test_doppler_is_the_difference_of_two_ranges(model, orbiter):
     tai = epochs_tai(30, 30.0)
     early, late = (
-        TrackingArc(model, tracking("KASHI>x>JIAMUSI", tai.shifted(s)), NOWHERE, orbiter).compute(NOWHERE)
+        ExactPredictor(model, tracking("KASHI>x>JIAMUSI", tai.shifted(s)), NOWHERE, orbiter).compute(NOWHERE)
         for s in (-30.0, 30.0)
     )
     table = tracking("KASHI>x>JIAMUSI", tai, kind="doppler", count_s=60.0)
-    doppler = TrackingArc(model, table, NOWHERE, orbiter).compute(NOWHERE)
+    doppler = ExactPredictor(model, table, NOWHERE, orbiter).compute(NOWHERE)
     assert np.abs(doppler.value_m - (late.value_m - early.value_m)).max() < SAME_M
     # What hides an end of the count interval hides the observation.
     assert ((doppler.problem == "") == ((early.problem == "") & (late.problem == ""))).all()
 
 
 def test_parts_of_an_arc_and_its_terms(model, orbiter):
-    arc = TrackingArc(model, tracking("KASHI>x>KASHI", epochs_tai(12, 30.0)), NOWHERE, orbiter)
+    arc = ExactPredictor(model, tracking("KASHI>x>KASHI", epochs_tai(12, 30.0)), NOWHERE, orbiter)
     whole_m = arc.compute(NOWHERE).value_m
     assert np.array_equal(arc.select([2, 5, 7]).compute(NOWHERE).value_m, whole_m[[2, 5, 7]])
     terms = arc.select([2, 5, 7]).terms(NOWHERE)
@@ -150,7 +150,7 @@ def test_parts_of_an_arc_and_its_terms(model, orbiter):
 
 def test_behind_the_moon_and_below_the_horizon_are_told(model, orbiter):
     table = tracking("KASHI>x>JIAMUSI", epochs_tai(300, 20.0))
-    problem = TrackingArc(model, table, NOWHERE, orbiter).compute(NOWHERE).problem
+    problem = ExactPredictor(model, table, NOWHERE, orbiter).compute(NOWHERE).problem
     hidden = np.char.startswith(problem, "behind the Moon as seen from KASHI")
     below = np.char.startswith(problem, "below the horizon")
     assert (hidden | below | (problem == "")).all()
@@ -164,7 +164,7 @@ def test_on_the_way_to_the_moon(model, folder):
     states = circular(2.0e8, model.ephemeris.constants.gm_earth_m3_s2, inclination_deg=20.0)
     file = write_states(folder / "cruise.bsp", states, center=399, step_s=600.0)
     table = tracking("KASHI>x>KASHI", epochs_tai(20, 30.0))
-    value_m = TrackingArc(model, table, NOWHERE, Trajectory.open(file, ORBITER)).compute(NOWHERE).value_m
+    value_m = ExactPredictor(model, table, NOWHERE, Trajectory.open(file, ORBITER)).compute(NOWHERE).value_m
     assert (np.abs(value_m - 4.0e8) < 2 * 6.4e6 + 1e5).all()
 
 
@@ -173,14 +173,14 @@ def test_outside_the_trajectory_is_an_error_that_names_file_and_span(model, fold
     with pytest.raises(
         CoverageError, match=r"orbiter\.bsp \(NAIF code -85\) covers 2020-12-02 to 2020-12-03T12"
     ):
-        TrackingArc(model, late, NOWHERE, orbiter)
+        ExactPredictor(model, late, NOWHERE, orbiter)
     spans = ((START_S, START_S + 3600.0), (START_S + 7200.0, START_S + 36000.0))
     file = write_states(folder / "gap.bsp", low_lunar_orbit(model.ephemeris), spans_s=spans)
     in_gap = tracking("KASHI>x>KASHI", epochs_tai(2, 1.0).shifted(1800.0))
     with pytest.raises(
         CoverageError, match=r"with gaps \(2020-12-02 to 2020-12-02T01:00:00, 2020-12-02T02:00:00"
     ):
-        TrackingArc(model, in_gap, NOWHERE, Trajectory.open(file, ORBITER))
+        ExactPredictor(model, in_gap, NOWHERE, Trajectory.open(file, ORBITER))
 
 
 def test_too_far_for_the_light_path(model, folder):
@@ -188,7 +188,7 @@ def test_too_far_for_the_light_path(model, folder):
     file = write_states(folder / "far.bsp", states, center=399, step_s=3600.0)
     table = tracking("KASHI>x>KASHI", epochs_tai(2, 1.0))
     with pytest.raises(InputError, match=r"30\.0 million km from the Earth"):
-        TrackingArc(model, table, NOWHERE, Trajectory.open(file, ORBITER))
+        ExactPredictor(model, table, NOWHERE, Trajectory.open(file, ORBITER))
 
 
 def test_a_transponder_in_orbit_moves_on_while_it_keeps_the_signal(model, orbiter):
@@ -197,9 +197,9 @@ def test_a_transponder_in_orbit_moves_on_while_it_keeps_the_signal(model, orbite
     hold_s = 1e-3
     # The partial leaves out how TDB - TT grows meanwhile, 4e-10 of the 300 km.
     model = model.without("tdb_tt")
-    plain = TrackingArc(model, table, NOWHERE, orbiter).compute(NOWHERE)
+    plain = ExactPredictor(model, table, NOWHERE, orbiter).compute(NOWHERE)
     slow = dataclasses.replace(model, delays=EquipmentDelays(transponder_s=hold_s))
-    longer = TrackingArc(slow, table, NOWHERE, orbiter).compute(NOWHERE)
+    longer = ExactPredictor(slow, table, NOWHERE, orbiter).compute(NOWHERE)
     added_m = longer.value_m - plain.value_m
     assert np.abs(added_m - C_M_S * hold_s).max() > 1.0
     # Of the second order: the acceleration of both ends over 1 ms, 1e-6 m each, and media and gravity a little later.

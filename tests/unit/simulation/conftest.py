@@ -1,8 +1,8 @@
 import pytest
 
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 
 
 @pytest.fixture(scope="session")
@@ -25,7 +25,7 @@ def compute():
     """The measurement model's prediction of observations."""
 
     def predicted(model, observations, target_pa_m):
-        return TrackingArc(model, observations, target_pa_m).compute(target_pa_m)
+        return ExactPredictor(model, observations, target_pa_m).compute(target_pa_m)
 
     return predicted
 

@@ -9,9 +9,9 @@ from radioloc import EquipmentDelays, StationDelay
 from radioloc.constants import C_M_S
 from radioloc.estimation import Parameter, ParameterSet, fit_least_squares
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import RANGE as RANGES
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.simulation import Masks, Schedule, Session, World, all_ranges, baselines, two_way
 from radioloc.studies.problem import Problem
 from radioloc.studies.study import EstimateChoice
@@ -63,7 +63,7 @@ def recovered_error_m(sessions, longitude_deg, latitude_deg, model, seed):
     observations = world.draw().observations
     away = np.random.default_rng(seed).normal(size=3)
     start_m = world.target_pa_m + START_OFF_M * away / np.linalg.norm(away)
-    arc = TrackingArc(model, observations, start_m)
+    arc = ExactPredictor(model, observations, start_m)
 
     def residuals(x):
         computed = arc.compute(x)
@@ -135,7 +135,7 @@ def recovered_with_equipment(sessions, longitude_deg, latitude_deg, model, seed)
     rng = np.random.default_rng(seed)
     away = rng.normal(size=3)
     start_m = world.target_pa_m + START_OFF_M * away / np.linalg.norm(away)
-    arc = TrackingArc(model, observations, start_m)
+    arc = ExactPredictor(model, observations, start_m)
     passes = passes_of(arc)
     names = sorted(set(passes) - {""})
     bias_m = dict(zip(names, 10.0 * rng.normal(size=len(names)), strict=True)) | {"": 0.0}

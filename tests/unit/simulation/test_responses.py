@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.tracking_arc import TrackingArc
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.simulation import (
     Departure,
     Masks,
@@ -54,7 +54,7 @@ SIZES = {
 @pytest.fixture(scope="module")
 def case(model):
     world = SCENARIO.world(model)
-    arc = TrackingArc(model, world.plan.observations, world.target_pa_m)
+    arc = ExactPredictor(model, world.plan.observations, world.target_pa_m)
     computed = arc.compute(world.target_pa_m)
     found = responses(
         model,

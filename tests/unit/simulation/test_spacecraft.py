@@ -9,7 +9,7 @@ from spk_files import ORBITER, circular, lander, low_lunar_orbit, tracking, writ
 
 import radioloc
 from radioloc.ephemeris import Trajectory
-from radioloc.measurements.tracking_arc import TrackingArc
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.simulation import (
     Clock,
     Masks,
@@ -63,7 +63,7 @@ def test_windows_end_where_the_moon_hides_it(model, orbiter):
         utc = radioloc.epochs_from_strings([window.start_utc, window.stop_utc])
         tai = radioloc.time.utc_to_tai(utc)[[0, 0, 1, 1]].shifted([-4.0, 4.0, -4.0, 4.0])
         problem = (
-            TrackingArc(model, tracking("KASHI>x>KASHI", tai), np.zeros(3), orbiter)
+            ExactPredictor(model, tracking("KASHI>x>KASHI", tai), np.zeros(3), orbiter)
             .compute(np.zeros(3))
             .problem
         )
@@ -90,7 +90,7 @@ def test_a_simulated_world_is_what_the_arc_predicts(model, orbiter):
     )
     noise = NoiseModel(link={"range": Noise(white_m=0.5), "doppler": Noise(white_m=0.01)})
     made = simulate(schedule, orbiter, truth, noise, model=model, seed=4, name="orbiter")
-    again = TrackingArc(model, made.observations, np.zeros(3), orbiter).compute(np.zeros(3))
+    again = ExactPredictor(model, made.observations, np.zeros(3), orbiter).compute(np.zeros(3))
     assert (again.problem == "").all()
     # The clock's microsecond moves the tags by 2 mm of the range rate; what else was put in is known.
     left_m = made.observations.value_m - made.noise_m - sum(made.added_m.values()) - again.value_m

@@ -1,4 +1,4 @@
-"""Arc-length studies: the table of the paper, each arc as if fitted alone, what is printed and written."""
+"""Predictor-length studies: the table of the paper, each arc as if fitted alone, what is printed and written."""
 
 import csv
 import json

@@ -162,7 +162,7 @@ def test_bias_alone(apollo15):
 def test_time_bias_is_found_out(apollo15, near15, model):
     # All tags late by 10 ms: what was observed belongs to 10 ms earlier than it says.
     late_s = 0.010
-    arc = radioloc.TrackingArc(model, apollo15, np.array(JPL_PA_M["apollo15"]))
+    arc = radioloc.ExactPredictor(model, apollo15, np.array(JPL_PA_M["apollo15"]))
     by_time_m_s = arc.compute(np.array(JPL_PA_M["apollo15"])).by_time_m_s
     assert abs(by_time_m_s).max() > 100.0
     observed = changed(apollo15, slice(None), late_s * by_time_m_s)
@@ -216,7 +216,7 @@ def thinned(apollo15, near15, model):
     """Some observations, their solution, and what each term adds to them."""
     few = apollo15.select(slice(None, None, 12))
     full = fit(few, near15)
-    return few, full, radioloc.TrackingArc(model, few, full.position_pa_m).terms(full.position_pa_m)
+    return few, full, radioloc.ExactPredictor(model, few, full.position_pa_m).terms(full.position_pa_m)
 
 
 @pytest.mark.parametrize("term", list(radioloc.TERMS))

@@ -32,7 +32,7 @@ def target(place, model):
 def test_partials_are_the_slopes(place, form, late15, model):
     start = target(place, model)
     few = late15.select([0, 9, 27])
-    arc = radioloc.TrackingArc(model, few, start.xyz_m)
+    arc = radioloc.ExactPredictor(model, few, start.xyz_m)
     choice = EstimateChoice(position=form, range_bias="all", time_bias="all")
     problem = Problem.of(arc, start, choice, radioloc.StationCatalogue.default())
     steps = {"m": 100.0, "s": 1e-3}
@@ -54,7 +54,7 @@ def test_partials_are_the_slopes(place, form, late15, model):
 @pytest.mark.parametrize("place", PLACES)
 def test_starts_at_the_target(place, late15, model):
     start = target(place, model)
-    arc = radioloc.TrackingArc(model, late15.select([0]), start.xyz_m)
+    arc = radioloc.ExactPredictor(model, late15.select([0]), start.xyz_m)
     for form in ("geographic", "cartesian", "none"):
         choice = EstimateChoice(position=form, range_bias="all")
         problem = Problem.of(arc, start, choice, radioloc.StationCatalogue.default())
@@ -63,7 +63,7 @@ def test_starts_at_the_target(place, late15, model):
 
 def test_height_parameter_is_the_height_everywhere(late15, model):
     start = target("shackleton", model)
-    arc = radioloc.TrackingArc(model, late15.select([0]), start.xyz_m)
+    arc = radioloc.ExactPredictor(model, late15.select([0]), start.xyz_m)
     choice = EstimateChoice(height_prior=HeightPrior(250.0, 10.0))
     problem = Problem.of(arc, start, choice, radioloc.StationCatalogue.default())
     assert problem.parameters["position.height"].prior_sigma == 10.0
@@ -74,7 +74,7 @@ def test_height_parameter_is_the_height_everywhere(late15, model):
 
 def test_each_station_has_its_own_bias(late15, model, near15):
     start = near15.to_axes("PA", model.ephemeris.constants)
-    arc = radioloc.TrackingArc(model, late15, start.xyz_m)
+    arc = radioloc.ExactPredictor(model, late15, start.xyz_m)
     choice = EstimateChoice(range_bias=["7845", "MATERA", "GRASSE"])
     problem = Problem.of(arc, start, choice, radioloc.StationCatalogue.default())
     assert [p.name for p in problem.parameters][3:] == ["range_bias.GRASSE", "range_bias.MATERA"]
@@ -88,7 +88,7 @@ def test_each_station_has_its_own_bias(late15, model, near15):
 def test_lander_near_a_pole_is_found_from_across_the_pole(form, lon, lat, apollo15, model):
     truth = LunarPosition.from_selenographic(lon, lat, 1000.0).to_axes("PA", model.ephemeris.constants)
     few = apollo15.select(slice(None, None, 3))
-    predicted_m = radioloc.TrackingArc(model, few, truth.xyz_m).compute(truth.xyz_m).value_m
+    predicted_m = radioloc.ExactPredictor(model, few, truth.xyz_m).compute(truth.xyz_m).value_m
     observations = radioloc.Observations.from_columns(
         epoch=few.epoch,
         links=few.links,

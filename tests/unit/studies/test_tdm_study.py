@@ -27,7 +27,7 @@ def truth():
     empty = radioloc.Observations.from_columns(
         epoch=epoch, links=links, link=link, tag=1, value_m=1.0, sigma_m=1.0, wavelength_um=35000.0
     )
-    arc = radioloc.TrackingArc(model, empty, point.xyz_m)
+    arc = radioloc.ExactPredictor(model, empty, point.xyz_m)
     computed = arc.compute(point.xyz_m)
     seen = computed.problem == ""
     made = radioloc.Observations.from_columns(

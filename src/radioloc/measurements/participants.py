@@ -13,7 +13,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 
 
-class ArcStations(NamedTuple):
+class Participants(NamedTuple):
     """Stations of the observations of an arc.
 
     Parameters
@@ -32,7 +32,7 @@ class ArcStations(NamedTuple):
     stations: tuple[Station, ...]
 
 
-def stations_of(model: PhysicalModel, observations: Observations) -> ArcStations:
+def stations_of(model: PhysicalModel, observations: Observations) -> Participants:
     """The stations that take part, in the order of the links.
 
     Parameters
@@ -63,4 +63,4 @@ def stations_of(model: PhysicalModel, observations: Observations) -> ArcStations
                 stations.append(station)
             ends[i, end] = found[station.name]
     transmitters, receivers = ends[observations.link, 0], ends[observations.link, 1]
-    return ArcStations(tuple(found), transmitters, receivers, tuple(stations))
+    return Participants(tuple(found), transmitters, receivers, tuple(stations))

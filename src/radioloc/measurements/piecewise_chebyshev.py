@@ -14,7 +14,6 @@ from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
 from radioloc.earth.checks import LEAST_ELEVATION_RAD
-from radioloc.measurements.arc import Computed
 from radioloc.measurements.dense_series import (
     CHECK_POINTS,
     DEGREES,
@@ -22,10 +21,11 @@ from radioloc.measurements.dense_series import (
     check_points,
     nodes,
 )
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.line_of_sight import BELOW_HORIZON
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
+from radioloc.measurements.predictor import Computed
 
 SAFETY = 4.0
 """By how much the deviation found at the check points must stay below what is allowed."""
@@ -42,7 +42,7 @@ QUANTITIES = {
     "by_zenith_wet": 2,
     "elevation_rad": 2,
 }
-"""What is interpolated: columns of :class:`~radioloc.measurements.arc.Computed` and how many numbers each has."""
+"""What is interpolated: columns of :class:`~radioloc.measurements.predictor.Computed` and how many numbers each has."""
 WIDTH = sum(QUANTITIES.values())
 MOST = DEGREES[-1][1] + 1
 """Numbers that are interpolated, and most coefficients of each."""
@@ -69,20 +69,20 @@ class Comparison:
 
 
 @dataclass(frozen=True, slots=True)
-class SegmentNet:
+class PiecewiseChebyshev:
     """Nodes and check points of segments, as observations of the model.
 
     Parameters
     ----------
     degree : ndarray of int, shape (m,)
         Degree of each segment's polynomial; it has one node more.
-    nodes, checks : TrackingArc
+    nodes, checks : ExactPredictor
         Segment after segment.
     """
 
     degree: NDArray[np.intp]
-    nodes: TrackingArc
-    checks: TrackingArc
+    nodes: ExactPredictor
+    checks: ExactPredictor
 
     @classmethod
     def prepare(
@@ -91,31 +91,31 @@ class SegmentNet:
         observations: Observations,
         segments: Segments,
         lander_pa_m: NDArray[np.float64],
-    ) -> SegmentNet:
+    ) -> PiecewiseChebyshev:
         """Compute what does not depend on the position for nodes and check points of segments."""
         places = [np.concatenate([nodes(d), check_points(d)]) for d in segments.degree.tolist()]
-        arc = TrackingArc(model, segments.observations_at(observations, places), lander_pa_m)
+        arc = ExactPredictor(model, segments.observations_at(observations, places), lander_pa_m)
         last = np.cumsum(segments.degree + 1 + CHECK_POINTS)
         is_check = np.zeros(last[-1], dtype=bool)
         is_check[last[:, None] - np.arange(1, CHECK_POINTS + 1)] = True
         return cls(segments.degree, arc.select(~is_check), arc.select(is_check))
 
     @staticmethod
-    def concatenate(nets: list[SegmentNet]) -> SegmentNet:
+    def concatenate(nets: list[PiecewiseChebyshev]) -> PiecewiseChebyshev:
         """Join, in order."""
-        return SegmentNet(
+        return PiecewiseChebyshev(
             np.concatenate([net.degree for net in nets]),
-            TrackingArc.concatenate([net.nodes for net in nets]),
-            TrackingArc.concatenate([net.checks for net in nets]),
+            ExactPredictor.concatenate([net.nodes for net in nets]),
+            ExactPredictor.concatenate([net.checks for net in nets]),
         )
 
     def __len__(self) -> int:
         return len(self.degree)
 
-    def select(self, which: NDArray[np.intp]) -> SegmentNet:
+    def select(self, which: NDArray[np.intp]) -> PiecewiseChebyshev:
         """Some of the segments."""
         checks = which[:, None] * CHECK_POINTS + np.arange(CHECK_POINTS)
-        return SegmentNet(
+        return PiecewiseChebyshev(
             self.degree[which], self.nodes.select(self.nodes_of(which)), self.checks.select(checks.ravel())
         )
 

@@ -13,10 +13,10 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import ConvergenceError, CoverageError, PredictedEopWarning, StationError
 from radioloc.lunar import cartesian_partials, cartesian_to_selenographic, selenographic_to_cartesian
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import TIME_TAGS, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, tdb_to_tt, tt_to_tai, utc_to_tai
 
 # The chain's noise is half a micrometre at most; what is the same by definition has to agree to this.
@@ -40,7 +40,7 @@ def radio(model):
 
 
 def computed(model, path, tai, tag="transmit", pa_m=APOLLO15_PA_M, **columns):
-    return TrackingArc(model, observations(path, tai, tag, **columns), pa_m).compute(pa_m)
+    return ExactPredictor(model, observations(path, tai, tag, **columns), pa_m).compute(pa_m)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -90,24 +90,24 @@ def apollo_terms(model):
     """Terms at all hours at which the Moon stands above 20 degrees, over 13 months in steps of a day and 50 minutes."""
     tai = Epochs.from_jd(2453832.5, 1.0347 * np.arange(400), "TAI")
     every = observations("APOLLO>apollo15>APOLLO", tai, **LASER)
-    high = TrackingArc(model, every, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
+    high = ExactPredictor(model, every, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
         axis=1
     ) > np.radians(20.0)
     other = observations("APOLLO>apollo15>APOLLO", tai.shifted(-6 * 3600.0), **LASER)
-    more = TrackingArc(model, other, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
+    more = ExactPredictor(model, other, APOLLO15_PA_M).compute(APOLLO15_PA_M).elevation_rad.min(
         axis=1
     ) > np.radians(20.0)
     chosen = Observations.concatenate(
         [every.select(np.flatnonzero(high)), other.select(np.flatnonzero(more))]
     )
     assert len(chosen) > 150
-    return TrackingArc(model, chosen, APOLLO15_PA_M).terms(APOLLO15_PA_M)
+    return ExactPredictor(model, chosen, APOLLO15_PA_M).terms(APOLLO15_PA_M)
 
 
 def test_table_has_every_active_term_in_order(model, apollo_terms):
     assert list(apollo_terms) == list(TERMS)
     fewer = model.without("shapiro", "troposphere")
-    table = TrackingArc(fewer, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M).terms(
+    table = ExactPredictor(fewer, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M).terms(
         APOLLO15_PA_M
     )
     assert list(table) == [name for name in TERMS if name not in ("shapiro", "troposphere")]
@@ -129,7 +129,7 @@ def test_shapiro_is_the_sum_over_all_bodies(radio):
     tai = epochs_tai(9, 48.0)
     found = computed(radio, "KASHI>x>KASHI", tai, "bounce")
     term_m = found.value_m - computed(radio.without("shapiro"), "KASHI>x>KASHI", tai, "bounce").value_m
-    arc = TrackingArc(radio, observations("KASHI>x>KASHI", tai, "bounce"), APOLLO15_PA_M)
+    arc = ExactPredictor(radio, observations("KASHI>x>KASHI", tai, "bounce"), APOLLO15_PA_M)
     now = arc._reference
     station_m = radio.earth.evaluate(tdb_to_tt(now)).rot_itrf_to_gcrs @ radio.catalogue["KASHI"].itrf_m
     moon_m, _ = radio.ephemeris.geocentric("moon", now)
@@ -155,11 +155,11 @@ def test_terms_add_up(model):
     """Everything minus nothing is the sum of the terms, but for the products of pairs: 15 m of light time in which
     the Earth moves 1.5 mm, 0.5 m of displacement in gradients of 1e-6."""
     table = observations("APOLLO>apollo15>APOLLO", epochs_tai(5, 3.0, 2454040.5, 0.35), **LASER)
-    arc = TrackingArc(model, table, APOLLO15_PA_M)
+    arc = ExactPredictor(model, table, APOLLO15_PA_M)
     terms = arc.terms(APOLLO15_PA_M)
     # The constant tide is a part of the tide and would count twice.
     total_m = sum(value for name, value in terms.items() if name != "lunar_tide_constant")
-    nothing_m = TrackingArc(model.without(*TERMS), table, APOLLO15_PA_M).compute(APOLLO15_PA_M).value_m
+    nothing_m = ExactPredictor(model.without(*TERMS), table, APOLLO15_PA_M).compute(APOLLO15_PA_M).value_m
     np.testing.assert_allclose(arc.compute(APOLLO15_PA_M).value_m - nothing_m, total_m, rtol=0, atol=1e-5)
 
 
@@ -206,7 +206,7 @@ def test_two_way_is_three_way_with_one_station(radio, tag):
 def test_the_same_path_by_each_of_its_tags(radio, path):
     """What leaves at t arrives at t + range / c by the stations' clocks, and there is one path between the two."""
     tai = epochs_tai(9, 24.0)
-    arc = TrackingArc(radio, observations(path, tai, "transmit"), APOLLO15_PA_M)
+    arc = ExactPredictor(radio, observations(path, tai, "transmit"), APOLLO15_PA_M)
     sent = arc.compute(APOLLO15_PA_M)
     received = computed(radio, path, tai.shifted(sent.value_m / C_M_S), "receive")
     assert np.abs(received.value_m - sent.value_m).max() < SAME_M
@@ -240,7 +240,7 @@ def test_mixed_links_and_tags_are_each_computed_as_if_alone(radio):
         value_m=7.7e8,
         sigma_m=1.0,
     )
-    arc = TrackingArc(radio, mixed, APOLLO15_PA_M)
+    arc = ExactPredictor(radio, mixed, APOLLO15_PA_M)
     together = arc.compute(APOLLO15_PA_M)
     assert arc.stations == CHINESE
     for row in range(count):
@@ -263,7 +263,7 @@ def test_station_by_alias_is_one_station(radio):
         value_m=7e8,
         sigma_m=1,
     )
-    assert TrackingArc(radio, table, APOLLO15_PA_M).stations == ("KASHI",)
+    assert ExactPredictor(radio, table, APOLLO15_PA_M).stations == ("KASHI",)
 
 
 # ---------------------------------------------------------------------------------------------------------------------
@@ -274,13 +274,13 @@ def test_station_by_alias_is_one_station(radio):
 def test_arc_prepared_far_away(radio, tag):
     """50 km off is 0.17 ms of light, within which the straight motions serve; 2000 km needs preparing anew."""
     table = observations("KASHI>x>NEUQUEN", epochs_tai(9, 24.0), tag)
-    fresh = TrackingArc(radio, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    fresh = ExactPredictor(radio, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
     for away_m in ([5e4, 0.0, 0.0], [0.0, 3e4, -4e4]):
-        arc = TrackingArc(radio, table, APOLLO15_PA_M + away_m)
+        arc = ExactPredictor(radio, table, APOLLO15_PA_M + away_m)
         prepared = arc._moon
         assert np.abs(arc.compute(APOLLO15_PA_M).value_m - fresh.value_m).max() < SAME_M
         assert arc._moon is prepared
-    arc = TrackingArc(radio, table, -APOLLO15_PA_M)
+    arc = ExactPredictor(radio, table, -APOLLO15_PA_M)
     prepared = arc._moon
     again = arc.compute(APOLLO15_PA_M)
     assert arc._moon is not prepared
@@ -291,7 +291,7 @@ def test_arc_prepared_far_away(radio, tag):
 
 
 def test_position_that_is_not_finite(radio):
-    arc = TrackingArc(radio, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M)
+    arc = ExactPredictor(radio, observations("KASHI>x>KASHI", epochs_tai(2, 1.0)), APOLLO15_PA_M)
     with pytest.raises((ConvergenceError, ValueError), match=r"settle|finite"):
         arc.compute(np.array([np.nan, 0.0, 0.0]))
 
@@ -319,7 +319,7 @@ def test_partials_by_position(model, radio, path, tag):
     laser = "GRASSE" in path
     tai = epochs_tai(5, 3.0, 2460311.5, 0.1) if laser else epochs_tai(9, 48.0)
     table = observations(path, tai, tag, **(LASER if laser else {}))
-    arc = TrackingArc(model if laser else radio, table, APOLLO15_PA_M)
+    arc = ExactPredictor(model if laser else radio, table, APOLLO15_PA_M)
     here = arc.compute(APOLLO15_PA_M)
     if laser:
         assert (np.degrees(here.elevation_rad) > 20.0).all()
@@ -436,9 +436,9 @@ def test_unknown_station_names_file_and_line(radio):
         line=[7, 8, 19],
     )
     with pytest.raises(StationError, match=r"pass\.tdm, line 19: station 'KASHGAN' .* KASHI"):
-        TrackingArc(radio, table, APOLLO15_PA_M)
+        ExactPredictor(radio, table, APOLLO15_PA_M)
     # A link that no row uses is not looked up.
-    assert TrackingArc(radio, table.select([0, 1]), APOLLO15_PA_M).stations == ("KASHI",)
+    assert ExactPredictor(radio, table.select([0, 1]), APOLLO15_PA_M).stations == ("KASHI",)
 
 
 @pytest.mark.parametrize("date", ["2050-06-01", "2051-01-01"])
@@ -447,13 +447,13 @@ def test_epochs_outside_kernels_or_earth_orientation(radio, date):
         epoch=epochs_from_strings(date), links=[Link("KASHI", "x", "KASHI")], value_m=7e8, sigma_m=1.0
     )
     with pytest.raises(CoverageError, match=r"kernel|Earth orientation|\.bsp"):
-        TrackingArc(radio, table, APOLLO15_PA_M)
+        ExactPredictor(radio, table, APOLLO15_PA_M)
 
 
 def test_epochs_after_the_last_of_earth_orientation(radio):
     after = Epochs.from_jd(2400000.5 + radio.earth.table.mjd_utc[-1] + 2.0, 0.0, "TAI")
     with pytest.raises(CoverageError, match="Earth orientation"):
-        TrackingArc(radio, observations("KASHI>x>KASHI", after), APOLLO15_PA_M)
+        ExactPredictor(radio, observations("KASHI>x>KASHI", after), APOLLO15_PA_M)
 
 
 def test_predicted_earth_orientation_is_flagged(radio):
@@ -462,15 +462,15 @@ def test_predicted_earth_orientation_is_flagged(radio):
     some = dataclasses.replace(radio, earth=EarthOrientation(marked))
     tai = epochs_tai(3, 72.0, 2459184.5)
     with pytest.warns(PredictedEopWarning, match="predicted, not measured, at 2 of 3"):
-        arc = TrackingArc(some, observations("KASHI>x>JIAMUSI", tai), APOLLO15_PA_M)
+        arc = ExactPredictor(some, observations("KASHI>x>JIAMUSI", tai), APOLLO15_PA_M)
     # The cubic between 2 and 3 December rests on the 4th too, which is marked.
     assert arc.predicted_eop.tolist() == [False, True, True]
-    assert not TrackingArc(radio, observations("KASHI>x>JIAMUSI", tai), APOLLO15_PA_M).predicted_eop.any()
+    assert not ExactPredictor(radio, observations("KASHI>x>JIAMUSI", tai), APOLLO15_PA_M).predicted_eop.any()
 
 
 def test_no_observations_are_no_error(radio):
     none = observations("KASHI>x>KASHI", epochs_tai(2, 1.0)).select(np.zeros(2, dtype=bool))
-    found = TrackingArc(radio, none, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    found = ExactPredictor(radio, none, APOLLO15_PA_M).compute(APOLLO15_PA_M)
     assert found.value_m.shape == (0,)
     assert found.by_position_pa.shape == (0, 3)
 

@@ -1,8 +1,8 @@
 """What an arc offers, however it evaluates the model: predictions of all observations or of some rows.
 
-:class:`~radioloc.measurements.tracking_arc.TrackingArc` computes each observation by itself;
-:class:`~radioloc.measurements.interpolated_arc.InterpolatedArc` interpolates dense series between nodes. Whoever fits,
-simulates or plots asks for an :class:`Arc` and need not know which it is.
+:class:`~radioloc.measurements.exact_predictor.ExactPredictor` computes each observation by itself;
+:class:`~radioloc.measurements.chebyshev_predictor.ChebyshevPredictor` interpolates dense series between nodes. Whoever
+fits, simulates or plots asks for a :class:`Predictor` and need not know which it is.
 """
 
 from __future__ import annotations
@@ -77,7 +77,7 @@ class Prediction(Protocol):
         ...
 
 
-class Arc(Protocol):
+class Predictor(Protocol):
     """The observations of one arc, prepared for predictions from any position near an approximate one."""
 
     @property
@@ -123,11 +123,11 @@ class Arc(Protocol):
         """The predictions for a position, whose partials are had in blocks of rows."""
         ...
 
-    def select(self, which: Any) -> Arc:
+    def select(self, which: Any) -> Predictor:
         """The arc of some of the observations (a mask, a slice or indices), already prepared."""
         ...
 
-    def with_values(self, value_m: NDArray[np.float64]) -> Arc:
+    def with_values(self, value_m: NDArray[np.float64]) -> Predictor:
         """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
 
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
@@ -136,16 +136,16 @@ class Arc(Protocol):
 
 
 def table_of_terms(
-    arc: Arc,
+    arc: Predictor,
     lander_pa_m: NDArray[np.float64],
-    prepare: Callable[[PhysicalModel, Observations, NDArray[np.float64]], Arc],
+    prepare: Callable[[PhysicalModel, Observations, NDArray[np.float64]], Predictor],
     skip: Collection[str] = (),
 ) -> dict[str, NDArray[np.float64]]:
     """By how much each active term changes each computed value, m.
 
     Parameters
     ----------
-    arc : Arc
+    arc : Predictor
     lander_pa_m : ndarray, shape (3,)
         The point in principal axes, m.
     prepare : callable

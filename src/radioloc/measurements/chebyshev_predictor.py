@@ -1,7 +1,7 @@
 """An arc of dense tracking: the model is computed at nodes and interpolated between them.
 
-All that :class:`~radioloc.measurements.tracking_arc.TrackingArc` computes for a series of observations of one path is
-smooth in time. Here it computes them at the Chebyshev nodes of segments of at most three hours, and polynomials carry
+All that :class:`~radioloc.measurements.exact_predictor.ExactPredictor` computes for a series of observations of one path
+is smooth in time. Here it computes them at the Chebyshev nodes of segments of at most three hours, and polynomials carry
 values and partials to the observations. There is no second model: the nodes are observations, of the series' path,
 kind and conditions, and so are the check points between them, at which every segment has to agree with the model.
 What does not (a kink of the ionosphere's maps, an elevation near a limit, a passage through the zenith) is halved, and
@@ -26,18 +26,25 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import PredictedEopWarning
-from radioloc.measurements.arc import Computed, table_of_terms
-from radioloc.measurements.arc_stations import stations_of
 from radioloc.measurements.dense_series import (
     CHECK_POINTS,
     DenseSeries,
     Segments,
 )
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.line_of_sight import BELOW_HORIZON, with_horizon_problem
 from radioloc.measurements.observations import Observations, is_counted, is_differenced
+from radioloc.measurements.participants import stations_of
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.segment_net import ELEVATION, MOST, QUANTITIES, WIDTH, SegmentNet, columns_of
-from radioloc.measurements.tracking_arc import TrackingArc
+from radioloc.measurements.piecewise_chebyshev import (
+    ELEVATION,
+    MOST,
+    QUANTITIES,
+    WIDTH,
+    PiecewiseChebyshev,
+    columns_of,
+)
+from radioloc.measurements.predictor import Computed, table_of_terms
 
 CHECKED_WITHIN_M = 1e4
 """How far from the position at which the segments were checked they are used without checking them again."""
@@ -72,10 +79,10 @@ class InterpolationAccuracy:
     nodes: int
 
 
-class InterpolatedArc:
+class ChebyshevPredictor:
     """The observations of one arc, dense series of them interpolated.
 
-    Parameters and errors are those of :class:`~radioloc.measurements.tracking_arc.TrackingArc`; ``series`` is the
+    Parameters and errors are those of :class:`~radioloc.measurements.exact_predictor.ExactPredictor`; ``series`` is the
     observations' order, where it has been found already.
 
     Notes
@@ -146,7 +153,7 @@ class InterpolatedArc:
         self._checked_pa_m = np.array(lander_pa_m, dtype=np.float64)
         return self.accuracy
 
-    def at(self, lander_pa_m: NDArray[np.float64]) -> InterpolatedPrediction:
+    def at(self, lander_pa_m: NDArray[np.float64]) -> ChebyshevPrediction:
         """Predict for a position: all values at once, partials of the rows that are asked for.
 
         Parameters
@@ -168,13 +175,13 @@ class InterpolatedArc:
             exact = computed.rows(slice(n_nodes, None))
             if self._net is not None:
                 coefficients, problem = self._net.polynomials(computed.rows(slice(0, n_nodes)))
-        return InterpolatedPrediction(self._segment, self._x, coefficients, problem, exact)
+        return ChebyshevPrediction(self._segment, self._x, coefficients, problem, exact)
 
     def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
         """Predict all observations for a position, with partials; parameters and errors as :meth:`at`."""
         return self.at(lander_pa_m).rows(slice(None))
 
-    def select(self, which: Any) -> InterpolatedArc:
+    def select(self, which: Any) -> ChebyshevPredictor:
         """The arc of some of the observations (a mask, a slice or indices), already prepared."""
         part = copy.copy(self)
         part.observations = self.observations.select(which)
@@ -199,48 +206,48 @@ class InterpolatedArc:
             part._computed = self._computed.select(np.concatenate([nodes, first + rows]))
         return part
 
-    def with_values(self, value_m: NDArray[np.float64]) -> InterpolatedArc:
+    def with_values(self, value_m: NDArray[np.float64]) -> ChebyshevPredictor:
         """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
         other = copy.copy(self)
         other.observations = replace(self.observations, value_m=value_m)
         return other
 
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Table of terms at a position: :func:`~radioloc.measurements.arc.table_of_terms`."""
-        return table_of_terms(self, lander_pa_m, InterpolatedArc)
+        """Table of terms at a position: :func:`~radioloc.measurements.predictor.table_of_terms`."""
+        return table_of_terms(self, lander_pa_m, ChebyshevPredictor)
 
     def _plan(self, lander_pa_m: NDArray[np.float64], series: DenseSeries | None = None) -> None:
         """Divide the series into segments that agree with the model, and prepare their nodes."""
         if series is None:
             series = DenseSeries(self.model, self.observations)
         pending = series.segments()
-        nets: list[SegmentNet] = []
+        nets: list[PiecewiseChebyshev] = []
         accepted: list[Segments] = []
         while len(pending):
-            net = SegmentNet.prepare(self.model, self.observations, pending, lander_pa_m)
+            net = PiecewiseChebyshev.prepare(self.model, self.observations, pending, lander_pa_m)
             good = net.compare(lander_pa_m).good
             if good.any():
                 nets.append(net.select(np.flatnonzero(good)))
                 accepted.append(pending[good])
             pending = series.divided(pending[~good])
-        self._net = SegmentNet.concatenate(nets) if nets else None
+        self._net = PiecewiseChebyshev.concatenate(nets) if nets else None
         self._segment, self._x = series.place(accepted)
         rest = np.flatnonzero(self._segment < 0)
         self._segment[rest] = -1 - np.arange(len(rest), dtype=np.int32)
         # What is computed for each position, at once: the nodes, then what is not interpolated.
         parts = [] if self._net is None else [self._net.nodes]
         if len(rest):
-            parts.append(TrackingArc(self.model, self.observations.select(rest), lander_pa_m))
+            parts.append(ExactPredictor(self.model, self.observations.select(rest), lander_pa_m))
         self._n_exact = len(rest)
-        self._computed = TrackingArc.concatenate(parts) if parts else None
+        self._computed = ExactPredictor.concatenate(parts) if parts else None
         self._deviation = np.zeros((0, WIDTH))
         if self._net is not None:
             self._deviation = self._net.compare(lander_pa_m).deviation
         self._checked_pa_m = np.array(lander_pa_m)
 
 
-class InterpolatedPrediction:
-    """An interpolated arc's predictions for one position; a :class:`~radioloc.measurements.arc.Prediction`.
+class ChebyshevPrediction:
+    """An interpolated arc's predictions for one position; a :class:`~radioloc.measurements.predictor.Prediction`.
 
     Parameters
     ----------

@@ -13,14 +13,14 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError, PredictedEopWarning, StationError
 from radioloc.lunar import selenographic_to_cartesian
-from radioloc.measurements import interpolated_arc
+from radioloc.measurements import chebyshev_predictor
+from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.dense_series import DenseSeries
 from radioloc.measurements.electron_content import UniformTec
-from radioloc.measurements.evaluation import prepare_arc
-from radioloc.measurements.interpolated_arc import InterpolatedArc
+from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import DOPPLER, KINDS, TIME_TAGS, VLBI_DELAY, Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
 
 # What an interpolated arc promises: 0.3 ps of delay, and as much range.
@@ -72,7 +72,7 @@ def assert_agree(arc, pa_m, count=150, seed=1, model=None):
     """Some rows, computed exactly, are within the bounds; the problems are the same."""
     rows = np.random.default_rng(seed).permutation(len(arc.observations))[:count]
     part = arc.observations.select(rows)
-    exact = TrackingArc(model or arc.model, part, pa_m).compute(pa_m)
+    exact = ExactPredictor(model or arc.model, part, pa_m).compute(pa_m)
     found = arc.at(pa_m).rows(rows)
     assert (found.problem == exact.problem).all()
     assert np.abs(found.value_m - exact.value_m).max() < ALLOWED_M
@@ -91,7 +91,7 @@ def assert_agree(arc, pa_m, count=150, seed=1, model=None):
 )
 def test_dense_series_agree_with_the_exact_arc(model, longitude_deg, latitude_deg):
     point_pa_m = selenographic_to_cartesian(np.radians(longitude_deg), np.radians(latitude_deg), 0.0)
-    arc = InterpolatedArc(model, mixed(), point_pa_m)
+    arc = ChebyshevPredictor(model, mixed(), point_pa_m)
     assert_agree(arc, point_pa_m)
     found = arc.accuracy
     assert found.interpolated > 0.9 * len(arc.observations)
@@ -110,8 +110,8 @@ def test_rise_and_set_and_what_lies_between(model):
             series("JIAMUSI>x>NEUQUEN", "doppler", epochs_tai(2880, 48.0), count_s=600.0),
         ]
     )
-    arc = InterpolatedArc(model, table, APOLLO15_PA_M)
-    exact = TrackingArc(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
+    arc = ChebyshevPredictor(model, table, APOLLO15_PA_M)
+    exact = ExactPredictor(model, table, APOLLO15_PA_M).compute(APOLLO15_PA_M)
     found = arc.compute(APOLLO15_PA_M)
     assert (found.problem == exact.problem).all()
     assert len(np.unique(exact.problem)) > 100  # elevations below the horizon
@@ -135,11 +135,11 @@ def test_recorded_weather_makes_series_of_its_own(model):
             series("KASHI>x>KASHI", "range", tai, temperature_k=280.0 + 0.001 * rows, pressure_hpa=850.0),
         ]
     )
-    arc = InterpolatedArc(model, table, APOLLO15_PA_M)
+    arc = ChebyshevPredictor(model, table, APOLLO15_PA_M)
     assert_agree(arc, APOLLO15_PA_M)
     assert arc.accuracy.exact >= len(tai)
     # Where the model leaves refraction out, it does not matter.
-    dry = InterpolatedArc(model.without("troposphere"), table, APOLLO15_PA_M)
+    dry = ChebyshevPredictor(model.without("troposphere"), table, APOLLO15_PA_M)
     assert dry.accuracy.exact < 100
     assert_agree(dry, APOLLO15_PA_M)
 
@@ -158,7 +158,7 @@ def test_ionosphere(content):
     tai = epochs_tai(7200, 4.0, start_fraction=0.7)
     columns = {"wavelength_um": 130000.0, "uplink_hz": 2.1e9}
     table = series("KASHI>x>KASHI", "range", tai, **columns)
-    arc = InterpolatedArc(model, table, APOLLO15_PA_M)
+    arc = ChebyshevPredictor(model, table, APOLLO15_PA_M)
     assert_agree(arc, APOLLO15_PA_M, count=800)
     if isinstance(content, Kinked):
         # Near a corner exactly, between them interpolated.
@@ -173,7 +173,7 @@ def test_leap_second_and_midnights(model):
     offset_s = np.arange(-7200.0, 7200.0, 4.0)
     tai = Epochs.from_jd(np.full(len(offset_s), middle.jd[0]), middle.fraction[0] + offset_s / 86400.0, "TAI")
     table = series("NEUQUEN>x>NEUQUEN", "range", tai)
-    arc = InterpolatedArc(model.without("troposphere"), table, APOLLO15_PA_M)
+    arc = ChebyshevPredictor(model.without("troposphere"), table, APOLLO15_PA_M)
     # The Moon goes down at the end.
     assert arc.accuracy.exact < 100
     assert_agree(arc, APOLLO15_PA_M, count=400)
@@ -199,16 +199,16 @@ def untidy():
 
 def test_untidy_series(model):
     table = untidy()
-    arc = InterpolatedArc(model, table, APOLLO15_PA_M)
+    arc = ChebyshevPredictor(model, table, APOLLO15_PA_M)
     assert_agree(arc, APOLLO15_PA_M, count=500)
     assert 1 <= arc.accuracy.exact < 20
-    exact = TrackingArc(model, table, APOLLO15_PA_M)
+    exact = ExactPredictor(model, table, APOLLO15_PA_M)
     assert arc.stations == exact.stations
     assert (arc.transmitters == exact.transmitters).all()
     assert (arc.receivers == exact.receivers).all()
     # The order in which they are given does not matter, to the last bit.
     order = np.argsort(utc_to_tai(table.epoch).mjd, kind="stable")
-    sorted_arc = InterpolatedArc(model, table.select(order), APOLLO15_PA_M)
+    sorted_arc = ChebyshevPredictor(model, table.select(order), APOLLO15_PA_M)
     same(sorted_arc.compute(APOLLO15_PA_M), arc.compute(APOLLO15_PA_M).rows(order), exact.stations)
 
 
@@ -223,7 +223,7 @@ def same(one, other, stations=(), atol=0.0):
 
 @pytest.fixture(scope="module")
 def untidy_arc(model):
-    return InterpolatedArc(model, untidy(), APOLLO15_PA_M)
+    return ChebyshevPredictor(model, untidy(), APOLLO15_PA_M)
 
 
 @pytest.mark.parametrize("which", ["mask", "indices", "slice", "step"])
@@ -252,7 +252,7 @@ def test_select_nothing(untidy_arc):
 
 
 def test_no_observations(model):
-    arc = InterpolatedArc(model, untidy().select([]), APOLLO15_PA_M)
+    arc = ChebyshevPredictor(model, untidy().select([]), APOLLO15_PA_M)
     assert arc.compute(APOLLO15_PA_M).by_position_pa.shape == (0, 3)
     assert arc.stations == ()
 
@@ -262,7 +262,7 @@ def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
     found = []
     for threads in (1, 2, 3):
         monkeypatch.setattr(numba.config, "NUMBA_NUM_THREADS", threads)
-        monkeypatch.setattr(interpolated_arc, "_ROWS_OF_A_THREAD", 100)
+        monkeypatch.setattr(chebyshev_predictor, "_ROWS_OF_A_THREAD", 100)
         found.append(untidy_arc.compute(APOLLO15_PA_M))
     same(found[0], found[1])
     same(found[0], found[2])
@@ -271,7 +271,7 @@ def test_threads_do_not_change_a_bit(untidy_arc, monkeypatch):
 def test_far_from_where_it_was_prepared(model):
     """The segments are checked again; what the point's own move changes is in the polynomials."""
     table = mixed(60.0, 4.0)
-    arc = InterpolatedArc(model, table, APOLLO15_PA_M)
+    arc = ChebyshevPredictor(model, table, APOLLO15_PA_M)
     before = arc.compute(APOLLO15_PA_M)
     for away_m in ([3e3, -2e3, 1e3], [-2e5, 1e5, 3e5]):
         assert_agree(arc, APOLLO15_PA_M + np.array(away_m))
@@ -283,7 +283,7 @@ def test_far_from_where_it_was_prepared(model):
 
 
 def test_accuracy_at_another_position(model):
-    arc = InterpolatedArc(model, mixed(60.0, 4.0), APOLLO15_PA_M)
+    arc = ChebyshevPredictor(model, mixed(60.0, 4.0), APOLLO15_PA_M)
     found = arc.check(APOLLO15_PA_M + np.array([1e3, 0.0, 0.0]))
     assert 0.0 < found.range_m < 1e-5
     assert found == arc.accuracy
@@ -298,10 +298,10 @@ def test_predicted_earth_orientation(model):
     tai = epochs_tai(1440, 12.0, start_jd=2459184.5, start_fraction=0.75)
     rows = series("KASHI>x>KASHI", "range", tai)
     with pytest.warns(PredictedEopWarning) as told:
-        arc = InterpolatedArc(some, rows, APOLLO15_PA_M)
+        arc = ChebyshevPredictor(some, rows, APOLLO15_PA_M)
     assert len(told) == 1
     with pytest.warns(PredictedEopWarning):
-        exact = TrackingArc(some, rows, APOLLO15_PA_M)
+        exact = ExactPredictor(some, rows, APOLLO15_PA_M)
     assert (arc.predicted_eop == exact.predicted_eop).all()
     assert 0 < arc.predicted_eop.sum() < len(rows)
 
@@ -309,8 +309,8 @@ def test_predicted_earth_orientation(model):
 def test_terms(model):
     few = mixed(120.0, 3.0)
     fewer = model.without(*(set(model.terms) - {"solid_earth_tide", "troposphere"}))
-    found = InterpolatedArc(fewer, few, APOLLO15_PA_M).terms(APOLLO15_PA_M)
-    exact = TrackingArc(fewer, few, APOLLO15_PA_M).terms(APOLLO15_PA_M)
+    found = ChebyshevPredictor(fewer, few, APOLLO15_PA_M).terms(APOLLO15_PA_M)
+    exact = ExactPredictor(fewer, few, APOLLO15_PA_M).terms(APOLLO15_PA_M)
     assert list(found) == list(exact)
     for name, value_m in exact.items():
         assert np.abs(found[name] - value_m).max() < 2 * ALLOWED_M
@@ -318,19 +318,19 @@ def test_terms(model):
 
 def test_unknown_station_is_told_by_its_line(model):
     with pytest.raises(StationError, match="line 1"):
-        InterpolatedArc(model, observations("NOWHERE>x>KASHI", epochs_tai(3, 1.0)), APOLLO15_PA_M)
+        ChebyshevPredictor(model, observations("NOWHERE>x>KASHI", epochs_tai(3, 1.0)), APOLLO15_PA_M)
 
 
 def test_choice_of_evaluation(model):
     dense, sparse = mixed(10.0, 4.0), mixed(600.0, 4.0)
-    assert isinstance(prepare_arc(model, dense, APOLLO15_PA_M), InterpolatedArc)
-    assert isinstance(prepare_arc(model, sparse, APOLLO15_PA_M), TrackingArc)
-    assert isinstance(prepare_arc(model, sparse, APOLLO15_PA_M, "exact"), TrackingArc)
-    forced = prepare_arc(model, sparse, APOLLO15_PA_M, "interpolated")
-    assert isinstance(forced, InterpolatedArc)
+    assert isinstance(prepare_predictor(model, dense, APOLLO15_PA_M), ChebyshevPredictor)
+    assert isinstance(prepare_predictor(model, sparse, APOLLO15_PA_M), ExactPredictor)
+    assert isinstance(prepare_predictor(model, sparse, APOLLO15_PA_M, "exact"), ExactPredictor)
+    forced = prepare_predictor(model, sparse, APOLLO15_PA_M, "interpolated")
+    assert isinstance(forced, ChebyshevPredictor)
     assert forced.accuracy.interpolated == 0
     with pytest.raises(InputError, match="evaluation 'fast' is not one of auto, exact, interpolated"):
-        prepare_arc(model, sparse, APOLLO15_PA_M, "fast")
+        prepare_predictor(model, sparse, APOLLO15_PA_M, "fast")
 
 
 def test_series_are_told_apart(model):

@@ -10,9 +10,9 @@ from hypothesis import strategies as st
 
 from radioloc.constants import C_M_S
 from radioloc.lunar import selenographic_to_cartesian
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.tracking_arc import TrackingArc
 from radioloc.time import Epochs
 
 # Noise of both ranges that are compared, the surface's by the last place of the lunar angle psi (3 micrometres) first.
@@ -46,7 +46,7 @@ def arc_and_point(model, case, prepared_off_m=(0.0, 0.0, 0.0), shift_s=0.0, tag=
     tai = Epochs.from_jd(case["day"] + 0.5, case["fraction"], "TAI").shifted(shift_s)
     table = observations(f"{case['sender']}>x>{case['receiver']}", tai, tag or case["tag"])
     point_pa_m = selenographic_to_cartesian(case["longitude"], case["latitude"], case["height"])
-    return TrackingArc(model, table, point_pa_m + prepared_off_m), point_pa_m
+    return ExactPredictor(model, table, point_pa_m + prepared_off_m), point_pa_m
 
 
 @settings(max_examples=40, deadline=None)

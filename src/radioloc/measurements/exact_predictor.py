@@ -14,7 +14,7 @@ What is measured, all in metres and by the stations' atomic clocks (TT rate, as 
 Tags and values are those at the stations' reference points, unless the model has delays of equipment that the data
 still contain (:mod:`~radioloc.measurements.equipment_delays`): then they are those of the clocks behind it.
 
-An arc is prepared once (:class:`TrackingArc`): the motion of the stations and of the Moon near each event does not
+An arc is prepared once (:class:`ExactPredictor`): the motion of the stations and of the Moon near each event does not
 depend on where the point is, but for the few microseconds by which the light time changes with it. A prediction for a
 given position is then a light-time solution between straight motions.
 """
@@ -31,8 +31,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.ephemeris import Trajectory
-from radioloc.measurements.arc import Computed, table_of_terms
-from radioloc.measurements.arc_stations import stations_of
 from radioloc.measurements.gravitational_delay import delay_of_distances_m
 from radioloc.measurements.light_path import (
     RECEIVE,
@@ -46,7 +44,9 @@ from radioloc.measurements.light_path import (
 from radioloc.measurements.line_of_sight import LineOfSight, line_of_sight
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.observations import Observations, is_counted, is_differenced
+from radioloc.measurements.participants import stations_of
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import Computed, table_of_terms
 from radioloc.measurements.radio_atmosphere import ZenithAir, air_without_files
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
@@ -63,11 +63,11 @@ _OF_LANDERS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lorent
 """Terms of a point fixed to the Moon, which have no part in a trajectory."""
 
 
-class TrackingArc:
+class ExactPredictor:
     """The observations of one arc, prepared for predictions from any position near an approximate one.
 
-    An :class:`~radioloc.measurements.arc.Arc`, which says what it offers. With a trajectory, every position is an
-    offset from it in principal axes, constant in time: usually zeros.
+    A :class:`~radioloc.measurements.predictor.Predictor`. With a trajectory, every position is an offset from it in
+    principal axes, constant in time: usually zeros.
 
     Parameters
     ----------
@@ -195,7 +195,7 @@ class TrackingArc:
         """The same as :meth:`compute`, of which some rows can be taken."""
         return self.compute(lander_pa_m)
 
-    def select(self, which: Any) -> TrackingArc:
+    def select(self, which: Any) -> ExactPredictor:
         """The arc of some of the observations, already prepared.
 
         Preparing is nearly all the work of an arc: shorter arcs of the same observations are best parts of the longest.
@@ -219,7 +219,7 @@ class TrackingArc:
         return part
 
     @staticmethod
-    def concatenate(arcs: Sequence[TrackingArc]) -> TrackingArc:
+    def concatenate(arcs: Sequence[ExactPredictor]) -> ExactPredictor:
         """Join prepared arcs of one model, in order; at least one."""
         whole = copy.copy(arcs[0])
         whole.observations = Observations.concatenate([arc.observations for arc in arcs])
@@ -232,19 +232,19 @@ class TrackingArc:
             setattr(whole, name, _rows_of(_joined([getattr(arc, name) for arc in arcs]), order))
         return whole
 
-    def with_values(self, value_m: NDArray[np.float64]) -> TrackingArc:
+    def with_values(self, value_m: NDArray[np.float64]) -> ExactPredictor:
         """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
         other = copy.copy(self)
         other.observations = replace(self.observations, value_m=value_m)
         return other
 
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Table of terms at a position: :func:`~radioloc.measurements.arc.table_of_terms`."""
+        """Table of terms at a position: :func:`~radioloc.measurements.predictor.table_of_terms`."""
 
         def prepare(
             model: PhysicalModel, observations: Observations, pa_m: NDArray[np.float64]
-        ) -> TrackingArc:
-            return TrackingArc(model, observations, pa_m, self.trajectory)
+        ) -> ExactPredictor:
+            return ExactPredictor(model, observations, pa_m, self.trajectory)
 
         return table_of_terms(self, lander_pa_m, prepare, skip=() if self.trajectory is None else _OF_LANDERS)
 

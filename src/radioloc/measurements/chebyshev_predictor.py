@@ -2,7 +2,7 @@
 
 What the :class:`~radioloc.measurements.exact_predictor.ExactPredictor` computes for a series of observations of one
 path is smooth in time. Here it computes them at the Chebyshev nodes of segments of at most three hours, and polynomials
-carry values and partials to the observations. There is no second model: the nodes are observations, of the series' path,
+carry values and partials to the observations. There is no second model: the nodes are observations of the same path,
 kind and conditions, and so are the check points between them, at which every segment has to agree with the model.
 What does not (a kink of the ionosphere's maps, an elevation near a limit, a passage through the zenith) is halved, and
 where that would leave too few observations to a segment, these are computed one by one, as sparse ones are.

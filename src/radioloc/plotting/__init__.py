@@ -1,6 +1,7 @@
 """Figures, drawn with matplotlib, which is imported only when a figure is asked for.
 
-Figures are made without pyplot: nothing global changes, no window opens, and they work without a display.
+Figures are made without pyplot: nothing global changes, no window opens, and they work without a display. In a
+notebook each shows itself as the last line of a cell.
 """
 
 from radioloc.plotting.figures import save_figure

@@ -34,9 +34,10 @@ _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 def new_figure(width_in: float, height_in: float) -> Figure:
     """Make an empty figure with a canvas of its own, sizes in inches."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    from radioloc.plotting.shown_figure import ShownFigure
+
+    figure = ShownFigure(figsize=(width_in, height_in), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 

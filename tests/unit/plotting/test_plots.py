@@ -7,7 +7,8 @@ import pytest
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
-from radioloc.plotting import plot_position, plot_residuals, save_figure
+from radioloc.estimation import Labels
+from radioloc.plotting import plot_links, plot_position, plot_residuals, save_figure
 from radioloc.plotting.figures import length_unit
 
 
@@ -146,3 +147,22 @@ def test_a_figure_keeps_its_layout_and_size_after_it_was_saved(solution, tmp_pat
     # Its parts lie where matplotlib alone would have put them.
     plot_residuals(solution).savefig(tmp_path / "c.png", dpi=200)
     assert len({(tmp_path / f"{name}.png").read_bytes() for name in "abc"}) == 1
+
+
+@pytest.mark.parametrize("plot", [plot_residuals, plot_position, plot_links])
+def test_figures_show_themselves_in_a_fresh_notebook(solution, plot):
+    """The last line of a cell is shown by its ``_repr_png_``; IPython asks for no pyplot then."""
+    rows = solution.residuals
+    paths = Labels.of([f"{station}>lander>{station}" for station in rows.station])
+    image = plot(replace(solution, residuals=replace(rows, paths=paths)))._repr_png_()
+    assert image[:8] == b"\x89PNG\r\n\x1a\n"
+    assert len(image) > 5000
+
+
+def test_figures_do_not_import_pyplot():
+    code = (
+        "import sys; from radioloc.plotting.figures import new_figure;"
+        "assert new_figure(3, 2)._repr_png_()[:4] == b'\\x89PNG';"
+        "sys.exit('matplotlib.pyplot' in sys.modules)"
+    )
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

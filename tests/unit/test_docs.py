@@ -117,6 +117,16 @@ def test_files_named_are_there(page):
             assert (ROOT / name).exists(), f"{page.name}: {name}"
 
 
+@pytest.mark.parametrize("page", [*PAGES, *OTHER_PAGES], ids=lambda p: str(p.relative_to(ROOT)))
+def test_what_is_installed_is_the_checkout_and_its_extras(page):
+    """There is no release yet that `pip install radioloc` would find."""
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["optional-dependencies"]
+    for what in re.findall(r"pip install (?:-\S+ )*(\S+)", page.read_text()):
+        name = re.fullmatch(r"'?\.(?:\[(\w+)\])?'?[`.,;)]*", what)
+        assert name, what
+        assert name[1] is None or name[1] in extras, what
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(DOCS)))
 def test_formulas_are_closed(page):
     text = page.read_text()

@@ -124,7 +124,7 @@ def test_a_file_that_is_gone_is_told_in_one_line(orbit):
 
 def test_without_spice_it_is_said_what_to_install(orbit, monkeypatch):
     monkeypatch.setitem(sys.modules, "spiceypy", None)
-    with pytest.raises(InputError, match=r"pip install 'radioloc\[trajectories\]'"):
+    with pytest.raises(InputError, match="pip install spiceypy"):
         open_trajectory_file(orbit, ORBITER)
 
 

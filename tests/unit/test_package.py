@@ -12,7 +12,19 @@ import pytest
 import radioloc
 
 EXAMPLE = Path(__file__).resolve().parents[2] / "examples" / "apollo15" / "apollo15.toml"
-IMPORT_LIMIT_S = 1.0
+IMPORT_LIMIT_S = 0.7
+HEAVY = (
+    "astropy",
+    "matplotlib",
+    "numba",
+    "pandas",
+    "pyarrow",
+    "rasterio",
+    "rich",
+    "scipy",
+    "spiceypy",
+)
+"""What is imported by the function that needs it."""
 
 
 def test_public_names_exist_once_and_are_described():
@@ -24,32 +36,47 @@ def test_public_names_exist_once_and_are_described():
 
 
 def test_import_is_light_and_quick(tmp_path):
-    heavy = ("matplotlib", "astropy", "scipy", "pandas", "numba")
     code = (
-        "import time; import numpy; start = time.process_time(); import radioloc, sys; "
+        "import time; start = time.process_time(); import radioloc, sys; "
         "print(time.process_time() - start); "
-        f"print([m for m in {heavy!r} if m in sys.modules])"
+        f"print([m for m in {HEAVY!r} if m in sys.modules])"
     )
-    # The first run compiles the sources, which an installed package has done already.
+    # The first run compiles the sources, which an installed package has done already; of the others the best counts,
+    # as what else the machine does slows down some.
     environment = os.environ | {"PYTHONPYCACHEPREFIX": str(tmp_path), "PYTHONDONTWRITEBYTECODE": ""}
     command = [sys.executable, "-W", "error", "-c", code]
-    for _ in range(2):
+    seconds = []
+    for _ in range(4):
         run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=60)
-    seconds, modules = run.stdout.splitlines()
-    assert float(seconds) < IMPORT_LIMIT_S
-    assert modules == "[]"
+        taken, modules = run.stdout.splitlines()
+        assert modules == "[]"
+        seconds.append(float(taken))
+    assert min(seconds[1:]) < IMPORT_LIMIT_S
 
 
 def test_locating_needs_no_plots():
     code = (
         "import radioloc, sys; "
         f"print(radioloc.locate(radioloc.read_study({str(EXAMPLE)!r})).converged); "
-        "print([m for m in ('matplotlib', 'astropy', 'scipy') if m in sys.modules])"
+        "print('matplotlib' in sys.modules)"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], capture_output=True, text=True, check=True, timeout=60
     )
-    assert done.stdout.splitlines() == ["True", "[]"]
+    assert done.stdout.splitlines() == ["True", "False"]
+
+
+def test_a_folder_of_results_alone_brings_matplotlib(tmp_path):
+    code = (
+        "import radioloc.cli, sys; "
+        f"print(radioloc.cli.main(['locate', {str(EXAMPLE)!r}, '--quiet', *sys.argv[1:]])); "
+        "print('matplotlib' in sys.modules)"
+    )
+    for out, drawn in (([], "False"), (["--out", str(tmp_path / "out")], "True")):
+        done = subprocess.run(
+            [sys.executable, "-c", code, *out], capture_output=True, text=True, check=True, timeout=60
+        )
+        assert done.stdout.splitlines() == ["0", drawn]
 
 
 def test_first_lines_of_the_guide():

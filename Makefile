@@ -3,8 +3,11 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 COMPILED := tests/unit/measurements/test_chebyshev_predictor.py tests/unit/studies/test_evaluation.py
+SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_readers.py tests/unit/io/test_parquet.py \
+	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/studies/test_trajectory_study.py \
+	tests/unit/studies/test_monte_carlo.py tests/unit/plotting
 
-.PHONY: demo test test-all test-uncompiled lint bench scaling clean
+.PHONY: demo test test-all test-uncompiled test-lowest lint bench scaling clean
 
 $(VENV)/.installed-demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -28,6 +31,12 @@ test-all: $(VENV)/.installed-dev  ## Run all tests, slow studies included.
 test-uncompiled: $(VENV)/.installed-dev  ## Run the tests of compiled code with the compiler off, so that they see every line.
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow" $(COMPILED)
 
+test-lowest:  ## Install the lowest versions that pyproject.toml allows, in a venv of their own, and run smoke tests there.
+	$(PYTHON) -m venv --clear $(VENV)-lowest
+	$(VENV)-lowest/bin/python -m pip install --quiet uv
+	$(VENV)-lowest/bin/uv pip install --quiet --python $(VENV)-lowest --resolution lowest-direct --editable ".[dev]"
+	$(VENV)-lowest/bin/python -m pytest -W ignore -m "not slow" $(SMOKE)  # of old packages' warnings none is ours
+
 lint: $(VENV)/.installed-dev  ## Style, types and the direction of imports.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -45,4 +54,4 @@ scaling: $(VENV)/.installed-dev  ## Time and memory from a thousand to ten milli
 	$(BIN)/python tests/benchmarks/scaling.py docs/images/scaling.png
 
 clean:
-	rm -rf $(VENV) out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-lowest out .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -30,7 +30,7 @@ from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import Link, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS, active_terms
-from radioloc.plotting import plot_links, plot_position, plot_residuals, save_figure
+from radioloc.report import plot_links, plot_position, plot_residuals, save_figure
 from radioloc.studies.arcs import ArcStudy, arcs
 from radioloc.studies.arcs_report import write_arcs
 from radioloc.studies.locate import arc_of, locate, residuals

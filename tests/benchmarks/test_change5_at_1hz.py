@@ -59,7 +59,7 @@ def done(stage):
 write_numbers(solution, folder)
 done("residuals.csv and solution.json")
 import matplotlib.dates, matplotlib.figure, matplotlib.backends.backend_agg
-from radioloc.plotting import plot_links, plot_position
+from radioloc.report import plot_links, plot_position
 done("import matplotlib")
 write_figure(plot_links(solution), folder, "residuals")
 done("residuals.png and .svg")

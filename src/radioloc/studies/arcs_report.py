@@ -33,7 +33,7 @@ def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
     InputError
         A folder cannot be made or written to, or there are more links than panels fit on a page.
     """
-    from radioloc.plotting import plot_links
+    from radioloc.report import plot_links
 
     folder = made_folder(folder)
     table, markdown, numbers = (folder / name for name in ("table1.csv", "table1.md", "arcs.json"))

@@ -32,7 +32,7 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     InputError
         The folder cannot be made or written to, or there are more arcs than panels fit on a page.
     """
-    from radioloc.plotting.monte_carlo import plot_error_by_length, plot_trial_scatter
+    from radioloc.report.position_figures import plot_error_by_length, plot_trial_scatter
 
     folder = made_folder(folder)
     numbers, table = folder / "montecarlo.json", folder / "trials.csv"

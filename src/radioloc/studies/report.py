@@ -115,7 +115,7 @@ def _six_decimals(values: NDArray[np.float64]) -> Callable[[slice], Cells]:
 
 
 def _write_plots(solution: Solution, folder: Path) -> list[Path]:
-    from radioloc.plotting import plot_links, plot_position, plot_residuals
+    from radioloc.report import plot_links, plot_position, plot_residuals
 
     rows = solution.residuals
     # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
@@ -134,7 +134,7 @@ def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
     InputError
         The folder cannot be written to.
     """
-    from radioloc.plotting import save_figure
+    from radioloc.report import save_figure
 
     paths = [folder / f"{name}.{ending}" for ending in ("png", "svg")]
     try:

@@ -9,7 +9,7 @@ import pytest
 from toy_moon import ToyMoon, toy_solution
 
 import radioloc
-import radioloc.plotting
+import radioloc.report
 from radioloc import InputError, LunarPosition, ObservationChoice, Study
 from radioloc.studies.report import write_report, write_terms
 
@@ -170,9 +170,9 @@ def test_statuses_do_not_break_the_table(apollo15, near15, tmp_path):
 def test_kinds_and_baselines_have_panels_of_their_own(paths, types, by_link, tmp_path, monkeypatch):
     drawn = []
     for name in ("plot_links", "plot_residuals"):
-        draw = getattr(radioloc.plotting, name)
+        draw = getattr(radioloc.report, name)
         monkeypatch.setattr(
-            radioloc.plotting, name, lambda s, name=name, draw=draw: (drawn.append(name), draw(s))[1]
+            radioloc.report, name, lambda s, name=name, draw=draw: (drawn.append(name), draw(s))[1]
         )
     solution = toy_solution(
         ToyMoon(60, 72.0), path=[*paths] * 30, type=[*types] * 30, elevation_deg=np.full(60, 30.0)

@@ -8,8 +8,9 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
 from radioloc.estimation import Labels
-from radioloc.plotting import plot_links, plot_position, plot_residuals, save_figure
-from radioloc.plotting.figures import length_unit
+from radioloc.report import plot_links, plot_position, plot_residuals, save_figure
+from radioloc.report.figures import length_unit, new_figure
+from radioloc.report.position_figures import plot_error_by_length
 
 
 @pytest.fixture(scope="module")
@@ -32,7 +33,7 @@ def test_residuals_have_a_panel_for_each_station(solution):
     for axes, group in zip(panels, solution.fit.by_station, strict=True):
         legend = [text.get_text() for text in axes.get_legend().get_texts()]
         assert legend[0].startswith(f"{group.used} used, wrms ")
-        assert axes.get_ylabel() == "light path (m)"
+        assert axes.get_ylabel() == "round trip (m)"
 
 
 def test_residuals_drawn_are_those_of_the_solution(solution):
@@ -62,7 +63,7 @@ def test_stations_of_different_quality_have_scales_of_their_own():
     solution = toy_solution(model, sigma_m=0.003)
     wide = np.where(model.station == "A", 1000.0, 1.0) * solution.residuals.residual_m
     panels = panels_of(plot_residuals(replace(solution.residuals, residual_m=wide)))
-    assert [axes.get_ylabel() for axes in panels] == ["light path (m)", "light path (cm)", "light path (cm)"]
+    assert [axes.get_ylabel() for axes in panels] == ["round trip (m)", "round trip (cm)", "round trip (cm)"]
     # 3 m noise and 3 mm noise each fill their panel: centimetres there reach below 2.
     assert panels[1].get_ylim()[1] < 2.0
 
@@ -132,7 +133,7 @@ def test_length_unit(size_m, unit):
 
 def test_matplotlib_is_imported_only_when_used():
     code = (
-        "import sys, radioloc.plotting, radioloc.estimation;"
+        "import sys, radioloc.report, radioloc.estimation;"
         "sys.exit(any(name in sys.modules for name in ('matplotlib', 'scipy', 'astropy')))"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
@@ -161,8 +162,20 @@ def test_figures_show_themselves_in_a_fresh_notebook(solution, plot):
 
 def test_figures_do_not_import_pyplot():
     code = (
-        "import sys; from radioloc.plotting.figures import new_figure;"
+        "import sys; from radioloc.report.figures import new_figure;"
         "assert new_figure(3, 2)._repr_png_()[:4] == b'\\x89PNG';"
         "sys.exit('matplotlib.pyplot' in sys.modules)"
     )
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_figures_of_one_panel_are_drawn_in_axes_given(solution):
+    figure = new_figure(8.0, 4.0)
+    left, right = figure.subplots(1, 2)
+    assert plot_position(solution, ax=left) is figure
+    assert left.get_xlabel() == "east of truth (m)"
+    assert len(left.patches) == 2
+    errors = [np.random.default_rng(1).normal(0.0, size, (50, 3)) for size in (1.0, 2.0)]
+    assert plot_error_by_length([24.0, 12.0], errors, errors, "", ax=right) is figure
+    assert len(right.get_legend().get_texts()) == 7
+    assert figure._repr_png_()[:4] == b"\x89PNG"

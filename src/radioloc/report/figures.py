@@ -1,4 +1,8 @@
-"""What all figures share: how they are made, styled, saved, and which unit a length is shown in."""
+"""What all figures share: how they are made, styled and saved, and the unit in which a length is shown.
+
+Figures are made without pyplot: nothing global changes, no window opens, they work without a display, and in a notebook
+each shows itself as the last line of a cell. matplotlib is imported when the first figure is made.
+"""
 
 from __future__ import annotations
 
@@ -20,26 +24,27 @@ if TYPE_CHECKING:
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours that people with colour-blindness tell apart (Okabe and Ito 2008)."""
 
-REJECTED_COLOR = "#B00020"
-"""Colour of what was left out."""
-
 _UNIX_EPOCH_JD = 2440587.5
-
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
-
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 """Metadata that keeps the time of writing out of a file; PNG has none."""
 
 
-def new_figure(width_in: float, height_in: float) -> Figure:
-    """Make an empty figure with a canvas of its own, sizes in inches."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
+def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
+    """Make a figure with a title, sizes in inches."""
+    from radioloc.report.notebook_figure import NotebookFigure
 
-    from radioloc.plotting.shown_figure import ShownFigure
-
-    figure = ShownFigure(figsize=(width_in, height_in), layout="constrained")
-    FigureCanvasAgg(figure)
+    figure = NotebookFigure(figsize=(width_in, height_in), layout="constrained")
+    if title:
+        figure.suptitle(title, fontsize=11, fontweight="bold")
     return figure
+
+
+def axes_for(ax: Axes | None, width_in: float, height_in: float, title: str) -> Axes:
+    """Axes to draw in: those given, or those of a new figure with a title."""
+    axes = new_figure(width_in, height_in, title).add_subplot() if ax is None else ax
+    style_axes(axes)
+    return axes
 
 
 def style_axes(axes: Axes) -> None:
@@ -51,14 +56,15 @@ def style_axes(axes: Axes) -> None:
     for side in ("left", "bottom"):
         axes.spines[side].set_color("0.4")
     axes.tick_params(labelsize=8, color="0.4")
+    axes.xaxis.label.set_fontsize(9)
+    axes.yaxis.label.set_fontsize(9)
 
 
 def panel_title(axes: Axes, text: str, side: str, **style: Any) -> None:
-    """Put a title at the left or right above a panel, right above its edge.
-
-    Where it belongs needs not be found out from what stands there: no factor of the tick labels.
-    """
-    axes.ticklabel_format(axis="y", style="plain", useOffset=False)
+    """Put a title at the left or right above a panel, close to its upper edge."""
+    axes.ticklabel_format(
+        axis="y", style="plain", useOffset=False
+    )  # no factor above the axis to make room for
     axes.set_title(text, loc=side, y=1.0, pad=3, **style)  # type: ignore[arg-type]
 
 
@@ -101,7 +107,7 @@ def date_axis(axes: Axes, dates: NDArray[np.datetime64], minticks: int = 4, maxt
         hour = np.timedelta64(1, "h")
         axes.set_xlim(dates.min() - hour, dates.max() + hour)
     axes.xaxis.get_offset_text().set_fontsize(8)
-    axes.set_xlabel("UTC", fontsize=9)
+    axes.set_xlabel("UTC")
 
 
 def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: int = 200) -> None:
@@ -138,7 +144,7 @@ def _ending(path: str | Path) -> str:
 
 @contextmanager
 def _laid_out(figure: Figure, dpi: float) -> Iterator[None]:
-    """Find the places of all that is in a figure once for all its files, as that takes longer than to draw it."""
+    """Lay a figure out once for all its files, as that takes longer than to draw it."""
     from matplotlib import rc_context
 
     engine, own_dpi = figure.get_layout_engine(), figure.dpi

@@ -8,8 +8,8 @@ from toy_moon import ToyMoon, toy_solution
 
 from radioloc.errors import InputError
 from radioloc.estimation import Labels, Outcome
-from radioloc.plotting import plot_links, plot_residuals, save_figure
-from radioloc.plotting.links import MOST_LINKS
+from radioloc.report import plot_links, plot_residuals, save_figure
+from radioloc.report.residual_figures import MOST_LINKS
 
 DASH = "\N{EN DASH}"
 PATHS = {
@@ -91,7 +91,7 @@ def test_panels_show_the_used_residuals_of_their_links(rows):
         ("Doppler KASHI", "doppler", {"two-way": PATHS["doppler"][0]}),
     ):
         axes = panels[title]
-        factor = {"m": 1.0, "cm": 100.0}[axes.get_ylabel().removeprefix("residual, ")]
+        factor = {"m": 1.0, "cm": 100.0}[axes.get_ylabel().removeprefix("residual (").rstrip(")")]
         lines = dots(axes)
         for label, path in labels.items():
             mine = (rows.type == kind) & (rows.path == path) & rows.used
@@ -123,7 +123,7 @@ def test_what_was_left_out_is_marked_within_its_panel(rows):
         assert low < y < high
         if value is not None:
             assert y == pytest.approx(
-                value * {"m": 1.0, "cm": 100.0}[axes.get_ylabel().removeprefix("residual, ")]
+                value * {"m": 1.0, "cm": 100.0}[axes.get_ylabel().removeprefix("residual (").rstrip(")")]
             )
     assert "left out" not in panels["range KASHI"].get_title(loc="right")
 
@@ -147,8 +147,8 @@ def test_panels_of_a_kind_share_a_scale_if_they_can(rows):
     panels = panels_of(plot_links(replace(rows, residual_m=wild)))
     # Residuals of 10 m and of 10 cm each fill their panel.
     assert [panels[f"range {name}"].get_ylabel() for name in ("JIAMUSI", "KASHI")] == [
-        "residual, m",
-        "residual, cm",
+        "residual (m)",
+        "residual (cm)",
     ]
 
 

@@ -10,9 +10,9 @@ from radioloc.estimation.editing import Outcome
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Residuals
 from radioloc.measurements.observations import KINDS
-from radioloc.plotting import plot_links, plot_residuals, save_figure
-from radioloc.plotting.crowds import CROWD_NOTE, MOST_POINTS, PLACES, SPANS, apart, draw_spans, span_of
-from radioloc.plotting.figures import new_figure
+from radioloc.report import plot_links, plot_residuals, save_figure
+from radioloc.report.envelope import BINS, ENVELOPE_NOTE, MOST_POINTS, PLACES, apart, bin_of, draw_envelope
+from radioloc.report.figures import new_figure
 from radioloc.time import Epochs
 
 PATHS = ("KASHI>x>KASHI", "JIAMUSI>x>KASHI")
@@ -49,10 +49,10 @@ def test_bars_reach_from_the_lowest_to_the_highest_of_each_span():
     values = np.delete(values, slice(5000, 7000))
     limits = dates.min(), dates.max()
     axes = new_figure(8.0, 3.0).subplots()
-    draw_spans(axes, dates, values, limits, color="k", label="x")
+    draw_envelope(axes, dates, values, limits, color="k", label="x")
     reach, spread = (line.get_xydata().reshape(-1, 3, 2) for line in axes.lines)
-    span = span_of(dates, limits)
-    assert len(reach) == len(np.unique(span)) < SPANS
+    span = bin_of(dates, limits)
+    assert len(reach) == len(np.unique(span)) < BINS
     for bar, dark, number in zip(reach, spread, np.unique(span), strict=True):
         mine = values[span == number]
         assert (bar[0, 1], bar[1, 1]) == (mine.min(), mine.max())
@@ -90,7 +90,7 @@ def test_thousands_left_out_are_all_drawn(plot):
 
 def test_one_instant_is_one_span():
     same = np.full(6000, np.datetime64("2020-12-01", "ms"))
-    assert set(span_of(same, (same[0], same[0]))) == {0}
+    assert set(bin_of(same, (same[0], same[0]))) == {0}
 
 
 @pytest.mark.parametrize("plot", [plot_residuals, plot_links])
@@ -104,6 +104,6 @@ def test_many_points_are_quick_and_said_to_be_bars(plot, tmp_path):
     # About 1 s; the limit leaves room for a busy machine.
     assert time.perf_counter() - start < 15.0
     assert (tmp_path / "a.svg").stat().st_size < 2e6
-    assert CROWD_NOTE in figure._supxlabel.get_text()
+    assert ENVELOPE_NOTE in figure._supxlabel.get_text()
     few = plot(residuals(MOST_POINTS // 4), "t")
-    assert few._supxlabel is None or CROWD_NOTE not in few._supxlabel.get_text()
+    assert few._supxlabel is None or ENVELOPE_NOTE not in few._supxlabel.get_text()

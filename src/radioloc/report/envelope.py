@@ -1,0 +1,136 @@
+"""Residuals over time in one panel: dots, or where there are too many to tell apart, their envelope.
+
+More dots than a panel has columns of pixels hide each other. The envelope shows, for each short bin of time, the range
+of the values, so that none is missed, and in a darker colour their mean and standard deviation, which dots would hide.
+Observations that were left out are all drawn, but for those that would lie within a pixel of another.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+Dates = NDArray[np.datetime64]
+Limits = tuple[np.datetime64, np.datetime64]
+
+MOST_POINTS = 5000
+"""More in one panel are drawn as an envelope."""
+BINS = 400
+"""Bins of time in the width of a panel."""
+MOST_MARKS = 800
+"""More marks in one panel are drawn as an image within a vector file, one for each pixel that has any."""
+PLACES = (2000, 1000)
+"""Places in the width and the height of a panel, which are finer than its pixels."""
+ENVELOPE_NOTE = (
+    f"bars: minimum to maximum in 1/{BINS} of the time; dark: mean \N{PLUS-MINUS SIGN} standard deviation"
+)
+"""What a figure with an envelope says of it."""
+REJECTED_COLOR = "#B00020"
+_EDGE = 0.93  # where, in half heights, observations beyond a panel are shown
+
+
+def draw_envelope(
+    axes: Axes, dates: Dates, values: NDArray[np.float64], limits: Limits, *, color: str, label: str
+) -> Any:
+    """Draw the envelope of many points and return the handle for a legend.
+
+    Parameters
+    ----------
+    axes : matplotlib.axes.Axes
+    dates : ndarray of datetime64, shape (n,)
+    values : ndarray, shape (n,)
+    limits : tuple of datetime64
+        First and last date of the panel, which all bins together fill.
+    color, label : str
+    """
+    place = bin_of(dates, limits)
+    count = np.bincount(place, minlength=BINS)
+    there = count > 0
+    lowest, highest = np.full(BINS, np.inf), np.full(BINS, -np.inf)
+    np.minimum.at(lowest, place, values)
+    np.maximum.at(highest, place, values)
+    mean = np.bincount(place, values, BINS)[there] / count[there]
+    squares = np.bincount(place, (values - mean[np.cumsum(there)[place] - 1]) ** 2, BINS)[there]
+    deviation = np.sqrt(squares / count[there])
+    middle = limits[0] + (np.flatnonzero(there) + 0.5) / BINS * (limits[1] - limits[0])
+    # Side by side: as wide as a bin, in points of 1/72 inch; an image, so that vector files stay small.
+    width = 72.0 * axes.get_window_extent().width / axes.figure.dpi / BINS
+    style: dict[str, Any] = {"color": color, "linewidth": max(width, 0.5), "solid_capstyle": "butt"}
+    style |= {"snap": False, "rasterized": True}
+    axes.plot(*_bars(middle, lowest[there], highest[there]), alpha=0.35, **style)
+    [dark] = axes.plot(*_bars(middle, mean - deviation, mean + deviation), alpha=0.7, label=label, **style)
+    return dark
+
+
+def draw_left_out(
+    axes: Axes, dates: Dates, values: NDArray[np.float64], limits: Limits, half_height: float, size: float
+) -> list[Any]:
+    """Mark what was left out, beyond the panel by triangles at its edge; return the handles, labelled by how many."""
+    beyond = np.abs(values) > half_height
+    handles = []
+    for which, marker, name in (
+        (~beyond, "x", "left out"),
+        (beyond & (values > 0.0), "^", "left out, above"),
+        (beyond & (values < 0.0), "v", "left out, below"),
+    ):
+        if not which.any():
+            continue
+        shown = values[which] if marker == "x" else np.sign(values[which]) * _EDGE * half_height
+        some = apart(dates[which], shown, limits, 2.0 * half_height)
+        handles += axes.plot(
+            dates[which][some],
+            shown[some],
+            marker,
+            color=REJECTED_COLOR,
+            markersize=size,
+            linestyle="none",
+            rasterized=len(some) > MOST_MARKS,
+            label=f"{which.sum()} {name}",
+        )
+    return handles
+
+
+def _bars(
+    dates: Dates, low: NDArray[np.float64], high: NDArray[np.float64]
+) -> tuple[Dates, NDArray[np.float64]]:
+    """Upright bars as one line with gaps, which is drawn many times as quickly as a line each."""
+    return np.repeat(dates, 3), np.stack([low, high, np.full(len(low), np.nan)], axis=-1).ravel()
+
+
+def apart(dates: Dates, values: NDArray[np.float64], limits: Limits, height: float) -> NDArray[np.intp]:
+    """Indices of points of which no two would be drawn on the same pixel: all if they are few, else one of each place.
+
+    Parameters
+    ----------
+    dates : ndarray of datetime64, shape (n,)
+    values : ndarray, shape (n,)
+        Between two numbers that are `height` apart.
+    limits : tuple of datetime64
+        First and last date of the panel.
+    height : float
+        Height of the panel, in units of the values.
+    """
+    if len(dates) <= MOST_MARKS:
+        return np.arange(len(dates))
+    across, up = PLACES
+    column = np.floor(_part_of(dates, limits) * across)
+    row = np.floor(values / height * up)
+    _, first = np.unique(column * (2 * up + 1) + row, return_index=True)
+    return np.sort(first)
+
+
+def bin_of(dates: Dates, limits: Limits) -> NDArray[np.intp]:
+    """Number of the bin of time that each date is in, 0 to BINS - 1."""
+    return np.minimum((_part_of(dates, limits) * BINS).astype(np.intp), BINS - 1)
+
+
+def _part_of(dates: Dates, limits: Limits) -> NDArray[np.float64]:
+    """How far from the first to the last date of a panel, 0 to 1."""
+    whole = max((limits[1] - limits[0]) / np.timedelta64(1, "ms"), 1.0)
+    part: NDArray[np.float64] = (dates - limits[0]) / np.timedelta64(1, "ms") / whole
+    return part

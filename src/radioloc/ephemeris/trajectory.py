@@ -12,7 +12,7 @@ from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.ephemeris.positions import Ephemeris
 from radioloc.errors import CoverageError, InputError
 from radioloc.kernels import KernelFile, TrajectoryFile, open_trajectory_file
-from radioloc.kernels.files import tdb_date
+from radioloc.kernels.daf import tdb_date
 from radioloc.time import Epochs
 
 _M_PER_KM = 1000.0

@@ -1,29 +1,24 @@
 """Open SPK and binary PCK files of Chebyshev type 2, with every check that a damaged file could fail.
 
-jplephem reads the layout of the file (the DAF); evaluation is left to :mod:`radioloc.ephemeris`, which needs
-second derivatives and refuses epochs outside a segment's own span, where jplephem would extrapolate.
+The list of segments comes from :mod:`radioloc.kernels.daf`; evaluation is left to :mod:`radioloc.ephemeris`, which
+needs second derivatives and refuses epochs outside a segment's own span, where jplephem would extrapolate.
 """
 
 from __future__ import annotations
 
-import struct
-from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
-from jplephem.daf import DAF
 from numpy.typing import NDArray
 
 from radioloc.errors import KernelError
+from radioloc.kernels.daf import read_segments, tdb_date
 from radioloc.kernels.registry import find_kernel, registered, registered_as, sha256_of
 
 _INERTIAL_FRAME = 1  # NAIF's J2000, which the JPL ephemerides use as the name of the ICRF.
 _CHEBYSHEV_TYPE = 2
-_WORD_BYTES = 8
-_Read = TypeVar("_Read")
-_KIND_NAMES = {"SPK": "SPK (positions)", "PCK": "binary PCK (orientation)"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,13 +141,6 @@ def open_pck(name_or_path: str | Path) -> Kernel:
     return _open(name_or_path, "PCK")
 
 
-def tdb_date(seconds: float) -> str:
-    """TDB seconds since J2000 as a date, with the time of day to the second where it is not midnight."""
-    moment = np.datetime64("2000-01-01T12:00:00", "s") + np.timedelta64(round(seconds), "s")
-    text = str(moment)
-    return text[:-9] if text.endswith("T00:00:00") else text
-
-
 def _open(name_or_path: str | Path, kind: str) -> Kernel:
     path = find_kernel(name_or_path, kind)
     sha256 = sha256_of(path)
@@ -163,7 +151,7 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
             f"but {entry.name} ships with {entry.sha256}; install the package again, or rename the file if "
             "it is your own"
         )
-    segments = with_daf(path, kind, _read_segments)
+    segments = _read_segments(path, kind)
     if not segments:
         raise KernelError(
             f"{path} has no segment of Chebyshev type 2 in the ICRF; use a JPL planetary ephemeris (SPK) or "
@@ -181,87 +169,29 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
     return Kernel(description, segments)
 
 
-def with_daf(path: Path, kind: str, read: Callable[[DAF, Path, str], _Read]) -> _Read:
-    """What a function reads from an opened file of the right kind; a damaged one is a :class:`KernelError`."""
-    _check_kind(path, kind)
-    try:
-        with path.open("rb") as file:
-            return read(DAF(file), path, kind)
-    except KernelError:
-        raise
-    except (ValueError, TypeError, struct.error, OverflowError, AssertionError, IndexError, OSError) as error:
-        raise KernelError(f"{path} is damaged: {error}; fetch or make the file again") from error
-
-
-def _check_kind(path: Path, kind: str) -> None:
-    with path.open("rb") as file:
-        identity = file.read(8)
-    wanted = f"DAF/{kind}".encode().ljust(8)
-    # Before 1999 SPICE wrote NAIF/DAF whatever the kind; those files are SPK here.
-    if identity == wanted or (kind == "SPK" and identity == b"NAIF/DAF"):
-        return
-    names = {f"DAF/{key}".encode().ljust(8): f"a {name}" for key, name in _KIND_NAMES.items()}
-    found = names.get(identity, "not a SPICE binary kernel" if identity else "empty")
-    raise KernelError(
-        f"{path} is {found}, but a {_KIND_NAMES[kind]} kernel is wanted; give a file of that kind"
-    )
-
-
-def _announced_span(daf: DAF) -> str:
-    """What the summaries of a file that cannot be read whole say of its span, if they can be read."""
-    try:
-        spans = [values[:2] for _, values in daf.summaries()]
-        return f" (spanning {tdb_date(max(s[0] for s in spans))} to {tdb_date(min(s[1] for s in spans))})"
-    except (ValueError, TypeError, struct.error, OverflowError, AssertionError, IndexError, OSError):
-        return ""
-
-
-def segment_summaries(daf: DAF, path: Path, kind: str) -> Iterator[tuple[str, tuple[Any, ...]]]:
-    """Name and summary of each segment of a file whose list of segments is sound, in the file's order."""
-    integers = {"SPK": 6, "PCK": 5}[kind]
-    if (daf.nd, daf.ni) != (2, integers):
-        raise KernelError(f"{path} is damaged: its summaries have the wrong layout; fetch the file again")
-    held_bytes = path.stat().st_size
-    if (daf.free - 1) * _WORD_BYTES > held_bytes:
-        raise KernelError(
-            f"{path}{_announced_span(daf)} is cut short: it has {held_bytes} bytes of the "
-            f"{(daf.free - 1) * _WORD_BYTES} that its header announces; fetch the file again"
-        )
-    seen: set[int] = set()
-    for number, _, _ in daf.summary_records():
-        if number in seen:
-            raise KernelError(f"{path} is damaged: its segment list runs in a circle; fetch the file again")
-        seen.add(number)
-    for name, summary in daf.summaries():
-        yield name.decode("latin-1").strip("\0 "), summary
-
-
-def _read_segments(daf: DAF, path: Path, kind: str) -> tuple[Segment, ...]:
+def _read_segments(path: Path, kind: str) -> tuple[Segment, ...]:
     segments = []
-    for text, summary in segment_summaries(daf, path, kind):
-        start_s, end_s, target, *others, first_word, last_word = summary
+    for text, start_s, end_s, (target, *others), _, words in read_segments(path, kind):
         center, frame, data_type = others if kind == "SPK" else (others[0], others[0], others[1])
         if data_type == _CHEBYSHEV_TYPE and frame == _INERTIAL_FRAME:
-            words = (first_word, last_word)
-            records = _read_records(daf, path, (start_s, end_s), words, f"{target} ({text})")
+            records = _read_records(words, path, (start_s, end_s), f"{target} ({text})")
             segments.append(Segment(target, center, text, start_s, end_s, *records))
     return tuple(segments)
 
 
 def _read_records(
-    daf: DAF, path: Path, span_s: tuple[float, float], words: tuple[int, int], label: str
+    words: NDArray[np.float64], path: Path, span_s: tuple[float, float], label: str
 ) -> tuple[float, float, NDArray[Any]]:
     """First record's start, record length and coefficients of one segment, checked against its directory."""
-    first, last = words
     problem = f"{path} is damaged: segment {label} "
-    if not 1 <= first < last - 3 or last >= daf.free:
-        raise KernelError(problem + "lies outside the file; fetch the file again")
-    init_s, length_s, words_per_record, count = daf.read_array(last - 3, last).tolist()
+    if len(words) <= 4:
+        raise KernelError(problem + "has a directory that does not fit its length; fetch the file again")
+    init_s, length_s, words_per_record, count = words[-4:].tolist()
     n_coefficients, remainder = divmod(words_per_record - 2, 3)
     if (
-        not (np.isfinite([init_s, length_s, *span_s]).all() and length_s > 0 and n_coefficients >= 1)
+        not (np.isfinite([init_s, length_s]).all() and length_s > 0 and n_coefficients >= 1)
         or remainder != 0
-        or words_per_record * count != last - 3 - first
+        or words_per_record * count != len(words) - 4
     ):
         raise KernelError(problem + "has a directory that does not fit its length; fetch the file again")
     n_records = int(count)
@@ -270,7 +200,7 @@ def _read_records(
             problem + f"claims {tdb_date(span_s[0])} to {tdb_date(span_s[1])}, but its records span "
             f"{tdb_date(init_s)} to {tdb_date(init_s + n_records * length_s)}; fetch the file again"
         )
-    records = daf.map_array(first, last - 4).reshape(n_records, int(words_per_record))
+    records = words[:-4].reshape(n_records, int(words_per_record))
     middles_s = init_s + (np.arange(n_records) + 0.5) * length_s
     rounding_s = 1e-6 * length_s
     in_place = np.abs(records[:, 0] - middles_s) <= rounding_s

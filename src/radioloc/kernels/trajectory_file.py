@@ -13,13 +13,14 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from jplephem.daf import DAF
 from numpy.typing import NDArray
 
 from radioloc.errors import KernelError
 from radioloc.extras import optional
-from radioloc.kernels.files import KernelFile, segment_summaries, tdb_date, with_daf
+from radioloc.kernels.daf import DafSegment, read_segments, tdb_date
+from radioloc.kernels.files import KernelFile
 from radioloc.kernels.registry import find_kernel, sha256_of
+from radioloc.kernels.segment_checks import segment_damage
 
 _ICRF = "J2000"  # SPICE's name
 _INERTIAL_CLASS = 1
@@ -130,28 +131,34 @@ def open_trajectory_file(path: str | Path, body: int) -> TrajectoryFile:
     """
     spice = _spice()
     found = find_kernel(path, "SPK")
-    listed = with_daf(found, "SPK", _listed)
-    held = sorted({summary[2] for summary in listed})
+    listed = read_segments(found, "SPK")
+    held = sorted({segment.integers[0] for segment in listed})
     if body not in held:
         raise KernelError(
             f"{found} has no body with the NAIF code {body}; it holds {', '.join(map(str, held)) or 'none'}"
         )
-    segments = []
+    own = [segment for segment in listed if segment.integers[0] == body]
+    for segment in own:
+        _, _, _, spk_type = segment.integers
+        damage = segment_damage(spk_type, segment.words, segment.start_s, segment.end_s)
+        if damage:
+            raise KernelError(
+                f"{found} is damaged: segment {body} ({segment.name}) {damage}; fetch the file again"
+            )
     with _spice_errors(found):
-        for start_s, end_s, target, center, frame, *others in listed:
-            if target != body:
-                continue
-            rot = _rotation(spice, found, body, frame)
-            packed = np.asarray(spice.dafps(2, 6, [start_s, end_s], [target, center, frame, *others]))
-            # Six integers are packed in three floats; spiceypy leaves room for more.
-            segments.append(TrajectorySegment(center, start_s, end_s, packed[:5], rot))
+        segments = [_trajectory_segment(spice, found, segment) for segment in own]
     first, last = min(s.start_s for s in segments), max(s.end_s for s in segments)
     file = KernelFile(found, "SPK", sha256_of(found), False, tdb_date(first), tdb_date(last))
     return TrajectoryFile(file, body, tuple(segments))
 
 
-def _listed(daf: DAF, path: Path, kind: str) -> list[tuple[Any, ...]]:
-    return [summary for _, summary in segment_summaries(daf, path, kind)]
+def _trajectory_segment(spice: Any, path: Path, segment: DafSegment) -> TrajectorySegment:
+    body, center, frame, _ = segment.integers
+    packed = spice.dafps(2, 6, [segment.start_s, segment.end_s], [*segment.integers, *segment.addresses])
+    # Six integers are packed in three floats; spiceypy leaves room for more.
+    descriptor = np.asarray(packed)[:5]
+    rot = _rotation(spice, path, body, frame)
+    return TrajectorySegment(center, segment.start_s, segment.end_s, descriptor, rot)
 
 
 def _rotation(spice: Any, path: Path, body: int, frame: int) -> NDArray[np.float64]:

@@ -2,7 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import struct
+import subprocess
 import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,7 +15,7 @@ from spk_files import ORBITER, START_S, STOP_S, circular, write_states
 
 from radioloc.ephemeris import Ephemeris, Trajectory
 from radioloc.errors import InputError, KernelError
-from radioloc.kernels import find_kernel, open_trajectory_file
+from radioloc.kernels import find_kernel, open_spk, open_trajectory_file
 from radioloc.time import Epochs
 
 STATES = circular(1.8374e6, 4902.800076e9)
@@ -177,3 +181,40 @@ def _no_earth():
             return np.zeros((len(tdb), 3)), np.zeros((len(tdb), 3))
 
     return Still()
+
+
+ALL_TYPES = (1, 2, 3, 5, 8, 9, 12, 13, 14, 15, 17, 18, 180, 19, 20, 21)
+
+
+@pytest.mark.parametrize("each", [29, pytest.param(1, marks=pytest.mark.slow)])
+def test_a_damaged_file_is_refused_and_ends_no_process(tmp_path, each):
+    """Of a file of each type of segment, hundreds of damaged copies, in a process of 2 GB."""
+    toys = Path(__file__).parents[2] / "toys"
+    run = subprocess.run(
+        [sys.executable, toys / "damaged_spk.py", tmp_path, str(each), *map(str, ALL_TYPES)],
+        env={**os.environ, "OPENBLAS_NUM_THREADS": "1"}, capture_output=True, text=True, timeout=900,
+    )  # fmt: skip
+    assert run.returncode == 0, run.stdout.splitlines()[-1:] + run.stderr.splitlines()[-5:]
+    assert run.stdout.count("refused") == len(ALL_TYPES)
+
+
+@pytest.mark.parametrize(
+    ("offset", "layout", "value", "message"),
+    [
+        (8, "i", -5, "wrong layout"),
+        (12, "i", -5, "wrong layout"),
+        (-16, "d", 100.0, "has 101 as the number of states to interpolate between"),
+        (-8, "d", 12.0, "words where its directory asks for"),
+        (-8, "d", float("nan"), "not finite"),
+    ],
+)
+def test_what_is_damaged_is_said(orbit, offset, layout, value, message):
+    data = bytearray(orbit.read_bytes())
+    summary = (struct.unpack_from("<i", data, 76)[0] - 1) * 1024 + 24
+    last_byte = struct.unpack_from("<i", data, summary + 16 + 20)[0] * 8
+    struct.pack_into("<" + layout, data, offset if offset > 0 else last_byte + offset, value)
+    orbit.write_bytes(data)
+    with pytest.raises(KernelError, match=rf"orbit\.bsp is damaged: .*{message}.*fetch"):
+        open_trajectory_file(orbit, ORBITER)
+    with pytest.raises(KernelError):
+        open_spk(orbit)

@@ -1,0 +1,272 @@
+"""Whether what an SPK segment says of its own layout is true: SPICE believes it, and reads and writes out of bounds.
+
+The layouts are those of NAIF's SPK Required Reading, by type. All numbers must be finite, counts whole and such that
+the parts fill the segment exactly, tables of epochs in order, and records no longer than SPICE's buffers.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import J2000_JD, SECONDS_PER_DAY
+
+_Words = NDArray[np.float64]
+_DIRECTORY_STEP = 100
+_MAX_RECORD_WORDS = 197
+"""SPICE's buffer of 198 words, of which one is the length."""
+_MAX_STATES_LAGRANGE, _MAX_STATES_HERMITE = 28, 14  # polynomials of degree 27
+_MAX_MDA_TERMS = 25
+_HUGE = 1e30
+_GENERIC_META_WORDS = 17
+
+
+class _Damage(Exception):  # noqa: N818
+    """What is wrong with a segment."""
+
+
+def segment_damage(spk_type: int, words: _Words, start_s: float, end_s: float) -> str | None:
+    """What is wrong with a segment, to stand after "the segment"; None if nothing is.
+
+    Parameters
+    ----------
+    spk_type : int
+        SPICE's type of segment.
+    words : ndarray, shape (n,)
+        All of the segment.
+    start_s, end_s : float
+        The span it claims, TDB seconds since J2000.
+    """
+    if spk_type not in _CHECKS:
+        known = ", ".join(map(str, sorted(_CHECKS)))
+        return f"is of type {spk_type}, which cannot be read here (types {known} can)"
+    try:
+        # Infinity and what becomes infinite when squared stop SPICE, and the process, in its error message.
+        _require(bool((np.abs(words) < _HUGE).all()), "has a number that is not finite or far too large")
+        _CHECKS[spk_type](words, start_s, end_s)
+    except _Damage as damage:
+        return str(damage)
+    return None
+
+
+def _require(sound: bool, problem: str) -> None:
+    if not sound:
+        raise _Damage(problem)
+
+
+def _count(word: float, least: int, most: float, what: str) -> int:
+    """A whole number within bounds."""
+    _require(least <= word <= most and word == round(word), f"has {word:g} as {what}")
+    return int(word)
+
+
+def _require_length(words: _Words, expected: int) -> None:
+    _require(len(words) == expected, f"has {len(words)} words where its directory asks for {expected}")
+
+
+def _tail(words: _Words, n: int) -> list[float]:
+    _require(len(words) > n, "is shorter than its own directory")
+    return [float(word) for word in words[-n:]]
+
+
+def _require_covered(
+    start_s: float, end_s: float, first_s: float, last_s: float, slack_s: float = 0.0
+) -> None:
+    _require(
+        first_s - slack_s <= start_s and end_s <= last_s + slack_s,
+        f"claims to span {start_s:.3f} to {end_s:.3f} s, but its data span {first_s:.3f} to {last_s:.3f} s",
+    )
+
+
+def _epochs(table: _Words, count: int, n_directory: int, strictly: bool = True) -> _Words:
+    """Epochs followed by every hundredth of them."""
+    epochs, directory = table[:count], table[count : count + n_directory]
+    steps = np.diff(epochs)
+    _require(bool((steps > 0 if strictly else steps >= 0).all()), "has epochs that are not in order")
+    sampled = epochs[_DIRECTORY_STEP - 1 :: _DIRECTORY_STEP][:n_directory]
+    _require(np.array_equal(directory, sampled), "has a directory of epochs that are not its own")
+    return epochs
+
+
+def _chebyshev(fixed: int, rows: int) -> Callable[[_Words, float, float], None]:
+    """Types 2 and 3: records of one length in time, each of middle and half length and some series."""
+
+    def check(words: _Words, start_s: float, end_s: float) -> None:
+        first_s, length_s, size, count = _tail(words, 4)
+        n = _records(words, size, count, fixed, rows, 4)
+        _require(length_s > 0, f"has records of {length_s:g} s")
+        _require_covered(start_s, end_s, first_s, first_s + n * length_s)
+
+    return check
+
+
+def _chebyshev_velocity(words: _Words, start_s: float, end_s: float) -> None:
+    """Type 20, whose directory is in days."""
+    _, _, day, fraction, length_d, size, count = _tail(words, 7)
+    n = _records(words, size, count, 0, 3, 7)
+    _require(length_d > 0, f"has records of {length_d:g} days")
+    first_s = ((day - J2000_JD) + fraction) * SECONDS_PER_DAY
+    _require_covered(start_s, end_s, first_s, first_s + n * length_d * SECONDS_PER_DAY, slack_s=1e-4)
+
+
+def _records(words: _Words, size: float, count: float, fixed: int, rows: int, directory: int) -> int:
+    n_words = _count(size, fixed + rows, _MAX_RECORD_WORDS, "the length of a record")
+    _require((n_words - fixed) % rows == 0, f"has records of {n_words} words")
+    n = _count(count, 1, len(words), "the number of records")
+    _require_length(words, n * n_words + directory)
+    return n
+
+
+def _two_body(words: _Words, start_s: float, end_s: float) -> None:
+    """Type 5: states and their epochs, between which the motion is Keplerian."""
+    n = _count(_tail(words, 2)[1], 1, len(words), "the number of states")
+    _require_length(words, 7 * n + n // _DIRECTORY_STEP + 2)
+    _epochs(words[6 * n :], n, n // _DIRECTORY_STEP)
+
+
+def _equal_steps(hermite: bool) -> Callable[[_Words, float, float], None]:
+    """Types 8 and 12: states at equal steps, interpolated."""
+
+    def check(words: _Words, start_s: float, end_s: float) -> None:
+        first_s, step_s, window_less_1, count = _tail(words, 4)
+        n = _count(count, 1, len(words), "the number of states")
+        _window(window_less_1 + 1, n, hermite)
+        _require_length(words, 6 * n + 4)
+        _require(step_s > 0, f"has steps of {step_s:g} s")
+        _require_covered(start_s, end_s, first_s, first_s + (n - 1) * step_s, slack_s=1e-6 * step_s)
+
+    return check
+
+
+def _unequal_steps(hermite: bool) -> Callable[[_Words, float, float], None]:
+    """Types 9 and 13: states and their epochs, interpolated."""
+
+    def check(words: _Words, start_s: float, end_s: float) -> None:
+        window_less_1, count = _tail(words, 2)
+        n = _count(count, 1, len(words), "the number of states")
+        _window(window_less_1 + 1, n, hermite)
+        _interpolated(words, n, 6, 2, start_s, end_s)
+
+    return check
+
+
+def _window(states: float, n: int, hermite: bool) -> None:
+    most = _MAX_STATES_HERMITE if hermite else _MAX_STATES_LAGRANGE
+    _count(states, 1, min(n, most), "the number of states to interpolate between")
+
+
+def _interpolated(words: _Words, n: int, packet: int, directory: int, start_s: float, end_s: float) -> None:
+    n_directory = (n - 1) // _DIRECTORY_STEP
+    _require_length(words, (packet + 1) * n + n_directory + directory)
+    epochs = _epochs(words[packet * n :], n, n_directory)
+    _require_covered(start_s, end_s, epochs[0], epochs[-1])
+
+
+def _esoc(words: _Words, start_s: float, end_s: float) -> None:
+    """Type 18, and the mini-segments of type 19: Hermite with rates of its own, Lagrange, or Hermite."""
+    subtype, window, count = _tail(words, 3)
+    kind = _count(subtype, 0, 2, "its subtype")
+    n = _count(count, 1, len(words), "the number of states")
+    _window(window, n, hermite=kind != 1)
+    _interpolated(words, n, 12 if kind == 0 else 6, 3, start_s, end_s)
+
+
+def _esoc_piecewise(words: _Words, start_s: float, end_s: float) -> None:
+    """Type 19: mini-segments, the bounds of their intervals, where each begins."""
+    latest, count = _tail(words, 2)
+    _count(latest, 0, 1, "the choice at a boundary")
+    n = _count(count, 1, len(words), "the number of intervals")
+    n_directory = n // _DIRECTORY_STEP
+    table = len(words) - 2 - 2 * (n + 1) - n_directory
+    _require(table > 0, "is shorter than its own directory")
+    bounds_s = _epochs(words[table:], n + 1, n_directory)
+    _require_covered(start_s, end_s, bounds_s[0], bounds_s[-1])
+    pointers = words[table + n + 1 + n_directory : -2]
+    whole = bool((pointers == np.round(pointers)).all() and (np.diff(pointers) > 0).all())
+    _require(
+        whole and pointers[0] == 1 and pointers[-1] == table + 1, "points to parts that are not where it says"
+    )
+    for k, (first, after) in enumerate(itertools.pairwise(pointers.astype(int).tolist())):
+        _esoc(words[first - 1 : after - 1], float(bounds_s[k]), float(bounds_s[k + 1]))
+
+
+def _difference_arrays(extended: bool) -> Callable[[_Words, float, float], None]:
+    """Types 1 and 21: modified difference arrays, each with the orders to which it is summed."""
+
+    def check(words: _Words, start_s: float, end_s: float) -> None:
+        directory = 2 if extended else 1
+        *size, count = _tail(words, directory)
+        terms = _count(size[0], 1, _MAX_MDA_TERMS, "the number of differences") if extended else 15
+        record = 4 * terms + 11
+        n = _count(count, 1, len(words), "the number of records")
+        _require_length(words, n * (record + 1) + n // _DIRECTORY_STEP + directory)
+        epochs = _epochs(words[n * record :], n, n // _DIRECTORY_STEP, strictly=False)
+        _require(end_s <= epochs[-1], "claims to reach beyond its last record")
+        records = words[: n * record].reshape(n, record)
+        orders, highest = records[:, -3:], records[:, -4]
+        sound = (orders == np.round(orders)) & (orders >= 0) & (orders <= terms)
+        _require(bool(sound.all()), "has an order of integration that does not fit its differences")
+        sound_highest = (highest == np.round(highest)) & (highest >= 2) & (highest <= terms + 1)
+        _require(bool(sound_highest.all()), "has an order of integration that does not fit its differences")
+        steps = records[:, 1 : 1 + terms]
+        used = np.arange(terms) < highest[:, None] - 2
+        _require(not (used & (steps == 0)).any(), "has a step of no length")
+
+    return check
+
+
+def _elements(length: int) -> Callable[[_Words, float, float], None]:
+    """Types 15 and 17: one set of orbital elements."""
+
+    def check(words: _Words, start_s: float, end_s: float) -> None:
+        _require_length(words, length)
+
+    return check
+
+
+def _generic(words: _Words, start_s: float, end_s: float) -> None:
+    """Type 14: Chebyshev series in SPICE's generic segment of constants, packets and the epochs they start at."""
+    room = len(words) - _GENERIC_META_WORDS
+    *meta, n_meta = _tail(words, _GENERIC_META_WORDS)
+    entries = [_count(word, 0, room, "an entry of its directory") for word in meta]
+    _require(n_meta == _GENERIC_META_WORDS, f"has {n_meta:g} as the length of its directory")
+    constants, n_constants, directory, n_directory, _, epochs, n_epochs = entries[:7]
+    packets, n_packets, _, _, size, offset = entries[10:]
+    _require(
+        n_constants >= 1 and n_packets >= 1 and n_epochs == n_packets, "lacks constants, series or epochs"
+    )
+    parts = ((constants, n_constants), (packets, n_packets * (size + offset)), (epochs, n_epochs))
+    ends = [base + n for base, n in parts]
+    _require(
+        ends[0] <= packets and ends[1] <= epochs and ends[2] == directory and directory + n_directory <= room,
+        "points to parts that are not where it says",
+    )
+    _require(
+        n_directory == (n_epochs - 1) // _DIRECTORY_STEP, "has a directory of epochs that are not its own"
+    )
+    starts_s = _epochs(words[epochs:], n_epochs, n_directory)
+    _require(starts_s[0] <= start_s, "claims to begin before its first series")
+    n_coefficients = _count(float(words[constants]), 1, 32, "the number of coefficients")
+    _require(size == 2 + 6 * n_coefficients, f"has series of {size} words for {n_coefficients} coefficients")
+
+
+_CHECKS: dict[int, Callable[[_Words, float, float], None]] = {
+    1: _difference_arrays(extended=False),
+    2: _chebyshev(2, 3),
+    3: _chebyshev(2, 6),
+    5: _two_body,
+    8: _equal_steps(hermite=False),
+    9: _unequal_steps(hermite=False),
+    12: _equal_steps(hermite=True),
+    13: _unequal_steps(hermite=True),
+    14: _generic,
+    15: _elements(16),
+    17: _elements(12),
+    18: _esoc,
+    19: _esoc_piecewise,
+    20: _chebyshev_velocity,
+    21: _difference_arrays(extended=True),
+}

@@ -86,3 +86,7 @@ class PredictedEopWarning(RadiolocWarning):
 
 class DataQualityWarning(RadiolocWarning):
     """A file marks its own data as suspect or poor."""
+
+
+class PluginWarning(RadiolocWarning):
+    """An entry point of another package cannot be used and is left out."""

@@ -252,7 +252,7 @@ def table_with(old, new):
         (table_with("2.6494", "7.6494"), ["line 5", "time of flight"]),
         (table_with("5.38e-11", "0"), ["line 5", "sigma"]),
         (table_with("APOLLO>apollo15>APOLLO", "NOPE>apollo15>NOPE"), ["line 5", "station 'NOPE'"]),
-        (table_with("APOLLO>apollo15>APOLLO", "APOLLO>apollo15"), ["line 5", "is not a path"]),
+        (table_with("APOLLO>apollo15>APOLLO", "APOLLO-apollo15"), ["line 5", "is not a path"]),
         (table_with("range", "rnage"), ["line 5", "'rnage' is not known"]),
         (table_with("721.6", "72160"), ["line 5", "pressure_hpa"]),
     ],

@@ -8,7 +8,6 @@ is kept per row.
 
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import dataclass, fields
 from typing import Any
@@ -18,38 +17,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.extras import astropy_table
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import (
+    KINDS,
+    MEASUREMENTS,
+    is_integrated,
+    kind_of,
+)
 from radioloc.time import Epochs, utc_strings
 
-TIME_TAGS = ("transmit", "receive", "bounce")
-"""Events that an epoch can belong to; :attr:`Observations.tag` holds indices into this."""
-
-KINDS = ("range", "vlbi_delay", "doppler", "vlbi_delay_rate")
-"""Kinds of measurement; :attr:`Observations.kind` holds indices into this.
-
-``range``: the whole light path from the first station over the target to the second, m.
-``vlbi_delay``: arrival at the second station minus arrival of the same wavefront at the first, by the stations' clocks,
-times the speed of light, m; tagged at the first station's arrival.
-``doppler``: growth of the whole light path over the count interval, m: range at its end less range at its start, tagged
-with the reception at its middle.
-``vlbi_delay_rate``: growth of the VLBI delay over the count interval, m: delay at its end less delay at its start,
-tagged with the first station's arrival at its middle; of the phase, as Doppler is.
-"""
-
-RANGE, VLBI_DELAY, DOPPLER, VLBI_DELAY_RATE = range(len(KINDS))
-
-BASELINE_KINDS = ("vlbi_delay", "vlbi_delay_rate")
-"""Kinds that belong to two stations which receive."""
-
-
-def is_counted(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Whether measurements are growths over a count interval: Doppler and delay rates."""
-    return (kind == DOPPLER) | (kind == VLBI_DELAY_RATE)
-
-
-def is_differenced(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
-    """Whether measurements are of the difference of two stations: VLBI delays and their rates."""
-    return (kind == VLBI_DELAY) | (kind == VLBI_DELAY_RATE)
-
+RANGE, VLBI_DELAY, DOPPLER, VLBI_DELAY_RATE = (
+    kind_of(name) for name in ("range", "vlbi_delay", "doppler", "vlbi_delay_rate")
+)
+BASELINE_KINDS = tuple(name for name, kind in MEASUREMENTS.items() if kind.on_baseline)
+"""Types that belong to two stations which receive."""
+is_counted = is_integrated
 
 WEATHER_LIMITS = {
     "pressure_hpa": (100.0, 1100.0),
@@ -60,68 +43,6 @@ WEATHER_LIMITS = {
 """Lowest and highest value that a station on Earth can have recorded; catches Celsius, percent and Pascal."""
 
 _IN_MEMORY = "in memory"
-_EARTH_DIAMETER_M = 12.8e6
-_FASTEST_DELAY_M_S = 1000.0
-"""Two stations on the equator, one on either side of the Earth, part by 2 x 465 m/s."""
-
-
-@dataclass(frozen=True, slots=True, order=True)
-class Link:
-    """Who sends, which point on the Moon answers, who receives.
-
-    Parameters
-    ----------
-    transmitter, target, receiver : str
-        Names without spaces at the ends and without ``<``, ``>`` or ``,``; the two stations may be the same.
-    differenced : bool
-        The target sends to both stations and the delay of the second behind the first is measured (VLBI); the
-        "transmitter" then is the first station.
-
-    Raises
-    ------
-    InputError
-        A name is empty or holds a character that a path cannot.
-    """
-
-    transmitter: str
-    target: str
-    receiver: str
-    differenced: bool = False
-
-    def __post_init__(self) -> None:
-        for name in (self.transmitter, self.target, self.receiver):
-            if not name or name != name.strip() or any(c in '<>,#"' or not c.isprintable() for c in name):
-                raise InputError(
-                    f"{name!r} cannot name a station or a target; "
-                    "give printable text without '<', '>', ',', '#' or quotes"
-                )
-
-    @property
-    def path(self) -> str:
-        """Text such as ``APOLLO>apollo15>APOLLO``, or ``SESHAN25<lander>KUNMING`` of a differenced delay."""
-        return f"{self.transmitter}{'<' if self.differenced else '>'}{self.target}>{self.receiver}"
-
-    @property
-    def place(self) -> str:
-        """The receiving station, or the two of a baseline (``SESHAN25–KUNMING``): what residuals are grouped by."""
-        return f"{self.transmitter}\N{EN DASH}{self.receiver}" if self.differenced else self.receiver
-
-    @classmethod
-    def from_path(cls, path: str) -> Link:
-        """Read text such as ``APOLLO>apollo15>APOLLO`` or ``SESHAN25<lander>KUNMING``.
-
-        Raises
-        ------
-        InputError
-            The text is not three names joined by ``>``, or by ``<`` and ``>``.
-        """
-        match = re.fullmatch(r"([^<>]+)([<>])([^<>]+)>([^<>]+)", path)
-        if match is None:
-            raise InputError(
-                f"{path!r} is not a path; write it as transmitter>target>receiver, or station1<target>station2"
-            )
-        first, arrow, target, second = (part.strip() for part in match.groups())
-        return cls(first, target, second, arrow == "<")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -348,37 +269,16 @@ class Observations:
         return "\n".join(lines)
 
     def _validate(self) -> None:
-        ranges, counted = self.kind == RANGE, is_counted(self.kind)
-        wrong = ~np.isfinite(self.value_m) | (ranges & ~(self.value_m > 0.0))
-        self._refuse(wrong, "value_m", self.value_m, "must be finite, and above zero for a range")
+        wrong = ~np.isfinite(self.value_m)
+        self._refuse(wrong, "value_m", self.value_m, "must be finite")
         wrong = ~(np.isfinite(self.sigma_m) & (self.sigma_m > 0.0))
         self._refuse(wrong, "sigma_m", self.sigma_m, "must be finite and above zero")
-        delays = is_differenced(self.kind)
-        wrong = delays & (np.abs(self.value_m) > _EARTH_DIAMETER_M)
-        self._refuse(
-            wrong, "value_m", self.value_m, "a VLBI delay is not longer than the Earth (12.8e6 m, 43 ms)"
-        )
-        differenced = np.array([link.differenced for link in self.links], dtype=bool)[self.link]
-        self._refuse(
-            differenced != delays,
-            "path",
-            self.value_m,
-            "a VLBI delay or its rate, and only they, have a path station1<target>station2",
-        )
-        wrong = delays & (self.tag != TIME_TAGS.index("receive"))
-        self._refuse(
-            wrong,
-            "time_tag",
-            self.tag,
-            "a VLBI delay or its rate is tagged at the arrival at the first station (receive)",
-        )
-        wrong = counted & ~(np.isfinite(self.count_s) & (self.count_s > 0.0))
-        self._refuse(
-            wrong, "count_s", self.count_s, "Doppler and delay rates need their count interval, above zero"
-        )
-        wrong = delays & counted & (np.abs(self.value_m) > _FASTEST_DELAY_M_S * self.count_s)
-        rule = "a VLBI delay grows by less than 1000 m in a second of its count interval"
-        self._refuse(wrong, "value_m", self.value_m, rule)
+        integrated = is_integrated(self.kind)
+        wrong = integrated & ~(np.isfinite(self.count_s) & (self.count_s > 0.0))
+        rule = "the measurement needs its count interval, above zero"
+        self._refuse(wrong, "count_s", self.count_s, rule)
+        for code in np.unique(self.kind):
+            self._validate_type(int(code), self.kind == code)
         wrong = ~np.isnan(self.uplink_hz) & ~((self.uplink_hz > 1e6) & (self.uplink_hz < 1e12))
         self._refuse(wrong, "uplink_hz", self.uplink_hz, "must be 1e6 to 1e12, or left out")
         for name, (low, high) in WEATHER_LIMITS.items():
@@ -387,11 +287,33 @@ class Observations:
             rule = f"must be {low:g} to {high:g}, or left out where it was not recorded"
             self._refuse(wrong, name, column, rule)
 
+    def _validate_type(self, code: int, rows: NDArray[np.bool_]) -> None:
+        """Hold the observations of one type to what can be true of it."""
+        kind = MEASUREMENTS[KINDS[code]]
+        allowed = [TIME_TAGS.index(tag) for tag in kind.tags]
+        if len(allowed) < len(TIME_TAGS):
+            where = "at the arrival at the first station" if kind.on_baseline else "by its"
+            rule = f"the {kind.name} is tagged {where} ({' or '.join(kind.tags)})"
+            self._refuse(rows & ~np.isin(self.tag, allowed), "time_tag", self.tag, rule)
+        of_link = np.array([link.form != kind.form for link in self.links], dtype=bool)
+        rule = f"that of the type {kind.name} is written {kind.form}"
+        self._refuse(rows & of_link[self.link], "path", self.link, rule)
+        if kind.positive:
+            rule = f"must be above zero: {kind.limit}"
+            self._refuse(rows & ~(self.value_m > 0.0), "value_m", self.value_m, rule)
+        if kind.largest_m is not None:
+            wrong = rows & (np.abs(self.value_m) > kind.largest_m)
+            self._refuse(wrong, "value_m", self.value_m, kind.limit)
+        if kind.fastest_m_s is not None:
+            wrong = rows & (np.abs(self.value_m) > kind.fastest_m_s * self.count_s)
+            self._refuse(wrong, "value_m", self.value_m, kind.limit)
+
     def _refuse(self, wrong: NDArray[np.bool_], name: str, column: NDArray[Any], rule: str) -> None:
         if not wrong.any():
             return
         row = int(np.argmax(wrong))
-        problem = f"{name} is {column[row]:g}, but {rule}"
+        found = self.links[self.link[row]].path if name == "path" else f"{column[row]:g}"
+        problem = f"{name} is {found}, but {rule}"
         source = self.files[self.file[row]]
         if source == _IN_MEMORY:
             raise InputError(f"observation {row + 1}: {problem}")

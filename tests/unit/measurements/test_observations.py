@@ -89,7 +89,7 @@ def test_impossible_values_name_file_and_line(changes, line, words):
         ({"value_m": [1.0, 2.0]}, "4 epochs need one value or 4"),
         ({"link": [0, 1, 2, 0]}, "allowed are 0 to 1"),
         ({"tag": -1}, "tag holds codes"),
-        ({"kind": 7}, "kind holds codes"),
+        ({"kind": len(KINDS)}, "kind holds codes"),
         ({"epoch": Epochs.from_jd(np.full(4, 2460000.5), 0.0, "TT")}, "UTC"),
         ({"files": (), "line": None, "sigma_m": [1, 1, -1, 1]}, "observation 3"),
     ],
@@ -167,7 +167,15 @@ def test_a_million_rows_take_less_than_a_hundred_bytes_each():
 def test_link_path_there_and_back():
     assert Link.from_path(" A > b > C ") == Link("A", "b", "C")
     assert Link.from_path(LINKS[0].path) == LINKS[0]
-    for bad in ("A>b", "A>b>C>d", "A>>C", "", "A>b,c>D"):
+    for path in ("lander>C", "A<lander>C", "A<rover|lander>C"):
+        link = Link.from_path(path)
+        assert link.path == path
+        assert (
+            Link(link.transmitter, link.target, link.receiver, link.differenced, link.second_target) == link
+        )
+    assert Link.from_path("lander>C").stations == ("C",)
+    assert Link.from_path("A<rover|lander>C").targets == ("rover", "lander")
+    for bad in ("A", "A>b|c>D", "|b>C", "<b>C", "A<b|>C", "A>b>C>d", "A>>C", "", "A>b,c>D"):
         with pytest.raises(InputError, match=r"cannot name|is not a path"):
             Link.from_path(bad)
 
@@ -203,11 +211,11 @@ RATE = {
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"count_s": np.nan}, "need their count interval"),
-        ({"count_s": 0.0}, "need their count interval"),
+        ({"count_s": np.nan}, "needs its count interval"),
+        ({"count_s": 0.0}, "needs its count interval"),
         ({"tag": TIME_TAGS.index("transmit")}, "tagged at the arrival at the first station"),
         ({"links": [Link("SESHAN25", "lander", "URUMQI")]}, "station1<target>station2"),
-        ({"value_m": 60001.0}, "grows by less than 1000 m in a second"),
+        ({"value_m": 60001.0}, "changes by less than 1000 m in a second"),
     ],
 )
 def test_a_delay_rate_is_a_growth_of_a_delay(changes, words):

@@ -1,0 +1,103 @@
+"""Who transmits, which target answers, who receives."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+
+from radioloc.errors import InputError
+
+_PATH = re.compile(r"(?:([^<>|]+)([<>]))?([^<>|]+)(?:\|([^<>|]+))?>([^<>|]+)")
+
+
+@dataclass(frozen=True, slots=True, order=True)
+class Link:
+    """The participants of a measurement.
+
+    Four forms, written as paths: ``A>target>B``, a signal from station A over the target to station B (two-way where
+    they are the same, else three-way); ``target>B``, the target's own signal, one-way; ``A<target>B``, the target's
+    signal at two stations, a baseline; ``A<first|second>B``, the signals of two targets at a baseline's two stations.
+
+    Parameters
+    ----------
+    transmitter : str
+        The first station; empty where there is none (one-way).
+    target, receiver : str
+        Names without spaces at the ends and without ``<``, ``>``, ``|``, ``,``, ``#`` or quotes.
+    differenced : bool
+        The link is a baseline: both stations receive.
+    second_target : str
+        The target whose measurement is subtracted; empty as a rule.
+
+    Raises
+    ------
+    InputError
+        A name is empty or holds a character that a path cannot, or the link is of none of the four forms.
+    """
+
+    transmitter: str
+    target: str
+    receiver: str
+    differenced: bool = False
+    second_target: str = ""
+
+    def __post_init__(self) -> None:
+        names = [self.target, self.receiver]
+        names += [name for name in (self.transmitter, self.second_target) if name]
+        for name in names:
+            if not name or name != name.strip() or any(c in '<>|,#"' or not c.isprintable() for c in name):
+                raise InputError(
+                    f"{name!r} cannot name a station or a target; "
+                    "give printable text without '<', '>', '|', ',', '#' or quotes"
+                )
+        if (self.differenced and not self.transmitter) or (self.second_target and not self.differenced):
+            raise InputError("a link of a baseline, and only it, has two stations and can have two targets")
+
+    @property
+    def form(self) -> str:
+        """How the path is written: the form that a measurement type asks for."""
+        if self.second_target:
+            return "station1<target1|target2>station2"
+        if self.differenced:
+            return "station1<target>station2"
+        return "transmitter>target>receiver" if self.transmitter else "target>receiver"
+
+    @property
+    def path(self) -> str:
+        """Text such as ``APOLLO>apollo15>APOLLO``, ``lander>KASHI`` or ``SESHAN25<lander>KUNMING``."""
+        first = f"{self.transmitter}{'<' if self.differenced else '>'}" if self.transmitter else ""
+        second = f"|{self.second_target}" if self.second_target else ""
+        return f"{first}{self.target}{second}>{self.receiver}"
+
+    @property
+    def place(self) -> str:
+        """The receiving station, or the two of a baseline (``SESHAN25–KUNMING``): what residuals are grouped by."""
+        return f"{self.transmitter}\N{EN DASH}{self.receiver}" if self.differenced else self.receiver
+
+    @property
+    def stations(self) -> tuple[str, ...]:
+        """The stations at its ends, the first one first; one name where the target itself transmits."""
+        return (self.transmitter, self.receiver) if self.transmitter else (self.receiver,)
+
+    @property
+    def targets(self) -> tuple[str, ...]:
+        """The target, or the two."""
+        return (self.target, self.second_target) if self.second_target else (self.target,)
+
+    @classmethod
+    def from_path(cls, path: str) -> Link:
+        """Read a path in one of the four forms.
+
+        Raises
+        ------
+        InputError
+            The text is of none of the forms.
+        """
+        match = _PATH.fullmatch(path)
+        if match is None:
+            raise InputError(
+                f"{path!r} is not a path; write it as transmitter>target>receiver, target>receiver, "
+                "station1<target>station2 or station1<target1|target2>station2"
+            )
+        first, arrow, target, second_target, second = (part and part.strip() for part in match.groups())
+        return cls(first or "", target, second, arrow == "<", second_target or "")

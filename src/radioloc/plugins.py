@@ -1,0 +1,62 @@
+"""Registries: what the package has, and what other packages add by entry points."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterable
+from importlib.metadata import entry_points
+from typing import Protocol, TypeVar
+
+from radioloc.errors import PluginWarning
+
+
+class Named(Protocol):
+    """What a registry holds."""
+
+    @property
+    def name(self) -> str:
+        """Unique name."""
+        ...
+
+
+T = TypeVar("T", bound=Named)
+
+
+def with_plugins(group: str, kind: type[T], own: Iterable[T]) -> dict[str, T]:
+    """Registry of what the package has and of what installed packages add to it, by name.
+
+    Parameters
+    ----------
+    group : str
+        Group of the entry points, such as ``"radioloc.measurements"``.
+    kind : type
+        What every entry must be.
+    own : iterable
+        The package's own entries, which come first.
+
+    Notes
+    -----
+    An entry point that cannot be loaded, is of another type, or has a name that is taken is left out with a
+    :class:`~radioloc.errors.PluginWarning`: a package that is broken must not break the others.
+    """
+    registry = {entry.name: entry for entry in own}
+    for point in sorted(entry_points(group=group), key=lambda point: point.name):
+        problem = ""
+        try:
+            entry = point.load()
+        except Exception as error:
+            problem = f"cannot be loaded ({error})"
+        else:
+            if not isinstance(entry, kind):
+                problem = f"is a {type(entry).__name__}, not a {kind.__name__}"
+            elif entry.name in registry:
+                problem = f"has the name {entry.name!r}, which is taken"
+            else:
+                registry[entry.name] = entry
+        if problem:
+            warnings.warn(
+                f"{point.value} of the entry points {group} {problem}; it is left out",
+                PluginWarning,
+                stacklevel=2,
+            )
+    return registry

@@ -27,7 +27,8 @@ from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS, active_terms
 from radioloc.report import plot_links, plot_position, plot_residuals, save_figure

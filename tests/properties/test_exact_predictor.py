@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from radioloc.constants import C_M_S
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import TIME_TAGS
+from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.time import Epochs
 

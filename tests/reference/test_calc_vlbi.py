@@ -41,8 +41,11 @@ from radioloc.earth.radio_troposphere import zenith_hydrostatic_delay_m
 from radioloc.earth.stations import StationCatalogue
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.registry import KINDS
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 
 GOAL_S = 10e-12

@@ -19,7 +19,7 @@ from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import TIME_TAGS
+from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, utc_to_tt

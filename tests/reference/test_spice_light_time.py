@@ -17,7 +17,7 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.stations import StationCatalogue
 from radioloc.kernels import find_kernel
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import TIME_TAGS
+from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, utc_to_tt

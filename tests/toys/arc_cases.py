@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from radioloc.measurements.observations import TIME_TAGS, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs, tai_to_utc
 
 # JPL's DE421 reflector coordinates, principal axes: radius (m), latitude and east longitude (deg), as in the

@@ -10,7 +10,10 @@ import spiceypy
 
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.lunar import rot_icrf_to_pa, rot_icrf_to_pa_rate
-from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.registry import KINDS
 from radioloc.time import Epochs, tai_to_utc
 
 ORBITER = -85

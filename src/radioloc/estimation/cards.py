@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.statistics import GroupStatistics, statistics_by
-from radioloc.measurements.observations import Link
+from radioloc.measurements.link import Link
 from radioloc.time import utc_strings
 
 if TYPE_CHECKING:

@@ -51,7 +51,8 @@ from radioloc.io.crd_records import (
 from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.names import Catalogue
-from radioloc.measurements.observations import Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_lines
 
 _PASSED_OVER = frozenset(

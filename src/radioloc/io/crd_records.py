@@ -16,7 +16,8 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.names import Catalogue, station_name
 from radioloc.io.plausible import require_lunar_flight_time, require_year
-from radioloc.measurements.observations import TIME_TAGS, WEATHER_LIMITS
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import WEATHER_LIMITS
 from radioloc.measurements.targets import REFLECTORS, canonical_target
 from radioloc.time.scales import calendar_to_jd
 

@@ -27,7 +27,8 @@ from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.names import Catalogue, station_name
 from radioloc.io.plausible import require_lunar_flight_time, require_year
-from radioloc.measurements.observations import Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_lines
 from radioloc.time.scales import calendar_to_jd
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import Any, Protocol
 
 from radioloc.errors import StationError
-from radioloc.measurements.observations import Link
+from radioloc.measurements.link import Link
 from radioloc.measurements.targets import canonical_target
 
 

@@ -35,7 +35,8 @@ from radioloc.io.names import Catalogue
 from radioloc.io.table import checked_observations, table_columns
 from radioloc.io.table_head import require_columns
 from radioloc.io.table_rows import CODED_TEXTS, OPTIONAL_NUMBERS, column_name, joined_columns, text_code
-from radioloc.measurements.observations import Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
 from radioloc.text_files import replaced_file, require_file
 from radioloc.time import Epochs
 

@@ -10,7 +10,7 @@ The first line that is not a comment (``#``) or blank names the columns, in any 
 ``type``                  ``range``, ``vlbi_delay``, ``doppler`` or ``vlbi_delay_rate``
 ``path``                  ``transmitter>target>receiver``, or ``station1<target>station2`` of VLBI
 ``observed_m``            whole light path (round trip), m; for the other types as
-                          :data:`radioloc.measurements.observations.KINDS` says; or, instead,
+                          :data:`radioloc.measurements.registry.KINDS` says; or, instead,
 ``light_time_s``          time of flight (round trip), s; for the other types ``observed_m`` over the speed of light
 ``sigma_m``               standard deviation of the whole light path, m; or, instead,
 ``sigma_s``               standard deviation of the time of flight, s
@@ -49,7 +49,9 @@ from radioloc.io.plausible import FLIGHT_TIME_LIMITS_S, require_lunar_flight_tim
 from radioloc.io.shortest_numbers import shortest_cells
 from radioloc.io.table_head import SIGMA, VALUE, require_columns
 from radioloc.io.table_rows import OPTIONAL_NUMBERS, RowReader, is_content, split_lines
-from radioloc.measurements.observations import KINDS, RANGE, TIME_TAGS, WEATHER_LIMITS, Observations
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import RANGE, WEATHER_LIMITS, Observations
+from radioloc.measurements.registry import KINDS
 from radioloc.text_files import read_blocks, write_blocks
 from radioloc.time import Epochs
 

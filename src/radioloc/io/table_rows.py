@@ -20,7 +20,9 @@ from radioloc.io.dates import utc_from_fields, utc_from_text
 from radioloc.io.field_numbers import as_float, floats
 from radioloc.io.fields import Fields, TextCodes
 from radioloc.io.names import Catalogue, named_link
-from radioloc.measurements.observations import KINDS, TIME_TAGS, Link
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import KINDS
 from radioloc.time import Epochs
 
 NEEDED_NUMBERS = ("observed_m", "light_time_s", "sigma_m", "sigma_s")

@@ -15,7 +15,8 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.io.tdm_keywords import LONGEST_S
 from radioloc.measurements.equipment_delays import EquipmentDelays
-from radioloc.measurements.observations import KINDS, Link
+from radioloc.measurements.link import Link
+from radioloc.measurements.registry import KINDS
 from radioloc.time import Epochs
 
 CONVENTIONS = ("round_trip", "half")

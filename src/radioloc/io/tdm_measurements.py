@@ -28,7 +28,10 @@ from radioloc.io.tdm_paths import Names, SignalPath, participant, signal_path
 from radioloc.io.tdm_ranges import range_scale, require_convention, require_lunar, without_ambiguity
 from radioloc.io.tdm_times import seconds_from, shifted_utc
 from radioloc.io.tdm_weather import weather_at
-from radioloc.measurements.observations import DOPPLER, KINDS, RANGE, TIME_TAGS, VLBI_DELAY, Link
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY
+from radioloc.measurements.registry import KINDS
 from radioloc.time import Epochs
 
 INSTANTANEOUS_COUNT_S = 1.0

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from radioloc.errors import FileFormatError, InputError, StationError
 from radioloc.io.names import Catalogue
 from radioloc.io.tdm_file import TdmSegment
-from radioloc.measurements.observations import Link
+from radioloc.measurements.link import Link
 from radioloc.measurements.targets import canonical_target
 
 

@@ -32,14 +32,8 @@ from radioloc.io.shortest_numbers import shortest_cells
 from radioloc.io.tdm_file import TdmFile, TdmHeader, TdmSegment
 from radioloc.io.tdm_keywords import CODE, DATA, METADATA, exponent_of
 from radioloc.io.tdm_weather import COLUMNS
-from radioloc.measurements.observations import (
-    DOPPLER,
-    RANGE,
-    TIME_TAGS,
-    VLBI_DELAY,
-    VLBI_DELAY_RATE,
-    Observations,
-)
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Observations
 from radioloc.text_files import write_blocks
 from radioloc.time import Epochs
 

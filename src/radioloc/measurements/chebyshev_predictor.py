@@ -33,7 +33,7 @@ from radioloc.measurements.dense_series import (
 )
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.line_of_sight import BELOW_HORIZON, with_horizon_problem
-from radioloc.measurements.observations import Observations, is_counted, is_differenced
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.participants import stations_of
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.piecewise_chebyshev import (
@@ -45,6 +45,7 @@ from radioloc.measurements.piecewise_chebyshev import (
     columns_of,
 )
 from radioloc.measurements.predictor import Computed, table_of_terms
+from radioloc.measurements.registry import is_differenced, is_integrated
 
 CHECKED_WITHIN_M = 1e4
 """How far from the position at which the segments were checked they are used without checking them again."""
@@ -128,7 +129,7 @@ class ChebyshevPredictor:
         if self._net is None:
             return InterpolationAccuracy(0.0, 0.0, 0.0, 0.0, interpolated, exact, 0, 0)
         kind = self._net.checks.observations.kind[::CHECK_POINTS]
-        differenced, counted = is_differenced(kind), is_counted(kind)
+        differenced, counted = is_differenced(kind), is_integrated(kind)
         value_m = self._deviation[:, 0]
         return InterpolationAccuracy(
             range_m=float(value_m[~differenced & ~counted].max(initial=0.0)),

@@ -43,11 +43,12 @@ from radioloc.measurements.light_path import (
 )
 from radioloc.measurements.line_of_sight import LineOfSight, line_of_sight
 from radioloc.measurements.lunar_motion import lunar_motion
-from radioloc.measurements.observations import Observations, is_counted, is_differenced
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.participants import stations_of
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, table_of_terms
 from radioloc.measurements.radio_atmosphere import ZenithAir, air_without_files
+from radioloc.measurements.registry import is_differenced, is_integrated
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.trajectory_motion import displaced, trajectory_motion
@@ -101,7 +102,7 @@ class ExactPredictor:
         self.trajectory = trajectory
         self.observations = observations
         # One path per observation; one that is counted is the difference of two, at the ends of its count interval.
-        counted = is_counted(observations.kind)
+        counted = is_integrated(observations.kind)
         self._counted = np.flatnonzero(counted)
         rows = self._find_stations()
         tt = utc_to_tt(observations.epoch)
@@ -223,7 +224,7 @@ class ExactPredictor:
         """Join prepared arcs of one model, in order; at least one."""
         whole = copy.copy(arcs[0])
         whole.observations = Observations.concatenate([arc.observations for arc in arcs])
-        whole._counted = np.flatnonzero(is_counted(whole.observations.kind))
+        whole._counted = np.flatnonzero(is_integrated(whole.observations.kind))
         whole._find_stations()
         # The paths of each arc are its observations and then the second paths of what is counted; so are the whole's.
         second = np.concatenate([np.arange(len(arc._paths)) >= len(arc.observations) for arc in arcs])

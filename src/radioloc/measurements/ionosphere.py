@@ -9,7 +9,8 @@ from radioloc.constants import C_M_S
 from radioloc.earth.checks import LEAST_ELEVATION_RAD
 from radioloc.earth.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.measurements.electron_content import ElectronContent
-from radioloc.measurements.observations import Observations, is_counted
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.vectors import cross, dot
 
@@ -69,7 +70,7 @@ def ionosphere_delay(
         tec = source.slant_tec(
             itrf_m[rows], azimuth_rad % (2.0 * np.pi), elevation_rad[rows], observations.epoch[rows]
         )
-        phase = np.where(is_counted(observations.kind[rows]), -1.0, 1.0)
+        phase = np.where(is_integrated(observations.kind[rows]), -1.0, 1.0)
         delay_m[rows] = phase * ionosphere_delay_m(tec, frequency_hz[rows])
         mapping, slope = modified_shell_mapping(elevation_rad[rows])
         by_elevation_m_rad[rows] = delay_m[rows] * slope / mapping

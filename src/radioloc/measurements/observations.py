@@ -32,7 +32,6 @@ RANGE, VLBI_DELAY, DOPPLER, VLBI_DELAY_RATE = (
 )
 BASELINE_KINDS = tuple(name for name, kind in MEASUREMENTS.items() if kind.on_baseline)
 """Types that belong to two stations which receive."""
-is_counted = is_integrated
 
 WEATHER_LIMITS = {
     "pressure_hpa": (100.0, 1100.0),

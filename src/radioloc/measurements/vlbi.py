@@ -1,8 +1,8 @@
 """VLBI delay and its change over a count interval.
 
 Measured is the arrival at the second station less the arrival of the same wavefront at the first, by the stations'
-clocks, times the speed of light. The time tag is UTC of the arrival at the first station; of a delay rate, at the middle
-of the count interval, over which the delay's difference is taken (of the phase).
+clocks, times the speed of light. The time tag is UTC of the arrival at the first station; of a delay rate, at the
+middle of the count interval, over which the delay's difference is taken (of the phase).
 """
 
 from radioloc.measurements.measurement_type import Geometry, MeasurementType

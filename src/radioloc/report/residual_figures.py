@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Residuals, Solution
 from radioloc.estimation.statistics import group_statistics
-from radioloc.measurements.observations import KINDS, Link
+from radioloc.measurements.link import Link
+from radioloc.measurements.registry import KINDS
 from radioloc.report.envelope import ENVELOPE_NOTE, MOST_POINTS, REJECTED_COLOR, draw_envelope, draw_left_out
 from radioloc.report.figures import (
     COLORS,

@@ -9,8 +9,9 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
-from radioloc.measurements.observations import Observations, is_counted, is_differenced
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.registry import is_differenced, is_integrated
 from radioloc.simulation.dense_visibility import station_elevations_rad
 from radioloc.simulation.visibility import Target
 from radioloc.time import utc_to_tt
@@ -140,7 +141,7 @@ def _shares(
 ) -> Iterator[_Share]:
     """What each end of the paths has part in, at each instant that counts."""
     names = _stations(observations)
-    counted, delay = is_counted(observations.kind), is_differenced(observations.kind)
+    counted, delay = is_integrated(observations.kind), is_differenced(observations.kind)
     half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
     tt = utc_to_tt(observations.epoch)
     # Of the two instants, that of a range or a delay is the first; the second one is for what is counted alone.

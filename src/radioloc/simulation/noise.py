@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.measurements.observations import KINDS
+from radioloc.measurements.registry import KINDS
 from radioloc.simulation.schedule import Plan
 
 

@@ -18,8 +18,9 @@ from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.measurements.exact_predictor import Computed
-from radioloc.measurements.observations import RANGE, Observations, is_counted, is_differenced
+from radioloc.measurements.observations import RANGE, Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.registry import is_differenced, is_integrated
 from radioloc.simulation.departures import POSITION, Departure
 from radioloc.simulation.media import media_partials, refuse_unknown_frequencies
 from radioloc.simulation.truth import Clock, Truth
@@ -139,7 +140,7 @@ class _Ends:
         names = list(self.itrf_m)
         if not self._away:
             tt = utc_to_tt(observations.epoch)
-            counted = is_counted(observations.kind)
+            counted = is_integrated(observations.kind)
             half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
             self._away = [(1.0, directions_itrf(self._model, self._target_pa_m, names, tt.shifted(half_s)))]
             if counted.any():

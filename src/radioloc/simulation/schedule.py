@@ -18,8 +18,11 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
-from radioloc.measurements.observations import BASELINE_KINDS, KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import BASELINE_KINDS, Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.registry import KINDS
 from radioloc.simulation.dense_visibility import seen
 from radioloc.simulation.visibility import Masks, Target
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
@@ -58,7 +61,7 @@ class Session:
     Parameters
     ----------
     kind : {"range", "vlbi_delay", "doppler", "vlbi_delay_rate"}
-        As :data:`radioloc.measurements.observations.KINDS`.
+        As :data:`radioloc.measurements.registry.KINDS`.
     pairs : sequence of (str, str)
         Stations of each link (:func:`two_way`, :func:`three_way`, :func:`all_ranges`, :func:`baselines`).
     start_utc, stop_utc : str

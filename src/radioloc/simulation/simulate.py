@@ -14,8 +14,9 @@ from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
-from radioloc.measurements.observations import KINDS, RANGE, Observations
+from radioloc.measurements.observations import RANGE, Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.registry import KINDS
 from radioloc.simulation.noise import NoiseModel
 from radioloc.simulation.schedule import Plan, Schedule
 from radioloc.simulation.truth import Truth

@@ -20,8 +20,10 @@ from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
-from radioloc.measurements.observations import RANGE, TIME_TAGS, Observations, is_counted, is_differenced
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import RANGE, Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.registry import is_differenced, is_integrated
 from radioloc.measurements.terms import active_terms
 from radioloc.simulation.media import MappingFunction, black_eisner, media_error_m, thin_shell
 from radioloc.simulation.model_errors import ModelErrors
@@ -221,7 +223,7 @@ class Truth(ModelErrors):
         after_s = np.where(ranges, light_time_s, 0.0) - before_s
         sent, received = tai.shifted(-before_s), tai.shifted(after_s)
         first_s, second_s = self._clock_errors_s(observations, catalogue, sent, received)
-        counted = is_counted(observations.kind)
+        counted = is_integrated(observations.kind)
         half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
         early = self._clock_errors_s(observations, catalogue, tai.shifted(-half_s), tai.shifted(-half_s))
         late = self._clock_errors_s(observations, catalogue, tai.shifted(half_s), tai.shifted(half_s))

@@ -25,7 +25,7 @@ from radioloc.estimation.repeated_correlation import RepeatedCorrelation
 from radioloc.estimation.repeated_fit import RepeatedFit, RepeatedOutcome
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.estimation.time_correlation import assess_time_correlation
-from radioloc.measurements.observations import KINDS
+from radioloc.measurements.registry import KINDS
 from radioloc.simulation import Departure, Spread
 from radioloc.simulation.departures import position_departure_m
 from radioloc.simulation.noise import NoiseDraws

@@ -34,10 +34,13 @@ from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.electron_content import ElectronContent, UniformTec
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel, kernel_record
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
+from radioloc.measurements.registry import KINDS
 from radioloc.measurements.terms import TERMS
 from radioloc.studies.notes import notes_of
 from radioloc.studies.one_thread import on_one_blas_thread

@@ -11,9 +11,10 @@ from radioloc.estimation.excess_noise import NoisyFit
 from radioloc.estimation.parameters import ParameterSet
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.measurements.gravitational_delay import PLANETS_MM
-from radioloc.measurements.observations import KINDS, Observations
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import KINDS
 from radioloc.measurements.terms import TERMS
 from radioloc.studies.study import HEIGHT_LIMITS_M, STATION_PARAMETERS, EstimateChoice, Study, TerrainPrior
 from radioloc.studies.weights import Weight

@@ -10,14 +10,10 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.estimation.linearization import ROWS_AT_ONCE
-from radioloc.measurements.observations import (
-    RANGE,
-    TIME_TAGS,
-    VLBI_DELAY,
-    VLBI_DELAY_RATE,
-    is_differenced,
-)
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import RANGE, VLBI_DELAY, VLBI_DELAY_RATE
 from radioloc.measurements.predictor import Computed, Predictor
+from radioloc.measurements.registry import is_differenced
 from radioloc.time import Epochs, utc_to_tai
 
 
@@ -53,12 +49,12 @@ class ArcRows:
 
     @property
     def kind(self) -> NDArray[np.int8]:
-        """Index into :data:`~radioloc.measurements.observations.KINDS`."""
+        """Index into :data:`~radioloc.measurements.registry.KINDS`."""
         return self.arc.observations.kind[self.rows]
 
     @property
     def tag(self) -> NDArray[np.int8]:
-        """Index into :data:`~radioloc.measurements.observations.TIME_TAGS`."""
+        """Index into :data:`~radioloc.measurements.measurement_type.TIME_TAGS`."""
         return self.arc.observations.tag[self.rows]
 
     @property

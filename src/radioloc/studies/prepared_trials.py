@@ -22,9 +22,9 @@ from radioloc.estimation.solution import Solution
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
-from radioloc.measurements.observations import KINDS
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import KINDS
 from radioloc.simulation import Scenario, World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.responses import responses

@@ -16,8 +16,8 @@ from radioloc.estimation.solution import Solution
 from radioloc.io.csv_columns import Cells, fixed_cells, label_cells, lines_of
 from radioloc.io.dates import utc_cells
 from radioloc.io.solution_files import write_json, write_residuals
-from radioloc.measurements.observations import KINDS
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import KINDS
 from radioloc.studies.locate import arc_of
 from radioloc.studies.study import Study
 from radioloc.text_files import write_blocks

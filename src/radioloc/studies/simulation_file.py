@@ -8,7 +8,8 @@ from typing import Any
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import StationError
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.observations import BASELINE_KINDS, KINDS
+from radioloc.measurements.observations import BASELINE_KINDS
+from radioloc.measurements.registry import KINDS
 from radioloc.simulation import (
     Clock,
     Masks,

@@ -13,7 +13,9 @@ from numpy.typing import NDArray
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, StationError
-from radioloc.measurements.observations import KINDS, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.registry import KINDS
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,7 +25,7 @@ class Weight:
     Parameters
     ----------
     type : str or iterable of str, or None
-        Kinds of measurement, of :data:`~radioloc.measurements.observations.KINDS`; all where ``None``.
+        Kinds of measurement, of :data:`~radioloc.measurements.registry.KINDS`; all where ``None``.
     stations : str or iterable of str, or None
         Stations one of which is an end of the path; all where ``None``.
     files : str or iterable of str, or None

@@ -15,7 +15,8 @@ from radioloc.io.detect import read_observations
 from radioloc.io.parquet import read_parquet, write_parquet
 from radioloc.io.table import parse_table, write_table
 from radioloc.io.write import write_observations
-from radioloc.measurements.observations import Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs
 
 pyarrow = pytest.importorskip("pyarrow")

@@ -11,7 +11,8 @@ from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io import table
 from radioloc.io.table import looks_like_table, parse_table, read_table, write_table
-from radioloc.measurements.observations import Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_blocks
 from radioloc.time import Epochs
 

@@ -14,7 +14,7 @@ from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_kvn import parse_kvn
 from radioloc.io.tdm_observations import tdm_observations
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
-from radioloc.measurements.observations import Link
+from radioloc.measurements.link import Link
 from radioloc.time import epochs_from_strings, utc_to_tai
 
 SIGMA_M = {"range": 2.0, "vlbi_delay": 0.3, "doppler": 1e-3}

@@ -17,7 +17,8 @@ from radioloc.io.tdm_file import TdmHeader
 from radioloc.io.tdm_keywords import DATA, METADATA, exponent_of
 from radioloc.io.tdm_kvn import parse_kvn
 from radioloc.io.tdm_write import _text, tdm_of, write_tdm, write_tdm_file
-from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Observations
 from radioloc.time import Epochs
 
 AGREEMENT = TdmAgreement(sigma_m={"range": 1.0, "vlbi_delay": 1.0, "doppler": 1.0})

@@ -8,7 +8,8 @@ from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
 
 import radioloc
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import KINDS, TIME_TAGS
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import KINDS
 from radioloc.time import tai_to_utc
 
 SAME_M = 1e-6

@@ -19,8 +19,11 @@ from radioloc.measurements.dense_series import DenseSeries
 from radioloc.measurements.electron_content import UniformTec
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import DOPPLER, KINDS, TIME_TAGS, VLBI_DELAY, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.registry import KINDS
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
 
 # What an interpolated arc promises: 0.3 ps of delay, and as much range.

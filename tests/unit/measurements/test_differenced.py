@@ -13,8 +13,11 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import PredictedEopWarning
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import BASELINE_KINDS, KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import BASELINE_KINDS, Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.registry import KINDS
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
 
 # The noise of two ranges that are differenced.

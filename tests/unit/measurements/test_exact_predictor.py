@@ -14,7 +14,9 @@ from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import ConvergenceError, CoverageError, PredictedEopWarning, StationError
 from radioloc.lunar import cartesian_partials, cartesian_to_selenographic, selenographic_to_cartesian
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import TIME_TAGS, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
 from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, tdb_to_tt, tt_to_tai, utc_to_tai

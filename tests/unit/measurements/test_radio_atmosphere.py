@@ -20,9 +20,12 @@ from radioloc.earth.vmf3_files import Vmf3Grids
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
+from radioloc.measurements.registry import KINDS
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
 
 SAME_M = 1e-6

@@ -9,7 +9,7 @@ import pytest
 from radioloc.estimation.editing import Outcome
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Residuals
-from radioloc.measurements.observations import KINDS
+from radioloc.measurements.registry import KINDS
 from radioloc.report import plot_links, plot_residuals, save_figure
 from radioloc.report.envelope import BINS, ENVELOPE_NOTE, MOST_POINTS, PLACES, apart, bin_of, draw_envelope
 from radioloc.report.figures import new_figure

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from radioloc.errors import InputError, StationError
-from radioloc.measurements.observations import Link
+from radioloc.measurements.link import Link
 from radioloc.simulation import (
     Masks,
     Schedule,

@@ -7,7 +7,8 @@ from arc_cases import START_TAI_JD
 import radioloc
 from radioloc import EstimateChoice, InputError, LunarPosition, StationError, Study
 from radioloc.constants import C_M_S
-from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Observations
 from radioloc.studies.notes import _height_doubt
 from radioloc.studies.problem import Problem
 from radioloc.studies.study import ModelChoice, ObservationChoice

@@ -7,7 +7,8 @@ import pytest
 
 import radioloc
 from radioloc import EstimateChoice, HeightPrior, LunarPosition
-from radioloc.measurements.observations import KINDS, TIME_TAGS
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import KINDS
 from radioloc.studies.nuisance import ArcRows
 from radioloc.studies.problem import Problem
 from radioloc.time import Epochs

@@ -6,7 +6,10 @@ import pytest
 
 import radioloc
 from radioloc.errors import CoverageError, InputError
-from radioloc.measurements.observations import KINDS, TIME_TAGS, Link, Observations
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.registry import KINDS
 from radioloc.time import epochs_from_strings
 
 LINES = """\

@@ -9,7 +9,7 @@ import pytest
 
 import radioloc
 from radioloc import EstimateChoice, InputError, LunarPosition, ModelChoice, ObservationChoice, Study
-from radioloc.measurements.observations import KINDS
+from radioloc.measurements.registry import KINDS
 from radioloc.simulation import (
     Clock,
     Masks,

@@ -10,7 +10,7 @@ import pytest
 import radioloc
 from radioloc import InputError, Link, ObservationChoice, Observations
 from radioloc.earth.stations import StationCatalogue
-from radioloc.measurements.observations import KINDS
+from radioloc.measurements.registry import KINDS
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.weights import Weight, require_stations, weighted_observations
 from radioloc.time import Epochs

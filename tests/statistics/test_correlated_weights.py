@@ -38,7 +38,13 @@ WHITE = NoiseModel(
 )
 
 
-def trials(step_s, noise, weights):
+STATIONS_LAST = NoiseModel(
+    {"range": Noise(white_m=2.0), "vlbi_delay": Noise(white_m=0.38)},
+    vlbi_station=Noise(white_m=0.02, coloured_m=0.1, correlation_s=7200.0),
+)
+
+
+def trials(step_s, noise, weights, station_sigma_m=0.18):
     sessions = [
         Session("range", all_ranges(*RANGING), START, STOP, step_s, sigma_m=2.0, one_uplink=True),
         Session("vlbi_delay", baselines(*VLBI), START, STOP, step_s, sigma_m=0.38),
@@ -52,7 +58,7 @@ def trials(step_s, noise, weights):
             height_prior=HeightPrior(-2550.4, 5.0),
             weights=weights,
         ),
-        observations=ObservationChoice(vlbi_station_sigma_m=0.18),
+        observations=ObservationChoice(vlbi_station_sigma_m=station_sigma_m),
         model=ModelChoice(terms=radioloc.active_terms(["ionosphere"])),
         simulation=Scenario(Schedule(sessions), LANDER, Truth(), noise, spread, seed=20201201),
         name="plan",
@@ -86,3 +92,11 @@ def test_white_errors():
     assert same.sum() >= TRIALS - 3
     assert rms_m(weighed) < 1.05 * rms_m(plain)
     assert all(part.count >= HELD for part in weighed.arcs[0].inside.values())
+
+
+@pytest.mark.parametrize("station_sigma_m", [0.01, 0.1])
+def test_errors_of_stations_that_last(station_sigma_m):
+    """A stated error of stations must not hide from the fit that theirs last, and the baselines' own do not."""
+    found = trials(60.0, STATIONS_LAST, "independent", station_sigma_m)
+    assert all(part.count >= HELD for part in found.arcs[0].inside.values())
+    assert 0.7 < found.arcs[0].nees.mean < found.arcs[0].nees.high

@@ -97,12 +97,12 @@ class LastingErrors:
             one = np.array(
                 [kernel(sums.time_s[part], sums.stretches.width_s[code], tau_s) for tau_s in taus_s]
             )
-            values[k, :, :d], axes = np.linalg.eigh(
+            values[k, :, :d], axes = principal_axes(
                 basis.T @ (root_count[:, None] * one * root_count) @ basis
             )
             kernels[k, :, :b, :b] = one
             onto[k, :, :d, :b] = np.swapaxes(axes, 1, 2) @ basis.T
-        spread = 1.0 + RATIOS[:, None] * np.maximum(values, 0.0)[:, :, None, :]
+        spread = 1.0 + RATIOS[:, None] * values[:, :, None, :]
         return cls(
             codes=tuple(bases),
             taus_s=taus_s,
@@ -251,6 +251,23 @@ def _not_absorbed(sums: StretchSums, code: int, partials: _Floats, absorbed: flo
     count = sums.count[sums.stretches.part(code)]
     left, s, _ = np.linalg.svd(partials[: len(count)] / np.sqrt(count)[:, None])
     return np.asarray(left[:, int((s * absorbed > 1.0).sum()) :])
+
+
+def principal_axes(covariances: _Floats) -> tuple[_Floats, _Floats]:
+    """Variances, none below zero, and principal axes in columns of covariances (k, d, d).
+
+    Between stretches that gaps cut short the mean correlations are not quite those of any process: a matrix of them can
+    have a negative eigenvalue. Of matrices that are not symmetric to the last bit some LAPACK libraries find none.
+    """
+    symmetric = 0.5 * (covariances + np.swapaxes(covariances, 1, 2))
+    try:
+        values, axes = np.linalg.eigh(symmetric)
+    except np.linalg.LinAlgError:
+        from scipy.linalg import eigh
+
+        found = [eigh(one, driver="evr") for one in symmetric]  # another algorithm, slower
+        values, axes = (np.array(part) for part in zip(*found, strict=True))
+    return np.maximum(values, 0.0), axes
 
 
 def kernel(time_s: _Floats, width_s: float, tau_s: float) -> _Floats:

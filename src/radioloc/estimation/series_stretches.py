@@ -7,7 +7,6 @@ so its cost is linear in the observations.
 from __future__ import annotations
 
 import itertools
-import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -26,6 +25,8 @@ _CELLS = 16384
 """Cells of the time line that stretches are made of."""
 FEWEST = 20
 """Stretches beyond the number of parameters that a verdict takes."""
+_ONE_SIGMA = 1e-6
+"""Part by which sigmas of combinations may differ that are one but for rounding."""
 _SCREEN = 1.0
 """Types are looked at closely when a sum over stretches spreads by more than this many standard errors."""
 
@@ -85,12 +86,18 @@ class WhitenedSeries:
             yield rows.ravel(), codes.ravel(), whitening, np.ones(0)
 
     def _name(self, key: tuple[int, ...], combined_m: _Floats) -> None:
-        """Names and groups of the combinations of a kind of block: those of like sigma go together."""
+        """Names and groups of the combinations of a kind of block: those of one sigma go together.
+
+        Errors of stations and those of baselines alone are in different combinations. One may last and the other not,
+        however near their sigmas are, so only combinations that the covariance does not tell apart are taken to be
+        alike; it has them in the order of their sigmas.
+        """
         kind = self.groups[key[0]]
-        for j, sigma_m in enumerate(combined_m.tolist()):
+        part = np.concatenate([[0], np.cumsum(np.diff(combined_m) > _ONE_SIGMA * combined_m[1:])])
+        for j in range(len(combined_m)):
             self.names.append(f"{shared_series(kind)}{j + 1} of {len(key)} that share errors")
             self.sigma_factor.append(self.sigma_factor[key[0]])
-            self.groups.append(f"{kind} {key} {round(2.0 * math.log(sigma_m))}")
+            self.groups.append(f"{kind} {key} {part[j]}")
 
     @staticmethod
     def apply(values: _Floats, whitening: _Floats | None, weight: _Floats) -> _Floats:

@@ -92,4 +92,4 @@ def test_preparation_does_not_matter(model, case, away):
     one, other = near.compute(point_pa_m), far.compute(point_pa_m)
     assert abs(one.value_m - other.value_m)[0] < SAME_M
     np.testing.assert_allclose(one.by_position_pa, other.by_position_pa, rtol=0, atol=1e-8)
-    assert one.problem.tolist() == other.problem.tolist() or abs(one.elevation_rad).min() < 1e-3
+    assert one.status.tolist() == other.status.tolist() or abs(one.elevation_rad).min() < 1e-3

@@ -32,12 +32,10 @@ from radioloc.measurements.dense_series import (
     Segments,
 )
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.line_of_sight import BELOW_HORIZON, with_horizon_problem
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.participants import stations_of
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.piecewise_chebyshev import (
-    ELEVATION,
     MOST,
     QUANTITIES,
     WIDTH,
@@ -169,14 +167,14 @@ class ChebyshevPredictor:
         """
         if np.linalg.norm(lander_pa_m - self._checked_pa_m) > CHECKED_WITHIN_M:
             self.check(lander_pa_m)
-        coefficients, problem, exact = np.zeros((0, WIDTH, MOST)), np.zeros(0, dtype="<U1"), None
+        coefficients, status, exact = np.zeros((0, WIDTH, MOST)), np.zeros((0, 2), dtype=np.int8), None
         if self._computed is not None:
             computed = self._computed.compute(lander_pa_m)
             n_nodes = len(computed.value_m) - self._n_exact
             exact = computed.rows(slice(n_nodes, None))
             if self._net is not None:
-                coefficients, problem = self._net.polynomials(computed.rows(slice(0, n_nodes)))
-        return ChebyshevPrediction(self._segment, self._x, coefficients, problem, exact)
+                coefficients, status = self._net.polynomials(computed.rows(slice(0, n_nodes)))
+        return ChebyshevPrediction(self._segment, self._x, coefficients, status, exact)
 
     def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
         """Predict all observations for a position, with partials; parameters and errors as :meth:`at`."""
@@ -258,7 +256,7 @@ class ChebyshevPrediction:
         Time within the segment, -1 to 1.
     coefficients : ndarray, shape (n_segments, n_quantities, n_coefficients)
         Powers descending.
-    problem : ndarray of str, shape (n_segments,)
+    status : ndarray of int8, shape (n_segments, 2)
     exact : Computed or None
         The observations computed exactly.
     """
@@ -268,12 +266,11 @@ class ChebyshevPrediction:
         segment: NDArray[np.int32],
         x: NDArray[np.float64],
         coefficients: NDArray[np.float64],
-        problem: NDArray[np.str_],
+        status: NDArray[np.int8],
         exact: Computed | None,
     ) -> None:
         self._segment, self._x = segment, x
-        self._coefficients, self._problem = coefficients, problem
-        self._troubled = bool((problem != "").any())
+        self._coefficients, self._status = coefficients, status
         self._exact = exact if exact is not None and len(exact.value_m) else None
 
     @cached_property
@@ -291,42 +288,17 @@ class ChebyshevPrediction:
         segment = np.ascontiguousarray(self._segment[which])
         out = np.empty((WIDTH, len(segment)))
         _in_threads(segment, np.ascontiguousarray(self._x[which]), self._coefficients, out)
-        if self._exact is None:
-            problem = self._problems(segment, out[ELEVATION], np.zeros(0, dtype=np.intp), self._problem[:0])
-            return Computed(**columns_of(out), problem=problem)
-        few = np.flatnonzero(segment < 0)
-        exact = self._exact.rows(-1 - segment[few])
-        problem = self._problems(segment, out[ELEVATION], few, exact.problem)
-        computed = Computed(**columns_of(out), problem=problem)
-        for name in QUANTITIES:
-            getattr(computed, name)[few] = getattr(exact, name)
+        status = np.zeros((len(segment), 2), dtype=np.int8)
+        if self._status.any():
+            smooth = np.flatnonzero(segment >= 0)
+            status[smooth] = self._status[segment[smooth]]
+        computed = Computed(**columns_of(out), status=status)
+        if self._exact is not None:
+            few = np.flatnonzero(segment < 0)
+            exact = self._exact.rows(-1 - segment[few])
+            for name in (*QUANTITIES, "status"):
+                getattr(computed, name)[few] = getattr(exact, name)
         return computed
-
-    def _problems(
-        self,
-        segment: NDArray[np.int32],
-        elevation_rad: NDArray[np.float64],
-        few: NDArray[np.intp],
-        exact: NDArray[np.str_],
-    ) -> NDArray[np.str_]:
-        """Texts only where there are problems, of the few exact rows theirs.
-
-        An elevation in the text of an interpolated row is its own.
-        """
-        smooth = np.flatnonzero(segment >= 0) if self._troubled else np.zeros(0, dtype=np.intp)
-        texts = self._problem[segment[smooth]]
-        smooth, texts = smooth[texts != ""], texts[texts != ""]
-        few, exact = few[exact != ""], exact[exact != ""]
-        if not len(smooth) and not len(few):
-            return np.zeros(len(segment), dtype="<U1")
-        out = np.zeros(len(segment), dtype=np.result_type(texts, exact, "<U32"))
-        out[smooth], out[few] = texts, exact
-        below = smooth[texts == BELOW_HORIZON]
-        # The first station's text comes first, as in the model.
-        for station in (1, 0):
-            low = below[elevation_rad[station, below] < 0.0]
-            out[low] = with_horizon_problem(out[low], elevation_rad[station, low])
-        return out
 
 
 def _in_threads(

@@ -53,6 +53,7 @@ from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.trajectory_motion import displaced, trajectory_motion
 from radioloc.measurements.troposphere import SHORTEST_RADIO_UM
+from radioloc.media.status import first_of
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 from radioloc.vectors import by_component, dot, length, rotated
 
@@ -178,8 +179,12 @@ class ExactPredictor:
                 by_position = by_position + by_media[:, None] * view.axes.by_position
             by_zenith_wet.append(by_media * view.by_zenith_wet)
         n = len(self.observations)
-        problem = np.where(up.problem != "", up.problem, down.problem)
-        problem[self._counted] = np.where(problem[self._counted] != "", problem[self._counted], problem[n:])
+        elevation_rad = np.stack([up.elevation.angle_rad, down.elevation.angle_rad], axis=-1)
+        status = np.stack([up.status, down.status], axis=-1)
+        if len(self._counted):
+            late, early = elevation_rad[self._counted], elevation_rad[n:]
+            elevation_rad[self._counted] = np.where((late >= 0.0) & (early < 0.0), early, late)
+            status[self._counted] = first_of(status[self._counted], status[n:])
         return Computed(
             value_m=self._observed(length_m),
             by_position_pa=self._observed(
@@ -188,8 +193,8 @@ class ExactPredictor:
             by_time_m_s=self._observed(by_time),
             by_transponder_delay_m_s=self._observed(np.where(self._sign > 0.0, partials.by_hold, 0.0)),
             by_zenith_wet=self._observed(np.stack(by_zenith_wet, axis=-1)),
-            elevation_rad=np.stack([up.elevation.angle_rad, down.elevation.angle_rad], axis=-1)[:n],
-            problem=problem[:n],
+            elevation_rad=elevation_rad[:n],
+            status=status[:n],
         )
 
     def at(self, lander_pa_m: NDArray[np.float64]) -> Computed:

@@ -7,11 +7,19 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.earth.checks import LEAST_ELEVATION_RAD
-from radioloc.earth.ionosphere import ionosphere_delay_m, modified_shell_mapping
+from radioloc.earth.ionosphere import (
+    BASE_RADIUS_M,
+    GROUP_DELAY_M3_S2,
+    SHELL_HEIGHT_M,
+    TECU_PER_M2,
+    ionosphere_delay_m,
+    modified_shell_mapping,
+)
 from radioloc.measurements.electron_content import ElectronContent
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.station_motion import StationMotion
+from radioloc.media.status import Status
 from radioloc.vectors import cross, dot
 
 
@@ -24,7 +32,7 @@ def ionosphere_delay(
     elevation_rad: NDArray[np.float64],
     frequency_hz: NDArray[np.float64],
     radio: NDArray[np.bool_],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.str_]]:
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int8]]:
     """Delay of radio signals by the ionosphere at one end.
 
     Parameters
@@ -47,22 +55,20 @@ def ionosphere_delay(
     Returns
     -------
     delay_m : ndarray, shape (n,)
-        Group delay; for Doppler and delay rates, which count the phase, its opposite. Zero where there is a problem.
+        Group delay; for Doppler and delay rates, which count the phase, its opposite. Zero where the status is not OK.
     by_elevation_m_rad : ndarray, shape (n,)
         Its derivative with respect to elevation at one vertical content: how the content differs where the ray then
         pierces the maps' shell is left out.
-    problem : ndarray of str, shape (n,)
-        Why there is no delay; empty where there is one or none is due.
+    status : ndarray of int8, shape (n,)
+        :class:`~radioloc.media.status.Status`: why there is no delay where one is due.
 
     Notes
     -----
     First order, 40.3 m^3/s^2 TEC / f^2 (IERS Conventions 2010, section 9.4).
     """
     delay_m, by_elevation_m_rad = np.zeros(len(observations)), np.zeros(len(observations))
-    problem = np.where(
-        radio & np.isnan(frequency_hz), "no frequency recorded, which the ionosphere needs", ""
-    )
-    rows = np.flatnonzero(radio & (problem == "") & (elevation_rad >= LEAST_ELEVATION_RAD))
+    status = np.where(radio & np.isnan(frequency_hz), Status.NO_FREQUENCY, Status.OK).astype(np.int8)
+    rows = np.flatnonzero(radio & (status == Status.OK) & (elevation_rad >= LEAST_ELEVATION_RAD))
     if len(rows):
         east = cross(station.pole_gcrs[rows], station.up_gcrs[rows])
         north = cross(station.up_gcrs[rows], east)
@@ -74,7 +80,26 @@ def ionosphere_delay(
         delay_m[rows] = phase * ionosphere_delay_m(tec, frequency_hz[rows])
         mapping, slope = modified_shell_mapping(elevation_rad[rows])
         by_elevation_m_rad[rows] = delay_m[rows] * slope / mapping
-    return delay_m, by_elevation_m_rad, problem
+    return delay_m, by_elevation_m_rad, status
+
+
+def delay_by_content_m(
+    observations: Observations,
+    elevation_rad: NDArray[np.float64],
+    frequency_hz: NDArray[np.float64],
+    radio: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Delay by one TECU of vertical content in a thin shell at 450 km, m, shape (n,).
+
+    Its sign is that of :func:`ionosphere_delay`; zero for light and where no frequency was recorded.
+    """
+    by_content_m = np.zeros(len(observations))
+    rows = np.flatnonzero(radio & ~np.isnan(frequency_hz))
+    sine = BASE_RADIUS_M / (BASE_RADIUS_M + SHELL_HEIGHT_M) * np.cos(elevation_rad[rows])
+    phase = np.where(is_integrated(observations.kind[rows]), -1.0, 1.0)
+    at_frequency_m = GROUP_DELAY_M3_S2 * TECU_PER_M2 / frequency_hz[rows] ** 2
+    by_content_m[rows] = phase * at_frequency_m / np.sqrt(1.0 - sine**2)
+    return by_content_m
 
 
 def frequencies_hz(observations: Observations, *, uplink: NDArray[np.bool_]) -> NDArray[np.float64]:

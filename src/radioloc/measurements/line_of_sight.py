@@ -15,17 +15,15 @@ from numpy.typing import NDArray
 from radioloc.earth.stations import Station
 from radioloc.measurements.axis_offset import AxisOffset, axis_offset_delay
 from radioloc.measurements.elevation import Elevation, elevation_of
-from radioloc.measurements.ionosphere import frequencies_hz, ionosphere_delay
+from radioloc.measurements.ionosphere import delay_by_content_m, frequencies_hz, ionosphere_delay
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.radio_atmosphere import ZenithAir
 from radioloc.measurements.station_motion import StationMotion
 from radioloc.measurements.trajectory_motion import behind_moon
 from radioloc.measurements.troposphere import SlantDelay, troposphere_delay
+from radioloc.media.status import Status, first_of
 from radioloc.vectors import length
-
-BELOW_HORIZON = "below the horizon"
-"""How the problem of an observation begins that one of its stations cannot make."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,18 +40,22 @@ class LineOfSight:
         Derivative of that of the troposphere and the ionosphere with respect to elevation.
     by_zenith_wet : ndarray, shape (n,)
         Derivative with respect to the wet delay at the zenith, m/m.
+    by_tec_m : ndarray, shape (n,)
+        Derivative of the ionosphere's delay with respect to the vertical electron content, m/TECU, by a thin shell at
+        450 km; with the phase's sign for what is counted, zero for light and where no frequency was recorded.
     axes : AxisOffset or None
         Delay by the offset of the axes with its derivatives; ``None`` where the model has none.
-    problem : ndarray of str, shape (n,)
-        Why the model does not hold; empty where it does.
+    status : ndarray of int8, shape (n,)
+        :class:`~radioloc.media.status.Status`: whether the model holds, or why not.
     """
 
     elevation: Elevation
     delay_m: NDArray[np.float64]
     by_elevation_m_rad: NDArray[np.float64]
     by_zenith_wet: NDArray[np.float64]
+    by_tec_m: NDArray[np.float64]
     axes: AxisOffset | None
-    problem: NDArray[np.str_]
+    status: NDArray[np.int8]
 
 
 def line_of_sight(
@@ -102,7 +104,8 @@ def line_of_sight(
     else:
         troposphere = SlantDelay.none(len(elevation_rad))
     delay_m, by_elevation_m_rad = troposphere.delay_m, troposphere.by_elevation_m_rad
-    problem = troposphere.problem
+    status = troposphere.status
+    frequency_hz = frequencies_hz(paths, uplink=uplink)
     if model.has("ionosphere") and model.ionosphere is not None:
         away_m = point_gcrs_m - motion.gcrs_m
         ionosphere_m, by_elevation, no_frequency = ionosphere_delay(
@@ -112,29 +115,20 @@ def line_of_sight(
             np.array([station.itrf_m for station in stations])[which],
             away_m / length(away_m)[:, None],
             elevation_rad,
-            frequencies_hz(paths, uplink=uplink),
+            frequency_hz,
             radio,
         )
         delay_m, by_elevation_m_rad = delay_m + ionosphere_m, by_elevation_m_rad + by_elevation
-        problem = np.where(problem != "", problem, no_frequency)
+        status = first_of(status, no_frequency)
     axes = None
     if model.has("antenna_axis_offset"):
         axes = axis_offset_delay(stations, which, motion, point_gcrs_m, velocity_m_s)
         delay_m = delay_m + axes.delay_m
     if moon_gcrs_m is not None:
         hidden = behind_moon(point_gcrs_m, motion.gcrs_m, moon_gcrs_m)
-        seen_from = np.array([f"behind the Moon as seen from {station.name}" for station in stations])[which]
-        problem = np.where(hidden, seen_from, problem)
-    problem = with_horizon_problem(problem, elevation_rad)
-    return LineOfSight(elevation, delay_m, by_elevation_m_rad, troposphere.by_zenith_wet, axes, problem)
-
-
-def with_horizon_problem(problem: NDArray[np.str_], elevation_rad: NDArray[np.float64]) -> NDArray[np.str_]:
-    """Problems of observations, those below the horizon replaced by that; text is made for these only."""
-    below = np.flatnonzero(elevation_rad < 0.0)
-    if not len(below):
-        return problem
-    texts = np.array([f"{BELOW_HORIZON} ({e:.1f} deg)" for e in np.degrees(elevation_rad[below])])
-    out = problem.astype(np.result_type(problem, texts))
-    out[below] = texts
-    return out
+        status = np.where(hidden, Status.BEHIND_MOON, status).astype(np.int8)
+    status = np.where(elevation_rad < 0.0, Status.BELOW_HORIZON, status).astype(np.int8)
+    by_tec_m = delay_by_content_m(paths, elevation_rad, frequency_hz, radio)
+    return LineOfSight(
+        elevation, delay_m, by_elevation_m_rad, troposphere.by_zenith_wet, by_tec_m, axes, status
+    )

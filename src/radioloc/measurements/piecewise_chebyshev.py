@@ -22,7 +22,6 @@ from radioloc.measurements.dense_series import (
     nodes,
 )
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.line_of_sight import BELOW_HORIZON
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed
@@ -130,10 +129,10 @@ class PiecewiseChebyshev:
         """Whether each segment rests on predicted Earth orientation, shape (m,)."""
         return self.checks.predicted_eop[::CHECK_POINTS]
 
-    def polynomials(self, computed: Computed) -> tuple[NDArray[np.float64], NDArray[np.str_]]:
-        """Coefficients of all quantities, powers descending, and the problem of each segment, of computed nodes."""
+    def polynomials(self, computed: Computed) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
+        """Coefficients of all quantities, powers descending, and the status of each segment, of computed nodes."""
         coefficients, _ = self._coefficients(computed)
-        return coefficients, _kinds(computed.problem[self._first_nodes()])
+        return coefficients, computed.status[self._first_nodes()]
 
     def _first_nodes(self) -> NDArray[np.intp]:
         return np.cumsum(self.degree + 1) - (self.degree + 1)
@@ -153,7 +152,7 @@ class PiecewiseChebyshev:
             deviation[of_degree] = here
             scales = _stacked(at_nodes)[:, rows].reshape(WIDTH, -1, degree + 1)
             good[of_degree] &= (np.maximum(here, tail[of_degree]) <= _allowed(scales)).all(axis=-1)
-            # The elevations between the nodes stay on one side of every limit, so that problems are those of the nodes.
+            # The elevations between the nodes stay on one side of every limit, so that the status is that of the nodes.
             grid = np.linspace(-1.0, 1.0, 4 * degree + 1)
             elevation_rad = _evaluate(coefficients[of_degree][:, ELEVATION], grid)
             for limit_rad in limits:
@@ -162,13 +161,14 @@ class PiecewiseChebyshev:
                 good[of_degree] &= (clear * side > margin_rad[of_degree, None, None]).all(axis=(1, 2))
         starts = self._first_nodes()
         for of_nodes, of_checks in (
-            (_kinds(at_nodes.problem), _kinds(at_checks.problem)),
-            (self.nodes.predicted_eop, self.checks.predicted_eop),
+            (at_nodes.status, at_checks.status),
+            (self.nodes.predicted_eop[:, None], self.checks.predicted_eop[:, None]),
         ):
             first = of_nodes[starts]
-            same = of_checks.reshape(-1, CHECK_POINTS) == first[:, None]
-            good &= same.all(axis=1)
-            good &= np.logical_and.reduceat(of_nodes == np.repeat(first, self.degree + 1), starts)
+            same = of_checks.reshape(-1, CHECK_POINTS, of_checks.shape[1]) == first[:, None]
+            good &= same.all(axis=(1, 2))
+            same = (of_nodes == np.repeat(first, self.degree + 1, axis=0)).all(axis=1)
+            good &= np.logical_and.reduceat(same, starts)
         return Comparison(good, deviation)
 
     def _limits_rad(self) -> list[float]:
@@ -265,10 +265,3 @@ def _allowed(at_nodes: NDArray[np.float64]) -> NDArray[np.float64]:
     allowed[_PLACES["by_position_pa"]] = np.minimum(allowed[_PLACES["by_position_pa"]], _POSITION_MOST)
     allowed[ELEVATION] = ALLOWED_RELATIVE / SAFETY
     return allowed.T
-
-
-def _kinds(problem: NDArray[np.str_]) -> NDArray[np.str_]:
-    """Problems without the elevation in them."""
-    if not (problem != "").any():
-        return problem
-    return np.where(np.char.startswith(problem, BELOW_HORIZON), BELOW_HORIZON, problem)

@@ -18,6 +18,7 @@ from radioloc.ephemeris import Trajectory
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
+from radioloc.media.status import describe
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +39,10 @@ class Computed:
     by_zenith_wet : ndarray, shape (n, 2)
         Partial derivatives with respect to the wet zenith delay at the first and at the second station, m/m.
     elevation_rad : ndarray, shape (n, 2)
-        Elevation of the point above the transmitter's and the receiver's horizon, without refraction.
-    problem : ndarray of str, shape (n,)
-        Why the model does not hold for an observation; empty where it does.
+        Elevation of the point above the transmitter's and the receiver's horizon, without refraction. For Doppler and
+        delay rates that at the end of the count interval, or at its start if the point is below the horizon only then.
+    status : ndarray of int8, shape (n, 2)
+        :class:`~radioloc.media.status.Status` at both ends: whether the model holds there, or why not.
     """
 
     value_m: NDArray[np.float64]
@@ -49,7 +51,7 @@ class Computed:
     by_transponder_delay_m_s: NDArray[np.float64]
     by_zenith_wet: NDArray[np.float64]
     elevation_rad: NDArray[np.float64]
-    problem: NDArray[np.str_]
+    status: NDArray[np.int8]
 
     def rows(self, which: Any) -> Computed:
         """Some of the rows, chosen by a mask, a slice or indices."""
@@ -60,8 +62,13 @@ class Computed:
             self.by_transponder_delay_m_s[which],
             self.by_zenith_wet[which],
             self.elevation_rad[which],
-            self.problem[which],
+            self.status[which],
         )
+
+    @property
+    def usable(self) -> NDArray[np.bool_]:
+        """Whether the model holds for an observation, shape (n,)."""
+        return np.asarray(~self.status.any(axis=-1))
 
 
 class Prediction(Protocol):
@@ -133,6 +140,31 @@ class Predictor(Protocol):
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Table of terms: by how much each active term changes each computed value, m."""
         ...
+
+
+def reasons(
+    predictor: Predictor, computed: Computed, which: Any = slice(None)
+) -> tuple[NDArray[np.int8], NDArray[np.str_]]:
+    """Why observations cannot be used.
+
+    Parameters
+    ----------
+    predictor : Predictor
+        Knows the stations.
+    computed : Computed
+        Its prediction of some rows.
+    which : mask, slice or indices
+        Those rows.
+
+    Returns
+    -------
+    code : ndarray of int8, shape (n,)
+        :class:`~radioloc.media.status.Status` at the first end where it is not OK.
+    text : ndarray of str, shape (n,)
+        The same in words; empty where nothing is wrong.
+    """
+    ends = np.stack([predictor.transmitters[which], predictor.receivers[which]], axis=-1)
+    return describe(computed.status, computed.elevation_rad, predictor.stations, ends)
 
 
 def table_of_terms(

@@ -16,11 +16,10 @@ from radioloc.earth.optical_troposphere import optical_delay
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.radio_atmosphere import ZenithAir
 from radioloc.measurements.station_motion import StationMotion
+from radioloc.media.status import Status, first_of
 
 SHORTEST_RADIO_UM = 1000.0
 """From this wavelength on (300 GHz), refraction is that of radio."""
-
-_TOO_LOW = "too low for the troposphere model (below 3 degrees)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,24 +29,24 @@ class SlantDelay:
     Parameters
     ----------
     delay_m : ndarray, shape (n,)
-        Delay, m; zero where there is a problem.
+        Delay, m; zero where the status is not OK.
     by_elevation_m_rad : ndarray, shape (n,)
         Its derivative with respect to elevation.
     by_zenith_wet : ndarray, shape (n,)
         Its derivative with respect to the wet delay at the zenith; zero for light.
-    problem : ndarray of str, shape (n,)
-        Why there is no delay; empty where there is one.
+    status : ndarray of int8, shape (n,)
+        :class:`~radioloc.media.status.Status`: why there is no delay.
     """
 
     delay_m: NDArray[np.float64]
     by_elevation_m_rad: NDArray[np.float64]
     by_zenith_wet: NDArray[np.float64]
-    problem: NDArray[np.str_]
+    status: NDArray[np.int8]
 
     @classmethod
     def none(cls, n: int) -> SlantDelay:
         """No delay for n observations, as when the term is left out."""
-        return cls(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, dtype="<U1"))
+        return cls(np.zeros(n), np.zeros(n), np.zeros(n), np.zeros(n, dtype=np.int8))
 
 
 def troposphere_delay(
@@ -79,36 +78,30 @@ def troposphere_delay(
     """
     slant = SlantDelay.none(len(observations))
     high_enough = elevation_rad >= LEAST_ELEVATION_RAD
-    problem = slant.problem if high_enough.all() else np.where(high_enough, "", _TOO_LOW)
+    status = np.where(high_enough, Status.OK, Status.TOO_LOW).astype(np.int8)
     if not radio.all():
-        problem = np.where(radio, problem, _problem_of_light(observations, elevation_rad).astype(np.str_))
-        rows = np.flatnonzero(~radio & (problem == ""))
+        status = np.where(radio, status, first_of(status, _status_of_light(observations)))
+        rows = np.flatnonzero(~radio & (status == Status.OK))
         if len(rows):
             _fill_light(slant, observations, station, elevation_rad, rows)
     if air is not None:
         wanted = radio & high_enough
         _fill_radio(slant, air, elevation_rad, slice(None) if wanted.all() else np.flatnonzero(wanted))
-    return SlantDelay(slant.delay_m, slant.by_elevation_m_rad, slant.by_zenith_wet, problem)
+    return SlantDelay(slant.delay_m, slant.by_elevation_m_rad, slant.by_zenith_wet, status)
 
 
-def _problem_of_light(observations: Observations, elevation_rad: NDArray[np.float64]) -> NDArray[np.object_]:
-    """Why the optical model cannot be used; empty where it can."""
+def _status_of_light(observations: Observations) -> NDArray[np.int8]:
+    """Why the optical model cannot be used, but for the elevation."""
     shortest, longest = WAVELENGTH_RANGE_UM
     wavelength = observations.wavelength_um
-    problem = np.full(len(observations), "", dtype=object)
-    for wrong, text in (
-        (elevation_rad < LEAST_ELEVATION_RAD, _TOO_LOW),
-        (np.isnan(wavelength), "no wavelength recorded, which the troposphere model needs"),
-        (
-            (wavelength < shortest) | (wavelength > longest),
-            f"no troposphere model but for {shortest}-{longest} um, or radio",
-        ),
-        (np.isnan(observations.pressure_hpa), "no pressure recorded, which the troposphere model needs"),
-        (np.isnan(observations.temperature_k), "no temperature recorded, which the troposphere model needs"),
-        (np.isnan(observations.relative_humidity), "no humidity recorded, which the troposphere model needs"),
-    ):
-        problem[wrong & (problem == "")] = text
-    return problem
+    wrong = {
+        Status.NO_WAVELENGTH: np.isnan(wavelength),
+        Status.WAVELENGTH_OUTSIDE: (wavelength < shortest) | (wavelength > longest),
+        Status.NO_PRESSURE: np.isnan(observations.pressure_hpa),
+        Status.NO_TEMPERATURE: np.isnan(observations.temperature_k),
+        Status.NO_HUMIDITY: np.isnan(observations.relative_humidity),
+    }
+    return np.select(list(wrong.values()), list(wrong), Status.OK).astype(np.int8)
 
 
 def _fill_light(

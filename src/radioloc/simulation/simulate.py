@@ -16,6 +16,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import RANGE, Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import reasons
 from radioloc.measurements.registry import KINDS
 from radioloc.simulation.noise import NoiseModel
 from radioloc.simulation.schedule import Plan, Schedule
@@ -216,13 +217,15 @@ def _computed_m(
     trajectory: Trajectory | None,
 ) -> NDArray[np.float64]:
     """Prediction of the observations, refused where the model does not hold."""
-    predicted = prepare_predictor(world, observations, target_pa_m, trajectory=trajectory).at(target_pa_m)
+    predictor = prepare_predictor(world, observations, target_pa_m, trajectory=trajectory)
+    predicted = predictor.at(target_pa_m)
     wrong, problem = 0, ""
     for start in range(0, len(observations), _ROWS_AT_ONCE):
-        problems = predicted.rows(slice(start, start + _ROWS_AT_ONCE)).problem
-        found = np.flatnonzero(problems != "")
+        computed = predicted.rows(slice(start, start + _ROWS_AT_ONCE))
+        found = np.flatnonzero(~computed.usable)
         if len(found) and not wrong:
-            row, problem = start + int(found[0]), str(problems[found[0]])
+            row = start + int(found[0])
+            problem = reasons(predictor, computed.rows(found[:1]), [row])[1][0]
         wrong += len(found)
     if wrong:
         link = observations.links[observations.link[row]].path

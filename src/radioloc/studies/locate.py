@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import platform
-import re
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
 from pathlib import Path
@@ -38,10 +37,11 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel, kernel_record
-from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.predictor import Predictor, reasons
 from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.terms import TERMS
+from radioloc.media.status import Status
 from radioloc.studies.notes import notes_of
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.problem import Problem
@@ -144,7 +144,7 @@ def fit_arc(
         else position_in_pa("[reference]", study.reference.position, constants)
     )
     problem = Problem.of(arc, target, estimate, study.catalogue, held=study.estimate)
-    fitted = _fit(study, problem, estimate, status_of(arc, target))
+    fitted = _fit(study, problem, estimate, *status_of(arc, target))
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
     series_weights: tuple[SeriesWeight, ...] = ()
@@ -310,8 +310,8 @@ def _elevation_deg(arc: Predictor, lander_pa_m: NDArray[np.float64]) -> NDArray[
     return elevation_deg
 
 
-def status_of(arc: Predictor, target_pa: LunarPosition | None) -> Labels:
-    """Which observations can be used at all, seen from the a-priori position, and why others cannot."""
+def status_of(arc: Predictor, target_pa: LunarPosition | None) -> tuple[Labels, NDArray[np.int8]]:
+    """Which observations can be used at all, seen from the a-priori position, or why not, in words and by code."""
     start_pa_m = _start_pa_m(target_pa)
     at, model = arc.at(start_pa_m), arc.model
 
@@ -320,22 +320,25 @@ def status_of(arc: Predictor, target_pa: LunarPosition | None) -> Labels:
 
     # Of a spacecraft the arc itself knows what the Moon hides.
     may_set = target_pa is not None and _lowest(earth_deg, arc.observations.epoch) < _LOWEST_EARTH_DEG + 1.0
-    codes = np.zeros(len(arc.observations), dtype=np.int32)
+    reason = np.zeros(len(arc.observations), dtype=np.int8)
+    labels = np.zeros(len(arc.observations), dtype=np.int32)
     places = {USED: 0}
     for rows in _blocks(arc):
-        problem = at.rows(rows).problem
-        bad = np.flatnonzero(problem != "")
-        texts, which = np.unique(problem[bad], return_inverse=True)
+        computed = at.rows(rows)
+        bad = np.flatnonzero(~computed.usable)
+        reason[rows[bad]], sentences = reasons(arc, computed.rows(bad), rows[bad])
+        texts, which = np.unique(sentences, return_inverse=True)
         new = [places.setdefault(str(text), len(places)) for text in texts]
-        codes[rows[bad]] = np.array(new, dtype=np.int32)[which]
+        labels[rows[bad]] = np.array(new, dtype=np.int32)[which]
         if not may_set:
             continue
         # The Earth moves in the lander's sky with the librations, in days.
         above_deg = evaluate_smooth(earth_deg, tt_to_tdb(utc_to_tt(arc.observations.epoch[rows])))
-        for row in np.flatnonzero((codes[rows] == 0) & (above_deg < _LOWEST_EARTH_DEG)):
-            text = f"the Earth is {-above_deg[row]:.1f} deg below the target's horizon"
-            codes[rows[row]] = places.setdefault(text, len(places))
-    return Labels(codes, tuple(places))
+        for row in np.flatnonzero((reason[rows] == Status.OK) & (above_deg < _LOWEST_EARTH_DEG)):
+            text = Status.EARTH_BELOW_HORIZON.text(above_deg[row])
+            reason[rows[row]] = Status.EARTH_BELOW_HORIZON
+            labels[rows[row]] = places.setdefault(text, len(places))
+    return Labels(labels, tuple(places)), reason
 
 
 def _lowest(earth_deg: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epochs) -> float:
@@ -356,11 +359,9 @@ def _lowest(earth_deg: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epoch
     )
 
 
-def _reasons(status: Labels, observations: Observations) -> str:
+def _reasons(status: Labels, reason: NDArray[np.int8], observations: Observations) -> str:
     """Why observations are rejected: how many for each reason, with the first of them as an example."""
-    # The same reason comes with another angle for each observation.
-    kinds = np.array([re.sub(r"-?\d+(\.\d+)?", "#", text) for text in status.texts])
-    _, firsts, counts = np.unique(kinds[status.codes], return_index=True, return_counts=True)
+    _, firsts, counts = np.unique(reason, return_index=True, return_counts=True)
     paths = observations.paths()
     return ", ".join(
         f"{count} as {paths[first]} of {observations.origin(first)}, {status[[first]][0]}"
@@ -368,7 +369,13 @@ def _reasons(status: Labels, observations: Observations) -> str:
     )
 
 
-def _fit(study: Study, problem: Problem, estimate: EstimateChoice | None, status: Labels) -> NoisyFit:
+def _fit(
+    study: Study,
+    problem: Problem,
+    estimate: EstimateChoice | None,
+    status: Labels,
+    reason: NDArray[np.int8],
+) -> NoisyFit:
     noise = stated_noise(problem.arc, study.observations)
     if estimate is None:
         as_given = EditingSettings(enabled=False)
@@ -379,7 +386,7 @@ def _fit(study: Study, problem: Problem, estimate: EstimateChoice | None, status
     if not status.are(USED).any():
         raise InputError(
             f"no observations left: all {len(status)} are rejected: "
-            f"{_reasons(status, problem.arc.observations)}; "
+            f"{_reasons(status, reason, problem.arc.observations)}; "
             "check the target's position and frame, and the stations"
         )
     return fit_with_excess_noise(

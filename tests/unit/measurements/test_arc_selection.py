@@ -45,7 +45,7 @@ def arc():
 def assert_same(one, other, atol=0.0):
     for field in fields(one):
         first, second = getattr(one, field.name), getattr(other, field.name)
-        if field.name == "problem":
+        if field.name == "status":
             assert (first == second).all()
         else:
             np.testing.assert_allclose(first, second, rtol=0.0, atol=atol, err_msg=field.name)

@@ -19,6 +19,7 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
+from radioloc.media.status import Status, describe
 from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, tdb_to_tt, tt_to_tai, utc_to_tai
 
 # The chain's noise is half a micrometre at most; what is the same by definition has to agree to this.
@@ -144,7 +145,7 @@ def test_shapiro_is_the_sum_over_all_bodies(radio):
         k_m = 2.0 * radio.ephemeris.constants.gm_m3_s2(body) / C_M_S**2
         by_body_m[body] = 2.0 * k_m * np.log((both_m + chord_m + k_m) / (both_m - chord_m + k_m))
     # Each leg is 1e-6 to 1e-5 longer or shorter than the chord; through the Earth its logarithm changes faster.
-    seen = found.problem == ""
+    seen = found.usable
     assert seen.sum() >= 4
     np.testing.assert_allclose(term_m[seen], sum(by_body_m.values())[seen], rtol=0, atol=2e-5)
     # The Moon's part and that of a planet would be missed.
@@ -365,7 +366,7 @@ def test_partials_by_time_tag(model, radio, path, tag):
     if laser:
         assert (np.degrees(here.elevation_rad) > 20.0).all()
     # Through the Earth gravity has no say in what is observed.
-    seen = here.problem == ""
+    seen = here.usable
     assert seen.sum() >= 5
     # Third differences over 0.5 s are 1e-7 m/s, round-off 1e-6 m/s.
     step_s = 0.5
@@ -390,11 +391,11 @@ def test_below_the_horizon(radio, model):
         down = found.elevation_rad < 0.0
         assert down.any()
         assert not down.all()
-        for row in range(49):
-            assert ("below the horizon" in found.problem[row]) == bool(down[row].any())
+        code, text = describe(found.status, found.elevation_rad)
+        assert ((code == Status.BELOW_HORIZON) == down.any(axis=1)).all()
         assert np.isfinite(found.value_m).all()
     lowest = np.degrees(found.elevation_rad[down[:, 0], 0])
-    assert found.problem[down[:, 0]][0] == f"below the horizon ({lowest[0]:.1f} deg)"
+    assert text[down[:, 0]][0] == f"below the horizon ({lowest[0]:.1f} deg)"
 
 
 def test_below_three_degrees_only_the_troposphere_is_missing(model, radio):
@@ -403,9 +404,9 @@ def test_below_three_degrees_only_the_troposphere_is_missing(model, radio):
     highest = np.degrees(found.elevation_rad).min(axis=1)
     low = (highest > 0.0) & (highest < 3.0)
     assert low.sum() > 10
-    assert all("below 3 degrees" in text for text in found.problem[low])
-    assert (found.problem[highest > 3.0] == "").all()
-    assert (computed(radio, "GRASSE>x>GRASSE", tai).problem[low] == "").all()
+    assert all("below 3 degrees" in text for text in describe(found.status, found.elevation_rad)[1][low])
+    assert found.usable[highest > 3.0].all()
+    assert computed(radio, "GRASSE>x>GRASSE", tai).usable[low].all()
 
 
 @pytest.mark.parametrize(
@@ -421,9 +422,9 @@ def test_below_three_degrees_only_the_troposphere_is_missing(model, radio):
 def test_missing_weather(model, radio, changes, words):
     tai = epochs_tai(3, 1.0, 2460311.5, 0.1)
     found = computed(model, "GRASSE>x>GRASSE", tai, **(LASER | changes))
-    assert all(words in text for text in found.problem)
+    assert all(words in text for text in describe(found.status, found.elevation_rad)[1])
     without = computed(radio, "GRASSE>x>GRASSE", tai, **(LASER | changes))
-    assert (without.problem == "").all()
+    assert without.usable.all()
 
 
 def test_unknown_station_names_file_and_line(radio):

@@ -11,6 +11,9 @@ from radioloc.constants import C_M_S
 from radioloc.earth.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.errors import InputError
 from radioloc.measurements.electron_content import UniformTec
+from radioloc.measurements.ionosphere import delay_by_content_m
+from radioloc.media.status import Status
+from radioloc.simulation.media import thin_shell
 from radioloc.time import tai_to_utc
 
 X_DOWN_HZ, X_UP_HZ = 8.4e9, 7.2e9
@@ -44,7 +47,7 @@ def slants(computed, frequencies_hz):
 
 def test_range_is_longer_by_both_legs_at_their_frequencies():
     without, with_it = predicted(0, None), predicted(0, 20.0)
-    assert (with_it.problem == "").all()
+    assert with_it.usable.all()
     expected = slants(with_it, (X_UP_HZ, X_DOWN_HZ)).sum(axis=-1)
     assert 0.2 < expected.min() < expected.max() < 2.0
     assert with_it.value_m - without.value_m == pytest.approx(expected, abs=LEVER_M)
@@ -72,9 +75,27 @@ def test_doppler_counts_the_phase_which_is_advanced():
 
 def test_a_missing_frequency_is_named():
     computed = predicted(0, 20.0, wavelength_um=np.nan)
-    assert all("no frequency recorded" in problem for problem in computed.problem)
+    assert computed.status.tolist() == [[Status.OK, Status.NO_FREQUENCY]] * 3
 
 
 def test_content_that_cannot_be_is_refused():
     with pytest.raises(InputError, match="TECU"):
         UniformTec(-1.0)
+
+
+def test_delay_by_one_tecu_is_that_of_a_thin_shell():
+    elevation_rad = np.radians([10.0, 45.0, 90.0, 30.0, 30.0])
+    observations = Observations.from_columns(
+        epoch=tai_to_utc(epochs_tai(5, 1.0)),
+        links=[Link("KASHI", "lander", "KASHI")],
+        kind=[0, 0, 2, 0, 0],
+        count_s=[np.nan, np.nan, 60.0, np.nan, np.nan],
+        value_m=1.0,
+        sigma_m=1.0,
+    )
+    radio = np.array([True, True, True, False, True])
+    frequency_hz = np.array([X_UP_HZ, X_DOWN_HZ, X_DOWN_HZ, 5.6e14, np.nan])
+    found = delay_by_content_m(observations, elevation_rad, frequency_hz, radio)
+    expected = 40.308e16 * thin_shell(elevation_rad) / frequency_hz**2 * [1.0, 1.0, -1.0, 0.0, 1.0]
+    assert found[:4] == pytest.approx(expected[:4], rel=1e-5)
+    assert found[4] == 0.0

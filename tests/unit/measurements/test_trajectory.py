@@ -24,6 +24,7 @@ from radioloc.errors import CoverageError, InputError
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import reasons
 
 NOWHERE = np.zeros(3)
 
@@ -75,7 +76,7 @@ def test_a_lander_written_as_a_trajectory_is_where_it_was(model, tmp_path, path,
     assert np.abs(moving.by_position_pa - fixed.by_position_pa).max() < 1e-12
     assert np.abs(moving.by_time_m_s - fixed.by_time_m_s).max() < 1e-7
     assert np.abs(moving.elevation_rad - fixed.elevation_rad).max() < 1e-12
-    assert (moving.problem == fixed.problem).all()
+    assert (moving.status == fixed.status).all()
 
 
 @pytest.mark.parametrize("kind", ["type 3", "type 9", "relative to the Earth"])
@@ -136,7 +137,7 @@ def test_doppler_is_the_difference_of_two_ranges(model, orbiter):
     doppler = ExactPredictor(model, table, NOWHERE, orbiter).compute(NOWHERE)
     assert np.abs(doppler.value_m - (late.value_m - early.value_m)).max() < SAME_M
     # What hides an end of the count interval hides the observation.
-    assert ((doppler.problem == "") == ((early.problem == "") & (late.problem == ""))).all()
+    assert (doppler.usable == (early.usable & late.usable)).all()
 
 
 def test_parts_of_an_arc_and_its_terms(model, orbiter):
@@ -150,7 +151,8 @@ def test_parts_of_an_arc_and_its_terms(model, orbiter):
 
 def test_behind_the_moon_and_below_the_horizon_are_told(model, orbiter):
     table = tracking("KASHI>x>JIAMUSI", epochs_tai(300, 20.0))
-    problem = ExactPredictor(model, table, NOWHERE, orbiter).compute(NOWHERE).problem
+    predictor = ExactPredictor(model, table, NOWHERE, orbiter)
+    problem = reasons(predictor, predictor.compute(NOWHERE))[1]
     hidden = np.char.startswith(problem, "behind the Moon as seen from KASHI")
     below = np.char.startswith(problem, "below the horizon")
     assert (hidden | below | (problem == "")).all()

@@ -8,6 +8,7 @@ from arc_cases import LASER, epochs_tai, observations
 
 from radioloc.earth.optical_troposphere import optical_delay
 from radioloc.measurements.troposphere import SlantDelay, troposphere_delay
+from radioloc.media.status import Status
 
 
 class Place:
@@ -29,7 +30,7 @@ def test_delay_is_that_of_the_optical_model():
     expected = optical_delay(np.radians([10.0, 45.0, 90.0]), 780.0, 280.0, 0.3, 0.532, 0.76, 1323.0)
     assert found.delay_m.tolist() == expected.total_m.tolist()
     assert found.by_elevation_m_rad.tolist() == expected.elevation_rate_m_rad.tolist()
-    assert found.problem.tolist() == ["", "", ""]
+    assert found.status.tolist() == [Status.OK] * 3
     assert found.delay_m[2] == pytest.approx(1.85, abs=0.1)
 
 
@@ -46,16 +47,14 @@ def test_delay_is_that_of_the_optical_model():
 )
 def test_what_is_missing_is_named(changes, words):
     found = delay([30.0], **changes)
-    assert words in found.problem[0]
+    assert words in Status(found.status[0]).text()
     assert found.delay_m.tolist() == [0.0]
     assert found.by_elevation_m_rad.tolist() == [0.0]
 
 
 def test_one_row_does_not_spoil_another():
     found = delay([2.99, 30.0, 30.0], pressure_hpa=[780.0, np.nan, 780.0])
-    assert "below 3 degrees" in found.problem[0]
-    assert "pressure" in found.problem[1]
-    assert found.problem[2] == ""
+    assert found.status.tolist() == [Status.TOO_LOW, Status.NO_PRESSURE, Status.OK]
     assert found.delay_m.tolist()[:2] == [0.0, 0.0]
     assert found.delay_m[2] > 3.0
 
@@ -63,4 +62,4 @@ def test_one_row_does_not_spoil_another():
 def test_none_is_no_delay_and_no_problem():
     none = SlantDelay.none(2)
     assert none.delay_m.tolist() == [0.0, 0.0]
-    assert none.problem.tolist() == ["", ""]
+    assert none.status.tolist() == [Status.OK] * 2

@@ -29,7 +29,7 @@ def truth():
     )
     arc = radioloc.ExactPredictor(model, empty, point.xyz_m)
     computed = arc.compute(point.xyz_m)
-    seen = computed.problem == ""
+    seen = computed.usable
     made = radioloc.Observations.from_columns(
         epoch=epoch[seen], links=links, link=link[seen], tag=1, value_m=computed.value_m[seen], sigma_m=1.0
     )

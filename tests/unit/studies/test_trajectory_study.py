@@ -169,7 +169,7 @@ def test_a_spacecraft_on_its_way_has_ranges_of_its_own(tmp_path, form):
     plan = tracking("KASHI>cruise>KASHI", epochs_tai(200, 30.0))
     arc = radioloc.ExactPredictor(model, plan, np.zeros(3), radioloc.Trajectory.open(file, ORBITER))
     computed = arc.compute(np.zeros(3))
-    seen = np.flatnonzero(computed.problem == "")
+    seen = np.flatnonzero(computed.usable)
     observed = Observations.from_columns(
         epoch=plan.epoch, links=plan.links, value_m=computed.value_m, sigma_m=SIGMA_M, tag=plan.tag
     ).select(seen)

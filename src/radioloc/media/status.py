@@ -1,0 +1,108 @@
+"""Whether the model holds for an end of a light path: codes, which become sentences only where they are shown."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.earth.checks import WAVELENGTH_RANGE_UM
+
+
+class Status(IntEnum):
+    """Why one end of a light path cannot be used; kept in arrays of int8."""
+
+    OK = 0
+    BELOW_HORIZON = 1
+    BEHIND_MOON = 2
+    EARTH_BELOW_HORIZON = 3
+    TOO_LOW = 4
+    NO_WAVELENGTH = 5
+    WAVELENGTH_OUTSIDE = 6
+    NO_PRESSURE = 7
+    NO_TEMPERATURE = 8
+    NO_HUMIDITY = 9
+    NO_FREQUENCY = 10
+    OUTSIDE_MODEL = 11
+
+    def text(self, elevation_deg: float = np.nan, station: str = "") -> str:
+        """Say what is wrong; empty if nothing is.
+
+        Parameters
+        ----------
+        elevation_deg : float
+            Elevation that belongs to it: of the target, or of the Earth above the target's horizon.
+        station : str
+            Name of the station at this end.
+        """
+        return _TEXTS[self].format(e=elevation_deg, below=-elevation_deg, station=station)
+
+
+_SHORTEST_UM, _LONGEST_UM = WAVELENGTH_RANGE_UM
+_TEXTS = {
+    Status.OK: "",
+    Status.BELOW_HORIZON: "below the horizon ({e:.1f} deg)",
+    Status.BEHIND_MOON: "behind the Moon as seen from {station}",
+    Status.EARTH_BELOW_HORIZON: "the Earth is {below:.1f} deg below the target's horizon",
+    Status.TOO_LOW: "too low for the troposphere model (below 3 degrees)",
+    Status.NO_WAVELENGTH: "no wavelength recorded, which the troposphere model needs",
+    Status.WAVELENGTH_OUTSIDE: f"no troposphere model but for {_SHORTEST_UM}-{_LONGEST_UM} um, or radio",
+    Status.NO_PRESSURE: "no pressure recorded, which the troposphere model needs",
+    Status.NO_TEMPERATURE: "no temperature recorded, which the troposphere model needs",
+    Status.NO_HUMIDITY: "no humidity recorded, which the troposphere model needs",
+    Status.NO_FREQUENCY: "no frequency recorded, which the ionosphere needs",
+    Status.OUTSIDE_MODEL: "outside of what the model of a medium covers",
+}
+
+
+def first_of(one: NDArray[np.int8], other: NDArray[np.int8]) -> NDArray[np.int8]:
+    """Status of rows that need both to be OK: that of the first that is not."""
+    return np.where(one != Status.OK, one, other)
+
+
+def describe(
+    status: NDArray[np.int8],
+    elevation_rad: NDArray[np.float64],
+    stations: Sequence[str] = (),
+    ends: NDArray[np.int32] | None = None,
+) -> tuple[NDArray[np.int8], NDArray[np.str_]]:
+    """Why observations cannot be used: code and sentence for the first end at which something is wrong.
+
+    Parameters
+    ----------
+    status : ndarray of int8, shape (n, 2)
+        :class:`Status` at both ends.
+    elevation_rad : ndarray, shape (n, 2)
+        Elevation of the target there.
+    stations : sequence of str
+        Names of stations.
+    ends : ndarray of int, shape (n, 2), optional
+        Index into `stations` of those at the ends; sentences do not name stations without.
+
+    Returns
+    -------
+    code : ndarray of int8, shape (n,)
+    text : ndarray of str, shape (n,)
+        Empty where the observation can be used.
+    """
+    end = (status[:, 0] == Status.OK).astype(np.intp)[:, None]
+    code = np.take_along_axis(status, end, axis=1)[:, 0]
+    texts = np.zeros(len(code), dtype="<U1")
+    if not code.any():
+        return code, texts
+    # Few sentences differ; each is made once. Tenths of a degree are told apart only where they are told.
+    place = (
+        np.zeros(len(code), dtype=np.int64) if ends is None else np.take_along_axis(ends, end, axis=1)[:, 0]
+    )
+    tenths = np.rint(10.0 * np.degrees(np.take_along_axis(elevation_rad, end, axis=1)[:, 0]))
+    place = np.where(code == Status.BEHIND_MOON, place, 0)
+    tenths = np.where(code == Status.BELOW_HORIZON, tenths, 0.0).astype(np.int64)
+    names = list(stations) or ["a station"]
+    key, which = np.unique((code.astype(np.int64) * len(names) + place) * 2000 - tenths, return_inverse=True)
+    made = [
+        Status(of_place // len(names)).text(-(minus_tenths / 10.0), names[of_place % len(names)])
+        for of_place, minus_tenths in zip(*(part.tolist() for part in np.divmod(key, 2000)), strict=True)
+    ]
+    return code, np.array(made, dtype=np.str_)[which]

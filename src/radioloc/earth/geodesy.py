@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
+from radioloc.units import as_float_array, as_metres
 
 _GRS80 = 2
 """ERFA's number of the ellipsoid."""
@@ -55,7 +56,7 @@ def geodetic_from_itrf(itrf_m: ArrayLike) -> Geodetic:
     -----
     ERFA ``gc2gd`` (Fukushima 2006).
     """
-    positions = np.asarray(itrf_m, dtype=np.float64)
+    positions = np.asarray(as_metres(itrf_m, "itrf_m"), dtype=np.float64)
     if positions.shape[-1:] != (3,) or not np.isfinite(positions).all():
         raise InputError(f"positions must be finite, of shape (..., 3), but have shape {positions.shape}")
     least_m = np.linalg.norm(positions, axis=-1).min(initial=np.inf)
@@ -87,7 +88,9 @@ def itrf_from_geodetic(
     ERFA ``gd2gc``.
     """
     longitude, latitude, height = np.broadcast_arrays(
-        *(np.asarray(value, dtype=np.float64) for value in (longitude_rad, latitude_rad, height_m))
+        as_float_array(longitude_rad, "rad", "longitude_rad"),
+        as_float_array(latitude_rad, "rad", "latitude_rad"),
+        as_float_array(height_m, "m", "height_m"),
     )
     if not all(np.isfinite(value).all() for value in (longitude, latitude, height)):
         raise InputError("a longitude, latitude or height is not a finite number")

@@ -13,14 +13,16 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from importlib.resources import files
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import J2000_JD
 from radioloc.earth.blq import BlqCoefficients, parse_blq
-from radioloc.errors import StationError
+from radioloc.errors import InputError, StationError
 from radioloc.time import Epochs
+from radioloc.units import as_metres, in_unit
 
 KINDS = ("llr", "vlbi", "ttc")
 QUALITIES = ("survey", "rounded")
@@ -44,21 +46,21 @@ class Station:
         Other names it is found by: codes, CDP pad number.
     kind : {"llr", "vlbi", "ttc"}
         Laser ranging, VLBI, or tracking, telemetry and command.
-    itrf_m : array_like, shape (3,)
-        Reference point in the ITRF at `epoch_year`, m.
-    epoch_year : float
+    itrf_m : array_like, Quantity or EarthLocation, shape (3,)
+        Reference point in the ITRF at `epoch_year`, m where it has no unit.
+    epoch_year : float or Time
         Epoch of the position, Julian year TT.
     quality : {"survey", "rounded"}
         Known to centimetres, or published so coarsely that it is good to 100 m to 1 km only.
     source : str
         Where the position comes from.
-    velocity_m_yr : array_like, shape (3,), optional
+    velocity_m_yr : array_like or Quantity, shape (3,), optional
         Velocity in the ITRF, m per Julian year; None where it is not known (then the station stands still).
     ocean_loading : BlqCoefficients, optional
         Ocean tide loading; None where there are no coefficients, and then the term is missing from a model.
     mount : str
         Which axis of the antenna is fixed, of :data:`MOUNTS`.
-    axis_offset_m : float, optional
+    axis_offset_m : float or Quantity, optional
         By how much the moving axis stands off the fixed one, on which the reference point is, towards where the
         antenna points, m; None where it is not known, and then the term is missing from a model.
 
@@ -81,7 +83,7 @@ class Station:
     axis_offset_m: float | None = None
 
     def __post_init__(self) -> None:
-        if not self.name.strip():
+        if not isinstance(self.name, str) or not self.name.strip():
             raise StationError("a station needs a name")
         if self.kind not in KINDS:
             raise StationError(f"station {self.name}: kind {self.kind!r} is not one of {', '.join(KINDS)}")
@@ -91,17 +93,23 @@ class Station:
             )
         if self.mount not in MOUNTS:
             raise StationError(f"station {self.name}: mount {self.mount!r} is not one of {', '.join(MOUNTS)}")
+        if self.axis_offset_m is not None:
+            object.__setattr__(self, "axis_offset_m", self._number("axis_offset_m", "m"))
         if self.axis_offset_m is not None and not abs(self.axis_offset_m) <= _LONGEST_AXIS_OFFSET_M:
             raise StationError(
                 f"station {self.name}: no antenna has an axis offset of {self.axis_offset_m} m; give metres, up to "
                 f"{_LONGEST_AXIS_OFFSET_M:g}"
             )
+        year: Any = self.epoch_year
+        if hasattr(year, "jyear"):
+            object.__setattr__(self, "epoch_year", float(year.tt.jyear))
+        object.__setattr__(self, "epoch_year", self._number("epoch_year", "yr"))
         if not np.isfinite(self.epoch_year):
             raise StationError(f"station {self.name}: epoch {self.epoch_year} is not a Julian year")
         object.__setattr__(self, "aliases", tuple(self.aliases))
-        object.__setattr__(self, "itrf_m", self._frozen_vector("itrf_m"))
+        object.__setattr__(self, "itrf_m", self._frozen_vector("itrf_m", "m"))
         if self.velocity_m_yr is not None:
-            object.__setattr__(self, "velocity_m_yr", self._frozen_vector("velocity_m_yr"))
+            object.__setattr__(self, "velocity_m_yr", self._frozen_vector("velocity_m_yr", "m / yr"))
         radius_m = float(np.linalg.norm(self.itrf_m))
         if not _RADIUS_RANGE_M[0] < radius_m < _RADIUS_RANGE_M[1]:
             raise StationError(
@@ -109,10 +117,25 @@ class Station:
                 f"{_RADIUS_RANGE_M[0]:.2e} and {_RADIUS_RANGE_M[1]:.2e} m: give metres, geocentric"
             )
 
-    def _frozen_vector(self, field: str) -> NDArray[np.float64]:
-        vector = np.array(getattr(self, field), dtype=np.float64)
+    def _number(self, field: str, unit: str) -> float:
+        try:
+            return float(in_unit(getattr(self, field), unit, field))
+        except (TypeError, ValueError) as error:
+            problem = error if isinstance(error, InputError) else f"{field} is not a number"
+            raise StationError(f"station {self.name}: {problem}") from error
+
+    def _frozen_vector(self, field: str, unit: str) -> NDArray[np.float64]:
+        given = getattr(self, field)
+        try:
+            vector = np.array(
+                as_metres(given, field) if unit == "m" else in_unit(given, unit, field), dtype=np.float64
+            )
+        except InputError as error:
+            raise StationError(f"station {self.name}: {error}") from error
+        except (TypeError, ValueError):
+            vector = np.empty(0)
         if vector.shape != (3,) or not np.isfinite(vector).all():
-            raise StationError(f"station {self.name}: {field} must be three finite numbers, but is {vector}")
+            raise StationError(f"station {self.name}: {field} must be three finite numbers, but is {given}")
         vector.setflags(write=False)
         return vector
 

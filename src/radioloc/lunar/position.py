@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -11,6 +12,7 @@ from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError
 from radioloc.lunar.frames import rot_pa_to_me
 from radioloc.lunar.selenographic import cartesian_to_selenographic, selenographic_to_cartesian
+from radioloc.units import as_metres, in_unit
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -21,8 +23,8 @@ class LunarPosition:
     ----------
     frame : str
         ``"PA_DE421"`` (principal axes) or ``"ME_DE421"`` (mean Earth/mean rotation), or those of another ephemeris.
-    xyz_m : array_like, shape (3,)
-        Cartesian coordinates in that frame, m; kept as a read-only array.
+    xyz_m : array_like or Quantity, shape (3,)
+        Cartesian coordinates in that frame, m where they have no unit; kept as a read-only array.
 
     Raises
     ------
@@ -36,7 +38,7 @@ class LunarPosition:
     def __post_init__(self) -> None:
         _require_frame(self.frame)
         try:
-            xyz = np.array(self.xyz_m, dtype=np.float64)
+            xyz = np.array(as_metres(self.xyz_m, "xyz_m"), dtype=np.float64)
         except (TypeError, ValueError):
             xyz = np.empty(0)
         if xyz.shape != (3,) or not np.isfinite(xyz).all():
@@ -52,14 +54,14 @@ class LunarPosition:
 
     @classmethod
     def from_cartesian(cls, xyz_m: ArrayLike, frame: str = "PA_DE421") -> LunarPosition:
-        """Build from x, y, z in metres.
+        """Build from x, y, z: metres, or a Quantity of length.
 
         Raises
         ------
         InputError
             Not three finite numbers, or not near the lunar surface.
         """
-        return cls(frame, np.asarray(xyz_m))
+        return cls(frame, as_metres(xyz_m, "xyz_m"))
 
     @classmethod
     def from_selenographic(
@@ -67,11 +69,21 @@ class LunarPosition:
     ) -> LunarPosition:
         """Build from east longitude and latitude in degrees and height above the 1737.4 km sphere in metres.
 
+        Quantities of astropy may be in any unit of angle and length.
+
         Raises
         ------
         InputError
             A number is not finite, a latitude beyond 90 degrees, a longitude beyond 360, a height no terrain has.
         """
+        longitude_deg, latitude_deg, height_m = (
+            _number(in_unit(value, unit, name), name)
+            for value, unit, name in (
+                (longitude_deg, "deg", "longitude_deg"),
+                (latitude_deg, "deg", "latitude_deg"),
+                (height_m, "m", "height_m"),
+            )
+        )
         if not -360.0 <= longitude_deg <= 360.0:
             raise InputError(f"longitude_deg = {longitude_deg!r} is not between -360 and 360")
         if not -90.0 <= latitude_deg <= 90.0:
@@ -107,6 +119,13 @@ class LunarPosition:
             return self
         rot = rot_pa_to_me(constants)
         return LunarPosition.from_cartesian((rot if axes == "ME" else rot.T) @ self.xyz_m, frames[axes])
+
+
+def _number(value: Any, name: str) -> float:
+    try:
+        return float(value)
+    except (TypeError, ValueError):
+        raise InputError(f"{name} = {value!r} is not a number") from None
 
 
 def _require_frame(frame: str) -> None:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
+from radioloc.units import as_float_array
 
 
 def selenographic_to_cartesian(
@@ -53,7 +54,7 @@ def cartesian_to_selenographic(
     InputError
         The last axis is not of length three, a number is not finite, or the point is the Moon's centre.
     """
-    point = np.asarray(point_m, dtype=np.float64)
+    point = as_float_array(point_m, "m", "point_m")
     if point.ndim == 0 or point.shape[-1] != 3:
         raise InputError(f"x, y, z are needed along the last axis, but the shape is {point.shape}")
     x, y, z = np.moveaxis(point, -1, 0)
@@ -114,7 +115,9 @@ def _checked(
     longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
     longitude, latitude, height = np.broadcast_arrays(
-        *(np.asarray(values, dtype=np.float64) for values in (longitude_rad, latitude_rad, height_m))
+        as_float_array(longitude_rad, "rad", "longitude_rad"),
+        as_float_array(latitude_rad, "rad", "latitude_rad"),
+        as_float_array(height_m, "m", "height_m"),
     )
     for name, values in (("longitude", longitude), ("latitude", latitude), ("height", height)):
         if not np.isfinite(values).all():

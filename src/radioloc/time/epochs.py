@@ -10,6 +10,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.errors import InputError
+from radioloc.units import as_float_array
 
 SCALES = ("UTC", "TAI", "TT", "TDB", "UT1")
 
@@ -35,6 +36,31 @@ class Epochs:
     fraction: NDArray[np.float64]
     scale: str
 
+    def __post_init__(self) -> None:
+        for name in ("jd", "fraction"):
+            if type(getattr(self, name)) is not np.ndarray:
+                object.__setattr__(self, name, np.atleast_1d(_days(getattr(self, name), name)))
+
+    @classmethod
+    def from_time(cls, time: Any) -> Epochs:
+        """Build from an astropy ``Time``, without loss, in its own scale.
+
+        Parameters
+        ----------
+        time : astropy.time.Time
+            Of any shape; it is flattened. UTC, TAI, TT, TDB or UT1.
+
+        Raises
+        ------
+        InputError
+            It is no Time, in another scale, or masked.
+        """
+        if not (hasattr(time, "jd1") and hasattr(time, "scale")):
+            raise InputError(f"{time!r} is no astropy Time")
+        if np.any(getattr(time, "mask", False)):
+            raise InputError("an epoch of the Time is masked; leave it out")
+        return cls.from_jd(np.ravel(time.jd1), np.ravel(time.jd2), str(time.scale).upper())
+
     @classmethod
     def from_jd(cls, jd: ArrayLike, fraction: ArrayLike = 0.0, scale: str = "TDB") -> Epochs:
         """Build from any split of a Julian date in two, without loss.
@@ -54,8 +80,7 @@ class Epochs:
         if scale not in SCALES:
             raise InputError(f"time scale {scale!r} is not known; use one of {', '.join(SCALES)}")
         jd_in, fraction_in = np.broadcast_arrays(
-            np.atleast_1d(np.asarray(jd, dtype=np.float64)),
-            np.atleast_1d(np.asarray(fraction, dtype=np.float64)),
+            np.atleast_1d(_days(jd, "jd")), np.atleast_1d(_days(fraction, "fraction"))
         )
         if not (np.isfinite(jd_in).all() and np.isfinite(fraction_in).all()):
             raise InputError("a Julian date is not a finite number")
@@ -139,3 +164,9 @@ class Epochs:
         return Epochs(
             np.concatenate([p.jd for p in parts]), np.concatenate([p.fraction for p in parts]), parts[0].scale
         )
+
+
+def _days(value: Any, name: str) -> NDArray[np.float64]:
+    if hasattr(value, "jd1"):
+        raise InputError(f"{name} is an astropy Time, which has its own scale; use Epochs.from_time")
+    return as_float_array(value, "d", name)

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from functools import cache
 
 import astropy_iers_data
@@ -148,16 +148,19 @@ def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epoch
 
     Parameters
     ----------
-    dates : str or sequence of str
+    dates : str, sequence of str, or astropy Time
         Calendar or day-of-year dates; a trailing Z is allowed. A second of 60 is allowed at a UTC leap second.
+        A Time, of any scale, is converted.
     scale : str
-        Time scale the dates are in.
+        Time scale the dates are in, and that of the result.
 
     Raises
     ------
     InputError
         A date is not of that form or does not exist.
     """
+    if hasattr(dates, "jd1"):
+        return to_scale(Epochs.from_time(dates), scale)
     texts = [dates] if isinstance(dates, str) else list(dates)
     jd = np.empty(len(texts))
     fraction = np.empty(len(texts))
@@ -269,14 +272,38 @@ def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
 
 
 def utc_of(epochs: Epochs) -> Epochs:
-    """Epochs of UTC, TAI, TT or TDB as UTC."""
-    match epochs.scale:
-        case "UTC":
-            return epochs
-        case "TAI":
-            return tai_to_utc(epochs)
-        case "TT":
-            return tt_to_utc(epochs)
-        case "TDB":
-            return tt_to_utc(tdb_to_tt(epochs))
-    raise InputError(f"epochs in {epochs.scale} cannot be written as UTC without Earth orientation")
+    """Epochs of UTC, TAI, TT or TDB as UTC; see :func:`to_scale`."""
+    return to_scale(epochs, "UTC")
+
+
+def to_scale(epochs: Epochs, scale: str) -> Epochs:
+    """Epochs in another scale: UTC, TAI, TT or TDB (at the geocentre).
+
+    Raises
+    ------
+    InputError
+        From or to UT1, which needs Earth orientation, or a scale that is not known.
+    CoverageError
+        From or to UTC before 1972.
+    """
+    if scale == epochs.scale:
+        return epochs
+    if not {scale, epochs.scale} <= set(_CHAIN):
+        raise InputError(
+            f"epochs in {epochs.scale} cannot be given in {scale} without Earth orientation; "
+            f"{', '.join(_CHAIN)} convert into each other"
+        )
+    while epochs.scale != scale:
+        forward, back = _STEPS[epochs.scale]
+        step = forward if _CHAIN.index(epochs.scale) < _CHAIN.index(scale) else back
+        epochs = step(epochs)
+    return epochs
+
+
+_CHAIN = ("UTC", "TAI", "TT", "TDB")
+_STEPS: dict[str, tuple[Callable[[Epochs], Epochs], Callable[[Epochs], Epochs]]] = {
+    "UTC": (utc_to_tai, utc_to_tai),
+    "TAI": (tai_to_tt, tai_to_utc),
+    "TT": (tt_to_tdb, tt_to_tai),
+    "TDB": (tdb_to_tt, tdb_to_tt),
+}

@@ -1,0 +1,115 @@
+"""Numbers with units and Times of astropy are honoured or refused, never taken for what they are not."""
+
+from __future__ import annotations
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.coordinates import Angle, EarthLocation
+from astropy.table import Table
+from astropy.time import Time
+
+from radioloc.earth.geodesy import geodetic_from_itrf
+from radioloc.earth.stations import Station
+from radioloc.errors import InputError, StationError
+from radioloc.lunar import selenographic_to_cartesian
+from radioloc.lunar.position import LunarPosition
+from radioloc.time import Epochs, epochs_from_strings, to_scale, tt_to_tdb, utc_to_tt
+from radioloc.units import as_degrees, as_metres, as_radians, as_seconds
+
+ITRF_M = np.array([4075539.9, 931735.2, 4801629.4])
+
+
+def station(**changes):
+    fields = {
+        "name": "OWN", "aliases": (), "kind": "vlbi", "itrf_m": ITRF_M, "epoch_year": 2010.0, "quality": "survey",
+        "source": "made up",
+    } | changes  # fmt: skip
+    return Station(**fields)
+
+
+def test_quantities_are_converted_and_bare_numbers_left_as_they_are():
+    assert as_metres(1.5 * u.km, "x") == 1500.0
+    assert as_degrees(Angle("1d30m"), "x") == 1.5
+    assert as_radians(180.0 * u.deg, "x") == np.pi
+    assert as_seconds(2.0 * u.hour, "x") == 7200.0
+    assert np.array_equal(as_metres([1.0 * u.km, 3.0 * u.m], "x"), [1000.0, 3.0])
+    assert np.array_equal(as_metres(Table({"x": [1.0, 2.0] * u.km})["x"], "x"), [1000.0, 2000.0])
+    bare = [1.0, 2.0]
+    assert as_metres(bare, "x") is bare
+
+
+@pytest.mark.parametrize("value", [1.0 * u.s, [1.0 * u.m, 2.0], 3.0 * u.dimensionless_unscaled])
+def test_what_is_no_length_is_refused_by_name(value):
+    with pytest.raises(InputError, match="range_m"):
+        as_metres(value, "range_m")
+
+
+def test_a_position_on_the_moon():
+    there = LunarPosition.from_selenographic(-51.9, 43.06, -2500.0)
+    assert np.array_equal(
+        LunarPosition.from_selenographic(-51.9 * u.deg, 43.06 * u.deg, -2.5 * u.km).xyz_m, there.xyz_m
+    )
+    for again in (
+        LunarPosition(there.frame, there.xyz_m * u.m),
+        LunarPosition(there.frame, there.xyz_m / 1e3 * u.km),
+        LunarPosition.from_cartesian([x * u.m for x in there.xyz_m], there.frame),
+    ):
+        assert np.abs(again.xyz_m - there.xyz_m).max() < 1e-9
+    with pytest.raises(InputError, match=r"latitude_deg is in km; give deg"):
+        LunarPosition.from_selenographic(0.0, 1.0 * u.km, 0.0)
+    with pytest.raises(InputError, match="three finite numbers"):
+        LunarPosition("PA_DE421", ["a", "b", "c"])
+    assert np.array_equal(
+        selenographic_to_cartesian(30.0 * u.deg, 10.0 * u.deg, 1.0 * u.km),
+        selenographic_to_cartesian(np.radians(30.0), np.radians(10.0), 1000.0),
+    )
+
+
+def test_a_station():
+    assert np.abs(station(itrf_m=ITRF_M / 1e3 * u.km).itrf_m - ITRF_M).max() < 1e-8
+    location = EarthLocation.from_geocentric(*ITRF_M, unit="m")
+    assert np.array_equal(station(itrf_m=location).itrf_m, ITRF_M)
+    assert geodetic_from_itrf(location).height_m == geodetic_from_itrf(ITRF_M).height_m
+    moving = station(velocity_m_yr=[-15.0, 14.0, 10.0] * u.mm / u.yr, axis_offset_m=70.0 * u.cm)
+    assert np.allclose(moving.velocity_m_yr, [-0.015, 0.014, 0.010])
+    assert moving.axis_offset_m == pytest.approx(0.7)
+    assert station(epoch_year=Time(2010.5, format="jyear", scale="tt")).epoch_year == 2010.5
+    for wrong in (
+        {"itrf_m": ITRF_M * u.s},
+        {"axis_offset_m": "long"},
+        {"velocity_m_yr": [1, 2] * u.m / u.yr},
+    ):
+        with pytest.raises(StationError, match="station OWN: "):
+            station(**wrong)
+
+
+@pytest.mark.parametrize("scale", ["utc", "tai", "tt", "tdb"])
+def test_a_time_of_any_scale_is_the_same_instant(scale):
+    utc = epochs_from_strings(["2016-12-31T23:59:60.5", "2020-12-01T15:11:00.25"])
+    time = getattr(Time(["2016-12-31T23:59:60.5", "2020-12-01T15:11:00.25"], scale="utc"), scale)
+    epochs = Epochs.from_time(time)
+    assert epochs.scale == scale.upper()
+    tdb = tt_to_tdb(utc_to_tt(utc))
+    for tried in (to_scale(epochs, "TDB"), epochs_from_strings(time, "TDB")):
+        # Times of a day's fraction are good to 1e-11 s; TDB of astropy is at the geocentre too, at a UT1 left aside.
+        assert np.abs(tried.seconds_since(tdb)).max() < 1e-8
+    assert to_scale(to_scale(epochs, "UTC"), "TAI").scale == "TAI"
+
+
+def test_what_is_no_time_here_is_refused():
+    with pytest.raises(InputError, match=r"use Epochs\.from_time"):
+        Epochs.from_jd(Time("2020-01-01", scale="tdb"))
+    with pytest.raises(InputError, match=r"use Epochs\.from_time"):
+        Epochs(Time("2020-01-01", scale="tdb"), np.zeros(1), "TDB")
+    with pytest.raises(InputError, match="time scale 'TCB' is not known"):
+        Epochs.from_time(Time("2020-01-01", scale="tcb"))
+    with pytest.raises(InputError, match="no astropy Time"):
+        Epochs.from_time("2020-01-01")
+    with pytest.raises(InputError, match="without Earth orientation"):
+        to_scale(Epochs.from_jd(2459000.5, 0.0, "UT1"), "UTC")
+    masked = Time(["2020-01-01", "2020-01-02"])
+    masked[1] = np.ma.masked
+    with pytest.raises(InputError, match="masked"):
+        Epochs.from_time(masked)
+    assert np.array_equal(Epochs.from_jd([2459000.5] * u.day, 6.0 * u.hour, "TT").fraction, [0.25])

@@ -13,7 +13,7 @@ from __future__ import annotations
 import copy
 import itertools
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -33,14 +33,14 @@ from radioloc.measurements.dense_series import (
 )
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.participants import stations_of
+from radioloc.measurements.participants import stations_of, targets_of
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.piecewise_chebyshev import (
     MOST,
-    QUANTITIES,
-    WIDTH,
     PiecewiseChebyshev,
     columns_of,
+    places,
+    width,
 )
 from radioloc.measurements.predictor import Computed, table_of_terms
 from radioloc.measurements.registry import is_differenced, is_integrated
@@ -99,10 +99,14 @@ class ChebyshevPredictor:
         observations: Observations,
         approximate_pa_m: NDArray[np.float64],
         series: DenseSeries | None = None,
+        targets: Sequence[str] = (),
+        station_partials: bool = False,
     ) -> None:
         self.model = model
+        self.targets, self.station_partials = tuple(targets), station_partials
         self.observations = observations
         self.stations, self.transmitters, self.receivers, _ = stations_of(model, observations)
+        self.target = targets_of(observations, self.targets)
         with _predictions_told_once():
             self._plan(np.asarray(approximate_pa_m, dtype=np.float64), series)
 
@@ -165,16 +169,22 @@ class ChebyshevPredictor:
         ConvergenceError
             The light times did not settle.
         """
-        if np.linalg.norm(lander_pa_m - self._checked_pa_m) > CHECKED_WITHIN_M:
+        if np.linalg.norm(lander_pa_m - self._checked_pa_m, axis=-1).max() > CHECKED_WITHIN_M:
             self.check(lander_pa_m)
-        coefficients, status, exact = np.zeros((0, WIDTH, MOST)), np.zeros((0, 2), dtype=np.int8), None
+        coefficients, status, exact = (
+            np.zeros((0, width(self.station_partials), MOST)),
+            np.zeros((0, 2), dtype=np.int8),
+            None,
+        )
         if self._computed is not None:
             computed = self._computed.compute(lander_pa_m)
             n_nodes = len(computed.value_m) - self._n_exact
             exact = computed.rows(slice(n_nodes, None))
             if self._net is not None:
                 coefficients, status = self._net.polynomials(computed.rows(slice(0, n_nodes)))
-        return ChebyshevPrediction(self._segment, self._x, coefficients, status, exact)
+        return ChebyshevPrediction(
+            self._segment, self._x, coefficients, status, exact, self.station_partials
+        )
 
     def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
         """Predict all observations for a position, with partials; parameters and errors as :meth:`at`."""
@@ -185,6 +195,7 @@ class ChebyshevPredictor:
         part = copy.copy(self)
         part.observations = self.observations.select(which)
         part.stations, part.transmitters, part.receivers, _ = stations_of(self.model, part.observations)
+        part.target = targets_of(part.observations, self.targets)
         segment = np.atleast_1d(self._segment[which])
         part._x = np.atleast_1d(self._x[which])
         part._segment = segment.copy()
@@ -213,7 +224,13 @@ class ChebyshevPredictor:
 
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
         """Table of terms at a position: :func:`~radioloc.measurements.predictor.table_of_terms`."""
-        return table_of_terms(self, lander_pa_m, ChebyshevPredictor)
+
+        def prepare(
+            model: PhysicalModel, observations: Observations, pa_m: NDArray[np.float64]
+        ) -> ChebyshevPredictor:
+            return ChebyshevPredictor(model, observations, pa_m, targets=self.targets)
+
+        return table_of_terms(self, lander_pa_m, prepare)
 
     def _plan(self, lander_pa_m: NDArray[np.float64], series: DenseSeries | None = None) -> None:
         """Divide the series into segments that agree with the model, and prepare their nodes."""
@@ -223,7 +240,9 @@ class ChebyshevPredictor:
         nets: list[PiecewiseChebyshev] = []
         accepted: list[Segments] = []
         while len(pending):
-            net = PiecewiseChebyshev.prepare(self.model, self.observations, pending, lander_pa_m)
+            net = PiecewiseChebyshev.prepare(
+                self.model, self.observations, pending, lander_pa_m, self.targets, self.station_partials
+            )
             good = net.compare(lander_pa_m).good
             if good.any():
                 nets.append(net.select(np.flatnonzero(good)))
@@ -236,10 +255,18 @@ class ChebyshevPredictor:
         # What is computed for each position, at once: the nodes, then what is not interpolated.
         parts = [] if self._net is None else [self._net.nodes]
         if len(rest):
-            parts.append(ExactPredictor(self.model, self.observations.select(rest), lander_pa_m))
+            parts.append(
+                ExactPredictor(
+                    self.model,
+                    self.observations.select(rest),
+                    lander_pa_m,
+                    targets=self.targets,
+                    station_partials=self.station_partials,
+                )
+            )
         self._n_exact = len(rest)
         self._computed = ExactPredictor.concatenate(parts) if parts else None
-        self._deviation = np.zeros((0, WIDTH))
+        self._deviation = np.zeros((0, width(self.station_partials)))
         if self._net is not None:
             self._deviation = self._net.compare(lander_pa_m).deviation
         self._checked_pa_m = np.array(lander_pa_m)
@@ -259,6 +286,8 @@ class ChebyshevPrediction:
     status : ndarray of int8, shape (n_segments, 2)
     exact : Computed or None
         The observations computed exactly.
+    station_partials : bool
+        Whether the coefficients contain partials by the stations' places.
     """
 
     def __init__(
@@ -268,8 +297,10 @@ class ChebyshevPrediction:
         coefficients: NDArray[np.float64],
         status: NDArray[np.int8],
         exact: Computed | None,
+        station_partials: bool = False,
     ) -> None:
         self._segment, self._x = segment, x
+        self._station_partials = station_partials
         self._coefficients, self._status = coefficients, status
         self._exact = exact if exact is not None and len(exact.value_m) else None
 
@@ -286,17 +317,17 @@ class ChebyshevPrediction:
     def rows(self, which: Any) -> Computed:
         """Values and partials of the rows chosen by a mask, a slice or indices, in that order."""
         segment = np.ascontiguousarray(self._segment[which])
-        out = np.empty((WIDTH, len(segment)))
+        out = np.empty((width(self._station_partials), len(segment)))
         _in_threads(segment, np.ascontiguousarray(self._x[which]), self._coefficients, out)
         status = np.zeros((len(segment), 2), dtype=np.int8)
         if self._status.any():
             smooth = np.flatnonzero(segment >= 0)
             status[smooth] = self._status[segment[smooth]]
-        computed = Computed(**columns_of(out), status=status)
+        computed = Computed(**columns_of(out, self._station_partials), status=status)
         if self._exact is not None:
             few = np.flatnonzero(segment < 0)
             exact = self._exact.rows(-1 - segment[few])
-            for name in (*QUANTITIES, "status"):
+            for name in (*places(self._station_partials), "status"):
                 getattr(computed, name)[few] = getattr(exact, name)
         return computed
 

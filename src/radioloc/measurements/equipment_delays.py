@@ -116,7 +116,7 @@ class EquipmentDelays:
         transmitter: NDArray[np.int32],
         receiver: NDArray[np.int32],
         tag: NDArray[np.int8],
-        differenced: NDArray[np.bool_],
+        sign: NDArray[np.float64],
         off: frozenset[str] = frozenset(),
     ) -> PathDelays:
         """What the delays do to paths.
@@ -129,20 +129,22 @@ class EquipmentDelays:
             Index into `stations` of each path's first and second station.
         tag : ndarray of int8, shape (n,)
             The tagged event, as :func:`~radioloc.measurements.light_path.solve_light_path` takes it.
-        differenced : ndarray of bool, shape (n,)
-            Whether the path is of a VLBI delay: both stations receive, and the signal began at the point.
+        sign : ndarray, shape (n,)
+            1 for a round trip, -1 for a VLBI delay, where both stations receive, 0 for a one-way signal.
         off : frozenset of str
             Terms that are left out, of ``transponder_delay`` and ``station_delay``.
         """
         hold_s, by_station_s = np.zeros(len(tag)), np.zeros((len(stations), 2))
         if "transponder_delay" not in off and self.transponder_s is not None:
-            hold_s[~differenced] = self.transponder_s
+            hold_s[sign > 0.0] = self.transponder_s
         if "station_delay" not in off:
             for k, name in enumerate(stations):
                 delay = self.stations.get(name, StationDelay())
                 by_station_s[k] = delay.transmit_s or 0.0, delay.receive_s or 0.0
         # The first station's arrival comes at its reference point before the tag, and is taken off the difference.
-        first_s = np.where(differenced, -by_station_s[transmitter, 1], by_station_s[transmitter, 0])
+        first_s = np.where(sign < 0.0, -by_station_s[transmitter, 1], by_station_s[transmitter, 0]) * (
+            sign != 0.0
+        )
         second_s = by_station_s[receiver, 1]
         after_tag_s = np.where(tag == TRANSMIT, first_s, np.where(tag == RECEIVE, -second_s, 0.0))
         return PathDelays(hold_s, after_tag_s, first_s + hold_s + second_s)

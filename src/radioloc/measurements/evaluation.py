@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
+from radioloc.measurements.combined_predictor import CombinedPredictor, expanded
 from radioloc.measurements.dense_series import DenseSeries
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import is_combined
 
 EVALUATIONS = ("auto", "exact", "interpolated")
 """How an arc can be evaluated."""
@@ -27,6 +31,8 @@ def prepare_predictor(
     approximate_pa_m: NDArray[np.float64],
     evaluation: str = "auto",
     trajectory: Trajectory | None = None,
+    targets: Sequence[str] = (),
+    station_partials: bool = False,
 ) -> Predictor:
     """Prepare the observations of one arc for predictions.
 
@@ -35,7 +41,7 @@ def prepare_predictor(
     model : PhysicalModel
     observations : Observations
         Epochs, paths, conditions; the measured values are not looked at.
-    approximate_pa_m : ndarray, shape (3,)
+    approximate_pa_m : ndarray, shape (3,) or (n_targets, 3)
         A position within some hundred kilometres of the point, principal axes.
     evaluation : {"auto", "exact", "interpolated"}
         ``"exact"`` computes every observation by itself; ``"interpolated"`` interpolates series wherever that takes
@@ -44,6 +50,10 @@ def prepare_predictor(
     trajectory : Trajectory, optional
         The target's, if it is a spacecraft; its observations are computed by themselves, as it can go behind the Moon
         between any two nodes.
+    targets : sequence of str
+        Names of the targets, where there are several; positions then have the shape (n_targets, 3).
+    station_partials : bool
+        Whether partials by the stations' places and by the electron content above them are computed as well.
 
     Raises
     ------
@@ -58,12 +68,22 @@ def prepare_predictor(
         raise InputError(f"evaluation {evaluation!r} is not one of {', '.join(EVALUATIONS)}")
     if trajectory is not None and evaluation == "interpolated":
         raise InputError('the tracking of a spacecraft is not interpolated; evaluation is "exact" or "auto"')
+    if is_combined(observations.kind).any():
+        parts = expanded(observations)
+        inner = prepare_predictor(
+            model, parts.observations, approximate_pa_m, evaluation, trajectory, targets, station_partials
+        )
+        return CombinedPredictor(observations, parts, inner)
+
+    def exact() -> ExactPredictor:
+        return ExactPredictor(model, observations, approximate_pa_m, trajectory, targets, station_partials)
+
     sparse = len(observations) < _MANY
     if evaluation == "exact" or trajectory is not None or (evaluation == "auto" and sparse):
-        return ExactPredictor(model, observations, approximate_pa_m, trajectory)
+        return exact()
     series = DenseSeries(model, observations)
     if evaluation == "auto":
         segments = series.segments()
         if int((segments.end - segments.begin).sum()) <= len(observations) // 2:
-            return ExactPredictor(model, observations, approximate_pa_m)
-    return ChebyshevPredictor(model, observations, approximate_pa_m, series)
+            return exact()
+    return ChebyshevPredictor(model, observations, approximate_pa_m, series, targets, station_partials)

@@ -2,17 +2,10 @@
 
 The target is a point fixed to the Moon, or a spacecraft on a trajectory (:class:`~radioloc.ephemeris.Trajectory`).
 
-What is measured, all in metres and by the stations' atomic clocks (TT rate, as UTC has):
-
-- range, two- or three-way: the time of flight from a station over the point to a station, a round trip, never its half.
-  The time tag is UTC at the station and names the transmission, the reception or (as if by a clock at the geocentre)
-  the bounce, the arrival at the point. Two-way is the case of one station.
-- VLBI delay: arrival at the second station less arrival of the same wavefront at the first; tagged with the first.
-- Doppler: growth of the range over the count interval, tagged at its middle; the difference of two ranges.
-- VLBI delay rate: growth of the delay over the count interval likewise; the difference of two delays.
-
-Tags and values are those at the stations' reference points, unless the model has delays of equipment that the data
-still contain (:mod:`~radioloc.measurements.equipment_delays`): then they are those of the clocks behind it.
+What is measured is said by each type of measurement (:mod:`~radioloc.measurements.registry`), all in metres and by
+the stations' atomic clocks (TT rate, as UTC has). Tags and values are those at the stations' reference points, unless
+the model has delays of equipment that the data still contain (:mod:`~radioloc.measurements.equipment_delays`): then
+they are those of the clocks behind it.
 
 An arc is prepared once (:class:`ExactPredictor`): the motion of the stations and of the Moon near each event does not
 depend on where the point is, but for the few microseconds by which the light time changes with it. A prediction for a
@@ -30,25 +23,30 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
+from radioloc.earth.checks import LEAST_ELEVATION_RAD
+from radioloc.earth.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.ephemeris import Trajectory
 from radioloc.measurements.gravitational_delay import delay_of_distances_m
+from radioloc.measurements.ionosphere import frequencies_hz
 from radioloc.measurements.light_path import (
+    BOUNCE,
     RECEIVE,
     TOLERANCE_S,
     TRANSMIT,
     LightPath,
     MovingPoint,
+    PathPartials,
     path_length_partials,
     solve_light_path,
 )
 from radioloc.measurements.line_of_sight import LineOfSight, line_of_sight
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.participants import stations_of
+from radioloc.measurements.participants import stations_of, targets_of
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, table_of_terms
 from radioloc.measurements.radio_atmosphere import ZenithAir, air_without_files
-from radioloc.measurements.registry import is_differenced, is_integrated
+from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.trajectory_motion import displaced, trajectory_motion
@@ -76,11 +74,15 @@ class ExactPredictor:
     model : PhysicalModel
     observations : Observations
         Epochs, paths, weather; the measured values are not looked at.
-    approximate_pa_m : ndarray, shape (3,)
+    approximate_pa_m : ndarray, shape (3,) or (n_targets, 3)
         A position within some hundred kilometres of the point, principal axes.
     trajectory : Trajectory, optional
         What is observed, if it is no point fixed to the Moon. It has to hold the time tags and the instants at which
         the signals meet the spacecraft.
+    targets : sequence of str
+        Names of the targets, where there are several; positions then have the shape (number of targets, 3).
+    station_partials : bool
+        Whether partials by the stations' places and by the electron content above them are computed.
 
     Raises
     ------
@@ -98,8 +100,11 @@ class ExactPredictor:
         observations: Observations,
         approximate_pa_m: NDArray[np.float64],
         trajectory: Trajectory | None = None,
+        targets: Sequence[str] = (),
+        station_partials: bool = False,
     ) -> None:
         self.model = model
+        self.targets, self.station_partials = tuple(targets), station_partials
         self.trajectory = trajectory
         self.observations = observations
         # One path per observation; one that is counted is the difference of two, at the ends of its count interval.
@@ -117,14 +122,17 @@ class ExactPredictor:
         wavelength = self._paths.wavelength_um
         self._radio = np.where(np.isnan(wavelength), ~laser, wavelength >= SHORTEST_RADIO_UM)
         self._air = tuple(self._air_above(which, tt) for which in (self._transmitter, self._receiver))
-        self._sign = np.where(differenced, -1.0, 1.0)
-        self._tag = np.where(differenced, TRANSMIT, self._paths.tag).astype(np.int8)
+        one_way = is_one_way(self._paths.kind)
+        self._sign = np.where(differenced, -1.0, np.where(one_way, 0.0, 1.0))
+        # A one-way signal begins with the bounce.
+        sent = np.where(one_way & (self._paths.tag == TRANSMIT), BOUNCE, self._paths.tag)
+        self._tag = np.where(differenced, TRANSMIT, sent).astype(np.int8)
         self._equipment = model.delays.on_paths(
             self.stations,
             self._transmitter,
             self._receiver,
             self._tag,
-            differenced,
+            self._sign,
             off=frozenset(TERMS) - model.terms,
         )
         self._reference = Epochs.from_jd(
@@ -160,13 +168,18 @@ class ExactPredictor:
             path, relay, (up, down) = self._solve(lander_pa_m)
         length_m = C_M_S * (self._sign * path.up_s + (path.down_s + self._equipment.in_value_s))
         if self.model.has("tdb_tt"):
-            tdb_tt_s = self._down.tdb_minus_tt_at(path.receive_s) - self._up.tdb_minus_tt_at(path.transmit_s)
-            length_m = length_m - C_M_S * tdb_tt_s
+            first_s = np.where(
+                self._sign == 0.0,
+                self._up.geocentric_tdb_minus_tt_at(path.bounce_s),
+                self._up.tdb_minus_tt_at(path.transmit_s),
+            )
+            length_m = length_m - C_M_S * (self._down.tdb_minus_tt_at(path.receive_s) - first_s)
         partials = path_length_partials(path, self._up.point, relay, self._down.point, self._tag, self._sign)
         by_position, by_time = partials.by_position, partials.by_tag
         if self.model.has("tdb_tt"):
             # 1e-5 m/s in two-way, but up to 0.1 m/s between two stations, whose velocities differ.
-            by_time = by_time - C_M_S * (self._down.tdb_rate - self._up.tdb_rate)
+            first_rate = np.where(self._sign == 0.0, self._up.geocentric_tdb_rate, self._up.tdb_rate)
+            by_time = by_time - C_M_S * (self._down.tdb_rate - first_rate)
         by_zenith_wet = []
         legs = zip((up, down), (partials.by_up_delay, partials.by_down_delay), self._drag(path), strict=True)
         for view, by_delay, drag in legs:
@@ -179,8 +192,10 @@ class ExactPredictor:
                 by_position = by_position + by_media[:, None] * view.axes.by_position
             by_zenith_wet.append(by_media * view.by_zenith_wet)
         n = len(self.observations)
-        elevation_rad = np.stack([up.elevation.angle_rad, down.elevation.angle_rad], axis=-1)
-        status = np.stack([up.status, down.status], axis=-1)
+        one_way = self._sign == 0.0
+        first_rad = np.where(one_way, down.elevation.angle_rad, up.elevation.angle_rad)
+        elevation_rad = np.stack([first_rad, down.elevation.angle_rad], axis=-1)
+        status = np.stack([np.where(one_way, 0, up.status), down.status], axis=-1).astype(np.int8)
         if len(self._counted):
             late, early = elevation_rad[self._counted], elevation_rad[n:]
             elevation_rad[self._counted] = np.where((late >= 0.0) & (early < 0.0), early, late)
@@ -195,7 +210,38 @@ class ExactPredictor:
             by_zenith_wet=self._observed(np.stack(by_zenith_wet, axis=-1)),
             elevation_rad=elevation_rad[:n],
             status=status[:n],
+            by_station_itrf=(
+                self._by_stations(path, partials) if self.station_partials else np.zeros((n, 0, 3))
+            ),
+            by_electron_content_m=(
+                self._by_electron_content(path, partials, up, down)
+                if self.station_partials
+                else np.zeros((n, 0))
+            ),
         )
+
+    def _by_stations(self, path: LightPath, partials: PathPartials) -> NDArray[np.float64]:
+        """Partials by the ITRF coordinates of both stations, shape (n, 2, 3)."""
+        ends = (
+            (self._up, -partials.by_up_delay[:, None] * path.up_unit),
+            (self._down, partials.by_down_delay[:, None] * path.down_unit),
+        )
+        by_itrf = [rotated(np.swapaxes(station.rot_itrf_to_gcrs, -1, -2), by) for station, by in ends]
+        return self._observed(np.stack(by_itrf, axis=1))
+
+    def _by_electron_content(
+        self, path: LightPath, partials: PathPartials, up: LineOfSight, down: LineOfSight
+    ) -> NDArray[np.float64]:
+        """Partials by the vertical electron content above both stations, m/TECU, shape (n, 2)."""
+        phase = np.where(is_integrated(self._paths.kind), -1.0, 1.0)
+        columns = []
+        legs = zip((up, down), (partials.by_up_delay, partials.by_down_delay), self._drag(path), strict=True)
+        for k, (view, by_delay, drag) in enumerate(legs):
+            hz = frequencies_hz(self._paths, uplink=(self._sign > 0.0) & (k == 0))
+            mapping, _ = modified_shell_mapping(np.maximum(view.elevation.angle_rad, LEAST_ELEVATION_RAD))
+            one_tecu_m = np.where(self._radio, phase * mapping * ionosphere_delay_m(1.0, hz), 0.0)
+            columns.append(np.where(by_delay == 0.0, 0.0, by_delay * drag * one_tecu_m))
+        return self._observed(np.stack(columns, axis=-1))
 
     def at(self, lander_pa_m: NDArray[np.float64]) -> Computed:
         """The same as :meth:`compute`, of which some rows can be taken."""
@@ -250,7 +296,7 @@ class ExactPredictor:
         def prepare(
             model: PhysicalModel, observations: Observations, pa_m: NDArray[np.float64]
         ) -> ExactPredictor:
-            return ExactPredictor(model, observations, pa_m, self.trajectory)
+            return ExactPredictor(model, observations, pa_m, self.trajectory, self.targets)
 
         return table_of_terms(self, lander_pa_m, prepare, skip=() if self.trajectory is None else _OF_LANDERS)
 
@@ -259,8 +305,10 @@ class ExactPredictor:
         self.stations, self.transmitters, self.receivers, self._stations = stations_of(
             self.model, self.observations
         )
+        self.target = targets_of(self.observations, self.targets)
         rows = np.concatenate([np.arange(len(self.observations)), self._counted])
         self._transmitter, self._receiver = self.transmitters[rows], self.receivers[rows]
+        self._target = self.target[rows]
         return rows
 
     def _observed(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -329,6 +377,8 @@ class ExactPredictor:
 
         The views are those along the path without delays, in which elevations are off by 1e-10 rad.
         """
+        if lander_pa_m.ndim == 2:
+            lander_pa_m = lander_pa_m[self._target]
         relay = (
             self._moon.point(self.model, lander_pa_m)
             if self._craft is None

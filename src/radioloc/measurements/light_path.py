@@ -1,8 +1,9 @@
 """The light path between two stations and a point on the Moon, and how it moves with that point.
 
-Two shapes share one solution. A range goes up from the first station to the point and down to the second. A differenced
-delay (VLBI) comes down from the point to both: its first leg runs the other way in time, sign -1, and the first
-station's event, called the transmission below, is an arrival.
+Three shapes share one solution, told apart by the sign of the first leg. A range goes up from the first station to
+the point and down to the second, sign 1. A differenced delay (VLBI) comes down from the point to both: its first leg
+runs the other way in time, sign -1, and the first station's event, called the transmission below, is an arrival. A
+one-way signal has no first leg, sign 0: it begins with the bounce.
 
 All positions are BCRS vectors from one origin per observation, the geocentre at the observation's reference epoch,
 and all times are TDB seconds from that epoch. Barycentric positions of 1.5e11 m would be rounded to 0.03 mm; from
@@ -81,7 +82,8 @@ class PathPartials:
     by_tag : ndarray, shape (n,)
         With respect to the time tag, m/s.
     by_up_delay, by_down_delay : ndarray, shape (n,)
-        With respect to the delay of a leg, m/m: 1 (or the sign) to 1e-4.
+        With respect to the delay of a leg, m/m: the leg's sign to 1e-4. Times the leg's unit vector, towards the second
+        participant, it is the derivative by that participant's position, and minus that by the first one's.
     by_hold : ndarray, shape (n,)
         With respect to the hold, m/s: the speed of light to 1e-5.
     """
@@ -119,7 +121,8 @@ def solve_light_path(
     up_delay_m, down_delay_m : array_like, shape () or (n,)
         Delay of each leg beyond its straight length (gravity, media), m.
     sign : array_like, shape () or (n,)
-        1 for a range, -1 for a differenced delay, whose tag then is the first station's (0) or the second's (1).
+        1 for a range, -1 for a differenced delay, whose tag then is the first station's (0) or the second's (1), 0
+        for a one-way signal, whose tag is the reception or the bounce.
     hold_s : array_like, shape () or (n,)
         How long the point keeps the signal of a range before it sends it down, s; zero for a differenced delay.
     near : LightPath, optional

@@ -55,7 +55,7 @@ class LunarMotion:
     bodies_m: dict[str, NDArray[np.float64]]
 
     def point(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> MovingPoint:
-        """Motion of a point with given principal-axes coordinates, shape (3,), m."""
+        """Motion of a point with given principal-axes coordinates, shape (3,) or (n, 3), m."""
         pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)
         if model.has("lunar_tide"):
             permanent: Literal["included", "removed"] = (

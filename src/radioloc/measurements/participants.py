@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.earth.stations import Station
-from radioloc.errors import StationError
+from radioloc.errors import InputError, StationError
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.targets import canonical_target
 
 
 class Participants(NamedTuple):
@@ -21,7 +23,7 @@ class Participants(NamedTuple):
     names : tuple of str
         Of the stations that take part, each once.
     transmitters, receivers : ndarray of int32, shape (n,)
-        Index into `names` of each observation's transmitter and receiver.
+        Index into `names` of each observation's first and second station; without a first one it is the second.
     stations : tuple of Station
         The same as `names`, as they are in the catalogue.
     """
@@ -30,6 +32,29 @@ class Participants(NamedTuple):
     transmitters: NDArray[np.int32]
     receivers: NDArray[np.int32]
     stations: tuple[Station, ...]
+
+
+def targets_of(observations: Observations, targets: Sequence[str]) -> NDArray[np.int32]:
+    """Index of each observation's target in a list of names, shape (n,); zero where the list is empty.
+
+    Raises
+    ------
+    InputError
+        An observation is of a target that is not in the list.
+    """
+    if not targets:
+        return np.zeros(len(observations), dtype=np.int32)
+    places = {canonical_target(name): k for k, name in enumerate(targets)}
+    of_link = np.full(len(observations.links), -1, dtype=np.int32)
+    for i in np.unique(observations.link):
+        of_link[i] = places.get(canonical_target(observations.links[i].target), -1)
+        if of_link[i] < 0:
+            row = int(np.argmax(observations.link == i))
+            raise InputError(
+                f"{observations.origin(row)}: target {observations.links[i].target!r} has no position; "
+                f"there are {', '.join(targets)}"
+            )
+    return np.asarray(of_link[observations.link])
 
 
 def stations_of(model: PhysicalModel, observations: Observations) -> Participants:
@@ -53,7 +78,7 @@ def stations_of(model: PhysicalModel, observations: Observations) -> Participant
         rows = np.flatnonzero(observations.link == i)
         if len(rows) == 0:
             continue
-        for end, name in enumerate((link.transmitter, link.receiver)):
+        for end, name in enumerate((link.transmitter or link.receiver, link.receiver)):
             try:
                 station = model.catalogue.get(name)
             except StationError as error:

@@ -5,7 +5,8 @@ The rule by which a segment is accepted is here; docs/architecture.md says what 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -33,23 +34,43 @@ ALLOWED_M = 0.9e-4
 ALLOWED_RELATIVE = 1e-6
 """Allowed deviation of partials, of the largest in the segment; of an elevation, in rad."""
 
-QUANTITIES = {
-    "value_m": 1,
-    "by_position_pa": 3,
-    "by_time_m_s": 1,
-    "by_transponder_delay_m_s": 1,
-    "by_zenith_wet": 2,
-    "elevation_rad": 2,
+_SHAPES: dict[str, tuple[int, ...]] = {
+    "value_m": (),
+    "by_position_pa": (3,),
+    "by_time_m_s": (),
+    "by_transponder_delay_m_s": (),
+    "by_zenith_wet": (2,),
+    "elevation_rad": (2,),
+    "by_station_itrf": (2, 3),
+    "by_electron_content_m": (2,),
 }
-"""What is interpolated: columns of :class:`~radioloc.measurements.predictor.Computed` and how many numbers each has."""
-WIDTH = sum(QUANTITIES.values())
+"""Columns of :class:`~radioloc.measurements.predictor.Computed` that are interpolated, and the shape of their rows."""
+_OF_STATIONS = ("by_station_itrf", "by_electron_content_m")
 MOST = DEGREES[-1][1] + 1
-"""Numbers that are interpolated, and most coefficients of each."""
+"""Most coefficients of a quantity."""
+
+
+@cache
+def places(station_partials: bool) -> dict[str, slice]:
+    """Where each column lies among the quantities that are interpolated."""
+    names = [name for name in _SHAPES if station_partials or name not in _OF_STATIONS]
+    ends = np.cumsum([math.prod(_SHAPES[name]) for name in names]).tolist()
+    return {name: slice(end - math.prod(_SHAPES[name]), end) for name, end in zip(names, ends, strict=True)}
+
+
+def width(station_partials: bool) -> int:
+    """Numbers that are interpolated for each observation."""
+    return next(reversed(places(station_partials).values())).stop
+
+
+ELEVATION = places(False)["elevation_rad"]
 _ROUNDING = {
     "by_position_pa": 2e-12,
     "by_time_m_s": 1e-6,
     "by_transponder_delay_m_s": 1e-5,
     "by_zenith_wet": 1e-9,
+    "by_station_itrf": 2e-12,
+    "by_electron_content_m": 1e-9,
 }
 """Rounding of the partials themselves, which no interpolation can undercut."""
 _POSITION_MOST = 1e-9
@@ -61,7 +82,7 @@ _SPIN_RAD_S = 7.3e-5
 
 @dataclass(frozen=True, slots=True)
 class Comparison:
-    """Which segments agree with the model, and by how much each quantity deviates, shapes (m,) and (m, WIDTH)."""
+    """Which segments agree with the model, and by how much each quantity deviates, shapes (m,) and (m, width)."""
 
     good: NDArray[np.bool_]
     deviation: NDArray[np.float64]
@@ -90,10 +111,18 @@ class PiecewiseChebyshev:
         observations: Observations,
         segments: Segments,
         lander_pa_m: NDArray[np.float64],
+        targets: Sequence[str] = (),
+        station_partials: bool = False,
     ) -> PiecewiseChebyshev:
         """Compute what does not depend on the position for nodes and check points of segments."""
-        places = [np.concatenate([nodes(d), check_points(d)]) for d in segments.degree.tolist()]
-        arc = ExactPredictor(model, segments.observations_at(observations, places), lander_pa_m)
+        at = [np.concatenate([nodes(d), check_points(d)]) for d in segments.degree.tolist()]
+        arc = ExactPredictor(
+            model,
+            segments.observations_at(observations, at),
+            lander_pa_m,
+            targets=targets,
+            station_partials=station_partials,
+        )
         last = np.cumsum(segments.degree + 1 + CHECK_POINTS)
         is_check = np.zeros(last[-1], dtype=bool)
         is_check[last[:, None] - np.arange(1, CHECK_POINTS + 1)] = True
@@ -141,8 +170,10 @@ class PiecewiseChebyshev:
         """Compare the polynomials with the model at the check points."""
         at_nodes, at_checks = self.nodes.compute(lander_pa_m), self.checks.compute(lander_pa_m)
         coefficients, tail = self._coefficients(at_nodes)
-        model = _stacked(at_checks).reshape(WIDTH, len(self), CHECK_POINTS)
-        deviation = np.zeros((len(self), WIDTH))
+        model = _stacked(at_checks, self.nodes.station_partials)
+        size = len(model)
+        model = model.reshape(size, len(self), CHECK_POINTS)
+        deviation = np.zeros((len(self), size))
         good = np.ones(len(self), dtype=bool)
         limits = self._limits_rad()
         margin_rad = self._margins_rad()
@@ -150,8 +181,10 @@ class PiecewiseChebyshev:
             values = _evaluate(coefficients[of_degree], check_points(degree))
             here = np.abs(np.moveaxis(model[:, of_degree], 0, 1) - values).max(axis=-1)
             deviation[of_degree] = here
-            scales = _stacked(at_nodes)[:, rows].reshape(WIDTH, -1, degree + 1)
-            good[of_degree] &= (np.maximum(here, tail[of_degree]) <= _allowed(scales)).all(axis=-1)
+            scales = _stacked(at_nodes, self.nodes.station_partials)[:, rows].reshape(size, -1, degree + 1)
+            good[of_degree] &= (
+                np.maximum(here, tail[of_degree]) <= _allowed(scales, self.nodes.station_partials)
+            ).all(axis=-1)
             # The elevations between the nodes stay on one side of every limit, so that the status is that of the nodes.
             grid = np.linspace(-1.0, 1.0, 4 * degree + 1)
             elevation_rad = _evaluate(coefficients[of_degree][:, ELEVATION], grid)
@@ -189,11 +222,12 @@ class PiecewiseChebyshev:
             yield int(degree), np.flatnonzero(self.degree == degree), np.flatnonzero(of_node == degree)
 
     def _coefficients(self, computed: Computed) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Powers descending, (m, WIDTH, MOST), and sizes of the last two Chebyshev coefficients, (m, WIDTH)."""
-        values = _stacked(computed)
-        coefficients, tail = np.zeros((len(self), WIDTH, MOST)), np.zeros((len(self), WIDTH))
+        """Powers descending, (m, width, MOST), and sizes of the last two Chebyshev coefficients, (m, width)."""
+        values = _stacked(computed, self.nodes.station_partials)
+        size = len(values)
+        coefficients, tail = np.zeros((len(self), size, MOST)), np.zeros((len(self), size))
         for degree, of_degree, rows in self._groups():
-            at_nodes = np.moveaxis(values[:, rows].reshape(WIDTH, -1, degree + 1), 0, 1)
+            at_nodes = np.moveaxis(values[:, rows].reshape(size, -1, degree + 1), 0, 1)
             # Without its value in the middle, a range keeps its digits in the sums.
             middle = at_nodes[..., degree // 2].copy()
             series = (at_nodes - middle[..., None]) @ _to_chebyshev(degree)
@@ -204,28 +238,20 @@ class PiecewiseChebyshev:
         return coefficients, tail
 
 
-def _slices() -> dict[str, slice]:
-    """Where each column lies among the quantities."""
-    ends = np.cumsum(list(QUANTITIES.values())).tolist()
-    return {
-        name: slice(end - width, end) for (name, width), end in zip(QUANTITIES.items(), ends, strict=True)
-    }
+def columns_of(out: NDArray[np.float64], station_partials: bool) -> dict[str, NDArray[np.float64]]:
+    """Quantities (width, n) as columns, without copying."""
+    n = out.shape[1]
+    columns = {name: out[:0].T.reshape(n, 0, *_SHAPES[name][1:]) for name in _OF_STATIONS}
+    for name, place in places(station_partials).items():
+        columns[name] = out[place].T.reshape(n, *_SHAPES[name]) if _SHAPES[name] else out[place.start]
+    return columns
 
 
-_PLACES = _slices()
-ELEVATION = _PLACES["elevation_rad"]
-
-
-def columns_of(out: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """Quantities (WIDTH, n) as columns, without copying."""
-    return {
-        name: out[place].T if QUANTITIES[name] > 1 else out[place.start] for name, place in _PLACES.items()
-    }
-
-
-def _stacked(computed: Computed) -> NDArray[np.float64]:
-    """Columns as quantities, shape (WIDTH, n)."""
-    return np.concatenate([np.atleast_2d(getattr(computed, name).T) for name in QUANTITIES])
+def _stacked(computed: Computed, station_partials: bool) -> NDArray[np.float64]:
+    """Columns as quantities, shape (width, n)."""
+    n = len(computed.value_m)
+    columns = (getattr(computed, name) for name in places(station_partials))
+    return np.concatenate([column.reshape(n, -1).T for column in columns])
 
 
 @cache
@@ -254,14 +280,15 @@ def _evaluate(coefficients: NDArray[np.float64], x: NDArray[np.float64]) -> NDAr
     return total
 
 
-def _allowed(at_nodes: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Deviations allowed at check points, from the quantities' sizes at the nodes (WIDTH, m, k); shape (m, WIDTH)."""
+def _allowed(at_nodes: NDArray[np.float64], station_partials: bool) -> NDArray[np.float64]:
+    """Deviations allowed at check points, from the quantities' sizes at the nodes (width, m, k); shape (m, width)."""
     size = np.abs(at_nodes).max(axis=-1)
     allowed = np.empty_like(size)
-    for name, place in _PLACES.items():
+    where = places(station_partials)
+    for name, place in where.items():
         largest = np.linalg.norm(size[place], axis=0) if name == "by_position_pa" else size[place].max(axis=0)
         allowed[place] = np.maximum(ALLOWED_RELATIVE / SAFETY * largest, _ROUNDING.get(name, 0.0))
-    allowed[_PLACES["value_m"]] = ALLOWED_M / SAFETY
-    allowed[_PLACES["by_position_pa"]] = np.minimum(allowed[_PLACES["by_position_pa"]], _POSITION_MOST)
+    allowed[where["value_m"]] = ALLOWED_M / SAFETY
+    allowed[where["by_position_pa"]] = np.minimum(allowed[where["by_position_pa"]], _POSITION_MOST)
     allowed[ELEVATION] = ALLOWED_RELATIVE / SAFETY
     return allowed.T

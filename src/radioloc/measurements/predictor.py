@@ -30,7 +30,7 @@ class Computed:
     value_m : ndarray, shape (n,)
         Range, delay or growth of the range, m.
     by_position_pa : ndarray, shape (n, 3)
-        Partial derivatives with respect to the point's principal-axes coordinates, m/m.
+        Partial derivatives with respect to the principal-axes coordinates of the observation's target, m/m.
     by_time_m_s : ndarray, shape (n,)
         Partial derivative with respect to the time tag, m/s.
     by_transponder_delay_m_s : ndarray, shape (n,)
@@ -43,6 +43,12 @@ class Computed:
         delay rates that at the end of the count interval, or at its start if the point is below the horizon only then.
     status : ndarray of int8, shape (n, 2)
         :class:`~radioloc.media.status.Status` at both ends: whether the model holds there, or why not.
+    by_station_itrf : ndarray, shape (n, 2, 3)
+        Partial derivatives with respect to the ITRF coordinates of the first and of the second station, m/m; where they
+        were not asked for the shape is (n, 0, 3).
+    by_electron_content_m : ndarray, shape (n, 2)
+        Partial derivatives with respect to the vertical electron content above the two stations, m/TECU, NaN without a
+        frequency; where they were not asked for the shape is (n, 0).
     """
 
     value_m: NDArray[np.float64]
@@ -52,6 +58,8 @@ class Computed:
     by_zenith_wet: NDArray[np.float64]
     elevation_rad: NDArray[np.float64]
     status: NDArray[np.int8]
+    by_station_itrf: NDArray[np.float64]
+    by_electron_content_m: NDArray[np.float64]
 
     def rows(self, which: Any) -> Computed:
         """Some of the rows, chosen by a mask, a slice or indices."""
@@ -63,6 +71,8 @@ class Computed:
             self.by_zenith_wet[which],
             self.elevation_rad[which],
             self.status[which],
+            self.by_station_itrf[which],
+            self.by_electron_content_m[which],
         )
 
     @property
@@ -118,6 +128,21 @@ class Predictor(Protocol):
         ...
 
     @property
+    def targets(self) -> tuple[str, ...]:
+        """Names of the targets, in the order of the positions; empty where there is only one."""
+        ...
+
+    @property
+    def station_partials(self) -> bool:
+        """Whether partials by the stations' places and by the electron content above them are computed."""
+        ...
+
+    @property
+    def target(self) -> NDArray[np.int32]:
+        """Index of each observation's target among the positions, shape (n,)."""
+        ...
+
+    @property
     def predicted_eop(self) -> NDArray[np.bool_]:
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
         ...
@@ -127,7 +152,10 @@ class Predictor(Protocol):
         ...
 
     def at(self, lander_pa_m: NDArray[np.float64]) -> Prediction:
-        """The predictions for a position, whose partials are had in blocks of rows."""
+        """The predictions for a position, whose partials are had in blocks of rows.
+
+        With several targets the positions are an array of shape (n_targets, 3).
+        """
         ...
 
     def select(self, which: Any) -> Predictor:

@@ -39,8 +39,10 @@ class StationMotion:
         TDB - TT at the station.
     topocentric_s : ndarray, shape (n,)
         The part of it that depends on the place, v_E . r / c^2.
-    tdb_rate : ndarray, shape (n,)
-        Rate of TDB - TT.
+    tdb_rate, geocentric_tdb_rate : ndarray, shape (n,)
+        Rate of TDB - TT at the station, and of the part of it that does not depend on the place.
+    rot_itrf_to_gcrs : ndarray, shape (n, 3, 3)
+        Orientation of the Earth.
     latitude_rad, height_m : ndarray, shape (n,)
         Geodetic.
     predicted_eop : ndarray of bool, shape (n,)
@@ -56,6 +58,8 @@ class StationMotion:
     tdb_minus_tt_s: NDArray[np.float64]
     topocentric_s: NDArray[np.float64]
     tdb_rate: NDArray[np.float64]
+    geocentric_tdb_rate: NDArray[np.float64]
+    rot_itrf_to_gcrs: NDArray[np.float64]
     latitude_rad: NDArray[np.float64]
     height_m: NDArray[np.float64]
     predicted_eop: NDArray[np.bool_]
@@ -63,6 +67,11 @@ class StationMotion:
     def tdb_minus_tt_at(self, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """TDB - TT at the station at another instant nearby, s, shape (n,)."""
         return self.tdb_minus_tt_s + self.tdb_rate * (offset_s - self.point.offset_s)
+
+    def geocentric_tdb_minus_tt_at(self, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
+        """TDB - TT at the geocentre at another instant nearby, s, shape (n,)."""
+        there_s = self.tdb_minus_tt_s - self.topocentric_s
+        return there_s + self.geocentric_tdb_rate * (offset_s - self.point.offset_s)
 
 
 def station_motion(
@@ -136,6 +145,7 @@ def station_motion(
         bcrs_m = bcrs_m - gcrs_m * (potential + (L_B - L_G))[:, None]
     if model.has("earth_lorentz"):
         bcrs_m = bcrs_m - v_m_s * (np.einsum("ni,ni->n", v_m_s, gcrs_m) / (2.0 * C_M_S**2))[:, None]
+    geocentric_rate = np.einsum("ni,ni->n", v_m_s, v_m_s) / (2.0 * C_M_S**2) + potential - (L_B - L_G)
     return StationMotion(
         point=MovingPoint(
             offset_s, geocentre_displacement_m(reference_earth, offset_s) + bcrs_m, v_m_s + gcrs_velocity_m_s
@@ -147,11 +157,11 @@ def station_motion(
         pole_gcrs=rot[:, :, 2],
         tdb_minus_tt_s=geocentric_s + topocentric_s,
         topocentric_s=topocentric_s,
-        tdb_rate=np.einsum("ni,ni->n", v_m_s, v_m_s) / (2.0 * C_M_S**2)
-        + potential
-        - (L_B - L_G)
+        tdb_rate=geocentric_rate
         + topocentric_tdb_minus_tt(v_m_s, gcrs_velocity_m_s)
         + topocentric_tdb_minus_tt(earth.acceleration_m_s2, gcrs_m),
+        geocentric_tdb_rate=geocentric_rate,
+        rot_itrf_to_gcrs=rot,
         latitude_rad=latitude_rad,
         height_m=height_m,
         predicted_eop=rotation.predicted,

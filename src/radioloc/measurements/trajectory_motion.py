@@ -17,6 +17,7 @@ from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.lunar_motion import LunarMotion
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.time import Epochs
+from radioloc.vectors import rotated
 
 _FARTHEST_M = 2e10
 """After the 67 s of light the Earth's motion is no longer a parabola to 0.06 mm."""
@@ -69,11 +70,13 @@ def trajectory_motion(
 
 
 def displaced(motion: MovingPoint, moon: LunarMotion, offset_pa_m: NDArray[np.float64]) -> MovingPoint:
-    """A motion beside another one, at a constant distance in the Moon's principal axes, shape (3,), m."""
+    """A motion beside another one, at a constant distance in the Moon's principal axes, shape (3,) or (n, 3), m."""
     return MovingPoint(
         motion.offset_s,
-        motion.position_m + moon.rot_pa_to_icrf @ offset_pa_m,
-        motion.velocity_m_s + moon.rot_pa_to_icrf_rate @ offset_pa_m,
+        motion.position_m
+        + rotated(moon.rot_pa_to_icrf, np.broadcast_to(offset_pa_m, motion.position_m.shape)),
+        motion.velocity_m_s
+        + rotated(moon.rot_pa_to_icrf_rate, np.broadcast_to(offset_pa_m, motion.position_m.shape)),
     )
 
 

@@ -19,7 +19,16 @@ def still_station(up, gcrs_m=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), up_rate=
     """Only what elevation needs."""
     row = {name: np.array([v]) for name, v in (("gcrs_m", gcrs_m), ("gcrs_velocity_m_s", velocity))}
     rest = dict.fromkeys(
-        ("tdb_minus_tt_s", "topocentric_s", "tdb_rate", "latitude_rad", "height_m", "predicted_eop"),
+        (
+            "tdb_minus_tt_s",
+            "topocentric_s",
+            "tdb_rate",
+            "geocentric_tdb_rate",
+            "rot_itrf_to_gcrs",
+            "latitude_rad",
+            "height_m",
+            "predicted_eop",
+        ),
         np.zeros(1),
     )
     return StationMotion(

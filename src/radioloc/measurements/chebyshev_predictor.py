@@ -182,9 +182,7 @@ class ChebyshevPredictor:
             exact = computed.rows(slice(n_nodes, None))
             if self._net is not None:
                 coefficients, status = self._net.polynomials(computed.rows(slice(0, n_nodes)))
-        return ChebyshevPrediction(
-            self._segment, self._x, coefficients, status, exact, self.station_partials
-        )
+        return ChebyshevPrediction(self._segment, self._x, coefficients, status, exact, self.station_partials)
 
     def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
         """Predict all observations for a position, with partials; parameters and errors as :meth:`at`."""

@@ -2,6 +2,7 @@
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
+PARALLEL := -n logical --dist worksteal
 COMPILED := tests/unit/measurements/test_chebyshev_predictor.py tests/unit/studies/test_evaluation.py
 SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_readers.py tests/unit/io/test_parquet.py \
 	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/studies/test_trajectory_study.py \
@@ -23,10 +24,10 @@ demo: $(VENV)/.installed-demo  ## Locate the Apollo 15 reflector from real laser
 	$(BIN)/radioloc locate examples/apollo15/apollo15.toml --out out/apollo15
 
 test: $(VENV)/.installed-dev  ## Run the tests that take seconds.
-	$(BIN)/python -m pytest -m "not slow"
+	$(BIN)/python -m pytest $(PARALLEL) -m "not slow"
 
-test-all: $(VENV)/.installed-dev  ## Run all tests, slow studies included.
-	$(BIN)/python -m pytest
+test-all: $(VENV)/.installed-dev  ## Run all tests: also slow studies, what the documentation runs, and long searches for failures.
+	$(BIN)/python -m pytest $(PARALLEL) --hypothesis-profile=thorough
 
 test-uncompiled: $(VENV)/.installed-dev  ## Run the tests of compiled code with the compiler off, so that they see every line.
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow" $(COMPILED)

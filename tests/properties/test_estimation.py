@@ -1,7 +1,7 @@
 """Properties of the estimator that hold whatever the problem: units, order, information."""
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -38,7 +38,6 @@ def fitted(design, observed, sigma, parameter_set):
 
 
 @given(seeds, sizes, st.data())
-@settings(max_examples=60, deadline=None)
 def test_units_of_parameters_do_not_matter(seed, size, data):
     design, observed, sigma = problem(seed, size)
     unit_m = 10.0 ** data.draw(arrays(float, size[1], elements=st.floats(-6.0, 6.0)))
@@ -51,7 +50,6 @@ def test_units_of_parameters_do_not_matter(seed, size, data):
 
 
 @given(seeds, sizes, st.floats(-3.0, 3.0))
-@settings(max_examples=60, deadline=None)
 def test_units_of_observations_do_not_matter(seed, size, exponent):
     design, observed, sigma = problem(seed, size)
     unit = 10.0**exponent
@@ -62,7 +60,6 @@ def test_units_of_observations_do_not_matter(seed, size, exponent):
 
 
 @given(seeds, sizes)
-@settings(max_examples=60, deadline=None)
 def test_order_of_observations_and_parameters_does_not_matter(seed, size):
     design, observed, sigma = problem(seed, size)
     observed[0] += 1e4
@@ -84,7 +81,6 @@ def test_order_of_observations_and_parameters_does_not_matter(seed, size):
 
 
 @given(seeds, sizes)
-@settings(max_examples=60, deadline=None)
 def test_zero_noise_is_recovered(seed, size):
     design, _, sigma = problem(seed, size)
     truth = np.random.default_rng(seed + 1).normal(size=size[1]) * 1e5
@@ -94,7 +90,6 @@ def test_zero_noise_is_recovered(seed, size):
 
 
 @given(seeds, sizes)
-@settings(max_examples=60, deadline=None)
 def test_more_information_never_hurts(seed, size):
     design, observed, sigma = problem(seed, size)
     free = fitted(design, observed, sigma, parameters(size[1]))
@@ -105,7 +100,6 @@ def test_more_information_never_hurts(seed, size):
 
 
 @given(seeds, sizes)
-@settings(max_examples=60, deadline=None)
 def test_a_doubled_column_is_always_found_and_named(seed, size):
     design, observed, sigma = problem(seed, size)
     doubled = np.column_stack([design, design[:, 0]])

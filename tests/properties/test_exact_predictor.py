@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from arc_cases import observations
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radioloc.constants import C_M_S
@@ -49,7 +49,6 @@ def arc_and_point(model, case, prepared_off_m=(0.0, 0.0, 0.0), shift_s=0.0, tag=
     return ExactPredictor(model, table, point_pa_m + prepared_off_m), point_pa_m
 
 
-@settings(max_examples=40, deadline=None)
 @given(case=CASES)
 def test_partials_by_position(model, case):
     arc, point_pa_m = arc_and_point(model, case)
@@ -62,7 +61,6 @@ def test_partials_by_position(model, case):
     assert np.linalg.norm(analytic - numeric) < PARTIALS_RELATIVE * np.linalg.norm(numeric)
 
 
-@settings(max_examples=40, deadline=None)
 @given(case=CASES)
 def test_partials_by_time(model, case):
     arc, point_pa_m = arc_and_point(model, case)
@@ -75,7 +73,6 @@ def test_partials_by_time(model, case):
     assert abs(analytic - (ahead - behind) / (2 * step_s)) < 4e-4
 
 
-@settings(max_examples=40, deadline=None)
 @given(case=CASES)
 def test_transmit_and_receive_tags_tell_one_path(model, case):
     sent, point_pa_m = arc_and_point(model, case, tag="transmit")
@@ -84,7 +81,6 @@ def test_transmit_and_receive_tags_tell_one_path(model, case):
     assert abs(received.compute(point_pa_m).value_m - range_m)[0] < SAME_M
 
 
-@settings(max_examples=40, deadline=None)
 @given(case=CASES, away=st.tuples(*[st.floats(-3e4, 3e4)] * 3))
 def test_preparation_does_not_matter(model, case, away):
     near, point_pa_m = arc_and_point(model, case)

@@ -6,7 +6,7 @@ import math
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, reject, settings
+from hypothesis import given, reject
 from hypothesis import strategies as st
 
 import radioloc
@@ -79,7 +79,6 @@ def read_or_refuse(folder, content):
     return None
 
 
-@settings(deadline=None, max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(changes=st.dictionaries(st.sampled_from(PLACES), VALUES, min_size=1, max_size=3))
 def test_a_study_with_wrong_values_is_refused_in_words_or_read(changes, folder):
     content = {**GOOD, **changes}
@@ -90,7 +89,6 @@ def test_a_study_with_wrong_values_is_refused_in_words_or_read(changes, folder):
     read_or_refuse(folder, "\n".join(lines).encode())
 
 
-@settings(deadline=None, max_examples=200)
 @given(
     content=st.one_of(
         st.binary(max_size=60), st.text(alphabet='[]{}="\n.,#ab1-T:', max_size=60).map(str.encode)
@@ -106,7 +104,6 @@ LINKS = [
 DAYS = 2460432.5
 
 
-@settings(deadline=None, max_examples=200)
 @given(data=st.data())
 def test_every_observation_is_kept_or_counted(data):
     n = data.draw(st.integers(1, 12))
@@ -138,7 +135,6 @@ def test_every_observation_is_kept_or_counted(data):
         assert times_h.max() - times_h.min() <= choice.hours + 1e-6
 
 
-@settings(deadline=None, max_examples=200)
 @given(
     longitude_deg=st.floats(-180.0, 180.0),
     latitude_deg=st.floats(-90.0, 90.0),

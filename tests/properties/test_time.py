@@ -5,7 +5,7 @@ from __future__ import annotations
 from fractions import Fraction
 
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radioloc.time import (
@@ -37,7 +37,6 @@ FRACTIONS = st.one_of(st.floats(0.0, 1.0, exclude_max=True), NEAR_MIDNIGHT)
 ALL_DAYS = st.one_of(DAYS, DAYS_WITH_LEAP_SECOND)
 
 
-@settings(max_examples=400, deadline=None)
 @given(ALL_DAYS, FRACTIONS)
 def test_utc_to_tai_and_back(jd, fraction):
     utc = Epochs.from_jd(jd, fraction, "UTC")
@@ -46,7 +45,6 @@ def test_utc_to_tai_and_back(jd, fraction):
     assert abs(again.seconds_since(tai)[0]) < FEW_LAST_PLACES_S
 
 
-@settings(max_examples=400, deadline=None)
 @given(ALL_DAYS, FRACTIONS)
 def test_tai_to_tdb_and_back(jd, fraction):
     tai = Epochs.from_jd(jd, fraction, "TAI")
@@ -54,7 +52,6 @@ def test_tai_to_tdb_and_back(jd, fraction):
     assert abs(back.seconds_since(tai)[0]) < FEW_LAST_PLACES_S
 
 
-@settings(max_examples=400, deadline=None)
 @given(ALL_DAYS, FRACTIONS)
 def test_dates_as_text_and_back(jd, fraction):
     utc = Epochs.from_jd(jd, fraction, "UTC")
@@ -64,7 +61,6 @@ def test_dates_as_text_and_back(jd, fraction):
     assert utc_strings(read).tolist() == text.tolist()
 
 
-@settings(max_examples=200, deadline=None)
 @given(st.integers(0, 86399), st.integers(0, 999_999_999), DAYS)
 def test_nanoseconds_are_read_and_written_as_they_stand(second, nanosecond, jd):
     day = str(Epochs.from_jd(jd).day_strings()[0])
@@ -72,7 +68,6 @@ def test_nanoseconds_are_read_and_written_as_they_stand(second, nanosecond, jd):
     assert utc_strings(epochs_from_strings(text)).tolist() == [text]
 
 
-@settings(max_examples=400, deadline=None)
 @given(
     st.floats(2.4e6, 2.5e6),
     st.floats(-2.0, 2.0),

@@ -430,6 +430,7 @@ def runs(language: str) -> list[Path]:
     return [page for page in PAGES if any(block.language == language for block in blocks(page))]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "page", sorted({*runs("sh"), *runs("python")}), ids=lambda p: str(p.relative_to(DOCS))
 )

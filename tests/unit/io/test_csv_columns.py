@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radioloc.errors import InputError
@@ -27,7 +27,6 @@ FLOATS = st.lists(
 )
 
 
-@settings(deadline=None)
 @given(FLOATS, st.integers(1, 8))
 def test_fixed_decimals(values, decimals):
     found = fixed_cells(np.array(values), decimals).tolist()

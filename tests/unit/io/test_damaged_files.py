@@ -5,18 +5,13 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radioloc.errors import DataQualityWarning, InputError
 from radioloc.io.detect import read_observations
 
 # The damage is drawn inside the test; the file's content is the same for all examples.
-SETTINGS = settings(
-    deadline=None,
-    max_examples=400,
-    suppress_health_check=[HealthCheck.function_scoped_fixture],
-)
 # Characters that mean something in numbers, dates, paths or CSV, and some that must not pass as digits.
 CHARACTERS = st.one_of(st.sampled_from('0123456789 .,-+eEnaH>:T#"\n\r\t_±٣²'), st.characters())
 
@@ -38,7 +33,6 @@ def read_or_refuse(path, content):
     return observations
 
 
-@SETTINGS
 @given(data=st.data())
 def test_characters_replaced_added_and_taken_away(any_text, tmp_path, data):
     text = any_text
@@ -50,7 +44,6 @@ def test_characters_replaced_added_and_taken_away(any_text, tmp_path, data):
     read_or_refuse(tmp_path / "damaged", text.encode("utf-8", "surrogatepass"))
 
 
-@SETTINGS
 @given(data=st.data())
 def test_lines_taken_away_repeated_and_moved(any_text, tmp_path, data):
     lines = any_text.split("\n")
@@ -60,7 +53,6 @@ def test_lines_taken_away_repeated_and_moved(any_text, tmp_path, data):
     read_or_refuse(tmp_path / "damaged", "\n".join([*kept, *(lines[i] for i in chosen)]).encode())
 
 
-@SETTINGS
 @given(data=st.data())
 def test_fields_exchanged_for_extreme_ones(any_text, tmp_path, data):
     lines = any_text.split("\n")
@@ -73,7 +65,6 @@ def test_fields_exchanged_for_extreme_ones(any_text, tmp_path, data):
     read_or_refuse(tmp_path / "damaged", "\n".join(lines).encode())
 
 
-@SETTINGS
 @given(
     content=st.binary(max_size=200), start=st.sampled_from([b"", b"\x1f\x8b", b"H1 CRD 2\n", b"512006 4 7"])
 )

@@ -5,7 +5,7 @@ from fractions import Fraction
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radioloc.errors import InputError
@@ -26,7 +26,6 @@ def assert_as_python(texts):
     np.testing.assert_array_equal(read.view(BITS), np.array([float(text) for text in texts]).view(BITS))
 
 
-@settings(deadline=None)
 @given(st.lists(st.floats(allow_nan=False), min_size=1), st.integers(0, 20))
 def test_numbers_of_any_size_and_length(values, decimals):
     assert_as_python([repr(value) for value in values])
@@ -81,7 +80,6 @@ def test_texts_are_numbered_as_they_come_from_block_to_block():
     assert codes.texts == ["b", "a", long, "c"]
 
 
-@settings(deadline=None)
 @given(st.lists(st.tuples(st.datetimes(), st.text("0123456789", max_size=18)), min_size=1, max_size=5))
 def test_dates(days):
     texts = [f"{day:%Y-%m-%dT%H:%M:%S}".zfill(19) + (f".{part}" if part else "") for day, part in days]

@@ -5,7 +5,7 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radioloc.errors import FileFormatError, InputError
@@ -68,7 +68,6 @@ def test_what_is_written_is_read_again_to_the_last_bit(tmp_path):
     assert_same(made, read_parquet(tmp_path / "b.parquet"))
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.floats(0.0, 1.0, exclude_max=True), min_size=1, max_size=4),
     st.sampled_from([2457753.5, 2459185.5]),

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radioloc.io.shortest_numbers import _decimal, shortest_cells
@@ -27,7 +27,6 @@ def one_by_one(values):
     return ["" if value != value else repr(float(value)) for value in values]
 
 
-@settings(deadline=None)
 @given(FLOATS)
 def test_any_number(values):
     values = [*values, 0.0, -0.0]

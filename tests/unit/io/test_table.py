@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radioloc.constants import C_M_S
@@ -67,7 +67,6 @@ def test_what_was_read_is_written_and_read_again_unchanged(crd_lines, tmp_path, 
 finite = st.floats(1e-3, 1e12, allow_nan=False)
 
 
-@settings(deadline=None, max_examples=60)
 @given(
     days=st.lists(st.integers(0, 20000), min_size=1, max_size=5),
     fraction=st.floats(0.0, 1.0, exclude_max=True),

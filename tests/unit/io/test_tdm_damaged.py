@@ -4,7 +4,7 @@ import warnings
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tdm_messages import DELAY, RANGES, THREE_WAY, TWO_WAY, kvn, xml
 
@@ -36,9 +36,6 @@ SEGMENTS = (
     ),
 )
 TEXTS = {"kvn": "\n".join(kvn(*SEGMENTS)) + "\n", "xml": xml(*SEGMENTS)}
-SETTINGS = settings(
-    deadline=None, max_examples=400, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
 # Characters that mean something in numbers, dates, KVN or XML, and some that must not pass as digits.
 CHARACTERS = st.one_of(st.sampled_from("0123456789 .,-+eEnaTZ:=_<>/&;!?[]\n\r\t\x0b±٣²"), st.characters())
 EXTREME = [
@@ -83,7 +80,6 @@ def test_undamaged(any_text, tmp_path):
     assert len(read_or_refuse(tmp_path / "whole", any_text.encode())) == 4
 
 
-@SETTINGS
 @given(data=st.data())
 def test_characters_replaced_added_and_taken_away(any_text, tmp_path, data):
     text = any_text
@@ -95,7 +91,6 @@ def test_characters_replaced_added_and_taken_away(any_text, tmp_path, data):
     read_or_refuse(tmp_path / "damaged", text.encode("utf-8", "surrogatepass"))
 
 
-@SETTINGS
 @given(data=st.data())
 def test_lines_taken_away_repeated_and_moved(any_text, tmp_path, data):
     lines = any_text.split("\n")
@@ -105,7 +100,6 @@ def test_lines_taken_away_repeated_and_moved(any_text, tmp_path, data):
     read_or_refuse(tmp_path / "damaged", "\n".join(kept).encode())
 
 
-@SETTINGS
 @given(data=st.data())
 def test_values_exchanged(any_text, tmp_path, data):
     lines = any_text.split("\n")
@@ -120,7 +114,6 @@ def test_values_exchanged(any_text, tmp_path, data):
     read_or_refuse(tmp_path / "damaged", "\n".join(lines).encode())
 
 
-@SETTINGS
 @given(
     content=st.binary(max_size=200),
     start=st.sampled_from([b"", b"CCSDS_TDM_VERS = 2.0\n", b'<tdm version="2.0">']),

@@ -4,7 +4,7 @@ from decimal import Decimal
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from tdm_messages import DELAY, RANGES, TWO_WAY, kvn
 
@@ -109,7 +109,6 @@ def test_everything_comes_back_to_the_last_bit(suffix, tmp_path):
 
 
 @pytest.mark.parametrize("suffix", SUFFIXES)
-@settings(deadline=None, max_examples=50, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     values=st.lists(st.floats(6.6e8, 8.3e8), min_size=1, max_size=20),
     second=st.integers(0, 86399),

@@ -6,7 +6,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from radioloc.errors import KernelError
@@ -122,7 +122,6 @@ def test_damage_to_a_file_of_ones_own(tmp_path, offset, layout, values, message)
     assert "own.bpc" in str(caught.value)
 
 
-@settings(max_examples=150, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     offset=st.one_of(
         st.integers(0, 1023), st.integers(SUMMARY, FIRST_BYTE - 1), st.integers(LAST_BYTE - 32, LAST_BYTE - 1)

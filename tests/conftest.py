@@ -1,0 +1,19 @@
+"""How the tests run: how long hypothesis searches, and on how many threads linear algebra is."""
+
+import os
+
+# As many processes of tests as processors leave none for threads of linear algebra. Before NumPy is imported.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+from hypothesis import HealthCheck, settings
+
+# `make test` searches a little each time, `make test-all` ten times as long (--hypothesis-profile=thorough). No test
+# is late because other processes keep the machine busy, and fixtures of a test are made to serve all its examples.
+for name, examples in {"fast": 40, "thorough": 400}.items():
+    settings.register_profile(
+        name,
+        max_examples=examples,
+        deadline=None,
+        suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
+    )
+settings.load_profile("fast")

@@ -37,6 +37,18 @@ def rotated(rotation: NDArray[np.float64], a: NDArray[np.float64]) -> NDArray[np
     return out.T
 
 
+def east_north_up(
+    longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Unit vectors to the east, to the north and up where the vertical has these angles, as rows, (..., 3, 3)."""
+    sin_lon, cos_lon = np.sin(longitude_rad), np.cos(longitude_rad)
+    sin_lat, cos_lat = np.sin(latitude_rad), np.cos(latitude_rad)
+    east = np.stack([-sin_lon, cos_lon, np.zeros_like(sin_lon)], axis=-1)
+    north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat], axis=-1)
+    up = np.stack([cos_lat * cos_lon, cos_lat * sin_lon, sin_lat], axis=-1)
+    return np.stack([east, north, up], axis=-2)
+
+
 def by_component(a: NDArray[np.generic]) -> NDArray[np.generic]:
     """The same array with the rows next to each other in memory; copied if they are not."""
     return np.asfortranarray(a) if a.ndim > 1 else a

@@ -19,14 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY
-from radioloc.earth.eop_tide_tables import (
-    EOP_ORTHOWEIGHTS,
-    OCEAN_TIDE_LINES,
-    ORTHOTIDE_FACTORS,
-    POLE_LIBRATION,
-    UT1_LIBRATION,
-    ZONAL_UT1,
-)
+from radioloc.earth.tide_tables import tide_table
 
 _DAYS_PER_CENTURY = 36525.0
 _MJD_J2000 = 51544.5
@@ -38,6 +31,25 @@ _DELAUNAY_RATES_ARCSEC_CY = np.array(
 )
 """Linear terms of l, l', F, D, Omega (IERS 2010 eq. 5.43), arcsec per Julian century; enough for
 derivatives."""
+
+_ORTHOTIDE_FACTORS = np.array(
+    [(0.0298, 0.1408, 0.0805, 0.6002, 0.3025, 0.1517), (0.0200, 0.0905, 0.0638, 0.3476, 0.1645, 0.0923)]
+)
+"""Factors that make the potential and its values two days before and after orthogonal (Groves and Reynolds 1975):
+diurnal and semidiurnal band."""
+
+# fmt: off
+_ORTHOWEIGHTS = np.array([
+    [(-6.77832, -14.86323, 0.47884, -1.45303, 0.16406, 0.42030),
+     (0.09398, 25.73054, -4.77974, 0.28080, 1.94539, -0.73089)],
+    [(14.86283, -6.77846, 1.45234, 0.47888, -0.42056, 0.16469),
+     (15.30276, -4.30615, 0.07564, 2.28321, -0.45717, -1.62010)],
+    [(-1.76335, 1.03364, -0.27553, 0.34569, -0.12343, -0.10146),
+     (-0.47119, 1.28997, -0.19336, 0.02724, 0.08955, 0.04726)],
+])
+# fmt: on
+"""Response of xp and yp (microarcseconds) and UT1 (microseconds) to the orthotides (Ray et al. 1994, Science 264,
+830-832), diurnal and semidiurnal: in-phase and quadrature of three orthotides."""
 
 _GMST_RATE_S_CY = 3155760000.0 + 8640184.812866
 """Linear term of GMST (Aoki et al. 1982), which chapter 5 uses for these small terms; seconds of time a
@@ -65,9 +77,10 @@ def zonal_tides(centuries_tt: ArrayLike) -> tuple[NDArray[np.float64], NDArray[n
     1998).
     """
     centuries = np.atleast_1d(np.asarray(centuries_tt, dtype=np.float64))
-    angles = _delaunay(centuries) @ ZONAL_UT1[:, :5].T
-    rates = ZONAL_UT1[:, :5] @ _delaunay_rates_rad_s()
-    value, rate = _harmonic_sum(angles, rates, ZONAL_UT1[:, 5:6] * 1e-4, ZONAL_UT1[:, 6:7] * 1e-4)
+    table = tide_table("ut1_zonal_tides")
+    angles = _delaunay(centuries) @ table[:, :5].T
+    rates = table[:, :5] @ _delaunay_rates_rad_s()
+    value, rate = _harmonic_sum(angles, rates, table[:, 5:6] * 1e-4, table[:, 6:7] * 1e-4)
     return value[:, 0], rate[:, 0]
 
 
@@ -93,7 +106,7 @@ def ocean_tides(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.flo
     for each line, and one sum over 71 lines remains.
     """
     days = np.atleast_1d(np.asarray(mjd_ut1, dtype=np.float64)) - 37076.5
-    order, _, phase, frequency = OCEAN_TIDE_LINES.T
+    order, _, phase, frequency = tide_table("rotation_tide_lines").T
     # A diurnal line is a sine where a semidiurnal one is a cosine.
     angles = np.multiply.outer(days, frequency) + (phase - np.where(order == 1, np.pi / 2, 0.0))
     sine, cosine = _ocean_tide_coefficients()
@@ -129,17 +142,12 @@ def libration(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float
     arguments = np.column_stack([chi, _delaunay(centuries)])
     chi_rate = _GMST_RATE_S_CY * (2 * np.pi / SECONDS_PER_DAY) / (_DAYS_PER_CENTURY * SECONDS_PER_DAY)
     argument_rates = np.concatenate([[chi_rate], _delaunay_rates_rad_s()])
-    pole, pole_rate = _harmonic_sum(
-        arguments @ POLE_LIBRATION[:, :6].T,
-        POLE_LIBRATION[:, :6] @ argument_rates,
-        POLE_LIBRATION[:, [6, 8]],
-        POLE_LIBRATION[:, [7, 9]],
-    )
-    ut1, ut1_rate = _harmonic_sum(
-        arguments @ UT1_LIBRATION[:, :6].T,
-        UT1_LIBRATION[:, :6] @ argument_rates,
-        UT1_LIBRATION[:, 6:7],
-        UT1_LIBRATION[:, 7:8],
+    pole, pole_rate, ut1, ut1_rate = (
+        part
+        for table in (tide_table("pole_libration"), tide_table("ut1_libration"))
+        for part in _harmonic_sum(
+            arguments @ table[:, :6].T, table[:, :6] @ argument_rates, table[:, 6::2], table[:, 7::2]
+        )
     )
     return np.hstack([pole, ut1]) * _EOP_UNITS, np.hstack([pole_rate, ut1_rate]) * _EOP_UNITS
 
@@ -176,13 +184,13 @@ def _ocean_tide_coefficients() -> tuple[NDArray[np.float64], NDArray[np.float64]
     2 h sin(2 w) times the line itself, in phase and in quadrature; the three orthotides then are three real
     factors.
     """
-    order, height, _, frequency = OCEAN_TIDE_LINES.T
+    order, height, _, frequency = tide_table("rotation_tide_lines").T
     band = order.astype(np.int64) - 1
-    f0, f1, f2, f3, f4, f5 = ORTHOTIDE_FACTORS[band].T
+    f0, f1, f2, f3, f4, f5 = _ORTHOTIDE_FACTORS[band].T
     lag_cosine, lag_sine = 2.0 * np.cos(2.0 * frequency), 2.0 * np.sin(2.0 * frequency)
     orthotides = height[:, None] * np.column_stack(
         [f0, f1 - f2 * lag_cosine, f3 - f4 * lag_cosine + f5 * lag_sine]
     )
-    weights = EOP_ORTHOWEIGHTS.reshape(3, 2, 3, 2)[:, band]
+    weights = _ORTHOWEIGHTS.reshape(3, 2, 3, 2)[:, band]
     in_phase, quadrature = np.moveaxis(weights, -1, 0)
     return -np.einsum("lk,elk->le", orthotides, quadrature), np.einsum("lk,elk->le", orthotides, in_phase)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.units import as_float_array, as_metres
+from radioloc.vectors import east_north_up
 
 _GRS80 = 2
 """ERFA's number of the ellipsoid."""
@@ -120,7 +121,7 @@ def rot_itrf_to_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
         As :func:`geodetic_from_itrf`.
     """
     place = geodetic_from_itrf(itrf_m)
-    return _local_axes(place.longitude_rad, place.latitude_rad)
+    return east_north_up(place.longitude_rad, place.latitude_rad)
 
 
 def rot_itrf_to_spherical_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
@@ -129,16 +130,7 @@ def rot_itrf_to_spherical_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
     Tides are developed in these. Away from the geocentre is up to 0.19 degrees from the ellipsoid's normal.
     """
     x, y, z = np.moveaxis(np.asarray(itrf_m, dtype=np.float64), -1, 0)
-    return _local_axes(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))
-
-
-def _local_axes(longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    sin_lon, cos_lon = np.sin(longitude_rad), np.cos(longitude_rad)
-    sin_lat, cos_lat = np.sin(latitude_rad), np.cos(latitude_rad)
-    east = np.stack([-sin_lon, cos_lon, np.zeros_like(sin_lon)], axis=-1)
-    north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat], axis=-1)
-    up = np.stack([cos_lat * cos_lon, cos_lat * sin_lon, sin_lat], axis=-1)
-    return np.stack([east, north, up], axis=-2)
+    return east_north_up(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))
 
 
 def azimuth_elevation(

@@ -1,24 +1,73 @@
-"""Displacement of a station by the load of the ocean tides: millimetres inland, centimetres at some coasts.
+"""What the tides of the oceans do to a station: their load on the crust, and the motion of the geocentre.
 
-From a station's coefficients, in the manner of the IERS Conventions (2010), section 7.1.2; see
-:mod:`radioloc.earth.ocean_tides`. Coefficients are commonly given against the centre of mass of the solid
-Earth (those that ship are). The motion of that centre about the one of Earth and oceans together is another
-term: :mod:`radioloc.earth.tidal_geocentre`; leave it out with coefficients that contain it ("CMC: YES").
+Whatever the oceans bring about is known for eleven tides, of a station by its BLQ record. The other 331 of 342 follow:
+what happens per metre of equilibrium tide, the admittance, varies smoothly with frequency within each band (long
+period, diurnal, semidiurnal), so it is interpolated between the tides that are given. This recovers the modulation
+with 18.6 years and the minor tides.
+
+The method and the tidal potential are those of the IERS Conventions (2010), section 7.1.2, as in its program
+HARDISP (D. Agnew), against which this is checked; it is not that software. It is written from the method's
+description, for many epochs at once.
+
+Loading: millimetres inland, centimetres at some coasts. Its coefficients are commonly given against the centre of mass
+of the solid Earth (those that ship are). The motion of that centre about the one of Earth and oceans together, up to
+some 13 mm and the same for all stations, is another term, the tidal geocentre: as the tides move the water, the solid
+Earth moves the other way, and an ephemeris' Earth is the common centre. Coefficients marked "CMC: YES" contain it;
+leave it out with them.
 """
 
 from __future__ import annotations
 
+from functools import cache
+
+import erfa
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.earth.blq import BlqCoefficients
 from radioloc.earth.geodesy import rot_itrf_to_enu
-from radioloc.earth.ocean_tides import sum_of_tides
+from radioloc.earth.tide_tables import tide_table
 from radioloc.errors import InputError
-from radioloc.time import Epochs
+from radioloc.time import Epochs, evaluate_smooth
+
+# fmt: off
+GIVEN_TIDES = np.array([
+    (2, 0, 0, 0, 0, 0), (2, 2, -2, 0, 0, 0), (2, -1, 0, 1, 0, 0), (2, 2, 0, 0, 0, 0),
+    (1, 1, 0, 0, 0, 0), (1, -1, 0, 0, 0, 0), (1, 1, -2, 0, 0, 0), (1, -2, 0, 1, 0, 0),
+    (0, 2, 0, 0, 0, 0), (0, 1, 0, -1, 0, 0), (0, 0, 2, 0, 0, 0),
+])
+# fmt: on
+"""The tides of a BLQ record, in its order: multipliers of tau, s, h, p, N', ps."""
+
+_RATES_CYCLES_PER_DAY = np.array(
+    [0.9661368080, 0.0366011013, 0.0027379091, 0.0003094542, 0.0001470938, 0.0000001305]
+)
+"""Rates of tau, s, h, p, N', ps, cycles per day (from the IERS 2003 fundamental arguments)."""
+
+_EQUILIBRIUM_PHASE_RAD = np.array([np.pi, np.pi / 2.0, 0.0])
+"""Phase of the equilibrium tide of each band against its argument; lags at Greenwich count from it."""
+
 
 _WEST_SOUTH_UP_TO_ENU = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """From the order of a BLQ record (up, west, south)."""
+
+# fmt: off
+_FES2004_M = np.array([
+    (-1.3724e-3, 8.2077e-4, 1.1479e-3, 2.3005e-4, -1.2661e-3, -1.4298e-3),
+    (-5.3350e-4, -3.1591e-4, -5.1370e-5, 2.8184e-4, -1.7763e-4, -5.7273e-4),
+    (-2.7121e-4, 1.9849e-4, 2.6018e-4, -1.4302e-4, -3.2372e-4, -2.8986e-4),
+    (-1.1223e-4, -1.0889e-5, -1.5751e-5, 1.2367e-4, -1.1814e-4, -1.5250e-4),
+    (-1.8539e-3, -8.6426e-4, -9.1022e-4, -1.7823e-3, -1.1370e-3, 4.4839e-3),
+    (-1.3985e-3, -2.2975e-4, -8.8858e-4, -6.4989e-4, -1.6802e-4, 2.9702e-3),
+    (-6.1436e-4, -2.9129e-4, -2.9261e-4, -5.7461e-4, -3.6495e-4, 1.4941e-3),
+    (-2.7831e-4, -2.9313e-5, -2.1734e-4, -4.1637e-5, 3.0709e-5, 4.5472e-4),
+    (-2.2065e-4, 4.1472e-4, -1.0212e-4, 8.2276e-5, -5.0643e-4, -7.3040e-5),
+    (4.6882e-5, 1.8399e-4, -7.4897e-6, 1.3209e-5, -2.7885e-4, 2.0596e-5),
+    (1.3687e-4, 3.5475e-5, -2.4093e-5, 3.1666e-7, -1.4899e-4, 2.6146e-6),
+])
+# fmt: on
+"""In-phase and cross-phase parts of x, y and z, m, for M2 S2 N2 K2 K1 O1 P1 Q1 Mf Mm Ssa: ocean tide model
+FES2004 (Scherneck, Onsala Space Observatory, file of centre of mass coefficients)."""
 
 
 def ocean_loading_displacement(
@@ -63,3 +112,146 @@ def ocean_loading_enu(
     """
     amplitudes_m = coefficients.amplitude_m * np.exp(-1j * coefficients.phase_lag_rad)
     return sum_of_tides(amplitudes_m, tt, ut1_fraction) @ _WEST_SOUTH_UP_TO_ENU.T
+
+
+def tidal_geocentre_displacement(tt: Epochs, ut1_fraction: ArrayLike) -> NDArray[np.float64]:
+    """Displacement of all stations with the solid Earth, against its common centre of mass with the oceans.
+
+    Parameters
+    ----------
+    tt : Epochs
+        Epochs in TT, n of them.
+    ut1_fraction : array_like, shape (n,)
+        UT1 as a fraction of its day.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        What to add to a station's position, ITRF, m.
+
+    Raises
+    ------
+    InputError
+        The epochs are not in TT, or a shape does not fit.
+
+    Notes
+    -----
+    IERS Conventions (2010), section 7.1.2: in-phase part times the cosine and cross-phase part times the
+    sine of each tide's argument, here with the minor tides. A position about the common centre is one in
+    the crust's frame plus this. Ocean tide models differ by some 0.5 mm (K1 and O1 in z, FES2004 and
+    GOT5.5).
+    """
+    in_phase, cross_phase = _FES2004_M[:, 0::2].T, _FES2004_M[:, 1::2].T
+    return sum_of_tides(in_phase - 1j * cross_phase, tt, ut1_fraction)
+
+
+def sum_of_tides(
+    amplitudes_m: NDArray[np.complex128], tt: Epochs, ut1_fraction: ArrayLike
+) -> NDArray[np.float64]:
+    """Sum 342 tides that follow from eleven.
+
+    Parameters
+    ----------
+    amplitudes_m : ndarray of complex, shape (3, 11)
+        Three components of the eleven tides of :data:`GIVEN_TIDES`: amplitude times exp(-i lag), the lag
+        counted from the equilibrium tide at Greenwich; in-phase and cross-phase parts are the real part and
+        minus the imaginary part.
+    tt : Epochs
+        Epochs in TT, n of them.
+    ut1_fraction : array_like, shape (n,)
+        UT1 as a fraction of its day.
+
+    Returns
+    -------
+    ndarray, shape (n, 3)
+        The components, m.
+
+    Raises
+    ------
+    InputError
+        The epochs are not in TT, or a shape does not fit.
+
+    Notes
+    -----
+    IERS Conventions (2010), section 7.1.2: the sum of A_j cos(theta_j(t) + chi_j - phi_j), with amplitude
+    relative to the equilibrium tide, and lag, interpolated in frequency. Outside the given tides of a band
+    the nearest one's admittance is taken, as the conventional program does.
+    """
+    tt.require("TT")
+    fraction = np.asarray(ut1_fraction, dtype=np.float64)
+    if fraction.shape not in ((), (len(tt),)) or not np.isfinite(fraction).all():
+        raise InputError(f"give the fraction of the UT1 day for {len(tt)} epochs, finite")
+    multipliers, _ = tidal_potential()
+    amplitudes = all_amplitudes(amplitudes_m)
+    bands = [multipliers[:, 0] == band for band in range(len(_EQUILIBRIUM_PHASE_RAD))]
+
+    def envelopes(at: Epochs) -> NDArray[np.complex128]:
+        """Tides of each band without the turning of the Earth, shape (n, bands, 3)."""
+        arguments = _doodson_arguments_rad(at.centuries_since_j2000())
+        sums = [np.exp(1j * (arguments @ multipliers[b, 1:].T)) @ amplitudes[:, b].T for b in bands]
+        return np.stack(sums, axis=1)
+
+    # The moon's mean longitude enters five times at most: what is left turns in five days or more.
+    envelope = evaluate_smooth(envelopes, tt)
+    tau = 2.0 * np.pi * fraction - erfa.fad03(tt.centuries_since_j2000())
+    turned = np.exp(1j * np.multiply.outer(np.broadcast_to(tau, len(tt)), np.arange(len(bands))))
+    return np.asarray(np.einsum("nb,nbk->nk", turned, envelope).real)
+
+
+def all_amplitudes(amplitudes_m: NDArray[np.complex128]) -> NDArray[np.complex128]:
+    """Find the amplitudes A of all 342 tides, m, shape (3, 342): the sum is Re(A e^(i argument))."""
+    return amplitudes_m @ _amplitudes_by_given()
+
+
+@cache
+def _amplitudes_by_given() -> NDArray[np.complex128]:
+    """Amplitudes of all tides, shape (11, 342), if one of those given is one and the others zero."""
+    multipliers, equilibrium_m = tidal_potential()
+    frequency = multipliers @ _RATES_CYCLES_PER_DAY
+    given_frequency = GIVEN_TIDES @ _RATES_CYCLES_PER_DAY
+    given = [int(np.flatnonzero((multipliers == tide).all(axis=1))[0]) for tide in GIVEN_TIDES]
+    admittance = np.diag(1.0 / np.abs(equilibrium_m[given])).astype(np.complex128)
+    amplitudes = np.empty((len(GIVEN_TIDES), len(frequency)), dtype=np.complex128)
+    for band, phase in enumerate(_EQUILIBRIUM_PHASE_RAD):
+        members = multipliers[:, 0] == band
+        nodes = np.flatnonzero(GIVEN_TIDES[:, 0] == band)
+        nodes = nodes[np.argsort(given_frequency[nodes])]
+        interpolated = _interpolate(given_frequency[nodes], admittance[:, nodes], frequency[members])
+        amplitudes[:, members] = interpolated * equilibrium_m[members] * np.exp(1j * phase)
+    amplitudes.setflags(write=False)
+    return amplitudes
+
+
+def _interpolate(
+    x: NDArray[np.float64], y: NDArray[np.complex128], at: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """Interpolate rows of y by a cubic spline (four nodes) or lines (three); outside, take the end.
+
+    At its ends the spline has the slopes of the parabolas through the three nodes nearest to each.
+    """
+    from scipy.interpolate import CubicSpline, make_interp_spline
+
+    inside = np.clip(at, x[0], x[-1])
+    if len(x) < 4:
+        return np.asarray(make_interp_spline(x, y, k=1, axis=1)(inside))
+    step = np.diff(x)
+    slope = np.diff(y, axis=1) / step
+    first = slope[:, 0] + (slope[:, 0] - slope[:, 1]) * step[0] / (step[0] + step[1])
+    last = slope[:, -1] + (slope[:, -1] - slope[:, -2]) * step[-1] / (step[-1] + step[-2])
+    return np.asarray(CubicSpline(x, y, axis=1, bc_type=((1, first), (1, last)))(inside))
+
+
+def _doodson_arguments_rad(centuries_tt: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Arguments s, h, p, N', ps, rad, shape (n, 5), by the IERS 2003 fundamental arguments (ERFA)."""
+    node = erfa.faom03(centuries_tt)
+    moon = erfa.faf03(centuries_tt) + node
+    sun = moon - erfa.fad03(centuries_tt)
+    return np.stack(
+        [moon, sun, moon - erfa.fal03(centuries_tt), -node, sun - erfa.falp03(centuries_tt)], axis=-1
+    )
+
+
+def tidal_potential() -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Multipliers, shape (342, 6), and equilibrium amplitudes, m, of the tides."""
+    table = tide_table("tide_potential")
+    return table[:, :6], table[:, 6]

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
+from radioloc.earth.tide_tables import tide_table
 from radioloc.errors import InputError
 from radioloc.time import Epochs
 
@@ -38,44 +39,6 @@ _L1_DIURNAL, _L1_SEMIDIURNAL = 0.0012, 0.0024
 _H_IMAG_DIURNAL, _L_IMAG_DIURNAL = -0.0025, -0.0007
 _H_IMAG_SEMIDIURNAL, _L_IMAG_SEMIDIURNAL = -0.0022, -0.0007
 
-_DIURNAL = np.array(
-    [
-        (-3, 0, 2, 0, 0, -0.01, 0.00, 0.00, 0.00),
-        (-3, 2, 0, 0, 0, -0.01, 0.00, 0.00, 0.00),
-        (-2, 0, 1, -1, 0, -0.02, 0.00, 0.00, 0.00),
-        (-2, 0, 1, 0, 0, -0.08, 0.00, -0.01, 0.01),
-        (-2, 2, -1, 0, 0, -0.02, 0.00, 0.00, 0.00),
-        (-1, 0, 0, -1, 0, -0.10, 0.00, 0.00, 0.00),
-        (-1, 0, 0, 0, 0, -0.51, 0.00, -0.02, 0.03),
-        (-1, 2, 0, 0, 0, 0.01, 0.00, 0.00, 0.00),
-        (0, -2, 1, 0, 0, 0.01, 0.00, 0.00, 0.00),
-        (0, 0, -1, 0, 0, 0.02, 0.00, 0.00, 0.00),
-        (0, 0, 1, 0, 0, 0.06, 0.00, 0.00, 0.00),
-        (0, 0, 1, 1, 0, 0.01, 0.00, 0.00, 0.00),
-        (0, 2, -1, 0, 0, 0.01, 0.00, 0.00, 0.00),
-        (1, -3, 0, 0, 1, -0.06, 0.00, 0.00, 0.00),
-        (1, -2, 0, -1, 0, 0.01, 0.00, 0.00, 0.00),
-        (1, -2, 0, 0, 0, -1.23, -0.07, 0.06, 0.01),
-        (1, -1, 0, 0, -1, 0.02, 0.00, 0.00, 0.00),
-        (1, -1, 0, 0, 1, 0.04, 0.00, 0.00, 0.00),
-        (1, 0, 0, -1, 0, -0.22, 0.01, 0.01, 0.00),
-        (1, 0, 0, 0, 0, 12.00, -0.80, -0.67, -0.03),
-        (1, 0, 0, 1, 0, 1.73, -0.12, -0.10, 0.00),
-        (1, 0, 0, 2, 0, -0.04, 0.00, 0.00, 0.00),
-        (1, 1, 0, 0, -1, -0.50, -0.01, 0.03, 0.00),
-        (1, 1, 0, 0, 1, 0.01, 0.00, 0.00, 0.00),
-        (0, 1, 0, 1, -1, -0.01, 0.00, 0.00, 0.00),
-        (1, 2, -2, 0, 0, -0.01, 0.00, 0.00, 0.00),
-        (1, 2, 0, 0, 0, -0.11, 0.01, 0.01, 0.00),
-        (2, -2, 1, 0, 0, -0.01, 0.00, 0.00, 0.00),
-        (2, 0, -1, 0, 0, -0.02, 0.00, 0.00, 0.00),
-        (3, 0, 0, 0, 0, 0.00, 0.00, 0.00, 0.00),
-        (3, 0, 0, 1, 0, 0.00, 0.00, 0.00, 0.00),
-    ]
-)
-"""Table 7.3a: multipliers of s, h, p, N', ps (with tau once); radial in and out of phase, transverse in and
-out of phase, mm."""
-
 _LONG_PERIOD = np.array(
     [
         (0, 0, 0, 1, 0, 0.47, 0.16, 0.23, 0.07),
@@ -85,7 +48,7 @@ _LONG_PERIOD = np.array(
         (2, 0, 0, 1, 0, -0.05, -0.06, -0.05, -0.03),
     ]
 )
-"""Table 7.3b, in the columns of :data:`_DIURNAL`."""
+"""Table 7.3b, in the columns of Table 7.3a (``data/solid_tide_diurnal.csv``)."""
 
 # Polynomials in Julian centuries TT since J2000, degrees, lowest power first, that belong to these tables.
 _MEAN_MOON_OF_DATE = (218.31664563, 481267.88194, -0.0014663889, 0.00000185139)
@@ -240,10 +203,11 @@ def _step_2(
     arguments = np.remainder(np.stack([moon, *slow], axis=-1), 360.0)
 
     cos_lat = np.sqrt(1.0 - sin_lat**2)
-    theta = np.deg2rad(np.remainder(tau, 360.0)[:, np.newaxis] + arguments @ _DIURNAL[:, :5].T)
+    diurnal = tide_table("solid_tide_diurnal")
+    theta = np.deg2rad(np.remainder(tau, 360.0)[:, np.newaxis] + arguments @ diurnal[:, :5].T)
     theta += longitude[:, np.newaxis]
     sine, cosine = np.sin(theta), np.cos(theta)
-    radial_in, radial_out, transverse_in, transverse_out = _DIURNAL[:, 5:].T
+    radial_in, radial_out, transverse_in, transverse_out = diurnal[:, 5:].T
     up = 2.0 * sin_lat * cos_lat * (sine @ radial_in + cosine @ radial_out)
     north = (cos_lat**2 - sin_lat**2) * (sine @ transverse_in + cosine @ transverse_out)
     east = sin_lat * (cosine @ transverse_in - sine @ transverse_out)

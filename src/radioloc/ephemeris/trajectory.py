@@ -48,7 +48,7 @@ class Trajectory:
         KernelError
             The file is missing, damaged or no SPK, does not hold the body, or gives it in a frame that turns.
         InputError
-            SPICE is not installed, or the code is not an integer.
+            The code is not an integer.
         """
         if isinstance(body, bool) or not isinstance(body, int):
             raise InputError(f"body must be a NAIF code, an integer such as -85, not {body!r}")
@@ -96,7 +96,7 @@ class Trajectory:
         KernelError
             SPICE cannot evaluate the file, or the ephemeris does not hold the centre.
         InputError
-            The epochs are not in TDB, or SPICE is not installed.
+            The epochs are not in TDB.
 
         Notes
         -----

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from radioloc.errors import KernelError
 from radioloc.kernels.daf import read_segments, tdb_date
 from radioloc.kernels.registry import find_kernel, registered, registered_as, sha256_of
+from radioloc.kernels.segment_checks import segment_damage
 
 _INERTIAL_FRAME = 1  # NAIF's J2000, which the JPL ephemerides use as the name of the ICRF.
 _CHEBYSHEV_TYPE = 2
@@ -184,29 +185,15 @@ def _read_records(
 ) -> tuple[float, float, NDArray[Any]]:
     """First record's start, record length and coefficients of one segment, checked against its directory."""
     problem = f"{path} is damaged: segment {label} "
-    if len(words) <= 4:
-        raise KernelError(problem + "has a directory that does not fit its length; fetch the file again")
+    damage = segment_damage(_CHEBYSHEV_TYPE, words, *span_s)
+    if damage:
+        raise KernelError(f"{problem}{damage}; fetch the file again")
     init_s, length_s, words_per_record, count = words[-4:].tolist()
-    n_coefficients, remainder = divmod(words_per_record - 2, 3)
-    if (
-        not (np.isfinite([init_s, length_s]).all() and length_s > 0 and n_coefficients >= 1)
-        or remainder != 0
-        or words_per_record * count != len(words) - 4
-    ):
-        raise KernelError(problem + "has a directory that does not fit its length; fetch the file again")
     n_records = int(count)
-    if not init_s <= span_s[0] < span_s[1] <= init_s + n_records * length_s:
-        raise KernelError(
-            problem + f"claims {tdb_date(span_s[0])} to {tdb_date(span_s[1])}, but its records span "
-            f"{tdb_date(init_s)} to {tdb_date(init_s + n_records * length_s)}; fetch the file again"
-        )
     records = words[:-4].reshape(n_records, int(words_per_record))
     middles_s = init_s + (np.arange(n_records) + 0.5) * length_s
     rounding_s = 1e-6 * length_s
     in_place = np.abs(records[:, 0] - middles_s) <= rounding_s
     if not (in_place & (np.abs(records[:, 1] - length_s / 2) <= rounding_s)).all():
         raise KernelError(problem + "has a record whose epoch is not where it belongs; fetch the file again")
-    coefficients = records[:, 2:].reshape(n_records, 3, int(n_coefficients))
-    if not np.isfinite(coefficients).all():
-        raise KernelError(problem + "has a coefficient that is not a number; fetch the file again")
-    return init_s, length_s, coefficients
+    return init_s, length_s, records[:, 2:].reshape(n_records, 3, -1)

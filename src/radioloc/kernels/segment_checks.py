@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
+from radioloc.kernels.daf import tdb_date
 
 _Words = NDArray[np.float64]
 _DIRECTORY_STEP = 100
@@ -45,7 +46,10 @@ def segment_damage(spk_type: int, words: _Words, start_s: float, end_s: float) -
         return f"is of type {spk_type}, which cannot be read here (types {known} can)"
     try:
         # Infinity and what becomes infinite when squared stop SPICE, and the process, in its error message.
-        _require(bool((np.abs(words) < _HUGE).all()), "has a number that is not finite or far too large")
+        _require(
+            bool((np.abs(words) < _HUGE).all()),
+            "holds what is not a number, or far too large, in its records or directory",
+        )
         _CHECKS[spk_type](words, start_s, end_s)
     except _Damage as damage:
         return str(damage)
@@ -59,7 +63,7 @@ def _require(sound: bool, problem: str) -> None:
 
 def _count(word: float, least: int, most: float, what: str) -> int:
     """A whole number within bounds."""
-    _require(least <= word <= most and word == round(word), f"has {word:g} as {what}")
+    _require(least <= word <= most and word == round(word), f"has {word:g} in its directory as {what}")
     return int(word)
 
 
@@ -77,7 +81,7 @@ def _require_covered(
 ) -> None:
     _require(
         first_s - slack_s <= start_s and end_s <= last_s + slack_s,
-        f"claims to span {start_s:.3f} to {end_s:.3f} s, but its data span {first_s:.3f} to {last_s:.3f} s",
+        f"claims {tdb_date(start_s)} to {tdb_date(end_s)}, but its data span {tdb_date(first_s)} to {tdb_date(last_s)}",
     )
 
 
@@ -97,7 +101,7 @@ def _chebyshev(fixed: int, rows: int) -> Callable[[_Words, float, float], None]:
     def check(words: _Words, start_s: float, end_s: float) -> None:
         first_s, length_s, size, count = _tail(words, 4)
         n = _records(words, size, count, fixed, rows, 4)
-        _require(length_s > 0, f"has records of {length_s:g} s")
+        _require(length_s > 0, f"has a directory with records of {length_s:g} s")
         _require_covered(start_s, end_s, first_s, first_s + n * length_s)
 
     return check
@@ -114,7 +118,7 @@ def _chebyshev_velocity(words: _Words, start_s: float, end_s: float) -> None:
 
 def _records(words: _Words, size: float, count: float, fixed: int, rows: int, directory: int) -> int:
     n_words = _count(size, fixed + rows, _MAX_RECORD_WORDS, "the length of a record")
-    _require((n_words - fixed) % rows == 0, f"has records of {n_words} words")
+    _require((n_words - fixed) % rows == 0, f"has a directory with records of {n_words} words")
     n = _count(count, 1, len(words), "the number of records")
     _require_length(words, n * n_words + directory)
     return n

@@ -10,13 +10,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import KernelError
-from radioloc.extras import optional
 from radioloc.kernels.daf import DafSegment, read_segments, tdb_date
 from radioloc.kernels.files import KernelFile
 from radioloc.kernels.registry import find_kernel, sha256_of
@@ -97,14 +95,13 @@ class TrajectoryFile:
         ------
         KernelError
             The file is gone, or SPICE cannot evaluate a segment.
-        InputError
-            SPICE is not installed.
         """
-        spice = _spice()
+        import spiceypy
+
         out = np.empty((len(et_s), 6))
-        with _spice_errors(self.file.path), _handle(spice, self.file.path) as handle:
+        with _spice_errors(self.file.path), _handle(self.file.path) as handle:
             for i, (et, k) in enumerate(zip(et_s.tolist(), which.tolist(), strict=True)):
-                out[i] = spice.spkpvn(handle, self.segments[k].descriptor, et)[1]
+                out[i] = spiceypy.spkpvn(handle, self.segments[k].descriptor, et)[1]
         rot = np.array([segment.rot_to_icrf for segment in self.segments])[which]
         halves = np.einsum("nij,nkj->nki", rot, out.reshape(-1, 2, 3)).reshape(-1, 6)
         if not np.isfinite(halves).all():
@@ -126,10 +123,7 @@ def open_trajectory_file(path: str | Path, body: int) -> TrajectoryFile:
     ------
     KernelError
         The file is missing, damaged or no SPK, does not hold the body, or gives it in a frame that turns.
-    InputError
-        SPICE is not installed.
     """
-    spice = _spice()
     found = find_kernel(path, "SPK")
     listed = read_segments(found, "SPK")
     held = sorted({segment.integers[0] for segment in listed})
@@ -146,47 +140,49 @@ def open_trajectory_file(path: str | Path, body: int) -> TrajectoryFile:
                 f"{found} is damaged: segment {body} ({segment.name}) {damage}; fetch the file again"
             )
     with _spice_errors(found):
-        segments = [_trajectory_segment(spice, found, segment) for segment in own]
+        segments = [_trajectory_segment(found, segment) for segment in own]
     first, last = min(s.start_s for s in segments), max(s.end_s for s in segments)
     file = KernelFile(found, "SPK", sha256_of(found), False, tdb_date(first), tdb_date(last))
     return TrajectoryFile(file, body, tuple(segments))
 
 
-def _trajectory_segment(spice: Any, path: Path, segment: DafSegment) -> TrajectorySegment:
+def _trajectory_segment(path: Path, segment: DafSegment) -> TrajectorySegment:
+    import spiceypy
+
     body, center, frame, _ = segment.integers
-    packed = spice.dafps(2, 6, [segment.start_s, segment.end_s], [*segment.integers, *segment.addresses])
+    packed = spiceypy.dafps(2, 6, [segment.start_s, segment.end_s], [*segment.integers, *segment.addresses])
     # Six integers are packed in three floats; spiceypy leaves room for more.
     descriptor = np.asarray(packed)[:5]
-    rot = _rotation(spice, path, body, frame)
+    rot = _rotation(path, body, frame)
     return TrajectorySegment(center, segment.start_s, segment.end_s, descriptor, rot)
 
 
-def _rotation(spice: Any, path: Path, body: int, frame: int) -> NDArray[np.float64]:
+def _rotation(path: Path, body: int, frame: int) -> NDArray[np.float64]:
     """From a segment's frame to the ICRF."""
+    import spiceypy
+
     try:
-        inertial = spice.frinfo(frame)[1] == _INERTIAL_CLASS
-        name = spice.frmnam(frame)
-    except spice.NotFoundError:
+        inertial = spiceypy.frinfo(frame)[1] == _INERTIAL_CLASS
+        name = spiceypy.frmnam(frame)
+    except spiceypy.NotFoundError:
         inertial, name = False, ""
     if not inertial:
         raise KernelError(
             f"{path} gives body {body} in the frame {name or 'of NAIF code'} {f'({frame})' if name else frame}, which "
             f"turns or is not known; write the trajectory in an inertial frame such as {_ICRF}"
         )
-    return np.asarray(spice.pxform(name, _ICRF, 0.0))
-
-
-def _spice() -> Any:
-    return optional("spiceypy", "trajectories need SPICE:", "trajectories")
+    return np.asarray(spiceypy.pxform(name, _ICRF, 0.0))
 
 
 @contextmanager
-def _handle(spice: Any, path: Path) -> Iterator[int]:
-    handle = spice.dafopr(str(path))
+def _handle(path: Path) -> Iterator[int]:
+    import spiceypy
+
+    handle = spiceypy.dafopr(str(path))
     try:
         yield handle
     finally:
-        spice.dafcls(handle)
+        spiceypy.dafcls(handle)
 
 
 @contextmanager

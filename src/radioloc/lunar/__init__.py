@@ -8,7 +8,6 @@ from radioloc.lunar.frames import (
     rot_pa_to_me,
 )
 from radioloc.lunar.selenographic import (
-    cartesian_partials,
     cartesian_to_selenographic,
     east_north_up,
     selenographic_to_cartesian,
@@ -20,7 +19,6 @@ from radioloc.lunar.visibility import earth_elevation_rad, hidden_by_moon
 __all__ = [
     "TerrainModel",
     "angular_velocity_pa",
-    "cartesian_partials",
     "cartesian_to_selenographic",
     "earth_elevation_rad",
     "east_north_up",

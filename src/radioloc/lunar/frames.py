@@ -6,6 +6,7 @@ and so on in turn; ``rot_a_to_b @ vector_in_a`` gives the vector in b.
 
 from __future__ import annotations
 
+import erfa
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
@@ -39,7 +40,7 @@ def rot_icrf_to_pa(angles_rad: ArrayLike) -> NDArray[np.float64]:
     m on the surface.
     """
     phi, theta, psi = _angles(angles_rad)
-    return _rotation_z(psi) @ _rotation_x(theta) @ _rotation_z(phi)
+    return np.asarray(erfa.rz(psi, erfa.rx(theta, erfa.rz(phi, np.eye(3)))))
 
 
 def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArray[np.float64]:
@@ -100,8 +101,8 @@ def rot_pa_to_me(constants: EphemerisConstants) -> NDArray[np.float64]:
     With DE421's angles a point moves by up to 875 m (the literature often quotes 860 m, from older angles).
     Frames kernels give the inverse, from ME to PA, as the same three angles with opposite sign and order.
     """
-    about_x, about_y, about_z = (np.asarray(angle * ARCSEC_RAD) for angle in constants.pa_to_me_arcsec)
-    return _rotation_x(about_x) @ _rotation_y(about_y) @ _rotation_z(about_z)
+    about_x, about_y, about_z = (angle * ARCSEC_RAD for angle in constants.pa_to_me_arcsec)
+    return np.asarray(erfa.rx(about_x, erfa.ry(about_y, erfa.rz(about_z, np.eye(3)))))
 
 
 # Archinal et al. (2011), table 2, Moon (NAIF's pck00010.tpc and pck00011.tpc); the WGCCRE report of 2015
@@ -162,23 +163,3 @@ def _angles(values: ArrayLike) -> NDArray[np.float64]:
     if array.ndim == 0 or array.shape[-1] != 3:
         raise InputError(f"three Euler angles are needed along the last axis, but the shape is {array.shape}")
     return np.moveaxis(array, -1, 0)
-
-
-def _rotation_x(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    c, s, zero, one = _parts(angle_rad)
-    return np.stack([one, zero, zero, zero, c, s, zero, -s, c], axis=-1).reshape((*c.shape, 3, 3))
-
-
-def _rotation_y(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    c, s, zero, one = _parts(angle_rad)
-    return np.stack([c, zero, -s, zero, one, zero, s, zero, c], axis=-1).reshape((*c.shape, 3, 3))
-
-
-def _rotation_z(angle_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    c, s, zero, one = _parts(angle_rad)
-    return np.stack([c, s, zero, -s, c, zero, zero, zero, one], axis=-1).reshape((*c.shape, 3, 3))
-
-
-def _parts(angle_rad: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    c = np.cos(angle_rad)
-    return c, np.sin(angle_rad), np.zeros_like(c), np.ones_like(c)

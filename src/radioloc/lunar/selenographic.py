@@ -10,6 +10,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc import vectors
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.units import as_float_array
@@ -31,7 +32,7 @@ def selenographic_to_cartesian(
         A number is not finite, a latitude is beyond a pole, or a height is below the Moon's centre.
     """
     longitude, latitude, radius_m = _checked(longitude_rad, latitude_rad, height_m)
-    return radius_m[..., np.newaxis] * _up(longitude, latitude)
+    return radius_m[..., np.newaxis] * vectors.east_north_up(longitude, latitude)[..., 2, :]
 
 
 def cartesian_to_selenographic(
@@ -85,30 +86,7 @@ def east_north_up(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> NDArray[
     The matrix times a vector gives its east, north and up components.
     """
     longitude, latitude, _ = _checked(longitude_rad, latitude_rad, 0.0)
-    cos_lon, sin_lon = np.cos(longitude), np.sin(longitude)
-    cos_lat, sin_lat = np.cos(latitude), np.sin(latitude)
-    east = np.stack([-sin_lon, cos_lon, np.zeros_like(cos_lon)], axis=-1)
-    north = np.stack([-sin_lat * cos_lon, -sin_lat * sin_lon, cos_lat], axis=-1)
-    return np.stack([east, north, _up(longitude, latitude)], axis=-2)
-
-
-def cartesian_partials(
-    longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
-) -> NDArray[np.float64]:
-    """Partial derivatives of x, y, z (rows) by longitude, latitude and height (columns), shape (..., 3, 3).
-
-    Parameters and errors as :func:`selenographic_to_cartesian`; m/rad, m/rad and 1.
-    """
-    longitude, latitude, radius_m = _checked(longitude_rad, latitude_rad, height_m)
-    scale = np.stack([radius_m * np.cos(latitude), radius_m, np.ones_like(radius_m)], axis=-1)
-    return np.swapaxes(scale[..., np.newaxis] * east_north_up(longitude, latitude), -1, -2)
-
-
-def _up(longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]) -> NDArray[np.float64]:
-    cos_lat = np.cos(latitude_rad)
-    return np.stack(
-        [cos_lat * np.cos(longitude_rad), cos_lat * np.sin(longitude_rad), np.sin(latitude_rad)], axis=-1
-    )
+    return vectors.east_north_up(longitude, latitude)
 
 
 def _checked(

@@ -9,12 +9,11 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, L_B, L_G, SECONDS_PER_DAY
 from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
-from radioloc.earth.ocean_loading import ocean_loading_displacement
+from radioloc.earth.ocean_loading import ocean_loading_displacement, tidal_geocentre_displacement
 from radioloc.earth.orientation import EarthRotation
 from radioloc.earth.pole_tide import pole_tide_displacement
 from radioloc.earth.solid_tide import solid_earth_tide
 from radioloc.earth.stations import Station
-from radioloc.earth.tidal_geocentre import tidal_geocentre_displacement
 from radioloc.ephemeris import EarthState
 from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel

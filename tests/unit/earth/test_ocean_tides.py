@@ -1,6 +1,6 @@
 import numpy as np
 
-from radioloc.earth.ocean_tides import GIVEN_TIDES, all_amplitudes, sum_of_tides, tidal_potential
+from radioloc.earth.ocean_loading import GIVEN_TIDES, all_amplitudes, sum_of_tides, tidal_potential
 from radioloc.earth.stations import StationCatalogue
 from radioloc.time import Epochs
 

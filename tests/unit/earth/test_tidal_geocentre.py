@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from radioloc.earth.tidal_geocentre import tidal_geocentre_displacement
+from radioloc.earth.ocean_loading import tidal_geocentre_displacement
 from radioloc.errors import InputError
 from radioloc.time import Epochs
 

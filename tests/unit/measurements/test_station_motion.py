@@ -8,11 +8,10 @@ import numpy as np
 import pytest
 
 from radioloc.constants import C_M_S, L_B, L_G
-from radioloc.earth.ocean_loading import ocean_loading_displacement
+from radioloc.earth.ocean_loading import ocean_loading_displacement, tidal_geocentre_displacement
 from radioloc.earth.pole_tide import pole_tide_displacement
 from radioloc.earth.solid_tide import solid_earth_tide
 from radioloc.earth.stations import StationCatalogue
-from radioloc.earth.tidal_geocentre import tidal_geocentre_displacement
 from radioloc.ephemeris import Ephemeris
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import geocentre_displacement_m, station_motion

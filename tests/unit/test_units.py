@@ -14,6 +14,8 @@ from radioloc.earth.stations import Station
 from radioloc.errors import InputError, StationError
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs, epochs_from_strings, to_scale, tt_to_tdb, utc_to_tt
 from radioloc.units import as_degrees, as_metres, as_radians, as_seconds
 
@@ -113,3 +115,67 @@ def test_what_is_no_time_here_is_refused():
     with pytest.raises(InputError, match="masked"):
         Epochs.from_time(masked)
     assert np.array_equal(Epochs.from_jd([2459000.5] * u.day, 6.0 * u.hour, "TT").fraction, [0.25])
+
+
+def observed(**changes):
+    columns = {
+        "epoch": Epochs.from_jd([2460432.5, 2460432.5], [0.25, 0.5], "UTC"),
+        "links": [Link("APOLLO", "apollo15", "APOLLO")],
+        "value_m": [7.5e8, 7.6e8],
+        "sigma_m": 0.01,
+    }
+    return Observations.from_columns(**(columns | changes))
+
+
+def test_columns_of_observations_with_units():
+    table = observed(
+        value_m=[7.5e5, 7.6e5] * u.km,
+        sigma_m=10.0 * u.mm,
+        pressure_hpa=[72e3, 73e3] * u.Pa,
+        temperature_k=280.0 * u.K,
+        relative_humidity=30.0 * u.percent,
+        wavelength_um=532.0 * u.nm,
+        uplink_hz=7.1 * u.GHz,
+        count_s=1.0 * u.min,
+    )
+    for name, wanted in {
+        "value_m": [7.5e8, 7.6e8], "sigma_m": 0.01, "pressure_hpa": [720.0, 730.0], "temperature_k": 280.0,
+        "relative_humidity": 0.3, "wavelength_um": 0.532, "uplink_hz": 7.1e9, "count_s": 60.0,
+    }.items():  # fmt: skip
+        np.testing.assert_allclose(getattr(table, name), np.broadcast_to(wanted, 2), rtol=1e-15, err_msg=name)
+    rows = Table({"range": [7.5e5, 7.6e5] * u.km, "sigma": [1.0, 2.0]})
+    assert np.array_equal(observed(value_m=rows["range"], sigma_m=rows["sigma"]).value_m, [7.5e8, 7.6e8])
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "told"),
+    [
+        ("value_m", [2.5, 2.6] * u.s, "value_m is in s; give m"),
+        ("sigma_m", 1e-11 * u.s, "sigma_m is in s; give m"),
+        ("temperature_k", 7.0 * u.deg_C, "temperature_k is in deg_C; give K"),
+        ("wavelength_um", 8.4 * u.GHz, "wavelength_um is in GHz; give um"),
+        ("value_m", np.ma.masked_array([7.5e8, 7.6e8], [False, True]), "observation 2: value_m is nan"),
+        ("link", np.ma.masked_array([0, 0], [False, True]), "link has masked entries"),
+    ],
+)
+def test_columns_that_are_not_what_their_name_says(name, value, told):
+    with pytest.raises(InputError, match=told):
+        observed(**{name: value})
+
+
+def test_masked_weather_was_not_recorded():
+    pressure_hpa = Table({"p": np.ma.masked_array([720.0, 1e5], [False, True])}, units={"p": "hPa"})["p"]
+    assert np.array_equal(observed(pressure_hpa=pressure_hpa).pressure_hpa, [720.0, np.nan], equal_nan=True)
+
+
+@pytest.mark.parametrize("scale", ["utc", "tai", "tt", "tdb"])
+def test_observations_at_a_time_of_astropy(scale):
+    utc = Time([2460432.5, 2460432.5], [0.25, 0.5], format="jd", scale="utc")
+    table = observed(epoch=getattr(utc, scale))
+    assert table.epoch.scale == "UTC"
+    off_s = 86400.0 * (table.epoch.fraction - np.array([0.25, 0.5]))
+    assert np.abs(off_s).max() < 1e-9
+    with pytest.raises(InputError, match="TDB was given"):
+        observed(epoch=Epochs.from_time(utc.tdb))
+    with pytest.raises(InputError, match="no astropy Time"):
+        observed(epoch=["2024-05-02"])

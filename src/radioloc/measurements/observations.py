@@ -25,7 +25,8 @@ from radioloc.measurements.registry import (
     is_integrated,
     kind_of,
 )
-from radioloc.time import Epochs, utc_strings
+from radioloc.time import Epochs, to_scale, utc_strings
+from radioloc.units import in_unit
 
 RANGE, VLBI_DELAY, DOPPLER, VLBI_DELAY_RATE = (
     kind_of(name) for name in ("range", "vlbi_delay", "doppler", "vlbi_delay_rate")
@@ -41,6 +42,16 @@ WEATHER_LIMITS = {
 }
 """Lowest and highest value that a station on Earth can have recorded; catches Celsius, percent and Pascal."""
 
+_UNITS = {
+    "value_m": "m",
+    "sigma_m": "m",
+    "pressure_hpa": "hPa",
+    "temperature_k": "K",
+    "relative_humidity": "1",
+    "wavelength_um": "um",
+    "uplink_hz": "Hz",
+    "count_s": "s",
+}
 _IN_MEMORY = "in memory"
 
 
@@ -105,7 +116,7 @@ class Observations:
     def from_columns(
         cls,
         *,
-        epoch: Epochs,
+        epoch: Epochs | Any,
         links: Sequence[Link],
         value_m: ArrayLike,
         sigma_m: ArrayLike,
@@ -125,15 +136,19 @@ class Observations:
         """Check and copy columns; a single value stands for all rows.
 
         Parameters are those of the class; without ``files`` the rows count as made in memory, and without
-        ``line`` it is the row counted from 1.
+        ``line`` it is the row counted from 1. Columns with a unit (an astropy ``Quantity``) are converted to the one
+        in the parameter's name, a ``Time`` in any scale to UTC; a masked entry counts as not recorded.
 
         Raises
         ------
         InputError
-            Epochs not in UTC, a column of another length, a code without a name, a value or sigma that is not
-            finite and positive, or weather that no station can have recorded (as when Celsius or percent were
-            given). Where the row came from a file it is a :class:`FileFormatError` that names file and line.
+            Epochs not in UTC, a unit that does not convert, a column of another length, a code without a name, a value
+            or sigma that is not finite and positive, or weather that no station can have recorded (as when Celsius or
+            percent were given). Where the row came from a file it is a :class:`FileFormatError` that names file and
+            line.
         """
+        if not isinstance(epoch, Epochs):
+            epoch = to_scale(Epochs.from_time(epoch), "UTC")
         epoch.require("UTC")
         n = len(epoch)
         unique_links, link_codes = _unique(links)
@@ -321,7 +336,14 @@ class Observations:
 
 def _column(name: str, values: ArrayLike, n: int, dtype: Any = np.float64) -> Any:
     """A column as a read-only contiguous array of n values: a copy, unless it is one that nobody else can write to."""
-    array = np.asarray(values, dtype=dtype)
+    mask = getattr(values, "mask", None)  # which NumPy drops with the unit
+    if name in _UNITS:
+        values = in_unit(values, _UNITS[name], name)
+    array = np.asarray(getattr(values, "unmasked", values), dtype=dtype)
+    if isinstance(mask, np.ndarray | np.bool_) and np.any(mask):
+        if dtype is not np.float64:
+            raise InputError(f"{name} has masked entries; leave their rows out")
+        array = np.where(mask, np.nan, array)
     if array is values and array.shape == (n,) and array.flags.owndata and not array.flags.writeable:
         return array
     if array.shape not in ((), (n,)):

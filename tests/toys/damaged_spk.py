@@ -17,8 +17,8 @@ import numpy as np
 import spiceypy
 from spk_files import ORBITER, circular
 
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import KernelError
-from radioloc.kernels import open_trajectory_file
 
 MEMORY_BYTES = 2 << 30
 RECORD = 1024
@@ -165,7 +165,7 @@ def main(folder: Path, each: int, types: list[int]) -> None:
     for spk_type in types:
         data = made(folder / f"type_{spk_type}.bsp", spk_type)
         copy.write_bytes(data)
-        source = open_trajectory_file(copy, ORBITER)
+        source = Trajectory.open(copy, ORBITER)
         assert np.isfinite(source.states(et_s, source.segment_at(et_s))).all()
         refused = n = 0
         for what, damaged in itertools.islice(damages(data), spk_type % each, None, each):
@@ -174,7 +174,7 @@ def main(folder: Path, each: int, types: list[int]) -> None:
             n += 1
             message = ""
             try:
-                source = open_trajectory_file(copy, ORBITER)
+                source = Trajectory.open(copy, ORBITER)
                 which = source.segment_at(et_s)
                 assert np.isfinite(source.states(et_s[which >= 0], which[which >= 0])).all()
             except KernelError as error:

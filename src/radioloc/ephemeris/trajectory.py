@@ -1,7 +1,13 @@
-"""Where a spacecraft is: a trajectory from an SPK, put beside the Earth and the Moon of an ephemeris."""
+"""Where a spacecraft is: a trajectory from an SPK of any type, put beside the Earth and the Moon of an ephemeris.
+
+SPICE's readers are called on the file's own handle, segment by segment. Nothing is loaded into SPICE's pool of
+kernels, so what a program has loaded there neither matters here nor changes.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -10,13 +16,39 @@ from numpy.typing import NDArray
 
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.ephemeris.positions import Ephemeris
-from radioloc.errors import CoverageError, InputError
-from radioloc.kernels import KernelFile, TrajectoryFile, open_trajectory_file
-from radioloc.kernels.daf import tdb_date
+from radioloc.errors import CoverageError, InputError, KernelError
+from radioloc.kernels import KernelFile, find_kernel, sha256_of
+from radioloc.kernels.daf import DafSegment, read_segments, tdb_date
+from radioloc.kernels.segment_checks import segment_damage
 from radioloc.time import Epochs
 
 _M_PER_KM = 1000.0
 _MAX_SPANS = 3
+_ICRF = "J2000"  # SPICE's name
+_INERTIAL_CLASS = 1
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TrajectorySegment:
+    """Where an SPK has the states of a body for some time.
+
+    Parameters
+    ----------
+    center : int
+        NAIF code of what the states are relative to.
+    start_s, end_s : float
+        Span, TDB seconds since J2000, both ends included.
+    descriptor : ndarray, shape (5,)
+        SPICE's packed summary.
+    rot_to_icrf : ndarray, shape (3, 3)
+        Rotation from the segment's inertial frame to the ICRF.
+    """
+
+    center: int
+    start_s: float
+    end_s: float
+    descriptor: NDArray[np.float64]
+    rot_to_icrf: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,11 +57,17 @@ class Trajectory:
 
     Parameters
     ----------
-    source : TrajectoryFile
-        The file and the body's segments in it.
+    kernel : KernelFile
+        Path, SHA-256 and span of the file, from the body's first epoch to its last, gaps or not.
+    body : int
+        NAIF code.
+    segments : tuple of TrajectorySegment
+        The body's segments, in the file's order.
     """
 
-    source: TrajectoryFile
+    kernel: KernelFile
+    body: int
+    segments: tuple[TrajectorySegment, ...]
 
     @classmethod
     def open(cls, path: str | Path, body: int) -> Trajectory:
@@ -38,8 +76,8 @@ class Trajectory:
         Parameters
         ----------
         path : path-like
-            An SPK of any type that SPICE reads, in an inertial frame, relative to the Earth, the Moon, the Sun or a
-            barycentre.
+            An SPK of any type that SPICE evaluates by itself, in an inertial frame, relative to the Earth, the Moon,
+            the Sun or a barycentre.
         body : int
             NAIF code of the body, such as -85.
 
@@ -52,17 +90,26 @@ class Trajectory:
         """
         if isinstance(body, bool) or not isinstance(body, int):
             raise InputError(f"body must be a NAIF code, an integer such as -85, not {body!r}")
-        return cls(open_trajectory_file(path, body))
-
-    @property
-    def body(self) -> int:
-        """NAIF code."""
-        return self.source.body
-
-    @property
-    def kernel(self) -> KernelFile:
-        """Path, SHA-256 and span of the file."""
-        return self.source.file
+        found = find_kernel(path, "SPK")
+        listed = read_segments(found, "SPK")
+        held = sorted({segment.integers[0] for segment in listed})
+        if body not in held:
+            raise KernelError(
+                f"{found} has no body with the NAIF code {body}; it holds {', '.join(map(str, held)) or 'none'}"
+            )
+        own = [segment for segment in listed if segment.integers[0] == body]
+        for segment in own:
+            _, _, _, spk_type = segment.integers
+            damage = segment_damage(spk_type, segment.words, segment.start_s, segment.end_s)
+            if damage:
+                raise KernelError(
+                    f"{found} is damaged: segment {body} ({segment.name}) {damage}; fetch the file again"
+                )
+        with _spice_errors(found):
+            segments = [_trajectory_segment(found, segment) for segment in own]
+        first, last = min(s.start_s for s in segments), max(s.end_s for s in segments)
+        file = KernelFile(found, "SPK", sha256_of(found), False, tdb_date(first), tdb_date(last))
+        return cls(file, body, tuple(segments))
 
     @property
     def name(self) -> str:
@@ -108,23 +155,67 @@ class Trajectory:
         of_day_s = tdb.fraction * SECONDS_PER_DAY
         et_s = midnight_s + of_day_s
         rest_s = (midnight_s - et_s) + of_day_s
-        which = self.source.segment_at(et_s)
+        which = self.segment_at(et_s)
         self._require_covered(et_s, which)
-        states = self.source.states(et_s, which) * _M_PER_KM
+        states = self.states(et_s, which) * _M_PER_KM
         position_m, velocity_m_s = states[:, :3] + states[:, 3:] * rest_s[:, None], states[:, 3:]
-        for center in sorted({segment.center for segment in self.source.segments}):
-            rows = np.flatnonzero([self.source.segments[k].center == center for k in which])
+        for center in sorted({segment.center for segment in self.segments}):
+            rows = np.flatnonzero([self.segments[k].center == center for k in which])
             if len(rows):
                 center_m, center_m_s = ephemeris.geocentric_center(center, tdb[rows])
                 position_m[rows] += center_m
                 velocity_m_s[rows] += center_m_s
         return position_m, velocity_m_s
 
+    def spans_s(self) -> list[tuple[float, float]]:
+        """What the segments cover together, TDB seconds since J2000, in the order of time."""
+        spans: list[tuple[float, float]] = []
+        for start_s, end_s in sorted((s.start_s, s.end_s) for s in self.segments):
+            if spans and start_s <= spans[-1][1]:
+                spans[-1] = (spans[-1][0], max(spans[-1][1], end_s))
+            else:
+                spans.append((start_s, end_s))
+        return spans
+
+    def segment_at(self, et_s: NDArray[np.float64]) -> NDArray[np.intp]:
+        """Index of the segment for each epoch: of several the last, as in SPICE; -1 where there is none."""
+        which = np.full(len(et_s), -1)
+        for k, segment in enumerate(self.segments):
+            which[(segment.start_s <= et_s) & (et_s <= segment.end_s)] = k
+        return which
+
+    def states(self, et_s: NDArray[np.float64], which: NDArray[np.intp]) -> NDArray[np.float64]:
+        """States relative to the segments' centres in the ICRF, km and km/s, shape (n, 6).
+
+        Parameters
+        ----------
+        et_s : ndarray, shape (n,)
+            TDB seconds since J2000.
+        which : ndarray of int, shape (n,)
+            Segment of each, from :meth:`segment_at`.
+
+        Raises
+        ------
+        KernelError
+            The file is gone, or SPICE cannot evaluate a segment.
+        """
+        import spiceypy
+
+        out = np.empty((len(et_s), 6))
+        with _spice_errors(self.kernel.path), _handle(self.kernel.path) as handle:
+            for i, (et, k) in enumerate(zip(et_s.tolist(), which.tolist(), strict=True)):
+                out[i] = spiceypy.spkpvn(handle, self.segments[k].descriptor, et)[1]
+        rot = np.array([segment.rot_to_icrf for segment in self.segments])[which]
+        halves = np.einsum("nij,nkj->nki", rot, out.reshape(-1, 2, 3)).reshape(-1, 6)
+        if not np.isfinite(halves).all():
+            raise KernelError(f"{self.kernel.path} is damaged: a state is not a number; fetch the file again")
+        return np.asarray(halves)
+
     def _require_covered(self, et_s: NDArray[np.float64], which: NDArray[np.intp]) -> None:
         outside = et_s[which < 0]
         if not len(outside):
             return
-        spans = [f"{tdb_date(start_s)} to {tdb_date(end_s)}" for start_s, end_s in self.source.spans_s()]
+        spans = [f"{tdb_date(start_s)} to {tdb_date(end_s)}" for start_s, end_s in self.spans_s()]
         gaps = ""
         if len(spans) > 1:
             more = f" and {len(spans) - _MAX_SPANS} more" if len(spans) > _MAX_SPANS else ""
@@ -135,3 +226,54 @@ class Trajectory:
             (f"{tdb_date(outside.min())} TDB", f"{tdb_date(outside.max())} TDB"),
             "use a trajectory that covers these epochs, or leave them out (start, stop, hours)",
         )
+
+
+def _trajectory_segment(path: Path, segment: DafSegment) -> TrajectorySegment:
+    import spiceypy
+
+    body, center, frame, _ = segment.integers
+    packed = spiceypy.dafps(2, 6, [segment.start_s, segment.end_s], [*segment.integers, *segment.addresses])
+    # Six integers are packed in three floats; spiceypy leaves room for more.
+    descriptor = np.asarray(packed)[:5]
+    rot = _rotation(path, body, frame)
+    return TrajectorySegment(center, segment.start_s, segment.end_s, descriptor, rot)
+
+
+def _rotation(path: Path, body: int, frame: int) -> NDArray[np.float64]:
+    """From a segment's frame to the ICRF."""
+    import spiceypy
+
+    try:
+        inertial = spiceypy.frinfo(frame)[1] == _INERTIAL_CLASS
+        name = spiceypy.frmnam(frame)
+    except spiceypy.NotFoundError:
+        inertial, name = False, ""
+    if not inertial:
+        raise KernelError(
+            f"{path} gives body {body} in the frame {name or 'of NAIF code'} {f'({frame})' if name else frame}, which "
+            f"turns or is not known; write the trajectory in an inertial frame such as {_ICRF}"
+        )
+    return np.asarray(spiceypy.pxform(name, _ICRF, 0.0))
+
+
+@contextmanager
+def _handle(path: Path) -> Iterator[int]:
+    import spiceypy
+
+    handle = spiceypy.dafopr(str(path))
+    try:
+        yield handle
+    finally:
+        spiceypy.dafcls(handle)
+
+
+@contextmanager
+def _spice_errors(path: Path) -> Iterator[None]:
+    """What SPICE complains of, as one line about the file."""
+    from spiceypy.utils.exceptions import SpiceyError
+
+    try:
+        yield
+    except SpiceyError as error:
+        what = " ".join((getattr(error, "long", "") or getattr(error, "short", "") or str(error)).split())
+        raise KernelError(f"{path} cannot be evaluated by SPICE: {what}") from error

@@ -7,19 +7,15 @@ units (km, rad, TDB seconds since J2000); :mod:`radioloc.ephemeris` turns it int
 
 from radioloc.kernels.files import Kernel, KernelFile, Segment, open_pck, open_spk
 from radioloc.kernels.registry import RegisteredKernel, find_kernel, registered, sha256_of
-from radioloc.kernels.trajectory_file import TrajectoryFile, TrajectorySegment, open_trajectory_file
 
 __all__ = [
     "Kernel",
     "KernelFile",
     "RegisteredKernel",
     "Segment",
-    "TrajectoryFile",
-    "TrajectorySegment",
     "find_kernel",
     "open_pck",
     "open_spk",
-    "open_trajectory_file",
     "registered",
     "sha256_of",
 ]

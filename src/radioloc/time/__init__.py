@@ -5,7 +5,7 @@ An epoch is two floats, :class:`Epochs`, because a single float of seconds since
 """
 
 from radioloc.time.epochs import Epochs
-from radioloc.time.relativity import geocentric_tdb_minus_tt, tdb_minus_tt, topocentric_tdb_minus_tt
+from radioloc.time.relativity import geocentric_tdb_minus_tt, topocentric_tdb_minus_tt
 from radioloc.time.scales import (
     epochs_from_strings,
     tai_to_tt,
@@ -14,7 +14,6 @@ from radioloc.time.scales import (
     to_scale,
     tt_to_tai,
     tt_to_tdb,
-    tt_to_utc,
     utc_strings,
     utc_to_tai,
     utc_to_tt,
@@ -29,13 +28,11 @@ __all__ = [
     "lagrange_weights",
     "tai_to_tt",
     "tai_to_utc",
-    "tdb_minus_tt",
     "tdb_to_tt",
     "to_scale",
     "topocentric_tdb_minus_tt",
     "tt_to_tai",
     "tt_to_tdb",
-    "tt_to_utc",
     "utc_strings",
     "utc_to_tai",
     "utc_to_tt",

@@ -1,11 +1,9 @@
 """TDB - TT: what a clock on Earth differs by from the time of the solar system's barycentre.
 
-Two forms of the same thing. :func:`tdb_minus_tt` is ERFA's series with its few terms for a place on Earth.
-:func:`topocentric_tdb_minus_tt` is the exact first-order term v_E . r / c^2 that depends on the place (Moyer
-2003, eq. 2-23; IERS Conventions 2010, eq. 10.7), from the ephemeris' own velocity; measurements use it together
-with :func:`geocentric_tdb_minus_tt`. ERFA's terms for a place leave out the second order in the Earth's
-eccentricity and, along the spin axis, what Jupiter and the Moon do to its velocity: up to 1.2 ns at a station
-and 2.2 ns, 0.65 m of three-way range, between two.
+At the geocentre it is ERFA's series; what depends on the place is the exact first-order term v_E . r / c^2 (Moyer
+2003, eq. 2-23; IERS Conventions 2010, eq. 10.7), from the ephemeris' own velocity. ERFA has terms for a place too, but
+without the second order in the Earth's eccentricity and, along the spin axis, what Jupiter and the Moon do to its
+velocity: up to 1.2 ns at a station and 2.2 ns, 0.65 m of three-way range, between two.
 """
 
 from __future__ import annotations
@@ -32,34 +30,6 @@ def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
     ERFA ``dtdb``: Fairhead and Bretagnon (1990), with 787 terms, good to some nanoseconds over decades.
     """
     return evaluate_smooth(lambda at: np.asarray(erfa.dtdb(at.jd, at.fraction, 0.0, 0.0, 0.0, 0.0)), epochs)
-
-
-def tdb_minus_tt(
-    epochs: Epochs, ut1_fraction: ArrayLike, longitude_rad: ArrayLike, u_m: ArrayLike, v_m: ArrayLike
-) -> NDArray[np.float64]:
-    """TDB - TT at a place on Earth by ERFA ``dtdb``, s, shape (n,).
-
-    Parameters
-    ----------
-    epochs : Epochs
-        In TDB or TT.
-    ut1_fraction : array_like
-        UT1 as a fraction of its day.
-    longitude_rad : array_like
-        East longitude, rad.
-    u_m, v_m : array_like
-        Distance from the Earth's spin axis and distance north of the equatorial plane, m.
-    """
-    return np.asarray(
-        erfa.dtdb(
-            epochs.jd,
-            epochs.fraction,
-            ut1_fraction,
-            longitude_rad,
-            np.asarray(u_m) / 1e3,
-            np.asarray(v_m) / 1e3,
-        )
-    )
 
 
 def topocentric_tdb_minus_tt(earth_velocity_m_s: ArrayLike, station_gcrs_m: ArrayLike) -> NDArray[np.float64]:

@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import re
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from functools import cache
 
 import astropy_iers_data
@@ -29,17 +30,23 @@ _ISO = re.compile(
 
 
 @cache
-def _leap_seconds_up_to_date() -> bool:
-    """Bring ERFA's table up to the one in ``astropy-iers-data``; answers whether anything was added."""
-    table = np.loadtxt(astropy_iers_data.IERS_LEAP_SECOND_FILE, comments="#", usecols=(3, 2, 4))
-    known = {
-        (int(y), int(m))
-        for y, m in zip(erfa.leap_seconds.get()["year"], erfa.leap_seconds.get()["month"], strict=True)
-    }
-    fresh = [(int(y), int(m), float(s)) for y, m, s in table if (int(y), int(m)) not in known]
+def _leap_seconds_up_to_date() -> None:
+    """Bring ERFA's table up to the one in ``astropy-iers-data``."""
+    known = erfa.leap_seconds.get()
+    rows = np.loadtxt(astropy_iers_data.IERS_LEAP_SECOND_FILE, comments="#", usecols=(3, 2, 4))
+    last = (known["year"][-1], known["month"][-1])
+    fresh = [(year, month, seconds) for year, month, seconds in rows.tolist() if (year, month) > last]
     if fresh:
-        erfa.leap_seconds.update(np.array(fresh, dtype=erfa.leap_seconds.get().dtype))
-    return bool(fresh)
+        erfa.leap_seconds.update(np.array(fresh, dtype=known.dtype))
+
+
+@contextmanager
+def _any_year() -> Iterator[None]:
+    """ERFA calls dates past its table "dubious"; Earth orientation reports how far the data reach."""
+    _leap_seconds_up_to_date()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", erfa.ErfaWarning)
+        yield
 
 
 def _require_utc_era(utc: Epochs) -> None:
@@ -63,28 +70,19 @@ def utc_to_tai(utc: Epochs) -> Epochs:
         An epoch lies before 1972-01-01, when the present UTC began.
     """
     _require_utc_era(utc)
-    _leap_seconds_up_to_date()
     if not len(utc):
         return Epochs(utc.jd, utc.fraction, "TAI")
     day = (utc.jd - utc.jd.min()).astype(np.int64)
-    if int(day.max()) < len(utc):
+    n_days = int(day.max()) + 2
+    with _any_year():
+        if n_days > len(utc):
+            jd, fraction = erfa.utctai(utc.jd, utc.fraction)
+            return Epochs.from_jd(jd, fraction, "TAI")
         # Of many epochs in few days, all of a day are moved alike; the last entry is the midnight after the last day.
-        midnights = _utc_to_tai(utc.jd.min() + np.arange(int(day.max()) + 2), np.zeros(int(day.max()) + 2))
-        after_midnight_d = (midnights[0] - midnights[0][0]) - np.arange(len(midnights[0])) + midnights[1]
-        length_d = 1.0 + np.diff(after_midnight_d)
-        return Epochs.from_jd(utc.jd, after_midnight_d[day] + utc.fraction * length_d[day], "TAI")
-    return Epochs.from_jd(*_utc_to_tai(utc.jd, utc.fraction), "TAI")
-
-
-def _utc_to_tai(
-    jd: NDArray[np.float64], fraction: NDArray[np.float64]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """The same with plain numbers, by ERFA."""
-    with warnings.catch_warnings():
-        # ERFA calls dates past its table "dubious"; Earth orientation reports how far the data reach.
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        tai: tuple[NDArray[np.float64], NDArray[np.float64]] = erfa.utctai(jd, fraction)
-    return tai
+        midnights = erfa.utctai(utc.jd.min() + np.arange(n_days), np.zeros(n_days))
+    after_midnight_d = (midnights[0] - midnights[0][0]) - np.arange(n_days) + midnights[1]
+    length_d = 1.0 + np.diff(after_midnight_d)
+    return Epochs.from_jd(utc.jd, after_midnight_d[day] + utc.fraction * length_d[day], "TAI")
 
 
 def tai_to_utc(tai: Epochs) -> Epochs:
@@ -96,9 +94,7 @@ def tai_to_utc(tai: Epochs) -> Epochs:
         An epoch lies before 1972-01-01 UTC.
     """
     tai.require("TAI")
-    _leap_seconds_up_to_date()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
+    with _any_year():
         jd, fraction = erfa.taiutc(tai.jd, tai.fraction)
     utc = Epochs.from_jd(jd, fraction, "UTC")
     _require_utc_era(utc)
@@ -120,11 +116,6 @@ def tt_to_tai(tt: Epochs) -> Epochs:
 def utc_to_tt(utc: Epochs) -> Epochs:
     """UTC to TT; errors as :func:`utc_to_tai`."""
     return tai_to_tt(utc_to_tai(utc))
-
-
-def tt_to_utc(tt: Epochs) -> Epochs:
-    """TT to UTC; errors as :func:`tai_to_utc`."""
-    return tai_to_utc(tt_to_tai(tt))
 
 
 def tt_to_tdb(tt: Epochs) -> Epochs:
@@ -162,11 +153,8 @@ def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epoch
     if hasattr(dates, "jd1"):
         return to_scale(Epochs.from_time(dates), scale)
     texts = [dates] if isinstance(dates, str) else list(dates)
-    jd = np.empty(len(texts))
-    fraction = np.empty(len(texts))
-    for i, text in enumerate(texts):
-        jd[i], fraction[i] = _parse_date(str(text).strip(), scale)
-    return Epochs.from_jd(jd, fraction, scale)
+    days = np.reshape([_parse_date(str(text).strip(), scale) for text in texts], (-1, 2))
+    return Epochs.from_jd(days[:, 0], days[:, 1], scale)
 
 
 def _parse_date(text: str, scale: str) -> tuple[float, float]:
@@ -175,19 +163,10 @@ def _parse_date(text: str, scale: str) -> tuple[float, float]:
         raise InputError(
             f"{text!r} is not a date; write it as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss"
         )
-    year = int(match["year"])
-    hour, minute, second = int(match["hour"] or 0), int(match["minute"] or 0), float(match["second"] or 0.0)
-    return calendar_to_jd(
-        year,
-        int(match["month"] or 1),
-        int(match["day"] or match["doy"]),
-        hour,
-        minute,
-        second,
-        scale,
-        day_of_year=match["doy"] is not None,
-        text=text,
-    )
+    year, month, day = int(match["year"]), int(match["month"] or 1), int(match["day"] or match["doy"])
+    of_day = int(match["hour"] or 0), int(match["minute"] or 0), float(match["second"] or 0.0)
+    by_day_of_year = match["doy"] is not None
+    return calendar_to_jd(year, month, day, *of_day, scale, day_of_year=by_day_of_year, text=text)
 
 
 def calendar_to_jd(
@@ -234,12 +213,8 @@ def calendar_to_jd(
 @cache
 def _leap_second_after(jd: float) -> float:
     """Leap seconds at the end of the UTC day that starts at this Julian date, s."""
-    _leap_seconds_up_to_date()
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
-        parts = [erfa.jd2cal(jd + k, 0.0)[:3] for k in (0, 1)]
-        today, tomorrow = (float(erfa.dat(y, m, d, 0.0)) for y, m, d in parts)
-    return tomorrow - today
+    midnights = utc_to_tai(Epochs.from_jd([jd, jd + 1.0], 0.0, "UTC"))
+    return float(np.round(midnights[1].seconds_since(midnights[0])[0]) - SECONDS_PER_DAY)
 
 
 def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
@@ -261,8 +236,7 @@ def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
     """
     if not 0 <= decimals <= 9:
         raise InputError(f"decimals = {decimals!r} is not a number of decimals from 0 to 9")
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", erfa.ErfaWarning)
+    with _any_year():
         year, month, day, hms = erfa.d2dtf(utc.scale, decimals, utc.jd, utc.fraction)
     out = []
     for y, mo, d, t in zip(year, month, day, hms, strict=True):

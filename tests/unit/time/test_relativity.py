@@ -11,7 +11,6 @@ from radioloc.ephemeris import Ephemeris
 from radioloc.time import (
     Epochs,
     geocentric_tdb_minus_tt,
-    tdb_minus_tt,
     tdb_to_tt,
     topocentric_tdb_minus_tt,
     tt_to_tdb,
@@ -25,6 +24,12 @@ SERIES_TRUNCATION_S = 1.2e-9
 SERIES_DAILY_TRUNCATION_S = 4e-10
 # The last place of the fraction of a day is 1e-11 s, and each of the two conversions rounds once.
 ROUND_TRIP_S = 2e-11
+
+
+def tdb_minus_tt(epochs, ut1_fraction, longitude_rad, u_m, v_m):
+    """ERFA's series with its terms for a place."""
+    u_km, v_km = np.asarray(u_m) / 1e3, np.asarray(v_m) / 1e3
+    return erfa.dtdb(epochs.jd, epochs.fraction, ut1_fraction, longitude_rad, u_km, v_km)
 
 
 def test_erfa_value():

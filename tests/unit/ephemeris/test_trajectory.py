@@ -15,7 +15,7 @@ from spk_files import ORBITER, START_S, STOP_S, circular, write_states
 
 from radioloc.ephemeris import Ephemeris, Trajectory
 from radioloc.errors import InputError, KernelError
-from radioloc.kernels import find_kernel, open_spk, open_trajectory_file
+from radioloc.kernels import find_kernel, open_spk
 from radioloc.time import Epochs
 
 STATES = circular(1.8374e6, 4902.800076e9)
@@ -33,14 +33,14 @@ def orbit(tmp_path):
 
 
 def states_km(path, et_s=AT_S, body=ORBITER):
-    source = open_trajectory_file(path, body)
+    source = Trajectory.open(path, body)
     return source.states(et_s, source.segment_at(et_s))
 
 
 def test_states_are_those_that_were_written(orbit):
-    source = open_trajectory_file(orbit, ORBITER)
+    source = Trajectory.open(orbit, ORBITER)
     assert np.abs(states_km(orbit) - STATES(AT_S) / 1e3).max() < SAME_KM
-    assert (source.file.start_tdb, source.file.end_tdb) == ("2020-12-02", "2020-12-03T12:00:00")
+    assert (source.kernel.start_tdb, source.kernel.end_tdb) == ("2020-12-02", "2020-12-03T12:00:00")
     assert source.spans_s() == [(START_S, STOP_S)]
 
 
@@ -64,7 +64,7 @@ def test_what_a_program_has_loaded_neither_matters_nor_changes(orbit, tmp_path):
 
 @pytest.mark.slow
 def test_many_files_one_after_another_leave_none_open(orbit):
-    source = open_trajectory_file(orbit, ORBITER)
+    source = Trajectory.open(orbit, ORBITER)
     which = source.segment_at(AT_S)
     for _ in range(6000):  # SPICE holds 5000 open files at most
         source.states(AT_S[:1], which[:1])
@@ -82,7 +82,7 @@ def test_of_several_segments_the_last_counts(tmp_path):
     early, late = START_S + np.array([100.0]), START_S + np.array([8000.0])
     assert np.abs(states_km(path, early) - ELSEWHERE(early) / 1e3).max() < SAME_KM
     assert np.abs(states_km(path, late) - STATES(late) / 1e3).max() < SAME_KM
-    assert open_trajectory_file(path, ORBITER).spans_s() == [(START_S, STOP_S)]
+    assert Trajectory.open(path, ORBITER).spans_s() == [(START_S, STOP_S)]
 
 
 def test_another_inertial_frame_is_turned(orbit, tmp_path):
@@ -100,26 +100,26 @@ def test_a_frame_that_turns_is_refused(tmp_path):
     with pytest.raises(
         KernelError, match=r"fixed\.bsp gives body -85 in the frame IAU_MOON \(10020\), which turns"
     ):
-        open_trajectory_file(fixed, ORBITER)
+        Trajectory.open(fixed, ORBITER)
 
 
 def test_what_is_no_trajectory_is_refused(orbit, tmp_path):
     with pytest.raises(KernelError, match=r"no body with the NAIF code -86; it holds -85"):
-        open_trajectory_file(orbit, -86)
+        Trajectory.open(orbit, -86)
     with pytest.raises(KernelError, match="neither a file nor a kernel"):
-        open_trajectory_file(tmp_path / "absent.bsp", ORBITER)
+        Trajectory.open(tmp_path / "absent.bsp", ORBITER)
     (tmp_path / "text.bsp").write_text("not a kernel")
     with pytest.raises(KernelError, match="not a SPICE binary kernel"):
-        open_trajectory_file(tmp_path / "text.bsp", ORBITER)
+        Trajectory.open(tmp_path / "text.bsp", ORBITER)
     (tmp_path / "cut.bsp").write_bytes(orbit.read_bytes()[:4096])
     with pytest.raises(KernelError, match="cut short"):
-        open_trajectory_file(tmp_path / "cut.bsp", ORBITER)
+        Trajectory.open(tmp_path / "cut.bsp", ORBITER)
     with pytest.raises(InputError, match="an integer such as -85"):
         Trajectory.open(orbit, "-85")
 
 
 def test_a_file_that_is_gone_is_told_in_one_line(orbit):
-    source = open_trajectory_file(orbit, ORBITER)
+    source = Trajectory.open(orbit, ORBITER)
     orbit.unlink()
     with pytest.raises(KernelError, match=r"orbit\.bsp cannot be evaluated by SPICE") as caught:
         source.states(AT_S, source.segment_at(AT_S))
@@ -209,6 +209,6 @@ def test_what_is_damaged_is_said(orbit, offset, layout, value, message):
     struct.pack_into("<" + layout, data, offset if offset > 0 else last_byte + offset, value)
     orbit.write_bytes(data)
     with pytest.raises(KernelError, match=rf"orbit\.bsp is damaged: .*{message}.*fetch"):
-        open_trajectory_file(orbit, ORBITER)
+        Trajectory.open(orbit, ORBITER)
     with pytest.raises(KernelError):
         open_spk(orbit)

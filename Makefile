@@ -7,7 +7,7 @@ COMPILED := tests/unit/measurements/test_chebyshev_predictor.py tests/unit/studi
 SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_readers.py tests/unit/test_bad_input.py \
 	tests/unit/io/test_parquet.py \
 	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/studies/test_trajectory_study.py \
-	tests/unit/studies/test_monte_carlo.py tests/unit/plotting
+	tests/unit/studies/test_monte_carlo.py tests/unit/report
 
 .PHONY: demo test test-all test-uncompiled test-lowest lint bench scaling clean
 

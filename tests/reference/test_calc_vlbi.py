@@ -25,7 +25,6 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -144,7 +143,7 @@ CALC_DRY = {
 DRY_S = 0.6e-12
 """Of delays of 10 to 18 ns."""
 
-VLBI_FOLDER = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "vlbi"
+VLBI_FOLDER = Path(__file__).resolve().parents[1] / "data" / "vlbi"
 
 
 def orientation(table=None, *, subdaily=False, zonal_tides=True):
@@ -354,17 +353,13 @@ def test_delay_by_dry_air(name):
 
 @pytest.fixture(scope="module")
 def polynomials():
-    file = VLBI_FOLDER / "a15_D_noatm_lt.im"
-    if not file.is_file():
-        pytest.skip(f"{file} is not there")
-    blocks = re.findall(r"POLY \d+ SEC:\s*(\d+)\n(.*?)(?=SCAN 0 POLY|\Z)", file.read_text(), re.S)
-    delay = r"SRC 0 ANT \d+ DELAY \(us\):(.*)"
-    return {
-        float(start): [
-            np.polynomial.Polynomial([float(x) for x in row.split()]) for row in re.findall(delay, block)
-        ]
-        for start, block in blocks
-    }
+    found: dict[float, list] = {}
+    for line in (VLBI_FOLDER / "a15_delays.csv").read_text().splitlines()[3:]:
+        start, station, *coefficients = line.split(",")
+        row = found.setdefault(float(start), [])
+        assert station == list(STATIONS_ITRF_M)[len(row)]
+        row.append(np.polynomial.Polynomial([float(x) for x in coefficients]))
+    return found
 
 
 def test_table_is_that_of_the_file(polynomials):

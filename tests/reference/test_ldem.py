@@ -1,16 +1,13 @@
-"""LOLA's global elevation model at 4 pixels per degree, read through its PDS3 label, against outside values."""
+"""LOLA's global elevation model at 4 pixels per degree, read through its PDS3 label, against outside values.
 
-from pathlib import Path
+Of the map those cells are its own that tests/data holds: around the sites, at the seam, and one in 49.
+"""
 
 import numpy as np
 import pytest
+from ldem import write_ldem_4
 
 from radioloc.lunar import TerrainModel
-
-FOLDER = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "dem"
-LABEL = FOLDER / "LDEM_4.LBL"
-
-pytestmark = pytest.mark.skipif(not LABEL.is_file(), reason=f"LOLA's map is not in {FOLDER}")
 
 # Longitude and latitude (mean Earth), height above 1737.4 km. Reflectors: JPL IOM 335-JW,DB,WF-20130722-016, table 7,
 # and radii of the DE421 solution; landers: LROC, posts 1172 and 1374 (lroc.sese.asu.edu), within 20 and 30 m.
@@ -25,15 +22,20 @@ SITES = {
 }
 
 
+@pytest.fixture(scope="module")
+def label(tmp_path_factory):
+    return write_ldem_4(tmp_path_factory.mktemp("dem"))
+
+
 @pytest.fixture(scope="module", params=["bilinear", "bicubic"])
-def model(request):
-    return TerrainModel.open(LABEL, interpolation=request.param)
+def model(request, label):
+    return TerrainModel.open(label, interpolation=request.param)
 
 
 @pytest.fixture(scope="module")
-def heights_m():
+def heights_m(label):
     """The image without GDAL: 720 by 1440 integers of 0.5 m, as the label says."""
-    numbers = np.fromfile(LABEL.with_suffix(".IMG"), dtype="<i2")
+    numbers = np.fromfile(label.with_suffix(".IMG"), dtype="<i2")
     return 0.5 * numbers.reshape(720, 1440)
 
 

@@ -12,7 +12,7 @@ from radioloc.measurements.observations import Observations
 
 ROOT = Path(__file__).resolve().parents[2]
 EXAMPLES = ROOT / "examples"
-DATA = ROOT.parent / "shared" / "data" / "llr"
+DATA = ROOT / "tests" / "data" / "llr"
 MINI = "apollo_2006-04_2007-06.mini.np"
 
 # Normal points per target, counted in the published files by record (grep -c ^11, column 38).
@@ -23,8 +23,6 @@ SHIPPED_EARLY = [
     *sorted((EXAMPLES / "reflectors_2006-2007").glob("*.csv")),
 ]
 SHIPPED_LATE = sorted((EXAMPLES / "reflectors_2024").glob("*.csv"))
-
-needs_data = pytest.mark.skipif(not DATA.is_dir(), reason=f"the published files are not in {DATA}")
 
 
 def count_by_target(observations):
@@ -71,13 +69,11 @@ def test_shipped_values_against_the_published_lines():
     assert matera.pressure_hpa[0] == 958.30
 
 
-@needs_data
 def test_shipped_tables_equal_the_published_files():
     assert_same(read_observations(DATA / MINI), read_observations(SHIPPED_EARLY))
     assert_same(read_observations(sorted(DATA.glob("*.np2"))), read_observations(SHIPPED_LATE))
 
 
-@needs_data
 def test_every_published_point_is_read_and_none_twice():
     files = sorted(DATA.iterdir())
     read = read_observations(files)
@@ -88,7 +84,6 @@ def test_every_published_point_is_read_and_none_twice():
     assert len(read) == len(expected) == 234
 
 
-@needs_data
 def test_uncertainty_is_what_the_station_itself_states():
     """APOLLO states each whole uncertainty in a comment, round trip in ps, by its own analysis.
 
@@ -114,7 +109,6 @@ def test_uncertainty_is_what_the_station_itself_states():
     assert max(ratios) < 1.6
 
 
-@needs_data
 def test_mini_uncertainty_is_that_of_the_round_trip():
     """Per photon it must be the two-way spread that the same telescope gives in CRD, 140 to 430 ps."""
     read = read_observations(DATA / MINI)

@@ -22,7 +22,7 @@ from radioloc.earth.radio_troposphere import standard_weather, zenith_hydrostati
 from radioloc.earth.vmf3 import vmf3
 from radioloc.estimation.export import solution_dict
 from radioloc.io.solution_files import RESIDUAL_COLUMNS
-from radioloc.io.table_head import COLUMNS
+from radioloc.io.table_columns import COLUMNS
 from radioloc.measurements.terms import TERMS
 from radioloc.studies.toml_table import TomlTable
 from radioloc.time import tai_to_utc, utc_to_tai

@@ -33,6 +33,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.errors import FileFormatError
+from radioloc.io.checks import Catalogue, refuse_duplicates
 from radioloc.io.crd_records import (
     LONGEST_PASS_S,
     NormalPoint,
@@ -49,8 +50,6 @@ from radioloc.io.crd_records import (
     parse_weather,
 )
 from radioloc.io.dates import utc_from_seconds_of_day
-from radioloc.io.duplicates import refuse_duplicates
-from radioloc.io.names import Catalogue
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_lines

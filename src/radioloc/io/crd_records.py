@@ -14,8 +14,7 @@ from typing import NamedTuple, NoReturn
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.names import Catalogue, station_name
-from radioloc.io.plausible import require_lunar_flight_time, require_year
+from radioloc.io.checks import Catalogue, require_lunar_flight_time, require_year, station_name
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import WEATHER_LIMITS
 from radioloc.measurements.targets import REFLECTORS, canonical_target

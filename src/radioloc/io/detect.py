@@ -8,13 +8,9 @@ from pathlib import Path
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
+from radioloc.io.checks import Catalogue, refuse_duplicates
 from radioloc.io.crd import looks_like_crd, read_crd
-from radioloc.io.duplicates import refuse_duplicates
 from radioloc.io.mini import looks_like_mini, read_mini
-from radioloc.io.names import Catalogue
-from radioloc.io.parquet import MAGIC as PARQUET_MAGIC
-from radioloc.io.parquet import read_parquet
-from radioloc.io.table import looks_like_table, read_table
 from radioloc.io.tdm import looks_like_tdm, read_tdm_file
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_file import TdmFile
@@ -22,18 +18,11 @@ from radioloc.io.tdm_observations import tdm_observations
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_blocks, read_lines, starts_with
 
-_Reader = Callable[..., Observations]
-_FORMATS: tuple[tuple[str, Callable[[list[str]], bool], _Reader], ...] = (
-    ("CRD normal points (first record: H1 CRD)", looks_like_crd, read_crd),
-    ("MINI normal points (lines start with 51 and a date)", looks_like_mini, read_mini),
-    (
-        "table of observations (first line names columns: epoch_utc,type,path,...)",
-        looks_like_table,
-        read_table,
-    ),
+_KNOWN = (
+    "CRD normal points (first record: H1 CRD); MINI normal points (lines start with 51 and a date); "
+    "table of observations (first line names columns: epoch_utc,type,path,...); "
+    "CCSDS Tracking Data Message (CCSDS_TDM_VERS = 2.0, or XML with <tdm>); Parquet"
 )
-_NOT_ONLY_LUNAR = (read_table,)
-_TDM = "CCSDS Tracking Data Message (CCSDS_TDM_VERS = 2.0, or XML with <tdm>)"
 
 
 def read_observations(
@@ -64,7 +53,7 @@ def read_observations(
     FileFormatError
         A file cannot be read, is of no known format, or is damaged. Names the line.
     InputError
-        No file was given, a Parquet file needs pyarrow, or the same observation is there twice, in one file or in two.
+        No file was given, or the same observation is there twice, in one file or in two.
     """
     files = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not files:
@@ -75,13 +64,12 @@ def read_observations(
     messages: list[TdmFile] = []
     place = 0
     for file in files:
-        read = _reader(file)
+        read = _reader(file, catalogue, lunar)
         if read is None:
             place = place if messages else len(parts)
             messages.append(read_tdm_file(file))
         else:
-            anywhere = {} if lunar or read not in _NOT_ONLY_LUNAR else {"lunar": False}
-            parts.append(read(file, catalogue=catalogue, **anywhere))
+            parts.append(read())
     if messages:
         agreement = tdm or TdmAgreement()
         agreement = replace(agreement, lunar=lunar and agreement.lunar)
@@ -93,20 +81,26 @@ def read_observations(
     return observations
 
 
-def _reader(path: str | Path) -> _Reader | None:
+def _reader(path: str | Path, catalogue: Catalogue, lunar: bool) -> Callable[[], Observations] | None:
     """What reads a file of this format, None for a Tracking Data Message."""
-    if starts_with(path, PARQUET_MAGIC):
-        return read_parquet
+    # Arrow takes a fifth of a second to import.
+    from radioloc.io.parquet import MAGIC, read_parquet
+    from radioloc.io.table import looks_like_table, read_table
+
+    if starts_with(path, MAGIC):
+        return lambda: read_parquet(path, catalogue=catalogue, lunar=lunar)
     # The start is enough, unless it holds nothing but comments.
     for lines in _starts(path):
         if looks_like_tdm(lines):
             return None
-        for _, looks_like, read in _FORMATS:
-            if looks_like(lines):
-                return read
+        if looks_like_crd(lines):
+            return lambda: read_crd(path, catalogue=catalogue)
+        if looks_like_mini(lines):
+            return lambda: read_mini(path, catalogue=catalogue)
+        if looks_like_table(lines):
+            return lambda: read_table(path, catalogue=catalogue, lunar=lunar)
     first = next(line for line in lines if line.strip())
-    known = "; ".join([*(name for name, _, _ in _FORMATS), _TDM, "Parquet"])
-    raise FileFormatError(path, f"starts with {first[:40]!r}, which is none of the known formats: {known}")
+    raise FileFormatError(path, f"starts with {first[:40]!r}, which is none of the known formats: {_KNOWN}")
 
 
 def _starts(path: str | Path) -> Iterator[list[str]]:

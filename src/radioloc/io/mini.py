@@ -23,10 +23,14 @@ import numpy as np
 
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
+from radioloc.io.checks import (
+    Catalogue,
+    refuse_duplicates,
+    require_lunar_flight_time,
+    require_year,
+    station_name,
+)
 from radioloc.io.dates import utc_from_seconds_of_day
-from radioloc.io.duplicates import refuse_duplicates
-from radioloc.io.names import Catalogue, station_name
-from radioloc.io.plausible import require_lunar_flight_time, require_year
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_lines

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -15,9 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.editing import Outcome
 from radioloc.estimation.labels import Labels
-from radioloc.io.csv_columns import Cells, fixed_cells, label_cells, lines_of, text_cells
-from radioloc.io.dates import utc_cells
-from radioloc.text_files import write_blocks, write_text
+from radioloc.text_files import write_text
 from radioloc.time import Epochs
 
 TextColumn = Sequence[str] | NDArray[np.str_] | Labels | Outcome
@@ -68,47 +65,23 @@ def write_residuals(
     FileFormatError
         The file cannot be written.
     """
-    columns: dict[str, tuple[int, Callable[[slice], Cells]]] = {
-        "epoch_utc": (len(epoch), lambda rows: utc_cells(epoch[rows]))
+    from radioloc.io.csv_file import batches_of, write_csv
+
+    numbers = (observed_m, computed_m, residual_m, sigma_m, elevation_deg)
+    columns: dict[str, Any] = {"epoch_utc": epoch, "type": types, "path": paths}
+    columns |= {
+        name: np.asarray(values, dtype=np.float64)
+        for name, values in zip(_RESIDUAL_DECIMALS, numbers, strict=True)
     }
-    for name, texts in (("type", types), ("path", paths), ("status", status)):
-        columns[name] = len(texts), _text_column(texts)
-    given = (observed_m, computed_m, residual_m, sigma_m, elevation_deg)
-    for (name, decimals), values in zip(_RESIDUAL_DECIMALS.items(), given, strict=True):
-        array = np.asarray(values, dtype=np.float64)
-        bad = np.flatnonzero(~np.isfinite(array))
-        if len(bad):
-            raise InputError(
-                f"{name} of observation {bad[0] + 1} is {array[bad[0]]}; residuals must be finite"
-            )
-        columns[name] = array.size if array.ndim == 1 else 0, _number_column(array, decimals)
-    for name, (length, _) in columns.items():
+    columns["status"] = status
+    for name, column in columns.items():
+        length = 0 if isinstance(column, np.ndarray) and column.ndim != 1 else len(column)
         if length != len(epoch):
             raise InputError(f"{name} has {length} values, but there are {len(epoch)} observations")
-    lines = lines_of([columns[name][1] for name in RESIDUAL_COLUMNS], len(epoch))
-    write_blocks(path, itertools.chain([f"{','.join(RESIDUAL_COLUMNS)}\n".encode()], lines))
-
-
-def _text_column(texts: TextColumn) -> Callable[[slice], Cells]:
-    if isinstance(texts, Labels):
-        return lambda rows: label_cells(texts, rows)
-    if isinstance(texts, Outcome):
-        return lambda rows: _outcome_cells(texts, rows)
-    return lambda rows: text_cells(texts[rows])
-
-
-def _outcome_cells(outcome: Outcome, rows: slice) -> Cells:
-    cells = label_cells(outcome.given, rows)
-    outliers, texts = outcome.outliers(rows)
-    if len(outliers):
-        reasons = text_cells(texts)
-        cells = cells.astype(np.result_type(cells.dtype, reasons.dtype))
-        cells[outliers] = reasons
-    return cells
-
-
-def _number_column(values: NDArray[np.float64], decimals: int) -> Callable[[slice], Cells]:
-    return lambda rows: fixed_cells(values[rows], decimals)
+        if name in _RESIDUAL_DECIMALS and not np.isfinite(column).all():
+            bad = int(np.argmin(np.isfinite(column)))
+            raise InputError(f"{name} of observation {bad + 1} is {column[bad]}; residuals must be finite")
+    write_csv(path, batches_of(columns, _RESIDUAL_DECIMALS))
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.names import Catalogue
+from radioloc.io.checks import Catalogue
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_file import TdmFile
 from radioloc.io.tdm_kvn import looks_like_kvn, parse_kvn

@@ -20,8 +20,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.duplicates import refuse_duplicates
-from radioloc.io.names import Catalogue
+from radioloc.io.checks import Catalogue, refuse_duplicates
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_clocks import Clocks
 from radioloc.io.tdm_file import TdmFile, TdmSegment

@@ -10,7 +10,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from radioloc.errors import FileFormatError, InputError, StationError
-from radioloc.io.names import Catalogue
+from radioloc.io.checks import Catalogue
 from radioloc.io.tdm_file import TdmSegment
 from radioloc.measurements.link import Link
 from radioloc.measurements.targets import canonical_target

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError
-from radioloc.io.plausible import FLIGHT_TIME_LIMITS_S, require_lunar_flight_time
+from radioloc.io.checks import FLIGHT_TIME_LIMITS_S, require_lunar_flight_time
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.io.tdm_file import TdmSegment
 from radioloc.io.tdm_frequencies import SentFrequency

@@ -16,8 +16,8 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import FileFormatError
+from radioloc.io.checks import YEARS
 from radioloc.io.dates import day_fraction, day_lengths_s
-from radioloc.io.plausible import YEARS
 from radioloc.io.tdm_keywords import CODE, DATA, exponent_of
 from radioloc.time import Epochs
 from radioloc.time.scales import utc_of

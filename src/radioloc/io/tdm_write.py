@@ -16,7 +16,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from decimal import Decimal
-from functools import partial
 from html import escape
 from pathlib import Path
 
@@ -25,10 +24,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
-from radioloc.estimation.labels import Labels
-from radioloc.io.csv_columns import Cells, label_cells, lines_of
-from radioloc.io.dates import utc_cells
-from radioloc.io.shortest_numbers import shortest_cells
+from radioloc.io.dates import utc_to_text
 from radioloc.io.tdm_file import TdmFile, TdmHeader, TdmSegment
 from radioloc.io.tdm_keywords import CODE, DATA, METADATA, exponent_of
 from radioloc.io.tdm_weather import COLUMNS
@@ -43,6 +39,7 @@ _SHORTEST_UM = 100.0
 _KEYWORDS = {RANGE: "RANGE", DOPPLER: "DOPPLER_INTEGRATED", VLBI_DELAY: "VLBI_DELAY"}
 _FIXED = range(-5, 16)
 _SHORTEST_DATE = len("2020-12-31T23:59:60.000")
+_ROWS_AT_ONCE = 2**14
 _XML_START = (
     '<?xml version="1.0" encoding="UTF-8"?>\n'
     '<tdm xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
@@ -173,7 +170,7 @@ def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
 def _segment(observations: Observations, rows: NDArray[np.intp]) -> TdmSegment:
     part = observations.select(rows)
     kind, link = int(part.kind[0]), part.links[part.link[0]]
-    dates = _date_texts(part.epoch[[0, -1]])
+    dates = _date_texts(part.epoch[[0, -1]]).tolist()
     metadata = {"TIME_SYSTEM": "UTC", "START_TIME": dates[0], "STOP_TIME": dates[1]}
     if kind == VLBI_DELAY:
         names = (link.target, link.transmitter, link.receiver)
@@ -268,13 +265,7 @@ def _kvn_blocks(message: TdmFile) -> Iterator[bytes]:
                 *(f"COMMENT {_printable(comment)}" for comment in _split_lines(segment.data_comments)),
             ]
         )
-        starts = Labels(segment.keyword.astype(np.int32), tuple(f"{keyword} =" for keyword in DATA))
-        columns: list[Callable[[slice], Cells]] = [
-            partial(label_cells, starts),
-            partial(_epoch_cells, segment),
-            partial(_value_cells, segment),
-        ]
-        yield from lines_of(columns, len(segment.line), b" ")
+        yield from _record_lines(segment, lambda keyword: ("", f"{keyword} = ", " ", ""))
         yield _lines(["DATA_STOP"])
 
 
@@ -302,18 +293,15 @@ def _xml_blocks(message: TdmFile) -> Iterator[bytes]:
                 *_elements(("COMMENT", _printable(text)) for text in _split_lines(segment.data_comments)),
             ]
         )
-        codes = segment.keyword.astype(np.int32)
-        first = Labels(np.zeros(len(codes), dtype=np.int32), ("<observation><EPOCH>",))
-        second = Labels(codes, tuple(f"</EPOCH><{keyword}>" for keyword in DATA))
-        last = Labels(codes, tuple(f"</{keyword}></observation>" for keyword in DATA))
-        columns: list[Callable[[slice], Cells]] = [
-            partial(label_cells, first),
-            partial(_epoch_cells, segment),
-            partial(label_cells, second),
-            partial(_value_cells, segment),
-            partial(label_cells, last),
-        ]
-        yield from lines_of(columns, len(codes), b"\0")
+        yield from _record_lines(
+            segment,
+            lambda keyword: (
+                "<observation><EPOCH>",
+                "",
+                f"</EPOCH><{keyword}>",
+                f"</{keyword}></observation>",
+            ),
+        )
         yield _lines(["</data>", "</segment>"])
     yield _lines(["</body>", "</tdm>"])
 
@@ -353,43 +341,53 @@ def _printable(text: str) -> str:
     return text
 
 
-def _epoch_cells(segment: TdmSegment, rows: slice) -> Cells:
-    return _date_cells(segment.epoch[rows])
+def _record_lines(segment: TdmSegment, around: Callable[[str], tuple[str, str, str, str]]) -> Iterator[bytes]:
+    """Records as lines: what stands before the epoch (two texts), between it and the value, and behind."""
+    from pyarrow import array, compute
 
-
-def _value_cells(segment: TdmSegment, rows: slice) -> Cells:
-    """Values of some records, each in the unit of its keyword."""
+    first, second, between, behind = (array(texts) for texts in zip(*map(around, DATA), strict=True))
     units = segment.metadata.get("RANGE_UNITS", "km")
-    code, value = segment.keyword[rows], segment.value[rows]
-    parts = []
-    for keyword in np.unique(code).tolist():
-        exponent = exponent_of(DATA[keyword], units)
-        mine = np.flatnonzero(code == keyword)
-        if exponent < 0:
-            texts = np.array([_text(number, exponent) for number in value[mine].tolist()], dtype=np.bytes_)
-        else:
-            texts = shortest_cells(value[mine], exponent, partial(_text, exponent=exponent))
-        parts.append((mine, texts))
-    cells: Cells = np.empty(len(code), dtype=np.result_type(*(texts.dtype for _, texts in parts)))
-    for mine, texts in parts:
-        cells[mine] = texts
-    return cells
+    for start in range(0, len(segment.line), _ROWS_AT_ONCE):
+        rows = slice(start, start + _ROWS_AT_ONCE)
+        code, value = segment.keyword[rows], segment.value[rows]
+        values = np.empty(len(code), dtype=object)
+        for keyword in np.unique(code).tolist():
+            mine = code == keyword
+            values[mine] = _value_texts(value[mine], exponent_of(DATA[keyword], units))
+        place = array(code)
+        lines = compute.binary_join_element_wise(
+            *(texts.take(place) for texts in (first, second)),
+            array(_date_texts(segment.epoch[rows])),
+            between.take(place),
+            array(values, "string"),
+            behind.take(place),
+            "",
+        )
+        yield _lines(lines.to_pylist())
 
 
-def _date_texts(utc: Epochs) -> list[str]:
+def _value_texts(values: NDArray[np.float64], exponent: int) -> list[str]:
+    """As :func:`_text`, of many numbers."""
+    from pyarrow import array, compute
+
+    if exponent < 0:
+        return [_text(value, exponent) for value in values.tolist()]
+    # The point moves to the left in what Arrow writes; numbers of unusual size are left to Python.
+    form = rf"^(?P<sign>-?)(?P<whole>\d*?)(?P<moved>\d{{0,{exponent}}})(?:\.(?P<part>\d+))?$"
+    found = compute.extract_regex(array(values).cast("string"), form)
+    sign, whole, moved, part = found.flatten()
+    part = compute.binary_join_element_wise(compute.utf8_lpad(moved, exponent, "0"), part, "")
+    part = compute.utf8_lpad(compute.utf8_rtrim(part, "0"), 1, "0")
+    whole = compute.utf8_lpad(whole, 1, "0")
+    texts = compute.binary_join_element_wise(sign, whole, ".", part, "").to_pylist()
+    return [_text(v, exponent) if t is None else t for t, v in zip(texts, values.tolist(), strict=True)]
+
+
+def _date_texts(utc: Epochs) -> NDArray[np.str_]:
     """Dates with as many decimals as they need, three at the least."""
-    return [text.decode() for text in _date_cells(utc).tolist()]
-
-
-def _date_cells(utc: Epochs) -> Cells:
-    """As :func:`_date_texts`, shape (n,)."""
-    cells = np.ascontiguousarray(utc_cells(utc))
-    characters = cells.view(np.uint8).reshape(len(cells), -1)
-    ends = np.ones(len(cells), dtype=bool)
-    for place in range(characters.shape[1] - 1, _SHORTEST_DATE - 1, -1):
-        ends &= characters[:, place] == ord("0")
-        characters[ends, place] = 0
-    return cells
+    texts = utc_to_text(utc)
+    short = np.strings.rstrip(texts, "0")
+    return np.where(np.strings.str_len(short) < _SHORTEST_DATE, texts.astype(f"U{_SHORTEST_DATE}"), short)
 
 
 def _text(value: float, exponent: int) -> str:

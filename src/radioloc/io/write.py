@@ -6,8 +6,6 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from radioloc.errors import InputError
-from radioloc.io.parquet import write_parquet
-from radioloc.io.table import write_table
 from radioloc.io.tdm_write import write_tdm
 from radioloc.measurements.observations import Observations
 
@@ -44,11 +42,14 @@ def write_observations(
     Raises
     ------
     InputError
-        The ending is not one of :data:`ENDINGS`, a message has no originator or cannot hold the observations, or
-        pyarrow is missing.
+        The ending is not one of :data:`ENDINGS`, or a message has no originator or cannot hold the observations.
     FileFormatError
         The file cannot be written.
     """
+    # Arrow takes a fifth of a second to import.
+    from radioloc.io.parquet import write_parquet
+    from radioloc.io.table import write_table
+
     ending = require_writable(path, originator)
     if ending == ".csv":
         write_table(path, observations, comments=comments)

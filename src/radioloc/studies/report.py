@@ -2,25 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Solution
-from radioloc.io.csv_columns import Cells, fixed_cells, label_cells, lines_of
-from radioloc.io.dates import utc_cells
 from radioloc.io.solution_files import write_json, write_residuals
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.studies.locate import arc_of
 from radioloc.studies.study import Study
-from radioloc.text_files import write_blocks
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -93,25 +87,18 @@ def write_terms(study: Study | Predictor, solution: Solution, folder: str | Path
     InputError
         The folder cannot be made or written to.
     """
+    from radioloc.io.csv_file import batches_of, write_csv
+
     arc = arc_of(study)[0] if isinstance(study, Study) else study
     terms = arc.terms(solution.position_pa_m)
     path = made_folder(folder) / "terms.csv"
     rows = arc.observations
     types = Labels(rows.kind.astype(np.int32), KINDS)
     paths = Labels(rows.link, tuple(link.path for link in rows.links))
-    columns: list[Callable[[slice], Cells]] = [
-        lambda chosen: utc_cells(rows.epoch[chosen]),
-        lambda chosen: label_cells(types, chosen),
-        lambda chosen: label_cells(paths, chosen),
-        *(_six_decimals(values) for values in terms.values()),
-    ]
-    header = ",".join(["epoch_utc", "type", "path", *(f"{name}_m" for name in terms)])
-    write_blocks(path, itertools.chain([f"{header}\n".encode()], lines_of(columns, len(rows))))
+    columns = {"epoch_utc": rows.epoch, "type": types, "path": paths}
+    named = {f"{name}_m": values for name, values in terms.items()}
+    write_csv(path, batches_of(columns | named, dict.fromkeys(named, 6)))
     return path
-
-
-def _six_decimals(values: NDArray[np.float64]) -> Callable[[slice], Cells]:
-    return lambda chosen: fixed_cells(values[chosen], 6)
 
 
 def _write_plots(solution: Solution, folder: Path) -> list[Path]:

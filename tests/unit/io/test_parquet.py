@@ -1,12 +1,13 @@
 """Observations as Parquet: the same there and back, and every mistake named with its row."""
 
-import sys
 import time
 
 import numpy as np
+import pyarrow
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pyarrow import parquet as pq
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io import parquet as module
@@ -18,9 +19,6 @@ from radioloc.io.write import write_observations
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs
-
-pyarrow = pytest.importorskip("pyarrow")
-pq = pytest.importorskip("pyarrow.parquet")
 
 NUMBERS = (
     *("value_m", "sigma_m", "pressure_hpa", "temperature_k", "relative_humidity"),
@@ -229,13 +227,17 @@ def test_damaged_and_empty_files(tmp_path):
         write_parquet(tmp_path / "none" / "a.parquet", some_observations())
 
 
-def test_without_pyarrow_the_command_is_told(tmp_path, monkeypatch):
-    write_parquet(tmp_path / "a.parquet", some_observations())
-    monkeypatch.setitem(sys.modules, "pyarrow", None)
-    with pytest.raises(InputError, match="pip install pyarrow"):
-        read_observations(tmp_path / "a.parquet")
-    with pytest.raises(InputError, match="pip install pyarrow"):
-        write_parquet(tmp_path / "b.parquet", some_observations())
+def test_ranges_to_a_spacecraft(tmp_path):
+    changes = {"light_time_s": pyarrow.array([2.5, 2.6, 0.7])}
+    with pytest.raises(FileFormatError, match=r"time of flight is 0\.7"):
+        read_columns(tmp_path, **changes)
+    assert len(read_observations(tmp_path / "a.parquet", lunar=False)) == 3
+
+
+def test_more_rows_than_a_file_can_hold_are_not_read(tmp_path, monkeypatch):
+    monkeypatch.setattr(module, "_MOST_ROWS_A_BYTE", 0.001)
+    with pytest.raises(FileFormatError, match="says that it has 3 rows"):
+        read_columns(tmp_path)
 
 
 def test_a_hundred_thousand_rows_are_quick(tmp_path):

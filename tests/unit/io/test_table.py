@@ -1,10 +1,11 @@
 """The project's own table: lossless there and back, and every mistake named with its line."""
 
 import time
+from decimal import Decimal, getcontext
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radioloc.constants import C_M_S
@@ -305,3 +306,53 @@ def test_each_kind_of_bad_row_is_one_error(old, new, words):
 def test_other_time_scales_are_no_column():
     with pytest.raises(FileFormatError, match="column 'epoch_tdb' is not known"):
         parse_table("a.csv", [HEADER.replace("epoch_utc", "epoch_tdb"), *rows(2)], None)
+
+
+def read_values(*texts, column="observed_m"):
+    """Numbers of a column; ranges of a spacecraft, which may have any length above zero."""
+    lines = [HEADER, *rows(len(texts))]
+    for k, text in enumerate(texts, start=1):
+        fields = lines[k].split(",")
+        fields[HEADER.split(",").index(column)] = text
+        lines[k] = ",".join(fields)
+    blocks = [(1, "\n".join(lines).encode())]
+    return table._from_blocks("a.csv", blocks, None, lunar=False)
+
+
+@settings(deadline=None)
+@given(st.lists(st.floats(1e-300, 1e300), min_size=1, max_size=9), st.integers(0, 20))
+def test_numbers_of_any_size_and_length_are_the_nearest_floats(values, decimals):
+    for texts in (
+        [repr(v) for v in values],
+        [f"{v:.{decimals}e}" for v in values],
+        [f" +{v!r}\t" for v in values],
+    ):
+        np.testing.assert_array_equal(read_values(*texts).value_m, [float(text) for text in texts])
+
+
+def test_numbers_half_way_between_two_floats():
+    getcontext().prec = 60
+    texts = []
+    for value in np.random.default_rng(3).uniform(2.0**49, 2.0**53, 100).tolist():
+        middle = (Decimal(value) + Decimal(float(np.nextafter(value, np.inf)))) / 2
+        texts += [format(middle, "f"), format(middle, "f") + "1", str(middle.next_minus())[:20]]
+    np.testing.assert_array_equal(read_values(*texts).value_m, [float(text) for text in texts])
+
+
+@pytest.mark.parametrize(
+    "text", ["", "-", "e5", "1e", "1e+", "1.2.3", "1e5.5", "1_0", "٣", "1 2", "--5", "0x10", "1d5"]
+)
+def test_what_is_no_number(text):
+    with pytest.raises(FileFormatError, match="is not a number") as caught:
+        read_values("1.5", text, "2.5")
+    assert caught.value.line == 3
+
+
+def test_paths_are_numbered_as_they_come_from_block_to_block(tmp_path, monkeypatch):
+    monkeypatch.setattr(table, "read_blocks", lambda path: read_blocks(path, 100))
+    names = ["B", "A", "B", "Station with a long name Ł", "A", "C"]
+    lines = [line.replace("A>b", f"{name}>b") for line, name in zip(rows(6), names, strict=True)]
+    (tmp_path / "a.csv").write_text("\n".join([HEADER, *lines]))
+    read = read_table(tmp_path / "a.csv")
+    assert [link.transmitter for link in read.links] == ["B", "A", "Station with a long name Ł", "A", "C"]
+    assert read.link.tolist() == [0, 1, 0, 2, 3, 4]

@@ -1,0 +1,124 @@
+"""What all readers of observations share: canonical names, limits of lunar ranging, no measurement given twice."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any, Protocol
+
+import numpy as np
+
+from radioloc.errors import FileFormatError, InputError, StationError
+from radioloc.measurements.link import Link
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.targets import canonical_target
+
+FLIGHT_TIME_LIMITS_S = (2.2, 2.8)
+"""Round-trip light times between the Earth's and the Moon's surface lie well inside (2.31 to 2.74 s)."""
+
+YEARS = (1972, 2100)
+"""First year of UTC with leap seconds, and one beyond any data."""
+
+
+class Catalogue(Protocol):
+    """What reading needs of a station catalogue."""
+
+    def get(self, name: str) -> Any:
+        """Station of a name or alias, with an attribute ``name``; :class:`StationError` if unknown."""
+
+
+def station_name(names: tuple[str, ...], catalogue: Catalogue | None) -> str:
+    """Catalogue's name of a station that a file gives one or more names for.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Names in the file, the most reliable first.
+    catalogue : Catalogue or None
+        Where to look them up; without one the first name is kept.
+
+    Returns
+    -------
+    str
+        The first name as it stands where the catalogue knows none of them; it is the model that then says so.
+    """
+    if catalogue is not None:
+        for name in names:
+            try:
+                return str(catalogue.get(name).name)
+            except StationError:
+                continue
+    return names[0]
+
+
+def named_link(link: Link, catalogue: Catalogue | None) -> Link:
+    """Make the same link under canonical names."""
+    return Link(
+        station_name((link.transmitter,), catalogue),
+        canonical_target(link.target),
+        station_name((link.receiver,), catalogue),
+        link.differenced,
+    )
+
+
+def require_lunar_flight_time(path: str | Path, line: int, flight_time_s: float) -> None:
+    """Raise :class:`FileFormatError` for a round-trip time of flight that no lunar target has."""
+    low, high = FLIGHT_TIME_LIMITS_S
+    if low < flight_time_s < high:
+        return
+    problem = f"the time of flight is {flight_time_s!r} s, but between Earth and Moon it is {low} to {high} s"
+    advice = "leave the point out or correct it"
+    for factor, said in (
+        (2.0, "half of such a one: give the round trip"),
+        (0.5, "twice such a one: halve it"),
+    ):
+        if low < factor * flight_time_s < high:
+            advice = f"it is {said}, if that is what it holds"
+    raise FileFormatError(path, f"{problem}; {advice}", line)
+
+
+def require_year(path: str | Path, line: int, year: int) -> None:
+    """Raise :class:`FileFormatError` for a year that is not one of UTC as it is today."""
+    if not YEARS[0] <= year <= YEARS[1]:
+        raise FileFormatError(
+            path, f"the year is {year}; years from {YEARS[0]} to {YEARS[1]} can be read", line
+        )
+
+
+def refuse_duplicates(observations: Observations) -> None:
+    """Raise where two rows agree in epoch, kind, path and value: the measurement would count twice.
+
+    Raises
+    ------
+    InputError
+        Names the files and lines of the first such pair, and how many there are.
+    """
+    columns = (
+        observations.value_m,
+        observations.epoch.fraction,
+        observations.epoch.jd - observations.epoch.jd.min(initial=np.inf),
+        observations.link,
+        observations.kind,
+    )
+    # One number for each row, equal for equal rows and hardly ever for others; these are then compared in full.
+    mixed = np.zeros(len(observations))
+    for column, weight in zip(columns, (1.0, 1.7e8, 2.3e5, 19.3, 7.7), strict=True):
+        mixed += weight * column
+    in_order = np.sort(mixed)
+    twice = in_order[1:][in_order[1:] == in_order[:-1]]
+    if not len(twice):
+        return
+    suspects = np.flatnonzero(np.isin(mixed, twice))
+    keys = tuple(column[suspects] for column in columns)
+    order = np.lexsort(keys)
+    same = np.ones(len(order) - 1, dtype=bool)
+    for key in keys:
+        same &= key[order][1:] == key[order][:-1]
+    if not same.any():
+        return
+    order = suspects[order]
+    pairs = np.sort(np.stack([order[:-1][same], order[1:][same]], axis=1), axis=1)
+    first, second = (int(row) for row in pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))[0]])
+    raise InputError(
+        f"{observations.origin(second)}: this observation is already there, in {observations.origin(first)} "
+        f"({len(pairs)} such pair(s) in all); leave one of them out"
+    )

@@ -1,0 +1,382 @@
+"""Columns of a table of observations, as Arrow has them: what CSV and Parquet files have in common.
+
+========================  ====================================================================================
+``epoch_utc``             UTC of the event that ``time_tag`` names: text, or a timestamp; or, instead,
+``utc_date``, ``utc_ps``  UTC date, and picoseconds since its midnight (of a leap second 86400e12 to 86401e12)
+``type``                  one of :data:`radioloc.measurements.registry.KINDS`
+``path``                  ``transmitter>target>receiver``, or ``station1<target>station2`` of VLBI
+``observed_m``            round-trip range, m; for the other types as
+                          :data:`radioloc.measurements.registry.KINDS` says; or, instead,
+``light_time_s``          round-trip light time, s; for the other types ``observed_m`` over the speed of light
+``sigma_m``               standard deviation of ``observed_m``, m; or, instead,
+``sigma_s``               standard deviation of ``light_time_s``, s
+``time_tag``              ``transmit``, ``receive`` or ``bounce``
+``pressure_hpa``          pressure at the station, hPa
+``temperature_k``         temperature, K
+``relative_humidity``     from 0 to 1
+``wavelength_um``         vacuum wavelength of the light or of the radio signal on its way down, micrometres
+``uplink_hz``             frequency of the radio signal on its way up, Hz
+``count_s``               count interval of Doppler and of a delay rate, s
+========================  ====================================================================================
+
+The last six may be left out, whole or in a row: then they were not recorded. Doppler and delay rates need their count
+interval.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+import pyarrow
+from numpy.typing import NDArray
+from pyarrow import compute, types
+
+from radioloc._version import __version__
+from radioloc.constants import C_M_S
+from radioloc.errors import FileFormatError, InputError
+from radioloc.io.checks import (
+    FLIGHT_TIME_LIMITS_S,
+    Catalogue,
+    named_link,
+    refuse_duplicates,
+    require_lunar_flight_time,
+)
+from radioloc.io.csv_file import date_texts, label_texts
+from radioloc.io.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import RANGE, WEATHER_LIMITS, Observations
+from radioloc.measurements.registry import KINDS
+from radioloc.time import Epochs
+
+SPLIT_EPOCH = ("utc_date", "utc_ps")
+VALUE = ("observed_m", "light_time_s")
+SIGMA = ("sigma_m", "sigma_s")
+OPTIONAL = (*WEATHER_LIMITS, "uplink_hz", "count_s")
+COLUMNS = ("epoch_utc", "type", "path", *VALUE, *SIGMA, "time_tag", *OPTIONAL)
+"""Names of all columns of a CSV file; Parquet may have :data:`SPLIT_EPOCH` too."""
+
+_TEXTS: dict[str, tuple[str, type[np.integer]]] = {
+    "type": ("kind", np.int8),
+    "path": ("link", np.int32),
+    "time_tag": ("tag", np.int8),
+}
+_UNITS = {"utc_ps": "ps", "relative_humidity": "1"} | {
+    name: name.rpartition("_")[2] for name in (*VALUE, *SIGMA, *OPTIONAL) if name != "relative_humidity"
+}
+_TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
+_ROWS_AT_ONCE = 2**16
+
+
+def require_columns(
+    path: str | Path, header: list[str], line: int | None = None, *, split_epoch: bool = False
+) -> None:
+    """Raise :class:`FileFormatError` where a column is missing, unknown, there twice or said by another.
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    header : list of str
+        Names of its columns.
+    line : int, optional
+        Where they stand.
+    split_epoch : bool
+        Whether :data:`SPLIT_EPOCH` are known too.
+    """
+    known = (*COLUMNS, *SPLIT_EPOCH) if split_epoch else COLUMNS
+    for name in header:
+        if name not in known:
+            raise FileFormatError(path, f"column {name!r} is not known; use {', '.join(known)}", line)
+        if header.count(name) > 1:
+            raise FileFormatError(path, f"column {name!r} is there twice; leave one out", line)
+    split = [name for name in SPLIT_EPOCH if name in header]
+    if len(split) == 1 and "epoch_utc" not in header:
+        [missing] = {*SPLIT_EPOCH} - {*split}
+        raise FileFormatError(path, f"column {missing!r} is missing; an epoch is utc_date and utc_ps", line)
+    for choice in (("epoch_utc", *split[:1]), ("type",), ("path",), ("time_tag",), VALUE, SIGMA):
+        given = [name for name in choice if name in header]
+        if not given:
+            raise FileFormatError(path, f"column {' or '.join(choice)} is missing; add it", line)
+        if len(given) > 1:
+            raise FileFormatError(path, f"columns {' and '.join(given)} say the same; leave one out", line)
+
+
+def record_batches(
+    observations: Observations, *, light_time: bool = False, split_epoch: bool = False
+) -> Iterator[pyarrow.RecordBatch]:
+    """Observations as Arrow columns with their units, some ten thousand rows at a time.
+
+    Columns of radio are there only if there is something in them; what was not recorded is null.
+
+    Parameters
+    ----------
+    observations : Observations
+    light_time : bool
+        Seconds (``light_time_s``, ``sigma_s``) rather than metres.
+    split_epoch : bool
+        The epoch as :data:`SPLIT_EPOCH` rather than as text.
+    """
+    unit = C_M_S if light_time else 1.0
+    recorded = [
+        name for name in OPTIONAL if name in WEATHER_LIMITS or not np.isnan(getattr(observations, name)).all()
+    ]
+    paths = [link.path for link in observations.links]
+    for start in range(0, max(len(observations), 1), _ROWS_AT_ONCE):
+        part = observations.select(slice(start, start + _ROWS_AT_ONCE))
+        columns: dict[str, Any] = {}
+        if split_epoch:
+            days, picoseconds = utc_to_picoseconds(part.epoch)
+            columns |= {"utc_date": days.astype("datetime64[D]"), "utc_ps": picoseconds}
+        else:
+            columns["epoch_utc"] = date_texts(part.epoch)
+        columns |= {
+            "type": label_texts(part.kind, KINDS),
+            "path": label_texts(part.link, paths),
+            VALUE[light_time]: part.value_m / unit,
+            SIGMA[light_time]: part.sigma_m / unit,
+            "time_tag": label_texts(part.tag, TIME_TAGS),
+        }
+        columns |= {name: getattr(part, name) for name in recorded}
+        arrays = {
+            name: pyarrow.array(column, from_pandas=True) if isinstance(column, np.ndarray) else column
+            for name, column in columns.items()
+        }
+        fields = [
+            pyarrow.field(name, array.type, metadata={"unit": _UNITS[name]} if name in _UNITS else None)
+            for name, array in arrays.items()
+        ]
+        schema = pyarrow.schema(fields, metadata={"radioloc": __version__})
+        yield pyarrow.RecordBatch.from_arrays(list(arrays.values()), schema=schema)
+
+
+class ColumnReader:
+    """Takes the rows of one file, batch by batch, and makes observations of them.
+
+    Parameters
+    ----------
+    path : path-like
+        The file, for messages.
+    catalogue : Catalogue or None
+        Gives stations their catalogue names.
+    as_text : bool
+        Whether numbers may be given as text, as in CSV.
+    """
+
+    def __init__(self, path: str | Path, catalogue: Catalogue | None, *, as_text: bool = False) -> None:
+        self._path, self._catalogue, self._as_text = path, catalogue, as_text
+        self._links: dict[Link, int] = {}
+        self._columns: dict[str, _GrowingColumn] = {}
+        self._line: NDArray[np.int32] = np.empty(0, dtype=np.int32)
+
+    def read(self, columns: Mapping[str, pyarrow.Array], line: NDArray[np.int32]) -> None:
+        """Take some rows.
+
+        Parameters
+        ----------
+        columns : mapping of str to pyarrow.Array
+            By name; which there must be :func:`require_columns` has seen to.
+        line : ndarray of int32, shape (n,)
+            Where the rows stand.
+
+        Raises
+        ------
+        FileFormatError
+            A value cannot be read. Names line and column.
+        """
+        self._line = line
+        # First what each row is, then what it measures: of several mistakes that is the one to be told.
+        taken = {key: self._codes(name, columns[name]) for name, (key, _) in _TEXTS.items()}
+        epoch = self._epoch(columns)
+        taken |= {"jd": epoch.jd, "fraction": epoch.fraction, "line": line}
+        for name in columns:
+            if name not in (*_TEXTS, *SPLIT_EPOCH, "epoch_utc"):
+                taken[name] = self._numbers(name, columns[name])
+        for name, part in taken.items():
+            if name not in self._columns:
+                self._columns[name] = _GrowingColumn(part.dtype)
+            self._columns[name].extend(part)
+
+    def observations(self, *, lunar: bool = True) -> Observations:
+        """All that was read; the reader then is empty.
+
+        Parameters
+        ----------
+        lunar : bool
+            Whether the target is at the Moon; if not, any range will do.
+
+        Raises
+        ------
+        FileFormatError
+            There was no row, or a value is impossible. Names the line.
+        InputError
+            The same observation is there twice.
+        """
+        if not self._columns:
+            raise FileFormatError(self._path, "has columns, but no observations")
+        columns: dict[str, Any] = {name: column.whole() for name, column in self._columns.items()}
+        self._columns.clear()
+        columns["epoch"] = Epochs(columns.pop("jd"), columns.pop("fraction"), "UTC")
+        for (metres, seconds), key in ((VALUE, "value_m"), (SIGMA, "sigma_m")):
+            columns[key] = columns.pop(metres) if metres in columns else C_M_S * columns.pop(seconds)
+        observations = Observations.from_columns(
+            files=(str(self._path),), links=tuple(self._links), **columns
+        )
+        low_s, high_s = FLIGHT_TIME_LIMITS_S
+        flight_s = observations.value_m / C_M_S
+        absurd = lunar & (observations.kind == RANGE) & ~((flight_s > low_s) & (flight_s < high_s))
+        if absurd.any():
+            first = int(np.argmax(absurd))
+            require_lunar_flight_time(self._path, int(observations.line[first]), float(flight_s[first]))
+        refuse_duplicates(observations)
+        return observations
+
+    def _fail(self, name: str, row: int, problem: str) -> NoReturn:
+        raise FileFormatError(self._path, f"{name}: {problem}", int(self._line[row]))
+
+    def _wrong_type(self, name: str, column: pyarrow.Array, wanted: str) -> NoReturn:
+        raise FileFormatError(self._path, f"column {name} is of type {column.type}; give {wanted}")
+
+    def _require_all(self, name: str, column: pyarrow.Array) -> None:
+        if column.null_count:
+            row = int(np.argmax(column.is_null().to_numpy(zero_copy_only=False)))
+            self._fail(name, row, "is missing (null)")
+
+    def _numbers(self, name: str, column: pyarrow.Array) -> NDArray[np.float64]:
+        if self._as_text:
+            return self._numbers_of_text(name, column)
+        if not (types.is_floating(column.type) or types.is_integer(column.type)):
+            self._wrong_type(name, column, "numbers")
+        if name not in OPTIONAL:
+            self._require_all(name, column)
+        numbers: NDArray[np.float64] = column.cast("float64", safe=False).to_numpy(zero_copy_only=False)
+        return numbers
+
+    def _numbers_of_text(self, name: str, column: pyarrow.Array) -> NDArray[np.float64]:
+        column = compute.utf8_trim_whitespace(column)
+        if name in OPTIONAL:
+            column = compute.if_else(compute.equal(column, ""), None, column)
+        try:
+            numbers: NDArray[np.float64] = column.cast("float64").to_numpy(zero_copy_only=False)
+        except pyarrow.ArrowInvalid:
+            numbers = np.full(len(column), np.nan)
+            for row, text in enumerate(column.to_pylist()):
+                try:
+                    numbers[row] = np.nan if text is None else _as_float(text)
+                except ValueError:
+                    self._fail(name, row, f"{text!r} is not a number")
+        return numbers
+
+    def _codes(self, name: str, column: pyarrow.Array) -> NDArray[Any]:
+        places, texts = self._different(name, column, "text")
+        codes = np.zeros(len(texts), dtype=_TEXTS[name][1])
+        # In the order of the rows, in which links are numbered; a dictionary may hold what no row has.
+        used, first = np.unique(places, return_index=True)
+        for place in used[np.argsort(first)].tolist():
+            try:
+                codes[place] = self._code(name, texts[place].as_py())
+            except InputError as error:
+                self._fail(name, int(np.argmax(places == place)), str(error))
+        return codes[places]
+
+    def _different(
+        self, name: str, column: pyarrow.Array, wanted: str
+    ) -> tuple[NDArray[np.intp], pyarrow.Array]:
+        """Different texts of a column, and which of them each row has."""
+        self._require_all(name, column)
+        if _is_text(column.type):
+            column = column.dictionary_encode()
+        if not types.is_dictionary(column.type) or not _is_text(column.type.value_type):
+            self._wrong_type(name, column, wanted)
+        return column.indices.to_numpy(zero_copy_only=False).astype(np.intp), column.dictionary
+
+    def _code(self, name: str, text: str) -> int:
+        if name == "path":
+            link = named_link(Link.from_path(text), self._catalogue)
+            return self._links.setdefault(link, len(self._links))
+        choices = KINDS if name == "type" else TIME_TAGS
+        try:
+            return choices.index(text.strip())
+        except ValueError:
+            raise InputError(f"{text!r} is not known; use {' or '.join(choices)}") from None
+
+    def _epoch(self, columns: Mapping[str, pyarrow.Array]) -> Epochs:
+        if "epoch_utc" not in columns:
+            return self._split_epoch(columns["utc_date"], columns["utc_ps"])
+        column = columns["epoch_utc"]
+        if types.is_timestamp(column.type):
+            if column.type.tz not in (None, "UTC", "+00:00"):
+                self._wrong_type("epoch_utc", column, "UTC")
+            self._require_all("epoch_utc", column)
+            per_second = _TICKS[column.type.unit]
+            days, rest = np.divmod(column.cast("int64").to_numpy(), 86400 * per_second)
+            return self._from_picoseconds("epoch_utc", days, rest * (10**12 // per_second))
+        # Observations of one instant are many in dense data: each is read once.
+        wanted = "text, a timestamp, or utc_date and utc_ps in its place"
+        places, texts = self._different("epoch_utc", column, wanted)
+        texts = compute.utf8_trim_whitespace(texts)
+        try:
+            return utc_from_text(texts)[places]
+        except InputError:
+            for row, place in enumerate(places.tolist()):
+                try:
+                    utc_from_text(texts[place : place + 1])
+                except InputError as error:
+                    self._fail("epoch_utc", row, str(error))
+            raise
+
+    def _split_epoch(self, date: pyarrow.Array, picoseconds: pyarrow.Array) -> Epochs:
+        if not types.is_date32(date.type):
+            self._wrong_type("utc_date", date, "a date (date32)")
+        if not types.is_integer(picoseconds.type):
+            self._wrong_type("utc_ps", picoseconds, "whole numbers (int64)")
+        self._require_all("utc_date", date)
+        self._require_all("utc_ps", picoseconds)
+        days = date.cast("int32").to_numpy().astype(np.int64)
+        return self._from_picoseconds("utc_ps", days, picoseconds.cast("int64").to_numpy())
+
+    def _from_picoseconds(self, name: str, days: NDArray[np.int64], picoseconds: NDArray[np.int64]) -> Epochs:
+        try:
+            return utc_from_picoseconds(days, picoseconds)
+        except InputError:
+            for row in range(len(days)):
+                try:
+                    utc_from_picoseconds(days[row : row + 1], picoseconds[row : row + 1])
+                except InputError as error:
+                    self._fail(name, row, str(error))
+            raise
+
+
+class _GrowingColumn:
+    """An array that grows in place: parts joined at the end would be in memory twice."""
+
+    def __init__(self, dtype: np.dtype[Any]) -> None:
+        self._array: NDArray[Any] = np.empty(_ROWS_AT_ONCE, dtype=dtype)
+        self._count = 0
+
+    def extend(self, part: NDArray[Any]) -> None:
+        count = self._count + len(part)
+        if count > len(self._array):
+            self._array.resize(count + count // 8, refcheck=False)
+        self._array[self._count : count] = part
+        self._count = count
+
+    def whole(self) -> NDArray[Any]:
+        """The array, read-only: one that nobody else can write to is not copied again."""
+        self._array.resize(self._count, refcheck=False)
+        self._array.flags.writeable = False
+        return self._array
+
+
+def _as_float(text: str) -> float:
+    """Number that a text is; :class:`ValueError` also for what no other program would read alike."""
+    if "_" in text or not text.isascii():
+        raise ValueError(f"could not convert {text!r}")
+    return float(text)
+
+
+def _is_text(type_: pyarrow.DataType) -> bool:
+    return bool(types.is_string(type_) or types.is_large_string(type_))

@@ -1,0 +1,91 @@
+"""Columns as comma-separated text: to the letter what Python writes, or what Python reads as the same float."""
+
+import numpy as np
+import pyarrow
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.estimation.labels import Labels
+from radioloc.io.csv_file import batches_of, fixed_texts, write_csv
+
+
+def write(path, columns, decimals=None, **options):
+    write_csv(path, batches_of(columns, decimals or {}), **options)
+    return path.read_text(encoding="utf-8")
+
+
+@settings(deadline=None)
+@given(
+    st.lists(
+        st.one_of(
+            st.floats(allow_nan=False, allow_infinity=False),
+            st.floats(-1e9, 1e9),
+            st.integers(-(2**40), 2**40).map(lambda k: k * 2.0**-9),  # exactly half way between two texts
+            st.integers(-(10**9), 10**9).map(lambda k: k * 0.5e-7),
+        ),
+        min_size=1,
+        max_size=20,
+    ),
+    st.integers(1, 8),
+)
+def test_fixed_decimals(values, decimals):
+    found = fixed_texts(np.array(values), decimals).to_pylist()
+    assert found == [f"{value:.{decimals}f}" for value in values]
+
+
+def test_decimals_that_carry_over():
+    values = np.array([0.99999999, -9.99999999, 1999.99999996, -0.0, 0.0, 1e22])
+    texts = ["1.0000000", "-10.0000000", "2000.0000000", "-0.0000000", "0.0000000", f"{1e22:.7f}"]
+    assert fixed_texts(values, 7).to_pylist() == texts
+
+
+def test_shortest_numbers_come_back_to_the_last_bit(tmp_path):
+    rng = np.random.default_rng(2)
+    values = rng.normal(0.0, 1.0, 30_000) * 10.0 ** rng.integers(-300, 300, 30_000)
+    values = np.concatenate([values, values.round(3), [0.0, -0.0, 5e-324, 1e16, 1e-5, 0.1]])
+    batch = pyarrow.record_batch({"x": pyarrow.array(values), "none": pyarrow.nulls(len(values), "float64")})
+    write_csv(tmp_path / "a.csv", [batch])
+    cells = [line.split(",") for line in (tmp_path / "a.csv").read_text().splitlines()[1:]]
+    assert all(none == "" for _, none in cells)
+    np.testing.assert_array_equal(
+        np.array([float(cell) for cell, _ in cells]).view(np.int64), values.view(np.int64)
+    )
+    # No digit more than Python needs.
+    assert all(
+        len(cell.replace(".", "").lstrip("-0").partition("e")[0]) <= 17
+        and float(cell) == value
+        and len(cell) <= len(repr(value)) + 1
+        for (cell, _), value in zip(cells, values.tolist(), strict=True)
+        if 1e-4 < abs(value) < 1e9
+    )
+
+
+def test_texts_of_any_script_over_several_blocks(tmp_path):
+    names = np.array(["a", "Łódź", "", "±", "APOLLO>x>APOLLO"] * 14000)
+    numbers = np.arange(len(names), dtype=float)
+    columns = {"name": names, "number": numbers, "label": Labels.coded(["p", "q"], np.arange(len(names)) % 2)}
+    written = write(tmp_path / "a.csv", columns, {"number": 1}, comments=["one\ntwo", "three"])
+    rows = zip(names, numbers.tolist(), "pq" * (len(names) // 2), strict=True)
+    assert written == "# one\n# two\n# three\nname,number,label\n" + "".join(
+        f"{name},{number!r},{label}\n" for name, number, label in rows
+    )
+    assert write(tmp_path / "a.csv", {"name": [], "number": np.empty(0)}, {"number": 1}) == "name,number\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [("\ud800", "is not text"), ("a,b", "between commas"), ('a"', "between"), ("a\nb", "between")],
+)
+def test_texts_that_cannot_be_written(tmp_path, name, words):
+    with pytest.raises(InputError, match=words):
+        write(tmp_path / "a.csv", {"name": [name]})
+    with pytest.raises(InputError, match="is not text"):
+        write(tmp_path / "a.csv", {"name": ["a"]}, comments=["\ud800"])
+    assert not (tmp_path / "a.csv").exists()
+
+
+def test_no_folder(tmp_path):
+    with pytest.raises(FileFormatError, match="make the directory"):
+        write(tmp_path / "none" / "a.csv", {"name": ["a"]})

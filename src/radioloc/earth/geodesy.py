@@ -87,6 +87,12 @@ def itrf_from_geodetic(
     Notes
     -----
     ERFA ``gd2gc``.
+
+    Examples
+    --------
+    >>> from radioloc.earth import itrf_from_geodetic
+    >>> itrf_from_geodetic(0.0, 0.0, 100.0).tolist()
+    [6378237.0, 0.0, 0.0]
     """
     longitude, latitude, height = np.broadcast_arrays(
         as_float_array(longitude_rad, "rad", "longitude_rad"),

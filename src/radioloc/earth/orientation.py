@@ -127,6 +127,14 @@ class EarthOrientation:
         -----
         PredictedEopWarning
             Once, where any epoch rests on predictions.
+
+        Examples
+        --------
+        >>> from radioloc.earth import EarthOrientation
+        >>> from radioloc.time import epochs_from_strings
+        >>> rotation = EarthOrientation.default().evaluate(epochs_from_strings("2020-12-01", "TT"))
+        >>> rotation.rot_itrf_to_gcrs.shape
+        (1, 3, 3)
         """
         eop = self.table.interpolate(tt, zonal=self.zonal_tides)
         if eop.predicted.any():

@@ -215,6 +215,12 @@ class StationCatalogue:
         ------
         StationError
             There is no such station; the message lists what comes close and how to add one.
+
+        Examples
+        --------
+        >>> from radioloc.earth import StationCatalogue
+        >>> StationCatalogue.default().get("wettzell")
+        <Station WETTZELL (vlbi, survey)>
         """
         station = self._by_key.get(_key(name))
         if station is not None:

@@ -160,6 +160,14 @@ class Ephemeris:
         -----
         The Moon is its position minus the Earth's, both relative to the Earth-Moon barycentre, so that the
         1.5e11 m from the solar system barycentre do not enter: its round-off is below 1e-6 m.
+
+        Examples
+        --------
+        >>> from radioloc.ephemeris import Ephemeris
+        >>> from radioloc.time import epochs_from_strings
+        >>> position_m, _ = Ephemeris.open().geocentric("moon", epochs_from_strings("2020-12-01", "TDB"))
+        >>> bool(3.5e8 < (position_m**2).sum() ** 0.5 < 4.1e8)
+        True
         """
         code = _code(body)
         if code != _MOON:

@@ -158,11 +158,12 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
             f"{path} has no segment of Chebyshev type 2 in the ICRF; use a JPL planetary ephemeris (SPK) or "
             "a lunar orientation kernel (binary PCK)"
         )
-    alike = [k for k in registered() if k.kind == kind and k.size_bytes == path.stat().st_size]
-    if entry is None and alike and alike[0].sha256 != sha256:
+    size = path.stat().st_size
+    twin = next((k for k in registered() if k.kind == kind and k.size_bytes == size), None)
+    if entry is None and twin is not None and twin.sha256 != sha256:
         # A kernel of another content has another length, but for a copy with a changed byte.
         raise KernelError(
-            f"{path} (spanning {alike[0].start_tdb} to {alike[0].end_tdb}, as {alike[0].name}) is damaged: it has that "
+            f"{path} (spanning {twin.start_tdb} to {twin.end_tdb}, as {twin.name}) is damaged: it has that "
             f"file's length but another SHA-256, {sha256}; copy it again"
         )
     start_s, end_s = max(s.start_s for s in segments), min(s.end_s for s in segments)

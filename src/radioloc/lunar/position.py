@@ -75,6 +75,12 @@ class LunarPosition:
         ------
         InputError
             A number is not finite, a latitude beyond 90 degrees, a longitude beyond 360, a height no terrain has.
+
+        Examples
+        --------
+        >>> from radioloc.lunar import LunarPosition
+        >>> LunarPosition.from_selenographic(0.0, 90.0, 600.0).xyz_m.round(3).tolist()
+        [0.0, 0.0, 1738000.0]
         """
         longitude_deg, latitude_deg, height_m = (
             _number(in_unit(value, unit, name), name)

@@ -30,6 +30,12 @@ def selenographic_to_cartesian(
     ------
     InputError
         A number is not finite, a latitude is beyond a pole, or a height is below the Moon's centre.
+
+    Examples
+    --------
+    >>> from radioloc.lunar import selenographic_to_cartesian
+    >>> selenographic_to_cartesian(0.0, 0.0, [0.0, 600.0]).tolist()
+    [[1737400.0, 0.0, 0.0], [1738000.0, 0.0, 0.0]]
     """
     longitude, latitude, radius_m = _checked(longitude_rad, latitude_rad, height_m)
     return radius_m[..., np.newaxis] * vectors.east_north_up(longitude, latitude)[..., 2, :]

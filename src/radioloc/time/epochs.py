@@ -54,6 +54,12 @@ class Epochs:
         ------
         InputError
             It is no Time, in another scale, or masked.
+
+        Examples
+        --------
+        >>> from astropy.time import Time
+        >>> Epochs.from_time(Time("2020-12-01T15:11:00", scale="tdb"))
+        <Epochs 1 TDB 2020-12-01 to 2020-12-01>
         """
         if not (hasattr(time, "jd1") and hasattr(time, "scale")):
             raise InputError(f"{time!r} is no astropy Time")

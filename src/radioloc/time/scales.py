@@ -149,6 +149,13 @@ def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epoch
     ------
     InputError
         A date is not of that form or does not exist.
+
+    Examples
+    --------
+    >>> from radioloc.time import epochs_from_strings, to_scale, utc_strings
+    >>> utc = epochs_from_strings("2016-12-31T23:59:60")
+    >>> utc_strings(to_scale(utc, "TT"), 3).tolist()
+    ['2017-01-01T00:01:08.184']
     """
     if hasattr(dates, "jd1"):
         return to_scale(Epochs.from_time(dates), scale)

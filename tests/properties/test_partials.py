@@ -14,13 +14,13 @@ import pytest
 
 from radioloc import EquipmentDelays, LunarPosition, StationCatalogue, StationDelay
 from radioloc.constants import C_M_S
-from radioloc.measurements.electron_content import UniformTec
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
+from radioloc.media.ionosphere import UniformTec
 from radioloc.studies.nuisance import middle_of
 from radioloc.studies.problem import Problem
 from radioloc.studies.study import STATION_PARAMETERS, EstimateChoice, TerrainPrior
@@ -224,9 +224,14 @@ def test_zenith_delay(model, case):
         def with_more(d, index=index):
             # The same arc: one that is prepared anew has other last places of the Moon's angle, micrometres.
             wetter = copy.copy(arc)
-            wetter._air = tuple(
-                dataclasses.replace(air, wet_m=air.wet_m + d * (which == index))
-                for air, which in zip(arc._air, (arc._transmitter, arc._receiver), strict=True)
+            wetter._media = tuple(
+                {
+                    **prepared,
+                    "troposphere": dataclasses.replace(
+                        prepared["troposphere"], wet_m=prepared["troposphere"].wet_m + d * (which == index)
+                    ),
+                }
+                for prepared, which in zip(arc._media, (arc._transmitter, arc._receiver), strict=True)
             )
             return value_m(wetter)
 

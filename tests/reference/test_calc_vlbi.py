@@ -33,10 +33,8 @@ import pytest
 from radioloc.constants import ARCSEC_RAD, C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
-from radioloc.earth.mapping_functions import niell
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.pole_tide import pole_tide_displacement, secular_pole_rad
-from radioloc.earth.radio_troposphere import zenith_hydrostatic_delay_m
 from radioloc.earth.stations import StationCatalogue
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements.exact_predictor import ExactPredictor
@@ -45,6 +43,8 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
+from radioloc.media.mapping_functions import niell
+from radioloc.media.radio_troposphere import zenith_hydrostatic_delay_m
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 
 GOAL_S = 10e-12

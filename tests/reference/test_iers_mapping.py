@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from radioloc.earth.mapping_functions import (
+from radioloc.media.mapping_functions import (
     continued_fraction,
     day_of_year,
     height_correction,
     mapping_factors,
     niell,
 )
-from radioloc.earth.vmf3 import vmf3, vmf3_bc
+from radioloc.media.vmf3 import vmf3, vmf3_bc
 from radioloc.time import Epochs
 
 GREEN_BANK_LATITUDE_RAD = 0.6708665767

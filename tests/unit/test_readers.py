@@ -15,9 +15,6 @@ from tdm_messages import RANGES, TWO_WAY, kvn, xml
 
 from radioloc.earth.blq import read_blq
 from radioloc.earth.eop import EopTable
-from radioloc.earth.gpt3 import read_gpt3
-from radioloc.earth.ionex import read_ionex
-from radioloc.earth.vmf3_files import read_vmf3_grids, read_vmf3_sites
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.errors import RadiolocError
 from radioloc.io.crd import read_crd
@@ -29,7 +26,10 @@ from radioloc.io.tdm import read_tdm
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.kernels import find_kernel
 from radioloc.lunar import TerrainModel
-from radioloc.measurements.radio_atmosphere import read_radio_atmosphere
+from radioloc.media.gpt3 import read_gpt3
+from radioloc.media.ionex import read_ionex
+from radioloc.media.radio_atmosphere import read_radio_atmosphere
+from radioloc.media.vmf3_files import read_vmf3_grids, read_vmf3_sites
 from radioloc.studies.study_file import read_study
 
 EXAMPLES = Path(__file__).parents[2] / "examples"

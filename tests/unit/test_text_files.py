@@ -5,10 +5,10 @@ import os
 
 import pytest
 
-from radioloc.earth.gpt3 import read_gpt3
-from radioloc.earth.ionex import read_ionex
-from radioloc.earth.vmf3_files import read_vmf3_grids, read_vmf3_sites
 from radioloc.errors import FileFormatError
+from radioloc.media.gpt3 import read_gpt3
+from radioloc.media.ionex import read_ionex
+from radioloc.media.vmf3_files import read_vmf3_grids, read_vmf3_sites
 from radioloc.text_files import read_lines, write_text
 
 

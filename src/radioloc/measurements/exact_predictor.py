@@ -23,11 +23,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
-from radioloc.earth.checks import LEAST_ELEVATION_RAD
-from radioloc.earth.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.ephemeris import Trajectory
 from radioloc.measurements.gravitational_delay import delay_of_distances_m
-from radioloc.measurements.ionosphere import frequencies_hz
 from radioloc.measurements.light_path import (
     BOUNCE,
     RECEIVE,
@@ -45,16 +42,18 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.participants import stations_of, targets_of
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, table_of_terms
-from radioloc.measurements.radio_atmosphere import ZenithAir, air_without_files
 from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.trajectory_motion import displaced, trajectory_motion
-from radioloc.measurements.troposphere import SHORTEST_RADIO_UM
+from radioloc.media.ionosphere import delay_by_content_m
+from radioloc.media.medium import Leg, LegEnd
 from radioloc.media.status import first_of
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 from radioloc.vectors import by_component, dot, length, rotated
 
+_SHORTEST_RADIO_UM = 1000.0
+"""From this wavelength on (300 GHz), the signal is radio."""
 _STRAIGHT_FOR_S = 1e-3
 """How far from its instant a straight motion is used: the error is below 0.034 m/s^2 * (1e-3 s)^2 / 2 = 2e-8 m."""
 _ROUGHLY_S = 1e-9
@@ -114,19 +113,19 @@ class ExactPredictor:
         tt = utc_to_tt(observations.epoch)
         half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
         half_s = np.concatenate([half_s, -half_s[self._counted]])
-        tt = tt[rows].shifted(half_s)
+        self._tt = tt = tt[rows].shifted(half_s)
         self._paths = observations.select(rows)
         differenced = is_differenced(self._paths.kind)
         # Without a recorded wavelength, a laser station's signal is light and any other's is radio.
         laser = np.array([station.kind == "llr" for station in self._stations], dtype=bool)[self._receiver]
         wavelength = self._paths.wavelength_um
-        self._radio = np.where(np.isnan(wavelength), ~laser, wavelength >= SHORTEST_RADIO_UM)
-        self._air = tuple(self._air_above(which, tt) for which in (self._transmitter, self._receiver))
+        self._radio = np.where(np.isnan(wavelength), ~laser, wavelength >= _SHORTEST_RADIO_UM)
         one_way = is_one_way(self._paths.kind)
         self._sign = np.where(differenced, -1.0, np.where(one_way, 0.0, 1.0))
         # A one-way signal begins with the bounce.
         sent = np.where(one_way & (self._paths.tag == TRANSMIT), BOUNCE, self._paths.tag)
         self._tag = np.where(differenced, TRANSMIT, sent).astype(np.int8)
+        self._media = tuple({m.name: m.prepare(end) for m in model.media} for end in self._ends())
         self._equipment = model.delays.on_paths(
             self.stations,
             self._transmitter,
@@ -184,17 +183,13 @@ class ExactPredictor:
         legs = zip((up, down), (partials.by_up_delay, partials.by_down_delay), self._drag(path), strict=True)
         for view, by_delay, drag in legs:
             by_media = by_delay * drag
-            by_elevation = by_media * view.by_elevation_m_rad
-            by_time = by_time + by_elevation * view.elevation.rate_rad_s
-            by_position = by_position + by_elevation[:, None] * view.elevation.by_position_rad_m
-            if view.axes is not None:
-                by_time = by_time + by_media * view.axes.rate_m_s
-                by_position = by_position + by_media[:, None] * view.axes.by_position
+            by_time = by_time + by_media * view.rate_m_s
+            by_position = by_position + by_media[:, None] * view.by_position
             by_zenith_wet.append(by_media * view.by_zenith_wet)
         n = len(self.observations)
         one_way = self._sign == 0.0
-        first_rad = np.where(one_way, down.elevation.angle_rad, up.elevation.angle_rad)
-        elevation_rad = np.stack([first_rad, down.elevation.angle_rad], axis=-1)
+        up_rad, down_rad = up.leg.elevation.angle_rad, down.leg.elevation.angle_rad
+        elevation_rad = np.stack([np.where(one_way, down_rad, up_rad), down_rad], axis=-1)
         status = np.stack([np.where(one_way, 0, up.status), down.status], axis=-1).astype(np.int8)
         if len(self._counted):
             late, early = elevation_rad[self._counted], elevation_rad[n:]
@@ -233,14 +228,12 @@ class ExactPredictor:
         self, path: LightPath, partials: PathPartials, up: LineOfSight, down: LineOfSight
     ) -> NDArray[np.float64]:
         """Partials by the vertical electron content above both stations, m/TECU, shape (n, 2)."""
-        phase = np.where(is_integrated(self._paths.kind), -1.0, 1.0)
-        columns = []
-        legs = zip((up, down), (partials.by_up_delay, partials.by_down_delay), self._drag(path), strict=True)
-        for k, (view, by_delay, drag) in enumerate(legs):
-            hz = frequencies_hz(self._paths, uplink=(self._sign > 0.0) & (k == 0))
-            mapping, _ = modified_shell_mapping(np.maximum(view.elevation.angle_rad, LEAST_ELEVATION_RAD))
-            one_tecu_m = np.where(self._radio, phase * mapping * ionosphere_delay_m(1.0, hz), 0.0)
-            columns.append(np.where(by_delay == 0.0, 0.0, by_delay * drag * one_tecu_m))
+        columns = [
+            np.where(by_delay == 0.0, 0.0, by_delay * drag * delay_by_content_m(view.leg))
+            for view, by_delay, drag in zip(
+                (up, down), (partials.by_up_delay, partials.by_down_delay), self._drag(path), strict=True
+            )
+        ]
         return self._observed(np.stack(columns, axis=-1))
 
     def at(self, lander_pa_m: NDArray[np.float64]) -> Computed:
@@ -342,14 +335,23 @@ class ExactPredictor:
             else trajectory_motion(self.model, self.trajectory, self._reference, self._moon)
         )
 
-    def _air_above(self, which: NDArray[np.int32], tt: Epochs) -> ZenithAir | None:
-        """The air above the stations at one end, which radio signals meet."""
-        if not self.model.has("troposphere"):
-            return None
-        files, here = self.model.radio_atmosphere, which == self._receiver
-        if files is None:
-            return air_without_files(self._stations, which, self._paths, self._radio, here)
-        return files.at(self._stations, which, tt, self._paths, self._radio, here)
+    def _ends(self) -> tuple[LegEnd, LegEnd]:
+        """Stations and signals at both ends of the paths."""
+        up, down = (
+            LegEnd(
+                self._stations,
+                which,
+                self._tt,
+                self._radio,
+                is_integrated(self._paths.kind),
+                _frequency_hz(self._paths, uplink),
+                self._paths.wavelength_um,
+                self._paths,
+                which == self._receiver,
+            )
+            for which, uplink in ((self._transmitter, self._sign > 0.0), (self._receiver, False))
+        )
+        return up, down
 
     def _station(self, which: NDArray[np.int32], offset_s: NDArray[np.float64]) -> StationMotion:
         return station_motion(self.model, self._stations, which, self._reference, self._earth, offset_s)
@@ -468,32 +470,26 @@ class ExactPredictor:
     def _lines_of_sight(self, path: LightPath, relay: MovingPoint) -> tuple[LineOfSight, LineOfSight]:
         """The views from both stations."""
         lander_gcrs_m, velocity_m_s = self._moon.geocentric(relay, path.bounce_s)
+        moon_gcrs_m = None if self._craft is None else self._moon.moon_gcrs_m
+        media = self.model.media
         up, down = (
-            line_of_sight(
-                self.model,
-                self._paths,
-                self._stations,
-                which,
-                station,
-                lander_gcrs_m,
-                velocity_m_s,
-                radio=self._radio,
-                uplink=uplink,
-                air=air,
-                moon_gcrs_m=None if self._craft is None else self._moon.moon_gcrs_m,
-            )
-            for station, which, uplink, air in (
-                (self._up, self._transmitter, self._sign > 0.0, self._air[0]),
-                (self._down, self._receiver, np.zeros(len(self._paths), dtype=bool), self._air[1]),
-            )
+            line_of_sight(Leg(end, station, lander_gcrs_m, velocity_m_s), media, prepared, moon_gcrs_m)
+            for end, station, prepared in zip(self._ends(), (self._up, self._down), self._media, strict=True)
         )
         return up, down
+
+
+def _frequency_hz(paths: Observations, uplink: ArrayLike) -> NDArray[np.float64]:
+    """Frequency of a leg: the recorded uplink's where it goes up and that was recorded, else the downlink's."""
+    down_hz = C_M_S / (paths.wavelength_um * 1e-6)
+    return np.where(uplink & ~np.isnan(paths.uplink_hz), paths.uplink_hz, down_hz)
 
 
 _PER_PATH = (
     "_paths",
     "_radio",
-    "_air",
+    "_tt",
+    "_media",
     "_sign",
     "_tag",
     "_equipment",

@@ -13,11 +13,14 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.kernels import KernelFile
-from radioloc.measurements.electron_content import ElectronContent
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.gravitational_delay import PLANETS_MM
-from radioloc.measurements.radio_atmosphere import RadioAtmosphere
 from radioloc.measurements.terms import TERMS, active_terms
+from radioloc.media.ionosphere import ElectronContent, Ionosphere
+from radioloc.media.medium import Medium
+from radioloc.media.radio_atmosphere import RadioAtmosphere
+from radioloc.media.registry import MEDIA
+from radioloc.media.troposphere import Troposphere
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +84,7 @@ class PhysicalModel:
         delays : EquipmentDelays, optional
             Delays of equipment that are in the data; none where it is not given.
         radio_atmosphere : RadioAtmosphere, optional
-            Files of VMF3 and GPT3, from :func:`~radioloc.measurements.radio_atmosphere.read_radio_atmosphere`.
+            Files of VMF3 and GPT3, from :func:`~radioloc.media.radio_atmosphere.read_radio_atmosphere`.
         off : iterable of str
             Names of terms to leave out.
 
@@ -117,6 +120,15 @@ class PhysicalModel:
         terms = self.terms & active_terms(names)
         earth = _earth_orientation(self.earth.table, terms)
         return replace(self, earth=earth, terms=terms)
+
+    @property
+    def media(self) -> tuple[Medium, ...]:
+        """The active media on the legs, in the order in which they are asked."""
+        own: dict[str, Medium] = {
+            Troposphere.name: Troposphere(self.radio_atmosphere),
+            Ionosphere.name: Ionosphere(self.ionosphere),
+        }
+        return tuple(own.get(name, medium) for name, medium in MEDIA.items() if self.has(name))
 
     def has(self, term: str) -> bool:
         """Whether a term is active."""

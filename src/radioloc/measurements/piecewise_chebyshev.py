@@ -14,7 +14,6 @@ import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from radioloc.earth.checks import LEAST_ELEVATION_RAD
 from radioloc.measurements.dense_series import (
     CHECK_POINTS,
     DEGREES,
@@ -206,9 +205,7 @@ class PiecewiseChebyshev:
 
     def _limits_rad(self) -> list[float]:
         """Elevations at which the model begins or ends to hold."""
-        model = self.nodes.model
-        media = model.has("troposphere") or (model.has("ionosphere") and model.ionosphere is not None)
-        return [0.0, LEAST_ELEVATION_RAD] if media else [0.0]
+        return sorted({0.0}.union(*(medium.limits_rad for medium in self.nodes.model.media)))
 
     def _margins_rad(self) -> NDArray[np.float64]:
         """How far elevations have to stay from limits; what is counted ends elsewhere than its tag says."""

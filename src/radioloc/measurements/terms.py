@@ -10,15 +10,16 @@ import difflib
 from collections.abc import Iterable
 
 from radioloc.errors import InputError
+from radioloc.media.registry import MEDIA
 
 TERMS: dict[str, str] = {
     "shapiro": "gravitational delay by the Sun, the Earth, the Moon and the planets",
     "tdb_tt": "difference of TDB - TT between the ends of the light path",
-    "troposphere": "refraction by the neutral atmosphere at each station",
-    "ionosphere": "refraction of radio signals by the ionosphere, where maps or a content are given",
+    "troposphere": MEDIA["troposphere"].description,
+    "ionosphere": MEDIA["ionosphere"].description,
     "transponder_delay": "time for which the point's transponder holds the signal, where one is given",
     "station_delay": "delay in the stations' equipment between clock and reference point, where one is given",
-    "antenna_axis_offset": "motion of an antenna's moving axis about its fixed one, where the offset is known",
+    "antenna_axis_offset": MEDIA["antenna_axis_offset"].description,
     "solid_earth_tide": "displacement of the stations by the solid Earth tide",
     "pole_tide": "displacement of the stations by the solid Earth pole tide",
     "ocean_loading": "displacement of the stations by ocean tide loading",
@@ -32,6 +33,7 @@ TERMS: dict[str, str] = {
     "lunar_scale": "scale of positions on the Moon, as for the Earth, seen from the barycentre",
     "lunar_lorentz": "Lorentz contraction of the point's position along the Moon's velocity",
 }
+TERMS |= {name: medium.description for name, medium in MEDIA.items() if name not in TERMS}
 """Term names and what each stands for."""
 
 

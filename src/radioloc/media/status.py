@@ -8,7 +8,7 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.earth.checks import WAVELENGTH_RANGE_UM
+from radioloc.media.checks import WAVELENGTH_RANGE_UM
 
 
 class Status(IntEnum):

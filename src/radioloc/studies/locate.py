@@ -14,7 +14,6 @@ from numpy.typing import NDArray
 
 from radioloc._version import __version__
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
-from radioloc.earth.ionex import read_ionex
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import build_solution, seconds_since_midnight
@@ -30,7 +29,6 @@ from radioloc.kernels import sha256_of
 from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
-from radioloc.measurements.electron_content import ElectronContent, UniformTec
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
@@ -38,9 +36,11 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel, kernel_record
 from radioloc.measurements.predictor import Predictor, reasons
-from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.terms import TERMS
+from radioloc.media.ionex import read_ionex
+from radioloc.media.ionosphere import ElectronContent, UniformTec
+from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.media.status import Status
 from radioloc.studies.notes import notes_of
 from radioloc.studies.one_thread import on_one_blas_thread

@@ -18,10 +18,10 @@ from radioloc.errors import InputError
 from radioloc.io.tdm_agreement import TdmAgreement
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.electron_content import UniformTec
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.evaluation import EVALUATIONS
 from radioloc.measurements.terms import active_terms
+from radioloc.media.ionosphere import UniformTec
 from radioloc.simulation.scenario import Scenario
 from radioloc.studies.weights import Weight
 from radioloc.time import Epochs, utc_to_tai

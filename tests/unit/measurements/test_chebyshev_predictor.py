@@ -16,7 +16,6 @@ from radioloc.lunar import selenographic_to_cartesian
 from radioloc.measurements import chebyshev_predictor
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.dense_series import DenseSeries
-from radioloc.measurements.electron_content import UniformTec
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
@@ -25,6 +24,7 @@ from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import reasons
 from radioloc.measurements.registry import KINDS
+from radioloc.media.ionosphere import UniformTec
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
 
 # What an interpolated arc promises: 0.3 ps of delay, and as much range.

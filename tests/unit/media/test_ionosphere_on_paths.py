@@ -5,15 +5,19 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from arc_cases import epochs_tai
+from legs import leg
 
 from radioloc import ExactPredictor, Link, LunarPosition, Observations, PhysicalModel
 from radioloc.constants import C_M_S
-from radioloc.earth.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.errors import InputError
-from radioloc.measurements.electron_content import UniformTec
-from radioloc.measurements.ionosphere import delay_by_content_m
+from radioloc.media.ionosphere import (
+    Ionosphere,
+    UniformTec,
+    delay_by_content_m,
+    ionosphere_delay_m,
+    modified_shell_mapping,
+)
 from radioloc.media.status import Status
-from radioloc.simulation.media import thin_shell
 from radioloc.time import tai_to_utc
 
 X_DOWN_HZ, X_UP_HZ = 8.4e9, 7.2e9
@@ -83,19 +87,14 @@ def test_content_that_cannot_be_is_refused():
         UniformTec(-1.0)
 
 
-def test_delay_by_one_tecu_is_that_of_a_thin_shell():
-    elevation_rad = np.radians([10.0, 45.0, 90.0, 30.0, 30.0])
-    observations = Observations.from_columns(
-        epoch=tai_to_utc(epochs_tai(5, 1.0)),
-        links=[Link("KASHI", "lander", "KASHI")],
-        kind=[0, 0, 2, 0, 0],
-        count_s=[np.nan, np.nan, 60.0, np.nan, np.nan],
-        value_m=1.0,
-        sigma_m=1.0,
-    )
-    radio = np.array([True, True, True, False, True])
-    frequency_hz = np.array([X_UP_HZ, X_DOWN_HZ, X_DOWN_HZ, 5.6e14, np.nan])
-    found = delay_by_content_m(observations, elevation_rad, frequency_hz, radio)
-    expected = 40.308e16 * thin_shell(elevation_rad) / frequency_hz**2 * [1.0, 1.0, -1.0, 0.0, 1.0]
-    assert found[:4] == pytest.approx(expected[:4], rel=1e-5)
-    assert found[4] == 0.0
+def test_delay_by_one_tecu_is_that_of_a_uniform_content():
+    changes = {"frequency_hz": [X_UP_HZ, X_DOWN_HZ, X_DOWN_HZ, 5.6e14, np.nan], "phase": [0, 0, 1, 0, 0]}
+    changes = {name: np.array(values) for name, values in changes.items()}
+    changes["phase"] = changes["phase"] == 1
+    some = leg([10.0, 45.0, 90.0, 30.0, 30.0], radio=np.array([True, True, True, False, True]), **changes)
+    found = delay_by_content_m(some)
+    expected = Ionosphere(UniformTec(1.0)).delay(some, None)
+    np.testing.assert_allclose(found[:4], expected.delay_m[:4], rtol=1e-14)
+    assert (found[2] < 0.0, found[3]) == (True, 0.0)
+    assert np.isnan(found[4])
+    assert expected.status.tolist() == [0, 0, 0, 0, Status.NO_FREQUENCY]

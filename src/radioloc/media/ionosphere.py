@@ -18,12 +18,18 @@ to 20 000 km; the solar wind beyond, with 5 electrons per cubic centimetre, adds
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import ClassVar, Protocol
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.earth.checks import within
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
+from radioloc.media.checks import LEAST_ELEVATION_RAD, within
+from radioloc.media.medium import Leg, LegDelay, LegEnd
+from radioloc.media.status import Status
+from radioloc.time import Epochs
 
 GROUP_DELAY_M3_S2 = 40.308193022
 """Delay (m) times squared frequency per electron content (1/m^2): e^2 / (8 pi^2 eps0 m_e), CODATA 2018."""
@@ -192,3 +198,103 @@ def _shell_radius_m(shell_height_m: float, base_radius_m: float) -> float:
             "metres: 100 to 2000 km above some 6371 km"
         )
     return base_radius_m + shell_height_m
+
+
+class ElectronContent(Protocol):
+    """A source of slant electron content, such as :class:`radioloc.media.ionex.IonexMaps`."""
+
+    def slant_tec(
+        self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
+    ) -> NDArray[np.float64]:
+        """Electron content along rays from stations, TECU, shape (n,)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True)
+class UniformTec:
+    """The same vertical electron content everywhere and always.
+
+    Parameters
+    ----------
+    vertical_tecu : float
+        TECU (1e16 electrons per square metre).
+
+    Raises
+    ------
+    InputError
+        It is not from 0 to 1000 TECU.
+    """
+
+    vertical_tecu: float
+
+    def __post_init__(self) -> None:
+        if not 0.0 <= self.vertical_tecu <= 1000.0:
+            raise InputError(f"an electron content of {self.vertical_tecu!r} TECU cannot be; give 0 to 1000")
+
+    def slant_tec(
+        self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
+    ) -> NDArray[np.float64]:
+        """Vertical content times the modified single layer mapping, TECU, shape (n,)."""
+        return self.vertical_tecu * modified_shell_mapping(elevation_rad)[0]
+
+
+@dataclass(frozen=True, slots=True)
+class Ionosphere:
+    """The ionosphere on the path of radio signals; light has none of it.
+
+    Parameters
+    ----------
+    source : ElectronContent or None
+        Electron content along rays; without one there is no delay, but its derivative.
+    """
+
+    source: ElectronContent | None = None
+
+    name: ClassVar[str] = "ionosphere"
+    description: ClassVar[str] = (
+        "refraction of radio signals by the ionosphere, where maps or a content are given"
+    )
+
+    @property
+    def limits_rad(self) -> tuple[float, ...]:
+        """The lowest elevation for which contents are mapped."""
+        return () if self.source is None else (LEAST_ELEVATION_RAD,)
+
+    def prepare(self, end: LegEnd) -> None:
+        """Nothing is to be prepared."""
+
+    def delay(self, leg: Leg, prepared: None) -> LegDelay | None:
+        """Group delay or, of the phase, its opposite, with its derivative with respect to elevation.
+
+        That is at one vertical content: how the content differs where the ray then pierces the maps' shell is left out.
+        """
+        if self.source is None:
+            return None
+        end, elevation_rad = leg.end, leg.elevation.angle_rad
+        unknown = end.radio & np.isnan(end.frequency_hz)
+        delay_m, by_elevation_m_rad = np.zeros((2, len(leg)))
+        rows = np.flatnonzero(end.radio & ~unknown & (elevation_rad >= LEAST_ELEVATION_RAD))
+        if len(rows):
+            itrf_m = end.of_station([station.itrf_m for station in end.stations])[rows]
+            tec = self.source.slant_tec(itrf_m, leg.azimuth_rad(rows), elevation_rad[rows], end.epoch[rows])
+            delay_m[rows] = _signed(end)[rows] * ionosphere_delay_m(tec, end.frequency_hz[rows])
+            mapping, slope = modified_shell_mapping(elevation_rad[rows])
+            by_elevation_m_rad[rows] = delay_m[rows] * slope / mapping
+        status = np.where(unknown, Status.NO_FREQUENCY, Status.OK).astype(np.int8)
+        return LegDelay(delay_m, status, by_elevation_m_rad)
+
+
+def delay_by_content_m(leg: Leg) -> NDArray[np.float64]:
+    """Delay of a leg by one TECU of vertical content, whatever the model's source of contents, m, shape (n,).
+
+    By the modified single layer mapping, below 3 degrees by that at 3 degrees. Zero for light, NaN where no frequency
+    was recorded.
+    """
+    mapping, _ = modified_shell_mapping(np.maximum(leg.elevation.angle_rad, LEAST_ELEVATION_RAD))
+    at_frequency_m = GROUP_DELAY_M3_S2 * TECU_PER_M2 / leg.end.frequency_hz**2
+    return np.where(leg.end.radio, _signed(leg.end) * mapping * at_frequency_m, 0.0)
+
+
+def _signed(end: LegEnd) -> NDArray[np.float64]:
+    """The phase is advanced by as much as a code is delayed."""
+    return np.where(end.phase, -1.0, 1.0)

@@ -1,7 +1,8 @@
 import numpy as np
 import pytest
 
-from radioloc.earth.mapping_functions import (
+from radioloc.errors import InputError
+from radioloc.media.mapping_functions import (
     MappingFactors,
     continued_fraction,
     day_of_year,
@@ -9,7 +10,6 @@ from radioloc.earth.mapping_functions import (
     height_correction,
     niell,
 )
-from radioloc.errors import InputError
 from radioloc.time import epochs_from_strings
 
 GOLDSTONE = {"latitude_rad": np.deg2rad(35.4), "height_m": 1000.0, "day_of_year": 276.0}

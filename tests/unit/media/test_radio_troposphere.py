@@ -1,14 +1,14 @@
 import numpy as np
 import pytest
 
-from radioloc.earth.optical_troposphere import water_vapour_pressure_hpa
-from radioloc.earth.radio_troposphere import (
+from radioloc.errors import InputError
+from radioloc.media.optical_troposphere import water_vapour_pressure_hpa
+from radioloc.media.radio_troposphere import (
     standard_weather,
     zenith_hydrostatic_delay_m,
     zenith_wet_delay_askne_nordius_m,
     zenith_wet_delay_m,
 )
-from radioloc.errors import InputError
 
 
 def test_hydrostatic_delay_at_middle_latitude_is_the_constant() -> None:

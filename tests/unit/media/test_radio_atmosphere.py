@@ -7,16 +7,10 @@ import dataclasses
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M
+from legs import end
 
 from radioloc.earth.geodesy import geodetic_from_itrf
-from radioloc.earth.gpt3 import Gpt3Grid
-from radioloc.earth.lat_lon_grid import LatLonGrid
-from radioloc.earth.mapping_functions import day_of_year
-from radioloc.earth.optical_troposphere import water_vapour_pressure_hpa
-from radioloc.earth.radio_troposphere import zenith_hydrostatic_delay_m, zenith_wet_delay_askne_nordius_m
 from radioloc.earth.stations import StationCatalogue
-from radioloc.earth.vmf3 import vmf3
-from radioloc.earth.vmf3_files import Vmf3Grids
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.exact_predictor import ExactPredictor
@@ -24,8 +18,15 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.measurements.registry import KINDS
+from radioloc.media.gpt3 import Gpt3Grid
+from radioloc.media.lat_lon_grid import LatLonGrid
+from radioloc.media.mapping_functions import day_of_year
+from radioloc.media.optical_troposphere import water_vapour_pressure_hpa
+from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
+from radioloc.media.radio_troposphere import zenith_hydrostatic_delay_m, zenith_wet_delay_askne_nordius_m
+from radioloc.media.vmf3 import vmf3
+from radioloc.media.vmf3_files import Vmf3Grids
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
 
 SAME_M = 1e-6
@@ -112,14 +113,7 @@ def test_zenith_delays_and_coefficients_of_vmf3(sites):
 
 def test_epochs_are_utc(sites):
     """Read as TT they would be 69 s off; the wet delay grows by 0.12 m in six hours."""
-    air = sites.at(
-        [StationCatalogue.default()["SESHAN25"]],
-        np.zeros(2, dtype=np.int32),
-        utc_to_tt(UTC),
-        arc_of(sites).observations,
-        np.ones(2, dtype=bool),
-        np.zeros(2, dtype=bool),
-    )
+    air = sites.at(dataclasses.replace(end(2, station="SESHAN25"), epoch=utc_to_tt(UTC)))
     np.testing.assert_allclose(air.wet_m, 0.12 + 0.12 * SHARE, rtol=0.0, atol=1e-9)
 
 
@@ -141,7 +135,7 @@ def test_climate_with_and_without_weather():
     for weather in ({}, WEATHER):
         found_m, elevation_rad = added_m(arc_of(atmosphere, **weather))
         expected_m = np.zeros(2)
-        for end, name in enumerate(ENDS):
+        for k, name in enumerate(ENDS):
             place = place_of(name)
             values = climate().at(UTC, place.latitude_rad, place.longitude_rad, place.height_m)
             pressure, vapour = values.pressure_hpa, values.vapour_pressure_hpa
@@ -151,7 +145,7 @@ def test_climate_with_and_without_weather():
             wet_m = zenith_wet_delay_askne_nordius_m(
                 vapour, values.mean_temperature_k, values.vapour_decrease_factor
             )
-            mapping = factors(name, elevation_rad[:, end], 1.22e-3, 5.4e-4, place.height_m)
+            mapping = factors(name, elevation_rad[:, k], 1.22e-3, 5.4e-4, place.height_m)
             expected_m += dry_m * mapping.hydrostatic + wet_m * mapping.wet
         np.testing.assert_allclose(found_m, expected_m, rtol=0.0, atol=FOLLOWING_M)
 
@@ -159,10 +153,10 @@ def test_climate_with_and_without_weather():
 def test_maps_serve_every_station():
     found_m, elevation_rad = added_m(arc_of(RadioAtmosphere({}, maps(), None)))
     expected_m = np.zeros(2)
-    for end, name in enumerate(ENDS):
+    for k, name in enumerate(ENDS):
         place = place_of(name)
         values = maps().at(UTC, place.latitude_rad, place.longitude_rad, place.height_m)
-        mapping = factors(name, elevation_rad[:, end], 1.22e-3, 5.4e-4, place.height_m)
+        mapping = factors(name, elevation_rad[:, k], 1.22e-3, 5.4e-4, place.height_m)
         expected_m += values.zenith_hydrostatic_m * mapping.hydrostatic + values.zenith_wet_m * mapping.wet
     np.testing.assert_allclose(found_m, expected_m, rtol=0.0, atol=FOLLOWING_M)
 

@@ -22,12 +22,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.earth.checks import within
-from radioloc.earth.file_epochs import epochs_around
-from radioloc.earth.lat_lon_grid import LatLonGrid, sort_into_grid
-from radioloc.earth.radio_troposphere import column_gravity
-from radioloc.earth.text_numbers import ENCODING, numbers_of, table_of
 from radioloc.errors import FileFormatError, InputError
+from radioloc.media.checks import within
+from radioloc.media.file_epochs import epochs_around
+from radioloc.media.lat_lon_grid import LatLonGrid, sort_into_grid
+from radioloc.media.radio_troposphere import column_gravity
+from radioloc.media.text_numbers import ENCODING, numbers_of, table_of
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import utc_of
@@ -51,7 +51,7 @@ class Vmf3Values:
     hydrostatic_a, wet_a : ndarray
         Coefficients a of the mapping functions.
     height_above_a_m : ndarray
-        Height of the station above that for which `hydrostatic_a` holds, m; see :func:`radioloc.earth.vmf3.vmf3`.
+        Height of the station above that for which `hydrostatic_a` holds, m; see :func:`radioloc.media.vmf3.vmf3`.
     zenith_hydrostatic_m, zenith_wet_m : ndarray
         Zenith delays at the station, m.
     """

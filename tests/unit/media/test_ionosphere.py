@@ -2,14 +2,14 @@ import numpy as np
 import pytest
 
 from radioloc.earth.geodesy import itrf_from_geodetic
-from radioloc.earth.ionosphere import (
+from radioloc.errors import InputError
+from radioloc.media.ionosphere import (
     GROUP_DELAY_M3_S2,
     ionosphere_delay_m,
     modified_shell_mapping,
     pierce_point,
     thin_shell_mapping,
 )
-from radioloc.errors import InputError
 
 
 def test_constant() -> None:

@@ -5,55 +5,38 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
+from legs import end, state
 
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.stations import StationCatalogue
-from radioloc.measurements.elevation import elevation_of
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.station_motion import StationMotion
+from radioloc.media.medium import Leg
 from radioloc.time import tt_to_tdb, utc_to_tt
 
 
-def still_station(up, gcrs_m=(0.0, 0.0, 0.0), velocity=(0.0, 0.0, 0.0), up_rate=(0.0, 0.0, 0.0)):
-    """Only what elevation needs."""
-    row = {name: np.array([v]) for name, v in (("gcrs_m", gcrs_m), ("gcrs_velocity_m_s", velocity))}
-    rest = dict.fromkeys(
-        (
-            "tdb_minus_tt_s",
-            "topocentric_s",
-            "tdb_rate",
-            "geocentric_tdb_rate",
-            "rot_itrf_to_gcrs",
-            "latitude_rad",
-            "height_m",
-            "predicted_eop",
-        ),
-        np.zeros(1),
-    )
-    return StationMotion(
-        point=None, pole_gcrs=None, up_gcrs=np.array([up]), up_rate_gcrs=np.array([up_rate]), **row, **rest
-    )
+def elevation_of(station, target_m, velocity_m_s):
+    return Leg(end(1), station, target_m, velocity_m_s).elevation
 
 
 @pytest.mark.parametrize("degrees", [-90.0, -20.0, 0.0, 1e-7, 45.0, 89.9999999, 90.0])
 def test_elevation_by_hand(degrees):
     angle = np.radians(degrees)
     point = 3.8e8 * np.array([[np.cos(angle), 0.0, np.sin(angle)]])
-    found = elevation_of(still_station((0.0, 0.0, 1.0)), point, np.zeros((1, 3)))
+    found = elevation_of(state((0.0, 0.0, 1.0)), point, np.zeros((1, 3)))
     assert found.angle_rad[0] == pytest.approx(angle, rel=0, abs=3e-16)
     assert found.rate_rad_s.tolist() == [0.0]
 
 
 def test_rate_has_the_points_the_stations_and_the_verticals_part():
     point, r = np.array([[0.0, 3.8e8, 0.0]]), 3.8e8
-    moving_point = elevation_of(still_station((0.0, 0.0, 1.0)), point, np.array([[5.0, 7.0, 1000.0]]))
+    moving_point = elevation_of(state((0.0, 0.0, 1.0)), point, np.array([[5.0, 7.0, 1000.0]]))
     assert moving_point.rate_rad_s[0] == pytest.approx(1000.0 / r, rel=1e-12)
-    station = still_station((0.0, 0.0, 1.0), velocity=(0.0, 0.0, 400.0))
+    station = state((0.0, 0.0, 1.0), velocity=(0.0, 0.0, 400.0))
     assert elevation_of(station, point, np.zeros((1, 3))).rate_rad_s[0] == pytest.approx(
         -400.0 / r, rel=1e-12
     )
-    station = still_station((0.0, 0.0, 1.0), up_rate=(0.0, 7e-5, 0.0))
+    station = state((0.0, 0.0, 1.0), up_rate=(0.0, 7e-5, 0.0))
     assert elevation_of(station, point, np.zeros((1, 3))).rate_rad_s[0] == pytest.approx(7e-5, rel=1e-12)
 
 
@@ -71,12 +54,12 @@ def test_elevation_of_the_moon_against_plain_geometry(model):
     moon_m, _ = model.ephemeris.geocentric("moon", tt_to_tdb(tt))
     to_itrf = np.swapaxes(model.earth.evaluate(tt).rot_itrf_to_gcrs, -1, -2)
     moon_itrf_m = np.einsum("nij,nj->ni", to_itrf, moon_m)
-    for end, name in enumerate(("GRASSE", "APOLLO")):
+    for k, name in enumerate(("GRASSE", "APOLLO")):
         itrf_m = StationCatalogue.default()[name].itrf_m
         enu = (moon_itrf_m - itrf_m) @ rot_itrf_to_enu(itrf_m).T
         plain = np.arctan2(enu[:, 2], np.hypot(enu[:, 0], enu[:, 1]))
         # Apollo 15 stands up to 0.26 deg from the Moon's centre; light time 2.6 s turn the Earth by 0.011 deg.
-        assert np.abs(np.degrees(found[:, end] - plain)).max() < 0.3
+        assert np.abs(np.degrees(found[:, k] - plain)).max() < 0.3
     assert np.abs(found).max() > 0.8
 
 
@@ -87,15 +70,15 @@ def test_rate_against_differences(model):
         arc = ExactPredictor(model, observations("GRASSE>x>APOLLO", tai, **LASER), APOLLO15_PA_M)
         path, relay, _ = arc._solve(APOLLO15_PA_M)
         motions[shift_s] = arc._lines_of_sight(path, relay)
-    for end in (0, 1):
-        numeric = (motions[1.0][end].elevation.angle_rad - motions[-1.0][end].elevation.angle_rad) / 2.0
+    for k in (0, 1):
+        numeric = (motions[1.0][k].leg.elevation.angle_rad - motions[-1.0][k].leg.elevation.angle_rad) / 2.0
         # The light time's own change (1e-6 of 7e-5 rad/s) and the curvature over a second are below this.
-        np.testing.assert_allclose(motions[0.0][end].elevation.rate_rad_s, numeric, rtol=0, atol=1e-9)
+        np.testing.assert_allclose(motions[0.0][k].leg.elevation.rate_rad_s, numeric, rtol=0, atol=1e-9)
         assert np.abs(numeric).max() > 3e-5
 
 
 def test_derivative_by_position():
-    station, step_m = still_station((0.36, -0.48, 0.8)), 100.0
+    station, step_m = state((0.36, -0.48, 0.8)), 100.0
     point = np.array([[2.2e8, -1.9e8, 2.4e8]])
     numeric = [
         (

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from atmosphere_files import GPT3_CORNERS
 
-from radioloc.earth.gpt3 import Gpt3Grid, Gpt3Values, read_gpt3
-from radioloc.earth.radio_troposphere import zenith_hydrostatic_delay_m, zenith_wet_delay_askne_nordius_m
 from radioloc.errors import FileFormatError, InputError
+from radioloc.media.gpt3 import Gpt3Grid, Gpt3Values, read_gpt3
+from radioloc.media.radio_troposphere import zenith_hydrostatic_delay_m, zenith_wet_delay_askne_nordius_m
 from radioloc.time import epochs_from_strings
 
 GRAZ = np.deg2rad(47.0671), np.deg2rad(15.4935), 538.30

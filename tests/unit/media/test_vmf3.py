@@ -3,9 +3,9 @@ from importlib.resources import files
 import numpy as np
 import pytest
 
-from radioloc.earth.mapping_functions import continued_fraction, height_correction
-from radioloc.earth.vmf3 import vmf3, vmf3_bc
 from radioloc.errors import InputError
+from radioloc.media.mapping_functions import continued_fraction, height_correction
+from radioloc.media.vmf3 import vmf3, vmf3_bc
 
 GOLDSTONE = {
     "hydrostatic_a": 1.22e-3,
@@ -68,7 +68,7 @@ def test_harmonics_by_their_definition() -> None:
     x, year = np.sin(latitude), 2.0 * np.pi * day / 365.25
     seasons = [1.0, np.cos(year), np.sin(year), np.cos(2.0 * year), np.sin(2.0 * year)]
     sums = dict.fromkeys(("bh", "bw", "ch", "cw"), 0.0)
-    table = (files("radioloc.earth") / "data" / "vmf3_bc.csv").read_text().splitlines()
+    table = (files("radioloc.media") / "data" / "vmf3_bc.csv").read_text().splitlines()
     rows = [line.split(",") for line in table if line[:2] in sums]
     assert len(rows) == 4 * 91
     for name, degree, order, *factors in rows:

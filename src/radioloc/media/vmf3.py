@@ -1,7 +1,7 @@
 """The third of the Vienna mapping functions, VMF3 (Landskron and Boehm 2018).
 
 Its coefficients a come every six hours from ray tracing through weather models, in the files that
-:mod:`radioloc.earth.vmf3_files` reads, or from the climatology :mod:`radioloc.earth.gpt3`. Its b and c are a fit
+:mod:`radioloc.media.vmf3_files` reads, or from the climatology :mod:`radioloc.media.gpt3`. Its b and c are a fit
 to ten years of such rays, spherical harmonics of degree and order 12 with annual and semiannual terms, and are
 packaged with the library.
 """
@@ -14,9 +14,9 @@ from importlib.resources import files
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.earth.checks import within
-from radioloc.earth.mapping_functions import MappingFactors, mapping_factors
 from radioloc.errors import InputError
+from radioloc.media.checks import within
+from radioloc.media.mapping_functions import MappingFactors, mapping_factors
 
 _DEGREE = 12
 _TERMS = (_DEGREE + 1) * (_DEGREE + 2) // 2
@@ -45,7 +45,7 @@ def vmf3(
     latitude_rad, longitude_rad : array_like
         Geodetic latitude and east longitude, rad.
     day_of_year : array_like
-        Day of the year, 1 at 0h on 1 January, as :func:`radioloc.earth.mapping_functions.day_of_year` gives it.
+        Day of the year, 1 at 0h on 1 January, as :func:`radioloc.media.mapping_functions.day_of_year` gives it.
     height_above_a_m : array_like
         Height of the station above that for which `hydrostatic_a` was given, m: nought with a file of sites, whose
         coefficients hold at the station; the station's height above the ellipsoid with grids and GPT3, whose
@@ -138,7 +138,7 @@ def _solid_harmonics(
 @cache
 def _harmonic_coefficients() -> NDArray[np.float64]:
     """Factors of the harmonics, shape (4, 182, 5): which coefficient, which harmonic, which season."""
-    text = (files("radioloc.earth") / "data" / "vmf3_bc.csv").read_text(encoding="ascii")
+    text = (files("radioloc.media") / "data" / "vmf3_bc.csv").read_text(encoding="ascii")
     rows = [line.split(",") for line in text.splitlines() if not line.startswith(("#", "coefficient"))]
     numbers = np.array([row[3:] for row in rows], dtype=np.float64).reshape(len(_COEFFICIENTS), _TERMS, 2, 5)
     # Cosines of the longitude first, then sines.

@@ -2,7 +2,7 @@
 
 All mapping functions in use are one continued fraction in the sine of elevation, with three coefficients a, b, c.
 Niell (1996) gives them from latitude, height and season alone, good to 1 % at 5 degrees of elevation, so to some
-3 mm of delay at 20 degrees. :mod:`radioloc.earth.vmf3` gives those of Landskron and Boehm (2018) with a from
+3 mm of delay at 20 degrees. :mod:`radioloc.media.vmf3` gives those of Landskron and Boehm (2018) with a from
 weather models, good to less than a millimetre there.
 """
 
@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.earth.checks import within
 from radioloc.errors import InputError
+from radioloc.media.checks import within
 from radioloc.time import Epochs
 
 _NIELL_LATITUDE_RAD = np.deg2rad([15.0, 30.0, 45.0, 60.0, 75.0])

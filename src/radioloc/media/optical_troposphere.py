@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.earth.checks import within
+from radioloc.media.checks import within
 
 _MODEL = "the optical delay"
 

@@ -3,7 +3,7 @@
 Below some 30 GHz air does not disperse: phase and group delays are the same and do not depend on frequency.
 The hydrostatic part, 2.3 m at sea level, follows from the pressure on the ground to half a millimetre per
 0.2 hPa. The wet part, nothing to 0.4 m, follows from the humidity on the ground to a few centimetres only, so
-it is estimated where millimetres count. :mod:`radioloc.earth.mapping_functions` takes both to the ray's elevation.
+it is estimated where millimetres count. :mod:`radioloc.media.mapping_functions` takes both to the ray's elevation.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.earth.checks import within
-from radioloc.earth.optical_troposphere import water_vapour_pressure_hpa
+from radioloc.media.checks import within
+from radioloc.media.optical_troposphere import water_vapour_pressure_hpa
 
 STANDARD_GRAVITY_M_S2 = 9.80665
 """Gravity of the column's centre of mass in the wet delay and in GPT3, m/s^2."""

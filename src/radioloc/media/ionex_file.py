@@ -11,9 +11,9 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.earth.lat_lon_grid import LatLonGrid
-from radioloc.earth.text_numbers import ENCODING
 from radioloc.errors import FileFormatError, InputError
+from radioloc.media.lat_lon_grid import LatLonGrid
+from radioloc.media.text_numbers import ENCODING
 from radioloc.text_files import read_lines
 from radioloc.time import epochs_from_strings
 
@@ -51,7 +51,7 @@ class IonexFile:
 
 
 def parse_ionex(path: Path) -> IonexFile:
-    """Read one file; errors as :func:`radioloc.earth.ionex.read_ionex`."""
+    """Read one file; errors as :func:`radioloc.media.ionex.read_ionex`."""
     reader = _Reader(path)
     try:
         return reader.read()

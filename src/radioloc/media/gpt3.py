@@ -14,12 +14,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.earth.checks import within
-from radioloc.earth.lat_lon_grid import LatLonGrid, sort_into_grid
-from radioloc.earth.mapping_functions import day_of_year
-from radioloc.earth.radio_troposphere import DRY_AIR_KG_MOL, GAS_CONSTANT_J_K_MOL, STANDARD_GRAVITY_M_S2
-from radioloc.earth.text_numbers import ENCODING, table_of
 from radioloc.errors import FileFormatError, InputError
+from radioloc.media.checks import within
+from radioloc.media.lat_lon_grid import LatLonGrid, sort_into_grid
+from radioloc.media.mapping_functions import day_of_year
+from radioloc.media.radio_troposphere import DRY_AIR_KG_MOL, GAS_CONSTANT_J_K_MOL, STANDARD_GRAVITY_M_S2
+from radioloc.media.text_numbers import ENCODING, table_of
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
 
@@ -44,9 +44,9 @@ class Gpt3Values:
         Change of temperature with height, K/m; negative.
     mean_temperature_k, vapour_decrease_factor : ndarray
         Mean temperature of the water vapour, K, and its decrease factor, for
-        :func:`radioloc.earth.radio_troposphere.zenith_wet_delay_askne_nordius_m`.
+        :func:`radioloc.media.radio_troposphere.zenith_wet_delay_askne_nordius_m`.
     hydrostatic_a, wet_a : ndarray
-        Coefficients a of VMF3 on the ellipsoid, for :func:`radioloc.earth.vmf3.vmf3`.
+        Coefficients a of VMF3 on the ellipsoid, for :func:`radioloc.media.vmf3.vmf3`.
     undulation_m : ndarray
         Height of the geoid above the ellipsoid, m.
     gradients_m : ndarray, shape (n, 4)

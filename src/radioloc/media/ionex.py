@@ -14,11 +14,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.earth.file_epochs import epochs_around
-from radioloc.earth.ionex_file import IonexFile, parse_ionex
-from radioloc.earth.ionosphere import modified_shell_mapping, pierce_point, thin_shell_mapping
-from radioloc.earth.lat_lon_grid import LatLonGrid
 from radioloc.errors import FileFormatError, InputError
+from radioloc.media.file_epochs import epochs_around
+from radioloc.media.ionex_file import IonexFile, parse_ionex
+from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, thin_shell_mapping
+from radioloc.media.lat_lon_grid import LatLonGrid
 from radioloc.time import Epochs
 from radioloc.time.scales import utc_of
 
@@ -108,13 +108,13 @@ class IonexMaps:
         epochs : Epochs
             n epochs, of any scale but UT1.
         mapping : {"modified", "shell"}
-            From vertical to slant by :func:`radioloc.earth.ionosphere.modified_shell_mapping`, or by the plain shell at
+            From vertical to slant by :func:`radioloc.media.ionosphere.modified_shell_mapping`, or by the plain shell at
             the file's height.
 
         Raises
         ------
         CoverageError, InputError
-            As :meth:`vertical_tec` and :func:`radioloc.earth.ionosphere.pierce_point`.
+            As :meth:`vertical_tec` and :func:`radioloc.media.ionosphere.pierce_point`.
         """
         if mapping not in _MAPPINGS:
             raise InputError(f"mapping = {mapping!r} is not one of {', '.join(_MAPPINGS)}")

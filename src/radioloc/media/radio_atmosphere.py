@@ -5,7 +5,7 @@ What comes from where, the first that there is:
 ===================  ==================================================================================================
 mapping functions    VMF3's coefficients; GPT3's; without files Niell's
 hydrostatic, zenith  recorded pressure; VMF3; GPT3's pressure; without files the standard atmosphere's
-wet, zenith          VMF3; GPT3, with recorded humidity in place of its own; without files recorded weather or standard
+wet, zenith          VMF3; GPT3, with recorded humidity in place of its own; without files recorded or standard
 ===================  ==================================================================================================
 
 A barometer knows the hydrostatic delay to a millimetre, better than any model (IERS Conventions 2010, section 9.1.1).
@@ -23,26 +23,26 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.earth.geodesy import geodetic_from_itrf
-from radioloc.earth.gpt3 import Gpt3Grid, Gpt3Values, read_gpt3
-from radioloc.earth.mapping_functions import (
+from radioloc.earth.stations import Station
+from radioloc.errors import CoverageError, InputError
+from radioloc.media.gpt3 import Gpt3Grid, Gpt3Values, read_gpt3
+from radioloc.media.mapping_functions import (
     MappingFactors,
     day_of_year,
     mapping_factors,
     niell_coefficients,
 )
-from radioloc.earth.optical_troposphere import water_vapour_pressure_hpa
-from radioloc.earth.radio_troposphere import (
+from radioloc.media.medium import LegEnd
+from radioloc.media.optical_troposphere import water_vapour_pressure_hpa
+from radioloc.media.radio_troposphere import (
     standard_weather,
     zenith_hydrostatic_delay_m,
     zenith_wet_delay_askne_nordius_m,
     zenith_wet_delay_m,
 )
-from radioloc.earth.stations import Station
-from radioloc.earth.text_numbers import ENCODING
-from radioloc.earth.vmf3 import vmf3_bc
-from radioloc.earth.vmf3_files import Vmf3Grids, Vmf3Site, Vmf3Values, read_vmf3_grids, read_vmf3_sites
-from radioloc.errors import CoverageError, InputError
-from radioloc.measurements.observations import Observations
+from radioloc.media.text_numbers import ENCODING
+from radioloc.media.vmf3 import vmf3_bc
+from radioloc.media.vmf3_files import Vmf3Grids, Vmf3Site, Vmf3Values, read_vmf3_grids, read_vmf3_sites
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
 
@@ -109,45 +109,22 @@ class RadioAtmosphere:
             return "GPT3"
         raise self._not_there(station)
 
-    def at(
-        self,
-        stations: Sequence[Station],
-        which: NDArray[np.int32],
-        epochs: Epochs,
-        weather: Observations,
-        wanted: NDArray[np.bool_],
-        weather_is_here: NDArray[np.bool_],
-    ) -> ZenithAir:
-        """Air above stations.
-
-        Parameters
-        ----------
-        stations : sequence of Station
-        which : ndarray of int, shape (n,)
-            Index of each row's station.
-        epochs : Epochs
-            n epochs, TT or UTC.
-        weather : Observations
-            n rows, of which the recorded weather is used.
-        wanted : ndarray of bool, shape (n,)
-            Rows to fill: those of radio signals.
-        weather_is_here : ndarray of bool, shape (n,)
-            Whether the recorded weather is this station's.
+    def at(self, end: LegEnd) -> ZenithAir:
+        """Air above the stations at one end of paths, where signals are radio.
 
         Raises
         ------
         CoverageError, InputError
             The files do not have a station, its place or an epoch; names files and station.
         """
-        n = len(epochs)
-        air = _nothing_filled(n)
-        for i, station in enumerate(stations):
-            rows = np.flatnonzero(wanted & (which == i))
+        air = _nothing_filled(len(end))
+        for i, station in enumerate(end.stations):
+            rows = np.flatnonzero(end.radio & (end.which == i))
             if not len(rows):
                 continue
             files = self.vmf3_files if self.source_of(station) == "VMF3" else self.gpt3_files
             try:
-                self._fill(air, station, rows, epochs[rows], weather, weather_is_here[rows])
+                self._fill(air, station, rows, end)
             except (CoverageError, InputError) as error:
                 error.args = (f"{_named(files)}, for station {station.name}: {error}",)
                 raise
@@ -177,32 +154,21 @@ class RadioAtmosphere:
             "or leave out [model] vmf3"
         )
 
-    def _fill(
-        self,
-        air: ZenithAir,
-        station: Station,
-        rows: NDArray[np.intp],
-        epochs: Epochs,
-        weather: Observations,
-        here: NDArray[np.bool_],
-    ) -> None:
+    def _fill(self, air: ZenithAir, station: Station, rows: NDArray[np.intp], end: LegEnd) -> None:
+        epochs, weather = end.epoch[rows], _recorded_here(end, rows)
         geodetic = geodetic_from_itrf(station.itrf_m)
         place = float(geodetic.latitude_rad), float(geodetic.longitude_rad), float(geodetic.height_m)
         latitude_rad, longitude_rad, height_m = place
-        recorded = [
-            np.where(here, getattr(weather, name)[rows], np.nan)
-            for name in ("pressure_hpa", "temperature_k", "relative_humidity")
-        ]
         found = self._values(station, epochs, place)
         if isinstance(found, Vmf3Values):
             hydrostatic_m, wet_m = found.zenith_hydrostatic_m, found.zenith_wet_m
             above_a_m = found.height_above_a_m
         else:
             hydrostatic_m = zenith_hydrostatic_delay_m(found.pressure_hpa, latitude_rad, height_m)
-            wet_m = _wet_of_climate(found, recorded)
+            wet_m = _wet_of_climate(found, weather)
             above_a_m = np.full(len(rows), height_m)
-        measured = np.flatnonzero(~np.isnan(recorded[0]))
-        hydrostatic_m[measured] = zenith_hydrostatic_delay_m(recorded[0][measured], latitude_rad, height_m)
+        measured = np.flatnonzero(~np.isnan(weather[0]))
+        hydrostatic_m[measured] = zenith_hydrostatic_delay_m(weather[0][measured], latitude_rad, height_m)
         b_h, b_w, c_h, c_w = vmf3_bc(latitude_rad, longitude_rad, day_of_year(epochs))
         air.hydrostatic_m[rows], air.wet_m[rows] = hydrostatic_m, wet_m
         air.hydrostatic_abc[rows] = np.stack([found.hydrostatic_a, b_h, c_h], axis=-1)
@@ -210,16 +176,10 @@ class RadioAtmosphere:
         air.height_above_a_m[rows] = above_a_m
 
 
-def air_without_files(
-    stations: Sequence[Station],
-    which: NDArray[np.int32],
-    weather: Observations,
-    wanted: NDArray[np.bool_],
-    weather_is_here: NDArray[np.bool_],
-) -> ZenithAir:
-    """Air above stations by recorded weather, or else by the standard atmosphere.
+def air_without_files(end: LegEnd) -> ZenithAir:
+    """Air above stations, for radio signals, by recorded weather or else by the standard atmosphere.
 
-    Parameters are those of :meth:`RadioAtmosphere.at`; the epochs are the observations'.
+    The hydrostatic delay needs the pressure only; the wet one temperature and humidity, both or neither.
 
     Raises
     ------
@@ -230,28 +190,30 @@ def air_without_files(
     -----
     Zenith delays of Saastamoinen (Davis et al. 1985), mapping functions of Niell (1996).
     """
-    n = len(which)
-    air = _nothing_filled(n)
-    rows = np.flatnonzero(wanted)
-    places = [geodetic_from_itrf(station.itrf_m) for station in stations]
-    latitude_rad = np.array([float(place.latitude_rad) for place in places])[which[rows]]
-    height_m = np.array([float(place.height_m) for place in places])[which[rows]]
-    recorded = [weather.pressure_hpa[rows], weather.temperature_k[rows], weather.relative_humidity[rows]]
-    missing = ~weather_is_here[rows] | np.isnan(np.stack(recorded)).any(axis=0)
-    standard = standard_weather(height_m)
-    pressure, temperature, humidity = (
-        np.where(missing, instead, value)
-        for value, instead in zip(
-            recorded, (standard.pressure_hpa, standard.temperature_k, standard.relative_humidity), strict=True
-        )
-    )
+    air = _nothing_filled(len(end))
+    rows = np.flatnonzero(end.radio)
+    places = [geodetic_from_itrf(station.itrf_m) for station in end.stations]
+    latitude_rad = end.of_station([float(place.latitude_rad) for place in places])[rows]
+    height_m = end.of_station([float(place.height_m) for place in places])[rows]
+    recorded, standard = _recorded_here(end, rows), standard_weather(height_m)
+    pressure = np.where(np.isnan(recorded[0]), standard.pressure_hpa, recorded[0])
+    dry = np.isnan(recorded[1:]).any(axis=0)
+    temperature = np.where(dry, standard.temperature_k, recorded[1])
+    humidity = np.where(dry, standard.relative_humidity, recorded[2])
     vapour_hpa = water_vapour_pressure_hpa(temperature, humidity, pressure)
-    hydrostatic, wet = niell_coefficients(latitude_rad, day_of_year(weather.epoch[rows]))
+    hydrostatic, wet = niell_coefficients(latitude_rad, day_of_year(end.epoch[rows]))
     air.hydrostatic_m[rows] = zenith_hydrostatic_delay_m(pressure, latitude_rad, height_m)
     air.wet_m[rows] = zenith_wet_delay_m(vapour_hpa, temperature)
     air.hydrostatic_abc[rows], air.wet_abc[rows] = np.stack(hydrostatic, axis=-1), np.stack(wet, axis=-1)
     air.height_above_a_m[rows] = height_m
     return air
+
+
+def _recorded_here(end: LegEnd, rows: NDArray[np.intp]) -> NDArray[np.float64]:
+    """Pressure (hPa), temperature (K) and relative humidity recorded at the stations themselves, else NaN, (3, n)."""
+    weather = end.weather
+    recorded = (weather.pressure_hpa, weather.temperature_k, weather.relative_humidity)
+    return np.where(end.weather_is_here[rows], np.stack([values[rows] for values in recorded]), np.nan)
 
 
 def read_radio_atmosphere(
@@ -273,8 +235,8 @@ def read_radio_atmosphere(
     Raises
     ------
     FileFormatError
-        As :func:`~radioloc.earth.vmf3_files.read_vmf3_sites`, :func:`~radioloc.earth.vmf3_files.read_vmf3_grids` and
-        :func:`~radioloc.earth.gpt3.read_gpt3`.
+        As :func:`~radioloc.media.vmf3_files.read_vmf3_sites`, :func:`~radioloc.media.vmf3_files.read_vmf3_grids` and
+        :func:`~radioloc.media.gpt3.read_gpt3`.
     InputError
         Neither is given, or maps without their heights or heights without maps.
     """
@@ -311,10 +273,10 @@ def _is_map(file: Path) -> bool:
     )
 
 
-def _wet_of_climate(climate: Gpt3Values, recorded: list[NDArray[np.float64]]) -> NDArray[np.float64]:
+def _wet_of_climate(climate: Gpt3Values, recorded: NDArray[np.float64]) -> NDArray[np.float64]:
     """Wet delay of GPT3, by the humidity of the day where that was recorded."""
     pressure_hpa, temperature_k, humidity = recorded
-    measured = np.flatnonzero(~np.isnan(np.stack(recorded)).any(axis=0))
+    measured = np.flatnonzero(~np.isnan(recorded).any(axis=0))
     vapour_hpa = climate.vapour_pressure_hpa.copy()
     vapour_hpa[measured] = water_vapour_pressure_hpa(
         temperature_k[measured], humidity[measured], pressure_hpa[measured]

@@ -4,30 +4,27 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from arc_cases import LASER, epochs_tai, observations
+from arc_cases import LASER
+from legs import end, leg
 
-from radioloc.earth.optical_troposphere import optical_delay
-from radioloc.measurements.troposphere import SlantDelay, troposphere_delay
+from radioloc.media.optical_troposphere import optical_delay
 from radioloc.media.status import Status
-
-
-class Place:
-    """Only what the delay needs of a station."""
-
-    def __init__(self, count):
-        self.latitude_rad, self.height_m = np.full(count, 0.76), np.full(count, 1323.0)
+from radioloc.media.troposphere import Troposphere
 
 
 def delay(elevation_deg, **changes):
-    elevation_rad = np.radians(np.atleast_1d(elevation_deg))
-    table = observations("GRASSE>x>GRASSE", epochs_tai(len(elevation_rad), 1.0), **(LASER | changes))
-    radio = np.zeros(len(elevation_rad), dtype=bool)
-    return troposphere_delay(table, Place(len(elevation_rad)), elevation_rad, radio, None)
+    light = {name: value for name, value in LASER.items() if name != "wavelength_um"}
+    of_light = leg(
+        elevation_deg, radio=False, **({"wavelength_um": LASER["wavelength_um"]} | light | changes)
+    )
+    return Troposphere().delay(of_light, Troposphere().prepare(of_light.end))
 
 
 def test_delay_is_that_of_the_optical_model():
     found = delay([10.0, 45.0, 90.0])
-    expected = optical_delay(np.radians([10.0, 45.0, 90.0]), 780.0, 280.0, 0.3, 0.532, 0.76, 1323.0)
+    expected = optical_delay(
+        leg([10.0, 45.0, 90.0]).elevation.angle_rad, 780.0, 280.0, 0.3, 0.532, 0.76, 1323.0
+    )
     assert found.delay_m.tolist() == expected.total_m.tolist()
     assert found.by_elevation_m_rad.tolist() == expected.elevation_rate_m_rad.tolist()
     assert found.status.tolist() == [Status.OK] * 3
@@ -59,7 +56,11 @@ def test_one_row_does_not_spoil_another():
     assert found.delay_m[2] > 3.0
 
 
-def test_none_is_no_delay_and_no_problem():
-    none = SlantDelay.none(2)
-    assert none.delay_m.tolist() == [0.0, 0.0]
-    assert none.status.tolist() == [Status.OK] * 2
+def test_a_recorded_pressure_alone_is_used():
+    """10 hPa are 23 mm at the zenith, whether or not temperature and humidity were recorded with them."""
+    zenith = leg(90.0)
+    plain, known = (
+        Troposphere().delay(zenith, Troposphere().prepare(some)).delay_m[0]
+        for some in (end(1, pressure_hpa=860.0), end(1, pressure_hpa=870.0))
+    )
+    assert known - plain == pytest.approx(0.0228, abs=1e-4)

@@ -7,9 +7,9 @@ import pytest
 from atmosphere_files import IONEX_LATITUDES, IONEX_LONGITUDES, Field, ionex_text, labelled
 
 from radioloc.earth.geodesy import itrf_from_geodetic
-from radioloc.earth.ionex import IonexMaps, read_ionex
-from radioloc.earth.ionosphere import modified_shell_mapping, pierce_point, thin_shell_mapping
 from radioloc.errors import CoverageError, FileFormatError, InputError
+from radioloc.media.ionex import IonexMaps, read_ionex
+from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, thin_shell_mapping
 from radioloc.time import epochs_from_strings, utc_to_tt
 
 ROUNDING_TECU = 0.06

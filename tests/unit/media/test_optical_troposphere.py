@@ -1,13 +1,13 @@
 import numpy as np
 import pytest
 
-from radioloc.earth.optical_troposphere import (
+from radioloc.errors import InputError
+from radioloc.media.optical_troposphere import (
     mapping_function,
     optical_delay,
     water_vapour_pressure_hpa,
     zenith_delay_m,
 )
-from radioloc.errors import InputError
 
 APACHE_POINT = {
     "pressure_hpa": 725.0,

@@ -1,0 +1,93 @@
+"""Delay by the neutral atmosphere at one end of a path, and why it cannot be had where it cannot.
+
+Light: zenith delay of Mendes and Pavlis with the mapping function FCULa, from recorded weather. Radio: the air above
+the station as :mod:`radioloc.media.radio_atmosphere` has it, which does not depend on where the target is.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.media.checks import LEAST_ELEVATION_RAD, WAVELENGTH_RANGE_UM
+from radioloc.media.medium import Leg, LegDelay, LegEnd
+from radioloc.media.optical_troposphere import optical_delay
+from radioloc.media.radio_atmosphere import RadioAtmosphere, ZenithAir, air_without_files
+from radioloc.media.status import Status, first_of
+
+
+@dataclass(frozen=True, slots=True)
+class Troposphere:
+    """The neutral atmosphere.
+
+    Parameters
+    ----------
+    files : RadioAtmosphere or None
+        Files of VMF3 and GPT3 for radio signals; weather and a standard atmosphere without.
+
+    Notes
+    -----
+    :func:`radioloc.media.optical_troposphere.optical_delay`; for radio IERS Conventions (2010), section 9.2, with
+    what :mod:`radioloc.media.radio_atmosphere` gives.
+    """
+
+    files: RadioAtmosphere | None = None
+
+    name: ClassVar[str] = "troposphere"
+    description: ClassVar[str] = "refraction by the neutral atmosphere at each station"
+    limits_rad: ClassVar[tuple[float, ...]] = (LEAST_ELEVATION_RAD,)
+
+    def prepare(self, end: LegEnd) -> ZenithAir:
+        """The air above the stations that radio signals meet."""
+        return air_without_files(end) if self.files is None else self.files.at(end)
+
+    def delay(self, leg: Leg, prepared: ZenithAir) -> LegDelay:
+        """Delay along the ray, its derivative with respect to elevation and, of radio, to the wet zenith delay."""
+        elevation_rad, radio = leg.elevation.angle_rad, leg.end.radio
+        high_enough = elevation_rad >= LEAST_ELEVATION_RAD
+        status = np.where(high_enough, Status.OK, Status.TOO_LOW).astype(np.int8)
+        delay_m, by_elevation_m_rad, by_zenith_wet = np.zeros((3, len(leg)))
+        if not radio.all():
+            status = np.where(radio, status, first_of(status, _status_of_light(leg.end)))
+            rows = np.flatnonzero(~radio & (status == Status.OK))
+            if len(rows):
+                delay_m[rows], by_elevation_m_rad[rows] = _of_light(leg, rows)
+        wanted = radio & high_enough
+        some: NDArray[np.intp] | slice = slice(None) if wanted.all() else np.flatnonzero(wanted)
+        dry_m, wet_m = prepared.hydrostatic_m[some], prepared.wet_m[some]
+        mapping = prepared.mapping(elevation_rad[some], some)
+        delay_m[some] = dry_m * mapping.hydrostatic + wet_m * mapping.wet
+        by_elevation_m_rad[some] = dry_m * mapping.hydrostatic_rate_rad + wet_m * mapping.wet_rate_rad
+        by_zenith_wet[some] = mapping.wet
+        return LegDelay(delay_m, status, by_elevation_m_rad, by_zenith_wet=by_zenith_wet)
+
+
+def _status_of_light(end: LegEnd) -> NDArray[np.int8]:
+    """Why the optical model cannot be used, but for the elevation."""
+    shortest, longest = WAVELENGTH_RANGE_UM
+    wavelength_um, weather = end.wavelength_um, end.weather
+    wrong = {
+        Status.NO_WAVELENGTH: np.isnan(wavelength_um),
+        Status.WAVELENGTH_OUTSIDE: (wavelength_um < shortest) | (wavelength_um > longest),
+        Status.NO_PRESSURE: np.isnan(weather.pressure_hpa),
+        Status.NO_TEMPERATURE: np.isnan(weather.temperature_k),
+        Status.NO_HUMIDITY: np.isnan(weather.relative_humidity),
+    }
+    return np.select(list(wrong.values()), list(wrong), Status.OK).astype(np.int8)
+
+
+def _of_light(leg: Leg, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    weather = leg.end.weather
+    found = optical_delay(
+        leg.elevation.angle_rad[rows],
+        weather.pressure_hpa[rows],
+        weather.temperature_k[rows],
+        weather.relative_humidity[rows],
+        leg.end.wavelength_um[rows],
+        leg.station.latitude_rad[rows],
+        leg.station.height_m[rows],
+    )
+    return found.total_m, found.elevation_rate_m_rad

@@ -206,7 +206,7 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _convert(options: argparse.Namespace) -> int:
     from radioloc.io.detect import read_observations
-    from radioloc.io.tdm_agreement import TdmAgreement
+    from radioloc.io.tdm import TdmAgreement
     from radioloc.io.write import require_writable, write_observations
 
     require_writable(options.out, options.originator)  # before the reading, which may take long

@@ -4,8 +4,7 @@ import pytest
 from tdm_messages import TWO_WAY, kvn, xml
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.io.tdm import read_tdm
-from radioloc.io.tdm_agreement import TdmAgreement
+from radioloc.io.tdm import TdmAgreement, read_tdm
 
 RECORDS = 1_000_000
 LONGEST_S = 5.0

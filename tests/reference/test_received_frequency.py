@@ -14,9 +14,9 @@ import pytest
 from tdm_messages import THREE_WAY, TWO_WAY, kvn, xml
 
 from radioloc.constants import C_M_S
-from radioloc.io.tdm import parse_tdm
-from radioloc.io.tdm_agreement import TdmAgreement
-from radioloc.io.tdm_observations import tdm_observations
+from radioloc.io.tdm import TdmAgreement, tdm_observations
+from radioloc.io.tdm.kvn import parse_kvn
+from radioloc.io.tdm.xml import parse_xml
 from radioloc.time import epochs_from_strings, utc_to_tai
 
 # 1e-12 of the frequency is 0.3 mm/s, 18 mm in 60 s; what is reached is the digits of the numbers in the message.
@@ -121,9 +121,9 @@ def known_light_s(epoch, link, tag):
 @pytest.mark.parametrize("ramped", [False, True], ids=["constant", "ramped"])
 def test_growth_of_the_path(ramped, metadata, form):
     segment, grown_m = made(metadata, ramped)
-    lines = kvn(segment) if form == "kvn" else xml(segment).split("\n")
+    message = parse_kvn("a.kvn", kvn(segment)) if form == "kvn" else parse_xml("a.xml", xml(segment))
     agreement = TdmAgreement(sigma_m={"doppler": 1e-3}, light_time_s=known_light_s if ramped else None)
-    got = tdm_observations(parse_tdm(f"a.{form}", lines), agreement).observations
+    got = tdm_observations(message, agreement).observations
     assert got.types().tolist() == ["doppler"] * 8
     assert set(got.count_s) == {COUNT_S}
     assert np.abs(grown_m).max() > 1e3  # there is something to find

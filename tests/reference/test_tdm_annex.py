@@ -12,16 +12,15 @@ from tdm_messages import kvn, xml
 
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError
-from radioloc.io.tdm import parse_tdm, read_tdm, read_tdm_file
-from radioloc.io.tdm_agreement import TdmAgreement
-from radioloc.io.tdm_kvn import parse_kvn
-from radioloc.io.tdm_observations import tdm_observations
-from radioloc.io.tdm_write import write_tdm, write_tdm_file
+from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file, tdm_observations
+from radioloc.io.tdm.kvn import parse_kvn
+from radioloc.io.tdm.write import write_tdm, write_tdm_file
+from radioloc.io.tdm.xml import parse_xml
 from radioloc.time import epochs_from_strings, utc_to_tai
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "tdm"
 
-SIGMA_M = {"range": 1.0, "vlbi_delay": 0.1, "doppler": 1e-3}
+SIGMA_M = {"range": 1.0, "vlbi_delay": 0.1, "doppler": 1e-3, "one_way_doppler": 1e-3}
 EPOCH_TOLERANCE_S = 3e-11  # a float of the day's fraction, moved once
 VALUE_TOLERANCE_M = 1e-9  # some floats of 4e6 m
 GROWTH_TOLERANCE_M = 1e-6  # a ratio of frequencies rounded some times (1e-16 each), times one light-second
@@ -70,11 +69,19 @@ def test_ccsds_ndm_finds_the_same_numbers(name):
         )
 
 
-def test_one_way_is_refused():
-    with pytest.raises(
-        FileFormatError, match=r"annex_e1.kvn, line 13: PATH = 2,1 is one-way, which is not modelled"
-    ):
-        read_tdm(DATA / "annex_e1.kvn", TdmAgreement(sigma_m=SIGMA_M))
+def test_one_way_frequencies():
+    """Figure E-1: a spacecraft's reference frequency as received at DSS-25; 77 microseconds of receiver delay."""
+    with pytest.warns(DataQualityWarning):
+        read = read_tdm(DATA / "annex_e1.kvn", TdmAgreement(sigma_m=SIGMA_M))
+    assert read.types().tolist() == ["one_way_doppler"] * 30
+    assert set(read.paths()) == {"yyyy-nnna>DSS-25"}
+    assert seconds_after(read, "2005-06-08T17:41:00") == pytest.approx(
+        np.arange(30.0) - 77e-6, abs=EPOCH_TOLERANCE_S
+    )
+    for second, received_hz in {0: 32021034790.7265, 16: 32021035400.0304}.items():
+        wanted_m = growth_by_hand_m(received_hz, 0.0, 32023442781.733, 0.0, 0.0, 1.0)
+        assert abs(read.value_m[second] - wanted_m) < GROWTH_TOLERANCE_M
+    assert np.isnan(read.uplink_hz).all()
 
 
 def test_four_way_is_refused():
@@ -245,7 +252,7 @@ def test_differenced_doppler_is_refused():
         "INTEGRATION_INTERVAL": "10.0",
         "INTEGRATION_REF": "MIDDLE",
     }
-    with pytest.raises(FileFormatError, match="MODE is SINGLE_DIFF, but data that are differences"):
+    with pytest.raises(FileFormatError, match="RECEIVE_FREQ of MODE = SINGLE_DIFF is not modelled"):
         observations(metadata, ["RECEIVE_FREQ = 2003-07-08T04:45:25.0000          8.738750457763670E+00"])
     with pytest.raises(FileFormatError, match="not a date that exists"):
         observations(metadata, ["TRANSMIT_FREQ_1 = 2003-07-08T04:10:0000          8.435360E+09"])
@@ -320,8 +327,8 @@ def test_two_way_frequency_with_offset():
     assert seconds_after(got, "2010-02-18T16:49:43")[0] == pytest.approx(-5.56e-6, abs=EPOCH_TOLERANCE_S)
 
 
-def test_one_way_with_a_sent_frequency_is_refused():
-    """Figure E-2: a beacon's frequency received on one way."""
+def test_one_way_frequency_with_offset():
+    """Figure E-2: as E-1, the received frequency less an offset."""
     names = {
         "PARTICIPANT_1": "DSS-25",
         "PARTICIPANT_2": "yyyy-nnnA",
@@ -334,8 +341,10 @@ def test_one_way_with_a_sent_frequency_is_refused():
         "TRANSMIT_FREQ_2 = 2005-159T17:41:00 32023442781.733",
         "RECEIVE_FREQ_1 = 2005-159T17:41:00 -409.2735",
     ]
-    with pytest.raises(FileFormatError, match="PATH = 2,1 is one-way, which is not modelled"):
-        observations(names, records)
+    read = observations(names, records).observations
+    wanted_m = growth_by_hand_m(32021035200.0 - 409.2735, 0.0, 32023442781.733, 0.0, 0.0, 1.0)
+    assert abs(read.value_m[0] - wanted_m) < GROWTH_TOLERANCE_M
+    assert read.types().tolist() == ["one_way_doppler"]
 
 
 def test_clocks_alone_are_no_observations():
@@ -418,8 +427,8 @@ def test_every_keyword_is_read(form):
     }
     values = {"RANGE": 768800.1, "DOPPLER_INTEGRATED": 0.1} | helping | dict.fromkeys(NOT_MEASURED, 1)
     segment = (UTC | EVERY_METADATA, [f"{keyword} = {date} {value}" for keyword, value in values.items()])
-    lines = kvn(segment) if form == "kvn" else xml(segment).split("\n")
-    got = tdm_observations(parse_tdm(f"a.{form}", lines), TdmAgreement(sigma_m=SIGMA_M))
+    message = parse_kvn("a.kvn", kvn(segment)) if form == "kvn" else parse_xml("a.xml", xml(segment))
+    got = tdm_observations(message, TdmAgreement(sigma_m=SIGMA_M))
     assert dict(zip(got.observations.types().tolist(), got.observations.value_m.tolist(), strict=True)) == {
         "range": 768800100.0,
         "doppler": 6000.0,

@@ -121,7 +121,7 @@ CASES = {
     ),
     "tdm: NaN modulus": tdm(message(TWO_WAY | {"RANGE_MODULUS": "nan"}), "RANGE_MODULUS", "nan"),
     # What is not modelled
-    "tdm: one-way": tdm(message(TWO_WAY | {"PATH": "2,1"}), "line 9", "one-way"),
+    "tdm: one-way": tdm(message(TWO_WAY | {"PATH": "2,1"}), "line 12", "one_way_range", "sigma_m"),
     "tdm: one-way range mode": tdm(message(TWO_WAY | {"RANGE_MODE": "ONE_WAY"}), "line 10", "ONE_WAY"),
     "tdm: four-way": tdm(message(TWO_WAY | {"PATH": "1,2,1,2,1"}), "line 9", "four-way"),
     "tdm: differenced range": tdm(message(DELAY, RANGES), "SINGLE_DIFF", "not modelled"),

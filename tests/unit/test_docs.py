@@ -19,6 +19,7 @@ from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.estimation.export import solution_dict
 from radioloc.io.solution_files import RESIDUAL_COLUMNS
 from radioloc.io.table_columns import COLUMNS
+from radioloc.io.tdm.message import TYPES
 from radioloc.measurements.terms import TERMS
 from radioloc.media.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.media.mapping_functions import niell
@@ -197,7 +198,7 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
     assert asked.pop("estimate.height_prior") == {"dem", "height_m", "interpolation", "sigma_m"}
     assert asked.pop("model.station_delay_s") == {"KASHI"}
     assert asked.pop("model.station_delay_s.KASHI") == {"transmit", "receive"}
-    assert asked.pop("observations.sigma_m") == {"range", "vlbi_delay", "doppler"}
+    assert asked.pop("observations.sigma_m") == set(TYPES)
     assert documented_keys() == asked
     # The example shows every key but those that exclude each other.
     written = tomllib.loads(example.text)

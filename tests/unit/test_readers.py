@@ -22,8 +22,7 @@ from radioloc.io.detect import read_observations
 from radioloc.io.mini import read_mini
 from radioloc.io.parquet import read_parquet, write_parquet
 from radioloc.io.table import read_table
-from radioloc.io.tdm import read_tdm
-from radioloc.io.tdm_agreement import TdmAgreement
+from radioloc.io.tdm import TdmAgreement, read_tdm
 from radioloc.kernels import find_kernel
 from radioloc.lunar import TerrainModel
 from radioloc.media.gpt3 import read_gpt3

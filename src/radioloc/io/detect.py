@@ -11,10 +11,7 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.io.checks import Catalogue, refuse_duplicates
 from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.mini import looks_like_mini, read_mini
-from radioloc.io.tdm import looks_like_tdm, read_tdm_file
-from radioloc.io.tdm_agreement import TdmAgreement
-from radioloc.io.tdm_file import TdmFile
-from radioloc.io.tdm_observations import tdm_observations
+from radioloc.io.tdm import TdmAgreement, TdmFile, looks_like_tdm, read_tdm_file, tdm_observations
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_blocks, read_lines, starts_with
 

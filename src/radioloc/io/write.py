@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from radioloc.errors import InputError
-from radioloc.io.tdm_write import write_tdm
+from radioloc.io.tdm import write_tdm
 from radioloc.measurements.observations import Observations
 
 ENDINGS = {

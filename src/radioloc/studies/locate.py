@@ -24,7 +24,7 @@ from radioloc.estimation.labels import Labels
 from radioloc.estimation.linearization import ROWS_AT_ONCE
 from radioloc.estimation.solution import Solution
 from radioloc.io.detect import read_observations
-from radioloc.io.tdm_agreement import LightTime
+from radioloc.io.tdm.agreement import LightTime
 from radioloc.kernels import sha256_of
 from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition

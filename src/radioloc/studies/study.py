@@ -15,7 +15,7 @@ from typing import Any
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
-from radioloc.io.tdm_agreement import TdmAgreement
+from radioloc.io.tdm import TdmAgreement
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.equipment_delays import EquipmentDelays

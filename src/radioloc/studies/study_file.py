@@ -12,7 +12,8 @@ import numpy as np
 from radioloc.earth.stations import MOUNTS, Station, StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, StationError
-from radioloc.io.tdm_agreement import TDM_KINDS, TdmAgreement
+from radioloc.io.tdm import TdmAgreement
+from radioloc.io.tdm.message import TYPES
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
@@ -189,7 +190,7 @@ def _observations(table: TomlTable, folder: Path, *, needs_files: bool) -> Obser
         "apply_clocks": table.flag("tdm_apply_clocks"),
     }
     table.finish()
-    sigma_m = {} if sigmas is None else {kind: sigmas.number(kind) for kind in TDM_KINDS}
+    sigma_m = {} if sigmas is None else {kind: sigmas.number(kind) for kind in TYPES}
     if sigmas is not None:
         sigmas.finish()
     tdm = table.build(TdmAgreement, sigma_m={k: v for k, v in sigma_m.items() if v is not None}, **agreed)

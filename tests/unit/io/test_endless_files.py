@@ -8,7 +8,7 @@ from tdm_messages import TWO_WAY, kvn
 from radioloc.errors import FileFormatError
 from radioloc.io.crd import parse_crd
 from radioloc.io.mini import parse_mini
-from radioloc.io.tdm_kvn import parse_kvn
+from radioloc.io.tdm.kvn import parse_kvn
 
 
 def test_crd(crd_lines):

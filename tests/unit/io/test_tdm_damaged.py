@@ -9,8 +9,7 @@ from hypothesis import strategies as st
 from tdm_messages import DELAY, RANGES, THREE_WAY, TWO_WAY, kvn, xml
 
 from radioloc.errors import DataQualityWarning, InputError
-from radioloc.io.tdm import read_tdm
-from radioloc.io.tdm_agreement import TdmAgreement
+from radioloc.io.tdm import TdmAgreement, read_tdm
 
 AGREEMENT = TdmAgreement(
     sigma_m={"range": 1.0, "vlbi_delay": 1.0, "doppler": 1.0}, turnaround=(880, 749), light_time_s=2.5644

@@ -7,8 +7,7 @@ from tdm_messages import RANGES, TWO_WAY, kvn, xml
 
 from radioloc.errors import FileFormatError, InputError, StationError
 from radioloc.io.detect import read_observations
-from radioloc.io.tdm import read_tdm, read_tdm_file
-from radioloc.io.tdm_agreement import TdmAgreement
+from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file
 
 AGREEMENT = TdmAgreement(sigma_m={"range": 2.0})
 TABLE = (

@@ -5,8 +5,8 @@ import pytest
 from tdm_messages import RANGES, THREE_WAY, TWO_WAY, kvn
 
 from radioloc.errors import FileFormatError
-from radioloc.io import tdm_kvn
-from radioloc.io.tdm_kvn import looks_like_kvn, parse_kvn
+from radioloc.io.tdm import kvn as tdm_kvn
+from radioloc.io.tdm.kvn import looks_like_kvn, parse_kvn
 
 
 def read(*segments, **more):
@@ -23,7 +23,7 @@ def test_header_metadata_and_records():
     assert segment.metadata["RANGE_UNITS"] == "km"
     assert segment.metadata["PATH"] == "1,2,3"
     assert segment.data_comments == ("on data",)
-    assert segment.keywords() == ("RANGE",)
+    assert segment.counts() == {"RANGE": 2}
     # Kilometres become metres in the decimal number, not in the float.
     assert segment.value.tolist() == [768800123.4567, 768801500.0]
     assert [lines[n - 1] for n in segment.line] == RANGES

@@ -10,14 +10,19 @@ from tdm_messages import DELAY, RANGES, THREE_WAY, TWO_WAY, kvn
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.tdm_agreement import TdmAgreement
-from radioloc.io.tdm_kvn import parse_kvn
-from radioloc.io.tdm_observations import tdm_observations
+from radioloc.io.tdm import TdmAgreement, tdm_observations
+from radioloc.io.tdm.kvn import parse_kvn
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.link import Link
 from radioloc.time import epochs_from_strings, utc_to_tai
 
-SIGMA_M = {"range": 2.0, "vlbi_delay": 0.3, "doppler": 1e-3}
+SIGMA_M = {
+    "range": 2.0,
+    "vlbi_delay": 0.3,
+    "doppler": 1e-3,
+    "one_way_range": 0.7,
+    "one_way_doppler": 2e-3,
+}
 VALUE_TOLERANCE_M = 5e-7  # some floats of 7.7e8 m
 GROWTH_TOLERANCE_M = 8e-6  # a ratio of frequencies rounded four times (1e-16 each), times 60 light-seconds
 EPOCH_TOLERANCE_S = 3e-11  # a float of the day's fraction, moved once
@@ -194,6 +199,55 @@ def test_light_time_as_a_function():
         )
 
 
+# One-way
+
+ONE_WAY = TWO_WAY | {"PATH": "2,1"}
+ONE_WAY_RANGES = ["RANGE = 2021-03-28T14:00:00 384400.5"]
+
+
+def test_one_way_range():
+    got = read((ONE_WAY, ONE_WAY_RANGES), catalogue=StationCatalogue.default(), range_convention="half")
+    assert got.links == (Link("", "lander", "KASHI"),)
+    assert got.types().tolist() == ["one_way_range"]
+    assert got.value_m.tolist() == [384400500.0]
+    assert got.sigma_m.tolist() == [0.7]
+    assert read((ONE_WAY | {"TIMETAG_REF": "TRANSMIT"}, ONE_WAY_RANGES)).tags().tolist() == ["transmit"]
+    whole = "RANGE is 768800 km one way, but between Earth and Moon it is 329772 to 419709 km"
+    with pytest.raises(FileFormatError, match=f"line 12: {whole}"):
+        read((ONE_WAY, RANGES), catalogue=StationCatalogue.default())
+    got = read((ONE_WAY, RANGES), catalogue=StationCatalogue.default(), lunar=False)
+    assert got.value_m[1] == 768801500.0
+
+
+def test_one_way_delays_and_clocks():
+    delays = {"TRANSMIT_DELAY_2": "4e-6", "RECEIVE_DELAY_1": "2e-6", "RECEIVE_DELAY_2": "1.0"}
+    # The station's clock is 3 microseconds behind UTC, the lander's 5 ahead.
+    clocks = (CLOCK | {"PARTICIPANT_1": "KASHI", "PARTICIPANT_2": "UTC"}, [CLOCK_BIAS.format("3e-6")])
+    lander = (CLOCK | {"PARTICIPANT_1": "UTC", "PARTICIPANT_2": "lander"}, [CLOCK_BIAS.format("5e-6")])
+    for modelled in (EquipmentDelays(), EquipmentDelays(1e-6)):
+        got = read((ONE_WAY | delays, ONE_WAY_RANGES), clocks, lander, modelled=modelled)
+        assert abs(got.value_m[0] - (384400500.0 - C_M_S * (6e-6 - 8e-6))) < VALUE_TOLERANCE_M
+        assert abs(seconds_after(got, "2021-03-28T14:00:00")[0] - (3e-6 - 2e-6)) < EPOCH_TOLERANCE_S
+
+
+def test_one_way_doppler():
+    record = ["DOPPLER_INTEGRATED = 2021-03-28T14:00:00 0.5"]
+    got = read((ONE_WAY | COUNT, record), doppler_convention="half")
+    assert got.types().tolist() == ["one_way_doppler"]
+    assert (got.value_m[0], got.count_s[0], got.sigma_m[0]) == (30000.0, 60.0, 2e-3)
+    value = received_hz(30000.0, 60.0, up_hz=8.4e9, ratio=1.0)
+    sent = ["TRANSMIT_FREQ_2 = 2021-03-28T13:00:00 8.4e9"]
+    records = [f"RECEIVE_FREQ_1 = 2021-03-28T14:00:00 {value!r}"]
+    for segments in (
+        [(ONE_WAY | COUNT, [*sent, *records])],
+        [(ONE_WAY | COUNT, records), (ONE_WAY | {"PARTICIPANT_1": "JIAMUSI"}, sent), (ONE_WAY, sent)],
+    ):
+        got = read(*segments, turnaround=(880, 749))
+        assert abs(got.value_m[0] - 30000.0) < GROWTH_TOLERANCE_M
+        assert np.isnan(got.uplink_hz[0])
+        assert got.wavelength_um[0] == 1e6 * C_M_S / value
+
+
 # VLBI delays
 
 
@@ -219,6 +273,7 @@ def test_delay_of_a_two_way_signal():
 # Clocks
 
 CLOCK = {"TIME_SYSTEM": "UTC", "PARTICIPANT_1": "SESHAN25", "PARTICIPANT_2": "KUNMING"}
+CLOCK_BIAS = "CLOCK_BIAS = 2021-03-28T13:00:00 {}"
 VLBI = (DELAY, ["VLBI_DELAY = 2021-03-28T14:00:00 -1.5e-3", "VLBI_DELAY = 2021-03-28T14:00:10 -1.5e-3"])
 
 
@@ -440,20 +495,23 @@ def test_degraded_data_warn():
 RECEIVED = ["RECEIVE_FREQ_1 = 2021-03-28T14:00:00 8.4e9", "TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.2e9"]
 VLBI_RECORD = ["VLBI_DELAY = 2021-03-28T14:00:00 1e-3"]
 REFUSED = {
-    "one-way": (TWO_WAY | {"PATH": "2,1"}, RANGES, "PATH = 2,1 is one-way, which is not modelled"),
     "four-way": (TWO_WAY | {"PATH": "1,2,1,2,1"}, RANGES, "is four-way or longer, which is not modelled"),
     "target at the end": (TWO_WAY | {"PATH": "1,1,2"}, RANGES, "the target among the stations"),
     "no mode": (TWO_WAY | {"MODE": None}, RANGES, "have no MODE, which the data need"),
     "no path": (TWO_WAY | {"PATH": None}, RANGES, "MODE is SEQUENTIAL, but there is no PATH"),
     "unknown target": (TWO_WAY | {"PARTICIPANT_2": "UNKNOWN"}, RANGES, "the target is UNKNOWN"),
     "impossible name": (TWO_WAY | {"PARTICIPANT_2": "a>b"}, RANGES, "line 7: 'a>b' cannot name a station"),
-    "differenced range": (DELAY, RANGES, "MODE is SINGLE_DIFF, but data that are differences"),
+    "differenced range": (
+        DELAY,
+        RANGES,
+        "RANGE of MODE = SINGLE_DIFF is not modelled; on its path",
+    ),
     "differenced Doppler": (
         DELAY,
         [*VLBI_RECORD, RECEIVED[0]],
         "RECEIVE_FREQ_1 of MODE = SINGLE_DIFF is not modelled",
     ),
-    "delay without difference": (TWO_WAY, VLBI_RECORD, "MODE is SEQUENTIAL, but VLBI_DELAY or DOR goes with"),
+    "delay without difference": (TWO_WAY, VLBI_RECORD, "VLBI_DELAY of MODE = SEQUENTIAL is not modelled"),
     "two targets": (
         DELAY | {"PARTICIPANT_4": "x", "PATH_2": "4,3"},
         VLBI_RECORD,
@@ -472,7 +530,22 @@ REFUSED = {
         VLBI_RECORD,
         "is not applied, and how",
     ),
-    "one-way range": (TWO_WAY | {"RANGE_MODE": "ONE_WAY"}, RANGES, "RANGE_MODE is ONE_WAY"),
+    "one-way range": (
+        TWO_WAY | {"RANGE_MODE": "ONE_WAY"},
+        RANGES,
+        "RANGE_MODE is ONE_WAY, but PATH goes to the",
+    ),
+    "coherent one-way range": (
+        ONE_WAY | {"RANGE_MODE": "COHERENT"},
+        ONE_WAY_RANGES,
+        "RANGE_MODE is COHERENT, but PATH goes from the target to a station",
+    ),
+    "one-way phase": (ONE_WAY, ["RECEIVE_PHASE_CT_1 = 2021-03-28T14:00:00 1.5"], "is not modelled"),
+    "one-way frequency without one sent": (
+        ONE_WAY | COUNT,
+        ["RECEIVE_FREQ_1 = 2021-03-28T14:00:00 8.4e9"],
+        "needs TRANSMIT_FREQ_2 of lander",
+    ),
     "phase": (
         TWO_WAY,
         ["RECEIVE_PHASE_CT_1 = 2021-03-28T14:00:00 1.5"],
@@ -511,7 +584,7 @@ REFUSED = {
     "rate alone": (
         TWO_WAY,
         [*RANGES, "TRANSMIT_FREQ_RATE_1 = 2021-03-28T14:00:00 1"],
-        "without any TRANSMIT_FREQ_1",
+        "TRANSMIT_FREQ_RATE_1 has no TRANSMIT_FREQ_1 at its epoch",
     ),
     "rate elsewhere": (
         TWO_WAY,

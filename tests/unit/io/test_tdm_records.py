@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from radioloc.errors import FileFormatError
 from radioloc.io.dates import utc_from_text
-from radioloc.io.tdm_records import read_records
+from radioloc.io.tdm.records import read_records
 from radioloc.time import epochs_from_strings, tai_to_utc, to_scale, utc_to_tai
 
 # A float of the day's fraction resolves 1e-11 s; a change of scale adds a few of these.

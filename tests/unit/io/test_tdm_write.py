@@ -11,17 +11,16 @@ from tdm_messages import DELAY, RANGES, TWO_WAY, kvn
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.dates import utc_to_text
-from radioloc.io.tdm import read_tdm, read_tdm_file
-from radioloc.io.tdm_agreement import TdmAgreement
-from radioloc.io.tdm_file import TdmHeader
-from radioloc.io.tdm_keywords import DATA, METADATA, exponent_of
-from radioloc.io.tdm_kvn import parse_kvn
-from radioloc.io.tdm_write import _text, tdm_of, write_tdm, write_tdm_file
+from radioloc.io.tdm import TdmAgreement, read_tdm, read_tdm_file
+from radioloc.io.tdm.kvn import parse_kvn
+from radioloc.io.tdm.message import DATA, METADATA, TYPES, TdmHeader, exponent_of
+from radioloc.io.tdm.write import _text, tdm_of, write_tdm, write_tdm_file
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Observations
+from radioloc.measurements.registry import kind_of
 from radioloc.time import Epochs
 
-AGREEMENT = TdmAgreement(sigma_m={"range": 1.0, "vlbi_delay": 1.0, "doppler": 1.0})
+AGREEMENT = TdmAgreement(sigma_m=dict.fromkeys(TYPES, 1.0))
 COLUMNS = (
     "tag",
     "kind",
@@ -37,7 +36,9 @@ LINKS = (
     Link("KASHI", "lander", "KASHI"),
     Link("KASHI", "lander", "JIAMUSI"),
     Link("SESHAN25", "lander", "KUNMING", True),
+    Link("", "lander", "KASHI"),
 )
+ONE_WAY_RANGE, ONE_WAY_DOPPLER = kind_of("one_way_range"), kind_of("one_way_doppler")
 SUFFIXES = ("kvn", "xml")
 
 
@@ -72,16 +73,19 @@ def made(n=6, **columns):
 
 def everything():
     """All kinds, with and without what can be recorded; two of one kind, link and epoch."""
-    n = 24
+    n = 36
     random = np.random.default_rng(5)
-    kind = np.repeat([RANGE, RANGE, DOPPLER, VLBI_DELAY], n // 4)
-    link = np.repeat([0, 1, 1, 2], n // 4)
-    value = np.choose(
-        kind, [7.6e8 + 1e7 * random.random(n), random.normal(0.0, 3e6, n), random.normal(0.0, 3e4, n)]
+    kind = np.repeat([RANGE, RANGE, DOPPLER, VLBI_DELAY, ONE_WAY_RANGE, ONE_WAY_DOPPLER], n // 6)
+    link = np.repeat([0, 1, 1, 2, 3, 3], n // 6)
+    counted = np.isin(kind, [DOPPLER, ONE_WAY_DOPPLER])
+    value = np.select(
+        [kind == RANGE, kind == VLBI_DELAY, kind == ONE_WAY_RANGE],
+        [7.6e8 + 1e7 * random.random(n), random.normal(0.0, 3e6, n), 3.8e8 + 1e7 * random.random(n)],
+        random.normal(0.0, 3e4, n),
     )
     # Delays that come of seconds, and growths that come of rates: what a file can say.
     value = np.where(kind == VLBI_DELAY, C_M_S * (value / C_M_S), value)
-    value = np.where(kind == DOPPLER, 60.0 * (value / 60.0), value)
+    value = np.where(counted, 60.0 * (value / 60.0), value)
     half = np.arange(n) % 2 == 0
     fraction = 0.5 + (np.arange(n) % 6) * np.pi * 1e-4
     fraction[4] = fraction[2]
@@ -92,8 +96,8 @@ def everything():
         link=link,
         value_m=value,
         tag=np.where((kind == RANGE) & (link == 0), 0, 1),
-        count_s=np.where(kind == DOPPLER, 60.0, np.nan),
-        uplink_hz=np.where(half & (kind != VLBI_DELAY), 7.2e9 + random.random(n), np.nan),
+        count_s=np.where(counted, 60.0, np.nan),
+        uplink_hz=np.where(half & (link < 2), 7.2e9 + random.random(n), np.nan),
         wavelength_um=np.where(half, 35500.0 + random.random(n), np.nan),
         pressure_hpa=np.where(kind == RANGE, 870.0 + random.random(n), np.nan),
         temperature_k=np.where(half, 280.0 + random.random(n), np.nan),
@@ -177,7 +181,7 @@ def test_metadata_in_the_order_of_the_standard(tmp_path):
     assert lines[:3] == ["CCSDS_TDM_VERS = 2.0", "COMMENT first", "COMMENT second"]
     assert lines[5] == "MESSAGE_ID = 7"
     metadata = [line.partition(" =")[0] for line in lines[7 : lines.index("META_STOP")]]
-    assert metadata == sorted(metadata, key=METADATA.index)
+    assert metadata == sorted(metadata, key=list(METADATA).index)
 
 
 @pytest.mark.parametrize(
@@ -185,12 +189,16 @@ def test_metadata_in_the_order_of_the_standard(tmp_path):
     [
         ({"tag": 2}, "tagged at the bounce"),
         ({"wavelength_um": 0.532}, "laser light, which the standard leaves out"),
-        ({"kind": DOPPLER, "count_s": 1.0, "tag": 0}, "Doppler tagged at transmission"),
+        ({"kind": ONE_WAY_RANGE, "link": 3, "uplink_hz": 7e9}, "one_way_range with an uplink"),
+        (
+            {"kind": DOPPLER, "count_s": 1.0, "tag": 0},
+            "doppler with transmit time tag, which is not modelled",
+        ),
         (
             {"kind": VLBI_DELAY_RATE, "link": 2, "value_m": 1.0, "count_s": 10.0},
-            "delay rate, for which the standard has no keyword",
+            "vlbi_delay_rate, for which the standard has no keyword",
         ),
-        ({"kind": VLBI_DELAY, "link": 2, "value_m": 1.0, "uplink_hz": 7e9}, "VLBI delay with an uplink"),
+        ({"kind": VLBI_DELAY, "link": 2, "value_m": 1.0, "uplink_hz": 7e9}, "vlbi_delay with an uplink"),
         ({"links": (Link("Fürth", "lander", "Fürth"),)}, "'Fürth' cannot stand in a TDM"),
     ],
 )

@@ -5,9 +5,9 @@ import pytest
 from tdm_messages import DELAY, RANGES, TWO_WAY, kvn, xml
 
 from radioloc.errors import FileFormatError
-from radioloc.io import tdm_xml
-from radioloc.io.tdm_kvn import parse_kvn
-from radioloc.io.tdm_xml import looks_like_xml, parse_xml
+from radioloc.io.tdm import xml as tdm_xml
+from radioloc.io.tdm.kvn import parse_kvn
+from radioloc.io.tdm.xml import looks_like_xml, parse_xml
 
 SEGMENTS = (
     (TWO_WAY, RANGES),

@@ -8,7 +8,7 @@ from arc_cases import epochs_tai
 
 import radioloc
 from radioloc.constants import C_M_S
-from radioloc.io.tdm_write import write_tdm
+from radioloc.io.tdm import write_tdm
 from radioloc.time import tai_to_utc
 
 TARGET = 'frame = "ME_DE421"\nlongitude_deg = -51.9\nlatitude_deg = 43.0\nheight_m = -2550.0\n'

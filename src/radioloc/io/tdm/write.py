@@ -1,8 +1,9 @@
 """Observations as a Tracking Data Message 2.0, KVN or XML.
 
-Ranges are written as RANGE in km, the whole light path; Doppler as DOPPLER_INTEGRATED, the rate of the whole light
-path; VLBI delays as VLBI_DELAY with two paths from the target. Numbers have the digits that give them back to the
-last bit, up to 17, where the standard asks for 16 at most (4.3.4); epochs have up to 12 decimals.
+What each type of observation is written as is said by :data:`radioloc.io.tdm.message.TYPES`: ranges as RANGE in km,
+Doppler as DOPPLER_INTEGRATED (both of the whole path), VLBI delays as VLBI_DELAY with two paths from the target.
+Numbers have the digits that give them back to the last bit, up to 17, where the standard asks for 16 at most (4.3.4);
+epochs have up to 12 decimals.
 
 Not in the standard, and so not written: standard deviations, and where the observations were read from. Whole
 wavelengths become RECEIVE_FREQ or, of a delay, TRANSMIT_FREQ.
@@ -13,7 +14,7 @@ Source: CCSDS 503.0-B-2 (2020), chapters 3 to 5.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from decimal import Decimal
 from html import escape
@@ -25,18 +26,27 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.io.dates import utc_to_text
-from radioloc.io.tdm_file import TdmFile, TdmHeader, TdmSegment
-from radioloc.io.tdm_keywords import CODE, DATA, METADATA, exponent_of
-from radioloc.io.tdm_weather import COLUMNS
+from radioloc.io.tdm.message import (
+    CODE,
+    DATA,
+    METADATA,
+    TYPES,
+    WEATHER,
+    TdmFile,
+    TdmHeader,
+    TdmSegment,
+    exponent_of,
+)
+from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, VLBI_DELAY_RATE, Observations
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.text_files import write_blocks
 from radioloc.time import Epochs
 
 _MICROMETRES = 1e6
 # Light is not radio: laser ranging has its own format, and the standard leaves it out (3.5.2.7, note).
 _SHORTEST_UM = 100.0
-_KEYWORDS = {RANGE: "RANGE", DOPPLER: "DOPPLER_INTEGRATED", VLBI_DELAY: "VLBI_DELAY"}
 _FIXED = range(-5, 16)
 _SHORTEST_DATE = len("2020-12-31T23:59:60.000")
 _ROWS_AT_ONCE = 2**14
@@ -59,7 +69,7 @@ def write_tdm(
 ) -> None:
     """Write observations as a message: XML where the file's name ends in ``.xml``, else KVN.
 
-    :func:`radioloc.io.tdm.read_tdm` gives the rows back to the last bit, ordered by path, kind and time, with the
+    :func:`radioloc.io.tdm.read_tdm` gives the rows back to the last bit, ordered by path, type and time, with the
     standard deviations of its agreement. A value in metres that no VLBI delay in seconds or range rate gives
     exactly comes back as its neighbour.
 
@@ -110,35 +120,37 @@ def tdm_of(observations: Observations, header: TdmHeader) -> TdmFile:
     if len(observations) == 0:
         raise InputError("there are no observations to write")
     _require_writable(observations)
-    segments = [_segment(observations, rows) for rows in _groups(observations)]
+    segments = [_segment(observations.select(rows)) for rows in _groups(observations)]
     return TdmFile("in memory", header, tuple(segments))
 
 
 def _require_writable(observations: Observations) -> None:
-    laser = observations.wavelength_um < _SHORTEST_UM
-    refused = {
-        "is tagged at the bounce; a TDM has time tags at transmission and reception only": (
-            observations.tag == TIME_TAGS.index("bounce")
-        ),
-        "is of laser light, which the standard leaves out; use write_table": laser,
-        "is a VLBI delay rate, for which the standard has no keyword; use write_table": (
-            observations.kind == VLBI_DELAY_RATE
-        ),
-        "is Doppler tagged at transmission, which is not modelled": (
-            (observations.kind == DOPPLER) & (observations.tag != TIME_TAGS.index("receive"))
-        ),
-        "is a VLBI delay with an uplink; leave that out": (
-            (observations.kind == VLBI_DELAY) & ~np.isnan(observations.uplink_hz)
-        ),
-    }
-    for problem, rows in refused.items():
+    def refuse(rows: NDArray[np.bool_], problem: str) -> None:
         if rows.any():
             row = int(np.argmax(rows))
             raise InputError(f"observation {row + 1} ({observations.origin(row)}) {problem}")
 
+    bounce = observations.tag == TIME_TAGS.index("bounce")
+    refuse(bounce, "is tagged at the bounce; a TDM has time tags at transmission and reception only")
+    laser = observations.wavelength_um < _SHORTEST_UM
+    refuse(laser, "is of laser light, which the standard leaves out; use write_table")
+    for kind in np.unique(observations.kind).tolist():
+        mine, name = observations.kind == kind, KINDS[kind]
+        if name not in TYPES:
+            refuse(mine, f"is a {name}, for which the standard has no keyword; use write_table")
+        for code, tag in enumerate(TIME_TAGS):
+            if tag not in TYPES[name].tags:
+                refuse(
+                    mine & (observations.tag == code),
+                    f"is a {name} with {tag} time tag, which is not modelled",
+                )
+        if not MEASUREMENTS[name].form.startswith("transmitter"):
+            refuse(mine & ~np.isnan(observations.uplink_hz), f"is a {name} with an uplink; leave that out")
+
 
 def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
     """Rows of each segment: alike in all that metadata say and in what is recorded, in order of time."""
+    differenced = np.array([link.differenced for link in observations.links])[observations.link]
     alike = [
         observations.link,
         observations.kind,
@@ -147,8 +159,8 @@ def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
         np.isnan(observations.uplink_hz),
         np.isnan(observations.wavelength_um),
         # A delay's one frequency stands for its whole segment.
-        np.where(observations.kind == VLBI_DELAY, np.nan_to_num(observations.wavelength_um), 0.0),
-        *(np.isnan(getattr(observations, column)) for column in COLUMNS.values()),
+        np.where(differenced, np.nan_to_num(observations.wavelength_um), 0.0),
+        *(np.isnan(getattr(observations, column)) for column in WEATHER.values()),
     ]
     group = np.zeros(len(observations), dtype=np.int64)
     for key in alike:
@@ -167,41 +179,44 @@ def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
     yield from np.split(order[again], np.flatnonzero((np.diff(keys) != 0).any(axis=0)) + 1)
 
 
-def _segment(observations: Observations, rows: NDArray[np.intp]) -> TdmSegment:
-    part = observations.select(rows)
-    kind, link = int(part.kind[0]), part.links[part.link[0]]
+def _participants(link: Link) -> tuple[tuple[str, ...], int, dict[str, str]]:
+    """Names of the participants, the receiver's number among them, and what the metadata say of the path."""
+    if link.differenced:
+        paths = {"MODE": "SINGLE_DIFF", "PATH_1": "1,2", "PATH_2": "1,3"}
+        return (link.target, link.transmitter, link.receiver), 3, paths
+    if not link.transmitter:
+        return (link.receiver, link.target), 1, {"MODE": "SEQUENTIAL", "PATH": "2,1"}
+    if link.transmitter == link.receiver:
+        return (link.transmitter, link.target), 1, {"MODE": "SEQUENTIAL", "PATH": "1,2,1"}
+    return (link.transmitter, link.target, link.receiver), 3, {"MODE": "SEQUENTIAL", "PATH": "1,2,3"}
+
+
+def _segment(part: Observations) -> TdmSegment:
+    """Segment of observations that are alike."""
+    link, keyword = part.links[part.link[0]], TYPES[KINDS[part.kind[0]]].keywords[0]
     dates = _date_texts(part.epoch[[0, -1]]).tolist()
     metadata = {"TIME_SYSTEM": "UTC", "START_TIME": dates[0], "STOP_TIME": dates[1]}
-    if kind == VLBI_DELAY:
-        names = (link.target, link.transmitter, link.receiver)
-        metadata |= {"MODE": "SINGLE_DIFF", "PATH_1": "1,2", "PATH_2": "1,3"}
-    else:
-        two_way = link.transmitter == link.receiver
-        names = (link.transmitter, link.target, *(() if two_way else (link.receiver,)))
-        metadata |= {"MODE": "SEQUENTIAL", "PATH": "1,2,1" if two_way else "1,2,3"}
-    metadata |= {f"PARTICIPANT_{n}": name for n, name in enumerate(names, start=1)}
+    names, receiver, paths = _participants(link)
+    metadata |= paths | {f"PARTICIPANT_{n}": name for n, name in enumerate(names, start=1)}
     metadata["TIMETAG_REF"] = TIME_TAGS[part.tag[0]].upper()
     values: dict[str, NDArray[np.float64]] = {}
-    received_hz = _inverse(
-        part.wavelength_um, lambda hz: _MICROMETRES * C_M_S / hz, _MICROMETRES * C_M_S / part.wavelength_um
-    )
-    if kind == RANGE:
+    if keyword == "RANGE":
         metadata |= {"RANGE_MODULUS": "0.0", "RANGE_UNITS": "km"}
-        values["RANGE"] = part.value_m
-    elif kind == DOPPLER:
+        metadata |= {} if link.transmitter else {"RANGE_MODE": "ONE_WAY"}
+        values[keyword] = part.value_m
+    elif keyword == "DOPPLER_INTEGRATED":
         count_s = float(part.count_s[0])
         metadata |= {"INTEGRATION_INTERVAL": _text(count_s, 0), "INTEGRATION_REF": "MIDDLE"}
-        values["DOPPLER_INTEGRATED"] = _inverse(
-            part.value_m, lambda rate: count_s * rate, part.value_m / count_s
-        )
+        values[keyword] = _inverse(part.value_m, lambda rate: count_s * rate, part.value_m / count_s)
     else:
-        values["VLBI_DELAY"] = _inverse(part.value_m, lambda delay: C_M_S * delay, part.value_m / C_M_S)
-    if kind == VLBI_DELAY:
+        values[keyword] = _inverse(part.value_m, lambda delay: C_M_S * delay, part.value_m / C_M_S)
+    c_um_s = _MICROMETRES * C_M_S
+    received_hz = _inverse(part.wavelength_um, lambda hz: c_um_s / hz, c_um_s / part.wavelength_um)
+    if link.differenced:
         values["TRANSMIT_FREQ_1"] = received_hz[:1]
     else:
-        values["TRANSMIT_FREQ_1"] = part.uplink_hz
-        values[f"RECEIVE_FREQ_{1 if two_way else 3}"] = received_hz
-    values |= {keyword: getattr(part, column) for keyword, column in COLUMNS.items()}
+        values |= {"TRANSMIT_FREQ_1": part.uplink_hz, f"RECEIVE_FREQ_{receiver}": received_hz}
+    values |= {keyword: getattr(part, column) for keyword, column in WEATHER.items()}
     records = [
         (np.full(len(places), CODE[keyword], dtype=np.int8), places, column[places])
         for keyword, column in values.items()
@@ -209,14 +224,8 @@ def _segment(observations: Observations, rows: NDArray[np.intp]) -> TdmSegment:
     ]
     code, place, value = (np.concatenate(column) for column in zip(*records, strict=True))
     order = np.lexsort((code, place))
-    return TdmSegment(
-        metadata,
-        code[order],
-        part.epoch[place[order]],
-        value[order],
-        {},
-        np.zeros(len(order), dtype=np.int32),
-    )
+    line = np.zeros(len(order), dtype=np.int32)
+    return TdmSegment(metadata, code[order], part.epoch[place[order]], value[order], {}, line)
 
 
 def _places(keyword: str, column: NDArray[np.float64]) -> NDArray[np.intp]:
@@ -245,77 +254,49 @@ def _inverse(
     return np.select([forward(candidate) == wanted for candidate in near], near, default=guess)
 
 
+# Syntax
+
+
 def _kvn_blocks(message: TdmFile) -> Iterator[bytes]:
     header = message.header
-    yield _lines(
-        [
-            "CCSDS_TDM_VERS = 2.0",
-            *(f"COMMENT {_printable(comment)}" for comment in _split_lines(header.comments)),
-            *(f"{keyword} = {value}" for keyword, value in _header_fields(header).items()),
-        ]
-    )
+    yield _lines("CCSDS_TDM_VERS = 2.0", *_comments(header.comments), *_assignments(_header_fields(header)))
     for segment in message.segments:
-        yield _lines(
-            [
-                "META_START",
-                *(f"COMMENT {_printable(comment)}" for comment in _split_lines(segment.comments)),
-                *(f"{keyword} = {value}" for keyword, value in _metadata_fields(segment).items()),
-                "META_STOP",
-                "DATA_START",
-                *(f"COMMENT {_printable(comment)}" for comment in _split_lines(segment.data_comments)),
-            ]
-        )
-        yield from _record_lines(segment, lambda keyword: ("", f"{keyword} = ", " ", ""))
-        yield _lines(["DATA_STOP"])
+        yield _lines("META_START", *_comments(segment.comments), *_assignments(_metadata_fields(segment)))
+        yield _lines("META_STOP", "DATA_START", *_comments(segment.data_comments))
+        yield from _records(segment, ("{} = ", " ", ""))
+        yield _lines("DATA_STOP")
 
 
 def _xml_blocks(message: TdmFile) -> Iterator[bytes]:
     header = message.header
     yield _lines(
-        [
-            _XML_START,
-            "<header>",
-            *_elements(("COMMENT", _printable(comment)) for comment in _split_lines(header.comments)),
-            *_elements(_header_fields(header).items()),
-            "</header>",
-            "<body>",
-        ]
+        _XML_START, "<header>", *_elements(header.comments, _header_fields(header)), "</header>", "<body>"
     )
     for segment in message.segments:
-        yield _lines(
-            [
-                "<segment>",
-                "<metadata>",
-                *_elements(("COMMENT", _printable(text)) for text in _split_lines(segment.comments)),
-                *_elements(_metadata_fields(segment).items()),
-                "</metadata>",
-                "<data>",
-                *_elements(("COMMENT", _printable(text)) for text in _split_lines(segment.data_comments)),
-            ]
-        )
-        yield from _record_lines(
-            segment,
-            lambda keyword: (
-                "<observation><EPOCH>",
-                "",
-                f"</EPOCH><{keyword}>",
-                f"</{keyword}></observation>",
-            ),
-        )
-        yield _lines(["</data>", "</segment>"])
-    yield _lines(["</body>", "</tdm>"])
+        fields = _elements(segment.comments, _metadata_fields(segment))
+        yield _lines("<segment>", "<metadata>", *fields, "</metadata>", "<data>")
+        yield _lines(*_elements(segment.data_comments, {}))
+        yield from _records(segment, ("<observation><EPOCH>", "</EPOCH><{}>", "</{}></observation>"))
+        yield _lines("</data>", "</segment>")
+    yield _lines("</body>", "</tdm>")
 
 
-def _lines(texts: Sequence[str]) -> bytes:
+def _lines(*texts: str) -> bytes:
     return "".join(f"{text}\n" for text in texts).encode()
 
 
-def _elements(fields: Iterable[tuple[str, str]]) -> Iterator[str]:
-    return (f"<{keyword}>{escape(value, quote=False)}</{keyword}>" for keyword, value in fields)
+def _comments(comments: Iterable[str]) -> Iterator[str]:
+    return (f"COMMENT {_printable(line)}" for comment in comments for line in comment.split("\n"))
 
 
-def _split_lines(comments: Iterable[str]) -> Iterator[str]:
-    return (line for comment in comments for line in comment.split("\n"))
+def _assignments(fields: dict[str, str]) -> Iterator[str]:
+    return (f"{keyword} = {value}" for keyword, value in fields.items())
+
+
+def _elements(comments: Iterable[str], fields: dict[str, str]) -> Iterator[str]:
+    pairs = [("COMMENT", _printable(line)) for comment in comments for line in comment.split("\n")]
+    pairs += fields.items()
+    return (f"<{keyword}>{escape(value, quote=False)}</{keyword}>" for keyword, value in pairs)
 
 
 def _header_fields(header: TdmHeader) -> dict[str, str]:
@@ -325,7 +306,7 @@ def _header_fields(header: TdmHeader) -> dict[str, str]:
 
 
 def _metadata_fields(segment: TdmSegment) -> dict[str, str]:
-    metadata: Mapping[str, str] = {**segment.metadata, "TIME_SYSTEM": "UTC"}
+    metadata = {**segment.metadata, "TIME_SYSTEM": "UTC"}
     return {keyword: _value(keyword, metadata[keyword]) for keyword in METADATA if keyword in metadata}
 
 
@@ -341,46 +322,30 @@ def _printable(text: str) -> str:
     return text
 
 
-def _record_lines(segment: TdmSegment, around: Callable[[str], tuple[str, str, str, str]]) -> Iterator[bytes]:
-    """Records as lines: what stands before the epoch (two texts), between it and the value, and behind."""
-    from pyarrow import array, compute
+def _records(segment: TdmSegment, around: tuple[str, str, str]) -> Iterator[bytes]:
+    """Records as lines: what stands before the epoch, between it and the value, and behind (``{}``: keyword)."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
 
-    first, second, between, behind = (array(texts) for texts in zip(*map(around, DATA), strict=True))
+    before, between, behind = (pa.array([text.format(keyword) for keyword in DATA]) for text in around)
     units = segment.metadata.get("RANGE_UNITS", "km")
     for start in range(0, len(segment.line), _ROWS_AT_ONCE):
         rows = slice(start, start + _ROWS_AT_ONCE)
         code, value = segment.keyword[rows], segment.value[rows]
-        values = np.empty(len(code), dtype=object)
+        texts = np.empty(len(code), dtype=object)
         for keyword in np.unique(code).tolist():
             mine = code == keyword
-            values[mine] = _value_texts(value[mine], exponent_of(DATA[keyword], units))
-        place = array(code)
-        lines = compute.binary_join_element_wise(
-            *(texts.take(place) for texts in (first, second)),
-            array(_date_texts(segment.epoch[rows])),
+            texts[mine] = _value_texts(value[mine], exponent_of(DATA[keyword], units))
+        place = pa.array(code)
+        lines = pc.binary_join_element_wise(
+            before.take(place),
+            pa.array(_date_texts(segment.epoch[rows])),
             between.take(place),
-            array(values, "string"),
+            pa.array(texts, pa.string()),
             behind.take(place),
             "",
         )
-        yield _lines(lines.to_pylist())
-
-
-def _value_texts(values: NDArray[np.float64], exponent: int) -> list[str]:
-    """As :func:`_text`, of many numbers."""
-    from pyarrow import array, compute
-
-    if exponent < 0:
-        return [_text(value, exponent) for value in values.tolist()]
-    # The point moves to the left in what Arrow writes; numbers of unusual size are left to Python.
-    form = rf"^(?P<sign>-?)(?P<whole>\d*?)(?P<moved>\d{{0,{exponent}}})(?:\.(?P<part>\d+))?$"
-    found = compute.extract_regex(array(values).cast("string"), form)
-    sign, whole, moved, part = found.flatten()
-    part = compute.binary_join_element_wise(compute.utf8_lpad(moved, exponent, "0"), part, "")
-    part = compute.utf8_lpad(compute.utf8_rtrim(part, "0"), 1, "0")
-    whole = compute.utf8_lpad(whole, 1, "0")
-    texts = compute.binary_join_element_wise(sign, whole, ".", part, "").to_pylist()
-    return [_text(v, exponent) if t is None else t for t, v in zip(texts, values.tolist(), strict=True)]
+        yield _lines(*lines.to_pylist())
 
 
 def _date_texts(utc: Epochs) -> NDArray[np.str_]:
@@ -388,6 +353,22 @@ def _date_texts(utc: Epochs) -> NDArray[np.str_]:
     texts = utc_to_text(utc)
     short = np.strings.rstrip(texts, "0")
     return np.where(np.strings.str_len(short) < _SHORTEST_DATE, texts.astype(f"U{_SHORTEST_DATE}"), short)
+
+
+def _value_texts(values: NDArray[np.float64], exponent: int) -> list[str]:
+    """As :func:`_text`, of many numbers."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    if exponent < 0:
+        return [_text(value, exponent) for value in values.tolist()]
+    # The point moves to the left in what Arrow writes; numbers of unusual size are left to Python.
+    form = rf"^(?P<sign>-?)(?P<whole>\d*?)(?P<moved>\d{{0,{exponent}}})(?:\.(?P<part>\d+))?$"
+    sign, whole, moved, part = pc.extract_regex(pa.array(values).cast(pa.string()), form).flatten()
+    part = pc.binary_join_element_wise(pc.utf8_lpad(moved, exponent, "0"), part, "")
+    part = pc.utf8_lpad(pc.utf8_rtrim(part, "0"), 1, "0")
+    texts = pc.binary_join_element_wise(sign, pc.utf8_lpad(whole, 1, "0"), ".", part, "").to_pylist()
+    return [_text(v, exponent) if t is None else t for t, v in zip(texts, values.tolist(), strict=True)]
 
 
 def _text(value: float, exponent: int) -> str:

@@ -13,20 +13,16 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.io.tdm_keywords import LONGEST_S
+from radioloc.io.tdm.message import LONGEST_S, TYPES
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.link import Link
-from radioloc.measurements.registry import KINDS
 from radioloc.time import Epochs
 
 CONVENTIONS = ("round_trip", "half")
-"""Whether RANGE and DOPPLER_* mean the whole light path or half of it (annex D, items 31 and 32)."""
-
-TDM_KINDS = tuple(kind for kind in KINDS if kind != "vlbi_delay_rate")
-"""Kinds of observation that a message can hold; of delay rates the standard knows nothing."""
+"""Whether RANGE and DOPPLER_* mean the round trip or half of it (annex D, items 31 and 32)."""
 
 LightTime = Callable[[Epochs, Link, str], ArrayLike]
-"""Whole light times, s, of epochs (UTC) on a link, tagged ``"transmit"`` or ``"receive"``."""
+"""Light times over all legs, s, of epochs (UTC) on a link, tagged ``"transmit"`` or ``"receive"``."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,13 +32,13 @@ class TdmAgreement:
     Parameters
     ----------
     sigma_m : mapping of str to float
-        Standard deviation of each kind of observation (``"range"``, ``"vlbi_delay"``, ``"doppler"``), m: the
-        standard has no keyword for it. Of the whole light path, and for Doppler of its growth over the count
-        interval.
+        Standard deviation of each type of observation (``"range"``, ``"vlbi_delay"``, ``"doppler"``, ...), m: the
+        standard has no keyword for it. Of the round trip where there is one, and for Doppler of the range difference
+        over the count interval.
     range_convention : {"round_trip", "half"}
-        What RANGE is: the whole light path, or half of it.
+        What RANGE of a two- or three-way path is: the light path there and back, or half of it.
     doppler_convention : {"round_trip", "half"}
-        What DOPPLER_INTEGRATED and DOPPLER_INSTANTANEOUS are: the rate of the whole light path, or half of it.
+        What DOPPLER_INTEGRATED and DOPPLER_INSTANTANEOUS of such a path are: its rate, or half of it.
     range_unit_s : float, optional
         Length of one range unit (RANGE_UNITS = RU), s of time of flight, of whatever RANGE is by its convention.
     turnaround : tuple of int, optional
@@ -54,10 +50,10 @@ class TdmAgreement:
         Delays that the model has, of the transponder or of a station on the way out or in: those that a file states of
         them stay in its data, so that none counts twice.
     apply_clocks : bool
-        Correct time tags, three-way ranges and VLBI delays by CLOCK_BIAS and CLOCK_DRIFT.
+        Correct time tags, VLBI delays and ranges between two clocks by CLOCK_BIAS and CLOCK_DRIFT.
     light_time_s : float or callable, optional
-        Whole light time, s, known beforehand: a number, or a function of epochs (UTC, n), link and time tag that
-        gives n of them. It settles how often a range has gone through its modulus, and when a received
+        Light time over all legs, s, known beforehand: a number, or a function of epochs (UTC, n), link and time tag
+        that gives n of them. It settles how often a range has gone through its modulus, and when a received
         frequency was sent where the uplink is not constant.
     lunar : bool
         Whether the target is at the Moon, so that a range of another length is a mistake.
@@ -81,10 +77,9 @@ class TdmAgreement:
 
     def __post_init__(self) -> None:
         for kind, sigma in self.sigma_m.items():
-            if kind not in TDM_KINDS:
-                raise InputError(
-                    f"sigma_m: {kind!r} is not a kind of observation of a TDM; use {', '.join(TDM_KINDS)}"
-                )
+            if kind not in TYPES:
+                known = ", ".join(TYPES)
+                raise InputError(f"sigma_m: {kind!r} is not a kind of observation of a TDM; use {known}")
             if not (math.isfinite(sigma) and sigma > 0.0):
                 raise InputError(f"sigma_m: {kind} is {sigma}, but must be finite and above zero, in metres")
         for name in ("range_convention", "doppler_convention"):
@@ -100,24 +95,8 @@ class TdmAgreement:
         if light is not None and not callable(light) and not 0.0 < light < LONGEST_S:
             raise InputError(f"light_time_s = {light!r}; give seconds above zero, up to a day, or a function")
 
-    def sigma_of(self, kind: str) -> float:
-        """Standard deviation of a kind of observation, m.
-
-        Raises
-        ------
-        InputError
-            It was not given.
-        """
-        if kind not in self.sigma_m:
-            raise InputError(
-                f"a TDM says nothing of uncertainties, and it holds {kind} observations: "
-                f"give sigma_m = {{{kind!r}: ...}} (in a study file "
-                f"sigma_m = {{ {kind} = ... }}, to radioloc convert --sigma {kind}=...), metres of the whole light path"
-            )
-        return float(self.sigma_m[kind])
-
     def known_light_time_s(self, epoch: Epochs, link: Link, tag: str) -> NDArray[np.float64] | None:
-        """Whole light times known beforehand, s, shape (n,); None where nothing was given.
+        """Light times known beforehand, s, shape (n,); None where nothing was given.
 
         Raises
         ------

@@ -1,9 +1,8 @@
-"""Observations from Tracking Data Messages.
+"""Observations from Tracking Data Messages: what the segments mean.
 
-What becomes an observation: RANGE, DOPPLER_INTEGRATED, DOPPLER_INSTANTANEOUS and RECEIVE_FREQ of two- and three-way
-paths, VLBI_DELAY and DOR of two stations. What helps: TRANSMIT_FREQ, CLOCK_BIAS, weather, in whatever segment. What
-says nothing to the models (angles, powers, magnitudes, media) is counted and passed over. What measures the path
-in a way that is not modelled is refused.
+What becomes an observation is said by :data:`radioloc.io.tdm.message.TYPES`. What helps: TRANSMIT_FREQ, CLOCK_BIAS,
+weather, in whatever segment. What says nothing to the models (angles, powers, magnitudes, media) is counted and passed
+over. What measures the path in a way that is not modelled is refused.
 
 Source: CCSDS 503.0-B-2 (2020), sections 3.3 to 3.5.
 """
@@ -21,13 +20,20 @@ import numpy as np
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.checks import Catalogue, refuse_duplicates
-from radioloc.io.tdm_agreement import TdmAgreement
-from radioloc.io.tdm_clocks import Clocks
-from radioloc.io.tdm_file import TdmFile, TdmSegment
-from radioloc.io.tdm_frequencies import Sent
-from radioloc.io.tdm_keywords import CODE, DATA, DELAYS, MEASURED, NOT_MODELLED, RANGE_RATES, RECEIVED
-from radioloc.io.tdm_measurements import SegmentReader, Shared
-from radioloc.io.tdm_paths import Names
+from radioloc.io.tdm.agreement import TdmAgreement
+from radioloc.io.tdm.message import (
+    MEASURED,
+    RANGE_RATES,
+    RECEIVED,
+    TdmFile,
+)
+from radioloc.io.tdm.segment import SegmentReader, Shared
+from radioloc.io.tdm.series import (
+    Names,
+    Placed,
+    SentFrequencies,
+    clocks_of,
+)
 from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs
 
@@ -89,61 +95,48 @@ def tdm_observations(
     messages = [files] if isinstance(files, TdmFile) else list(files)
     if not messages:
         raise InputError("no TDM was given; give at least one")
-    segments = [(file, segment) for file in messages for segment in file.segments]
+    parts = [(file, segment) for file in messages for segment in file.segments]
+    segments = [Placed(file, segment, place) for place, (file, segment) in enumerate(parts)]
     names = Names(catalogue)
-    shared = Shared(
-        segments,
-        tuple(dict.fromkeys(file.path for file in messages)),
-        agreement,
-        names,
-        Sent.of(segments, names, delays_removed=agreement.delays_removed),
-        Clocks.of(segments if agreement.apply_clocks else [], names),
-    )
+    sent = SentFrequencies.of(segments, names, delays_removed=agreement.delays_removed)
+    clocks = clocks_of(segments if agreement.apply_clocks else [], names)
+    shared = Shared(segments, agreement, names, sent, clocks)
     # What overflows becomes infinite and is refused with its line.
     with np.errstate(over="ignore", invalid="ignore"):
-        for place, (file, segment) in enumerate(segments):
-            _read_segment(shared, place, file, segment)
+        for placed in segments:
+            _read_segment(shared, placed)
     readout = _readout(shared)
-    _log.info("%s\n%s", ", ".join(shared.files), readout.summary())
+    _log.info("%s\n%s", ", ".join(readout.observations.files), readout.summary())
     return readout
 
 
-def _read_segment(shared: Shared, place: int, file: TdmFile, segment: TdmSegment) -> None:
+def _read_segment(shared: Shared, placed: Placed) -> None:
     """Add the observations of one segment."""
-    held = [keyword for keyword in segment.keywords() if keyword in MEASURED]
+    metadata, held = placed.segment.metadata, [k for k in placed.segment.counts() if k in MEASURED]
     # Beside range rates, or beside ranges and without a count interval, a received frequency is no measurement.
-    beside = {"RANGE", *RANGE_RATES} if "INTEGRATION_INTERVAL" not in segment.metadata else {*RANGE_RATES}
+    beside = {*RANGE_RATES, *(["RANGE"] if "INTEGRATION_INTERVAL" not in metadata else [])}
     measured = [keyword for keyword in held if keyword not in RECEIVED or not beside & set(held)]
     if not measured:
         return
-    part = SegmentReader(shared, place, file.path, segment, delay=bool(set(measured) & set(DELAYS)))
-    if segment.metadata.get("DATA_QUALITY") == "DEGRADED":
-        where = f"{file.path}, line {segment.line_of('DATA_QUALITY')}"
+    part = SegmentReader(shared, placed)
+    if metadata.get("DATA_QUALITY") == "DEGRADED":
+        where = f"{placed.file.path}, line {placed.segment.line_of('DATA_QUALITY')}"
         warnings.warn(f"{where}: DATA_QUALITY is DEGRADED", DataQualityWarning, stacklevel=4)
     for keyword in measured:
-        shared.used.add((place, keyword))
-        if part.signal.link.differenced and keyword not in DELAYS:
-            problem = (
-                f"{keyword} of MODE = SINGLE_DIFF is not modelled; differenced are only VLBI_DELAY and DOR"
-            )
-            raise part.fail(keyword, problem)
-        if keyword in NOT_MODELLED:
-            raise part.fail(keyword, f"{keyword} is not modelled; convert it to RECEIVE_FREQ or leave it out")
-        if keyword == "RANGE":
-            part.add_ranges()
-        elif keyword in RANGE_RATES:
-            part.add_range_rates(keyword)
-        elif keyword in DELAYS:
-            part.add_delays(keyword)
-        else:
-            part.add_received(keyword)
+        shared.used.add((placed.place, keyword))
+        part.read(keyword)
 
 
 def _readout(shared: Shared) -> TdmReadout:
+    counts = [placed.segment.counts() for placed in shared.segments]
+    files = tuple(dict.fromkeys(placed.file.path for placed in shared.segments))
     if not shared.columns:
-        held = ", ".join(sorted({k for _, segment in shared.segments for k in segment.keywords()}))
-        raise FileFormatError(shared.files[0], f"holds no range, Doppler or VLBI delay, only {held}")
+        held = ", ".join(sorted({keyword for count in counts for keyword in count}))
+        raise FileFormatError(files[0], f"holds no range, Doppler or VLBI delay, only {held}")
     epoch = Epochs.concatenate([part.pop("epoch") for part in shared.columns])
+    file = np.concatenate(
+        [np.full(len(part["line"]), files.index(part.pop("path"))) for part in shared.columns]
+    )
     # A column that is joined is let go; one that need not be joined may be a single number for all of its rows.
     joined: dict[str, Any] = {
         name: np.concatenate(parts) if len(parts) > 1 else parts[0]
@@ -151,16 +144,10 @@ def _readout(shared: Shared) -> TdmReadout:
         for parts in [[part.pop(name) for part in shared.columns]]
     }
     observations = Observations.from_columns(
-        epoch=epoch,
-        links=tuple(shared.links),
-        files=shared.files,
-        **joined,
+        epoch=epoch, links=tuple(shared.links), files=files, file=file, **joined
     )
     refuse_duplicates(observations)
     ignored: Counter[str] = Counter()
-    for place, (_, segment) in enumerate(shared.segments):
-        counts = np.bincount(segment.keyword, minlength=len(DATA))
-        for keyword in segment.keywords():
-            if (place, keyword) not in shared.used:
-                ignored[keyword] += int(counts[CODE[keyword]])
+    for placed, count in zip(shared.segments, counts, strict=True):
+        ignored.update({k: n for k, n in count.items() if (placed.place, k) not in shared.used})
     return TdmReadout(observations, dict(ignored), tuple(dict.fromkeys(shared.notes)))

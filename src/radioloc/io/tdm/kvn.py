@@ -1,0 +1,172 @@
+"""Tracking Data Messages in "keyword = value" notation (KVN): text to :class:`radioloc.io.tdm.message.TdmFile`.
+
+Source: CCSDS 503.0-B-2 (2020), chapter 4.
+"""
+
+from __future__ import annotations
+
+import operator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import partial
+from itertools import chain, islice, takewhile
+from pathlib import Path
+
+import numpy as np
+
+from radioloc.errors import FileFormatError
+from radioloc.io.tdm.message import (
+    Records,
+    TdmFile,
+    TdmSegment,
+    checked_header,
+    checked_metadata,
+    checked_segment,
+)
+from radioloc.io.tdm.records import read_records
+
+_HEADER = ("CCSDS_TDM_VERS", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
+_RECORD = r"^(?P<keyword>[!-<>-~]+)[ \t]*=[ \t]*(?P<epoch>[!-<>-~]+)[ \t]+(?P<value>[!-<>-~]+)$"
+_COMMENT_OR_BLANK = r"^(COMMENT(\s|$)|$)"
+# Lines that are taken apart at once: enough to be quick, few enough that their pieces do not fill the memory.
+_CHUNK = 50_000
+
+
+def looks_like_kvn(lines: Iterable[str]) -> bool:
+    """Whether the first line that is not blank is a KVN message's version."""
+    first = next((line for line in lines if line.strip()), "")
+    return first.partition("=")[0].strip() == "CCSDS_TDM_VERS"
+
+
+def parse_kvn(path: str | Path, lines: Iterable[str]) -> TdmFile:
+    """Read a message from the lines of a KVN file.
+
+    Raises
+    ------
+    FileFormatError
+        The file was cut, a section or keyword is unknown, missing or out of place, or a value is not one that
+        the standard allows. Names the line.
+    """
+    return _KvnReader(str(path), lines).read()
+
+
+class _KvnReader:
+    """Goes through the lines of one file, section by section, with some of them in memory."""
+
+    def __init__(self, path: str, lines: Iterable[str]) -> None:
+        self.path = path
+        # None is the end of the file.
+        self.rest: Iterator[str | None] = chain(map(str.strip, lines), [None])
+        # Of the line that was read last.
+        self.number = 0
+
+    def fail(self, problem: str, number: int | None = None) -> FileFormatError:
+        """Error that names a line, the one that was read last by default."""
+        return FileFormatError(self.path, problem, max(1, number or self.number))
+
+    def read(self) -> TdmFile:
+        fields, _, comments = self.assignments("META_START", _HEADER)
+        header = checked_header(self.path, fields.pop("CCSDS_TDM_VERS", ""), fields, comments)
+        segments = [self.segment([])]
+        while (line := self.next_not_blank()) is not None:
+            self.require(line, "META_START")
+            segments.append(self.segment(segments))
+        return TdmFile(self.path, header, tuple(segments))
+
+    def next_line(self) -> str | None:
+        """The next line, None at the end."""
+        line = next(self.rest, None)
+        self.number += line is not None
+        return line
+
+    def next_not_blank(self) -> str | None:
+        """The next line that is not blank, None at the end."""
+        while (line := self.next_line()) == "":
+            pass
+        return line
+
+    def require(self, line: str | None, marker: str) -> None:
+        """Refuse any other line than the one that must come next."""
+        if line is None:
+            raise self.fail(f"the file ends where {marker} must come: it was cut; fetch it again")
+        if line != marker:
+            raise self.fail(f"{line[:40]!r} stands where {marker} must come")
+
+    def assignments(
+        self, end: str, allowed: Sequence[str] | None = None
+    ) -> tuple[dict[str, str], dict[str, int], list[str]]:
+        """Keywords, their values and lines, and comments up to the marker that ends a section."""
+        values: dict[str, str] = {}
+        where = {"": self.number}
+        comments: list[str] = []
+        while (line := self.next_line()) != end:
+            if line is None:
+                raise self.fail(f"the file ends before {end}: it was cut; fetch it again")
+            keyword, *rest = line.split(maxsplit=1) or [""]
+            if keyword in ("", "COMMENT"):
+                comments += rest or [""] * (keyword != "")
+                continue
+            self.require_printable(line, self.number)
+            keyword, equals, value = (part.strip() for part in line.partition("="))
+            if not equals:
+                raise self.fail(f"{line[:40]!r} is not a line keyword = value, nor {end}")
+            if keyword in values:
+                raise self.fail(f"{keyword} is there twice, first in line {where[keyword]}")
+            if allowed is not None and keyword not in allowed:
+                raise self.fail(f"{keyword!r} is not a keyword of the header; use {', '.join(allowed)}")
+            values[keyword], where[keyword] = value, self.number
+        return values, where, comments
+
+    def segment(self, before: Sequence[TdmSegment]) -> TdmSegment:
+        """Segment of which the line META_START has just been read."""
+        fields, where, comments = self.assignments("META_STOP")
+        metadata = checked_metadata(self.path, fields, where, before)
+        self.require(self.next_not_blank(), "DATA_START")
+        data_comments: list[str] = []
+        parts = []
+        section = takewhile(partial(operator.ne, "DATA_STOP"), self.rest)
+        while lines := list(islice(section, _CHUNK)):
+            # The last line of a file that was cut is not read as a record.
+            if lines[-1] is None:
+                self.number += len(lines) - 1
+                raise self.fail("the file ends before DATA_STOP: it was cut; fetch it again")
+            parts += self.records([line for line in lines if line is not None], metadata, data_comments)
+            self.number += len(lines)
+        self.number += 1
+        if not parts:
+            raise self.fail("the data section has no record; leave the segment out")
+        return checked_segment(
+            self.path, parts, metadata, where, comments=tuple(comments), data_comments=tuple(data_comments)
+        )
+
+    def records(self, lines: list[str], metadata: Mapping[str, str], comments: list[str]) -> list[Records]:
+        """Records of the next lines of a data section, if there are any."""
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        number = np.arange(self.number + 1, self.number + 1 + len(lines), dtype=np.int32)
+        texts = pa.array(lines)
+        passed = pc.match_substring_regex(texts, _COMMENT_OR_BLANK)
+        if pc.any(passed).as_py():
+            comments += [line[len("COMMENT") :].strip() for line in texts.filter(passed).to_pylist() if line]
+            kept = pc.invert(passed)
+            texts, number = texts.filter(kept), number[kept.to_numpy(zero_copy_only=False)]
+        if not len(texts):
+            return []
+        found = pc.extract_regex(texts, _RECORD)
+        if found.null_count:
+            wrong = int(np.argmax(found.is_null().to_numpy(zero_copy_only=False)))
+            line = texts[wrong].as_py()
+            self.require_printable(line, int(number[wrong]))
+            raise self.fail(f"{line[:60]!r} is not a record keyword = epoch value", int(number[wrong]))
+        system, units = metadata["TIME_SYSTEM"], metadata.get("RANGE_UNITS", "km")
+        keywords, epochs, values = found.flatten()
+        return [
+            read_records(self.path, keywords, epochs, values, number, time_system=system, range_units=units)
+        ]
+
+    def require_printable(self, line: str, number: int) -> None:
+        """Refuse a line with what is not printable ASCII."""
+        # Tabs are not allowed by the standard, but cannot be misunderstood.
+        wrong = next((c for c in line if not (c.isascii() and (c.isprintable() or c == "\t"))), None)
+        if wrong is not None:
+            raise self.fail(f"{wrong!r} is not a printable ASCII character; correct the line", number)

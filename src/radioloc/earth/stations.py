@@ -220,7 +220,7 @@ class StationCatalogue:
         --------
         >>> from radioloc.earth import StationCatalogue
         >>> StationCatalogue.default().get("wettzell")
-        <Station WETTZELL (vlbi, survey)>
+        <Station WETTZELL (llr, survey)>
         """
         station = self._by_key.get(_key(name))
         if station is not None:

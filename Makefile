@@ -31,7 +31,7 @@ test-all: $(VENV)/.installed-dev  ## Run all tests: also slow studies, what the 
 	$(BIN)/python -m pytest $(PARALLEL) --hypothesis-profile=thorough
 
 test-uncompiled: $(VENV)/.installed-dev  ## Run the tests of compiled code with the compiler off, so that they see every line.
-	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest -m "not slow" $(COMPILED)
+	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest $(PARALLEL) -m "not slow" $(COMPILED)
 
 test-lowest:  ## Install the lowest versions that pyproject.toml allows, in a venv of their own, and run smoke tests there.
 	$(PYTHON) -m venv --clear $(VENV)-lowest

@@ -69,6 +69,7 @@ def test_good_data_are_hardly_ever_cut(solutions):
     assert sum(solution.fit.total.rejected for solution in solutions) == 0
 
 
+@pytest.mark.slow
 def test_scaling_restores_coverage_when_sigmas_are_stated_too_small():
     model = ToyMoon(60, 48.0, biases=False)
     held_formal = held_scaled = 0
@@ -85,6 +86,7 @@ def test_scaling_restores_coverage_when_sigmas_are_stated_too_small():
     assert COVERED[0] - 4 <= held_scaled <= COVERED[1]
 
 
+@pytest.mark.slow
 def test_blunders_do_not_spoil_coverage():
     model = ToyMoon(60, 48.0, biases=False)
     held = lost = 0

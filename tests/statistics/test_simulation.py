@@ -56,6 +56,7 @@ def test_white_noise_gives_positions_as_uncertain_as_the_sigmas_say(model):
     assert NEES_3[0] < nees(world, model, noise).mean() < NEES_3[1]
 
 
+@pytest.mark.slow
 def test_six_baselines_of_four_stations_are_not_six_independent_delays(model):
     # With the same error at every station, the six differences of four arrival times tell what the four themselves do.
     # Weighted as if independent they claim twice that information: sum over i < j of (h_i - h_j)(h_i - h_j)' / (2 s^2)

@@ -66,8 +66,11 @@ def test_what_a_program_has_loaded_neither_matters_nor_changes(orbit, tmp_path):
 def test_many_files_one_after_another_leave_none_open(orbit):
     source = Trajectory.open(orbit, ORBITER)
     which = source.segment_at(AT_S)
+    first = source.states(AT_S[:1], which[:1])
     for _ in range(6000):  # SPICE holds 5000 open files at most
-        source.states(AT_S[:1], which[:1])
+        last = source.states(AT_S[:1], which[:1])
+    assert np.array_equal(first, last)
+    assert spiceypy.ktotal("ALL") == 0
 
 
 def test_of_several_segments_the_last_counts(tmp_path):

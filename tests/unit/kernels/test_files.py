@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import contextlib
 import shutil
 import struct
 
@@ -132,8 +131,15 @@ def test_damage_opens_or_raises_our_error(tmp_path, offset, byte):
     # Whatever a byte of the headers becomes, nothing but a KernelError comes out.
     data = bytearray(PCK_BYTES)
     data[offset] = byte
-    with contextlib.suppress(KernelError):
-        open_pck(written(tmp_path, data))
+    path = written(tmp_path, data)
+    try:
+        kernel = open_pck(path)
+    except KernelError as error:
+        message = str(error)
+        assert path.name in message
+    else:
+        assert kernel.file.path == path
+        assert all(np.isfinite(segment.coefficients).all() for segment in kernel.segments)
 
 
 def test_missing_body_names_file_span_and_what_there_is():

@@ -79,7 +79,10 @@ def test_no_observations_are_refused(solution):
 
 
 def test_one_observation_is_enough():
-    plot_residuals(toy_solution(ToyMoon(1, 1.0, ("A",), biases=False)))
+    alone = toy_solution(ToyMoon(1, 1.0, ("A",), biases=False))
+    (axes,) = panels_of(plot_residuals(alone))
+    (line,) = axes.containers[0].lines[:1]
+    assert len(line.get_ydata()) == len(alone.residuals) == 1
 
 
 def test_position_ellipse_is_that_of_the_solution(solution):

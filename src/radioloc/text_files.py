@@ -16,6 +16,9 @@ from radioloc.errors import FileFormatError
 BLOCK_BYTES = 2**22
 """Bytes of a file that are read at once: enough to be quick, few enough that their pieces do not fill the memory."""
 
+# Text of tracking data shrinks to a third or a tenth; a file made to fill the memory to a thousandth.
+_LARGEST_GROWTH = 200
+_ALWAYS_UNPACKED_BYTES = 2**26
 _GZIP_MAGIC = b"\x1f\x8b"
 _COMPRESS_MAGIC = b"\x1f\x9d"
 
@@ -151,8 +154,15 @@ def _raw_pieces(path: str | Path, size: int) -> Generator[bytes]:
 
 def _unpacked_pieces(path: str | Path, size: int) -> Generator[bytes]:
     try:
+        most = max(_LARGEST_GROWTH * Path(path).stat().st_size, _ALWAYS_UNPACKED_BYTES)
         with gzip.open(path, "rb") as stream:
             while piece := stream.read(size):
+                most -= len(piece)
+                if most < 0:
+                    problem = (
+                        f"unpacks to more than {_LARGEST_GROWTH} times its size, as no data do; it is refused"
+                    )
+                    raise FileFormatError(path, problem)
                 yield piece
     except (OSError, EOFError, zlib.error) as error:
         problem = f"is a gzip file that was cut or damaged ({error}); fetch it again"

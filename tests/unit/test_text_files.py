@@ -123,3 +123,12 @@ def test_lines_are_read_as_they_are_asked_for(tmp_path):
     with pytest.raises(FileFormatError, match="not UTF-8") as caught:
         list(lines)
     assert caught.value.line == 800_001
+
+
+def test_gzip_that_would_fill_the_memory(tmp_path):
+    file = tmp_path / "a.gz"
+    file.write_bytes(gzip.compress(b"x" * 2**27))
+    with pytest.raises(FileFormatError, match="unpacks to more than 200 times its size"):
+        list(read_lines(file))
+    file.write_bytes(gzip.compress(b"x,\n" * 2**20))
+    assert sum(1 for _ in read_lines(file)) == 2**20 + 1

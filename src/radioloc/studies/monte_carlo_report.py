@@ -9,8 +9,6 @@ import numpy as np
 from radioloc.io.solution_files import write_json
 from radioloc.studies.monte_carlo import MonteCarlo
 from radioloc.studies.report import made_folder, write_figure
-from radioloc.studies.trial_files import trials_csv
-from radioloc.text_files import write_text
 
 
 def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
@@ -37,7 +35,7 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     folder = made_folder(folder)
     numbers, table = folder / "montecarlo.json", folder / "trials.csv"
     write_json(numbers, study.to_dict())
-    write_text(table, trials_csv(range(study.trials), study.hours, study.columns, study.values))
+    _write_trials(study, table)
     written = [numbers, table]
     good = study["converged"] == 1.0
     shown = [k for k in range(len(study.hours)) if good[:, k].any()]
@@ -60,3 +58,16 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     return written + write_figure(
         plot_error_by_length(hours, errors, sigmas, title), folder, "error_by_length"
     )
+
+
+def _write_trials(study: MonteCarlo, path: Path) -> None:
+    """One row for each trial and arc, numbers to the last bit; what is not a number is left empty."""
+    import pyarrow
+
+    from radioloc.io.csv_file import write_csv
+
+    arcs = len(study.hours)
+    columns = {"trial": np.repeat(np.arange(study.trials), arcs), "hours": np.tile(study.hours, study.trials)}
+    columns |= dict(zip(study.columns, study.values.reshape(-1, len(study.columns)).T, strict=True))
+    arrays = {name: pyarrow.array(column, from_pandas=True) for name, column in columns.items()}
+    write_csv(path, [pyarrow.record_batch(arrays)])

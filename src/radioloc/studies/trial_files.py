@@ -1,20 +1,20 @@
 """Trials on disk: what a study that was interrupted has found already, and whether it is still the same study.
 
-Each chunk of trials is a file of its own, ``parts/linear-000000-000049.csv``, that is there as a whole or not at all.
+Each chunk of trials is a file of its own, ``parts/linear-000000-000049.npz``, that is there as a whole or not at all.
 ``study.json`` says what the trials depend on; trials of another study are never taken over.
 """
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
 import json
 import math
+import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from radioloc.errors import InputError
 from radioloc.io.solution_files import write_json
 from radioloc.studies.report import made_folder
 from radioloc.studies.study import Study, TerrainPrior
-from radioloc.text_files import read_text, write_text
+from radioloc.text_files import read_text, replaced_file
 
 _LONGEST_LIST = 100
 
@@ -107,7 +107,7 @@ class TrialFolder:
 
     def start(self) -> None:
         """Begin anew: trials that are there from before are removed."""
-        for path in self._parts.glob("*-*-*.csv"):
+        for path in self._parts.glob("*-*-*.*"):
             path.unlink()
         write_json(self._folder / "study.json", self._record)
 
@@ -123,31 +123,34 @@ class TrialFolder:
         InputError
             A file is damaged.
         """
-        out: dict[int, list[list[float]]] = {}
-        for path in sorted(self._parts.glob(f"{way}-*.csv")):
-            rows = list(csv.reader(io.StringIO(read_text(path))))
-            if rows[:1] != [self._heading]:
-                raise InputError(
-                    f"{path}: the columns are not those of the study; remove the file and resume"
-                )
+        out: dict[int, NDArray[np.float64]] = {}
+        for path in sorted(self._parts.glob(f"{way}-*.npz")):
             try:
-                for row in rows[1:]:
-                    if len(row) != len(self._heading):
-                        raise ValueError(f"a row has {len(row)} of {len(self._heading)} cells")
-                    values = [float(cell) if cell else math.nan for cell in row[2:]]
-                    out.setdefault(int(row[0]), []).append(values)
-            except ValueError as error:
-                raise InputError(f"{path}: is damaged ({error}); remove the file and resume") from None
-        return {trial: np.array(values) for trial, values in out.items()}
+                with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+                    trials, values, columns = (file[name] for name in ("trials", "values", "columns"))
+                if tuple(columns.tolist()) != self._columns:
+                    raise ValueError("the columns are not those of the study")
+                if values.shape != (*trials.shape, len(self._hours), len(self._columns)):
+                    raise ValueError(f"{values.shape} numbers do not fit {trials.shape} trials")
+                out |= dict(zip(trials.tolist(), values.astype(np.float64), strict=True))
+            except (
+                OSError,
+                EOFError,
+                RuntimeError,
+                LookupError,
+                ValueError,
+                BadZipFile,
+                zlib.error,
+            ) as error:
+                [reason, *_] = str(error).splitlines() or ["no content"]
+                raise InputError(f"{path}: is damaged ({reason}); remove the file and resume") from None
+        return out
 
     def add(self, way: str, trials: Sequence[int], values: NDArray[np.float64]) -> None:
         """Keep results of some trials, (trials, arcs, columns)."""
-        path = self._parts / f"{way}-{min(trials):06d}-{max(trials):06d}.csv"
-        write_text(path, trials_csv(trials, self._hours, self._columns, values))
-
-    @property
-    def _heading(self) -> list[str]:
-        return ["trial", "hours", *self._columns]
+        path = self._parts / f"{way}-{min(trials):06d}-{max(trials):06d}.npz"
+        with replaced_file(path) as temporary, temporary.open("wb") as stream:
+            np.savez(stream, trials=np.array(trials), values=values, columns=np.array(self._columns))
 
 
 def refuse_other_study(folder: str | Path, record: dict[str, Any]) -> bool:
@@ -175,25 +178,3 @@ def refuse_other_study(folder: str | Path, record: dict[str, Any]) -> bool:
             "give another folder, or start anew, without resuming"
         )
     return True
-
-
-def trials_csv(
-    trials: Sequence[int], hours: Sequence[float], columns: Sequence[str], values: NDArray[np.float64]
-) -> str:
-    """Results as comma-separated text, one row for each trial and arc; numbers as they are, to the last bit.
-
-    Parameters
-    ----------
-    trials : sequence of int
-    hours : sequence of float
-        Lengths of the arcs, h.
-    columns : sequence of str
-    values : ndarray, shape (trials, arcs, columns)
-        What is not a number is left empty.
-    """
-    lines = [",".join(["trial", "hours", *columns])]
-    for trial, of_trial in zip(trials, values.tolist(), strict=True):
-        for length, row in zip(hours, of_trial, strict=True):
-            cells = ["" if math.isnan(v) else repr(int(v)) if v.is_integer() else repr(v) for v in row]
-            lines.append(",".join([str(trial), f"{length:g}", *cells]))
-    return "\n".join(lines) + "\n"

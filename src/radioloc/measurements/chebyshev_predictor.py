@@ -233,7 +233,7 @@ class ChebyshevPredictor:
     def _plan(self, lander_pa_m: NDArray[np.float64], series: DenseSeries | None = None) -> None:
         """Divide the series into segments that agree with the model, and prepare their nodes."""
         if series is None:
-            series = DenseSeries(self.model, self.observations)
+            series = DenseSeries(self.model, self.observations, self.station_partials)
         pending = series.segments()
         nets: list[PiecewiseChebyshev] = []
         accepted: list[Segments] = []

@@ -96,10 +96,12 @@ class DenseSeries:
     observations : Observations
     """
 
-    def __init__(self, model: PhysicalModel, observations: Observations) -> None:
+    def __init__(
+        self, model: PhysicalModel, observations: Observations, station_partials: bool = False
+    ) -> None:
         self._tai = utc_to_tai(observations.epoch)
         self._quarter = 4.0 * observations.epoch.jd + np.floor(4.0 * observations.epoch.fraction)
-        code = series_codes(model, observations)
+        code = series_codes(model, observations, station_partials)
         first = self._tai.jd.min() if len(code) else 0.0
         elapsed_s = ((self._tai.jd - first) + self._tai.fraction) * SECONDS_PER_DAY
         self.order = _ordered(code, elapsed_s)
@@ -190,16 +192,22 @@ def least_observations(degree: Any) -> Any:
     return WORTH * (degree + 1 + CHECK_POINTS)
 
 
-def series_codes(model: PhysicalModel, observations: Observations) -> NDArray[np.int64]:
+def series_codes(
+    model: PhysicalModel, observations: Observations, station_partials: bool = False
+) -> NDArray[np.int64]:
     """Number of the series that each observation belongs to, shape (n,).
 
     All recorded columns but the measured value and its sigma must agree within a series, if the model uses them;
     values that were not recorded agree with each other.
     """
     free = set(_NOT_OF_A_SERIES)
-    if not (model.has("ionosphere") and model.ionosphere is not None):
+    media = {medium.name: medium for medium in model.media}
+    foreign = bool(model.added_media or set(media) - {"troposphere", "ionosphere", "antenna_axis_offset"})
+    # Partials by the electron content need the frequencies whether or not a content is modelled.
+    frequencies = station_partials or ("ionosphere" in media and model.ionosphere is not None)
+    if not (frequencies or foreign):
         free.add("uplink_hz")
-    if not model.has("troposphere"):
+    if not ("troposphere" in media or foreign):
         free.update(_WEATHER)
     code = observations.link.astype(np.int64)
     for field in fields(observations):

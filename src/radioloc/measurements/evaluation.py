@@ -81,7 +81,7 @@ def prepare_predictor(
     sparse = len(observations) < _MANY
     if evaluation == "exact" or trajectory is not None or (evaluation == "auto" and sparse):
         return exact()
-    series = DenseSeries(model, observations)
+    series = DenseSeries(model, observations, station_partials)
     if evaluation == "auto":
         segments = series.segments()
         if int((segments.end - segments.begin).sum()) <= len(observations) // 2:

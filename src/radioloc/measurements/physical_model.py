@@ -45,6 +45,8 @@ class PhysicalModel:
         Delays of equipment that are in the data, under the catalogue's names of stations.
     radio_atmosphere : RadioAtmosphere or None
         Files of VMF3 and GPT3 for the troposphere of radio signals; weather and a standard atmosphere without.
+    added_media : tuple of Medium
+        Media besides those of the registry, or in place of those of the same names.
     """
 
     ephemeris: Ephemeris
@@ -55,6 +57,7 @@ class PhysicalModel:
     ionosphere: ElectronContent | None = None
     delays: EquipmentDelays = field(default_factory=EquipmentDelays)
     radio_atmosphere: RadioAtmosphere | None = None
+    added_media: tuple[Medium, ...] = ()
 
     @classmethod
     def build(
@@ -67,6 +70,7 @@ class PhysicalModel:
         ionosphere: ElectronContent | None = None,
         delays: EquipmentDelays | None = None,
         radio_atmosphere: RadioAtmosphere | None = None,
+        media: Iterable[Medium] = (),
         off: Iterable[str] = (),
     ) -> PhysicalModel:
         """Open the kernels and tables.
@@ -85,6 +89,8 @@ class PhysicalModel:
             Delays of equipment that are in the data; none where it is not given.
         radio_atmosphere : RadioAtmosphere, optional
             Files of VMF3 and GPT3, from :func:`~radioloc.media.radio_atmosphere.read_radio_atmosphere`.
+        media : iterable of Medium
+            Media besides those of :data:`~radioloc.media.registry.MEDIA`, or in place of those of the same names.
         off : iterable of str
             Names of terms to leave out.
 
@@ -95,7 +101,8 @@ class PhysicalModel:
         StationError
             A delay is of a station that is not in the catalogue.
         """
-        terms = active_terms(off)
+        added = tuple(media)
+        terms = active_terms(off, (medium.name for medium in added))
         spk = Ephemeris.open(ephemeris)
         pck = LunarOrientation.open(libration)
         if pck.frame != f"PA_{spk.name}":
@@ -107,7 +114,7 @@ class PhysicalModel:
         stations = StationCatalogue.default() if catalogue is None else catalogue
         equipment = (delays or EquipmentDelays()).named(stations)
         earth = _earth_orientation(table, terms)
-        return cls(spk, pck, earth, stations, terms, ionosphere, equipment, radio_atmosphere)
+        return cls(spk, pck, earth, stations, terms, ionosphere, equipment, radio_atmosphere, added)
 
     def without(self, *names: str) -> PhysicalModel:
         """The same model with some more terms left out.
@@ -117,18 +124,16 @@ class PhysicalModel:
         InputError
             A name is not a term.
         """
-        terms = self.terms & active_terms(names)
+        terms = self.terms & active_terms(names, (medium.name for medium in self.added_media))
         earth = _earth_orientation(self.earth.table, terms)
         return replace(self, earth=earth, terms=terms)
 
     @property
     def media(self) -> tuple[Medium, ...]:
         """The active media on the legs, in the order in which they are asked."""
-        own: dict[str, Medium] = {
-            Troposphere.name: Troposphere(self.radio_atmosphere),
-            Ionosphere.name: Ionosphere(self.ionosphere),
-        }
-        return tuple(own.get(name, medium) for name, medium in MEDIA.items() if self.has(name))
+        configured: tuple[Medium, ...] = Troposphere(self.radio_atmosphere), Ionosphere(self.ionosphere)
+        media = MEDIA | {medium.name: medium for medium in (*configured, *self.added_media)}
+        return tuple(medium for name, medium in media.items() if self.has(name))
 
     def has(self, term: str) -> bool:
         """Whether a term is active."""

@@ -221,7 +221,7 @@ def table_of_terms(
     """
     full_m = arc.at(lander_pa_m).value_m
     table = {}
-    for name in TERMS:
+    for name in (*TERMS, *(medium.name for medium in arc.model.added_media if medium.name not in TERMS)):
         if arc.model.has(name) and name not in skip:
             without = prepare(arc.model.without(name), arc.observations, lander_pa_m)
             table[name] = full_m - without.at(lander_pa_m).value_m

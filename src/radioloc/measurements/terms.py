@@ -37,23 +37,25 @@ TERMS |= {name: medium.description for name, medium in MEDIA.items() if name not
 """Term names and what each stands for."""
 
 
-def active_terms(off: Iterable[str] = ()) -> frozenset[str]:
+def active_terms(off: Iterable[str] = (), added: Iterable[str] = ()) -> frozenset[str]:
     """Names of the terms that remain when some are left out.
 
     Parameters
     ----------
     off : iterable of str
         Names from :data:`TERMS`.
+    added : iterable of str
+        Names of terms that a model has besides these.
 
     Raises
     ------
     InputError
         A name is not a term; the nearest one is suggested.
     """
-    off = list(off)
+    off, terms = list(off), (*TERMS, *added)
     for name in off:
-        if name not in TERMS:
-            near = difflib.get_close_matches(name, TERMS, n=1)
+        if name not in terms:
+            near = difflib.get_close_matches(name, terms, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else ""
-            raise InputError(f"{name!r} is not a term of the model{hint}; the terms are {', '.join(TERMS)}")
-    return frozenset(TERMS) - frozenset(off)
+            raise InputError(f"{name!r} is not a term of the model{hint}; the terms are {', '.join(terms)}")
+    return frozenset(terms) - frozenset(off)

@@ -1,0 +1,88 @@
+"""One contract for all that registers, and for media that a model is given."""
+
+import numpy as np
+import pytest
+from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
+from legs import end, leg
+
+from radioloc.errors import InputError
+from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
+from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.terms import TERMS
+from radioloc.media.ionosphere import Ionosphere, UniformTec
+from radioloc.media.medium import LegDelay, Medium
+from radioloc.media.registry import MEDIA
+from radioloc.media.status import Status
+
+ELEVATIONS_DEG = [-20.0, 1.0, 10.0, 45.0, 89.0]
+
+
+@pytest.mark.parametrize("medium", [*MEDIA.values(), Ionosphere(UniformTec(20.0))], ids=lambda m: m.name)
+def test_every_medium_keeps_the_contract(medium):
+    assert isinstance(medium, Medium)
+    assert medium.name in TERMS
+    assert TERMS[medium.name] == medium.description
+    some = leg(ELEVATIONS_DEG)
+    found = medium.delay(some, medium.prepare(some.end))
+    if found is None:
+        return
+    assert np.isfinite(found.delay_m).all()
+    if found.status is not None:
+        assert found.status.dtype == np.int8
+        assert (found.delay_m[found.status != Status.OK] == 0.0).all()
+    if found.by_elevation_m_rad is not None:
+        step_deg = 1e-3
+        ahead, behind = (
+            medium.delay(moved, medium.prepare(moved.end)).delay_m
+            for moved in (leg(np.add(ELEVATIONS_DEG, d)) for d in (step_deg, -step_deg))
+        )
+        numeric = (ahead - behind) / np.radians(2.0 * step_deg)
+        np.testing.assert_allclose(found.by_elevation_m_rad, numeric, rtol=1e-5, atol=1e-6)
+
+
+class Shield:
+    """Two millimetres more at 90 degrees, more below, and none of it where the pressure is not known."""
+
+    name, description, limits_rad = "shield", "a shield in front of the feed", ()
+
+    def prepare(self, end):
+        return np.where(np.isnan(end.weather.pressure_hpa), 0.0, 0.002)
+
+    def delay(self, leg, prepared):
+        sine = np.sin(leg.elevation.angle_rad)
+        slope = -prepared * np.cos(leg.elevation.angle_rad) / sine**2
+        return LegDelay(prepared / sine, by_elevation_m_rad=slope)
+
+
+def test_a_medium_of_ones_own_is_a_term_like_others():
+    model = PhysicalModel.build(media=[Shield()])
+    table = observations("GRASSE>x>GRASSE", epochs_tai(3, 1.0, 2460311.5, 0.1), **LASER)
+    arc = ExactPredictor(model, table, APOLLO15_PA_M)
+    found = arc.compute(APOLLO15_PA_M)
+    terms = arc.terms(APOLLO15_PA_M)
+    assert list(terms)[-1] == "shield"
+    np.testing.assert_allclose(
+        terms["shield"], 0.002 * (1.0 / np.sin(found.elevation_rad)).sum(axis=-1), atol=1e-6
+    )
+    assert [medium.name for medium in model.without("shield").media] == list(MEDIA)
+    with pytest.raises(InputError, match="did you mean 'shield'"):
+        model.without("shields")
+
+
+def test_conditions_that_only_a_foreign_medium_uses_still_tell_series_apart():
+    tai = epochs_tai(600, 1.0, 2460311.5, 0.1)
+    weather = LASER | {"pressure_hpa": np.where(np.arange(600) % 2, 780.0, np.nan)}
+    table = observations("GRASSE>x>GRASSE", tai, **weather)
+    model = PhysicalModel.build(media=[Shield()], off=["troposphere"])
+    dense, exact = (kind(model, table, APOLLO15_PA_M) for kind in (ChebyshevPredictor, ExactPredictor))
+    assert dense.accuracy.interpolated > 0
+    difference_m = dense.compute(APOLLO15_PA_M).value_m - exact.compute(APOLLO15_PA_M).value_m
+    assert np.abs(difference_m).max() < 0.9e-4
+
+
+def test_a_medium_in_place_of_the_packages_own():
+    uniform = Ionosphere(UniformTec(5.0))
+    assert uniform in PhysicalModel.build(media=[uniform]).media
+    assert uniform not in PhysicalModel.build(media=[uniform], off=["ionosphere"]).media
+    assert len(end(2)) == 2

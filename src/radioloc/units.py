@@ -1,7 +1,7 @@
-"""Numbers with units, as astropy has them, turned into floats of the unit wanted where they enter the library.
+"""Quantities of astropy, converted to floats in the expected unit at the public boundary.
 
-NumPy drops the unit of a ``Quantity`` without a word. What has no unit is taken to be in the unit that the argument's
-name says. Nothing is imported unless a unit is met.
+NumPy drops the unit of a ``Quantity`` silently. A number without a unit is taken to be in the unit that the argument's
+name gives. Nothing is imported unless a unit is met.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Products and lengths of many vectors at once, component by component.
 
-NumPy takes arrays of shape (n, 3) one vector after the other if they lie so in memory; with all first components
-together, then all second ones, it takes whole columns, several times as fast. What is computed from such arrays lies as
-they do.
+NumPy works through arrays of shape (n, 3) vector by vector if they are stored so; stored by component, it works through
+whole columns, several times as fast. Results are stored like their arguments.
 """
 
 from __future__ import annotations
@@ -50,5 +49,5 @@ def east_north_up(
 
 
 def by_component(a: NDArray[np.generic]) -> NDArray[np.generic]:
-    """The same array with the rows next to each other in memory; copied if they are not."""
+    """The same array stored by component (column-major); copied if it is not."""
     return np.asfortranarray(a) if a.ndim > 1 else a

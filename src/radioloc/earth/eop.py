@@ -14,7 +14,7 @@ days alone: the longer ones are smooth to 0.2 ns either way, and one table is si
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -23,7 +23,7 @@ import astropy_iers_data
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY, TT_MINUS_TAI_S
+from radioloc.constants import SECONDS_PER_DAY, TT_MINUS_TAI_S
 from radioloc.earth.eop_files import EopRows, read_eop_rows
 from radioloc.earth.eop_tides import zonal_tides
 from radioloc.errors import CoverageError, FileFormatError, InputError
@@ -155,26 +155,14 @@ class EopTable:
 
     @classmethod
     def _from_rows(cls, parts: Sequence[EopRows], note: str = "") -> EopTable:
+        dates = [p.columns["mjd_utc"] for p in parts]
         sources = tuple(
-            f"{p.series} {p.path.name}{note}, {_day(p.mjd_utc[0])} to {_day(p.mjd_utc[-1])}, "
-            f"sha256 {p.sha256}"
-            for p in parts
-            if len(p.mjd_utc)
+            f"{p.series} {p.path.name}{note}, {_day(mjd[0])} to {_day(mjd[-1])}, sha256 {p.sha256}"
+            for p, mjd in zip(parts, dates, strict=True)
+            if len(mjd)
         )
-
-        def join(name: str) -> NDArray:
-            return np.concatenate([getattr(p, name) for p in parts])
-
-        return cls(
-            join("mjd_utc"),
-            join("xp_arcsec") * ARCSEC_RAD,
-            join("yp_arcsec") * ARCSEC_RAD,
-            join("ut1_minus_utc_s"),
-            join("dx_arcsec") * ARCSEC_RAD,
-            join("dy_arcsec") * ARCSEC_RAD,
-            join("predicted"),
-            sources,
-        )
+        columns = {name: np.concatenate([p.columns[name] for p in parts]) for name in parts[0].columns}
+        return cls(**columns, sources=sources)
 
     @property
     def first_date(self) -> str:
@@ -202,15 +190,12 @@ class EopTable:
         if not len(given):
             raise InputError("the table gives no celestial pole offset that could be held")
         later = np.arange(len(self.mjd_utc)) > given[-1]
-        return EopTable(
-            self.mjd_utc,
-            self.xp_rad,
-            self.yp_rad,
-            self.ut1_minus_utc_s,
-            np.where(later, self.dx_rad[given[-1]], self.dx_rad),
-            np.where(later, self.dy_rad[given[-1]], self.dy_rad),
-            self.predicted | later,
-            (*self.sources, f"dX, dY held after {_day(self.mjd_utc[given[-1]])}"),
+        return replace(
+            self,
+            dx_rad=np.where(later, self.dx_rad[given[-1]], self.dx_rad),
+            dy_rad=np.where(later, self.dy_rad[given[-1]], self.dy_rad),
+            predicted=self.predicted | later,
+            sources=(*self.sources, f"dX, dY held after {_day(self.mjd_utc[given[-1]])}"),
         )
 
     def interpolate(self, tt: Epochs, *, zonal: bool = True) -> EopValues:
@@ -315,7 +300,7 @@ def _cubic_through(
 @cache
 def _packaged_table() -> EopTable:
     c04 = read_eop_rows(astropy_iers_data.IERS_B_FILE, _MJD_1972)
-    bulletin_a = read_eop_rows(astropy_iers_data.IERS_A_FILE, float(c04.mjd_utc[-1]) + 1.0)
+    bulletin_a = read_eop_rows(astropy_iers_data.IERS_A_FILE, float(c04.columns["mjd_utc"][-1]) + 1.0)
     return EopTable._from_rows([c04, bulletin_a], f" of astropy-iers-data {version('astropy-iers-data')}")
 
 

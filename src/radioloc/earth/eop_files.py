@@ -11,10 +11,12 @@ import hashlib
 import re
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import ARCSEC_RAD
 from radioloc.errors import FileFormatError
 from radioloc.text_files import read_blocks
 
@@ -24,40 +26,13 @@ _LARGEST_POLE_OFFSET_ARCSEC = 0.03
 """IAU 2000A offsets stay below 9 mas in all published rows; those of the 1980 theory reach 120 mas."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class EopRows:
-    """Rows of one file, as they stand in it but for units.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    sha256 : str
-        Checksum of the whole file.
-    series : {"C04", "Bulletin A"}
-        What the rows are.
-    mjd_utc : ndarray, shape (n,)
-        Modified Julian dates of the rows, 0h UTC, one a day.
-    xp_arcsec, yp_arcsec : ndarray, shape (n,)
-        Pole.
-    ut1_minus_utc_s : ndarray, shape (n,)
-        UT1 - UTC, with its leap steps.
-    dx_arcsec, dy_arcsec : ndarray, shape (n,)
-        Celestial pole offsets; NaN where the file leaves them blank.
-    predicted : ndarray of bool, shape (n,)
-        Whether any value of the row is a prediction.
-    """
+class EopRows(NamedTuple):
+    """Rows of one file; ``columns`` are those of :class:`radioloc.earth.eop.EopTable`, ``series`` C04 or Bulletin A."""
 
     path: Path
     sha256: str
     series: str
-    mjd_utc: NDArray[np.float64]
-    xp_arcsec: NDArray[np.float64]
-    yp_arcsec: NDArray[np.float64]
-    ut1_minus_utc_s: NDArray[np.float64]
-    dx_arcsec: NDArray[np.float64]
-    dy_arcsec: NDArray[np.float64]
-    predicted: NDArray[np.bool_]
+    columns: dict[str, NDArray]
 
 
 def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
@@ -102,10 +77,10 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
         columns.numbers("MJD", *((17, 26) if series == "C04" else (8, 15))) >= first_mjd_utc
     )
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return EopRows(path, sha256, series, *_values(columns, series == "C04", offset_unit))
+    return EopRows(path, sha256, series, _values(columns, series == "C04", offset_unit))
 
 
-def _values(columns: _Columns, is_c04: bool, offset_unit: float) -> tuple[NDArray, ...]:
+def _values(columns: _Columns, is_c04: bool, offset_unit: float) -> dict[str, NDArray]:
     if is_c04:
         places = {"x": (27, 38), "y": (39, 50), "UT1-UTC": (51, 62), "dX": (63, 74), "dY": (75, 86)}
         mjd = columns.numbers("MJD", 17, 26)
@@ -137,7 +112,9 @@ def _values(columns: _Columns, is_c04: bool, offset_unit: float) -> tuple[NDArra
             "theory (dPsi, dEpsilon) are of no use here; take the file with dX, dY",
             columns.lines[too_large[0]],
         )
-    return mjd, x, y, ut1, dx, dy, predicted
+    angles = {"xp_rad": x, "yp_rad": y, "dx_rad": dx, "dy_rad": dy}
+    angles = {name: arcsec * ARCSEC_RAD for name, arcsec in angles.items()}
+    return {"mjd_utc": mjd, "ut1_minus_utc_s": ut1, "predicted": predicted, **angles}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

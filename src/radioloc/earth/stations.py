@@ -85,14 +85,10 @@ class Station:
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
             raise StationError("a station needs a name")
-        if self.kind not in KINDS:
-            raise StationError(f"station {self.name}: kind {self.kind!r} is not one of {', '.join(KINDS)}")
-        if self.quality not in QUALITIES:
-            raise StationError(
-                f"station {self.name}: quality {self.quality!r} is not one of {', '.join(QUALITIES)}"
-            )
-        if self.mount not in MOUNTS:
-            raise StationError(f"station {self.name}: mount {self.mount!r} is not one of {', '.join(MOUNTS)}")
+        for field, known in (("kind", KINDS), ("quality", QUALITIES), ("mount", MOUNTS)):
+            if getattr(self, field) not in known:
+                given = f"{field} {getattr(self, field)!r}"
+                raise StationError(f"station {self.name}: {given} is not one of {', '.join(known)}")
         if self.axis_offset_m is not None:
             object.__setattr__(self, "axis_offset_m", self._number("axis_offset_m", "m"))
         if self.axis_offset_m is not None and not abs(self.axis_offset_m) <= _LONGEST_AXIS_OFFSET_M:

@@ -1,7 +1,7 @@
 """The container of SPICE's binary kernels, the DAF: header and list of segments, checked before a library reads them.
 
-A damaged count makes jplephem ask for gigabytes and SPICE write past its buffers, which ends the interpreter. So all
-that says where something lies or how long it is is held against the length of the file first.
+A damaged count makes jplephem ask for gigabytes and SPICE write past its buffers, which ends the interpreter. So
+every address and count is checked against the length of the file first.
 """
 
 from __future__ import annotations

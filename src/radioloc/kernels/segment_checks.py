@@ -1,4 +1,4 @@
-"""Whether what an SPK segment says of its own layout is true: SPICE believes it, and reads and writes out of bounds.
+"""Structural checks of SPK segments: SPICE trusts a segment's directory, and would read and write out of bounds.
 
 The layouts are those of NAIF's SPK Required Reading, by type. All numbers must be finite, counts whole and such that
 the parts fill the segment exactly, tables of epochs in order, and records no longer than SPICE's buffers.

@@ -1,4 +1,4 @@
-"""Maps that were cut short and that GDAL reads all the same: without their scale, or with zeros for what is missing."""
+"""Truncated maps, which GDAL reads without complaint: without their scale, or with zeros for what is missing."""
 
 from __future__ import annotations
 

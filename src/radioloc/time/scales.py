@@ -78,7 +78,7 @@ def utc_to_tai(utc: Epochs) -> Epochs:
         if n_days > len(utc):
             jd, fraction = erfa.utctai(utc.jd, utc.fraction)
             return Epochs.from_jd(jd, fraction, "TAI")
-        # Of many epochs in few days, all of a day are moved alike; the last entry is the midnight after the last day.
+        # Of many epochs in few days, those of one day share an offset; the last entry is the midnight after the last.
         midnights = erfa.utctai(utc.jd.min() + np.arange(n_days), np.zeros(n_days))
     after_midnight_d = (midnights[0] - midnights[0][0]) - np.arange(n_days) + midnights[1]
     length_d = 1.0 + np.diff(after_midnight_d)

@@ -3,6 +3,7 @@ import numpy as np
 import pytest
 from earth_files import C04, finals_row
 
+from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop_files import read_eop_rows
 from radioloc.errors import FileFormatError
 
@@ -16,11 +17,11 @@ def write(tmp_path, *rows):
 def test_c04_is_read(tmp_path):
     rows = read_eop_rows(write(tmp_path, C04.rstrip()))
     assert rows.series == "C04"
-    np.testing.assert_array_equal(rows.mjd_utc, [58849.0, 58850.0])
-    np.testing.assert_array_equal(rows.xp_arcsec, [0.076577, 0.075350])
-    np.testing.assert_array_equal(rows.ut1_minus_utc_s, [-0.1771554, -0.1775])
-    np.testing.assert_array_equal(rows.dy_arcsec, [-0.000108, -0.000110])
-    assert not rows.predicted.any()
+    np.testing.assert_array_equal(rows.columns["mjd_utc"], [58849.0, 58850.0])
+    np.testing.assert_array_equal(rows.columns["xp_rad"], np.array([0.076577, 0.075350]) * ARCSEC_RAD)
+    np.testing.assert_array_equal(rows.columns["ut1_minus_utc_s"], [-0.1771554, -0.1775])
+    np.testing.assert_array_equal(rows.columns["dy_rad"], np.array([-0.000108, -0.000110]) * ARCSEC_RAD)
+    assert not rows.columns["predicted"].any()
 
 
 @pytest.mark.parametrize("lost", [1, 40, 125])
@@ -41,16 +42,16 @@ def test_bulletin_a_is_read_in_arcseconds_with_its_flags_and_blanks(tmp_path):
     )
     rows = read_eop_rows(path)
     assert rows.series == "Bulletin A"
-    np.testing.assert_array_equal(rows.mjd_utc, [58849.0, 58850.0, 58851.0])
-    np.testing.assert_allclose(rows.dx_arcsec[:2], 0.000101, rtol=1e-15)
-    assert np.isnan(rows.dx_arcsec[2])
-    np.testing.assert_array_equal(rows.predicted, [False, True, True])
+    np.testing.assert_array_equal(rows.columns["mjd_utc"], [58849.0, 58850.0, 58851.0])
+    np.testing.assert_allclose(rows.columns["dx_rad"][:2], 0.000101 * ARCSEC_RAD, rtol=1e-15)
+    assert np.isnan(rows.columns["dx_rad"][2])
+    np.testing.assert_array_equal(rows.columns["predicted"], [False, True, True])
 
 
 def test_rows_before_a_date_are_left_out(tmp_path):
-    assert list(read_eop_rows(write(tmp_path, C04.rstrip()), 58850.0).mjd_utc) == [58850.0]
-    assert len(read_eop_rows(write(tmp_path, finals_row(58849)), 60000.0).mjd_utc) == 0
-    assert len(read_eop_rows(write(tmp_path, C04.rstrip()), 60000.0).mjd_utc) == 0
+    assert list(read_eop_rows(write(tmp_path, C04.rstrip()), 58850.0).columns["mjd_utc"]) == [58850.0]
+    assert len(read_eop_rows(write(tmp_path, finals_row(58849)), 60000.0).columns["mjd_utc"]) == 0
+    assert len(read_eop_rows(write(tmp_path, C04.rstrip()), 60000.0).columns["mjd_utc"]) == 0
 
 
 @pytest.mark.parametrize(
@@ -79,11 +80,21 @@ def test_packaged_files_are_both_read():
     c04 = read_eop_rows(astropy_iers_data.IERS_B_FILE)
     bulletin_a = read_eop_rows(astropy_iers_data.IERS_A_FILE)
     assert (c04.series, bulletin_a.series) == ("C04", "Bulletin A")
-    assert c04.mjd_utc[0] == 37665.0
-    assert bulletin_a.mjd_utc[0] == 41684.0
-    assert bulletin_a.predicted[-1]
+    assert c04.columns["mjd_utc"][0] == 37665.0
+    assert bulletin_a.columns["mjd_utc"][0] == 41684.0
+    assert bulletin_a.columns["predicted"][-1]
     # Two independent products of the same days: 0.2 mas and 0.1 ms are ten times their usual difference.
-    day_c04, day_a = (np.searchsorted(rows.mjd_utc, np.arange(58000, 60000)) for rows in (c04, bulletin_a))
-    assert np.abs(c04.xp_arcsec[day_c04] - bulletin_a.xp_arcsec[day_a]).max() < 5e-4
-    assert np.abs(c04.ut1_minus_utc_s[day_c04] - bulletin_a.ut1_minus_utc_s[day_a]).max() < 2e-4
-    assert np.abs(np.mean(c04.dx_arcsec[day_c04] - bulletin_a.dx_arcsec[day_a])) < 5e-5
+    day_c04, day_a = (
+        np.searchsorted(rows.columns["mjd_utc"], np.arange(58000, 60000)) for rows in (c04, bulletin_a)
+    )
+    assert (
+        np.abs(c04.columns["xp_rad"][day_c04] - bulletin_a.columns["xp_rad"][day_a]).max() < 5e-4 * ARCSEC_RAD
+    )
+    assert (
+        np.abs(c04.columns["ut1_minus_utc_s"][day_c04] - bulletin_a.columns["ut1_minus_utc_s"][day_a]).max()
+        < 2e-4
+    )
+    assert (
+        np.abs(np.mean(c04.columns["dx_rad"][day_c04] - bulletin_a.columns["dx_rad"][day_a]))
+        < 5e-5 * ARCSEC_RAD
+    )

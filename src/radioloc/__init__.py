@@ -31,13 +31,21 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS, active_terms
-from radioloc.report import plot_links, plot_position, plot_residuals, save_figure
-from radioloc.studies.arcs import ArcStudy, arcs
-from radioloc.studies.arcs_report import write_arcs
+from radioloc.report import (
+    ArcStudy,
+    MonteCarlo,
+    plot_links,
+    plot_position,
+    plot_residuals,
+    save_figure,
+    write_arcs,
+    write_monte_carlo,
+    write_report,
+    write_terms,
+)
+from radioloc.studies.arcs import arcs
 from radioloc.studies.locate import arc_of, locate, residuals
-from radioloc.studies.monte_carlo import MonteCarlo, monte_carlo
-from radioloc.studies.monte_carlo_report import write_monte_carlo
-from radioloc.studies.report import write_report, write_terms
+from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.simulate import simulate
 from radioloc.studies.study import (
     EstimateChoice,

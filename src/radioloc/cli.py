@@ -180,8 +180,8 @@ def _residuals(options: argparse.Namespace) -> int:
 
 
 def _arcs(options: argparse.Namespace) -> int:
+    from radioloc.report.files import write_arcs
     from radioloc.studies.arcs import arcs
-    from radioloc.studies.arcs_report import write_arcs
     from radioloc.studies.study_file import read_study
 
     found = arcs(read_study(options.study), options.hours)
@@ -230,8 +230,8 @@ def _sigmas(texts: Sequence[str]) -> dict[str, float]:
 
 
 def _monte_carlo(options: argparse.Namespace) -> int:
+    from radioloc.report.files import write_monte_carlo
     from radioloc.studies.monte_carlo import monte_carlo
-    from radioloc.studies.monte_carlo_report import write_monte_carlo
     from radioloc.studies.study_file import read_study
 
     if options.resume and options.out is None:
@@ -255,8 +255,8 @@ def _monte_carlo(options: argparse.Namespace) -> int:
 
 def _run(options: argparse.Namespace, *, fitted: bool) -> Solution:
     """Do a study, write its files and print its card."""
+    from radioloc.report.files import write_report, write_terms
     from radioloc.studies.locate import fit_arc, prepared_arc
-    from radioloc.studies.report import write_report, write_terms
     from radioloc.studies.study_file import read_study
 
     if options.terms and options.out is None:

@@ -49,7 +49,7 @@ FILES = """
 import json, time
 from pathlib import Path
 import radioloc
-from radioloc.studies.report import write_figure, write_numbers
+from radioloc.report.files import write_figure, write_numbers
 folder = Path("files")
 solution = radioloc.locate(radioloc.read_study("change5.toml"))
 stages = [time.process_time()]

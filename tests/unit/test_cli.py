@@ -154,7 +154,7 @@ def test_not_observable_ends_with_3_and_says_what_is_missing(count, run, folder)
     outcome = run(study_of(), "--out", folder / "out")
     assert outcome.status == 3
     assert "NOT OBSERVABLE" in outcome.out
-    assert "what is missing: " in outcome.out
+    assert "would help: " in outcome.out
     solution = json.loads((folder / "out" / "solution.json").read_text(encoding="utf-8"))
     assert solution["converged"] is False
     assert solution["sigma"]["east_m"] is None

@@ -16,7 +16,6 @@ from ldem import write_ldem_4
 import radioloc
 from radioloc.cli import main
 from radioloc.earth.geodesy import geodetic_from_itrf
-from radioloc.estimation.export import solution_dict
 from radioloc.io.solution_files import RESIDUAL_COLUMNS
 from radioloc.io.table_columns import COLUMNS
 from radioloc.io.tdm.message import TYPES
@@ -240,7 +239,7 @@ def test_every_key_of_the_solution(solution):
 
     def keys(value, where):
         if isinstance(value, dict) and where not in whole:
-            starred = where in ("fit.by_station", "fit.by_type")
+            starred = where in ("fit.by_station", "fit.by_type", "fit.by_path")
             for name, item in value.items():
                 if starred:
                     yield f"{where}.*"
@@ -249,7 +248,7 @@ def test_every_key_of_the_solution(solution):
         else:
             yield where
 
-    assert documented - {"reference"} == set(keys(solution_dict(solution), ""))
+    assert documented - {"reference"} == set(keys(solution.to_dict(), ""))
 
 
 # Sizes, measured again.

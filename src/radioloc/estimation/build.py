@@ -16,7 +16,8 @@ from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.observability import assess_observability
-from radioloc.estimation.solution import ReferenceComparison, Residuals, Solution
+from radioloc.estimation.residuals import Residuals
+from radioloc.estimation.solution import ReferenceComparison, Solution
 from radioloc.estimation.statistics import (
     SCALING_PROBABILITY,
     FitStatistics,
@@ -242,6 +243,7 @@ def _fit_statistics(
         total=group_statistics("all", *columns),
         by_station=statistics_by(residuals.stations, *columns),
         by_type=statistics_by(residuals.types, *columns),
+        by_path=statistics_by(residuals.series, *columns),
         chi2=fit.chi2,
         dof=fit.dof,
         chi2_per_dof=fit.chi2_per_dof,

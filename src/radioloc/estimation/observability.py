@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.factorization import covariance_of
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.parameters import ParameterSet
+from radioloc.estimation.statistics import finite_or_none
 
 WEAK_FACTOR = 100.0
 """A combination is weak when its sigma is this many times the median sigma of one observation: errors of the model
@@ -54,6 +56,11 @@ class Direction:
     unit: str
     changes: tuple[str, ...]
 
+    def to_dict(self) -> dict[str, Any]:
+        """Its parts by parameter, in types that JSON has."""
+        weights = dict(zip(self.names, self.weights, strict=True))
+        return {"weights": weights, "sigma": finite_or_none(self.sigma), "unit": self.unit}
+
     def __str__(self) -> str:
         if len(self.names) == 1:
             return self.names[0]
@@ -65,7 +72,7 @@ class Direction:
 
 @dataclass(frozen=True, slots=True)
 class CommonPart:
-    """The mean of all parameters of a kind, where the data hardly determine it, but only their differences.
+    """The mean of all parameters of a kind, where the data determine little more than their differences.
 
     Parameters
     ----------
@@ -81,6 +88,10 @@ class CommonPart:
         Their unit.
     position_m : float
         How far the position moves with one sigma of the mean, m.
+    correlation : float
+        Of the mean with the position's parameter that it is correlated with most.
+    correlated_with : str
+        That parameter; empty where the position is held.
     """
 
     kind: str
@@ -89,15 +100,18 @@ class CommonPart:
     prior_sigma: float
     unit: str
     position_m: float
+    correlation: float = 0.0
+    correlated_with: str = ""
 
     def __str__(self) -> str:
-        known = f"known to {self.sigma:.3g} {self.unit} only"
+        text = f"common {self.kind.replace('_', ' ')} of {self.count}: sigma {self.sigma:.3g} {self.unit}"
         if math.isfinite(self.prior_sigma):
-            known += f" ({self.prior_sigma:.3g} {self.unit} a priori)"
-        text = f"what the {self.count} of {self.kind} have in common is {known}"
-        if self.position_m > 0.0:
-            text += f"; the position goes with it, by {self.position_m:.3g} m per sigma"
-        return text
+            text += f" ({self.prior_sigma:.3g} {self.unit} a priori)"
+        if self.correlated_with:
+            text += (
+                f", correlated {self.correlation:.2f} with {self.correlated_with.removeprefix('position.')}"
+            )
+        return text + (f"; {self.position_m:.3g} m of position per sigma" if self.position_m > 0.0 else "")
 
 
 @dataclass(frozen=True, slots=True)
@@ -109,7 +123,7 @@ class Correlation:
     coefficient: float
 
     def __str__(self) -> str:
-        return f"{self.first} with {self.second} {self.coefficient:+.4f}"
+        return f"{self.first} and {self.second} {self.coefficient:+.4f}"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,34 +162,49 @@ class Observability:
             return 1.0
         return float(self.singular_values[0] / self.singular_values[-1])
 
+    def to_dict(self) -> dict[str, Any]:
+        """All of it in types that JSON has, with the sentences as ``text``."""
+        return {
+            "complete": not self.undetermined,
+            "text": list(self.describe()),
+            "singular_values": self.singular_values.tolist(),
+            "condition_number": finite_or_none(self.condition_number),
+            "undetermined": [item.to_dict() for item in self.undetermined],
+            "weak": [item.to_dict() for item in self.weak],
+            "common": [
+                {**asdict(item), "prior_sigma": finite_or_none(item.prior_sigma)} for item in self.common
+            ],
+            "correlations": [[item.first, item.second, item.coefficient] for item in self.correlations],
+        }
+
     def describe(self) -> tuple[str, ...]:
         """Sentences for people; none if all is well determined."""
         lines = [f"the data do not determine {direction}" for direction in self.undetermined]
         lines += [str(part) for part in self.common]
         for direction in self.weak:
-            unit = direction.unit
+            parts = zip(direction.names, direction.changes, strict=True)
+            line = "poorly determined: "
             if len(direction.names) == 1:
-                line = f"{direction.names[0]} is"
+                line += f"{direction.names[0]}, sigma"
             else:
-                changes = zip(direction.names, direction.changes, strict=True)
-                line = f"hardly told apart: {', '.join(f'{name} {change}' for name, change in changes)}, together"
-            line += f" known to {direction.sigma:.3g} {unit} only (1 sigma)"
-            if unit == "m":
+                line += f"{', '.join(f'{name} {change}' for name, change in parts)}, for one sigma of"
+            line += f" {direction.sigma:.3g} {direction.unit}"
+            if direction.unit == "m":
                 ratio = direction.sigma / self.observation_sigma_m
-                line += f", {ratio:.0f} times one observation's {self.observation_sigma_m:.3g} m"
+                line += f", {ratio:.0f} times that of one observation ({self.observation_sigma_m:.3g} m)"
             lines.append(line)
         if advice := self.advice():
             lines.append(advice)
         if self.correlations:
-            pairs = "1 pair" if len(self.correlations) == 1 else f"{len(self.correlations)} pairs"
-            worst = "" if len(self.correlations) == 1 else "most of all "
-            lines.append(
-                f"{pairs} of parameters correlated beyond {STRONG_CORRELATION}: {worst}{self.correlations[0]}"
-            )
+            count = len(self.correlations)
+            largest = f"correlation beyond {STRONG_CORRELATION}: "
+            if count > 1:
+                largest = f"{count} correlations beyond {STRONG_CORRELATION}, the largest: "
+            lines.append(f"{largest}{self.correlations[0]}")
         return tuple(lines)
 
     def advice(self) -> str:
-        """Say what is missing for a better determination; empty if nothing is."""
+        """Say what would determine the parameters better; empty if all are determined well."""
         names = {name for direction in self.undetermined or self.weak for name in direction.names}
         if not names:
             return ""
@@ -185,7 +214,7 @@ class Observability:
             remedies.append(f"an a-priori sigma for {', '.join(others)}")
         if any(name.startswith("position.") for name in names):
             remedies.append("a longer arc, more stations, or an a-priori height")
-        return "what is missing: " + ", or ".join(remedies)
+        return "would help: " + ", or ".join(remedies)
 
 
 def assess_observability(fit: FitResult) -> Observability:
@@ -239,7 +268,7 @@ def _common_parts(
 ) -> tuple[CommonPart, ...]:
     """Kinds whose mean is hardly better known than a priori, or, without a-priori sigmas, weak."""
     position = [k for k in parameters.of_kind("position") if not parameters.parameters[k].fixed]
-    found = []
+    found, names = [], parameters.names
     for kind in dict.fromkeys(item.kind for item in parameters if item.kind != "position"):
         rows = [k for k in parameters.of_kind(kind) if not parameters.parameters[k].fixed]
         variances = np.diag(covariance)[rows + position]
@@ -258,7 +287,10 @@ def _common_parts(
         position_m = float(np.linalg.norm(moved))
         sigmas_m = np.sqrt(np.diag(covariance)[position]) / parameters.scales[position]
         if position_m >= _SHARE * float(np.linalg.norm(sigmas_m)):
-            found.append(CommonPart(kind, count, sigma, prior_sigma, first.unit, position_m))
+            correlations = moved / sigmas_m
+            most = int(np.argmax(np.abs(correlations))) if len(position) else None
+            correlated = (0.0, "") if most is None else (float(correlations[most]), names[position[most]])
+            found.append(CommonPart(kind, count, sigma, prior_sigma, first.unit, position_m, *correlated))
     return tuple(found)
 
 

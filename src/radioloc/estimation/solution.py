@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, field
-from typing import Any, Literal
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import singledispatch
+from typing import Any, Literal, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,94 +14,30 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.correlated_weights import SeriesWeight
-from radioloc.estimation.editing import Outcome
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import Iteration
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.parameters import ParameterSet
-from radioloc.estimation.statistics import FitStatistics
+from radioloc.estimation.residuals import Residuals
+from radioloc.estimation.statistics import FitStatistics, finite_or_none
 from radioloc.estimation.time_correlation import TimeCorrelation
+from radioloc.extras import astropy_table
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
-from radioloc.time import Epochs
 
 Axes = Literal["enu", "pa", "me", "geographic"]
 Level = Literal["total", "scaled", "formal"]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Residuals:
-    """Observations with what is left of them after the fit; arrays of shape (n,).
+class Card(Protocol):
+    """What ``str()`` and a notebook show of a result; ``str()`` of it is the text."""
 
-    Parameters
-    ----------
-    epoch_utc : Epochs
-        UTC of the event that the time tag names.
-    stations, types, paths : Labels
-        Station that a bias or a group belongs to, kind of measurement, participants of the light path.
-    observed_m, residual_m, sigma_m : ndarray
-        Observed value, observed - computed, stated standard deviation; m of the whole light path.
-    elevation_deg : ndarray or None
-        Lower of the stations' elevations of the Moon, deg.
-    outcome : Outcome
-        ``"used"`` or the reason why the observation was left out.
-    """
+    def html(self) -> str:
+        """The same for a notebook."""
 
-    epoch_utc: Epochs
-    stations: Labels
-    types: Labels
-    paths: Labels
-    observed_m: NDArray[np.float64]
-    residual_m: NDArray[np.float64]
-    sigma_m: NDArray[np.float64]
-    elevation_deg: NDArray[np.float64] | None
-    outcome: Outcome
 
-    def __len__(self) -> int:
-        return len(self.residual_m)
-
-    def select(self, rows: Any) -> Residuals:
-        """Some rows: a slice, a mask or indices."""
-        return Residuals(
-            self.epoch_utc[rows],
-            self.stations.select(rows),
-            self.types.select(rows),
-            self.paths.select(rows),
-            self.observed_m[rows],
-            self.residual_m[rows],
-            self.sigma_m[rows],
-            None if self.elevation_deg is None else self.elevation_deg[rows],
-            self.outcome.select(rows),
-        )
-
-    @property
-    def station(self) -> NDArray[np.str_]:
-        """:attr:`stations` as texts, shape (n,)."""
-        return self.stations.array()
-
-    @property
-    def type(self) -> NDArray[np.str_]:
-        """:attr:`types` as texts, shape (n,)."""
-        return self.types.array()
-
-    @property
-    def path(self) -> NDArray[np.str_]:
-        """:attr:`paths` as texts, shape (n,)."""
-        return self.paths.array()
-
-    @property
-    def status(self) -> NDArray[np.str_]:
-        """:attr:`outcome` as texts, shape (n,)."""
-        return self.outcome.array()
-
-    @property
-    def used(self) -> NDArray[np.bool_]:
-        """Which observations took part in the fit, shape (n,)."""
-        return self.outcome.used
-
-    @property
-    def computed_m(self) -> NDArray[np.float64]:
-        """Computed values, m, shape (n,)."""
-        return self.observed_m - self.residual_m
+@singledispatch
+def card_of(result: object) -> Card:
+    """Make the card of a result; :mod:`radioloc.report`, which is imported with the package, registers how."""
+    raise TypeError(f"there is no card of a {type(result).__name__}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,6 +75,10 @@ class ReferenceComparison:
     def distance_m(self) -> float:
         """Length of the difference in space, m."""
         return math.hypot(self.east_m, self.north_m, self.up_m)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its numbers and the two lengths."""
+        return asdict(self) | {"horizontal_m": self.horizontal_m, "distance_m": self.distance_m}
 
 
 @dataclass(frozen=True, slots=True)
@@ -398,9 +339,35 @@ class Solution:
 
     def to_dict(self) -> dict[str, Any]:
         """Everything but the single residuals, in types that JSON has; None where a number is not finite."""
-        from radioloc.estimation.export import solution_dict
-
-        return solution_dict(self)
+        series = self.time_correlation.series if self.time_correlation else ()
+        return {
+            "name": self.name,
+            "converged": self.converged,
+            "status": self.status,
+            "message": self.message,
+            "trajectory": self.trajectory,
+            **self._position_dict(),
+            "biases": self._bias_dict("range_bias", "m"),
+            "time_biases": self._bias_dict("time_bias", "s"),
+            "parameters": self._parameter_rows(),
+            "parameter_covariance": _matrix(self.covariance),
+            "fit": {
+                **self.fit.to_dict(),
+                "noise_scale": self.noise_scale,
+                "correlation_factor": self.correlation_factor,
+                "time_correlation": [asdict(item) for item in series],
+                "series_weights": [
+                    asdict(item) | {"weighed_as": item.weighed_as} for item in self.series_weights
+                ],
+                "iterations": len(self.iterations),
+                "passes": self.passes,
+            },
+            "rejected": self.residuals.rejected(),
+            "observability": self.observability.to_dict(),
+            "reference": None if self.reference is None else self.reference.to_dict(),
+            "notes": list(self.notes),
+            "provenance": dict(self.provenance),
+        }
 
     def to_table(self, what: Literal["residuals", "parameters"] = "residuals") -> Any:
         """Residuals or parameters as an ``astropy.table.Table``.
@@ -410,14 +377,20 @@ class Solution:
         InputError
             astropy is not installed, or something else is asked for.
         """
-        from radioloc.estimation.export import solution_table
-
-        return solution_table(self, what)
+        if what == "parameters":
+            rows = self._parameter_rows()
+            return astropy_table().Table(
+                {key: [math.inf if row[key] is None else row[key] for row in rows] for key in rows[0]}
+            )
+        if what != "residuals":
+            raise InputError(f"there is no table of {what!r}; use residuals or parameters")
+        return self.residuals.to_table()
 
     def __str__(self) -> str:
-        from radioloc.estimation.cards import card_fields, render_text
+        return str(card_of(self))
 
-        return render_text(card_fields(self))
+    def _repr_html_(self) -> str:
+        return card_of(self).html()
 
     def __repr__(self) -> str:
         state = "converged" if self.converged else "NOT CONVERGED"
@@ -429,10 +402,61 @@ class Solution:
             f"({self.me_frame}), {state}>"
         )
 
-    def _repr_html_(self) -> str:
-        from radioloc.estimation.cards import card_fields, render_html
+    def _position_dict(self) -> dict[str, Any]:
+        """The position and how well it is known; None where the target moves along a trajectory."""
+        if self.trajectory is not None:
+            return {"position": None, "sigma": None, "covariance": None}
+        longitude_deg, latitude_deg, height_m = self.selenographic
+        return {
+            "position": {
+                "pa": {"frame": self.pa_frame, **_components("xyz", self.position_pa_m)},
+                "me": {
+                    "frame": self.me_frame,
+                    "longitude_deg": longitude_deg,
+                    "latitude_deg": latitude_deg,
+                    "height_m": height_m,
+                    **_components("xyz", self.position_me_m),
+                },
+            },
+            "sigma": {
+                **_components(_ENU, self.sigma_enu_m("total")),
+                "scaled": _components(_ENU, self.sigma_enu_m("scaled")),
+                "formal": _components(_ENU, self.sigma_enu_m("formal")),
+                "ephemeris": _components(_ENU, self.ephemeris_sigma_enu_m),
+            },
+            "covariance": {
+                "enu_m2": _matrix(self.position_covariance("enu")),
+                "pa_m2": _matrix(self.position_covariance("pa")),
+                "me_m2": _matrix(self.position_covariance("me")),
+                "longitude_latitude_height_rad_rad_m": _matrix(self.position_covariance("geographic")),
+            },
+        }
 
-        return render_html(card_fields(self))
+    def _bias_dict(self, kind: str, unit: str) -> dict[str, Any]:
+        """Biases of a kind by station, or by station and pass with its first and last epoch."""
+        found: dict[str, Any] = {}
+        items = [self.parameters.parameters[k] for k in self.parameters.of_kind(kind)]
+        for item, (scope, (value, sigma)) in zip(items, self.biases(kind).items(), strict=True):
+            found[scope] = {f"value_{unit}": value, f"sigma_{unit}": finite_or_none(sigma)}
+            if item.span_utc is not None:
+                found[scope] |= {"first_utc": item.span_utc[0], "last_utc": item.span_utc[1]}
+        return found
+
+    def _parameter_rows(self) -> list[dict[str, Any]]:
+        columns = zip(self.parameters, self.values, self.sigmas("scaled"), self.sigmas("formal"), strict=True)
+        return [
+            {
+                "name": item.name,
+                "unit": item.unit,
+                "value": float(value),
+                "sigma": finite_or_none(sigma),
+                "formal_sigma": finite_or_none(formal),
+                "prior_value": item.prior_value,
+                "prior_sigma": finite_or_none(item.prior_sigma),
+                "fixed": item.fixed,
+            }
+            for item, value, sigma, formal in columns
+        ]
 
     def _place_me_m(self) -> NDArray[np.float64]:
         if self.trajectory is not None:
@@ -452,3 +476,14 @@ class Solution:
             return east_north_up(longitude_rad, latitude_rad).T
         radius_m = MEAN_LUNAR_RADIUS_M + float(height_m)
         return np.diag([1.0 / (radius_m * math.cos(float(latitude_rad))), 1.0 / radius_m, 1.0])
+
+
+_ENU = ("east", "north", "up")
+
+
+def _components(names: Iterable[str], vector_m: NDArray[np.float64]) -> dict[str, float | None]:
+    return {f"{name}_m": finite_or_none(value) for name, value in zip(names, vector_m, strict=True)}
+
+
+def _matrix(matrix: NDArray[np.float64]) -> list[list[float | None]]:
+    return [[finite_or_none(value) for value in row] for row in matrix]

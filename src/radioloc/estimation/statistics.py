@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import asdict, dataclass, field
 from statistics import NormalDist
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,8 @@ class GroupStatistics:
     used, rejected : int
         How many took part in the fit, how many were left out for any reason.
     mean_m, rms_m, wrms_m : float or None
-        Mean, root mean square, and root mean square weighted by 1/sigma^2 of the used residuals, m of the
-        whole light path; None if none was used.
+        Mean, root mean square, and root mean square weighted by 1/sigma^2 of the used residuals, m (of
+        the round trip for ranges); None if none was used.
     """
 
     label: str
@@ -38,6 +39,10 @@ class GroupStatistics:
     mean_m: float | None
     rms_m: float | None
     wrms_m: float | None
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its numbers without the label."""
+        return {key: value for key, value in asdict(self).items() if key != "label"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +53,9 @@ class FitStatistics:
     ----------
     total : GroupStatistics
         All observations.
-    by_station, by_type : tuple of GroupStatistics
-        By label, in alphabetic order.
+    by_station, by_type, by_path : tuple of GroupStatistics
+        By label, in alphabetic order; the label of a path has the type before it, such as ``range A>lander>B``. A
+        station's mean can hide what its paths show, such as a two-way bias against a three-way one.
     chi2 : float
         Weighted sum of squares with the a-priori rows.
     dof : int
@@ -67,6 +73,7 @@ class FitStatistics:
     total: GroupStatistics
     by_station: tuple[GroupStatistics, ...]
     by_type: tuple[GroupStatistics, ...]
+    by_path: tuple[GroupStatistics, ...]
     chi2: float
     dof: int
     chi2_per_dof: float | None
@@ -80,6 +87,26 @@ class FitStatistics:
         if self.chi2_per_dof is None or self.chi2_per_dof_bound is None:
             return 1.0
         return math.sqrt(self.chi2_per_dof) if self.chi2_per_dof > self.chi2_per_dof_bound else 1.0
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers, in types that JSON has."""
+        total = self.total.to_dict()
+        groups = {"by_station": self.by_station, "by_type": self.by_type, "by_path": self.by_path}
+        return {
+            **total,
+            "chi2": self.chi2,
+            "dof": self.dof,
+            "chi2_per_dof": self.chi2_per_dof,
+            "chi2_per_dof_bound": self.chi2_per_dof_bound,
+            "excess_noise_m": dict(self.excess_noise_m),
+            "robust_scale": self.robust_scale,
+            **{key: {group.label: group.to_dict() for group in items} for key, items in groups.items()},
+        }
+
+
+def finite_or_none(value: float) -> float | None:
+    """A number for JSON, which has neither infinity nor NaN."""
+    return float(value) if math.isfinite(value) else None
 
 
 def chi2_quantile(probability: float, dof: int) -> float:

@@ -1,7 +1,23 @@
 """Everything that shows results: cards, tables, figures, and the files of an output folder."""
 
+from radioloc.report.arc_study import ArcStudy
 from radioloc.report.figures import save_figure
+from radioloc.report.files import write_arcs, write_monte_carlo, write_report, write_terms
+from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.position_figures import plot_position
 from radioloc.report.residual_figures import plot_links, plot_residuals
+from radioloc.report.solution_card import solution_card
 
-__all__ = ["plot_links", "plot_position", "plot_residuals", "save_figure"]
+__all__ = [
+    "ArcStudy",
+    "MonteCarlo",
+    "plot_links",
+    "plot_position",
+    "plot_residuals",
+    "save_figure",
+    "solution_card",
+    "write_arcs",
+    "write_monte_carlo",
+    "write_report",
+    "write_terms",
+]

@@ -24,14 +24,13 @@ from radioloc.report.figures import (
     style_axes,
     utc_dates,
 )
+from radioloc.report.link_names import ways
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _Rows = NDArray[np.intp]
-_ORDER = ("vlbi_delay", "vlbi_delay_rate", "range", "doppler")
-_WORDS = {"vlbi_delay": "delay", "vlbi_delay_rate": "delay rate", "range": "range", "doppler": "Doppler"}
 MOST_STATIONS, MOST_LINKS = 12, 30
 """Panels that fit on a page."""
 _COLUMNS = 3
@@ -182,24 +181,25 @@ def _crowded(residuals: Residuals, panel: _Panel) -> bool:
 
 
 def _link_panels(residuals: Residuals) -> list[_Panel]:
-    """Group observations by kind and by baseline or receiver."""
-    found: dict[tuple[int, str], dict[str, _Rows]] = {}
+    """Group observations by type and by baseline or receiver, baselines first."""
+    found: dict[tuple[bool, int, str], dict[str, _Rows]] = {}
     types, paths = residuals.types, residuals.paths
-    keys = types.codes * len(paths.texts) + paths.codes
+    links = [Link.from_path(path) for path in paths.texts]
+    keys = types.codes * len(links) + paths.codes
     for key in np.unique(keys):
-        kind, path = types.texts[key // len(paths.texts)], paths.texts[key % len(paths.texts)]
-        link = Link.from_path(path)
+        kind, k = types.texts[key // len(links)], key % len(links)
         if kind not in KINDS:
             raise InputError(f"type {kind!r} of an observation is not known; use {', '.join(KINDS)}")
-        if link.differenced:
-            name = ""
-        else:
-            name = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"
-        found.setdefault((_ORDER.index(kind), link.place), {})[name] = np.flatnonzero(keys == key)
+        place = not links[k].differenced, KINDS.index(kind), links[k].place
+        found.setdefault(place, {})[ways(links)[k]] = np.flatnonzero(keys == key)
     return [
-        _Panel(f"{_WORDS[_ORDER[kind]]} {place}", _ORDER[kind], dict(sorted(rows.items(), reverse=True)))
-        for (kind, place), rows in sorted(found.items())
+        _Panel(f"{_word(KINDS[kind])} {place}", KINDS[kind], dict(sorted(rows.items(), reverse=True)))
+        for (_, kind, place), rows in sorted(found.items(), key=lambda item: item[0])
     ]
+
+
+def _word(kind: str) -> str:
+    return kind.removeprefix("vlbi_").replace("_", " ").replace("doppler", "Doppler")
 
 
 def _half_heights(residuals: Residuals, panels: list[_Panel]) -> list[float]:

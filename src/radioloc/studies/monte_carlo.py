@@ -14,18 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.cards import render_html
-from radioloc.extras import astropy_table
+from radioloc.report.monte_carlo import MonteCarlo, Proof
 from radioloc.simulation.noise import generator, require_seed
 from radioloc.studies.arc_parts import DEFAULT_HOURS, arc_lengths
 from radioloc.studies.linear_trials import LinearTrials
-from radioloc.studies.monte_carlo_card import card_fields, card_text
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.prepared_trials import FullTrials, Prepared
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.study import Study
 from radioloc.studies.trial_files import TrialFolder, refuse_other_study, study_record
-from radioloc.studies.trials_summary import ArcSummary, summarize
 from radioloc.studies.workers import Job, Workers, workers_of
 
 logger = logging.getLogger(__name__)
@@ -41,148 +38,6 @@ _ALLOWED_M, _ALLOWED_SIGMAS = 1e-3, 0.01
 _ALLOWED_OF_SIGMAS = 0.02
 """By how much sigmas may differ: the stretches of time in which residuals are looked at for being alike begin elsewhere
 when outliers are left out, and that alone moves sigmas by up to 1 %."""
-
-
-@dataclass(frozen=True, slots=True)
-class Proof:
-    """Trials that were fitted both ways.
-
-    Parameters
-    ----------
-    trials : tuple of int
-        Those farthest from where the model was linearized, then some at random.
-    largest_m : float
-        Largest difference of a position east, north or up, m.
-    largest_sigmas : float
-        The same in parts of the sigma claimed; of sigmas themselves, by how much they differ, if that is more.
-    passed : bool
-        Whether all differences are within 1 mm or 1 % of sigma, whichever is larger, and all sigmas within 2 %.
-    """
-
-    trials: tuple[int, ...]
-    largest_m: float
-    largest_sigmas: float
-    passed: bool
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class MonteCarlo:
-    """The trials of a study and what they say together.
-
-    ``str()`` is a card that fits a terminal; ``_repr_html_`` shows the same.
-
-    Parameters
-    ----------
-    name : str
-        The study's.
-    seed : int
-    hours, span_h : tuple of float
-        Lengths of the arcs asked for and found, the longest first, h.
-    columns : tuple of str
-        What is known of each trial and arc.
-    values : ndarray, shape (trials, arcs, columns)
-        NaN where an arc has no such number.
-    linear : bool
-        Whether the trials are those of the linear model, or full fits.
-    proof : Proof or None
-        How the linear model was proved; None where there could be none.
-    drawn : tuple of str
-        Quantities that departed by lot.
-    """
-
-    name: str
-    seed: int
-    hours: tuple[float, ...]
-    span_h: tuple[float, ...]
-    columns: tuple[str, ...]
-    values: _Floats
-    linear: bool
-    proof: Proof | None
-    drawn: tuple[str, ...]
-
-    def __getitem__(self, column: str) -> _Floats:
-        """One column of all trials and arcs, shape (trials, arcs).
-
-        Raises
-        ------
-        InputError
-            There is no such column.
-        """
-        if column not in self.columns:
-            raise InputError(f"there is no column {column!r}; there are {', '.join(self.columns)}")
-        return np.asarray(self.values[..., self.columns.index(column)])
-
-    @property
-    def trials(self) -> int:
-        """Number of trials."""
-        return len(self.values)
-
-    @property
-    def converged(self) -> bool:
-        """Whether all arcs of all trials did."""
-        return bool((self["converged"] == 1.0).all())
-
-    @property
-    def arcs(self) -> tuple[ArcSummary | None, ...]:
-        """What the trials of each arc say together, the longest first; None where none converged."""
-        return tuple(
-            summarize(
-                length,
-                span,
-                self.columns,
-                self.values[:, k],
-                self.values[:, 0] if k else None,
-            )
-            for k, (length, span) in enumerate(zip(self.hours, self.span_h, strict=True))
-        )
-
-    def to_dict(self) -> dict[str, Any]:
-        """All numbers but the single trials, in types that JSON has."""
-        proof = self.proof
-        return {
-            "name": self.name,
-            "seed": self.seed,
-            "trials": self.trials,
-            "converged": self.converged,
-            "drawn": ["noise", *self.drawn],
-            "linear": self.linear,
-            "proof": None
-            if proof is None
-            else {
-                "trials": list(proof.trials),
-                "largest_m": proof.largest_m,
-                "largest_sigmas": proof.largest_sigmas,
-                "passed": proof.passed,
-            },
-            "arcs": [
-                {"hours": hours, "converged": 0} if arc is None else arc.to_dict()
-                for hours, arc in zip(self.hours, self.arcs, strict=True)
-            ],
-        }
-
-    def to_table(self) -> Any:
-        """All trials as an ``astropy.table.Table``, one row for each trial and arc.
-
-        Raises
-        ------
-        InputError
-            astropy is not installed.
-        """
-        n, k, _ = self.values.shape
-        table = astropy_table().Table({"trial": np.repeat(np.arange(n), k), "hours": np.tile(self.hours, n)})
-        for column in self.columns:
-            table[column] = self[column].ravel()
-        return table
-
-    def __str__(self) -> str:
-        return card_text(card_fields(self))
-
-    def __repr__(self) -> str:
-        hours = ", ".join(f"{length:g}" for length in self.hours)
-        return f"<MonteCarlo {self.name}: {self.trials} trials of {hours} h>"
-
-    def _repr_html_(self) -> str:
-        return render_html(card_fields(self))
 
 
 @on_one_blas_thread

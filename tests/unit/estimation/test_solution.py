@@ -9,8 +9,9 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet, SeriesWeight, build_solution, fit_with_editing
 from radioloc.estimation.build import scaled_covariance
-from radioloc.estimation.cards import card_fields, metres, to_sigma
 from radioloc.lunar.selenographic import cartesian_partials, selenographic_to_cartesian
+from radioloc.report import solution_card
+from radioloc.report.cards import metres, to_sigma
 from radioloc.time import Epochs
 
 # A rotation of the size of the one from principal to mean-Earth axes, about an arbitrary axis.
@@ -157,7 +158,7 @@ def test_variance_shares_name_the_biases():
     assert next(iter(shares)) == "other parameters"
     assert sum(shares.values()) == pytest.approx(1.0)
     assert shares["other parameters"] > 0.99
-    assert "solving for the other parameters 100 %" in str(weak)
+    assert "100 % estimating the other parameters" in str(weak)
 
 
 def test_dictionary_has_the_promised_fields_and_is_json(solution):
@@ -210,7 +211,7 @@ def test_undetermined_bias_leaves_the_position_known():
     assert content["biases"]["D"]["sigma_m"] is None
     assert "the data do not determine range_bias.D" in content["observability"]["text"]
     assert "NOT OBSERVABLE" in str(solution)
-    assert "what is missing: an a-priori sigma for range_bias.D" in str(solution)
+    assert "would help: an a-priori sigma for range_bias.D" in str(solution)
 
 
 def test_undetermined_position_has_no_numbers():
@@ -277,7 +278,7 @@ def test_card_says_what_was_left_out_and_the_one_way_equivalent(solution):
     assert "CONVERGED" in card
     assert "198 used, 2 left out" in card
     wrms_m = solution.fit.total.wrms_m
-    assert f"wrms {metres(wrms_m)} m of the whole light path ({metres(wrms_m / 2)} m one way)" in card
+    assert f"wrms {metres(wrms_m)} m round trip ({metres(wrms_m / 2)} m one way)" in card
     assert "outlier: 18.946 m is 63.2 times its expected 0.300 m" in card
     assert "200 observations from 3 stations over 3.0 days" in card
 
@@ -293,7 +294,7 @@ def test_card_keeps_links_and_types_apart():
     rows = {" ".join(line.split()[:-5]): line.split()[-5:-3] for line in card.splitlines() if " 0." in line}
     for label in (
         "A range",
-        "B range",
+        "B from A range",
         "C–B vlbi_delay",
         "C–D vlbi_delay",
         "A doppler",
@@ -306,6 +307,27 @@ def test_card_keeps_links_and_types_apart():
     assert "B from A range: outlier: " in text
 
 
+def test_paths_of_a_station_are_told_apart():
+    """Two-way ranges 3 m long and three-way ranges 3 m short have no mean at the station that receives both."""
+    paths = np.array(["A>x>A", "B>x>A"] * 100)
+    shifts = {k: 3.0 if path == "A>x>A" else -3.0 for k, path in enumerate(paths)}
+    solution = toy_solution(
+        ToyMoon(200, 72.0, ("A",), biases=False), path=paths, blunders_m=shifts, noise_factor=1.0, sigma_m=3.0
+    )
+    assert abs(solution.fit.by_station[0].mean_m) < 0.5
+    by_path = solution.to_dict()["fit"]["by_path"]
+    assert list(by_path) == ["range A>x>A", "range B>x>A"]
+    for path, mean_m in (("range A>x>A", 3.0), ("range B>x>A", -3.0)):
+        rows = (solution.residuals.path == path.split()[1]) & solution.residuals.used
+        assert by_path[path]["mean_m"] == pytest.approx(solution.residuals.residual_m[rows].mean())
+        assert by_path[path]["mean_m"] == pytest.approx(mean_m, abs=1.0)
+    text = str(solution)
+    assert any(line.startswith("links ") for line in text.splitlines())
+    for name, path in (("A", "range A>x>A"), ("A from B", "range B>x>A")):
+        [row] = [line.split() for line in text.splitlines() if " ".join(line[12:].split()[:-5]) == name]
+        assert row[-3] == metres(by_path[path]["mean_m"])
+
+
 def test_card_tells_how_far_the_position_is_from_its_prior():
     model = ToyMoon(100, 72.0)
     parameters = model.parameters(LANDER_M + np.array([1e3, 0.0, 0.0]), np.inf)
@@ -313,7 +335,7 @@ def test_card_tells_how_far_the_position_is_from_its_prior():
     solution = toy_solution(model, parameters=parameters)
     off_m = solution.values[2] - (LANDER_M[2] - 6.0)
     text = " ".join(str(solution).split())
-    assert f"+- 4.00 m; estimated +{metres(off_m)} m from it, {off_m / 4.0:.2f} of its sigmas" in text
+    assert f"+- 4.00 m; the estimate is +{metres(off_m)} m from it, {off_m / 4.0:.2f} a-priori sigmas" in text
 
 
 class _Text(HTMLParser):
@@ -338,7 +360,7 @@ def test_html_shows_the_same_fields_as_the_text(solution):
     parser.feed(solution._repr_html_())
     assert parser.open == []
     text = "".join("".join(parser.parts).split())
-    for item in card_fields(solution):
+    for item in solution_card(solution).fields:
         assert "".join(item.label.split()) in text
         for line in (*item.lines, *(cell for row in item.rows for cell in row)):
             assert "".join(line.split()) in text
@@ -408,11 +430,11 @@ def test_card_says_which_sigmas_are_formal():
         toy_solution(ToyMoon(100, 0.5), noise_factor=factor, bias_sigma_m=100.0) for factor in (1.0, 5.0)
     )
     assert quiet.observability.weak
-    assert "are formal ones" not in " ".join(str(quiet).split())
-    assert "are formal ones" in " ".join(str(loud).split())
+    assert "sigmas are formal" not in " ".join(str(quiet).split())
+    assert "sigmas are formal" in " ".join(str(loud).split())
     weighed = replace(loud, series_weights=(SeriesWeight("range A>x>A", 100, 3.0),))
     assert "are those of the weights" in " ".join(str(weighed).split())
-    assert "are formal ones" not in " ".join(str(weighed).split())
+    assert "sigmas are formal" not in " ".join(str(weighed).split())
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from toy_moon import ToyMoon, toy_solution
 import radioloc
 import radioloc.report
 from radioloc import InputError, LunarPosition, ObservationChoice, Study
-from radioloc.studies.report import write_report, write_terms
+from radioloc.report.files import write_report, write_terms
 
 
 @pytest.fixture(scope="module")
@@ -93,7 +93,7 @@ def test_residuals_file(folder, solution):
 
 
 def test_terms_file(study, solution, folder, tmp_path):
-    path = write_terms(study, solution, tmp_path / "new")
+    path = write_terms(radioloc.arc_of(study)[0], solution, tmp_path / "new")
     assert path == tmp_path / "new" / "terms.csv"
     rows, residuals = rows_of(path), rows_of(folder / "residuals.csv")
     assert list(rows[0]) == ["epoch_utc", "type", "path", *(f"{name}_m" for name in radioloc.TERMS)]
@@ -137,7 +137,10 @@ def test_what_cannot_be_written_is_named(name, solution, tmp_path):
 
 def test_folder_that_cannot_be_made(solution, study, tmp_path):
     (tmp_path / "file").write_text("x", encoding="utf-8")
-    for write in (lambda f: write_report(solution, f), lambda f: write_terms(study, solution, f)):
+    for write in (
+        lambda f: write_report(solution, f),
+        lambda f: write_terms(radioloc.arc_of(study)[0], solution, f),
+    ):
         for folder in (tmp_path / "file", tmp_path / "file" / "sub"):
             with pytest.raises(InputError, match="the output folder cannot be made: "):
                 write(folder)
@@ -170,9 +173,9 @@ def test_statuses_do_not_break_the_table(apollo15, near15, tmp_path):
 def test_kinds_and_baselines_have_panels_of_their_own(paths, types, by_link, tmp_path, monkeypatch):
     drawn = []
     for name in ("plot_links", "plot_residuals"):
-        draw = getattr(radioloc.report, name)
+        draw = getattr(radioloc.report.files, name)
         monkeypatch.setattr(
-            radioloc.report, name, lambda s, name=name, draw=draw: (drawn.append(name), draw(s))[1]
+            radioloc.report.files, name, lambda s, name=name, draw=draw: (drawn.append(name), draw(s))[1]
         )
     solution = toy_solution(
         ToyMoon(60, 72.0), path=[*paths] * 30, type=[*types] * 30, elevation_deg=np.full(60, 30.0)

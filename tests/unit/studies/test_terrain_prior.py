@@ -10,7 +10,7 @@ from terrain_maps import MAPS, heights_of_map, surface_m, write
 import radioloc
 from radioloc import EstimateChoice, Reference, Study
 from radioloc.lunar import TerrainModel
-from radioloc.studies.report import write_report
+from radioloc.report.files import write_report
 from radioloc.studies.study import TerrainPrior
 
 

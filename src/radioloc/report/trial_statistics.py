@@ -2,15 +2,11 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-
-from radioloc.estimation.statistics import chi2_quantile
 
 _Floats = NDArray[np.float64]
 _Three = tuple[float, float, float]
@@ -129,9 +125,10 @@ class ArcSummary:
     from_longest_95_m: float | None
     parameters: tuple[ParameterSummary, ...]
 
-    def to_dict(self) -> dict[str, Any]:
-        """Its numbers in types that JSON has."""
-        return asdict(self)
+    @property
+    def name(self) -> str:
+        """Length as text, such as ``12 h``."""
+        return f"{self.hours:g} h"
 
 
 def summarize(
@@ -219,27 +216,19 @@ def binomial_bounds(n: int, probability: float) -> tuple[float, float]:
         Above zero.
     probability : float
         Of a success, between 0 and 1.
-
-    Notes
-    -----
-    The quantiles of 2.5 and 97.5 % of the binomial distribution, summed term by term.
     """
-    logs = [
-        math.lgamma(n + 1)
-        - math.lgamma(k + 1)
-        - math.lgamma(n - k + 1)
-        + k * math.log(probability)
-        + (n - k) * math.log1p(-probability)
-        for k in range(n + 1)
-    ]
-    below = np.cumsum(np.exp(logs))
+    from scipy.special import bdtr
+
+    below = bdtr(np.arange(n + 1), n, probability)
     low, high = (int(np.searchsorted(below, quantile)) for quantile in (0.025, 0.975))
     return low / n, min(high, n) / n
 
 
 def _nees(values: _Floats, dimension: int) -> Nees:
+    from scipy.special import chdtri
+
     dof = dimension * len(values)
-    low, high = (chi2_quantile(quantile, dof) / dof for quantile in (0.025, 0.975))
+    low, high = (float(chdtri(dof, 1.0 - quantile)) / dof for quantile in (0.025, 0.975))
     return Nees(float(values.mean()) / dimension, low, high)
 
 

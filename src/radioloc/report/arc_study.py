@@ -1,0 +1,451 @@
+"""Arc-length studies: positions from arcs of several lengths beside known ones, as in Wang et al. (2021), table 1."""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from typing import Any, Protocol
+
+import numpy as np
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.estimation.solution import Solution
+from radioloc.extras import astropy_table
+from radioloc.lunar.position import LunarPosition
+from radioloc.report.cards import Card, Field, metres, more, sigma_text, to_sigma
+from radioloc.report.solution_card import which_sigmas
+
+_ARCS_IN_ROW = 3
+_MAX_PARAMETERS = 12  # a card is to fit a screen; to_dict() has them all
+_UNLIKELY_SIGMAS = 3.72
+"""Two coordinates of a right model stay below this in 99.9 %."""
+
+Place = tuple[float, float, float]
+"""East longitude and latitude, deg, and height, m."""
+
+
+@dataclass(frozen=True, slots=True)
+class PositionRow:
+    """A position and how far it is from the benchmark.
+
+    Longitudes are counted to the west, -180 to 180 deg, as maps of the near side's west and Wang et al. (2021) do.
+    Differences in metres are arcs on the sphere of 1737.4 km: of longitude R cos(B) dL at the benchmark's latitude, of
+    latitude R dB.
+
+    Parameters
+    ----------
+    method : str
+        ``"tracking"`` or ``"reference"``.
+    name : str
+        Length of the arc or name of the reference.
+    longitude_west_deg, latitude_deg : float
+        Mean-Earth axes.
+    height_m : float
+        Above the sphere of 1737.4 km.
+    west_deg, north_deg, west_m, north_m, up_m : float or None
+        This less the benchmark; None for the benchmark itself.
+    sigma_west_m, sigma_north_m, sigma_up_m : float or None
+        Total standard deviations; None for references and where not determined.
+    from_longest_m : float or None
+        Horizontal distance from the longest arc's position; None for that itself.
+    from_longest_sigmas : float or None
+        The same in the standard deviations that this difference should have (:func:`sigmas_apart`).
+    used, left_out : int or None
+        Number of observations; None for references.
+    wrms_m : float or None
+        Weighted rms of the used residuals.
+    converged : bool or None
+        Whether the fit converged and everything is determined; None for references.
+    """
+
+    method: str
+    name: str
+    longitude_west_deg: float
+    latitude_deg: float
+    height_m: float
+    west_deg: float | None
+    north_deg: float | None
+    west_m: float | None
+    north_m: float | None
+    up_m: float | None
+    sigma_west_m: float | None = None
+    sigma_north_m: float | None = None
+    sigma_up_m: float | None = None
+    from_longest_m: float | None = None
+    from_longest_sigmas: float | None = None
+    used: int | None = None
+    left_out: int | None = None
+    wrms_m: float | None = None
+    converged: bool | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Arc:
+    """One arc of a study.
+
+    Parameters
+    ----------
+    hours : float
+        Length asked for.
+    span_h : float
+        From the start to the last observation, h.
+    solution : Solution
+    """
+
+    hours: float
+    span_h: float
+    solution: Solution
+
+    @property
+    def name(self) -> str:
+        """Length as text, such as ``12 h``."""
+        return f"{self.hours:g} h"
+
+    def parameter(self, name: str) -> tuple[float, float] | None:
+        """Value and scaled sigma of a parameter, None where the arc has no such parameter."""
+        names = self.solution.parameters.names
+        if name not in names:
+            return None
+        k = names.index(name)
+        return float(self.solution.values[k]), float(self.solution.sigmas()[k])
+
+
+class KnownPosition(Protocol):
+    """A position to compare with."""
+
+    @property
+    def name(self) -> str:
+        """What it is."""
+
+    @property
+    def position(self) -> LunarPosition:
+        """Where, in mean-Earth axes."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ArcStudy:
+    """The arcs of a study, beside reference positions.
+
+    ``str()`` is a card with the table of positions, what each arc is made of, and the other parameters;
+    ``_repr_html_`` shows the same.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study.
+    arcs : tuple of Arc
+        The longest first.
+    references : tuple of Reference
+        Known positions in mean-Earth axes. The first is the benchmark that all others are compared with; where there
+        is none, that is the longest arc.
+    """
+
+    name: str
+    arcs: tuple[Arc, ...]
+    references: Sequence[KnownPosition] = ()
+
+    @property
+    def longest(self) -> Solution:
+        """Solution of the longest arc."""
+        return self.arcs[0].solution
+
+    @property
+    def converged(self) -> bool:
+        """Whether all arcs did."""
+        return all(arc.solution.converged for arc in self.arcs)
+
+    @property
+    def benchmark(self) -> str:
+        """Name of what all positions are compared with."""
+        return self.references[0].name if self.references else f"the arc of {self.arcs[0].name}"
+
+    @property
+    def rows(self) -> tuple[PositionRow, ...]:
+        """Positions with their differences to the benchmark: arcs, the longest first, then references."""
+        longest = self.longest.selenographic
+        benchmark = self.references[0].position.selenographic if self.references else longest
+        rows = []
+        for k, arc in enumerate(self.arcs):
+            place = arc.solution.selenographic
+            _, _, west_m, north_m, _ = difference(place, longest)
+            estimated, total = arc.solution.position_estimated, arc.solution.fit.total
+            sigmas_m = [
+                float(s) if estimated and math.isfinite(s) else None for s in arc.solution.sigma_enu_m()
+            ]
+            rows.append(
+                PositionRow(
+                    "tracking",
+                    arc.name,
+                    **_place(place, None if k == 0 and not self.references else benchmark),
+                    sigma_west_m=sigmas_m[0],
+                    sigma_north_m=sigmas_m[1],
+                    sigma_up_m=sigmas_m[2],
+                    from_longest_m=None if k == 0 else math.hypot(west_m, north_m),
+                    from_longest_sigmas=None if k == 0 else sigmas_apart(arc.solution, self.longest),
+                    used=total.used,
+                    left_out=total.rejected,
+                    wrms_m=total.wrms_m,
+                    converged=arc.solution.converged,
+                )
+            )
+        for k, reference in enumerate(self.references):
+            cells = _place(reference.position.selenographic, None if k == 0 else benchmark)
+            rows.append(PositionRow("reference", reference.name, **cells))
+        return tuple(rows)
+
+    @property
+    def other_parameters(self) -> dict[str, str]:
+        """Unit of each parameter but the position's, by name, in the order of the longest arcs."""
+        items = [item for arc in self.arcs for item in arc.solution.parameters]
+        return {item.name: item.unit for item in items if item.kind != "position" and not item.fixed}
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers but the single residuals, in types that JSON has."""
+        return {
+            "name": self.name,
+            "converged": self.converged,
+            "benchmark": self.benchmark,
+            "frame": self.longest.me_frame,
+            "sphere_radius_m": MEAN_LUNAR_RADIUS_M,
+            "positions": [asdict(row) for row in self.rows],
+            "arcs": [
+                {"hours": arc.hours, "span_h": arc.span_h, "solution": arc.solution.to_dict()}
+                for arc in self.arcs
+            ],
+        }
+
+    def to_table(self) -> Any:
+        """:attr:`rows` as an ``astropy.table.Table``; NaN where a row has no such number.
+
+        Raises
+        ------
+        InputError
+            astropy is not installed.
+        """
+        records = [asdict(row) for row in self.rows]
+        return astropy_table().Table(
+            {key: [np.nan if r[key] is None else r[key] for r in records] for key in records[0]}
+        )
+
+    def to_csv(self) -> str:
+        """The rows as comma-separated text, with the arcs' other parameters and their sigmas as further columns."""
+        arcs = {arc.name: arc for arc in self.arcs}
+        names = list(self.other_parameters)
+        records = [asdict(row) for row in self.rows]
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        writer.writerow([*records[0], *(column for name in names for column in (name, f"{name}.sigma"))])
+        for record in records:
+            values = list(record.values())
+            for name in names:
+                found = arcs[record["name"]].parameter(name) if record["method"] == "tracking" else None
+                values += found or (None, None)
+            writer.writerow(["" if v is None else repr(v) if isinstance(v, float) else v for v in values])
+        return stream.getvalue()
+
+    def to_markdown(self) -> str:
+        """The table of positions in Markdown."""
+        heading = ["Method", "", "L (°W)", "B (°N)", "δL (°W)", "δB (°N)", "δL (m)", "δB (m)"]
+        lines = ["| " + " | ".join(heading) + " |", "| --- | --- |" + " ---: |" * 6]
+        for row in self.rows:
+            name = f"{row.name} data" if row.method == "tracking" else row.name
+            cells = [row.method, name.replace("|", r"\|"), *_position_cells(row)]
+            lines.append("| " + " | ".join(cells) + " |")
+        return "\n".join(lines) + "\n"
+
+    def card(self) -> Card:
+        """Card of the study."""
+        return _card(self)
+
+    def __str__(self) -> str:
+        return str(self.card())
+
+    def __repr__(self) -> str:
+        hours = ", ".join(f"{arc.hours:g}" for arc in self.arcs)
+        return f"<ArcStudy {self.name}: {hours} h, {'converged' if self.converged else 'NOT CONVERGED'}>"
+
+    def _repr_html_(self) -> str:
+        return self.card().html()
+
+
+def difference(one: Place, benchmark: Place) -> tuple[float, float, float, float, float]:
+    """How far west, north (deg), west, north, up (m) a position is of a benchmark.
+
+    Parameters
+    ----------
+    one, benchmark : tuple of float
+        East longitude and latitude in deg, height in m.
+    """
+    west_deg = -math.remainder(one[0] - benchmark[0], 360.0)
+    north_deg = one[1] - benchmark[1]
+    metres_per_deg = math.radians(MEAN_LUNAR_RADIUS_M)
+    west_m = west_deg * metres_per_deg * math.cos(math.radians(benchmark[1]))
+    return west_deg, north_deg, west_m, north_deg * metres_per_deg, one[2] - benchmark[2]
+
+
+def sigmas_apart(part: Solution, whole: Solution) -> float | None:
+    """How far a part of the data leads from the whole, horizontally, in standard deviations of that difference.
+
+    Notes
+    -----
+    An estimate from all data is uncorrelated with what a part of them differs from it, if both are weighted rightly.
+    The difference then has the covariance of the part less that of the whole (Hausman 1978, Econometrica 46, 1251).
+    The length is Mahalanobis', in two dimensions below 2.45 in 95 % and below 3.72 in 99.9 %. None where the part is
+    stated to know as much as the whole, or a position is not determined.
+    """
+    axes = part.rot_pa_to_enu[:2]
+    difference_m = axes @ (part.position_pa_m - whole.position_pa_m)
+    covariance_pa = part.position_covariance("pa", "scaled") - whole.position_covariance("pa", "scaled")
+    if not np.isfinite(covariance_pa).all():
+        return None
+    covariance = axes @ covariance_pa @ axes.T
+    try:
+        root = np.linalg.cholesky(covariance)
+    except np.linalg.LinAlgError:
+        return None
+    return float(np.linalg.norm(np.linalg.solve(root, difference_m)))
+
+
+def _place(place: Place, benchmark: Place | None) -> dict[str, Any]:
+    """A position and its differences to the benchmark, as fields of a row."""
+    names = ("west_deg", "north_deg", "west_m", "north_m", "up_m")
+    differences = (None,) * 5 if benchmark is None else difference(place, benchmark)
+    return {
+        "longitude_west_deg": -math.remainder(place[0], 360.0),
+        "latitude_deg": place[1],
+        "height_m": place[2],
+        **dict(zip(names, differences, strict=True)),
+    }
+
+
+def _card(study: ArcStudy) -> Card:
+    longest, rows = study.longest, study.rows
+    failed = [arc.name for arc in study.arcs if not arc.solution.converged]
+    tracked = list(zip(study.arcs, rows, strict=False))
+    fields = [
+        Field("arc lengths", (study.name,)),
+        Field("status", (f"NOT CONVERGED: {', '.join(failed)}" if failed else "all arcs converged",)),
+        Field(
+            "axes",
+            (
+                f"{longest.me_frame}, fitted in {longest.pa_frame}; L west longitude, B latitude; dL, dB "
+                f"relative to {study.benchmark}, on the sphere of {MEAN_LUNAR_RADIUS_M / 1e3:.1f} km",
+            ),
+        ),
+        Field(
+            "positions",
+            heading=("", "L, deg W", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m"),
+            rows=tuple((row.name, *_position_cells(row)) for row in rows),
+        ),
+        Field(
+            "1 sigma",
+            heading=("", "L, m", "B, m", "h, m", "height, m", f"from {study.arcs[0].name}, m", "in sigmas"),
+            rows=tuple(_sigma_cells(arc, row) for arc, row in tracked),
+        ),
+        Field(
+            "data",
+            heading=("", "span, h", "used", "left out", "wrms, m", "chi2/dof"),
+            rows=tuple(_data_cells(arc, row) for arc, row in tracked),
+        ),
+        *_parameter_fields(study),
+        Field("observable", tuple(_observable(study))),
+        Field("notes", tuple(_notes(study, rows))),
+    ]
+    return Card(tuple(field for field in fields if field.lines or field.rows))
+
+
+def _position_cells(row: PositionRow) -> tuple[str, ...]:
+    cells = (f"{row.longitude_west_deg:.5f}", f"{row.latitude_deg:.5f}")
+    if row.west_deg is None:
+        return (*cells, "benchmark", "-", "-", "-")
+    return (
+        *cells,
+        f"{row.west_deg:.5f}",
+        f"{row.north_deg:.5f}",
+        f"{row.west_m:.1f}",
+        f"{row.north_m:.1f}",
+    )
+
+
+def _fixed(value: float | None, decimals: int) -> str:
+    """Text with so many decimals, and no sign before a zero."""
+    return "-" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"
+
+
+def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
+    sigmas = (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m)
+    return (
+        arc.name,
+        *(metres(sigma) if arc.solution.position_estimated else "held" for sigma in sigmas),
+        _fixed(row.height_m, 1),
+        _fixed(row.from_longest_m, 1),
+        _fixed(row.from_longest_sigmas, 1),
+    )
+
+
+def _data_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
+    chi2 = arc.solution.fit.chi2_per_dof
+    return (
+        arc.name,
+        f"{arc.span_h:.2f}",
+        str(row.used),
+        str(row.left_out),
+        "-" if row.wrms_m is None else metres(row.wrms_m),
+        "-" if chi2 is None else f"{chi2:.3g}",
+    )
+
+
+def _parameter_fields(study: ArcStudy) -> list[Field]:
+    """The other parameters and their sigmas, some arcs side by side."""
+    units = study.other_parameters
+    shown = list(units.items())[:_MAX_PARAMETERS]
+    fields = []
+    for start in range(0, len(study.arcs) if shown else 0, _ARCS_IN_ROW):
+        arcs = study.arcs[start : start + _ARCS_IN_ROW]
+        rows = tuple(
+            (f"{name}, {unit}", *(_with_sigma(arc.parameter(name)) for arc in arcs)) for name, unit in shown
+        )
+        heading = ("value +- 1 sigma", *(arc.name for arc in arcs))
+        fields.append(Field("" if start else "estimated", heading=heading, rows=rows))
+    if len(units) > len(shown):
+        fields.append(Field("", more(len(units), len(shown), "arcs.json")))
+    return fields
+
+
+def _with_sigma(found: tuple[float, float] | None) -> str:
+    if found is None:
+        return "-"
+    value, sigma = found
+    return f"{to_sigma(value, sigma)} +- {sigma_text(sigma)}" if math.isfinite(sigma) else "undetermined"
+
+
+def _observable(study: ArcStudy) -> Iterable[str]:
+    """What the data of each arc determine poorly."""
+    for arc in study.arcs:
+        for sentence in arc.solution.observability.describe()[:1]:
+            yield f"{arc.name}: {sentence}"
+    yield from which_sigmas(arc.solution for arc in study.arcs)
+
+
+def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterable[str]:
+    for arc in study.arcs:
+        if arc.solution.message:
+            yield f"{arc.name}: {arc.solution.message}"
+    for longer, shorter in zip(study.arcs, study.arcs[1:], strict=False):
+        if len(longer.solution.residuals) == len(shorter.solution.residuals):
+            yield (
+                f"the arc of {longer.name} has no more observations than that of {shorter.name}: there are none after "
+                f"{shorter.span_h:.2f} h"
+            )
+    for row in rows:
+        if row.from_longest_sigmas is not None and row.from_longest_sigmas > _UNLIKELY_SIGMAS:
+            yield (
+                f"{row.name} and {study.arcs[0].name} are {row.from_longest_m:.1f} m apart, "
+                f"{row.from_longest_sigmas:.1f} sigmas of that difference (99.9 % are below {_UNLIKELY_SIGMAS}): the "
+                "sigmas are too small, as errors of the data are correlated or the model is incomplete"
+            )
+    # What several arcs say alike is said once, of the longest; counts of observations differ from arc to arc.
+    yield from (note for note in study.longest.notes if "not asked for" not in note)

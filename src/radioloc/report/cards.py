@@ -1,0 +1,138 @@
+"""Cards: what a result says, as one list of fields with two renderers, text for a terminal and HTML for a notebook."""
+
+from __future__ import annotations
+
+import html
+import io
+import math
+import textwrap
+from dataclasses import dataclass
+
+WIDTH = 80
+_LABEL_WIDTH = 12
+_SHORTEST_NAME = 12
+_FINE = 1e-3  # sigmas below, such as those of clocks, are written with a power of ten
+
+
+@dataclass(frozen=True, slots=True)
+class Field:
+    """A label and what it says: lines of text, rows of a table under a heading, lines below it."""
+
+    label: str
+    lines: tuple[str, ...] = ()
+    heading: tuple[str, ...] = ()
+    rows: tuple[tuple[str, ...], ...] = ()
+    below: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Card:
+    """Fields in order; ``str()`` is the card for a terminal."""
+
+    fields: tuple[Field, ...]
+
+    def __str__(self) -> str:
+        out = []
+        for field in self.fields:
+            lines = _wrapped(field.lines)
+            if field.rows:
+                lines += text_table(field.heading, field.rows, WIDTH - _LABEL_WIDTH)
+            lines += _wrapped(field.below)
+            for k, line in enumerate(lines):
+                out.append(f"{field.label if k == 0 else '':<{_LABEL_WIDTH}}{line}".rstrip())
+        return "\n".join(out)
+
+    def html(self) -> str:
+        """The same fields as an HTML table."""
+        left = 'style="text-align:left"'
+        rows = []
+        for field in self.fields:
+            content = "<br>".join(html.escape(line) for line in field.lines)
+            if field.rows:
+                head = "".join(f"<th>{html.escape(cell)}</th>" for cell in field.heading)
+                cells = ["".join(f"<td>{html.escape(cell)}</td>" for cell in row) for row in field.rows]
+                body = "".join(f"<tr>{row}</tr>" for row in cells)
+                content += f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+            content += "<br>".join(html.escape(line) for line in field.below)
+            rows.append(f"<tr><th {left}>{html.escape(field.label)}</th><td {left}>{content}</td></tr>")
+        return f"<table>{''.join(rows)}</table>"
+
+
+def text_table(heading: tuple[str, ...], rows: tuple[tuple[str, ...], ...], width: int) -> list[str]:
+    """Rows of cells as aligned lines of plain text: names to the left, numbers to the right.
+
+    Names are wrapped where they are too long; numbers never are: where they leave no room, the table is wider.
+    """
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, pad_edge=False, padding=(0, 2, 0, 0), header_style="")
+    for k, name in enumerate(heading):
+        table.add_column(Text(name), justify="right" if k else "left", no_wrap=k > 0, overflow="fold")
+    for row in rows:
+        table.add_row(*map(Text, row))
+    numbers = sum(2 + max(map(len, column)) for column in list(zip(heading, *rows, strict=True))[1:])
+    console = Console(file=io.StringIO(), width=max(width, numbers + _SHORTEST_NAME), color_system=None)
+    with console.capture() as capture:
+        console.print(table)
+    return capture.get().splitlines()
+
+
+def more(count: int, most: int, where: str = "solution.json") -> tuple[str, ...]:
+    """Say how many are not shown."""
+    return (f"{count - most} more in {where}",) if count > most else ()
+
+
+def plural(count: int, noun: str, ending: str = "s") -> str:
+    """A count with its noun."""
+    return f"{count} {noun}{'' if count == 1 else ending}"
+
+
+def metres(value_m: float | None) -> str:
+    """Text of a length to three digits, to a tenth of a millimetre at the finest."""
+    if value_m is None or not math.isfinite(value_m):
+        return "undetermined"
+    if value_m == 0.0:
+        return "0"
+    decimals = min(4, max(0, 2 - math.floor(math.log10(abs(value_m)))))
+    return f"{round(value_m, decimals) + 0.0:.{decimals}f}"
+
+
+def signed_metres(value_m: float) -> str:
+    """As :func:`metres`, with a sign."""
+    return metres(value_m) if value_m < 0.0 else f"+{metres(value_m)}"
+
+
+def to_sigma(value: float, sigma: float) -> str:
+    """Text of a value with the digits that its sigma, given to three of them, asks for; nought far below it."""
+    if not (math.isfinite(sigma) and sigma > 0.0 and math.isfinite(value) and value):
+        return f"{value + 0.0:.6g}"
+    decimals = 2 - math.floor(math.log10(sigma))
+    if sigma >= _FINE:
+        return f"{round(value, max(decimals, 0)) + 0.0:.{max(decimals, 0)}f}"
+    digits = math.floor(math.log10(abs(value))) + decimals + 1
+    return f"{value:#.{min(digits, 15)}g}".replace(".e", "e").rstrip(".") if digits > 0 else "0"
+
+
+def sigma_text(sigma: float) -> str:
+    """Text of a sigma to three digits."""
+    if not math.isfinite(sigma):
+        return "undetermined"
+    return metres(sigma) if sigma >= _FINE else f"{sigma:.3g}"
+
+
+def duration(seconds: float) -> str:
+    """Text of a time span in minutes, hours or days."""
+    if seconds < 0.95 * 3600.0:
+        return f"{seconds / 60.0:.1f} min"
+    return f"{seconds / 3600.0:.1f} h" if seconds < 72.0 * 3600.0 else f"{seconds / 86400.0:.1f} days"
+
+
+def _wrapped(lines: tuple[str, ...]) -> list[str]:
+    out = []
+    for line in lines:
+        out += textwrap.wrap(line, WIDTH - _LABEL_WIDTH, subsequent_indent="  ", break_on_hyphens=False) or [
+            ""
+        ]
+    return out

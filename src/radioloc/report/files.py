@@ -1,0 +1,239 @@
+"""The files of an output folder: of a solution, of an arc-length study, of a Monte Carlo study."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from radioloc.errors import InputError
+from radioloc.estimation.labels import Labels
+from radioloc.estimation.solution import Solution
+from radioloc.io.solution_files import write_json, write_residuals
+from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import KINDS
+from radioloc.report.arc_study import ArcStudy
+from radioloc.report.figures import save_figure
+from radioloc.report.monte_carlo import MonteCarlo
+from radioloc.report.position_figures import plot_error_by_length, plot_position, plot_trial_scatter
+from radioloc.report.residual_figures import plot_links, plot_residuals
+from radioloc.text_files import write_text
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+def write_report(solution: Solution, folder: str | Path) -> list[Path]:
+    """Write a solution's files and plots.
+
+    Parameters
+    ----------
+    solution : Solution
+    folder : path-like
+        Made where it does not exist; files of the same names are replaced.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made or written to, or the solution has no elevations.
+    """
+    written = write_numbers(solution, folder)
+    return [*written, *_write_plots(solution, Path(folder))]
+
+
+def write_numbers(solution: Solution, folder: str | Path) -> list[Path]:
+    """Write ``solution.json`` and ``residuals.csv``.
+
+    Parameters, result and errors as :func:`write_report`.
+    """
+    folder = made_folder(folder)
+    rows = solution.residuals
+    if rows.elevation_deg is None:
+        raise InputError(
+            "the solution has no elevations, which residuals.csv lists; give them to build_solution"
+        )
+    write_json(folder / "solution.json", solution.to_dict())
+    write_residuals(
+        folder / "residuals.csv",
+        epoch=rows.epoch_utc,
+        types=rows.types,
+        paths=rows.paths,
+        observed_m=rows.observed_m,
+        computed_m=rows.computed_m,
+        residual_m=rows.residual_m,
+        sigma_m=rows.sigma_m,
+        elevation_deg=rows.elevation_deg,
+        status=rows.outcome,
+    )
+    return [folder / "solution.json", folder / "residuals.csv"]
+
+
+def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) -> Path:
+    """Write ``terms.csv``: for each observation, what each active term of the model adds to the computed value.
+
+    Parameters
+    ----------
+    predictor : Predictor
+        That of the solution's study, as :func:`~radioloc.studies.locate.arc_of` prepares it.
+    solution : Solution
+        Where the terms are evaluated.
+    folder : path-like
+        Made where it does not exist.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made or written to.
+    """
+    from radioloc.io.csv_file import batches_of, write_csv
+
+    terms = predictor.terms(solution.position_pa_m)
+    path = made_folder(folder) / "terms.csv"
+    rows = predictor.observations
+    types = Labels(rows.kind.astype(np.int32), KINDS)
+    paths = Labels(rows.link, tuple(link.path for link in rows.links))
+    columns = {"epoch_utc": rows.epoch, "type": types, "path": paths}
+    named = {f"{name}_m": values for name, values in terms.items()}
+    write_csv(path, batches_of(columns | named, dict.fromkeys(named, 6)))
+    return path
+
+
+def _write_plots(solution: Solution, folder: Path) -> list[Path]:
+    rows = solution.residuals
+    # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
+    apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
+    figures = {"residuals": plot_links(solution) if apart else plot_residuals(solution)}
+    if solution.position_estimated and solution.position_determined:
+        figures["position"] = plot_position(solution)
+    return [path for name, figure in figures.items() for path in write_figure(figure, folder, name)]
+
+
+def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
+    """Write ``arcs.json``, ``table1.csv``, ``table1.md``, ``figure2.png``, ``figure2.svg`` and a folder for each arc.
+
+    Table and figure are what table 1 and figure 2 of Wang et al. (2021) show. Each arc's folder, such as ``12h``, has
+    its ``solution.json`` and ``residuals.csv``.
+
+    Parameters
+    ----------
+    study : ArcStudy
+    folder : path-like
+        Made where it does not exist; files of the same names are replaced.
+
+    Returns
+    -------
+    list of Path
+        What was written.
+
+    Raises
+    ------
+    InputError
+        A folder cannot be made or written to.
+    """
+    folder = made_folder(folder)
+    table, markdown, numbers = (folder / name for name in ("table1.csv", "table1.md", "arcs.json"))
+    write_text(table, study.to_csv())
+    write_text(markdown, study.to_markdown())
+    write_json(numbers, study.to_dict())
+    written = [table, markdown, numbers]
+    for arc in study.arcs:
+        written += write_numbers(arc.solution, folder / f"{arc.hours:g}h")
+    return written + write_figure(plot_links(study.longest), folder, "figure2")
+
+
+def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
+    """Write ``montecarlo.json``, ``trials.csv``, ``trials.png``, ``trials.svg``, ``error_by_length.png`` and ``.svg``.
+
+    Parameters
+    ----------
+    study : MonteCarlo
+    folder : path-like
+        Made where it does not exist; files of the same names are replaced.
+
+    Returns
+    -------
+    list of Path
+        What was written; no figures where no trial has converged.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be made or written to, or there are more arcs than panels fit on a page.
+    """
+    folder = made_folder(folder)
+    numbers, table = folder / "montecarlo.json", folder / "trials.csv"
+    write_json(numbers, study.to_dict())
+    _write_trials(study, table)
+    written = [numbers, table]
+    good = study["converged"] == 1.0
+    shown = [k for k in range(len(study.hours)) if good[:, k].any()]
+    if not shown:
+        return written
+    axes = ("east", "north", "up")
+    error_m = np.stack([study[f"{axis}_m"] for axis in axes], axis=-1)
+    sigma_m = np.stack([study[f"sigma_{axis}_m"] for axis in axes], axis=-1)
+    errors = [error_m[good[:, k], k] for k in shown]
+    sigmas = [sigma_m[good[:, k], k] for k in shown]
+    hours = [study.hours[k] for k in shown]
+    claimed = []
+    for k in shown:
+        east_m, north_m = np.median(sigma_m[good[:, k], k, :2], axis=0)
+        across_m2 = float(np.median(study["correlation_east_north"][good[:, k], k])) * east_m * north_m
+        claimed.append(np.array([[east_m**2, across_m2], [across_m2, north_m**2]]))
+    title = f"{study.name}: {study.trials} trials"
+    scatter = plot_trial_scatter([f"{h:g} h" for h in hours], [e[:, :2] for e in errors], claimed, title)
+    written += write_figure(scatter, folder, "trials")
+    return written + write_figure(
+        plot_error_by_length(hours, errors, sigmas, title), folder, "error_by_length"
+    )
+
+
+def _write_trials(study: MonteCarlo, path: Path) -> None:
+    """One row for each trial and arc, numbers to the last bit; what is not a number is left empty."""
+    import pyarrow
+
+    from radioloc.io.csv_file import write_csv
+
+    arcs = len(study.hours)
+    columns = {"trial": np.repeat(np.arange(study.trials), arcs), "hours": np.tile(study.hours, study.trials)}
+    columns |= dict(zip(study.columns, study.values.reshape(-1, len(study.columns)).T, strict=True))
+    arrays = {name: pyarrow.array(column, from_pandas=True) for name, column in columns.items()}
+    write_csv(path, [pyarrow.record_batch(arrays)])
+
+
+def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
+    """Write a figure as PNG and SVG.
+
+    Raises
+    ------
+    InputError
+        The folder cannot be written to.
+    """
+    paths = [folder / f"{name}.{ending}" for ending in ("png", "svg")]
+    try:
+        save_figure(figure, paths)
+    except OSError as error:
+        raise InputError(f"{folder}: the plot of {name} cannot be written: {error.strerror}") from None
+    return paths
+
+
+def made_folder(folder: str | Path) -> Path:
+    """The folder, made with those above it where it does not exist.
+
+    Raises
+    ------
+    InputError
+        It cannot be made.
+    """
+    folder = Path(folder)
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise InputError(f"{folder}: the output folder cannot be made: {error.strerror}") from None
+    return folder

@@ -1,0 +1,287 @@
+"""Monte Carlo studies: many simulated realizations of a tracking plan, what their errors say, and the card of that."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.extras import astropy_table
+from radioloc.report.cards import Card, Field, metres, more
+from radioloc.report.trial_statistics import ArcSummary, Nees, ParameterSummary, summarize
+
+_Floats = NDArray[np.float64]
+_MAX_PARAMETERS = 8
+_SIDES = ("east", "north", "up")
+_PLACES = (*_SIDES, "horizontal")
+
+
+@dataclass(frozen=True, slots=True)
+class Proof:
+    """Trials that were fitted both ways.
+
+    Parameters
+    ----------
+    trials : tuple of int
+        Those farthest from where the model was linearized, then some at random.
+    largest_m : float
+        Largest difference of a position east, north or up, m.
+    largest_sigmas : float
+        The same in parts of the sigma claimed; of sigmas themselves, by how much they differ, if that is more.
+    passed : bool
+        Whether all differences are within 1 mm or 1 % of sigma, whichever is larger, and all sigmas within 2 %.
+    """
+
+    trials: tuple[int, ...]
+    largest_m: float
+    largest_sigmas: float
+    passed: bool
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MonteCarlo:
+    """The trials of a study and what they say together.
+
+    ``str()`` is a card that fits a terminal; ``_repr_html_`` shows the same.
+
+    Parameters
+    ----------
+    name : str
+        The study's.
+    seed : int
+    hours, span_h : tuple of float
+        Lengths of the arcs asked for and found, the longest first, h.
+    columns : tuple of str
+        What is known of each trial and arc.
+    values : ndarray, shape (trials, arcs, columns)
+        NaN where an arc has no such number.
+    linear : bool
+        Whether the trials are those of the linear model, or full fits.
+    proof : Proof or None
+        How the linear model was proved; None where there could be none.
+    drawn : tuple of str
+        Quantities that departed by lot.
+    """
+
+    name: str
+    seed: int
+    hours: tuple[float, ...]
+    span_h: tuple[float, ...]
+    columns: tuple[str, ...]
+    values: _Floats
+    linear: bool
+    proof: Proof | None
+    drawn: tuple[str, ...]
+
+    def __getitem__(self, column: str) -> _Floats:
+        """One column of all trials and arcs, shape (trials, arcs).
+
+        Raises
+        ------
+        InputError
+            There is no such column.
+        """
+        if column not in self.columns:
+            raise InputError(f"there is no column {column!r}; there are {', '.join(self.columns)}")
+        return np.asarray(self.values[..., self.columns.index(column)])
+
+    @property
+    def trials(self) -> int:
+        """Number of trials."""
+        return len(self.values)
+
+    @property
+    def converged(self) -> bool:
+        """Whether all arcs of all trials did."""
+        return bool((self["converged"] == 1.0).all())
+
+    @property
+    def arcs(self) -> tuple[ArcSummary | None, ...]:
+        """What the trials of each arc say together, the longest first; None where none converged."""
+        return tuple(
+            summarize(
+                length,
+                span,
+                self.columns,
+                self.values[:, k],
+                self.values[:, 0] if k else None,
+            )
+            for k, (length, span) in enumerate(zip(self.hours, self.span_h, strict=True))
+        )
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers but the single trials, in types that JSON has."""
+        proof = self.proof
+        return {
+            "name": self.name,
+            "seed": self.seed,
+            "trials": self.trials,
+            "converged": self.converged,
+            "drawn": ["noise", *self.drawn],
+            "linear": self.linear,
+            "proof": None if proof is None else asdict(proof) | {"trials": list(proof.trials)},
+            "arcs": [
+                {"hours": hours, "converged": 0} if arc is None else asdict(arc)
+                for hours, arc in zip(self.hours, self.arcs, strict=True)
+            ],
+        }
+
+    def to_table(self) -> Any:
+        """All trials as an ``astropy.table.Table``, one row for each trial and arc.
+
+        Raises
+        ------
+        InputError
+            astropy is not installed.
+        """
+        n, k, _ = self.values.shape
+        table = astropy_table().Table({"trial": np.repeat(np.arange(n), k), "hours": np.tile(self.hours, n)})
+        for column in self.columns:
+            table[column] = self[column].ravel()
+        return table
+
+    def card(self) -> Card:
+        """Card of the study."""
+        return _card(self)
+
+    def __str__(self) -> str:
+        return str(self.card())
+
+    def __repr__(self) -> str:
+        hours = ", ".join(f"{length:g}" for length in self.hours)
+        return f"<MonteCarlo {self.name}: {self.trials} trials of {hours} h>"
+
+    def _repr_html_(self) -> str:
+        return self.card().html()
+
+
+def _card(study: MonteCarlo) -> Card:
+    arcs = [arc for arc in study.arcs if arc is not None]
+    fields = [
+        Field("monte carlo", (study.name,)),
+        Field("status", tuple(_status(study))),
+        Field("drawn", (", ".join(["noise", *study.drawn]) + f"; seed {study.seed}",)),
+    ]
+    if not arcs:
+        return Card(tuple(fields))
+
+    def table(label: str, heading: tuple[str, ...], cells: Callable[[ArcSummary], tuple[str, ...]]) -> Field:
+        return Field(label, heading=("", *heading), rows=tuple((arc.name, *cells(arc)) for arc in arcs))
+
+    fields += [
+        table(
+            "error, m",
+            ("mean E", "N", "U", "rms E", "N", "U", "68 %", "95 %"),
+            lambda arc: (
+                *(_signed(v) for v in arc.mean_m),
+                *(metres(v) for v in (*arc.rms_m, arc.radius_68_m, arc.radius_95_m)),
+            ),
+        ),
+        table(
+            "1 sigma, m",
+            ("claimed E", "N", "U", "rms/sigma E", "N", "U", f"95 % from {arcs[0].name}"),
+            lambda arc: (
+                *(metres(v) for v in arc.sigma_m),
+                *(f"{r / s:.2f}" for r, s in zip(arc.rms_m, arc.sigma_m, strict=True)),
+                "-" if arc.from_longest_95_m is None else metres(arc.from_longest_95_m),
+            ),
+        ),
+        table(
+            "inside 95 %",
+            (*_PLACES, "expected"),
+            lambda arc: (
+                *(f"{100.0 * arc.inside[place].fraction:.1f} %" for place in _PLACES),
+                f"{100.0 * arc.inside['east'].low:.1f} to {100.0 * arc.inside['east'].high:.1f} %",
+            ),
+        ),
+        table(
+            "nees",
+            ("in space", "expected", "horizontal", "expected"),
+            lambda arc: (*_nees(arc.nees), *_nees(arc.nees_horizontal)),
+        ),
+        table(
+            "data",
+            ("span, h", "used", "left out", "at most"),
+            lambda arc: (
+                f"{arc.span_h:.2f}",
+                f"{arc.used:.1f}",
+                f"{arc.rejected:.1f}",
+                str(arc.rejected_most),
+            ),
+        ),
+        *_parameter_fields(arcs),
+        Field("notes", tuple(note for arc in arcs for note in _notes(arc))),
+    ]
+    return Card(tuple(field for field in fields if field.lines or field.rows))
+
+
+def _parameter_fields(arcs: list[ArcSummary]) -> list[Field]:
+    found: dict[str, list[tuple[ArcSummary, ParameterSummary]]] = {}
+    for arc in arcs:
+        for item in arc.parameters:
+            found.setdefault(item.name, []).append((arc, item))
+    fields: list[Field] = []
+    for name, items in list(found.items())[:_MAX_PARAMETERS]:
+        rows = tuple(
+            (
+                arc.name,
+                f"{item.mean:.4g}",
+                f"{item.std:.3g}",
+                "-" if item.rms_error is None else f"{item.rms_error:.3g}",
+                f"{item.sigma:.3g}",
+            )
+            for arc, item in items
+        )
+        heading = (name, "mean", "std", "rms error", "sigma claimed")
+        fields.append(Field("" if fields else "estimated", heading=heading, rows=rows))
+    if len(found) > _MAX_PARAMETERS:
+        fields.append(Field("", more(len(found), _MAX_PARAMETERS, "montecarlo.json")))
+    return fields
+
+
+def _status(study: MonteCarlo) -> list[str]:
+    count = len(study.hours)
+    arcs = f"{study.trials} trials, {count} arc{'' if count == 1 else 's'}: "
+    lost = int((study["converged"] != 1.0).any(axis=1).sum())
+    lines = [arcs + ("all converged" if not lost else f"NOT CONVERGED in {lost} of the trials")]
+    proof = study.proof
+    if study.linear and proof is not None:
+        lines.append(
+            f"linear model, checked by {len(proof.trials)} full fits: positions and sigmas agree to "
+            f"{metres(proof.largest_m)} m and {100.0 * proof.largest_sigmas:.2g} % of sigma"
+        )
+    elif proof is not None:
+        lines.append(
+            f"every trial fitted in full: the linear model is off by up to {metres(proof.largest_m)} m, "
+            f"{100.0 * proof.largest_sigmas:.2g} % of sigma"
+        )
+    else:
+        lines.append("every trial fitted in full")
+    return lines
+
+
+def _signed(value_m: float) -> str:
+    text = metres(abs(value_m))
+    return f"-{text}" if value_m < 0.0 and float(text) else text
+
+
+def _nees(nees: Nees) -> tuple[str, str]:
+    return f"{nees.mean:.3g}", f"{nees.low:.3f} to {nees.high:.3f}"
+
+
+def _notes(arc: ArcSummary) -> list[str]:
+    inside, nees = arc.inside["horizontal"], arc.nees
+    holds = f"{arc.name}: the claimed 95 % ellipse holds the truth in {100.0 * inside.fraction:.1f} %"
+    if nees.mean > nees.high and inside.fraction < inside.low:
+        return [
+            f"{holds}; the sigmas are too small by a factor of about {math.sqrt(nees.mean):.2g}: there are systematic "
+            "or time-correlated errors that the fit does not model"
+        ]
+    if nees.mean < nees.low and inside.fraction > inside.high:
+        return [f"{holds}; the sigmas are too large"]
+    return []

@@ -24,35 +24,31 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable
+import warnings
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
-from radioloc.errors import FileFormatError
-from radioloc.io.checks import Catalogue, refuse_duplicates
-from radioloc.io.crd_records import (
-    LONGEST_PASS_S,
-    NormalPoint,
-    PassDates,
-    Record,
-    Weather,
-    parse_normal_point,
-    parse_pass,
-    parse_session_rms,
-    parse_station,
-    parse_target,
-    parse_version,
-    parse_wavelength,
-    parse_weather,
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.io.checks import (
+    Catalogue,
+    refuse_duplicates,
+    require_lunar_flight_time,
+    require_year,
+    station_name,
 )
 from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.measurements.link import Link
-from radioloc.measurements.observations import Observations
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import WEATHER_LIMITS, Observations
+from radioloc.measurements.targets import REFLECTORS, canonical_target
 from radioloc.text_files import read_lines
+from radioloc.time.scales import calendar_to_jd
 
 _PASSED_OVER = frozenset(
     ["00", "12", "21", "30", "40", "41", "42", "60", "H5"]
@@ -61,32 +57,23 @@ _PASSED_OVER = frozenset(
 )
 _HEADERS = ("H1", "H2", "H3", "H4", "C0", "H9")
 _DATA = ("11", "20", "50", "H8")
+_WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity")
+_EVENT_TAGS = {0: TIME_TAGS.index("receive"), 1: TIME_TAGS.index("bounce"), 2: TIME_TAGS.index("transmit")}
+_UTC_TIME_SCALES = (3, 4, 7)
+_TRANSPONDERS = (3, 4)
+_H2 = re.compile(r"H2\s+(\S.*?)\s+(\d{4})\s+(\S+)\s+(\S+)\s+(\d+)(\s.*)?", re.ASCII | re.IGNORECASE)
+# Flags of H4 from its sixteenth field on, with what the CRD manual requires of normal points.
+_H4_FLAGS = {
+    "refraction corrected": 0,
+    "centre of mass corrected": 0,
+    "receive amplitude corrected": None,
+    "system delay applied": 1,
+}
+# A longer pass would leave open which day a second of day belongs to.
+_LONGEST_PASS_S = 22.0 * 3600.0
 # A normal point may lie this far outside the first and the last range, from which H4 is made.
 _PASS_MARGIN_S = 3600.0
 _WEATHER_REACH_S = 7200.0
-
-
-@dataclass(slots=True)
-class _Pass:
-    """What lies between H4 and H8, and what the headers before it say."""
-
-    line: int
-    link: int
-    dates: PassDates
-    wavelengths_um: dict[str, float]
-    points: list[NormalPoint] = field(default_factory=list)
-    weather: list[Weather] = field(default_factory=list)
-    rms_ps: dict[str, float] = field(default_factory=dict)
-
-    @property
-    def latest_s(self) -> float:
-        """Latest end of the pass, s since its first midnight."""
-        return self.dates.start_s + LONGEST_PASS_S if self.dates.end_s is None else self.dates.end_s
-
-    def day_of(self, second_of_day: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Days from the first midnight to the one that puts a second of day nearest the pass's middle."""
-        middle_s = 0.5 * (self.dates.start_s + self.latest_s)
-        return np.rint((middle_s - second_of_day) / SECONDS_PER_DAY)
 
 
 def looks_like_crd(lines: list[str]) -> bool:
@@ -123,79 +110,24 @@ def read_crd(path: str | Path, *, catalogue: Catalogue | None = None) -> Observa
 
 def parse_crd(path: str | Path, lines: Iterable[str], catalogue: Catalogue | None) -> Observations:
     """As :func:`read_crd`, from the file's lines."""
-    links: dict[Link, int] = {}
-    columns: list[list[NDArray[np.float64]]] = []
-    version = 0
-    station = target = ""
-    wavelengths_um: dict[str, float] = {}
-    current: _Pass | None = None
-    ended = False
+    file = _File(catalogue)
     number = 0
     for number, text in enumerate(lines, start=1):
-        code = text[:2].upper()
-        if code in _PASSED_OVER or not text.strip():
-            continue
-        record = Record(path, number, text)
-        if code not in (*_HEADERS, *_DATA):
-            full_rate = "full-rate ranges are not read; give normal points"
-            record.fail(full_rate if code == "10" else "is not known in CRD; correct or remove it")
-        if code != "H1" and (version == 0 or ended):
-            record.fail("stands outside the file's header (H1) and end (H9)")
-        if code in _DATA and current is None:
-            record.fail("stands outside a pass (H4 to H8)")
-        if code in _HEADERS and code != "C0" and current is not None:
-            record.fail(f"the pass that starts at line {current.line} has no end (H8): the file was cut")
-        match code:
-            case "H1":
-                version, ended = parse_version(record), False
-                station = target = ""
-                wavelengths_um = {}
-            case "H2":
-                station = parse_station(record, catalogue)
-            case "H3":
-                target = parse_target(record, version)
-            case "H4":
-                if not station or not target:
-                    record.fail("comes before the station (H2) and the target (H3) are named")
-                link = links.setdefault(Link(station, target, station), len(links))
-                current = _Pass(number, link, parse_pass(record), wavelengths_um)
-            case "C0":
-                configuration, wavelength_um = parse_wavelength(record)
-                wavelengths_um[configuration] = wavelength_um
-            case "H9":
-                ended = True
-        if current is None:
-            continue
-        match code:
-            case "11":
-                current.points.append(parse_normal_point(record, version))
-            case "20":
-                current.weather.append(parse_weather(record))
-            case "50":
-                configuration, rms_ps = parse_session_rms(record)
-                current.rms_ps[configuration] = rms_ps
-            case "H8":
-                columns.append(_pass_columns(path, current))
-                current = None
-    if not ended:
+        if text.strip() and text[:2].upper() not in _PASSED_OVER:
+            file.take(_Record(path, number, text))
+    if not file.ended:
         problem = "the file ends without its end record (H9): it was cut; fetch it again"
         raise FileFormatError(path, problem, number)
-    if not columns:
+    if not file.columns:
         raise FileFormatError(path, "has no pass; fetch it again")
-    return _observations(path, columns, tuple(links))
-
-
-def _observations(
-    path: str | Path, columns: list[list[NDArray[np.float64]]], links: tuple[Link, ...]
-) -> Observations:
-    parts = [list(of_passes) for of_passes in zip(*columns, strict=True)]
+    parts = [list(of_passes) for of_passes in zip(*file.columns, strict=True)]
     # A column that is joined is let go.
-    columns.clear()
+    file.columns.clear()
     joined = [np.concatenate(parts.pop(0)) for _ in range(len(parts))]
     line, link, jd, second, flight_s, tag, sigma_s, wavelength_um, pressure, temperature, humidity = joined
     observations = Observations.from_columns(
         epoch=utc_from_seconds_of_day(jd, second),
-        links=links,
+        links=tuple(file.links),
         link=link,
         tag=tag,
         value_m=C_M_S * flight_s,
@@ -211,53 +143,281 @@ def _observations(
     return observations
 
 
-def _pass_columns(path: str | Path, done: _Pass) -> list[NDArray[np.float64]]:
-    """Columns of one pass; what hangs on several of its records, in whatever order, is settled here."""
-    if not done.points:
-        raise FileFormatError(path, "the pass that starts here has no normal points (record 11)", done.line)
-    n = len(done.points)
-    second_of_day = np.array([point.second_of_day for point in done.points])
-    days = done.day_of(second_of_day)
-    since_start_s = days * SECONDS_PER_DAY + second_of_day
-    early = since_start_s < done.dates.start_s - _PASS_MARGIN_S
-    outside = early | (since_start_s > done.latest_s + _PASS_MARGIN_S)
-    if outside.any():
-        point = done.points[int(np.argmax(outside))]
-        problem = (
-            f"second of day {point.second_of_day:.3f} is outside the pass dated by H4 in line {done.line}"
+class _Record:
+    """One line of a CRD file.
+
+    Raises
+    ------
+    FileFormatError
+        The line holds anything but ASCII.
+    """
+
+    __slots__ = ("fields", "line", "path", "text")
+
+    def __init__(self, path: str | Path, line: int, text: str) -> None:
+        self.path, self.line, self.text = path, line, text
+        self.fields = text.split()
+        if not text.isascii():
+            self.fail("holds characters that are not ASCII; only comments (00) may")
+
+    def fail(self, problem: str) -> NoReturn:
+        """Raise :class:`FileFormatError` about this record."""
+        raise FileFormatError(self.path, f"record {self.text[:2].upper()}: {problem}", self.line)
+
+    def need(self, count: int) -> None:
+        """Raise unless the record has so many fields."""
+        if len(self.fields) < count:
+            self.fail(f"has {len(self.fields)} of at least {count} fields: it was cut; fetch the file again")
+
+    def number(self, place: int, what: str) -> float:
+        """Finite number in a field."""
+        text = self.fields[place]
+        try:
+            # float() would take digits grouped by underscores.
+            value = float(text.replace("_", "?"))
+        except ValueError:
+            value = math.nan
+        if not math.isfinite(value):
+            self.fail(f"{what} is {text!r}, not a number")
+        return value
+
+    def optional(self, place: int, what: str) -> float:
+        """Get a number that may be missing, written ``na`` or -1; NaN then."""
+        if self.fields[place].lower() == "na":
+            return math.nan
+        value = self.number(place, what)
+        return math.nan if value == -1.0 else value
+
+    def integer(self, place: int, what: str) -> int:
+        """Whole number in a field."""
+        value = self.number(place, what)
+        if value != int(value):
+            self.fail(f"{what} is {self.fields[place]!r}, not a whole number")
+        return int(value)
+
+    def second_of_day(self) -> float:
+        """Second of day that data records start with; after midnight it may go on counting."""
+        second = self.number(1, "second of day")
+        if not 0.0 <= second < 2.0 * SECONDS_PER_DAY:
+            self.fail(f"the second of day is {second:g}, but must be 0 to 86400, or to 172800 after midnight")
+        return second
+
+    def date(self, place: int) -> tuple[float, float]:
+        """Julian date of midnight and seconds since, of six fields from year to second."""
+        year, month, day, hour, minute, second = (self.integer(place + k, "date") for k in range(6))
+        require_year(self.path, self.line, year)
+        try:
+            jd, _ = calendar_to_jd(year, month, day, hour, minute, second)
+        except InputError as error:
+            self.fail(str(error))
+        return jd, 3600.0 * hour + 60.0 * minute + second
+
+
+@dataclass(slots=True)
+class _Pass:
+    """What lies between H4 and H8, and what the headers before say; times in s since the midnight before it began."""
+
+    line: int
+    link: int
+    wavelengths_um: dict[str, float]
+    jd: float
+    start_s: float
+    latest_s: float
+    points: list[tuple[float, ...]] = field(default_factory=list)
+    """Line, second of day, flight time (s), time tag, number of ranges and RMS (ps), NaN if missing, of records 11."""
+    configurations: list[str] = field(default_factory=list)
+    """Of the points."""
+    weather: list[tuple[float, ...]] = field(default_factory=list)
+    """Second of day, pressure, temperature and humidity, NaN where it says nothing, of records 20."""
+    rms_ps: dict[str, float] = field(default_factory=dict)
+    """Of the whole pass, by configuration."""
+
+    def day_of(self, second_of_day: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Days from the first midnight to the one that puts a second of day nearest the pass's middle."""
+        return np.rint((0.5 * (self.start_s + self.latest_s) - second_of_day) / SECONDS_PER_DAY)
+
+    def columns(self, path: str | Path) -> list[NDArray[np.float64]]:
+        """Columns of the pass; what hangs on several of its records, in whatever order, is settled here."""
+        if not self.points:
+            raise FileFormatError(
+                path, "the pass that starts here has no normal points (record 11)", self.line
+            )
+        line, second, flight_s, tag, ranges, rms_ps = np.array(self.points).T
+        days = self.day_of(second)
+        since_start_s = days * SECONDS_PER_DAY + second
+
+        def refuse(wrong: NDArray[np.bool_], problem: str, what: Sequence[object]) -> None:
+            if wrong.any():
+                first = int(np.argmax(wrong))
+                raise FileFormatError(path, f"record 11: {problem.format(what[first])}", int(line[first]))
+
+        wrong = since_start_s < self.start_s - _PASS_MARGIN_S
+        wrong |= since_start_s > self.latest_s + _PASS_MARGIN_S
+        outside = (
+            f"second of day {{:.3f}} is outside the pass dated by H4 in line {self.line}; correct one of them"
         )
-        raise FileFormatError(path, f"record 11: {problem}; correct one of them", point.line)
-    return [
-        np.array([point.line for point in done.points], dtype=np.float64),
-        np.full(n, done.link, dtype=np.float64),
-        done.dates.jd + days,
-        second_of_day,
-        np.array([point.flight_time_s for point in done.points]),
-        np.array([point.tag for point in done.points], dtype=np.float64),
-        np.array([_sigma_s(path, point, done) for point in done.points]),
-        np.array([_wavelength_um(path, point, done) for point in done.points]),
-        *_weather_at(done, since_start_s),
-    ]
+        refuse(wrong, outside, second.tolist())
+        session_ps = np.array([self.rms_ps.get(name, math.nan) for name in self.configurations])
+        rms_ps = np.where(rms_ps > 0.0, rms_ps, session_ps)
+        missing = "no RMS above zero, nor in a record 50 for {!r}; leave the point out"
+        refuse(~(rms_ps > 0.0), missing, self.configurations)
+        wavelength_um = np.array([self.wavelengths_um.get(name, math.nan) for name in self.configurations])
+        missing = "no record C0 gives the wavelength of system configuration {!r}; add it"
+        refuse(np.isnan(wavelength_um), missing, self.configurations)
+        sigma_s = rms_ps * 1e-12 / np.sqrt(ranges)
+        link, weather = np.full(len(line), self.link, dtype=np.float64), _weather_at(self, since_start_s)
+        return [line, link, self.jd + days, second, flight_s, tag, sigma_s, wavelength_um, *weather]
 
 
-def _sigma_s(path: str | Path, point: NormalPoint, done: _Pass) -> float:
-    for rms_ps in (point.rms_ps, done.rms_ps.get(point.configuration, math.nan)):
-        if rms_ps > 0.0:
-            return rms_ps * 1e-12 / math.sqrt(point.ranges)
-    problem = f"no RMS above zero, nor in a record 50 for {point.configuration!r}; leave the point out"
-    raise FileFormatError(path, f"record 11: {problem}", point.line)
+class _File:
+    """What the records so far have said."""
 
+    def __init__(self, catalogue: Catalogue | None) -> None:
+        self.links: dict[Link, int] = {}
+        self.columns: list[list[NDArray[np.float64]]] = []
+        self.ended = False
+        self._catalogue = catalogue
+        self._version = 0
+        self._station = self._target = ""
+        self._wavelengths_um: dict[str, float] = {}
+        self._pass: _Pass | None = None
 
-def _wavelength_um(path: str | Path, point: NormalPoint, done: _Pass) -> float:
-    if point.configuration in done.wavelengths_um:
-        return done.wavelengths_um[point.configuration]
-    problem = f"no record C0 gives the wavelength of system configuration {point.configuration!r}; add it"
-    raise FileFormatError(path, f"record 11: {problem}", point.line)
+    def take(self, record: _Record) -> None:
+        code, current = record.text[:2].upper(), self._pass
+        if code not in (*_HEADERS, *_DATA):
+            full_rate = "full-rate ranges are not read; give normal points"
+            record.fail(full_rate if code == "10" else "is not known in CRD; correct or remove it")
+        if code != "H1" and (self._version == 0 or self.ended):
+            record.fail("stands outside the file's header (H1) and end (H9)")
+        if code in _HEADERS and code != "C0" and current is not None:
+            record.fail(f"the pass that starts at line {current.line} has no end (H8): the file was cut")
+        match code:
+            case "H1":
+                self._begin(record)
+            case "H2":
+                self._station = self._station_of(record)
+            case "H3":
+                self._target = self._target_of(record)
+            case "H4":
+                self._pass = self._pass_of(record)
+            case "C0":
+                self._take_wavelength(record)
+            case "H9":
+                self.ended = True
+            case _ if current is None:
+                record.fail("stands outside a pass (H4 to H8)")
+            case "11":
+                self._take_point(record, current)
+            case "20":
+                self._take_weather(record, current)
+            case "50":
+                record.need(3)
+                current.rms_ps[record.fields[1]] = record.optional(2, "session RMS (ps)")
+            case "H8":
+                self.columns.append(current.columns(record.path))
+                self._pass = None
+
+    def _begin(self, record: _Record) -> None:
+        record.need(3)
+        version = record.integer(2, "format version")
+        if record.fields[1].upper() != "CRD" or version not in (1, 2):
+            record.fail(f"{' '.join(record.fields[1:3])!r} is not CRD version 1 or 2")
+        self._version, self.ended = version, False
+        self._station = self._target = ""
+        self._wavelengths_um = {}
+
+    def _station_of(self, record: _Record) -> str:
+        """Catalogue name, or the pad number where the catalogue does not know it."""
+        match = _H2.fullmatch(record.text)
+        if match is None:
+            record.fail("is not: name, four-digit pad number, system, occupancy, time scale")
+        if int(match[5]) not in _UTC_TIME_SCALES:
+            allowed = ", ".join(map(str, _UTC_TIME_SCALES))
+            record.fail(f"epoch time scale {int(match[5])} is not UTC ({allowed}); convert the epochs to UTC")
+        return station_name((match[2], match[1]), self._catalogue)
+
+    def _target_of(self, record: _Record) -> str:
+        record.need(7 if self._version == 1 else 8)
+        if record.integer(6, "target class") in _TRANSPONDERS:
+            record.fail("the target is a transponder; only reflectors are modelled")
+        name = canonical_target(record.fields[1])
+        if name not in REFLECTORS:
+            record.fail(
+                f"{name!r} is no reflector on the Moon that is known; those are {', '.join(REFLECTORS)}"
+            )
+        return name
+
+    def _pass_of(self, record: _Record) -> _Pass:
+        """The pass that begins, once what H4 says of the data has been found usable."""
+        if not self._station or not self._target:
+            record.fail("comes before the station (H2) and the target (H3) are named")
+        record.need(22)
+        if record.integer(1, "data type") != 1:
+            record.fail(f"data type {record.fields[1]} is not normal points (1); give normal points")
+        for place, (name, wanted) in enumerate(_H4_FLAGS.items(), start=15):
+            flag = record.integer(place, name)
+            if wanted is not None and flag != wanted:
+                record.fail(f"{name!r} is {flag}, but normal points must have {wanted}; leave the pass out")
+        record.integer(19, "spacecraft delay applied")
+        range_type, alert = record.integer(20, "range type"), record.integer(21, "data quality alert")
+        if range_type != 2:
+            record.fail(f"range type {range_type} is not modelled; only two-way ranges (2) are")
+        if alert != 0:
+            warnings.warn(
+                f"{record.path}, line {record.line}: the station marks this pass as "
+                f"{'suspect' if alert == 1 else 'poor'} (data quality alert {alert}); its points are kept",
+                DataQualityWarning,
+                stacklevel=2,
+            )
+        jd, start_s = record.date(2)
+        latest_s = start_s + _LONGEST_PASS_S
+        if not all(text.lower() in ("na", "0", "00", "0000", "-1") for text in record.fields[8:14]):
+            end_jd, end_s = record.date(8)
+            latest_s = end_s + (end_jd - jd) * SECONDS_PER_DAY
+            if not 0.0 <= latest_s - start_s <= _LONGEST_PASS_S:
+                hours = (latest_s - start_s) / 3600.0
+                record.fail(f"the pass lasts {hours:.2f} h; allowed are 0 to {_LONGEST_PASS_S / 3600.0:g} h")
+        link = Link(self._station, self._target, self._station)
+        number = self.links.setdefault(link, len(self.links))
+        return _Pass(record.line, number, self._wavelengths_um, jd, start_s, latest_s)
+
+    def _take_wavelength(self, record: _Record) -> None:
+        record.need(4)
+        wavelength_nm = record.number(2, "wavelength (nm)")
+        if not 200.0 <= wavelength_nm <= 20000.0:
+            record.fail(f"the wavelength is {wavelength_nm:g} nm, which is not that of a laser")
+        self._wavelengths_um[record.fields[3]] = wavelength_nm / 1000.0
+
+    def _take_point(self, record: _Record, current: _Pass) -> None:
+        record.need(12 if self._version == 1 else 13)
+        second = record.second_of_day()
+        flight_s = record.number(2, "time of flight (s)")
+        require_lunar_flight_time(record.path, record.line, flight_s)
+        event = record.integer(4, "epoch event")
+        if event not in _EVENT_TAGS:
+            record.fail(f"epoch event {event} is not modelled; 0 (receive), 1 (bounce) and 2 (transmit) are")
+        count = record.number(6, "number of ranges")
+        if count < 1.0:
+            record.fail(f"the number of ranges is {count:g}, but the uncertainty needs at least 1")
+        rms_ps = record.optional(7, "bin RMS (ps)")
+        current.points.append((record.line, second, flight_s, _EVENT_TAGS[event], count, rms_ps))
+        current.configurations.append(record.fields[3])
+
+    def _take_weather(self, record: _Record, current: _Pass) -> None:
+        record.need(5)
+        second = record.second_of_day()
+        pressure, temperature, percent = (record.optional(2 + k, name) for k, name in enumerate(_WEATHER))
+        weather = (pressure, temperature, percent / 100.0)
+        for name, value in zip(_WEATHER, weather, strict=True):
+            low, high = WEATHER_LIMITS[name]
+            if not (math.isnan(value) or low <= value <= high):
+                record.fail(f"{name} is {value:g}, but must be {low:g} to {high:g}; correct it or write na")
+        current.weather.append((second, *weather))
 
 
 def _weather_at(done: _Pass, since_start_s: NDArray[np.float64]) -> list[NDArray[np.float64]]:
     """Pressure, temperature and humidity at the normal points; NaN where none was recorded nearby."""
-    records = np.array(done.weather, dtype=np.float64).reshape(-1, len(Weather._fields))
+    records = np.array(done.weather, dtype=np.float64).reshape(-1, 1 + len(_WEATHER))
     time_s = records[:, 0] + done.day_of(records[:, 0]) * SECONDS_PER_DAY
     order = np.argsort(time_s, kind="stable")
     out = []

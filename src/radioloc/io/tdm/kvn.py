@@ -38,14 +38,7 @@ def looks_like_kvn(lines: Iterable[str]) -> bool:
 
 
 def parse_kvn(path: str | Path, lines: Iterable[str]) -> TdmFile:
-    """Read a message from the lines of a KVN file.
-
-    Raises
-    ------
-    FileFormatError
-        The file was cut, a section or keyword is unknown, missing or out of place, or a value is not one that
-        the standard allows. Names the line.
-    """
+    """Read a message from the lines of a KVN file; :class:`FileFormatError` names the line that is wrong."""
     return _KvnReader(str(path), lines).read()
 
 

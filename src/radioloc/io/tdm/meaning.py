@@ -21,12 +21,8 @@ import numpy as np
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.checks import Catalogue, refuse_duplicates
 from radioloc.io.tdm.agreement import TdmAgreement
-from radioloc.io.tdm.message import (
-    MEASURED,
-    RANGE_RATES,
-    RECEIVED,
-    TdmFile,
-)
+from radioloc.io.tdm.message import MEASURED, NOT_MODELLED, RANGE_RATES, RECEIVED, TYPES, WEATHER, TdmFile
+from radioloc.io.tdm.readings import READINGS
 from radioloc.io.tdm.segment import SegmentReader, Shared
 from radioloc.io.tdm.series import (
     Names,
@@ -34,7 +30,9 @@ from radioloc.io.tdm.series import (
     SentFrequencies,
     clocks_of,
 )
+from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
+from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.time import Epochs
 
 _log = logging.getLogger(__name__)
@@ -124,7 +122,47 @@ def _read_segment(shared: Shared, placed: Placed) -> None:
         warnings.warn(f"{where}: DATA_QUALITY is DEGRADED", DataQualityWarning, stacklevel=4)
     for keyword in measured:
         shared.used.add((placed.place, keyword))
-        part.read(keyword)
+        _read(part, keyword)
+
+
+def _read(part: SegmentReader, keyword: str) -> None:
+    """Add the observations that a keyword's records are."""
+    if keyword in NOT_MODELLED:
+        problem = "is not modelled; convert it to RECEIVE_FREQ or leave it out"
+        raise part.fail(keyword, f"{keyword} {problem}")
+    held = {k: t for k, t in TYPES.items() if MEASUREMENTS[k].form == part.link.form}
+    kind = next((kind for kind, type_ in held.items() if keyword in type_.keywords), None)
+    if kind is None:
+        mode = part.segment.metadata["MODE"]
+        known = ", ".join(dict.fromkeys(k for type_ in held.values() for k in type_.keywords[:2]))
+        raise part.fail(keyword, f"{keyword} of MODE = {mode} is not modelled; on its path can be {known}")
+    if part.tag not in TYPES[kind].tags:
+        problem = f"TIMETAG_REF is {part.tag.upper()}; {keyword} is modelled at its reception only"
+        raise part.fail("TIMETAG_REF", problem)
+    if kind not in part.agreement.sigma_m:
+        raise part.fail(
+            keyword,
+            f"a TDM says nothing of uncertainties, and it holds {kind} observations: "
+            f"give sigma_m = {{{kind!r}: ...}} (in a study file sigma_m = {{ {kind} = ... }}, "
+            f"to radioloc convert --sigma {kind}=...), in metres",
+        )
+    rows = part.segment.rows(keyword)
+    columns: dict[str, Any] = dict.fromkeys(
+        ("uplink_hz", "wavelength_um", "count_s", *WEATHER.values()), np.nan
+    )
+    columns |= part.weather(part.epochs(keyword)) | READINGS[keyword](part, keyword)
+    columns |= {
+        "sigma_m": float(part.agreement.sigma_m[kind]),
+        "kind": KINDS.index(kind),
+        "tag": TIME_TAGS.index(part.tag),
+        "link": part.shared.links.setdefault(part.link, len(part.shared.links)),
+        "line": part.segment.line[rows],
+    }
+    epoch, path = columns.pop("epoch"), part.placed.file.path
+    part.shared.columns.append(
+        {"epoch": epoch, "path": path}
+        | {name: np.broadcast_to(column, (len(rows),)) for name, column in columns.items()}
+    )
 
 
 def _readout(shared: Shared) -> TdmReadout:

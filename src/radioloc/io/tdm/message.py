@@ -153,12 +153,8 @@ CODE = {keyword: code for code, keyword in enumerate(DATA)}
 class TdmType(NamedTuple):
     """How a message holds observations of one type, on a path of that type's form.
 
-    Parameters
-    ----------
-    keywords : tuple of str
-        Data keywords that are read as this type; the first is written.
-    tags : tuple of str
-        Events that TIMETAG_REF may name.
+    ``keywords`` are the data keywords that are read as this type, of which the first is written; ``tags`` are the
+    events that TIMETAG_REF may name.
     """
 
     keywords: tuple[str, ...]
@@ -293,18 +289,7 @@ def checked_header(path: str, version: str, fields: Mapping[str, str], comments:
 def checked_metadata(
     path: str, metadata: Mapping[str, str], lines: Mapping[str, int], before: Sequence[TdmSegment]
 ) -> dict[str, str]:
-    """Metadata with listed words in the standard's spelling.
-
-    Parameters
-    ----------
-    path : str
-        The file, for messages.
-    metadata : mapping of str to str
-        What the file says.
-    lines : mapping of str to int
-        Where it says so; ``""`` gives the section's start.
-    before : sequence of TdmSegment
-        The segments before.
+    """Metadata of a file in the standard's spelling, after the segments ``before``; ``lines`` as in TdmSegment.
 
     Raises
     ------
@@ -353,13 +338,7 @@ def checked_segment(
     lines: Mapping[str, int],
     **comments: Any,
 ) -> TdmSegment:
-    """Segment from its records; data that are needed must be in order of time, each epoch once (3.4.10, 3.4.11).
-
-    Raises
-    ------
-    FileFormatError
-        They are not; names both lines.
-    """
+    """Segment from its records; data that are needed must be in order of time, each epoch once (3.4.10, 3.4.11)."""
     segment = TdmSegment(
         metadata=metadata,
         keyword=np.concatenate([part.keyword for part in parts]),

@@ -44,20 +44,7 @@ def read_records(
     time_system: str,
     range_units: str,
 ) -> Records:
-    """Turn columns of ASCII text into columns of numbers.
-
-    Parameters
-    ----------
-    path : str
-        The file, for messages.
-    keywords, epochs, values : pyarrow.Array or sequence of str
-        Fields of the records, without blanks at their ends.
-    line : ndarray of int32, shape (n,)
-        Line of each record.
-    time_system : str
-        TIME_SYSTEM of the metadata.
-    range_units : {"km", "s", "RU"}
-        Unit of RANGE.
+    """Turn columns of ASCII text (Arrow arrays or sequences of str) from some lines of a file into columns of numbers.
 
     Raises
     ------

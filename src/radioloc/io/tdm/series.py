@@ -112,18 +112,8 @@ class SeriesPart(NamedTuple):
 class Series:
     """A quantity that is given at some epochs, each time with the rate at which it changes until the next.
 
-    Parameters
-    ----------
-    origin : str
-        File and line of the first record, for messages.
-    start : Epochs
-        Its epoch, UTC.
-    since_s : ndarray, shape (n,)
-        Seconds from there to each record.
-    value, rate : ndarray, shape (n,)
-        The quantity at each record, and its rate per second.
-    places : tuple of int
-        Segments that it comes from.
+    ``origin`` is file and line of the first record, ``start`` its epoch (UTC), from which the records are ``since_s``
+    seconds; ``places`` are the segments that they come from.
     """
 
     origin: str
@@ -135,13 +125,7 @@ class Series:
 
     @classmethod
     def of(cls, parts: Sequence[SeriesPart], *, rates_last: bool) -> Series:
-        """Join records in order of time; a rate lasts until the next rate, or (False) until the next record.
-
-        Raises
-        ------
-        FileFormatError
-            A rate has no value at its epoch.
-        """
+        """Join records in order of time; a rate lasts until the next rate, or (False) until the next record."""
         file, segment, _ = parts[0].placed
         start = segment.epoch[[0]]
         times, values, rate_times, rates = [], [], [], []
@@ -207,13 +191,7 @@ class SentFrequencies:
 
     @classmethod
     def of(cls, segments: Iterable[Placed], names: Names, *, delays_removed: bool) -> SentFrequencies:
-        """Find them in all segments, tagged at the antenna or (False) at the electronics.
-
-        Raises
-        ------
-        FileFormatError
-            Nobody is said to receive.
-        """
+        """Find them in all segments, tagged at the antenna or (False) at the electronics."""
         found: dict[tuple[str, str], list[tuple[Placed, int]]] = {}
         for placed in segments:
             held, path = placed.segment.counts(), placed.path()
@@ -230,27 +208,10 @@ class SentFrequencies:
         return cls(found, delays_removed)
 
     def find(self, pair: tuple[str, str], band: str, place: int, n: int, *, needed: bool) -> Series | None:
-        """Frequency sent from one to another: of the segment itself, else of others of its band.
+        """Frequency sent by participant n of a segment to another: of the segment itself, else of others of its band.
 
         Others are segments that hold no measurement: a frequency that stands beside measurements is that of these.
         Where the frequency is needed and there is none such, it is looked for there too.
-
-        Parameters
-        ----------
-        pair : tuple of str
-            Keys of sender and receiver.
-        band : str
-            TRANSMIT_BAND of the segment; empty where it does not say.
-        place, n : int
-            The segment, and the number of the sender in it.
-        needed : bool
-            Whether the measurement cannot be made use of without.
-
-        Raises
-        ------
-        FileFormatError
-            A frequency is not above zero, a rate has no frequency at its epoch, or the frequencies are of several
-            bands and the segment does not say which is its own.
         """
         parts = self.parts.get(pair, [])
         own = [part for part in parts if (part[0].place, part[1]) == (place, n)]
@@ -279,13 +240,7 @@ class SentFrequencies:
 
 
 def clocks_of(segments: Iterable[Placed], names: Names) -> dict[tuple[str, str], Series]:
-    """Clock of the second participant less that of the first, s, by the keys of both.
-
-    Raises
-    ------
-    FileFormatError
-        There are not two participants, or a drift has no bias at its epoch.
-    """
+    """Clock of the second participant less that of the first, s, by the keys of both."""
     found: dict[tuple[str, str], list[SeriesPart]] = {}
     for placed in segments:
         if not set(CLOCKS) & set(placed.segment.counts()):

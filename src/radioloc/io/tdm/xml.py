@@ -54,14 +54,7 @@ def looks_like_xml(text: str) -> bool:
 
 
 def parse_xml(path: str | Path, text: str) -> TdmFile:
-    """Read a message from the text of an XML file.
-
-    Raises
-    ------
-    FileFormatError
-        The text is not XML, has a document type, an element is unknown, missing or out of place, or a value is
-        not one that the standard allows. Names the line.
-    """
+    """Read a message from the text of an XML file; :class:`FileFormatError` names the line that is wrong."""
     try:
         return _XmlReader(str(path)).read(text, bulk=True)
     except _NotPlainError:

@@ -1,0 +1,250 @@
+"""What the measurements of a Tracking Data Message are in metres: ranges, range differences and delays.
+
+A range is taken at its time tag: INTEGRATION_INTERVAL is the count interval of Doppler.
+
+With light time tau(t) at reception t, the phase that arrives at t left the transmitter at t - tau(t), multiplied by the
+transponder's ratio M. The mean received frequency F over the count interval T from t0 on then obeys (Moyer 2003,
+section 13.3)
+
+    F T = M [phase(t0 + T - tau(t0 + T)) - phase(t0 - tau(t0))],
+
+and what is wanted is D = tau(t0 + T) - tau(t0). With a constant frequency f sent this gives D = T (1 - F / (M f))
+exactly, whatever the light time. With one that changes, the light time decides which part of the ramp was received; it
+must be known beforehand, but coarsely: an error e in it makes one of T e f'/f in D (a ramp of 1 Hz/s at 7 GHz, 10
+microseconds and 60 s: 0.03 mm).
+
+Source: CCSDS 503.0-B-2 (2020), table 3-3 and section 3.5.2.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S
+from radioloc.io.checks import FLIGHT_TIME_LIMITS_S, require_lunar_flight_time
+from radioloc.io.tdm.message import RANGE_RATES, RECEIVED, SENT, exponent_of
+from radioloc.io.tdm.segment import MICROMETRES, SegmentReader
+from radioloc.io.tdm.series import Series, seconds_from
+from radioloc.time import Epochs
+
+INSTANTANEOUS_COUNT_S = 1.0
+"""Count interval that stands for an instantaneous range rate, s.
+
+Over a second the mean rate differs from the rate at its middle by a 24th of the path's third derivative, 2e-7 m/s
+for a station on the turning Earth.
+"""
+# A light time that is off by more than this part of the modulus does not settle the number of cycles.
+_CLEAR_PART = 0.25
+# The uplink differs from its first frequency by 1e-5 of it at most: each round gains five digits of 16.
+_ROUNDS = 4
+_FASTEST_M_S = 3e5
+
+
+def _ranges(part: SegmentReader, keyword: str) -> dict[str, Any]:
+    """RANGE: light path there and back, or from the target."""
+    epoch = part.tagged(keyword)
+    units = part.segment.metadata.get("RANGE_UNITS", "km")
+    unit_m = _range_unit_m(part, units)
+    factor = unit_m * 10.0 ** exponent_of(keyword, units)
+    modulus_m = part.segment.number("RANGE_MODULUS") * factor
+    correction_m = part.segment.correction("RANGE") * factor
+    ends = [("TRANSMIT", part.sender), ("RECEIVE", part.receiver)]
+    if not part.one_way:
+        ends[1:1] = [("RECEIVE", part.target), ("TRANSMIT", part.target)]
+    delay_s = part.delay_s(*(f"{way}_DELAY_{n}" for way, n in ends))
+    value_m = unit_m * part.values(keyword)
+    value_m = part.less_delays(keyword, value_m, delay_s, correction_m)
+    if modulus_m:
+        value_m = _without_ambiguity(part, value_m, modulus_m, part.light_time_s(epoch))
+    _require_plausible(part, value_m)
+    return {"epoch": epoch, "value_m": value_m} | part.frequencies(keyword)
+
+
+def _range_unit_m(part: SegmentReader, units: str) -> float:
+    """Metres of light path in one of the units that RANGE is in (m where it is km in the file)."""
+    mode = part.segment.metadata.get("RANGE_MODE", "")
+    if mode and (mode == "ONE_WAY") != part.one_way:
+        goes = "from the target to a station" if part.one_way else "to the target and back"
+        raise part.fail("RANGE_MODE", f"RANGE_MODE is {mode}, but PATH goes {goes}; correct one of them")
+    if units == "RU" and part.agreement.range_unit_s is None:
+        problem = "RANGE_UNITS is RU, whose length is an agreement between the agencies"
+        raise part.fail("RANGE_UNITS", f"{problem}; give range_unit_s (in a study file tdm_range_unit_s)")
+    if units == "RU" and part.sent is not None and not part.sent.constant:
+        problem = (
+            "RANGE_UNITS is RU and the transmitted frequency changes, so that the unit has no one length"
+        )
+        raise part.fail("RANGE_UNITS", f"{problem}; convert the ranges to km or s")
+    halves = 2.0 if part.agreement.range_convention == "half" and not part.one_way else 1.0
+    return halves * {"km": 1.0, "s": C_M_S, "RU": C_M_S * (part.agreement.range_unit_s or 0.0)}[units]
+
+
+def _without_ambiguity(
+    part: SegmentReader, value_m: NDArray[np.float64], modulus_m: float, light_s: NDArray[np.float64] | None
+) -> NDArray[np.float64]:
+    """Light path from what is known of it but for multiples of the modulus, m, shape (n,).
+
+    Where the modulus is longer than any path between Earth and Moon, the value stands. Else the multiple is the
+    one that comes nearest to the light time known beforehand, which must be good to a quarter of the modulus.
+    """
+    if light_s is None:
+        if modulus_m >= C_M_S * FLIGHT_TIME_LIMITS_S[1]:
+            return value_m
+        problem = (
+            f"RANGE_MODULUS is {modulus_m:.6g} m of light path, so that the range is known but for multiples"
+        )
+        good_s = f"{_CLEAR_PART * modulus_m / C_M_S:.3g} s"
+        raise part.fail("RANGE", f"{problem} of it; give light_time_s, good to {good_s}")
+    known_m = C_M_S * light_s
+    whole_m = value_m + modulus_m * np.rint((known_m - value_m) / modulus_m)
+    off_m = np.abs(whole_m - known_m)
+    if (off_m > _CLEAR_PART * modulus_m).any():
+        row = int(np.argmax(off_m > _CLEAR_PART * modulus_m))
+        problem = (
+            f"the light time given is {off_m[row]:.6g} m from the nearest range that RANGE_MODULUS allows, "
+            f"more than a quarter of the modulus ({modulus_m:.6g} m); give a better one"
+        )
+        raise part.fail("RANGE", problem, row)
+    return whole_m
+
+
+def _require_plausible(part: SegmentReader, value_m: NDArray[np.float64]) -> None:
+    """Refuse ranges that cannot be between Earth and Moon, above all those of the other convention."""
+    if not part.agreement.lunar:
+        return
+    low_m, high_m = (C_M_S * limit * (0.5 if part.one_way else 1.0) for limit in FLIGHT_TIME_LIMITS_S)
+    fits = (value_m > low_m) & (value_m < high_m)
+    convention = part.agreement.range_convention
+    factor, other = (2.0, "half") if convention == "round_trip" else (0.5, "round_trip")
+    other_fits = (factor * value_m > low_m) & (factor * value_m < high_m) & ~fits
+    if other_fits.any() and not part.one_way:
+        row = int(np.argmax(other_fits))
+        problem = (
+            f"RANGE gives a light path of {value_m[row] / 1000.0:.6g} km, taken as {convention!r}; between Earth "
+            f"and Moon there and back it is {low_m / 1000.0:.6g} to {high_m / 1000.0:.6g} km, off by a factor of "
+            f'two: set tdm_range = "{other}"'
+        )
+        raise part.fail("RANGE", problem, row)
+    if part.shared.names.catalogue is None or fits.all():
+        return
+    row = int(np.argmin(fits))
+    if not part.one_way:
+        line = part.segment.line_of("RANGE", row)
+        require_lunar_flight_time(part.placed.file.path, line, float(value_m[row]) / C_M_S)
+    limits = f"{low_m / 1000.0:.6g} to {high_m / 1000.0:.6g} km"
+    problem = f"RANGE is {value_m[row] / 1000.0:.6g} km one way, but between Earth and Moon it is {limits}"
+    raise part.fail("RANGE", f"{problem}; correct it or leave it out", row)
+
+
+def _range_rates(part: SegmentReader, keyword: str) -> dict[str, Any]:
+    """DOPPLER_INTEGRATED or DOPPLER_INSTANTANEOUS: mean rate of the light path."""
+    if len(set(part.segment.counts()) & set(RANGE_RATES)) > 1:
+        problem = "mean and instantaneous range rates of one signal; leave one of them out"
+        raise part.fail(keyword, problem)
+    integrated = keyword == "DOPPLER_INTEGRATED"
+    count_s, middle_s = part.count_interval(keyword) if integrated else (INSTANTANEOUS_COUNT_S, 0.0)
+    halves = 2.0 if part.agreement.doppler_convention == "half" and not part.one_way else 1.0
+    rate_m_s = part.values(keyword) + 1000.0 * part.segment.correction("DOPPLER")
+    return {
+        "epoch": part.tagged(keyword, middle_s),
+        "value_m": halves * count_s * rate_m_s,
+        "count_s": count_s,
+    } | part.frequencies(keyword)
+
+
+def _received(part: SegmentReader, keyword: str) -> dict[str, Any]:
+    """RECEIVE_FREQ or RECEIVE_FREQ_n: mean received frequency."""
+    if keyword not in ("RECEIVE_FREQ", f"RECEIVE_FREQ_{part.receiver}"):
+        problem = f"is there, but PATH ends at participant {part.receiver}; correct one of them"
+        raise part.fail(keyword, f"{keyword} {problem}")
+    count_s, middle_s = part.count_interval(keyword)
+    if part.sent is None:
+        sender = part.placed.participant(part.sender)
+        problem = f"{keyword} needs TRANSMIT_FREQ_{part.sender} of {sender}; add it, in any segment"
+        raise part.fail(keyword, problem)
+    ratio = part.turnaround()
+    if ratio is None:
+        problem = "needs the transponder's ratio; give TURNAROUND_NUMERATOR and _DENOMINATOR, or turnaround"
+        raise part.fail(keyword, f"{keyword} {problem} (in a study file tdm_turnaround)")
+    epoch = part.tagged(keyword, middle_s)
+    offset_hz = part.segment.number("FREQ_OFFSET")
+    value_hz = part.values(keyword) + part.segment.correction("RECEIVE")
+    value_m = _range_difference_m(part, keyword, epoch, count_s, offset_hz, value_hz, part.sent, ratio)
+    received_hz = offset_hz + value_hz
+    wavelength_um = MICROMETRES * C_M_S / np.where(received_hz > 0.0, received_hz, np.nan)
+    return (
+        {"epoch": epoch, "value_m": value_m, "count_s": count_s}
+        | part.frequencies(keyword)
+        | {"wavelength_um": wavelength_um}
+    )
+
+
+def _range_difference_m(
+    part: SegmentReader,
+    keyword: str,
+    middle: Epochs,
+    count_s: float,
+    offset_hz: float,
+    value_hz: NDArray[np.float64],
+    sent: Series,
+    ratio: tuple[int, int],
+) -> NDArray[np.float64]:
+    """Growth of the light path over the count interval from mean received frequencies, m, shape (n,)."""
+    (up, down), base_hz = ratio, float(sent.value[0])
+    # Differences of nearly equal frequencies first: the digits that cancel are then gone without loss.
+    growth_s = count_s * (((up * base_hz - down * offset_hz) - down * value_hz) / (up * base_hz))
+    if not sent.constant:
+        light_s = part.light_time_s(middle)
+        if light_s is None:
+            problem = (
+                "the transmitted frequency changes: which part of it was received depends on the light time"
+            )
+            raise part.fail(keyword, f"{problem}; give light_time_s, to some microseconds")
+        since, ramped_s = seconds_from(sent.start, middle), growth_s
+        for _ in range(_ROUNDS):
+            left = since - 0.5 * count_s - (light_s - 0.5 * growth_s)
+            growth_s = ramped_s + sent.excess(left, left + count_s - growth_s) / base_hz
+        if np.isnan(growth_s).any():
+            problem = "was sent before the first TRANSMIT_FREQ; add earlier ones or leave the record out"
+            raise part.fail(keyword, f"what was received {problem}", int(np.argmax(np.isnan(growth_s))))
+    growth_m = C_M_S * growth_s
+    fast = np.abs(growth_m) > _FASTEST_M_S * count_s
+    if fast.any():
+        row = int(np.argmax(fast))
+        problem = (
+            f"the received frequency makes the path grow by {growth_m[row] / count_s:.6g} m/s, with a turnaround "
+            f"of {up}/{down} and {base_hz!r} Hz sent; correct the ratio, the offset or the frequency"
+        )
+        raise part.fail(keyword, problem, row)
+    return growth_m
+
+
+def _delays(part: SegmentReader, keyword: str) -> dict[str, Any]:
+    """VLBI_DELAY or DOR: arrival at the second station less that at the first."""
+    for name in ("CORRECTION_RANGE", "CORRECTION_RECEIVE", "CORRECTION_TRANSMIT"):
+        if name in part.segment.metadata and part.segment.metadata.get("CORRECTIONS_APPLIED") == "NO":
+            problem = f"is not applied, and how it is to be applied to {keyword} is not said; apply it"
+            raise part.fail(name, f"{name} {problem}")
+    second_s, first_s = (part.delay_s(f"RECEIVE_DELAY_{n}") for n in (part.receiver, part.sender))
+    value_m = C_M_S * part.values(keyword)
+    value_m = part.less_delays(keyword, value_m, second_s - first_s)
+    if part.segment.number("RANGE_MODULUS"):
+        problem = f"RANGE_MODULUS is that of ranges, not applied to {keyword}"
+        part.shared.notes.append(f"{part.link.path}: {problem}")
+    wavelength_um, beacon = np.nan, SENT[part.target - 1]
+    if len(sent := part.values(beacon)) and (sent == sent[0]).all() and sent[0] > 0.0:
+        wavelength_um = MICROMETRES * C_M_S / sent[0]
+        part.shared.used.add((part.placed.place, beacon))
+    return {"epoch": part.tagged(keyword), "value_m": value_m, "wavelength_um": wavelength_um}
+
+
+READINGS: Mapping[str, Callable[[SegmentReader, str], dict[str, Any]]] = {
+    "RANGE": _ranges,
+    **dict.fromkeys(RANGE_RATES, _range_rates),
+    **dict.fromkeys(RECEIVED, _received),
+    **dict.fromkeys(("VLBI_DELAY", "DOR"), _delays),
+}
+"""What makes columns of observations, epoch and value_m among them, of the records of each data keyword."""

@@ -19,6 +19,7 @@ from datetime import UTC, datetime
 from decimal import Decimal
 from html import escape
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -194,7 +195,7 @@ def _participants(link: Link) -> tuple[tuple[str, ...], int, dict[str, str]]:
 def _segment(part: Observations) -> TdmSegment:
     """Segment of observations that are alike."""
     link, keyword = part.links[part.link[0]], TYPES[KINDS[part.kind[0]]].keywords[0]
-    dates = _date_texts(part.epoch[[0, -1]]).tolist()
+    dates = _date_texts(part.epoch[[0, -1]]).to_pylist()
     metadata = {"TIME_SYSTEM": "UTC", "START_TIME": dates[0], "STOP_TIME": dates[1]}
     names, receiver, paths = _participants(link)
     metadata |= paths | {f"PARTICIPANT_{n}": name for n, name in enumerate(names, start=1)}
@@ -332,43 +333,44 @@ def _records(segment: TdmSegment, around: tuple[str, str, str]) -> Iterator[byte
     for start in range(0, len(segment.line), _ROWS_AT_ONCE):
         rows = slice(start, start + _ROWS_AT_ONCE)
         code, value = segment.keyword[rows], segment.value[rows]
-        texts = np.empty(len(code), dtype=object)
-        for keyword in np.unique(code).tolist():
-            mine = code == keyword
-            texts[mine] = _value_texts(value[mine], exponent_of(DATA[keyword], units))
+        keywords = np.unique(code).tolist()
+        texts = [_value_texts(value[code == k], exponent_of(DATA[k], units)) for k in keywords]
+        order = np.argsort(np.argsort(code, kind="stable"), kind="stable")
         place = pa.array(code)
         lines = pc.binary_join_element_wise(
             before.take(place),
-            pa.array(_date_texts(segment.epoch[rows])),
+            _date_texts(segment.epoch[rows]),
             between.take(place),
-            pa.array(texts, pa.string()),
+            pa.concat_arrays(texts).take(pa.array(order)),
             behind.take(place),
             "",
         )
-        yield _lines(*lines.to_pylist())
+        whole = pa.ListArray.from_arrays([0, len(lines)], lines)
+        yield pc.binary_join(whole, "\n")[0].as_buffer().to_pybytes() + b"\n"
 
 
-def _date_texts(utc: Epochs) -> NDArray[np.str_]:
-    """Dates with as many decimals as they need, three at the least."""
-    texts = utc_to_text(utc)
-    short = np.strings.rstrip(texts, "0")
-    return np.where(np.strings.str_len(short) < _SHORTEST_DATE, texts.astype(f"U{_SHORTEST_DATE}"), short)
+def _date_texts(utc: Epochs) -> Any:
+    """Dates with as many decimals as they need, three at the least, as an Arrow array."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    return pc.utf8_rpad(pc.utf8_rtrim(pa.array(utc_to_text(utc)), "0"), _SHORTEST_DATE, "0")
 
 
-def _value_texts(values: NDArray[np.float64], exponent: int) -> list[str]:
-    """As :func:`_text`, of many numbers."""
+def _value_texts(values: NDArray[np.float64], exponent: int) -> Any:
+    """As :func:`_text`, of many numbers, as an Arrow array."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
     if exponent < 0:
-        return [_text(value, exponent) for value in values.tolist()]
-    # The point moves to the left in what Arrow writes; numbers of unusual size are left to Python.
-    form = rf"^(?P<sign>-?)(?P<whole>\d*?)(?P<moved>\d{{0,{exponent}}})(?:\.(?P<part>\d+))?$"
-    sign, whole, moved, part = pc.extract_regex(pa.array(values).cast(pa.string()), form).flatten()
-    part = pc.binary_join_element_wise(pc.utf8_lpad(moved, exponent, "0"), part, "")
-    part = pc.utf8_lpad(pc.utf8_rtrim(part, "0"), 1, "0")
-    texts = pc.binary_join_element_wise(sign, pc.utf8_lpad(whole, 1, "0"), ".", part, "").to_pylist()
-    return [_text(v, exponent) if t is None else t for t, v in zip(texts, values.tolist(), strict=True)]
+        return pa.array([_text(value, exponent) for value in values.tolist()])
+    # The point moves to the left in what Arrow writes; whole numbers and others of unusual form are left to Python.
+    form = rf"(\d{{{exponent}}})(?:\.|$)"
+    texts = pc.replace_substring_regex(pa.array(values).cast(pa.string()), form, r".\1", max_replacements=1)
+    texts = pc.utf8_rtrim(texts, "0")
+    unusual = pc.invert(pc.match_substring_regex(texts, r"^-?\d+\.\d+$"))
+    others = [_text(v, exponent) for v in values[unusual.to_numpy(zero_copy_only=False)].tolist()]
+    return pc.replace_with_mask(texts, unusual, pa.array(others, pa.string()))
 
 
 def _text(value: float, exponent: int) -> str:

@@ -30,8 +30,3 @@ def optional(module: str, need: str, extra: str) -> ModuleType:
     except ImportError as error:
         package = module.partition(".")[0]
         raise InputError(f"{need} pip install {package} (the extra {extra!r} of radioloc)") from error
-
-
-def astropy_table() -> ModuleType:
-    """The module ``astropy.table``; errors as :func:`optional`."""
-    return optional("astropy.table", "a Table needs astropy:", "notebook")

@@ -11,7 +11,6 @@ from numpy.typing import NDArray
 from radioloc.estimation.editing import Outcome
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.extras import astropy_table
 from radioloc.time import Epochs, utc_strings
 
 
@@ -127,4 +126,6 @@ class Residuals:
         }
         if self.elevation_deg is not None:
             columns["elevation_deg"] = self.elevation_deg
-        return astropy_table().Table(columns)
+        from astropy.table import Table
+
+        return Table(columns)

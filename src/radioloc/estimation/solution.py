@@ -20,7 +20,6 @@ from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.residuals import Residuals
 from radioloc.estimation.statistics import FitStatistics, finite_or_none
 from radioloc.estimation.time_correlation import TimeCorrelation
-from radioloc.extras import astropy_table
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
 
 Axes = Literal["enu", "pa", "me", "geographic"]
@@ -379,7 +378,9 @@ class Solution:
         """
         if what == "parameters":
             rows = self._parameter_rows()
-            return astropy_table().Table(
+            from astropy.table import Table
+
+            return Table(
                 {key: [math.inf if row[key] is None else row[key] for row in rows] for key in rows[0]}
             )
         if what != "residuals":

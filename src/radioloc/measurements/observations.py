@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.extras import astropy_table
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import (
@@ -237,14 +236,10 @@ class Observations:
         return f"{self.files[self.file[row]]}, line {self.line[row]}"
 
     def to_table(self) -> Any:
-        """Everything as an ``astropy.table.Table``, one column per measured or recorded quantity.
+        """Everything as an ``astropy.table.Table``, one column per measured or recorded quantity."""
+        from astropy.table import Table
 
-        Raises
-        ------
-        InputError
-            astropy is not installed.
-        """
-        return astropy_table().Table(
+        return Table(
             {
                 "epoch_utc": utc_strings(self.epoch),
                 "type": self.types(),

@@ -13,7 +13,6 @@ import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.solution import Solution
-from radioloc.extras import astropy_table
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, metres, more, sigma_text, to_sigma
 from radioloc.report.solution_card import which_sigmas
@@ -218,17 +217,11 @@ class ArcStudy:
         }
 
     def to_table(self) -> Any:
-        """:attr:`rows` as an ``astropy.table.Table``; NaN where a row has no such number.
-
-        Raises
-        ------
-        InputError
-            astropy is not installed.
-        """
+        """:attr:`rows` as an ``astropy.table.Table``; NaN where a row has no such number."""
         records = [asdict(row) for row in self.rows]
-        return astropy_table().Table(
-            {key: [np.nan if r[key] is None else r[key] for r in records] for key in records[0]}
-        )
+        from astropy.table import Table
+
+        return Table({key: [np.nan if r[key] is None else r[key] for r in records] for key in records[0]})
 
     def to_csv(self) -> str:
         """The rows as comma-separated text, with the arcs' other parameters and their sigmas as further columns."""

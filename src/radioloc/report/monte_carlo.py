@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.extras import astropy_table
 from radioloc.report.cards import Card, Field, metres, more
 from radioloc.report.trial_statistics import ArcSummary, Nees, ParameterSummary, summarize
 
@@ -132,15 +131,11 @@ class MonteCarlo:
         }
 
     def to_table(self) -> Any:
-        """All trials as an ``astropy.table.Table``, one row for each trial and arc.
-
-        Raises
-        ------
-        InputError
-            astropy is not installed.
-        """
+        """All trials as an ``astropy.table.Table``, one row for each trial and arc."""
         n, k, _ = self.values.shape
-        table = astropy_table().Table({"trial": np.repeat(np.arange(n), k), "hours": np.tile(self.hours, n)})
+        from astropy.table import Table
+
+        table = Table({"trial": np.repeat(np.arange(n), k), "hours": np.tile(self.hours, n)})
         for column in self.columns:
             table[column] = self[column].ravel()
         return table

@@ -1,16 +1,27 @@
-"""Examples in docstrings run and show what they say."""
+"""Examples in docstrings run and show what they say; each public function has one."""
 
 from __future__ import annotations
 
 import doctest
 import importlib
 import pkgutil
+import types
+from pathlib import Path
 
 import pytest
 
 import radioloc
 
+ROOT = Path(__file__).resolve().parents[2]
 NAMES = [m.name for m in pkgutil.walk_packages(radioloc.__path__, "radioloc.") if "__main__" not in m.name]
+LONG = {"arcs", "monte_carlo", "write_arcs", "write_monte_carlo"}
+
+
+@pytest.fixture(autouse=True)
+def workspace(tmp_path, monkeypatch):
+    """A folder that has the project's examples, to work in."""
+    (tmp_path / "examples").symlink_to(ROOT / "examples")
+    monkeypatch.chdir(tmp_path)
 
 
 @pytest.mark.parametrize("package", ["time", "ephemeris", "earth", "lunar"])
@@ -22,3 +33,17 @@ def test_examples(package):
     ]
     assert sum(result.attempted for result in results) > 0
     assert sum(result.failed for result in results) == 0
+
+
+def public_functions():
+    for name in radioloc.__all__:
+        if isinstance(getattr(radioloc, name), types.FunctionType):
+            yield pytest.param(name, marks=[pytest.mark.slow] if name in LONG else [])
+
+
+@pytest.mark.parametrize("name", [*public_functions()])
+def test_each_public_function_has_an_example_that_runs(name):
+    [example] = doctest.DocTestFinder(recurse=False).find(getattr(radioloc, name), name, globs={})
+    assert example.examples
+    told: list[str] = []
+    assert doctest.DocTestRunner().run(example, out=told.append).failed == 0, "".join(told)

@@ -51,6 +51,12 @@ def read_observations(
         A file cannot be read, is of no known format, or is damaged. Names the line.
     InputError
         No file was given, or the same observation is there twice, in one file or in two.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
+    <Observations 153 2006-04-07 to 2007-06-19>
     """
     files = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not files:

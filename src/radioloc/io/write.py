@@ -45,6 +45,14 @@ def write_observations(
         The ending is not one of :data:`ENDINGS`, or a message has no originator or cannot hold the observations.
     FileFormatError
         The file cannot be written.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
+    >>> radioloc.write_observations("ranges.parquet", ranges)
+    >>> radioloc.read_observations("ranges.parquet")
+    <Observations 153 2006-04-07 to 2007-06-19>
     """
     # Arrow takes a fifth of a second to import.
     from radioloc.io.parquet import write_parquet

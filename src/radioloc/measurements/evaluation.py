@@ -63,6 +63,17 @@ def prepare_predictor(
         A station is not in the catalogue; the message names the file and line.
     CoverageError
         An epoch lies outside the kernels or the Earth orientation table.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> import radioloc
+    >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
+    >>> position_pa_m = np.array([1554678.949, 98094.118, 765004.906])
+    >>> predictor = radioloc.prepare_predictor(radioloc.PhysicalModel.build(), ranges, position_pa_m)
+    >>> residual_m = ranges.value_m - predictor.compute(position_pa_m).value_m
+    >>> bool(np.median(np.abs(residual_m)) < 1.0)
+    True
     """
     if evaluation not in EVALUATIONS:
         raise InputError(f"evaluation {evaluation!r} is not one of {', '.join(EVALUATIONS)}")

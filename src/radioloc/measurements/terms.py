@@ -51,6 +51,12 @@ def active_terms(off: Iterable[str] = (), added: Iterable[str] = ()) -> frozense
     ------
     InputError
         A name is not a term; the nearest one is suggested.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> "troposphere" in radioloc.active_terms(off=["troposphere"])
+    False
     """
     off, terms = list(off), (*TERMS, *added)
     for name in off:

@@ -126,6 +126,12 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: i
     ------
     InputError
         The format is not one that matplotlib writes.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.residuals(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> radioloc.save_figure(radioloc.plot_residuals(solution), ["residuals.png", "residuals.svg"])
     """
     files = [paths] if isinstance(paths, str | Path) else list(paths)
     known = figure.canvas.get_supported_filetypes()

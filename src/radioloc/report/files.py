@@ -42,6 +42,13 @@ def write_report(solution: Solution, folder: str | Path) -> list[Path]:
     ------
     InputError
         The folder cannot be made or written to, or the solution has no elevations.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> [path.name for path in radioloc.write_report(solution, "out")][:2]
+    ['solution.json', 'residuals.csv']
     """
     written = write_numbers(solution, folder)
     return [*written, *_write_plots(solution, Path(folder))]
@@ -90,6 +97,14 @@ def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) ->
     ------
     InputError
         The folder cannot be made or written to.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    >>> predictor, _ = radioloc.arc_of(study)
+    >>> radioloc.write_terms(predictor, radioloc.residuals(study), "out").name
+    'terms.csv'
     """
     from radioloc.io.csv_file import batches_of, write_csv
 
@@ -135,6 +150,13 @@ def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
     ------
     InputError
         A folder cannot be made or written to.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> found = radioloc.arcs(radioloc.read_study("examples/change5/change5.toml"), hours=[12.0])
+    >>> sorted(path.suffix for path in radioloc.write_arcs(found, "out") if path.parent.name == "out")
+    ['.csv', '.json', '.md', '.png', '.svg']
     """
     folder = made_folder(folder)
     table, markdown, numbers = (folder / name for name in ("table1.csv", "table1.md", "arcs.json"))
@@ -165,6 +187,14 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     ------
     InputError
         The folder cannot be made or written to, or there are more arcs than panels fit on a page.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/change5/simulation.toml")
+    >>> found = radioloc.monte_carlo(study, trials=20, hours=12.0)
+    >>> [path.name for path in radioloc.write_monte_carlo(found, "out")][:2]
+    ['montecarlo.json', 'trials.csv']
     """
     folder = made_folder(folder)
     numbers, table = folder / "montecarlo.json", folder / "trials.csv"

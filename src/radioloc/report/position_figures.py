@@ -55,6 +55,13 @@ def plot_position(
     ------
     InputError
         The position is held or not determined, so it has no error ellipse.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> radioloc.plot_position(solution).axes[0].get_xlabel()
+    'east of JPL, DE421 solution (cm)'
     """
     from matplotlib.patches import Ellipse as EllipsePatch
 

@@ -79,6 +79,14 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
     ------
     InputError
         There are no observations.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> figure = radioloc.plot_residuals(solution)
+    >>> figure.axes[0].get_title(loc="left")
+    'APOLLO'
     """
     residuals, title = _what(solution, title)
     stations = residuals.stations.present()
@@ -121,6 +129,14 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
     ------
     InputError
         There are no observations.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.residuals(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> figure = radioloc.plot_links(solution)
+    >>> figure.axes[0].get_title(loc="left")
+    'range APOLLO'
     """
     residuals, title = _what(solution, title)
     panels, notes = _largest(_link_panels(residuals), MOST_LINKS, "links")

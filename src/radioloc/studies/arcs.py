@@ -37,6 +37,14 @@ def arcs(
         No length is given, one is not above zero, an arc holds no observation, or the target is a trajectory.
     RadiolocError
         As :func:`~radioloc.studies.locate.locate`.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/change5/change5.toml")
+    >>> found = radioloc.arcs(study, hours=[6.0, 12.0])
+    >>> [arc.solution.converged for arc in found.arcs]
+    [True, True]
     """
     if isinstance(study.target, Trajectory):
         raise InputError(

@@ -70,6 +70,13 @@ def locate(study: Study, observations: Observations | None = None) -> Solution:
     RadiolocError
         The input is not usable; a fit that does not converge or is not observable is not an error but said in the
         solution.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> solution.converged, len(solution.residuals)
+    (True, 153)
     """
     return _solve(study, observations, study.estimate)
 
@@ -78,6 +85,13 @@ def residuals(study: Study, observations: Observations | None = None) -> Solutio
     """Observed minus computed at the study's position, nothing fitted, nothing edited.
 
     Parameters and errors as :func:`locate`.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    >>> radioloc.residuals(study).residuals.residual_m.shape
+    (153,)
     """
     return _solve(study, observations, None)
 
@@ -86,6 +100,13 @@ def arc_of(study: Study, observations: Observations | None = None) -> tuple[Pred
     """The prepared arc of a study and its a-priori position in principal axes, for predictions and tables of terms.
 
     Parameters and errors as :func:`locate`.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> arc, position_pa_m = radioloc.arc_of(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> arc.compute(position_pa_m).by_position_pa.shape
+    (153, 3)
     """
     arc, _ = prepared_arc(study, observations)
     return arc, _start_pa_m(_target_in_pa(study, arc.model.ephemeris.constants))

@@ -101,6 +101,14 @@ def monte_carlo(
 
     Trials are the same to the last bit wherever they are run, but for full fits and for delays that share the errors of
     stations, whose least squares may be rounded otherwise in another number of threads.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/change5/simulation.toml")
+    >>> found = radioloc.monte_carlo(study, trials=20, hours=12.0)
+    >>> found["east_m"].shape
+    (20, 1)
     """
     lengths = arc_lengths(hours, study.observations)
     seed = scenario_of(study).seed if seed is None else seed

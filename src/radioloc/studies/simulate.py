@@ -29,6 +29,13 @@ def simulate(study: Study, seed: int | None = None) -> Simulated:
     ------
     RadiolocError
         The study has no simulation, or it cannot be.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> made = radioloc.simulate(radioloc.read_study("examples/change5/simulation.toml"), seed=1)
+    >>> sorted(set(made.observations.types().tolist()))
+    ['range', 'vlbi_delay']
     """
     return scenario_of(study).simulate(model_of(study), seed)
 

@@ -51,6 +51,13 @@ def read_study(path: str | Path) -> Study:
     ------
     InputError
         The file cannot be read, is not TOML, or has an unknown key or an unusable value; the message names it.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    >>> study.target.frame
+    'ME_DE421'
     """
     path = Path(path)
     top = TomlTable(path, "", _content(path))

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.media.checks import within
-from radioloc.media.lat_lon_grid import LatLonGrid, sort_into_grid
+from radioloc.media.grids import LatLonGrid, sort_into_grid
 from radioloc.media.mapping_functions import day_of_year
 from radioloc.media.radio_troposphere import DRY_AIR_KG_MOL, GAS_CONSTANT_J_K_MOL, STANDARD_GRAVITY_M_S2
 from radioloc.media.text_numbers import ENCODING, table_of

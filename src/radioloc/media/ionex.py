@@ -1,13 +1,14 @@
 """Global maps of the ionosphere's vertical electron content, from IONEX files.
 
-IONEX 1.0 and 1.1 (Schaer, Gurtner and Feltens 1998), plain or gzip. Maps come every one or two hours on a grid of 2.5
-degrees of latitude and 5 of longitude, good to 2 to 8 TECU. Maps of rms and of heights are left aside. Epochs are UTC.
+IONEX 1.0 and 1.1 in fixed columns (Schaer, Gurtner and Feltens 1998, IONEX: The IONosphere Map EXchange Format), plain
+or gzip. Maps come every one or two hours on a grid of 2.5 degrees of latitude and 5 of longitude, good to 2 to 8 TECU.
+Maps of rms and of heights are left aside. Epochs are UTC.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -15,15 +16,22 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import FileFormatError, InputError
-from radioloc.media.file_epochs import epochs_around
-from radioloc.media.ionex_file import IonexFile, parse_ionex
-from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, thin_shell_mapping
-from radioloc.media.lat_lon_grid import LatLonGrid
-from radioloc.time import Epochs
+from radioloc.media.grids import LatLonGrid, epochs_around
+from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, require_shell, thin_shell_mapping
+from radioloc.media.text_numbers import ENCODING, fixed_numbers
+from radioloc.text_files import read_lines
+from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import utc_of
 
 _MAPPINGS = ("modified", "shell")
 _ROUNDING = 1e-9
+_MISSING = 9999
+_VALUES_PER_LINE = 16
+_WIDTH = 5
+_USUAL_INTERVAL_S = 7200.0
+"""Where the header says 0 for an interval that varies."""
+_POSSIBLE_TECU = (-10.0, 1000.0)
+"""Maps may fall a little below zero at night; 250 TECU is the most that was ever seen."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -162,15 +170,15 @@ def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
     Raises
     ------
     FileFormatError
-        A file cannot be read or is not IONEX of two dimensions, maps are cut short or missing, or the files' grids or
-        shells differ.
+        A file cannot be read or is not IONEX of two dimensions, maps are cut short or missing, a content or the shell
+        is impossible, or the files' grids or shells differ.
     InputError
         No file is given.
     """
     files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
     if not files:
         raise InputError("no IONEX file is given")
-    parts = [parse_ionex(path) for path in files]
+    parts = [_parsed(path) for path in files]
     first = parts[0]
     for path, part in zip(files, parts, strict=True):
         if _geometry(part) != _geometry(first):
@@ -179,18 +187,16 @@ def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
             )
     maps = {mjd: tec for part in parts for mjd, tec in zip(part.mjd_utc.tolist(), part.tec_tecu, strict=True)}
     mjds = sorted(maps)
-    return IonexMaps(
-        first.grid,
-        np.array(mjds),
-        np.stack([maps[mjd] for mjd in mjds]),
-        first.shell_height_m,
-        first.base_radius_m,
-        max(part.interval_s for part in parts),
-        ", ".join(path.name for path in files),
+    return replace(
+        first,
+        mjd_utc=np.array(mjds),
+        tec_tecu=np.stack([maps[mjd] for mjd in mjds]),
+        longest_gap_s=max(part.longest_gap_s for part in parts),
+        source=", ".join(path.name for path in files),
     )
 
 
-def _geometry(maps: IonexFile) -> tuple[object, ...]:
+def _geometry(maps: IonexMaps) -> tuple[object, ...]:
     grid = maps.grid
     return (
         tuple(grid.latitudes_deg),
@@ -198,3 +204,191 @@ def _geometry(maps: IonexFile) -> tuple[object, ...]:
         maps.shell_height_m,
         maps.base_radius_m,
     )
+
+
+def _parsed(path: Path) -> IonexMaps:
+    """One file; where it ends in the middle of something, the error says so."""
+    reader = _Reader(path)
+    try:
+        return reader.read()
+    except FileFormatError as error:
+        if error.line is None or any(line.strip() for line in reader.lines[error.line :]):
+            raise
+        problem = f"{error.problem}; as the file ends here, it may have been cut: fetch it again"
+        raise FileFormatError(path, problem, error.line) from None
+
+
+class _Reader:
+    """One file: lines whose last twenty columns name what stands in the first sixty."""
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.lines = list(read_lines(path, encoding=ENCODING))
+        self.next = 0
+        self.exponent = -1
+
+    def read(self) -> IonexMaps:
+        header = self._header()
+        latitudes = self._range(header, "LAT1 / LAT2 / DLAT")
+        longitudes = self._range(header, "LON1 / LON2 / DLON")
+        heights = self._header_numbers(header, "HGT1 / HGT2 / DHGT", 2, 6, 3)
+        dimension = self._header_numbers(header, "MAP DIMENSION", 0, 6, 1)[0]
+        if dimension != 2 or heights[0] != heights[1]:
+            raise FileFormatError(self.path, "maps of two dimensions, on one shell, are wanted")
+        radius = self._header_numbers(header, "BASE RADIUS", 0, 8, 1)[0]
+        interval_s = self._header_numbers(header, "INTERVAL", 0, 6, 1)[0] or _USUAL_INTERVAL_S
+        announced = self._header_numbers(header, "# OF MAPS IN FILE", 0, 6, 1)[0]
+        try:
+            grid = LatLonGrid(latitudes, longitudes, self.path.name)
+            require_shell(1e3 * heights[0], 1e3 * radius)
+        except InputError as error:
+            raise FileFormatError(self.path, str(error)) from error
+        maps = self._tec_maps(grid)
+        if len(maps) != announced:
+            problem = (
+                f"the header announces {announced:g} maps, but there are {len(maps)}; fetch the file again"
+            )
+            raise FileFormatError(self.path, problem)
+        mjds = np.array([mjd for mjd, _ in maps])
+        if (np.diff(mjds) <= 0.0).any():
+            raise FileFormatError(self.path, "the maps' epochs do not rise")
+        tec = np.stack([values for _, values in maps])
+        return IonexMaps(grid, mjds, tec, 1e3 * heights[0], 1e3 * radius, interval_s, self.path.name)
+
+    def _header(self) -> dict[str, tuple[int, str]]:
+        number, label, content = self._take()
+        if label != "IONEX VERSION / TYPE" or content[20:21] != "I":
+            raise FileFormatError(self.path, "this is not the first line of an IONEX file", number)
+        if content[:8].strip() not in ("1.0", "1.1", "1"):
+            raise FileFormatError(self.path, f"version {content[:8].strip()} is not 1.0 or 1.1", number)
+        header: dict[str, tuple[int, str]] = {}
+        while label != "END OF HEADER":
+            number, label, content = self._take()
+            if label == "START OF AUX DATA":
+                self._skip_to("END OF AUX DATA")
+            header[label] = number, content
+        if "EXPONENT" in header:
+            self._set_exponent(*header["EXPONENT"])
+        return header
+
+    def _tec_maps(self, grid: LatLonGrid) -> list[tuple[float, NDArray[np.float64]]]:
+        maps = []
+        while True:
+            number, label, content = self._take()
+            match label:
+                case "START OF TEC MAP":
+                    maps.append(self._tec_map(grid))
+                case "START OF RMS MAP" | "START OF HEIGHT MAP":
+                    self._skip_to(label.replace("START", "END"))
+                case "EXPONENT":
+                    self._set_exponent(number, content)
+                case "END OF FILE":
+                    return maps
+                case "COMMENT" | "":
+                    pass
+                case _:
+                    raise FileFormatError(self.path, f"{label!r} is not expected here", number)
+
+    def _tec_map(self, grid: LatLonGrid) -> tuple[float, NDArray[np.float64]]:
+        tec = np.full(grid.shape, np.nan)
+        rows_left = {round(float(latitude), 3): k for k, latitude in enumerate(grid.latitudes_deg)}
+        mjd = None
+        while True:
+            number, label, content = self._take()
+            match label:
+                case "EPOCH OF CURRENT MAP":
+                    mjd = self._epoch(number, content)
+                case "EXPONENT":
+                    self._set_exponent(number, content)
+                case "LAT/LON1/LON2/DLON/H":
+                    latitude, *along = self._numbers(number, content, 2, 6, 4)
+                    first, last = grid.longitudes_deg[[0, -1]]
+                    row = rows_left.pop(round(latitude, 3), None)
+                    if row is None or along[:2] != [first, last]:
+                        problem = "the row is not one of the header's grid, or comes twice"
+                        raise FileFormatError(self.path, problem, number)
+                    tec[row] = self._row(grid.shape[1])
+                case "END OF TEC MAP":
+                    break
+                case "COMMENT":
+                    pass
+                case _:
+                    shown = label or content.strip()
+                    raise FileFormatError(self.path, f"{shown!r} is not expected in a map", number)
+        if mjd is None or rows_left:
+            what = "its epoch" if mjd is None else f"{len(rows_left)} of its rows"
+            raise FileFormatError(self.path, f"the map that ends here lacks {what}", number)
+        return mjd, tec
+
+    def _row(self, n_values: int) -> NDArray[np.float64]:
+        values: list[int] = []
+        while len(values) < n_values:
+            number = self.next + 1
+            count = min(_VALUES_PER_LINE, n_values - len(values))
+            line = self.lines[self.next] if self.next < len(self.lines) else ""
+            self.next += 1
+            try:
+                values.extend(int(line[k * _WIDTH : (k + 1) * _WIDTH]) for k in range(count))
+            except ValueError:
+                problem = f"{count} whole numbers of five columns each are wanted"
+                raise FileFormatError(self.path, problem, number) from None
+            if line[count * _WIDTH :].strip():
+                raise FileFormatError(self.path, f"more than {count} values stand here", number)
+        row = np.array(values, dtype=np.float64)
+        tec = np.where(row == _MISSING, np.nan, row * 10.0**self.exponent)
+        wrong = (tec < _POSSIBLE_TECU[0]) | (tec > _POSSIBLE_TECU[1])
+        if wrong.any():
+            # Of the line on which the value stands.
+            at = int(np.argmax(wrong))
+            at_line = self.next - (n_values - 1) // _VALUES_PER_LINE + at // _VALUES_PER_LINE
+            problem = f"a content of {tec[at]:g} TECU (with the exponent {self.exponent}) cannot be"
+            raise FileFormatError(self.path, f"{problem}; {_POSSIBLE_TECU[1]:g} is the most", at_line)
+        return tec
+
+    def _set_exponent(self, number: int, content: str) -> None:
+        exponent = self._numbers(number, content, 0, 6, 1)[0]
+        if not (exponent.is_integer() and abs(exponent) <= 9):
+            raise FileFormatError(self.path, f"the exponent is {exponent:g}, but -1 is usual", number)
+        self.exponent = int(exponent)
+
+    def _epoch(self, number: int, content: str) -> float:
+        year, month, day, hour, minute, second = self._numbers(number, content, 0, 6, 6)
+        try:
+            # Midnight at the end of a day may be called its 24th hour.
+            midnight = epochs_from_strings(f"{year:04.0f}-{month:02.0f}-{day:02.0f}", "UTC").mjd[0]
+        except InputError as error:
+            raise FileFormatError(self.path, str(error), number) from error
+        seconds = 3600.0 * hour + 60.0 * minute + second
+        if not 0.0 <= seconds <= 86400.0:
+            raise FileFormatError(self.path, f"{content.strip()} is not a time of day", number)
+        return float(midnight + seconds / 86400.0)
+
+    def _range(self, header: dict[str, tuple[int, str]], label: str) -> NDArray[np.float64]:
+        first, last, step = self._header_numbers(header, label, 2, 6, 3)
+        count = round((last - first) / step) + 1 if step else 0
+        if count < 2 or abs(first + (count - 1) * step - last) > 1e-6:
+            problem = f"from {first:g} to {last:g} in steps of {step:g} is no range"
+            raise FileFormatError(self.path, problem, header[label][0])
+        return np.linspace(first, last, count)
+
+    def _header_numbers(
+        self, header: dict[str, tuple[int, str]], label: str, skip: int, width: int, count: int
+    ) -> list[float]:
+        if label not in header:
+            raise FileFormatError(self.path, f"the header has no line {label!r}")
+        number, content = header[label]
+        return self._numbers(number, content, skip, width, count)
+
+    def _numbers(self, number: int, content: str, skip: int, width: int, count: int) -> list[float]:
+        return fixed_numbers(self.path, number, content, skip, width, count)
+
+    def _take(self) -> tuple[int, str, str]:
+        if self.next >= len(self.lines):
+            raise FileFormatError(self.path, "the map or header is not complete", len(self.lines))
+        line = self.lines[self.next]
+        self.next += 1
+        return self.next, line[60:80].strip(), line[:60]
+
+    def _skip_to(self, end: str) -> None:
+        while self._take()[1] != end:
+            pass

@@ -136,7 +136,7 @@ def _shell_mapping(
     elevation_rad: ArrayLike, shell_height_m: float, base_radius_m: float, scale: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     elevation = within("elevation", elevation_rad, "the mapping of the ionosphere")
-    ratio = base_radius_m / _shell_radius_m(shell_height_m, base_radius_m)
+    ratio = base_radius_m / require_shell(shell_height_m, base_radius_m)
     angle = scale * (np.pi / 2 - elevation)
     sine = ratio * np.sin(angle)
     mapping = (1.0 - sine**2) ** -0.5
@@ -182,7 +182,7 @@ def pierce_point(
     # The transpose of the rotation takes the direction from east, north, up to the ITRF.
     direction = np.einsum("...ji,...j->...i", rot_itrf_to_enu(station), enu)
     upwards = np.sum(station * direction, axis=-1)
-    room = _shell_radius_m(shell_height_m, base_radius_m) ** 2 - np.sum(station**2, axis=-1)
+    room = require_shell(shell_height_m, base_radius_m) ** 2 - np.sum(station**2, axis=-1)
     if not (room > 0.0).all():
         raise InputError("a station is not below the shell of the ionosphere; give metres, geocentric")
     # Solution of the quadratic equation for the distance to the sphere ahead.
@@ -191,7 +191,8 @@ def pierce_point(
     return np.asarray(np.arctan2(z, np.hypot(x, y))), np.asarray(np.arctan2(y, x))
 
 
-def _shell_radius_m(shell_height_m: float, base_radius_m: float) -> float:
+def require_shell(shell_height_m: float, base_radius_m: float) -> float:
+    """Radius of the shell, m; :class:`InputError` if it is none of the ionosphere."""
     if not (1e5 <= shell_height_m <= 2e6 and 6.3e6 <= base_radius_m <= 6.4e6):
         raise InputError(
             f"a shell {shell_height_m:g} m above a sphere of {base_radius_m:g} m is not of the ionosphere; give "

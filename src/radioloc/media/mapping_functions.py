@@ -13,7 +13,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.errors import InputError
 from radioloc.media.checks import within
 from radioloc.time import Epochs
 
@@ -38,9 +37,6 @@ _NIELL_WET = (
 _HEIGHT_ABC = np.array([2.53e-5, 5.49e-3, 1.14e-3])
 _NIELL_COLDEST_DAY = 28.0
 _YEAR_DAYS = 365.25
-
-_GRADIENT_CONSTANTS = {"hydrostatic": 0.0031, "wet": 0.0007, "total": 0.0032}
-"""Chen and Herring (1997); for the total delay as in the IERS Conventions (2010), section 9.2."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -208,39 +204,6 @@ def mapping_factors(
     return MappingFactors(
         *np.broadcast_arrays(hydrostatic + correction, wet, hydrostatic_rate + correction_rate, wet_rate)
     )
-
-
-def gradient_mapping(
-    elevation_rad: ArrayLike, part: str = "total"
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Mapping function of horizontal gradients, and its derivative with respect to elevation, 1/rad.
-
-    The delay is this times (G_north cos azimuth + G_east sin azimuth), with gradients in metres.
-
-    Parameters
-    ----------
-    elevation_rad : array_like
-        Elevation without refraction, rad, at least 3 degrees.
-    part : {"total", "hydrostatic", "wet"}
-        Of which delay the gradients are.
-
-    Raises
-    ------
-    InputError
-        An elevation is outside 3 to 90 degrees, or the part is not one of the three.
-
-    Notes
-    -----
-    Chen and Herring (1997): 1 / (sin e tan e + C); IERS Conventions (2010), eq. 9.12.
-    """
-    if part not in _GRADIENT_CONSTANTS:
-        raise InputError(f"part = {part!r} is not one of {', '.join(_GRADIENT_CONSTANTS)}")
-    elevation = within("elevation", elevation_rad, "the mapping function of gradients")
-    sine, cosine = np.sin(elevation), np.cos(elevation)
-    # Written with the cosine above, so that the zenith is an ordinary place.
-    below = sine**2 + _GRADIENT_CONSTANTS[part] * cosine
-    below_rate = 2.0 * sine * cosine - _GRADIENT_CONSTANTS[part] * sine
-    return np.asarray(cosine / below), np.asarray(-(sine * below + cosine * below_rate) / below**2)
 
 
 def day_of_year(epochs: Epochs) -> NDArray[np.float64]:

@@ -52,3 +52,24 @@ def table_of(
         pass
     # Only a file with a wrong number is gone through word by word, to name its line.
     return np.array([numbers_of(path, k, row, what) for (k, _), row in zip(lines, rows, strict=True)])
+
+
+def fixed_numbers(
+    path: str | Path, line_number: int, line: str, skip: int, width: int, count: int
+) -> list[float]:
+    """Finite numbers in columns of one width, from a column on.
+
+    Raises
+    ------
+    FileFormatError
+        A field is not a finite number.
+    """
+    fields = [line[skip + k * width : skip + (k + 1) * width] for k in range(count)]
+    try:
+        numbers = [float(field) for field in fields]
+    except ValueError:
+        numbers = []
+    if not numbers or not np.isfinite(numbers).all():
+        problem = f"{count} numbers of {width} columns each are wanted, but {line.rstrip()!r} stands here"
+        raise FileFormatError(path, problem, line_number)
+    return numbers

@@ -4,7 +4,8 @@ Two kinds of file are read, plain or gzip:
 
 - of sites, by day or year, such as ``2024001.vmf3_r`` or ``y2024.vmf3_r``: one line for a station and an epoch with its
   name, MJD, a hydrostatic, a wet, zenith delays hydrostatic and wet (m), pressure (hPa), temperature (degrees Celsius)
-  and vapour pressure (hPa), all at the station; in the files ``.v3gr_r`` horizontal gradients follow, in millimetres;
+  and vapour pressure (hPa), all at the station; in the files ``.v3gr_r`` horizontal gradients follow, which are left
+  aside as the weather is;
 - of the whole Earth, such as ``VMF3_20240101.H00``, on a grid of 1 or 5 degrees: latitude, longitude, the two a on
   the ellipsoid, and the two zenith delays at the height of the file ``orography_ell_1x1`` or ``_5x5``. From there they
   are taken to the station's height. Gradients in the maps ``V3GR_20240101.H00`` are left aside.
@@ -24,8 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.media.checks import within
-from radioloc.media.file_epochs import epochs_around
-from radioloc.media.lat_lon_grid import LatLonGrid, sort_into_grid
+from radioloc.media.grids import LatLonGrid, epochs_around, sort_into_grid
 from radioloc.media.radio_troposphere import column_gravity
 from radioloc.media.text_numbers import ENCODING, numbers_of, table_of
 from radioloc.text_files import read_lines
@@ -37,7 +37,8 @@ _LONGEST_GAP_D = 0.2501
 
 _SITE_COLUMNS = (8, 12)
 _GRID_COLUMNS = {"VMF3": 6, "V3GR": 10}
-_CELSIUS_K = 273.15
+_POSSIBLE_WEATHER = ((300.0, 1100.0), (-100.0, 70.0), (0.0, 100.0))
+"""Pressure, hPa, temperature, degrees Celsius, and vapour pressure, hPa."""
 _WET_SCALE_HEIGHT_M = 2000.0
 _LARGEST_A = 2e-3
 
@@ -75,19 +76,11 @@ class Vmf3Site:
         Epochs, rising.
     values : ndarray, shape (k, 4)
         a hydrostatic, a wet, zenith hydrostatic delay (m), zenith wet delay (m).
-    pressure_hpa, temperature_k, vapour_pressure_hpa : ndarray, shape (k,)
-        Weather of the model at the station.
-    gradients_m : ndarray, shape (k, 4), or None
-        Gradients north hydrostatic, east hydrostatic, north wet, east wet, m; None where the files have none.
     """
 
     station: str
     mjd_utc: NDArray[np.float64]
     values: NDArray[np.float64]
-    pressure_hpa: NDArray[np.float64]
-    temperature_k: NDArray[np.float64]
-    vapour_pressure_hpa: NDArray[np.float64]
-    gradients_m: NDArray[np.float64] | None
 
     def at(self, epochs: Epochs) -> Vmf3Values:
         """Values at epochs, linear between the file's.
@@ -104,18 +97,6 @@ class Vmf3Site:
         """
         values = _blend(self.values, *_around(self.mjd_utc, epochs, f"VMF3 of {self.station}"))
         return Vmf3Values(values[:, 0], values[:, 1], np.zeros(len(epochs)), values[:, 2], values[:, 3])
-
-    def gradients_at_m(self, epochs: Epochs) -> NDArray[np.float64]:
-        """Gradients at epochs, shape (n, 4), columns as `gradients_m`; errors as :meth:`at`.
-
-        Raises
-        ------
-        InputError
-            The files have none.
-        """
-        if self.gradients_m is None:
-            raise InputError(f"the files of {self.station} hold no gradients; read files .v3gr_r")
-        return _blend(self.gradients_m, *_around(self.mjd_utc, epochs, f"VMF3 of {self.station}"))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -202,7 +183,7 @@ def read_vmf3_sites(paths: Sequence[str | Path]) -> dict[str, Vmf3Site]:
         A file or a number cannot be read, a line has other than 9 or 13 columns, a number is impossible, or a station
         has one epoch twice.
     InputError
-        No file is given, or a station has gradients in some files only.
+        No file is given.
     """
     if not paths:
         raise InputError("no file of VMF3 is given")
@@ -220,6 +201,7 @@ def read_vmf3_sites(paths: Sequence[str | Path]) -> dict[str, Vmf3Site]:
                 raise FileFormatError(path, problem, number)
             numbers = numbers_of(path, number, words[1:], "a value of VMF3")
             _require_coefficients(path, number, np.array(numbers[1:5]))
+            _require_weather(path, number, *numbers[5:8])
             rows.setdefault(words[0], []).append((path, number, numbers))
         if not rows:
             raise FileFormatError(path, "there is no line of a station")
@@ -266,17 +248,12 @@ def read_vmf3_grids(paths: Sequence[str | Path], orography: str | Path) -> Vmf3G
 
 
 def _site(station: str, entries: list[tuple[Path, int, list[float]]]) -> Vmf3Site:
-    if len({len(numbers) for _, _, numbers in entries}) > 1:
-        raise InputError(f"{station} has gradients in some files only; give files of one kind")
     entries = sorted(entries, key=lambda entry: entry[2][0])
     for (path, line, earlier), (_, _, later) in zip(entries[1:], entries, strict=False):
         if earlier[0] == later[0]:
             raise FileFormatError(path, f"{station} has the epoch MJD {earlier[0]:.2f} twice", line)
-    table = np.array([numbers for _, _, numbers in entries])
-    gradients = 1e-3 * table[:, 8:] if table.shape[1] > _SITE_COLUMNS[0] else None
-    return Vmf3Site(
-        station, table[:, 0], table[:, 1:5], table[:, 5], table[:, 6] + _CELSIUS_K, table[:, 7], gradients
-    )
+    table = np.array([numbers[:5] for _, _, numbers in entries])
+    return Vmf3Site(station, table[:, 0], table[:, 1:5])
 
 
 def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
@@ -347,6 +324,14 @@ def _require_coefficients(path: Path, line: int, values: NDArray[np.float64]) ->
     if not _possible(values):
         shown = ", ".join(f"{value:g}" for value in values[:4])
         problem = f"ah, aw, zhd, zwd are {shown}; near 0.0012, 0.0005, 2.3 m and 0.1 m are possible"
+        raise FileFormatError(path, problem, line)
+
+
+def _require_weather(path: Path, line: int, *weather: float) -> None:
+    """The weather is not used, but other units of it tell that the file is of another kind."""
+    if not all(low <= value <= high for value, (low, high) in zip(weather, _POSSIBLE_WEATHER, strict=True)):
+        shown = ", ".join(f"{value:g}" for value in weather)
+        problem = f"p, T, e are {shown}; hPa, degrees Celsius and hPa are wanted, near 1000, 15 and 10"
         raise FileFormatError(path, problem, line)
 
 

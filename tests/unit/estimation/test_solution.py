@@ -4,12 +4,13 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from lunar_partials import cartesian_partials
 from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet, SeriesWeight, build_solution, fit_with_editing
 from radioloc.estimation.build import scaled_covariance
-from radioloc.lunar.selenographic import cartesian_partials, selenographic_to_cartesian
+from radioloc.lunar import selenographic_to_cartesian
 from radioloc.report import solution_card
 from radioloc.report.cards import metres, to_sigma
 from radioloc.time import Epochs

@@ -7,12 +7,13 @@ import dataclasses
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M, LASER, REFLECTORS_PA_M, epochs_tai, observations
+from lunar_partials import cartesian_partials
 
 from radioloc.constants import C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import ConvergenceError, CoverageError, PredictedEopWarning, StationError
-from radioloc.lunar import cartesian_partials, cartesian_to_selenographic, selenographic_to_cartesian
+from radioloc.lunar import cartesian_to_selenographic, selenographic_to_cartesian
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS

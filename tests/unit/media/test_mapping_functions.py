@@ -6,7 +6,6 @@ from radioloc.media.mapping_functions import (
     MappingFactors,
     continued_fraction,
     day_of_year,
-    gradient_mapping,
     height_correction,
     niell,
 )
@@ -41,23 +40,6 @@ def test_rates_are_the_derivatives(elevation_deg: float) -> None:
         difference = (getattr(there, name) - getattr(back, name)) / (2.0 * step)
         # Rounding of a number near 15 over 2e-6, and at 3 degrees the third derivative of 1e6 times 1e-12 / 6.
         np.testing.assert_allclose(getattr(here, f"{name}_rate_rad"), difference, rtol=1e-9, atol=5e-9)
-
-
-@pytest.mark.parametrize("part", ["total", "hydrostatic", "wet"])
-def test_gradient_rate_is_the_derivative(part: str) -> None:
-    elevation, step = np.deg2rad([3.1, 10.0, 45.0, 89.0]), 1e-6
-    _, rate = gradient_mapping(elevation, part)
-    (there, _), (back, _) = gradient_mapping(elevation + step, part), gradient_mapping(elevation - step, part)
-    np.testing.assert_allclose(rate, (there - back) / (2.0 * step), rtol=2e-8, atol=1e-8)
-
-
-def test_gradient_mapping_values() -> None:
-    elevation = np.deg2rad([10.0, 20.0, 60.0])
-    mapping, _ = gradient_mapping(elevation)
-    np.testing.assert_allclose(mapping, 1.0 / (np.sin(elevation) * np.tan(elevation) + 0.0032), rtol=1e-14)
-    assert gradient_mapping(np.pi / 2)[0] == pytest.approx(0.0, abs=1e-15)
-    with pytest.raises(InputError, match="'dry' is not one of hydrostatic, wet, total"):
-        gradient_mapping(0.5, "dry")
 
 
 def test_south_has_the_seasons_half_a_year_later() -> None:

@@ -20,7 +20,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
 from radioloc.media.gpt3 import Gpt3Grid
-from radioloc.media.lat_lon_grid import LatLonGrid
+from radioloc.media.grids import LatLonGrid
 from radioloc.media.mapping_functions import day_of_year
 from radioloc.media.optical_troposphere import water_vapour_pressure_hpa
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.media.lat_lon_grid import LatLonGrid, sort_into_grid
+from radioloc.media.grids import LatLonGrid, sort_into_grid
 
 LATITUDES = np.arange(-87.5, 88.0, 5.0)
 CENTRES = np.arange(2.5, 360.0, 5.0)

@@ -18,6 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.text_files import read_blocks
+from radioloc.units import in_unit
 
 CONSTITUENTS = ("M2", "S2", "N2", "K2", "K1", "O1", "P1", "Q1", "MF", "MM", "SSA")
 """Tides of a BLQ record, in the order of its columns."""
@@ -53,8 +54,12 @@ class BlqCoefficients:
     source: str
 
     def __post_init__(self) -> None:
-        for field in ("amplitude_m", "phase_lag_rad"):
-            object.__setattr__(self, field, _frozen_table(getattr(self, field), f"{field} of {self.site!r}"))
+        for field, unit in (("amplitude_m", "m"), ("phase_lag_rad", "rad")):
+            object.__setattr__(
+                self,
+                field,
+                _frozen_table(in_unit(getattr(self, field), unit, field), f"{field} of {self.site!r}"),
+            )
         if (self.amplitude_m < 0.0).any() or (self.amplitude_m > _LARGEST_AMPLITUDE_M).any():
             raise InputError(
                 f"ocean loading of {self.site!r} has amplitudes from {self.amplitude_m.min():g} to "

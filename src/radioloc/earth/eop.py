@@ -28,6 +28,7 @@ from radioloc.earth.eop_files import EopRows, read_eop_rows
 from radioloc.earth.eop_tides import zonal_tides
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.time import Epochs, utc_to_tt
+from radioloc.units import in_unit
 
 _MJD_1972 = 41317.0
 _JD_MINUS_MJD = 2400000.5
@@ -103,7 +104,11 @@ class EopTable:
     def __post_init__(self) -> None:
         names = ("mjd_utc", "xp_rad", "yp_rad", "ut1_minus_utc_s", "dx_rad", "dy_rad", "predicted")
         for name in names:
-            column = np.array(getattr(self, name), dtype=np.bool_ if name == "predicted" else np.float64)
+            unit = "rad" if name.endswith("_rad") else "s" if name.endswith("_s") else "d"
+            column = np.array(
+                in_unit(getattr(self, name), unit, name),
+                dtype=np.bool_ if name == "predicted" else np.float64,
+            )
             if column.ndim != 1 or len(column) < 4 or len(column) != len(self.mjd_utc):
                 raise InputError(
                     f"EOP column {name} has shape {column.shape}; all need one length, at least 4"

@@ -135,7 +135,7 @@ def rot_itrf_to_spherical_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
 
     Tides are developed in these. Away from the geocentre is up to 0.19 degrees from the ellipsoid's normal.
     """
-    x, y, z = np.moveaxis(np.asarray(itrf_m, dtype=np.float64), -1, 0)
+    x, y, z = np.moveaxis(as_float_array(itrf_m, "m", "itrf_m"), -1, 0)
     return east_north_up(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))
 
 

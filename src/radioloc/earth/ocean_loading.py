@@ -29,6 +29,7 @@ from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.tide_tables import tide_table
 from radioloc.errors import InputError
 from radioloc.time import Epochs, evaluate_smooth
+from radioloc.units import as_float_array
 
 # fmt: off
 GIVEN_TIDES = np.array([
@@ -97,7 +98,7 @@ def ocean_loading_displacement(
         The epochs are not in TT, or a shape does not fit.
     """
     enu = ocean_loading_enu(coefficients, tt, ut1_fraction)
-    station = np.asarray(station_itrf_m, dtype=np.float64)
+    station = as_float_array(station_itrf_m, "m", "station_itrf_m")
     if station.shape not in ((3,), (len(tt), 3)):
         raise InputError(f"stations have shape {station.shape}; give (3,) or ({len(tt)}, 3)")
     return np.einsum("...ij,...i->...j", rot_itrf_to_enu(station), enu)

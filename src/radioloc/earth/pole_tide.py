@@ -17,6 +17,7 @@ from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
 from radioloc.errors import InputError
 from radioloc.time import Epochs
+from radioloc.units import as_float_array
 
 _RADIAL_M_RAD = 33e-3 / ARCSEC_RAD
 _TRANSVERSE_M_RAD = 9e-3 / ARCSEC_RAD
@@ -81,12 +82,15 @@ def pole_tide_displacement(
     """
     secular = secular_pole_rad(tt)
     count = len(tt)
-    station = np.asarray(station_itrf_m, dtype=np.float64)
+    station = as_float_array(station_itrf_m, "m", "station_itrf_m")
     if station.shape not in ((3,), (count, 3)):
         raise InputError(
             f"stations have shape {station.shape}; with {count} epochs give (3,) or ({count}, 3)"
         )
-    pole = np.stack(np.broadcast_arrays(np.asarray(xp_rad, dtype=np.float64), yp_rad), axis=-1)
+    pole = np.stack(
+        np.broadcast_arrays(as_float_array(xp_rad, "rad", "xp_rad"), as_float_array(yp_rad, "rad", "yp_rad")),
+        axis=-1,
+    )
     if pole.shape not in ((2,), (count, 2)):
         raise InputError(
             f"pole coordinates have shape {pole.shape[:-1]}; with {count} epochs give ({count},)"

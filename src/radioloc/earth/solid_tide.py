@@ -21,6 +21,7 @@ from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
 from radioloc.earth.tide_tables import tide_table
 from radioloc.errors import InputError
 from radioloc.time import Epochs
+from radioloc.units import as_float_array
 
 # Masses in Earth masses and the equatorial radius, as the conventional model has them.
 _SUN_MASS_RATIO = 332946.0482
@@ -124,7 +125,7 @@ def solid_earth_tide(
 def _positions(
     values: ArrayLike, count: int, what: str, distance_range_m: tuple[float, float] = (1e6, 1e7)
 ) -> NDArray[np.float64]:
-    given = np.asarray(values, dtype=np.float64)
+    given = as_float_array(values, "m", f"positions of the {what}")
     if given.shape not in ((3,), (count, 3)):
         raise InputError(
             f"positions of the {what} have shape {given.shape}; with {count} epochs give ({count}, 3)"

@@ -14,6 +14,7 @@ from radioloc.constants import ARCSEC_RAD, J2000_JD
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError
 from radioloc.time import Epochs
+from radioloc.units import as_float_array
 
 
 def rot_icrf_to_pa(angles_rad: ArrayLike) -> NDArray[np.float64]:
@@ -39,7 +40,7 @@ def rot_icrf_to_pa(angles_rad: ArrayLike) -> NDArray[np.float64]:
     principal axes are those of the ephemeris that the angles are of: PA_DE421 and PA_DE440 differ by up to 1
     m on the surface.
     """
-    phi, theta, psi = _angles(angles_rad)
+    phi, theta, psi = _angles(angles_rad, "rad", "angles_rad")
     return np.asarray(erfa.rz(psi, erfa.rx(theta, erfa.rz(phi, np.eye(3)))))
 
 
@@ -60,8 +61,8 @@ def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArra
     -----
     Folkner, Williams and Boggs (2009), IPN Progress Report 42-178, on the orientation of the Moon.
     """
-    _, theta, psi = _angles(angles_rad)
-    phi_rate, theta_rate, psi_rate = _angles(rates_rad_s)
+    _, theta, psi = _angles(angles_rad, "rad", "angles_rad")
+    phi_rate, theta_rate, psi_rate = _angles(rates_rad_s, "rad / s", "rates_rad_s")
     return np.stack(
         [
             phi_rate * np.sin(theta) * np.sin(psi) + theta_rate * np.cos(psi),
@@ -158,8 +159,8 @@ def rot_icrf_to_iau_moon(tdb: Epochs) -> NDArray[np.float64]:
     return rot_icrf_to_pa(np.radians(np.stack([90.0 + alpha_deg, 90.0 - delta_deg, w_deg], axis=-1)))
 
 
-def _angles(values: ArrayLike) -> NDArray[np.float64]:
-    array = np.asarray(values, dtype=np.float64)
+def _angles(values: ArrayLike, unit: str, name: str) -> NDArray[np.float64]:
+    array = as_float_array(values, unit, name)
     if array.ndim == 0 or array.shape[-1] != 3:
         raise InputError(f"three Euler angles are needed along the last axis, but the shape is {array.shape}")
     return np.moveaxis(array, -1, 0)

@@ -24,6 +24,7 @@ from radioloc.lunar.selenographic import (
 )
 from radioloc.lunar.terrain_grid import MapGrid
 from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M, CellReader, TerrainMetadata, open_map
+from radioloc.units import as_float_array, as_metres
 
 Floats = NDArray[np.float64]
 
@@ -170,6 +171,7 @@ class TerrainModel:
             As :meth:`height_and_slope`, for any cell of the neighbourhood; a radius that is not positive or beyond
             100 km; fewer than four cells, or cells on one line.
         """
+        radius_m = as_metres(radius_m, "radius_m")
         if radius_m is not None and not 0.0 < radius_m <= _LARGEST_ROUGHNESS_RADIUS_M:
             raise InputError(
                 f"radius_m = {radius_m!r} is not between 0 and {_LARGEST_ROUGHNESS_RADIUS_M:.0f} m"
@@ -201,6 +203,7 @@ class TerrainModel:
         InputError
             As :meth:`roughness_m`; ``own_sigma_m`` is not positive.
         """
+        own_sigma_m = as_metres(own_sigma_m, "own_sigma_m")
         if not 0.0 < own_sigma_m < math.inf:
             raise InputError(f"own_sigma_m = {own_sigma_m!r} is not a positive number of metres")
         return np.hypot(own_sigma_m, self.roughness_m(longitude_rad, latitude_rad, radius_m))
@@ -303,7 +306,8 @@ def _weights(interpolation: str, t: Floats) -> tuple[Floats, Floats]:
 
 def _checked(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> tuple[Floats, Floats]:
     longitude, latitude = np.broadcast_arrays(
-        np.asarray(longitude_rad, dtype=np.float64), np.asarray(latitude_rad, dtype=np.float64)
+        as_float_array(longitude_rad, "rad", "longitude_rad"),
+        as_float_array(latitude_rad, "rad", "latitude_rad"),
     )
     if not (np.isfinite(longitude).all() and np.isfinite(latitude).all()):
         raise InputError("a longitude or latitude is not a finite number")

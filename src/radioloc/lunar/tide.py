@@ -16,6 +16,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError
 from radioloc.lunar.frames import rot_pa_to_me
+from radioloc.units import as_float_array
 from radioloc.vectors import dot, length
 
 # Mean of (a / R)^3 u u^T for the direction u and distance R of the Earth and the Sun, in mean-Earth axes over
@@ -104,7 +105,7 @@ def _mean_tensor(constants: EphemerisConstants) -> NDArray[np.float64]:
 
 def _polar(position_m: ArrayLike, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Distances, shape (n,), and unit vectors, shape (n, 3)."""
-    vectors = np.atleast_2d(np.asarray(position_m, dtype=np.float64))
+    vectors = np.atleast_2d(as_float_array(position_m, "m", f"the position of the {name}"))
     if vectors.ndim != 2 or vectors.shape[-1] != 3:
         raise InputError(f"the position of the {name} has the shape {vectors.shape}; (n, 3) is needed")
     distance_m = length(vectors)

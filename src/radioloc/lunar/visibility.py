@@ -9,6 +9,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.lunar.frames import rot_icrf_to_pa
 from radioloc.time import Epochs
+from radioloc.units import as_float_array
 
 
 def earth_elevation_rad(
@@ -57,7 +58,8 @@ def hidden_by_moon(
     -------
     ndarray of bool, shape (...,)
     """
-    point, ray = np.asarray(point_m), np.asarray(station_m) - np.asarray(point_m)
+    point = as_float_array(point_m, "m", "point_m")
+    ray = as_float_array(station_m, "m", "station_m") - point
     along = -np.sum(point * ray, axis=-1) / np.sum(ray * ray, axis=-1)
     nearest_m = np.linalg.norm(point + np.clip(along, 0.0, 1.0)[..., None] * ray, axis=-1)
-    return np.asarray(nearest_m < radius_m)
+    return np.asarray(nearest_m < as_float_array(radius_m, "m", "radius_m"))

@@ -101,7 +101,7 @@ class Epochs:
     @classmethod
     def from_tdb_seconds(cls, seconds: ArrayLike) -> Epochs:
         """Build from TDB seconds since J2000 (SPICE's ephemeris time), resolved to 0.12 microseconds today."""
-        whole, rest = np.divmod(np.atleast_1d(np.asarray(seconds, dtype=np.float64)), SECONDS_PER_DAY)
+        whole, rest = np.divmod(np.atleast_1d(as_float_array(seconds, "s", "seconds")), SECONDS_PER_DAY)
         return cls.from_jd(J2000_JD + whole, rest / SECONDS_PER_DAY, "TDB")
 
     def __len__(self) -> int:
@@ -142,7 +142,9 @@ class Epochs:
         """
         if self.scale == "UTC":
             raise InputError("UTC cannot be moved by seconds across a leap second; convert to TAI first")
-        return Epochs.from_jd(self.jd, self.fraction + np.asarray(seconds) / SECONDS_PER_DAY, self.scale)
+        return Epochs.from_jd(
+            self.jd, self.fraction + as_float_array(seconds, "s", "seconds") / SECONDS_PER_DAY, self.scale
+        )
 
     def seconds_since(self, other: Epochs) -> NDArray[np.float64]:
         """Seconds from other epochs of the same scale (not UTC) to these, shape (n,)."""

@@ -36,7 +36,7 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel, kernel_record
 from radioloc.measurements.predictor import Predictor, reasons
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, kind_of
 from radioloc.measurements.terms import TERMS
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import ElectronContent, UniformTec
@@ -285,8 +285,9 @@ def _light_time_to(study: Study, model: PhysicalModel, target_pa: LunarPosition 
     """Light times to the target, which settle how often an ambiguous range has gone through its modulus."""
 
     def light_time_s(epoch: Epochs, link: Link, tag: str) -> NDArray[np.float64]:
+        kind = kind_of("range" if link.transmitter else "one_way_range")
         asked = Observations.from_columns(
-            epoch=epoch, links=[link], tag=TIME_TAGS.index(tag), value_m=1.0, sigma_m=1.0
+            epoch=epoch, links=[link], kind=kind, tag=TIME_TAGS.index(tag), value_m=1.0, sigma_m=1.0
         )
         start_pa_m = _start_pa_m(target_pa)
         return (

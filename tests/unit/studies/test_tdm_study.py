@@ -9,6 +9,7 @@ from arc_cases import epochs_tai
 import radioloc
 from radioloc.constants import C_M_S
 from radioloc.io.tdm import write_tdm
+from radioloc.measurements.registry import KINDS
 from radioloc.time import tai_to_utc
 
 TARGET = 'frame = "ME_DE421"\nlongitude_deg = -51.9\nlatitude_deg = 43.0\nheight_m = -2550.0\n'
@@ -16,24 +17,35 @@ SAME_POINT_M = 1e-3
 """A whole round trip through the file: its ranges carry every bit."""
 
 
-@pytest.fixture(scope="module")
-def truth():
+def made(kind, ends):
+    """A point on the Moon and what is measured of it on the hour for ten days: observations of one type."""
     model = radioloc.PhysicalModel.build()
     point = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
     point = point.to_axes("PA", model.ephemeris.constants)
-    links = [radioloc.Link(a, "lander", b) for a in ("KASHI", "JIAMUSI") for b in ("KASHI", "JIAMUSI")]
+    links = [radioloc.Link(a, "lander", b) for a, b in ends]
     epoch = tai_to_utc(epochs_tai(240, 12.0, 2459185.5))
-    link = np.arange(240) % 4
+    link = np.arange(240) % len(links)
+    given = {"links": links, "kind": KINDS.index(kind), "tag": 1, "sigma_m": 1.0}
     empty = radioloc.Observations.from_columns(
-        epoch=epoch, links=links, link=link, tag=1, value_m=1.0, sigma_m=1.0, wavelength_um=35000.0
+        epoch=epoch, link=link, value_m=1.0, wavelength_um=35000.0, **given
     )
     arc = radioloc.ExactPredictor(model, empty, point.xyz_m)
     computed = arc.compute(point.xyz_m)
     seen = computed.usable
-    made = radioloc.Observations.from_columns(
-        epoch=epoch[seen], links=links, link=link[seen], tag=1, value_m=computed.value_m[seen], sigma_m=1.0
+    observations = radioloc.Observations.from_columns(
+        epoch=epoch[seen], link=link[seen], value_m=computed.value_m[seen], **given
     )
-    return point, made
+    return point, observations
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return made("range", [(a, b) for a in ("KASHI", "JIAMUSI") for b in ("KASHI", "JIAMUSI")])
+
+
+@pytest.fixture(scope="module")
+def one_way_truth():
+    return made("one_way_range", [("", "KASHI"), ("", "JIAMUSI")])
 
 
 def study_of(folder, **keys):
@@ -68,8 +80,9 @@ def test_half_ranges_are_recognized_and_read_when_said(truth, tmp_path):
     assert np.linalg.norm(found.position_pa_m - point.xyz_m) < SAME_POINT_M
 
 
-def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(truth, tmp_path):
-    point, observations = truth
+@pytest.mark.parametrize(("kind", "of"), [("range", "truth"), ("one_way_range", "one_way_truth")])
+def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(kind, of, tmp_path, request):
+    point, observations = request.getfixturevalue(of)
     modulus_s = 0.01
     write_tdm(tmp_path / "whole.kvn", observations, originator="TEST")
     folded = []
@@ -82,7 +95,7 @@ def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(truth, tmp_path
             line = f"RANGE = {date} {float(value) % (modulus_s * C_M_S / 1e3)!r}"
         folded.append(line)
     (tmp_path / "data.kvn").write_text("\n".join(folded) + "\n")
-    found = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
+    found = radioloc.locate(study_of(tmp_path, sigma_m=f"{{ {kind} = 1.0 }}"))
     assert np.linalg.norm(found.position_pa_m - point.xyz_m) < SAME_POINT_M
 
 

@@ -73,28 +73,9 @@ def read_tdm(
     ----------
     paths : path-like or sequence of path-like
         The files; transmitted frequencies, clocks and weather in one count for the measurements of all.
-    agreement : TdmAgreement
-        What the files do not say, ``sigma_m`` at the least.
-    catalogue : Catalogue, optional
-        As in :func:`tdm_observations`: with one, every station must be in it.
-
-    Returns
-    -------
-    Observations
-        Segment by segment, in each by keyword, in order of time. What became no observation is logged;
-        :func:`tdm_observations` gives it to the program.
-
-    Raises
-    ------
-    FileFormatError
-        A file cannot be read, or holds what is not a message or not modelled. Names the line.
-    InputError
-        No file was given, the agreement lacks a standard deviation, or an observation is there twice.
-
-    Warns
-    -----
-    DataQualityWarning
-        A segment says of its data that they are degraded.
+    agreement, catalogue
+        As of :func:`tdm_observations`, which also gives to the program what is only logged here: what became no
+        observation, and what was done to values and time tags. So are errors and warnings.
     """
     files = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not files:

@@ -195,7 +195,7 @@ def _range_difference_m(
     """Growth of the light path over the count interval from mean received frequencies, m, shape (n,)."""
     (up, down), base_hz = ratio, float(sent.value[0])
     # Differences of nearly equal frequencies first: the digits that cancel are then gone without loss.
-    growth_s = count_s * (((up * base_hz - down * offset_hz) - down * value_hz) / (up * base_hz))
+    change_s = count_s * (((up * base_hz - down * offset_hz) - down * value_hz) / (up * base_hz))
     if not sent.constant:
         light_s = part.light_time_s(middle)
         if light_s is None:
@@ -203,23 +203,23 @@ def _range_difference_m(
                 "the transmitted frequency changes: which part of it was received depends on the light time"
             )
             raise part.fail(keyword, f"{problem}; give light_time_s, to some microseconds")
-        since, ramped_s = seconds_from(sent.start, middle), growth_s
+        since, ramped_s = seconds_from(sent.start, middle), change_s
         for _ in range(_ROUNDS):
-            left = since - 0.5 * count_s - (light_s - 0.5 * growth_s)
-            growth_s = ramped_s + sent.excess(left, left + count_s - growth_s) / base_hz
-        if np.isnan(growth_s).any():
+            left = since - 0.5 * count_s - (light_s - 0.5 * change_s)
+            change_s = ramped_s + sent.excess(left, left + count_s - change_s) / base_hz
+        if np.isnan(change_s).any():
             problem = "was sent before the first TRANSMIT_FREQ; add earlier ones or leave the record out"
-            raise part.fail(keyword, f"what was received {problem}", int(np.argmax(np.isnan(growth_s))))
-    growth_m = C_M_S * growth_s
-    fast = np.abs(growth_m) > _FASTEST_M_S * count_s
+            raise part.fail(keyword, f"what was received {problem}", int(np.argmax(np.isnan(change_s))))
+    change_m = C_M_S * change_s
+    fast = np.abs(change_m) > _FASTEST_M_S * count_s
     if fast.any():
         row = int(np.argmax(fast))
         problem = (
-            f"the received frequency makes the path grow by {growth_m[row] / count_s:.6g} m/s, with a turnaround "
+            f"the received frequency makes the path grow by {change_m[row] / count_s:.6g} m/s, with a turnaround "
             f"of {up}/{down} and {base_hz!r} Hz sent; correct the ratio, the offset or the frequency"
         )
         raise part.fail(keyword, problem, row)
-    return growth_m
+    return change_m
 
 
 def _delays(part: SegmentReader, keyword: str) -> dict[str, Any]:

@@ -1,7 +1,7 @@
 """Observations as a Tracking Data Message 2.0, KVN or XML.
 
 What each type of observation is written as is said by :data:`radioloc.io.tdm.message.TYPES`: ranges as RANGE in km,
-Doppler as DOPPLER_INTEGRATED (both of the whole path), VLBI delays as VLBI_DELAY with two paths from the target.
+Doppler as DOPPLER_INTEGRATED (both of all legs), VLBI delays as VLBI_DELAY with two paths from the target.
 Numbers have the digits that give them back to the last bit, up to 17, where the standard asks for 16 at most (4.3.4);
 epochs have up to 12 decimals.
 

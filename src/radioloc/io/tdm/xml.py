@@ -101,16 +101,18 @@ class _XmlReader:
         return FileFormatError(self.path, problem, line or self.parser.CurrentLineNumber)
 
     def read(self, text: str, *, bulk: bool) -> TdmFile:
-        done = 0
+        done, line = 0, 1
         try:
             for start, end, prefix in _observations(text) if bulk else ():
                 self.parser.Parse(text[done:start].encode(), False)
                 if self.open[-1].name != "data" or self.records:
                     raise _NotPlainError
-                self.plain_records(text, start, end, prefix)
+                line += text.count("\n", done, start)
+                self.plain_records(text, start, end, prefix, line)
                 # The parser keeps count of the lines.
-                self.parser.Parse(b"\n" * text.count("\n", start, end), False)
-                done = end
+                newlines = text.count("\n", start, end)
+                self.parser.Parse(b"\n" * newlines, False)
+                done, line = end, line + newlines
             self.parser.Parse(text[done:].encode(), True)
         except expat.ExpatError as error:
             problem = f"is not whole XML: {expat.ErrorString(error.code)}; fetch it again"
@@ -204,13 +206,12 @@ class _XmlReader:
         part = read_records(self.path, keywords, epochs, values, lines, time_system=system, range_units=units)
         self.records.append(part)
 
-    def plain_records(self, text: str, start: int, end: int, prefix: str) -> None:
-        """Records of observations that all have the form <observation><EPOCH>t</EPOCH><KEY>v</KEY></observation>."""
+    def plain_records(self, text: str, start: int, end: int, prefix: str, line: int) -> None:
+        """Records of observations <observation><EPOCH>t</EPOCH><KEY>v</KEY></observation>, the first in a line."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
         opening, closing = f"<{prefix}observation>", f"</{prefix}observation>"
-        line = self.parser.CurrentLineNumber
         while start < end:
             stop = text.find(closing, min(start + _CHUNK, end - len(closing))) + len(closing)
             before, *pieces = f"{text[start:stop]}{opening}".split(f"<{prefix}EPOCH>")

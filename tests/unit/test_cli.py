@@ -213,7 +213,7 @@ def test_not_selected_are_counted(run, folder):
     count = left_out["outside the time span"]
     given = radioloc.read_observations(folder / "d.csv")
     assert count + len(rows_of(folder / "out" / "residuals.csv")) == len(given)
-    assert f"{count} observations not asked for: outside the time span" in outcome.out
+    assert f"{count} observations not selected: outside the time span" in outcome.out
 
 
 def data(folder, text):

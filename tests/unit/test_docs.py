@@ -16,7 +16,6 @@ from ldem import write_ldem_4
 import radioloc
 from radioloc.cli import main
 from radioloc.earth.geodesy import geodetic_from_itrf
-from radioloc.io.solution_files import RESIDUAL_COLUMNS
 from radioloc.io.table_columns import COLUMNS
 from radioloc.io.tdm.message import TYPES
 from radioloc.measurements.terms import TERMS
@@ -24,6 +23,7 @@ from radioloc.media.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.media.mapping_functions import niell
 from radioloc.media.radio_troposphere import standard_weather, zenith_hydrostatic_delay_m, zenith_wet_delay_m
 from radioloc.media.vmf3 import vmf3
+from radioloc.report.files import RESIDUAL_COLUMNS
 from radioloc.studies.toml_table import TomlTable
 from radioloc.time import tai_to_utc, utc_to_tai
 

@@ -441,4 +441,4 @@ def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterable[str]:
                 "sigmas are too small, as errors of the data are correlated or the model is incomplete"
             )
     # What several arcs say alike is said once, of the longest; counts of observations differ from arc to arc.
-    yield from (note for note in study.longest.notes if "not asked for" not in note)
+    yield from (note for note in study.longest.notes if "not selected:" not in note)

@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import json
+import math
+from collections.abc import Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
+from radioloc.estimation.residuals import Residuals
 from radioloc.estimation.solution import Solution
-from radioloc.io.solution_files import write_json, write_residuals
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.report.arc_study import ArcStudy
@@ -22,6 +25,10 @@ from radioloc.text_files import write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_DECIMALS = {"observed_m": 7, "computed_m": 7, "residual_m": 6, "sigma_m": 6, "elevation_deg": 4}
+RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_DECIMALS, "status")
+"""Columns of ``residuals.csv``, in order."""
 
 
 def write_report(solution: Solution, folder: str | Path) -> list[Path]:
@@ -60,25 +67,39 @@ def write_numbers(solution: Solution, folder: str | Path) -> list[Path]:
     Parameters, result and errors as :func:`write_report`.
     """
     folder = made_folder(folder)
-    rows = solution.residuals
+    numbers, table = folder / "solution.json", folder / "residuals.csv"
+    write_residuals(table, solution.residuals)
+    write_json(numbers, solution.to_dict())
+    return [numbers, table]
+
+
+def write_residuals(path: Path, rows: Residuals) -> None:
+    """Write residuals, one row for each observation in the order given, columns :data:`RESIDUAL_COLUMNS`.
+
+    Raises
+    ------
+    InputError
+        There are no elevations, a column has another length, or a number is not finite.
+    FileFormatError
+        The file cannot be written.
+    """
+    from radioloc.io.csv_file import batches_of, write_csv
+
     if rows.elevation_deg is None:
         raise InputError(
             "the solution has no elevations, which residuals.csv lists; give them to build_solution"
         )
-    write_json(folder / "solution.json", solution.to_dict())
-    write_residuals(
-        folder / "residuals.csv",
-        epoch=rows.epoch_utc,
-        types=rows.types,
-        paths=rows.paths,
-        observed_m=rows.observed_m,
-        computed_m=rows.computed_m,
-        residual_m=rows.residual_m,
-        sigma_m=rows.sigma_m,
-        elevation_deg=rows.elevation_deg,
-        status=rows.outcome,
-    )
-    return [folder / "solution.json", folder / "residuals.csv"]
+    columns: dict[str, Any] = {"epoch_utc": rows.epoch_utc, "type": rows.types, "path": rows.paths}
+    columns |= {name: getattr(rows, name) for name in _DECIMALS} | {"status": rows.outcome}
+    for name, column in columns.items():
+        if len(column) != len(rows.epoch_utc):
+            raise InputError(
+                f"{name} has {len(column)} values, but there are {len(rows.epoch_utc)} observations"
+            )
+        if name in _DECIMALS and not np.isfinite(column).all():
+            bad = int(np.argmin(np.isfinite(column)))
+            raise InputError(f"{name} of observation {bad + 1} is {column[bad]}; residuals must be finite")
+    write_csv(path, batches_of(columns, _DECIMALS))
 
 
 def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) -> Path:
@@ -267,3 +288,45 @@ def made_folder(folder: str | Path) -> Path:
     except OSError as error:
         raise InputError(f"{folder}: the output folder cannot be made: {error.strerror}") from None
     return folder
+
+
+def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
+    """Write a dictionary as JSON that any other program reads: numpy values as lists and numbers, never NaN.
+
+    Parameters
+    ----------
+    path : path-like
+        The file; an existing one is replaced at once.
+    content : mapping
+        Nested mappings, sequences, text, booleans, numbers, numpy arrays and scalars, paths and None.
+
+    Raises
+    ------
+    InputError
+        A number is not finite or a value is of another type; names its key.
+    FileFormatError
+        The file cannot be written.
+    """
+    write_text(path, json.dumps(_plain(content, ""), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+
+
+def _plain(value: Any, where: str) -> Any:
+    """Value in the types that JSON has."""
+    match value:
+        case Mapping():
+            return {
+                str(key): _plain(item, f"{where}.{key}" if where else str(key)) for key, item in value.items()
+            }
+        case np.ndarray() | np.generic():
+            return _plain(value.tolist(), where)
+        case list() | tuple():
+            return [_plain(item, f"{where}[{place}]") for place, item in enumerate(value)]
+        case float() if not math.isfinite(value):
+            raise InputError(f"{where} is {value}, which JSON cannot hold; leave it out or give None")
+        case Path():
+            return str(value)
+        case None | bool() | int() | float() | str():
+            return value
+    raise InputError(
+        f"{where} is a {type(value).__name__}, which JSON cannot hold; give numbers, text or lists"
+    )

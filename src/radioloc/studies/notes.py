@@ -20,9 +20,9 @@ from radioloc.studies.study import HEIGHT_LIMITS_M, STATION_PARAMETERS, Estimate
 from radioloc.studies.weights import Weight
 
 _DOUBTFUL_EXCESS = 20.0
-"""Excess noise in stated sigmas that is no longer a matter of model errors; laser ranges of DE421's time ask for 5."""
+"""Additive noise in stated sigmas that model errors no longer explain; laser ranges of DE421's time ask for 5."""
 _ROUGHER = 1.5
-"""Ratio of the sigmas that a terrain's roughness gives here and there, from which on it is told."""
+"""Ratio of the sigmas that a terrain's roughness gives here and there, from which on a note says so."""
 
 
 def notes_of(
@@ -53,17 +53,18 @@ def notes_of(
         *_weights_note(study.observations.weights),
         *(_terrain_doubt(arc, estimate, fitted.edited.fit.parameters, lander_pa_m)),
         *_of_data_and_model(arc.model, arc, left_out, estimate),
-        *([] if estimate is None else _without_owners(estimate, fitted.edited.fit.parameters)),
+        *([] if estimate is None else _without_scope(estimate, fitted.edited.fit.parameters)),
     ]
 
 
-def _without_owners(estimate: EstimateChoice, parameters: ParameterSet) -> list[str]:
+def _without_scope(estimate: EstimateChoice, parameters: ParameterSet) -> list[str]:
     """Parameters that were asked for of all stations, and that no observation depends on."""
     none = [
         key for key in STATION_PARAMETERS if getattr(estimate, key) == "all" and not parameters.of_kind(key)
     ]
     return [
-        f'no {key} is estimated, though "all" were asked for: no observation depends on one' for key in none
+        f'no {key} is estimated, though [estimate] asks for "all": no observation depends on one'
+        for key in none
     ]
 
 
@@ -74,8 +75,8 @@ def _height_doubt(lander_pa_m: NDArray[np.float64]) -> list[str]:
     if low_m <= height_m <= high_m:
         return []
     return [
-        f"WARNING: the Moon has no height of {height_m / 1e3:.0f} km (-9.2 to 10.8 km): look at the sigma; what is "
-        "missing may be an a-priori height, or a-priori sigmas of biases"
+        f"WARNING: a height of {height_m / 1e3:.0f} km is outside the Moon's terrain (-9.2 to 10.8 km): look at the "
+        "sigma; an a-priori height, or a-priori sigmas of biases, may be needed"
     ]
 
 
@@ -100,8 +101,8 @@ def _terrain_doubt(
     if used_m / _ROUGHER < here_m < used_m * _ROUGHER:
         return []
     return [
-        f"WARNING: the height above the terrain was given {used_m:.3g} m, from its roughness at the a-priori position; "
-        f"at the estimate it is {here_m:.3g} m: take the estimate for [target] and fit again"
+        f"WARNING: the a-priori sigma of the height above the terrain is {used_m:.3g} m, from the roughness at the "
+        f"a-priori position; at the estimate it would be {here_m:.3g} m: use the estimate as [target] and fit again"
     ]
 
 
@@ -113,7 +114,7 @@ def _doubts(noise: NoisyFit, observations: Observations) -> list[str]:
         if excess_m > _DOUBTFUL_EXCESS * typical_m:
             doubts.append(
                 f"WARNING: the {kind} residuals are {excess_m / typical_m:.0f} times the stated sigmas; data and model "
-                "disagree: look for blunders (which few points cannot tell), a wrong station or target, a term left out"
+                "disagree: look for outliers (hard to tell among few), a wrong station or target, a term switched off"
             )
     return doubts
 
@@ -126,17 +127,15 @@ def _of_data_and_model(
     model: PhysicalModel, arc: Predictor, left_out: dict[str, int], estimate: EstimateChoice | None
 ) -> list[str]:
     """What a reader of the result must know about the model and the data."""
-    notes = [f"{_count(count)} not asked for: {reason}" for reason, count in left_out.items()]
+    notes = [f"{_count(count)} not selected: {reason}" for reason, count in left_out.items()]
     stations = [model.catalogue.get(name) for name in arc.stations]
     coarse = [s.name for s in stations if s.quality != "survey"]
     if coarse:
-        notes.append(
-            f"positions of {', '.join(coarse)} are rounded in the catalogue, good to 100 m to 1 km only"
-        )
+        notes.append(f"catalogue positions of {', '.join(coarse)} are rounded, good to 100 m to 1 km only")
     unmoved = [s.name for s in stations if not s.velocity_known]
     if unmoved and model.has("station_velocity"):
         notes.append(
-            f"no velocity for {', '.join(unmoved)}: taken to stand still, though plates move by some cm a year"
+            f"no station velocity for {', '.join(unmoved)}: plate motion, some cm a year, is not modelled"
         )
     unloaded = [s.name for s in stations if s.ocean_loading is None]
     if unloaded and model.has("ocean_loading"):
@@ -156,11 +155,13 @@ def _of_data_and_model(
     if absent:
         sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
         notes.append(
-            f"the ephemeris file does not hold {sizes}: no gravitational delay by them, one way; take a whole one"
+            f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
         )
     laser = all(station.kind == "llr" for station in stations)
     if model.has("ionosphere") and model.ionosphere is None and not laser:
-        notes.append("no ionosphere for radio signals: give maps or a content as [model] ionex or tec_tecu")
+        notes.append(
+            "no ionospheric delay of radio signals: give maps or a content, [model] ionex or tec_tecu"
+        )
     files = model.radio_atmosphere
     if model.has("troposphere") and files is not None and not laser:
         radio = [station for station in stations if station.kind != "llr"]
@@ -171,13 +172,13 @@ def _of_data_and_model(
                     f"troposphere of radio signals from {source} for {', '.join(served)}, beside recorded pressure"
                 )
     if arc.trajectory is not None:
-        notes.append("the trajectory is taken as known: its error is in the residuals, and in no sigma")
+        notes.append("the trajectory is taken as exact: its error is in the residuals, and in no sigma")
     off = [name for name in TERMS if not model.has(name)]
     if off:
-        notes.append(f"terms left out of the model: {', '.join(off)}")
+        notes.append(f"terms switched off: {', '.join(off)}")
     if estimate is not None and arc.trajectory is None and not any(estimate.ephemeris_sigma_m):
         notes.append(
-            f"the sigma does not contain the error of {model.ephemeris.name} itself; name one as "
+            f"the sigma does not include the error of {model.ephemeris.name}; give it as "
             "[estimate] ephemeris_sigma_m = [east, north, up]"
         )
     return notes

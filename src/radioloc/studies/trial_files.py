@@ -21,8 +21,7 @@ from numpy.typing import NDArray
 
 from radioloc._version import __version__
 from radioloc.errors import InputError
-from radioloc.io.solution_files import write_json
-from radioloc.report.files import made_folder
+from radioloc.report.files import made_folder, write_json
 from radioloc.studies.study import Study, TerrainPrior
 from radioloc.text_files import read_text, replaced_file
 

@@ -109,7 +109,7 @@ def test_every_observation_is_accounted_for(late15, near15):
     assert total.used + total.rejected + sum(left_out.values()) == len(late15)
     for reason, count in left_out.items():
         plural = "" if count == 1 else "s"
-        assert f"{count} observation{plural} not asked for: {reason}" in found.notes
+        assert f"{count} observation{plural} not selected: {reason}" in found.notes
 
 
 def test_order_of_the_input_is_kept(apollo15, near15, solution):
@@ -207,8 +207,8 @@ def test_ephemeris_error_widens_the_total_sigma_only(apollo15, near15, solution)
     assert found.sigma_enu_m("total") == pytest.approx(np.hypot(found.sigma_enu_m("scaled"), (0.3, 0.4, 0.5)))
     assert "formal" in str(found)
     assert "with ephemeris error" in str(found)
-    assert not any("does not contain the error of DE421" in note for note in found.notes)
-    assert any("does not contain the error of DE421" in note for note in solution.notes)
+    assert not any("does not include the error of DE421" in note for note in found.notes)
+    assert any("does not include the error of DE421" in note for note in solution.notes)
 
 
 @pytest.fixture(scope="module")
@@ -224,7 +224,7 @@ def test_each_term_can_be_left_out(term, thinned, near15):
     few, full, terms_m = thinned
     found = fit(few, near15, model=ModelChoice(terms=radioloc.active_terms([term])))
     assert found.provenance["terms_off"] == [term]
-    assert f"terms left out of the model: {term}" in found.notes
+    assert f"terms switched off: {term}" in found.notes
     # Nothing of ocean loading, axes or delays of equipment is known here, and light does not feel the ionosphere.
     unknown = ("ocean_loading", "antenna_axis_offset", "transponder_delay", "station_delay")
     matters = term not in (*unknown, "ionosphere")
@@ -300,7 +300,7 @@ def test_station_without_velocity_is_said_to_stand_still(apollo15, near15):
     catalogue = radioloc.StationCatalogue.default()
     unmoved = catalogue.with_station(replace(catalogue.get("APOLLO"), velocity_m_yr=None))
     found = radioloc.locate(Study(target=near15, catalogue=unmoved), apollo15)
-    assert any(note.startswith("no velocity for APOLLO") for note in found.notes)
+    assert any(note.startswith("no station velocity for APOLLO") for note in found.notes)
     off = ModelChoice(terms=radioloc.active_terms(["station_velocity"]))
     found = radioloc.locate(Study(target=near15, catalogue=unmoved, model=off), apollo15)
     assert not any("velocity for" in note for note in found.notes)

@@ -67,8 +67,8 @@ def test_rougher_terrain_at_the_estimate_is_told(model, terrain, monkeypatch):
         for longitude_deg, latitude_deg, _ in (NEAR.selenographic, found.selenographic)
     )
     [note] = [note for note in found.notes if told in note]
-    assert f"given {there_m:.3g} m" in note
-    assert f"at the estimate it is {here_m:.3g} m" in note
+    assert f"is {there_m:.3g} m" in note
+    assert f"at the estimate it would be {here_m:.3g} m" in note
 
 
 def values_and_sigmas(found):

@@ -11,28 +11,37 @@ import pytest
 from radioloc.errors import FileFormatError, InputError
 from radioloc.estimation.editing import Outcome
 from radioloc.estimation.labels import Labels
+from radioloc.estimation.residuals import Residuals
 from radioloc.io.dates import utc_to_text
-from radioloc.io.solution_files import write_json, write_residuals
+from radioloc.report.files import write_json, write_residuals
 from radioloc.time import Epochs, epochs_from_strings
 
 
-def columns(**changes):
-    return {
-        "epoch": epochs_from_strings(["2006-04-07T06:26:30", "2006-04-07T06:32:30.25"]),
-        "types": np.array(["range", "range"]),
-        "paths": ["A>b>A", "C>b>C"],
+def outcome(*texts):
+    given = Labels.of(list(texts))
+    return Outcome(
+        np.array([text == "used" for text in texts]), given, np.zeros(len(texts)), np.ones(len(texts)), 1.0
+    )
+
+
+def two_rows(**changes):
+    columns = {
+        "epoch_utc": epochs_from_strings(["2006-04-07T06:26:30", "2006-04-07T06:32:30.25"]),
+        "stations": Labels.of(["A", "C"]),
+        "types": Labels.of(["range", "range"]),
+        "paths": Labels.of(["A>b>A", "C>b>C"]),
         "observed_m": np.array([794279926.1234567, 7.7e8]),
-        "computed_m": [794279926.1, 7.7e8],
-        "residual_m": [0.0234567, -0.0],
-        "sigma_m": [0.016, 1.0],
-        "elevation_deg": [45.0, -1.25],
-        "status": ["used", "rejected"],
-    } | changes
+        "residual_m": np.array([0.0234567, -0.0]),
+        "sigma_m": np.array([0.016, 1.0]),
+        "elevation_deg": np.array([45.0, -1.25]),
+        "outcome": outcome("used", "rejected"),
+    }
+    return Residuals(**columns | changes)
 
 
 def test_residuals_are_one_row_each_in_the_order_given(tmp_path):
     file = tmp_path / "residuals.csv"
-    write_residuals(file, **columns())
+    write_residuals(file, two_rows())
     with file.open(newline="", encoding="utf-8") as stream:
         rows = list(csv.reader(stream))
     assert ",".join(rows[0]) == (
@@ -62,29 +71,29 @@ def many(count, rng):
     given = Labels.coded(["used", "JIAMUSI's elevation is -1.2 deg"], (rng.random(count) < 0.01).astype(int))
     second = np.repeat(np.arange(-(-count // 3)), 3)[:count]
     observed_m = rng.uniform(-1.0, 1.0, count) * 10.0 ** rng.integers(0, 9, count)
-    return {
-        "epoch": Epochs.from_jd(2459184.5, second / 86400.0, "UTC"),
-        "types": Labels.coded(["range", "vlbi_delay"], np.arange(count) % 2),
-        "paths": Labels.coded(["A>b>A", "Łódź<b>C"], np.arange(count) % 2),
-        "observed_m": observed_m,
-        "computed_m": observed_m - residual_m,
-        "residual_m": residual_m,
-        "sigma_m": sigma_m,
-        "elevation_deg": rng.uniform(-3.0, 90.0, count),
-        "status": Outcome(used, given, residual_m, sigma_m, 1.5),
-    }
+    return Residuals(
+        epoch_utc=Epochs.from_jd(2459184.5, second / 86400.0, "UTC"),
+        stations=Labels.coded(["A", "C"], np.arange(count) % 2),
+        types=Labels.coded(["range", "vlbi_delay"], np.arange(count) % 2),
+        paths=Labels.coded(["A>b>A", "Łódź<b>C"], np.arange(count) % 2),
+        observed_m=observed_m,
+        residual_m=residual_m,
+        sigma_m=sigma_m,
+        elevation_deg=rng.uniform(-3.0, 90.0, count),
+        outcome=Outcome(used, given, residual_m, sigma_m, 1.5),
+    )
 
 
 def test_many_residuals_are_what_python_writes_one_by_one(tmp_path):
     file, rows = tmp_path / "residuals.csv", many(40_000, np.random.default_rng(8))
-    write_residuals(file, **rows)
+    write_residuals(file, rows)
     numbers = {"observed_m": 7, "computed_m": 7, "residual_m": 6, "sigma_m": 6, "elevation_deg": 4}
     expected = zip(
-        utc_to_text(rows["epoch"]),
-        rows["types"].array(),
-        rows["paths"].array(),
-        *([f"{x:.{decimals}f}" for x in rows[name].tolist()] for name, decimals in numbers.items()),
-        rows["status"].array(),
+        utc_to_text(rows.epoch_utc),
+        rows.type,
+        rows.path,
+        *([f"{x:.{decimals}f}" for x in getattr(rows, name).tolist()] for name, decimals in numbers.items()),
+        rows.status,
         strict=True,
     )
     written = file.read_text(encoding="utf-8").split("\n")
@@ -95,9 +104,9 @@ def test_many_residuals_are_what_python_writes_one_by_one(tmp_path):
 def test_residuals_are_written_block_by_block(tmp_path):
     """What writing needs beside the columns does not grow with them: some ten megabytes."""
     rows = many(200_000, np.random.default_rng(8))
-    write_residuals(tmp_path / "warm.csv", **columns())
+    write_residuals(tmp_path / "warm.csv", two_rows())
     tracemalloc.start()
-    write_residuals(tmp_path / "residuals.csv", **rows)
+    write_residuals(tmp_path / "residuals.csv", rows)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert (tmp_path / "residuals.csv").stat().st_size > 2e7
@@ -107,16 +116,17 @@ def test_residuals_are_written_block_by_block(tmp_path):
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"computed_m": [np.nan, 7.7e8]}, "computed_m of observation 1 is nan"),
-        ({"sigma_m": [1.0, np.inf]}, "sigma_m of observation 2 is inf"),
-        ({"status": ["used"]}, "status has 1 values, but there are 2"),
-        ({"residual_m": 0.0}, "residual_m has 0 values"),
+        ({"observed_m": np.array([np.nan, 7.7e8])}, "observed_m of observation 1 is nan"),
+        ({"sigma_m": np.array([1.0, np.inf])}, "sigma_m of observation 2 is inf"),
+        ({"outcome": outcome("used")}, "status has 1 values, but there are 2"),
+        ({"sigma_m": np.array([1.0])}, "sigma_m has 1 values, but there are 2"),
+        ({"elevation_deg": None}, "no elevations"),
     ],
 )
 def test_residuals_that_are_not_whole_are_refused(changes, words, tmp_path):
     file = tmp_path / "residuals.csv"
     with pytest.raises(InputError, match=words):
-        write_residuals(file, **columns(**changes))
+        write_residuals(file, two_rows(**changes))
     assert not file.exists()
 
 

@@ -374,7 +374,7 @@ class Solution:
         Raises
         ------
         InputError
-            astropy is not installed, or something else is asked for.
+            Something else is asked for.
         """
         if what == "parameters":
             rows = self._parameter_rows()

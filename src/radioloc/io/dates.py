@@ -23,6 +23,7 @@ _FULL_DATE = (
 )
 _JD_1972 = 2441317.5
 _JD_1970 = 2440587.5
+_JD_9999 = 5373119.5
 # Half of a double's bits: a fraction cut here and a whole number of seconds multiply without rounding.
 _SPLIT = float(2**26)
 _PICOSECONDS = 10**12
@@ -39,12 +40,14 @@ def day_lengths_s(jd: NDArray[np.float64]) -> NDArray[np.float64]:
     Raises
     ------
     InputError
-        A day lies before 1972, when UTC had another rate.
+        A day lies before 1972, when UTC had another rate, or after the year 9998.
     """
     days, inverse = np.unique(jd, return_inverse=True)
     if len(days) and days[0] < _JD_1972:
         early = Epochs.from_jd(days[0], 0.0, "UTC").day_strings()[0]
         raise InputError(f"{early} is before 1972, when UTC had another rate than TAI; leave such data out")
+    if len(days) and days[-1] >= _JD_9999:
+        raise InputError(f"a date {days[-1] - _JD_1970:.0f} days after 1970 is none of a measurement")
     start = utc_to_tai(Epochs.from_jd(days, 0.0, "UTC"))
     end = utc_to_tai(Epochs.from_jd(days + 1.0, 0.0, "UTC"))
     return np.round(end.seconds_since(start))[inverse]

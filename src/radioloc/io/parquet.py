@@ -63,12 +63,15 @@ def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None, lunar:
                     path, f"says that it has {file.metadata.num_rows} rows, more than it can hold"
                 )
             for batch in file.iter_batches(_ROWS_AT_ONCE):
+                # Text that is not UTF-8 and places that a dictionary does not have.
+                batch.validate(full=True)
                 if len(batch):
                     lines = np.arange(row, row + len(batch), dtype=np.int32)
                     reader.read(dict(zip(header, batch.columns, strict=True)), lines)
                 row += len(batch)
-    except (pyarrow.ArrowException, OSError) as error:
-        [reason, *_] = [line.strip() for line in str(error).splitlines()] or ["damaged"]
+    except (pyarrow.ArrowException, OSError, UnicodeDecodeError) as error:
+        [first, *_] = str(error).splitlines() or ["damaged"]
+        reason = "".join(character for character in first if character.isprintable()).strip()
         raise FileFormatError(
             path, f"cannot be read as Parquet ({reason}); fetch or write it again"
         ) from error

@@ -132,9 +132,9 @@ class MonteCarlo:
 
     def to_table(self) -> Any:
         """All trials as an ``astropy.table.Table``, one row for each trial and arc."""
-        n, k, _ = self.values.shape
         from astropy.table import Table
 
+        n, k, _ = self.values.shape
         table = Table({"trial": np.repeat(np.arange(n), k), "hours": np.tile(self.hours, n)})
         for column in self.columns:
             table[column] = self[column].ravel()

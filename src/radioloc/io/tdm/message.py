@@ -229,9 +229,9 @@ class TdmSegment:
         counts = np.bincount(self.keyword, minlength=len(DATA)).tolist()
         return {keyword: count for keyword, count in zip(DATA, counts, strict=True) if count}
 
-    def number(self, keyword: str, otherwise: float = 0.0) -> float:
-        """Number that a metadata keyword gives."""
-        return float(self.metadata[keyword]) if keyword in self.metadata else otherwise
+    def number(self, keyword: str) -> float:
+        """Number that a metadata keyword gives, zero where it is not there."""
+        return float(self.metadata.get(keyword, 0.0))
 
     def correction(self, of: str) -> float:
         """Correction of data that is still to be added to them."""

@@ -40,7 +40,7 @@ _CHILDREN = {
 _BRANCHES = ("tdm", "header", "body", "segment", "metadata", "data", "observation")
 # What follows <EPOCH> of an observation that holds nothing but an epoch and a value; PREFIX is that of its names.
 _PLAIN = (
-    r"^\s*(?P<epoch>VALUE+)\s*</PREFIXEPOCH>\s*<PREFIX(?P<keyword>\w+)>\s*(?P<value>VALUE*)\s*</PREFIX(?P<close>\w+)>"
+    r"^(?P<epoch>VALUE+)</PREFIXEPOCH>\s*<PREFIX(?P<keyword>\w+)>(?P<value>VALUE*)</PREFIX(?P<close>\w+)>"
     r"\s*</PREFIXobservation>\s*<PREFIXobservation>\s*$"
 ).replace("VALUE", "[!-%'-;=?-~]")
 # Characters that are taken apart at once: enough to be quick, few enough not to fill the memory.

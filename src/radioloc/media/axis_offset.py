@@ -51,9 +51,10 @@ class AntennaAxisOffset:
 
     def delay(self, leg: Leg, prepared: None) -> LegDelay | None:
         """Delay and its derivatives; zero for stations of which the offset is not known."""
-        offset_m = leg.end.of_station([station.axis_offset_m or 0.0 for station in leg.end.stations])
-        if not offset_m.any():
+        offsets_m = [station.axis_offset_m or 0.0 for station in leg.end.stations]
+        if not any(offsets_m):
             return None
+        offset_m = leg.end.of_station(offsets_m)
         up, pole, unit = leg.station.up_gcrs, leg.station.pole_gcrs, leg.unit
         fixed = _fixed_axes(leg)
         sine = dot(up, unit)

@@ -215,7 +215,12 @@ def _link_panels(residuals: Residuals) -> list[_Panel]:
 
 
 def _word(kind: str) -> str:
-    return kind.removeprefix("vlbi_").replace("_", " ").replace("doppler", "Doppler")
+    return (
+        kind.removeprefix("vlbi_")
+        .replace("one_way", "one-way")
+        .replace("_", " ")
+        .replace("doppler", "Doppler")
+    )
 
 
 def _half_heights(residuals: Residuals, panels: list[_Panel]) -> list[float]:

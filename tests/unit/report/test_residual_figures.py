@@ -8,7 +8,9 @@ from toy_moon import ToyMoon, toy_solution
 
 from radioloc.errors import InputError
 from radioloc.estimation import Labels, Outcome
+from radioloc.measurements.link import Link
 from radioloc.report import plot_links, plot_residuals, save_figure
+from radioloc.report.link_names import short_names
 from radioloc.report.residual_figures import MOST_LINKS
 
 DASH = "\N{EN DASH}"
@@ -186,3 +188,23 @@ def test_thousands_of_dots_are_a_picture_in_a_small_file(rows, tmp_path):
     assert "<image" in svg
     assert len(svg) < 1_000_000
     assert (tmp_path / "links.png").read_bytes()[:8] == b"\x89PNG\r\n\x1a\n"
+
+
+def test_one_way_links_and_several_targets_are_told_apart(rows):
+    """Links that differ in their way or their target only have colours of their own, and none hides another."""
+    paths = ["KASHI>lander>KASHI", "KASHI>rover>KASHI", "lander>KASHI"]
+    kinds = ["range", "range", "one_way_range"]
+    some = replace(
+        rows,
+        types=Labels.of([kinds[k % 3] for k in range(90)]),
+        paths=Labels.of([paths[k % 3] for k in range(90)]),
+    )
+    panels = panels_of(plot_links(some))
+    assert list(panels) == ["range KASHI", "one-way range KASHI"]
+    assert {text.get_text() for text in panels["range KASHI"].get_legend().get_texts()} == {
+        "two-way lander",
+        "two-way rover",
+    }
+    assert sum(len(line.get_ydata()) for axes in panels.values() for line in dots(axes).values()) == 88
+    links = [Link.from_path(path) for path in ("A>x>A", "B>x>A", "x>A", "A<x>B")]
+    assert short_names(links) == ["A", "A from B", "A one-way", f"A{DASH}B"]

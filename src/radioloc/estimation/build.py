@@ -171,7 +171,7 @@ def _what_residuals_show(
     """By how much the noise is larger than stated, and which residuals stay alike."""
     fit = edited.fit
     # What weighs correlated series as such has its variances from the residuals themselves.
-    noise_scale = statistics.noise_scale if fit.sigma_factor is None else 1.0
+    noise_scale = statistics.noise_scale if fit.series_noise is None else 1.0
     if not (edited.complete and fit.status in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE)):
         return noise_scale, None
     time_s = seconds_since_midnight(residuals.epoch_utc)

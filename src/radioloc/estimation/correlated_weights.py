@@ -1,21 +1,20 @@
-"""Weights that allow for residuals that stay alike: a series that says what a few observations do counts as those.
+"""Weights that allow for time-correlated residuals: generalized least squares.
 
 Least squares that weigh observations as independent have the right expectation whatever the errors, but not the least
-variance: a dense series whose errors last outweighs a-priori values and other series that know better. With the
-covariance V of a series' errors in units of the stated ones, the best estimate (generalized least squares, Aitken
-1935) has the information a^T V^-1 a of a column a of whitened partials. Where a changes little while errors stay
-alike, V a is nearly a times the number of observations that count as one, and so is
+variance: a dense series whose errors are correlated outweighs a-priori values and other series that know better. With
+the covariance V of white noise and a Gauss-Markov process in each series the best linear estimate weighs by the inverse
+of V (Aitken 1935). A Kalman filter whitens residuals and design matrix of each series
+(:mod:`~radioloc.estimation.gauss_markov`); what it leaves are independent observations to the fit. The noise model is
+found once, from the fit with independent weights: a restricted likelihood does not depend on the estimate.
 
-    a^T V^-1 a = |a|^2 n_effective / n:
-
-the stated sigmas times sqrt(n / n_effective) weigh nearly as V^-1 does, and observations stay independent to the fit.
-What changes faster than the errors is weighed as if it were known no better; its sigma says how well it is known all
-the same, as the covariance is the sandwich of these weights and of V, not the inverse of the information.
+Delays that share errors of stations are brought to independent combinations first, as always; each combination of the
+baselines observed together is a series (:mod:`~radioloc.estimation.series`).
 """
 
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -23,6 +22,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import covariance_of
+from radioloc.estimation.gauss_markov import SeriesNoise
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import (
     FitResult,
@@ -32,19 +32,18 @@ from radioloc.estimation.least_squares import (
     sum_of_squares,
 )
 from radioloc.estimation.linearization import ResidualFunction, Rows
-from radioloc.estimation.observation_noise import ALONE
-from radioloc.estimation.series_stretches import shared_series
-from radioloc.estimation.time_correlation import TimeCorrelation, assess_time_correlation
-
-MAX_PASSES = 10
-SETTLED = 0.02
-"""Factors have settled when none changes by more than this part: they are known to some ten per cent, and a part of
-two hundredths costs less than a part in a thousand of the sigma."""
+from radioloc.estimation.series import Batch, SeriesOrder, series_of
+from radioloc.estimation.time_correlation import (
+    SeriesCorrelation,
+    TimeCorrelation,
+    assess_time_correlation,
+    weighted_series,
+)
 
 
 @dataclass(frozen=True, slots=True)
 class SeriesWeight:
-    """How a series is weighed whose residuals stay alike.
+    """What a series with time-correlated residuals weighs.
 
     Parameters
     ----------
@@ -53,7 +52,8 @@ class SeriesWeight:
     count : int
         Its used observations.
     sigma_factor : float
-        Factor on their stated sigmas, 1 or more.
+        Factor on the stated sigmas by which independent observations would tell the mean of the series as well, 1 or
+        more.
     """
 
     name: str
@@ -62,7 +62,7 @@ class SeriesWeight:
 
     @property
     def weighed_as(self) -> float:
-        """How many independent observations have the same weight together."""
+        """How many independent observations would have the same weight together."""
         return self.count / self.sigma_factor**2
 
 
@@ -76,11 +76,28 @@ class CorrelatedFit:
         Its noise, sum of squares and formal covariance are those of the stated sigmas; its estimate and factor those of
         the weights.
     weights : tuple of SeriesWeight
-        Series that do not count in full; none where no residuals stay alike.
+        Series with time-correlated residuals.
     """
 
     edited: EditedFit
     weights: tuple[SeriesWeight, ...]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Whitening:
+    """How used observations are brought to independent ones where series have noise of their own."""
+
+    batches: Sequence[Batch]
+    noise: dict[str, SeriesNoise]
+
+    def whitened(self, rows_of: Callable[[Rows], NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
+        """Independent combinations of unit variance, from indices of rows (m,) to numbers (m, c), series by series."""
+        for batch in self.batches:
+            values = batch.whitened(rows_of)
+            step_s = np.diff(batch.time_s, prepend=batch.time_s[0])
+            for k, key in enumerate(batch.keys):
+                errors = self.noise.get(key)
+                yield values[:, k] if errors is None else errors.whitened(step_s, values[:, k])
 
 
 def fit_with_correlated_weights(
@@ -91,7 +108,7 @@ def fit_with_correlated_weights(
     time_s: NDArray[np.float64],
     settings: FitSettings | None = None,
 ) -> CorrelatedFit:
-    """Fit again, with each series whose residuals stay alike weighed as the independent observations it is worth.
+    """Fit again, each series with time-correlated residuals weighed by the inverse of their covariance.
 
     Parameters
     ----------
@@ -104,110 +121,66 @@ def fit_with_correlated_weights(
         As for :func:`~radioloc.estimation.time_correlation.assess_time_correlation`.
     settings : FitSettings, optional
         Limits and tolerances of the fit.
-
-    Notes
-    -----
-    Fit and factors alternate until the factors settle. A series that was found once keeps its last factor where a
-    later fit does not find it any more. Where factors do not settle in :data:`MAX_PASSES` fits the message says so, and
-    the last fit stands: no weights are wrong, only less good than others, and the covariance is that of the weights.
     """
-    series = _Series(edited.fit, types, paths)
-    factors: dict[str, float] = {}
-    fit = edited.fit
-    settled = False
-    for _ in range(MAX_PASSES):
-        if not edited.complete or fit.status not in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE):
-            settled = True  # the fit says itself what is wrong with it
-            break
-        wanted = factors | series.factors(assess_time_correlation(fit, types, paths, time_s))
-        before = [factors.get(name, 1.0) for name in wanted]
-        if all(abs(new / old - 1.0) <= SETTLED for new, old in zip(wanted.values(), before, strict=True)):
-            settled = True
-            break
-        factors = wanted
-        fit = _weighed(residual_function, edited.fit, fit, series.of_observations(factors), settings)
-    weights = tuple(
-        SeriesWeight(name, series.counts[name], factor) for name, factor in factors.items() if factor > 1.0
-    )
-    message = edited.message
-    if not settled:
-        more = f"the weights of correlated series did not settle in {MAX_PASSES} fits: the last are used"
-        message = "; ".join(text for text in (message, more) if text)
-    return CorrelatedFit(replace(edited, fit=fit, message=message), weights)
-
-
-def _weighed(
-    residual_function: ResidualFunction,
-    stated: FitResult,
-    start: FitResult,
-    factor: NDArray[np.float64],
-    settings: FitSettings | None,
-) -> FitResult:
-    """Fit with sigmas larger by a factor (n,); what it says of the noise is of the stated sigmas."""
-    noise = stated.noise.inflated(factor)
+    stated = edited.fit
+    # A fit that did not come to its end says itself what is wrong with it.
+    if not edited.complete or stated.status not in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE):
+        return CorrelatedFit(edited, ())
+    order = SeriesOrder.of(types, paths, time_s)
+    found = assess_time_correlation(stated, types, paths, time_s, order)
+    if found is None:
+        return CorrelatedFit(edited, ())
+    batches = series_of(order, stated.noise, stated.used)
     fit = fit_least_squares(
         residual_function,
         stated.parameters,
-        noise,
+        stated.noise,
         used=stated.used,
-        start=start.x,
-        linearization=start.linearization,
+        start=stated.x,
+        linearization=stated.linearization,
         settings=settings,
+        whitening=_Whitening(batches, dict(found.noise)),
     )
-    free = np.flatnonzero(fit.parameters.free)
-    root = fit.factor.root_covariance()
-
-    def by_unit_parameters(rows: Rows) -> NDArray[np.float64]:
-        unit: NDArray[np.float64] = fit.linearization.partials(rows)[:, free] @ root
-        return unit * np.sqrt(1.0 - factor[rows] ** -2.0)[:, None]
-
-    # Errors as stated are smaller than those weighed with: from each observation the difference is taken off.
-    unit_covariance = np.eye(root.shape[1])
-    for part in noise.among(fit.used).whitened(by_unit_parameters):
-        unit_covariance -= np.einsum("ni,nj->ij", part, part)
-    return replace(
+    fit = replace(
         fit,
-        covariance=covariance_of(fit.factor, fit.parameters, unit_covariance),
-        noise=stated.noise,
+        covariance=_formal_covariance(fit, batches, found),
         chi2=sum_of_squares(fit.residual_m, stated.noise.among(fit.used), fit.parameters, fit.x),
-        sigma_factor=factor,
+        series_noise=dict(found.noise),
     )
+    return CorrelatedFit(replace(edited, fit=fit), _weights(batches, found))
 
 
-class _Series:
-    """Which series an observation is weighed with: its type and path, or its type alone if it shares errors."""
+def _formal_covariance(
+    fit: FitResult, batches: Sequence[Batch], found: TimeCorrelation
+) -> NDArray[np.float64]:
+    """Covariance of the estimate by these weights were errors independent and as stated, shape (p, p)."""
+    root = fit.factor.root_covariance()
+    unit = np.eye(root.shape[1])
+    for batch in batches:
+        for one in weighted_series(batch, fit, root, found.noise):
+            errors = found.noise[one.key]
+            fitted = SeriesNoise(
+                errors.white, np.array([errors.correlation_time_s]), np.array([errors.coloured.sum()])
+            )
+            unit += np.einsum("ni,nj->ij", one.unit, one.unit)
+            unit -= fitted.products(one.step_s, one.gain, one.unit)
+    return covariance_of(fit.factor, fit.parameters, unit)
 
-    def __init__(self, fit: FitResult, types: Labels, paths: Labels) -> None:
-        shared = fit.noise.shared
-        sharing = np.zeros(len(fit.used), dtype=bool) if shared is None else shared.group != ALONE
-        each = len(paths.texts) + 1
-        both = types.codes.astype(np.intp) * each + np.where(sharing, len(paths.texts), paths.codes)
-        kinds, self._codes = np.unique(both, return_inverse=True)
-        self._names = []
-        self._begins: dict[str, str] = {}
-        for kind in kinds.tolist():
-            type_text, path = types.texts[kind // each], kind % each
-            if path < len(paths.texts):
-                self._names.append(f"{type_text} {paths.texts[path]}")
-            else:
-                self._names.append(f"{type_text} that share errors")
-                self._begins[self._names[-1]] = shared_series(type_text)
-        used = np.bincount(self._codes[fit.used], minlength=len(self._names))
-        self.counts = dict(zip(self._names, used.tolist(), strict=True))
 
-    def factors(self, found: TimeCorrelation | None) -> dict[str, float]:
-        """Factor on the sigmas of each series that was found."""
-        factors = {}
-        items = () if found is None else found.series
-        for name in self.counts:
-            begins = self._begins.get(name)
-            mine = [i for i in items if (i.name == name if begins is None else i.name.startswith(begins))]
-            if mine:
-                # Combinations in which errors cancel, such as around triangles of stations, need not be alike.
-                growth = [item.count**2 / max(item.effective_count, 1.0) for item in mine]
-                factors[name] = math.sqrt(max(1.0, sum(growth) / sum(item.count for item in mine)))
-        return factors
-
-    def of_observations(self, factors: dict[str, float]) -> NDArray[np.float64]:
-        """Factor of each observation, shape (n,)."""
-        return np.array([factors.get(name, 1.0) for name in self._names])[self._codes]
+def _weights(batches: Sequence[Batch], found: TimeCorrelation) -> tuple[SeriesWeight, ...]:
+    """What the series weigh; combinations of observations that share errors together."""
+    items = dict(zip(found.keys, found.series, strict=True))
+    counts: dict[str, int] = {}
+    mine: dict[str, list[SeriesCorrelation]] = {}
+    for batch in batches:
+        name = batch.shared or batch.names[0]
+        counts[name] = counts.get(name, 0) + batch.rows.size
+        mine.setdefault(name, []).extend(items[key] for key in batch.keys if key in items)
+    weights = []
+    for name, found_in in mine.items():
+        # Combinations in which the errors of stations cancel, around triangles, need not be correlated.
+        growth = sum(item.count**2 / item.effective_count for item in found_in)
+        factor = math.sqrt(max(1.0, growth / max(sum(item.count for item in found_in), 1)))
+        if factor > 1.0:
+            weights.append(SeriesWeight(name, counts[name], factor))
+    return tuple(weights)

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.linearization import Linearization, Rows
-from radioloc.estimation.observation_noise import Combinations
+from radioloc.estimation.observation_noise import Whitening
 from radioloc.estimation.parameters import ParameterSet
 
 _LEAF_ELEMENTS = 8192
@@ -86,7 +86,7 @@ class Factor:
 
 def factorize(
     linearization: Linearization,
-    combinations: Combinations,
+    combinations: Whitening,
     parameters: ParameterSet,
     x: NDArray[np.float64],
     limits: RankLimits,
@@ -97,7 +97,7 @@ def factorize(
     ----------
     linearization : Linearization
         Of all observations.
-    combinations : Combinations
+    combinations : Whitening
         The observations to use, with their noise.
     parameters : ParameterSet
         Gives the a-priori rows and which columns are free.
@@ -142,7 +142,7 @@ def factorize(
 
 
 def _whitened_rows(
-    linearization: Linearization, combinations: Combinations, free: NDArray[np.intp]
+    linearization: Linearization, combinations: Whitening, free: NDArray[np.intp]
 ) -> Iterator[NDArray[np.float64]]:
     """Whitened partials by the free parameters with the residuals as last column, part by part."""
     q = len(free)
@@ -160,7 +160,7 @@ def _whitened_rows(
 def refreshed(
     factor: Factor,
     linearization: Linearization,
-    combinations: Combinations,
+    combinations: Whitening,
     parameters: ParameterSet,
     x: NDArray[np.float64],
 ) -> Factor:

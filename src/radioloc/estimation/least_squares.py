@@ -9,6 +9,7 @@ one led (:mod:`~radioloc.estimation.factorization`). A step that does not lower 
 from __future__ import annotations
 
 import enum
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -16,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.factorization import Factor, covariance_of, factorize, refreshed
+from radioloc.estimation.gauss_markov import SeriesNoise
 from radioloc.estimation.linearization import (
     Linearization,
     ResidualFunction,
@@ -23,7 +25,7 @@ from radioloc.estimation.linearization import (
     check_residuals,
     evaluate,
 )
-from radioloc.estimation.observation_noise import Combinations, ObservationNoise
+from radioloc.estimation.observation_noise import ObservationNoise, Whitening
 from radioloc.estimation.parameters import ParameterSet
 
 # Damping given up at, in largest singular values: the step is then a millionth of the plain one.
@@ -129,9 +131,8 @@ class FitResult:
     factor : Factor
         Singular values and directions over the free parameters, at `x` or less than a last, converged step from it; of
         the problem as it was weighed.
-    sigma_factor : ndarray, shape (n,), or None
-        Factor on the stated sigmas that the observations were weighed with; 1 where ``None``. One for all observations
-        that share errors.
+    series_noise : mapping of str to SeriesNoise, or None
+        Time-correlated noise by whose inverse covariance series were weighed, by name; none where ``None``.
     """
 
     parameters: ParameterSet
@@ -145,7 +146,7 @@ class FitResult:
     status: FitStatus
     iterations: tuple[Iteration, ...]
     factor: Factor
-    sigma_factor: NDArray[np.float64] | None = None
+    series_noise: Mapping[str, SeriesNoise] | None = None
 
     @property
     def converged(self) -> bool:
@@ -182,6 +183,7 @@ def fit_least_squares(
     start: ArrayLike | None = None,
     linearization: Linearization | None = None,
     settings: FitSettings | None = None,
+    whitening: Whitening | None = None,
 ) -> FitResult:
     """Fit parameters to observations.
 
@@ -202,6 +204,8 @@ def fit_least_squares(
         The one at `start`, where it is known already.
     settings : FitSettings, optional
         Limits and tolerances.
+    whitening : Whitening, optional
+        How the used observations are brought to independent ones of unit variance; by their noise if not given.
 
     Returns
     -------
@@ -228,7 +232,7 @@ def fit_least_squares(
         raise InputError(f"used has shape {mask.shape}; {n} observations need ({n},)")
     check_residuals(at_start, mask)
     n_used = int(mask.sum())
-    problem = _Problem(residual_function, parameters, noise.among(mask), n_used, settings)
+    problem = _Problem(residual_function, parameters, whitening or noise.among(mask), n_used, settings)
     here = problem.point(x, at_start)
     first = problem.factor(here)
     if first is None:
@@ -268,7 +272,7 @@ class _Problem:
 
     residual_function: ResidualFunction
     parameters: ParameterSet
-    combinations: Combinations
+    combinations: Whitening
     n_used: int
     settings: FitSettings
 
@@ -360,7 +364,7 @@ def _iterated(
 
 def sum_of_squares(
     residual_m: NDArray[np.float64],
-    combinations: Combinations,
+    combinations: Whitening,
     parameters: ParameterSet,
     x: NDArray[np.float64],
 ) -> float:

@@ -252,7 +252,7 @@ def assess_observability(fit: FitResult) -> Observability:
         for vector, sigma in zip(vectors.T, sigmas, strict=True)
         if sigma > WEAK_FACTOR * sigma_m > 0.0
     )
-    covariance = fit.covariance if fit.sigma_factor is None else covariance_of(fit.factor, parameters)
+    covariance = fit.covariance if fit.series_noise is None else covariance_of(fit.factor, parameters)
     return Observability(
         singular_values=fit.factor.singular_values,
         undetermined=undetermined,

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -169,17 +170,6 @@ class ObservationNoise:
             blocks += [block.with_excess(more_m)] if even else _blocks_of_rows(own_m, self.shared, block.rows)
         return ObservationNoise(own_m, self.shared, tuple(blocks))
 
-    def inflated(self, factor: NDArray[np.float64]) -> ObservationNoise:
-        """Noise with all errors of each observation larger by a factor (n,), the same within a block."""
-        own_m = self.own_m * factor
-        if self.shared is None:
-            return ObservationNoise(own_m)
-        shared = SharedErrors(self.shared.group, self.shared.source, self.shared.effect_m * factor[:, None])
-        blocks = [
-            _Block(block.rows, block.axes, block.combined_m * factor[block.rows]) for block in self.blocks
-        ]
-        return ObservationNoise(own_m, shared, tuple(blocks))
-
     def among(self, used: NDArray[np.bool_] | None = None) -> Combinations:
         """Independent combinations of the observations in use, all of them by default.
 
@@ -204,6 +194,15 @@ class ObservationNoise:
             if len(rows):
                 blocks += _blocks_of(self.own_m[rows], self.shared.select(rows), rows)
         return Combinations(self, used, tuple(blocks))
+
+
+class Whitening(Protocol):
+    """Observations in use, brought to independent ones of unit variance."""
+
+    def whitened(
+        self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
+    ) -> Iterator[NDArray[np.float64]]:
+        """Independent combinations part by part, from indices of rows (m,) to numbers that belong to them (m, k)."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

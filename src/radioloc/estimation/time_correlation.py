@@ -1,48 +1,42 @@
-"""Residuals that stay alike for a while, and what that does to the covariance.
+"""Time-correlated residuals, and what they do to the covariance of the estimate.
 
-A fit that weighs observations as independent still has the right expectation when their errors last for hours, but its
-formal sigmas are too small: a thousand observations of an hour say what a few do. The estimate is left as it is; its
-covariance is taken with the errors as the residuals show them (the sandwich of Huber 1967 and White 1980),
+A fit that weighs observations as independent still has the right expectation when their errors are correlated for
+hours, but its formal sigmas are too small: a thousand observations of an hour say what a few do. The estimate is left
+as it is; its covariance is taken with the errors as the residuals show them (the sandwich of Huber 1967 and White
+1980),
 
-    (A^T A + P)^-1 (A^T V A + P) (A^T A + P)^-1,
+    (A^T W A + P)^-1 (A^T W V W A + P) (A^T W A + P)^-1,
 
-with the whitened partials A, the information P of the a-priori values, and V the covariance of the whitened errors.
-In each series (the residuals of one link and type) V is that of white noise and a first-order Gauss-Markov process,
-
-    V_ij = w d_ij + c exp(-|t_i - t_j| / tau),
-
-found from the residuals (:mod:`~radioloc.estimation.lasting_errors`) by a likelihood that allows for what the estimated
-parameters have taken out of them. All series of a type have one tau and one ratio c / w, unless a series says
-otherwise. The covariance is averaged over the likelihood of these, so it holds how badly they are known. Errors of
-different series count as independent.
-
-Where the estimate weighs a series with larger sigmas (:mod:`~radioloc.estimation.correlated_weights`), A and V are over
-the stated ones as before, and its part of the middle is divided by the fourth power of the factor on them.
-
-All is done with sums over some fifty stretches of time in each series
-(:mod:`~radioloc.estimation.series_stretches`), so the cost is linear in the observations.
+with the whitened design matrix A, the information P of the a-priori values, the weights W (the identity, or with
+:mod:`~radioloc.estimation.correlated_weights` the inverse of a covariance) and V the covariance of the whitened errors:
+in each series (the residuals of one link and type) white noise and a first-order Gauss-Markov process
+(:mod:`~radioloc.estimation.gauss_markov`). Errors of different series count as independent. Delays that share errors
+of stations are brought to independent combinations first (:mod:`~radioloc.estimation.series`).
 """
 
 from __future__ import annotations
 
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.lasting_errors import AveragedErrors, LastingErrors
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.series_stretches import PartialSums, Stretches, StretchSums, WhitenedSeries
+from radioloc.estimation.linearization import Rows
+from radioloc.estimation.series import Batch, SeriesOrder, series_of
 
-ABSORBED, _ABSORBED_WEIGHED = 30.0, 3.0
-"""Sigmas that the estimate may be off by: what it then takes out of a series is left out of the likelihood. Sigmas by
-weights that allow for correlation are nearly those that the estimate has."""
+_Floats = NDArray[np.float64]
+
+ABSORBED = 30.0
+"""Sigmas that the estimate may be off by: what it then takes out of a series is left out of the likelihood."""
 
 
 @dataclass(frozen=True, slots=True)
 class SeriesCorrelation:
-    """A series whose residuals stay alike.
+    """A series whose residuals are correlated in time.
 
     Parameters
     ----------
@@ -53,9 +47,9 @@ class SeriesCorrelation:
     effective_count : float
         How many independent ones would give their mean as well.
     correlation_time_s : float
-        How long the errors stay alike, s: their correlation falls to 1/e.
+        Time in which the correlation of the Gauss-Markov process falls to 1/e, s.
     share : float
-        Part of the residuals' variance that does so, 0 to 1.
+        Part of the residuals' variance that the process has, 0 to 1.
     """
 
     name: str
@@ -67,11 +61,11 @@ class SeriesCorrelation:
     def __str__(self) -> str:
         time_s = self.correlation_time_s
         if time_s < 3600.0:
-            lasting = f"{time_s / 60.0:.2g} min"
+            text = f"{time_s / 60.0:.2g} min"
         else:
-            lasting = f"{time_s / 3600.0:.2g} h" if time_s < 3.0 * 86400.0 else f"{time_s / 86400.0:.2g} days"
+            text = f"{time_s / 3600.0:.2g} h" if time_s < 3.0 * 86400.0 else f"{time_s / 86400.0:.2g} days"
         return (
-            f"residuals of {self.name} stay alike for {lasting}: {self.count} observations count as "
+            f"residuals of {self.name} are correlated in time over {text}: {self.count} observations count as "
             f"{max(self.effective_count, 1.0):.0f}"
         )
 
@@ -86,25 +80,37 @@ class TimeCorrelation:
         Series with significant correlation.
     added_covariance : ndarray, shape (p, p)
         To add to the covariance of the parameters; no variance becomes smaller by it.
+    keys : tuple of str
+        Of those series.
+    noise : mapping of str to SeriesNoise
+        Of those series by their keys, in units of the stated noise.
     """
 
     series: tuple[SeriesCorrelation, ...]
     added_covariance: NDArray[np.float64]
+    keys: tuple[str, ...]
+    noise: Mapping[str, SeriesNoise]
 
 
 def assess_time_correlation(
-    fit: FitResult, types: Labels, paths: Labels, time_s: NDArray[np.float64]
+    fit: FitResult,
+    types: Labels,
+    paths: Labels,
+    time_s: NDArray[np.float64],
+    order: SeriesOrder | None = None,
 ) -> TimeCorrelation | None:
-    """Find series whose residuals are significantly alike in time, and what that does to the covariance.
+    """Find series whose residuals are significantly correlated in time, and what that does to the covariance.
 
     Parameters
     ----------
     fit : FitResult
-        Its noise should explain the size of the residuals.
+        Its noise should explain the size of the residuals. One with correlated weights has its noise model already.
     types, paths : Labels
         Kind and light path of the n observations; those of one kind and path are a series.
     time_s : ndarray, shape (n,)
         When each was made, s from any instant.
+    order : SeriesOrder, optional
+        Of these types, paths and times, where it is known already.
 
     Returns
     -------
@@ -113,72 +119,93 @@ def assess_time_correlation(
     """
     if not fit.factor.determined.any() or not fit.used.any():
         return None
-    series = WhitenedSeries(fit, types, paths)
-    stretches = Stretches.of(series, time_s)
-    sums = StretchSums.of(series, stretches, time_s)
-    tried = sums.worth_a_look(series.groups)
-    if not tried:
-        return None
     root = fit.factor.root_covariance()
-    partials = PartialSums.of(series, stretches, time_s, root, tried)
-    lasting = LastingErrors.of(sums, partials, ABSORBED if fit.sigma_factor is None else _ABSORBED_WEIGHED)
-    if lasting is None:
+    batches = series_of(order or SeriesOrder.of(types, paths, time_s), fit.noise, fit.used)
+    if fit.series_noise is None:
+        series = [one for batch in batches for one in _points(batch, fit, root)]
+        noise = noise_of_series(series, ABSORBED)
+    else:
+        noise = dict(fit.series_noise)
+        series = [one for batch in batches for one in weighted_series(batch, fit, root, noise)]
+    if not noise:
         return None
-    errors = AveragedErrors.of(lasting, sums, series.groups)
-    if errors is None:
-        return None
-    # The partials are over the stated sigmas; those and the errors count by the weights, which are smaller.
-    weight = np.array([series.sigma_factor[code] for code in errors.codes]) ** -4.0
-    each = weight[:, None, None] * errors.added(partials.of_series(errors.codes))
-    return TimeCorrelation(
-        tuple(
-            _series_correlation(series.names[code], sums, code, errors, k, lasting.taus_s)
-            for k, code in enumerate(errors.codes)
-        ),
-        in_parameters(each.sum(axis=0), root, fit.parameters.free, np.isinf(np.diag(fit.covariance))),
-    )
+    added = np.zeros((root.shape[1],) * 2)
+    found: dict[str, SeriesCorrelation] = {}
+    for one in series:
+        errors = noise.get(one.key)
+        if errors is None:
+            continue
+        products = errors.products(one.step_s, one.gain, np.column_stack([one.unit, one.gain]), one.width_s)
+        added += products[:-1, :-1] - np.einsum("ni,nj->ij", one.unit, one.unit)
+        effective = one.count**2 * (errors.white + float(errors.coloured.sum())) / float(products[-1, -1])
+        found[one.key] = SeriesCorrelation(
+            one.name, one.count, effective, errors.correlation_time_s, errors.share
+        )
+    lost = np.isinf(np.diag(fit.covariance))
+    added = _in_parameters(added, root, fit.parameters.free, lost)
+    return TimeCorrelation(tuple(found.values()), added, tuple(found), noise)
 
 
-def in_parameters(
-    added: NDArray[np.float64],
-    root: NDArray[np.float64],
-    free: NDArray[np.bool_],
-    lost: NDArray[np.bool_],
-) -> NDArray[np.float64]:
-    """What is added to a unit covariance, in the parameters, shape (p, p).
+def _rows_of(fit: FitResult, root: _Floats) -> Callable[[Rows], _Floats]:
+    """Residuals and partials by the parameters of unit covariance, side by side, of rows (m,), shape (m, 1 + q)."""
+    free = np.flatnonzero(fit.parameters.free)
 
-    A direction in which the errors happen to cancel keeps its white sigma.
+    def rows_of(rows: Rows) -> _Floats:
+        unit = fit.linearization.partials(rows)[:, free] @ root
+        return np.concatenate([fit.residual_m[rows, None], unit], axis=1)
 
-    Parameters
-    ----------
-    added : ndarray, shape (q, q)
-    root : ndarray, shape (f, q)
-        Free parameters by those of unit covariance.
-    free, lost : ndarray of bool, shape (p,)
-        Parameters that are solved for, and those that the data say nothing of.
+    return rows_of
+
+
+def _points(batch: Batch, fit: FitResult, root: _Floats) -> list[Points]:
+    """Series of a batch, averaged where they are very long."""
+    binned = batch.points(_rows_of(fit, root))
+    step_s = np.diff(binned.time_s, prepend=binned.time_s[0])
+    return [
+        Points(
+            key,
+            name,
+            group,
+            batch.kind,
+            len(batch.rows),
+            step_s,
+            binned.gain,
+            binned.values[:, k, 0],
+            binned.values[:, k, 1:],
+            float(binned.squares[k]),
+            binned.width_s,
+        )
+        for k, (key, name, group) in enumerate(zip(batch.keys, batch.names, batch.groups, strict=True))
+    ]
+
+
+def weighted_series(
+    batch: Batch, fit: FitResult, root: _Floats, noise: Mapping[str, SeriesNoise]
+) -> list[Points]:
+    """Series of a batch that are weighted by the inverse of their covariance, with W A in place of A."""
+    if not any(key in noise for key in batch.keys):
+        return []
+    values = batch.whitened(_rows_of(fit, root))
+    step_s, one = np.diff(batch.time_s, prepend=batch.time_s[0]), np.ones(len(batch.rows))
+    found = []
+    for k, (key, name, group) in enumerate(zip(batch.keys, batch.names, batch.groups, strict=True)):
+        if key in noise:
+            unit = noise[key].weighted(step_s, values[:, k, 1:])
+            residual = values[:, k, 0]
+            squares = float(residual @ residual)
+            found.append(Points(key, name, group, batch.kind, len(one), step_s, one, residual, unit, squares))
+    return found
+
+
+def _in_parameters(
+    added: _Floats, root: _Floats, free: NDArray[np.bool_], lost: NDArray[np.bool_]
+) -> _Floats:
+    """What is added to a unit covariance (q, q), in the parameters by their root (f, q), shape (p, p).
+
+    A direction in which the errors happen to cancel keeps its white sigma; parameters that are lost have none.
     """
     values, vectors = np.linalg.eigh(0.5 * (added + added.T))
     half = np.zeros((len(free), root.shape[1]))
     half[free] = root @ (vectors * np.sqrt(np.maximum(values, 0.0)))
     half[lost] = 0.0
     return np.asarray(half @ half.T)
-
-
-def _series_correlation(
-    name: str,
-    sums: StretchSums,
-    code: int,
-    errors: AveragedErrors,
-    k: int,
-    taus_s: NDArray[np.float64],
-) -> SeriesCorrelation:
-    """In words of its own: the k-th of some averaged errors."""
-    count = sums.count[sums.stretches.part(code)]
-    n, by_tau = float(count.sum()), errors.coloured[k]
-    kernel = errors.kernel[k, : len(count), : len(count)]
-    white, coloured = float(errors.white[k]), float(by_tau.sum())
-    of_mean = white + float(count @ kernel @ count) / n
-    tau_s = float(np.exp((by_tau * np.log(taus_s)).sum() / coloured))
-    return SeriesCorrelation(
-        name, round(n), n * (white + coloured) / of_mean, tau_s, coloured / (white + coloured)
-    )

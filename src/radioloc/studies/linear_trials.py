@@ -21,8 +21,8 @@ from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import DenseLinearization
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.parameters import ParameterSet
-from radioloc.estimation.repeated_correlation import RepeatedCorrelation
 from radioloc.estimation.repeated_fit import RepeatedFit, RepeatedOutcome
+from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.estimation.time_correlation import assess_time_correlation
 from radioloc.measurements.registry import KINDS
@@ -71,7 +71,7 @@ class GeneralFit:
         fit = edited.fit
         scale = 1.0
         if (
-            fit.sigma_factor is None
+            fit.series_noise is None
             and fit.chi2_per_dof is not None
             and fit.chi2 > chi2_quantile(SCALING_PROBABILITY, fit.dof)
         ):
@@ -113,8 +113,8 @@ class LinearArc:
         Of the observations.
     time_s : ndarray, shape (m,)
         When each was made, s.
-    correlation : RepeatedCorrelation or None
-        Of residuals that stay alike; None where observations share errors or weights follow the residuals.
+    order : SeriesOrder
+        Of the observations.
     """
 
     part: NDArray[np.intp]
@@ -129,38 +129,18 @@ class LinearArc:
     types: Labels
     paths: Labels
     time_s: _Floats
-    correlation: RepeatedCorrelation | None = field(init=False)
+    order: SeriesOrder = field(init=False)
 
     def __post_init__(self) -> None:
-        correlation = None
-        if isinstance(self.fit, RepeatedFit):
-            # As stated, nothing left out: so it does not depend on which trial comes first.
-            rows = len(self.part)
-            reference = RepeatedOutcome(
-                step=np.zeros(len(self.x)),
-                covariance=np.zeros((len(self.x), len(self.x))),
-                noise_scale=1.0,
-                root=self.fit.to_free,
-                used=self.fit.usable,
-                left_m=np.zeros(rows),
-                excess_noise_m=np.zeros(len(KINDS)),
-                converged=True,
-            )
-            correlation = RepeatedCorrelation(self._as_fit(reference), self.types, self.paths, self.time_s)
-        object.__setattr__(self, "correlation", correlation)
+        object.__setattr__(self, "order", SeriesOrder.of(self.types, self.paths, self.time_s))
 
     def covariance(self, found: RepeatedOutcome) -> _Floats:
         """Covariance of the parameters as :func:`~radioloc.estimation.build.build_solution` has it, shape (p, p)."""
         scaled = scaled_by(found.covariance, self.parameters.prior_sigmas, found.noise_scale)
         if not found.converged:
             return scaled
-        if self.correlation is not None:
-            added = self.correlation.added_covariance(
-                found.left_m, found.excess_noise_m, found.used, found.root
-            )
-            return scaled if added is None else scaled + added
         fit = self._as_fit(found) if found.weighed is None else found.weighed
-        correlation = assess_time_correlation(fit, self.types, self.paths, self.time_s)
+        correlation = assess_time_correlation(fit, self.types, self.paths, self.time_s, self.order)
         return scaled if correlation is None else scaled + correlation.added_covariance
 
     def _as_fit(self, found: RepeatedOutcome) -> FitResult:

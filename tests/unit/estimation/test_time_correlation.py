@@ -1,6 +1,5 @@
-"""Residuals that stay alike: found where they do, in the right numbers, and nothing else touched."""
+"""Time-correlated residuals: found where they are, in the right numbers, and nothing else touched."""
 
-from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -8,9 +7,7 @@ import pytest
 from delay_network import DelayNetwork
 
 from radioloc.estimation import ALONE, Labels, Parameter, ParameterSet, fit_least_squares, observation_noise
-from radioloc.estimation.lasting_errors import kernel, principal_axes
-from radioloc.estimation.repeated_correlation import RepeatedCorrelation
-from radioloc.estimation.series_stretches import divided
+from radioloc.estimation.series import MOST_POINTS, SeriesOrder, series_of
 from radioloc.estimation.time_correlation import SeriesCorrelation, assess_time_correlation
 from radioloc.simulation.noise import gauss_markov
 
@@ -61,56 +58,6 @@ def test_covariance_is_the_sandwich():
     assert np.diag(found.added_covariance) == pytest.approx(np.diag(expected), rel=0.35)
 
 
-def test_what_repeated_fits_have_in_common():
-    fit, types, path, time_s = line(n=3000, series=3)
-    repeated = RepeatedCorrelation(fit, types, path, time_s)
-
-    def both(one, excess_m=0.0):
-        known = assess_time_correlation(one, types, path, time_s).added_covariance
-        root = one.factor.root_covariance()
-        return repeated.added_covariance(one.residual_m, np.array([excess_m]), one.used, root), known
-
-    # The same fit again is the same, whatever the residuals were that the series are from.
-    again, *_ = line(n=3000, series=3, seed=5)
-    np.testing.assert_allclose(*both(again), rtol=1e-7)
-    # One with some observations left out and other weights: other stretches, and sigmas that differ by 1 % at most.
-    used = np.random.default_rng(1).random(len(time_s)) > 0.002
-    part = replace(again, used=used, noise=again.noise.with_excess(np.full(len(time_s), 0.5)))
-    np.testing.assert_allclose(*(np.sqrt(np.diag(added)) for added in both(part, 0.5)), rtol=0.01)
-
-
-def test_repeated_fits_to_white_noise_are_left_alone():
-    fit, types, path, time_s = line(coloured=0.0)
-    repeated = RepeatedCorrelation(fit, types, path, time_s)
-    root = fit.factor.root_covariance()
-    assert repeated.added_covariance(fit.residual_m, np.zeros(1), fit.used, root) is None
-
-
-def test_repeated_fits_with_sigmas_of_several_sizes():
-    """Stretches then hold several kinds of cells, and what is left out is taken from the right ones."""
-    fit, types, path, time_s = line(n=3000, series=2)
-    stated_m = np.random.default_rng(3).choice([0.5, 1.0, 2.0], len(time_s))
-    design = fit.linearization.partials(np.arange(len(time_s)))
-    residual_m = fit.residual_m * stated_m
-
-    def fitted(used=None, excess_m=0.0):
-        noise = observation_noise.ObservationNoise(np.hypot(stated_m, excess_m))
-        return fit_least_squares(
-            lambda x: (residual_m - design @ x, design), fit.parameters, noise, used=used
-        )
-
-    repeated = RepeatedCorrelation(fitted(), types, path, time_s)
-    used = np.random.default_rng(1).random(len(time_s)) > 0.01
-    for left, excess_m in ((None, 0.0), (used, 0.0), (used, 0.3)):
-        one = fitted(left, excess_m)
-        known = assess_time_correlation(one, types, path, time_s).added_covariance
-        root = one.factor.root_covariance()
-        found = repeated.added_covariance(one.residual_m, np.array([excess_m]), one.used, root)
-        if one.used.all():
-            np.testing.assert_allclose(found, known, rtol=1e-7)
-        np.testing.assert_allclose(np.sqrt(np.diag(found)), np.sqrt(np.diag(known)), rtol=0.01)
-
-
 def test_white_residuals_are_left_alone():
     assert assess_time_correlation(*line(coloured=0.0)) is None
 
@@ -149,46 +96,19 @@ def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
     np.testing.assert_allclose(other, found, rtol=0.0, atol=1e-6 * np.abs(found).max())
 
 
-def test_gaps_take_no_stretches():
-    filled = np.concatenate([np.arange(1000), 9000 + np.arange(1000)])
-    place, width = divided(filled)
-    counts = np.bincount(place)
-    assert width == pytest.approx(2000 / 56, rel=0.05)
-    assert len(counts) == pytest.approx(56, abs=3)
-    assert counts.min() > 0
-    assert place[999] < place[1000]
-    # Fewer than that are each their own.
-    assert divided(np.array([3, 70, 71, 900]))[0].tolist() == [0, 1, 2, 3]
-
-
-def test_kernel_is_the_mean_over_two_stretches():
-    width_s, tau_s = 600.0, 900.0
-    times = np.array([0.0, 600.0, 2400.0])
-    inner = (np.arange(2000) + 0.5) / 2000 * width_s - 0.5 * width_s
-    found = kernel(times, width_s, tau_s)
-    for i in range(3):
-        for j in range(3):
-            apart = times[i] + inner[:, None] - times[j] - inner[None, :]
-            assert found[i, j] == pytest.approx(np.exp(-np.abs(apart) / tau_s).mean(), abs=1e-5)
-
-
-def test_principal_axes_where_a_solver_gives_up(monkeypatch):
-    root = np.random.default_rng(2).normal(size=(3, 5, 5))
-    covariances = root @ np.swapaxes(root, 1, 2)
-    covariances[1] -= 0.5 * np.eye(5) * np.linalg.eigvalsh(covariances[1])[1]  # no covariance any more
-    known, _ = principal_axes(covariances)
-    assert (known >= 0.0).all()
-    assert known[1, 0] == 0.0
-    slightly = covariances + 1e-16 * np.random.default_rng(3).normal(size=covariances.shape)
-
-    def gives_up(_):
-        raise np.linalg.LinAlgError("Eigenvalues did not converge")
-
-    monkeypatch.setattr(np.linalg, "eigh", gives_up)
-    values, axes = principal_axes(slightly)
-    np.testing.assert_allclose(values, known, rtol=0.0, atol=1e-12)
-    for k in (0, 2):
-        np.testing.assert_allclose((axes[k] * values[k]) @ axes[k].T, covariances[k], rtol=0.0, atol=1e-12)
+def test_long_series_are_averaged_and_gaps_take_no_bins():
+    fit, types, path, time_s = line(n=3000, series=1)
+    time_s = time_s + np.where(time_s > time_s.mean(), 1e7, 0.0)
+    (batch,) = series_of(SeriesOrder.of(types, path, time_s), fit.noise, fit.used)
+    binned = batch.points(lambda rows: fit.residual_m[rows, None])
+    assert len(binned.time_s) == pytest.approx(MOST_POINTS, abs=5)
+    assert (binned.gain**2).sum() == 3000
+    assert (np.diff(binned.time_s) > 0.0).all()
+    assert binned.width_s == pytest.approx(3000 * STEP_S / MOST_POINTS, rel=0.01)
+    sums = binned.gain * binned.values[:, 0, 0]
+    assert sums.sum() == pytest.approx(fit.residual_m.sum(), abs=1e-6)
+    assert binned.squares[0] == pytest.approx(fit.residual_m @ fit.residual_m)
+    assert not ((binned.time_s > 2e5) & (binned.time_s < 1e7)).any()  # no bin across the gap
 
 
 @pytest.mark.parametrize(("stated_m", "station_m"), [(0.4, 0.4), (0.01, 0.05)])
@@ -225,7 +145,7 @@ def test_stations_whose_errors_last_are_found_in_their_delays(stated_m, station_
 )
 def test_words(time_s, words):
     text = str(SeriesCorrelation("range A", 2880, 35.2, time_s, 0.5))
-    assert text == f"residuals of range A stay alike for {words}: 2880 observations count as 35"
+    assert text == f"residuals of range A are correlated in time over {words}: 2880 observations count as 35"
 
 
 def test_nothing_to_assess():

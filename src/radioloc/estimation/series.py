@@ -1,0 +1,216 @@
+"""Used observations by series, whitened by their stated noise and in order of time.
+
+A series is what one link measures of one kind. Delays of one epoch that share errors of stations are brought to
+independent combinations by the principal axes of their covariance, each of which is a series; the axes of one epoch
+serve for all epochs at which the same baselines were observed, so that a combination is the same from epoch to epoch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.estimation.labels import Labels
+from radioloc.estimation.linearization import ROWS_AT_ONCE, Rows
+from radioloc.estimation.observation_noise import ALONE, ObservationNoise
+
+_Floats = NDArray[np.float64]
+
+MOST_POINTS = 250
+"""Longer series are averaged over bins of equal duration to about so many points before a noise model is sought."""
+_ONE_SIGMA = 1e-6
+"""Part by which sigmas of combinations may differ that are one but for rounding."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SeriesOrder:
+    """Rows in order of series and time; the same for all fits of the same observations.
+
+    Parameters
+    ----------
+    types, paths : Labels
+        Kind and light path of the n observations; those of one kind and path are a series.
+    time_s : ndarray, shape (n,)
+        When each was made, s from any instant.
+    code : ndarray of int, shape (n,)
+        Series of each observation.
+    order : ndarray of int, shape (n,)
+        Rows, sorted by series and time.
+    """
+
+    types: Labels
+    paths: Labels
+    time_s: _Floats
+    code: NDArray[np.intp]
+    order: NDArray[np.intp]
+
+    @classmethod
+    def of(cls, types: Labels, paths: Labels, time_s: _Floats) -> SeriesOrder:
+        """That of observations of some types and paths (n,), made at some times (n,), s."""
+        code = types.codes.astype(np.intp) * len(paths.texts) + paths.codes
+        return cls(types, paths, time_s, code, np.lexsort((time_s, code)))
+
+    def type_of(self, code: int) -> str:
+        """Kind of measurement."""
+        return self.types.texts[code // len(self.paths.texts)]
+
+    def name_of(self, code: int) -> str:
+        """Kind of measurement and path."""
+        return f"{self.type_of(code)} {self.paths.texts[code % len(self.paths.texts)]}"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class BinnedBatch:
+    """Whitened numbers of a batch, averaged over bins.
+
+    Parameters
+    ----------
+    time_s, gain : ndarray, shape (m,)
+        Mean time of each point, s, and the root of how many observations it has.
+    values : ndarray, shape (m, k, c)
+        Sums over the gain: of unit variance where observations are independent.
+    squares : ndarray, shape (k,)
+        Sum of squares of the first column before averaging.
+    width_s : float
+        Duration of a bin; zero where nothing was averaged.
+    """
+
+    time_s: _Floats
+    gain: _Floats
+    values: _Floats
+    squares: _Floats
+    width_s: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Batch:
+    """Series that are whitened together: one of single observations, or the k combinations of k baselines.
+
+    Parameters
+    ----------
+    keys, names : tuple of str
+        Of the k series; no key occurs twice, and names are for the reader.
+    groups : tuple of str
+        Series of the same group may have the same noise model.
+    rows : ndarray of int, shape (b, k)
+        In order of time.
+    time_s : ndarray, shape (b,)
+    whitening : ndarray, shape (b, k, k)
+        From observations to independent combinations of unit variance.
+    kind : str
+        Kind of measurement.
+    shared : str
+        What the combinations are called together; empty for a series of single observations.
+    """
+
+    keys: tuple[str, ...]
+    names: tuple[str, ...]
+    groups: tuple[str, ...]
+    rows: NDArray[np.intp]
+    time_s: _Floats
+    whitening: _Floats
+    kind: str
+    shared: str = ""
+
+    def whitened(self, rows_of: Callable[[Rows], _Floats]) -> _Floats:
+        """Combinations of numbers that belong to observations, from rows (m,) to (m, c); shape (b, k, c)."""
+        return np.concatenate([part for _, part in self._parts(rows_of)])
+
+    def points(self, rows_of: Callable[[Rows], _Floats]) -> BinnedBatch:
+        """The same, averaged where there are many."""
+        if len(self.rows) <= MOST_POINTS:
+            values = self.whitened(rows_of)
+            return BinnedBatch(
+                self.time_s, np.ones(len(values)), values, (values[:, :, 0] ** 2).sum(axis=0), 0.0
+            )
+        place, width_s = _bins(self.time_s)
+        count = np.bincount(place)
+        squares = np.zeros(self.rows.shape[1])
+        sums: _Floats | None = None
+        for begin, part in self._parts(rows_of):
+            mine = place[begin : begin + len(part)]
+            first = np.flatnonzero(np.diff(mine, prepend=-1))
+            if sums is None:
+                sums = np.zeros((len(count), *part.shape[1:]))
+            sums[mine[first]] += np.add.reduceat(part, first, axis=0)
+            squares += (part[:, :, 0] ** 2).sum(axis=0)
+        assert sums is not None
+        gain = np.sqrt(count)
+        mean_s = np.bincount(place, self.time_s) / count
+        return BinnedBatch(mean_s, gain, sums / gain[:, None, None], squares, width_s)
+
+    def _parts(self, rows_of: Callable[[Rows], _Floats]) -> Iterator[tuple[int, _Floats]]:
+        k = self.rows.shape[1]
+        at_once = max(1, ROWS_AT_ONCE // k)
+        for begin in range(0, len(self.rows), at_once):
+            rows = self.rows[begin : begin + at_once]
+            whitening = self.whitening[begin : begin + at_once]
+            values = rows_of(rows.ravel()).reshape(len(rows), k, -1)
+            yield begin, whitening * values if k == 1 else whitening @ values
+
+
+def series_of(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Batch]:
+    """All series of the observations in use."""
+    taken = used if noise.shared is None else used & (noise.shared.group == ALONE)
+    rows = order.order[taken[order.order]]
+    batches = []
+    for mine in np.split(rows, np.flatnonzero(np.diff(order.code[rows])) + 1):
+        if len(mine):
+            code = int(order.code[mine[0]])
+            whitening = (1.0 / noise.own_m[mine])[:, None, None]
+            name, kind = order.name_of(code), order.type_of(code)
+            time_s = order.time_s[mine]
+            batches.append(Batch((name,), (name,), (kind,), mine[:, None], time_s, whitening, kind))
+    return batches + _combinations(order, noise, used)
+
+
+def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Batch]:
+    """Series of combinations of observations that share errors, by the kinds of observations that are in a block."""
+    found: dict[tuple[int, ...], list[tuple[NDArray[np.intp], _Floats, _Floats, _Floats]]] = {}
+    for block in noise.among(used).blocks:
+        sort = np.argsort(order.code[block.rows], axis=1, kind="stable")
+        rows = np.take_along_axis(block.rows, sort, axis=1)
+        axes = np.take_along_axis(block.axes, sort[:, :, None], axis=1)
+        root = (axes / block.combined_m[:, None, :]) @ np.swapaxes(axes, 1, 2)
+        keys, which = np.unique(order.code[rows], axis=0, return_inverse=True)
+        for k, key in enumerate(keys):
+            mine = which.ravel() == k
+            parts = (rows[mine], root[mine], axes[mine], block.combined_m[mine])
+            found.setdefault(tuple(key.tolist()), []).append(parts)
+    batches = []
+    for key, pieces in found.items():
+        rows, root, axes, combined_m = (np.concatenate(part) for part in zip(*pieces, strict=True))
+        sort = np.argsort(order.time_s[rows[:, 0]], kind="stable")
+        first, kind = sort[0], order.type_of(key[0])
+        # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
+        # in time and the other not, however near their sigmas are.
+        part = np.cumsum(np.diff(combined_m[first], prepend=-np.inf) > _ONE_SIGMA * combined_m[first])
+        batches.append(
+            Batch(
+                tuple(f"{kind} {key} {j}" for j in range(len(key))),
+                tuple(
+                    f"{kind}, combination {j + 1} of {len(key)} that share errors" for j in range(len(key))
+                ),
+                tuple(f"{kind} {key} {number}" for number in part),
+                rows[sort],
+                order.time_s[rows[sort, 0]],
+                axes[first].T @ root[sort],
+                kind,
+                f"{kind} that share errors",
+            )
+        )
+    return batches
+
+
+def _bins(time_s: _Floats) -> tuple[NDArray[np.intp], float]:
+    """Bin of each of some times in order, from zero up, none empty, and its duration, s; gaps take no bins."""
+    step_s = np.diff(time_s)
+    clock_s = np.concatenate([[0.0], np.cumsum(np.minimum(step_s, 10.0 * np.median(step_s)))])
+    width_s = float(clock_s[-1]) / MOST_POINTS
+    if width_s <= 0.0:  # all at one instant
+        return np.arange(len(time_s)) * MOST_POINTS // len(time_s), 0.0
+    cells = np.floor(clock_s / width_s)
+    return np.cumsum(np.diff(cells, prepend=0.0) > 0.0), width_s

@@ -7,8 +7,10 @@ of V (Aitken 1935). A Kalman filter whitens residuals and design matrix of each 
 (:mod:`~radioloc.estimation.gauss_markov`); what it leaves are independent observations to the fit. The noise model is
 found once, from the fit with independent weights: a restricted likelihood does not depend on the estimate.
 
-Delays that share errors of stations are brought to independent combinations first, as always; each combination of the
-baselines observed together is a series (:mod:`~radioloc.estimation.series`).
+Delays that share errors of stations are weighed as the independent observations that they are worth: their sigmas are
+multiplied by the root of n / n_effective, the mean over the combinations of baselines whose errors are correlated. In
+any case the covariance of the estimate is the sandwich of the weights and of the errors as they are
+(:mod:`~radioloc.estimation.time_correlation`).
 """
 
 from __future__ import annotations
@@ -131,6 +133,8 @@ def fit_with_correlated_weights(
     if found is None:
         return CorrelatedFit(edited, ())
     batches = series_of(order, stated.noise, stated.used)
+    weights = _weights(batches, found)
+    weight_noise = _weight_noise(batches, found, weights)
     fit = fit_least_squares(
         residual_function,
         stated.parameters,
@@ -139,32 +143,50 @@ def fit_with_correlated_weights(
         start=stated.x,
         linearization=stated.linearization,
         settings=settings,
-        whitening=_Whitening(batches, dict(found.noise)),
+        whitening=_Whitening(batches, weight_noise),
     )
     fit = replace(
         fit,
-        covariance=_formal_covariance(fit, batches, found),
+        covariance=_formal_covariance(fit, batches, weight_noise),
         chi2=sum_of_squares(fit.residual_m, stated.noise.among(fit.used), fit.parameters, fit.x),
         series_noise=dict(found.noise),
+        weight_noise=weight_noise,
     )
-    return CorrelatedFit(replace(edited, fit=fit), _weights(batches, found))
+    return CorrelatedFit(replace(edited, fit=fit), weights)
 
 
 def _formal_covariance(
-    fit: FitResult, batches: Sequence[Batch], found: TimeCorrelation
+    fit: FitResult, batches: Sequence[Batch], weight_noise: dict[str, SeriesNoise]
 ) -> NDArray[np.float64]:
     """Covariance of the estimate by these weights were errors independent and as stated, shape (p, p)."""
     root = fit.factor.root_covariance()
     unit = np.eye(root.shape[1])
     for batch in batches:
-        for one in weighted_series(batch, fit, root, found.noise):
-            errors = found.noise[one.key]
-            fitted = SeriesNoise(
-                errors.white, np.array([errors.correlation_time_s]), np.array([errors.coloured.sum()])
-            )
+        for one in weighted_series(batch, fit, root, weight_noise):
             unit += np.einsum("ni,nj->ij", one.unit, one.unit)
-            unit -= fitted.products(one.step_s, one.gain, one.unit)
+            unit -= weight_noise[one.key].products(one.step_s, one.gain, one.unit)
     return covariance_of(fit.factor, fit.parameters, unit)
+
+
+def _weight_noise(
+    batches: Sequence[Batch], found: TimeCorrelation, weights: Sequence[SeriesWeight]
+) -> dict[str, SeriesNoise]:
+    """Noise by whose inverse covariance series are weighed, by key.
+
+    Errors of stations go on where a baseline drops out and the combinations become others, which a filter for each
+    combination does not know. Observations that share errors have one factor on their sigmas instead.
+    """
+    factors = {weight.name: weight.sigma_factor for weight in weights}
+    noise: dict[str, SeriesNoise] = {}
+    for batch in batches:
+        if batch.shared in factors:
+            inflated = SeriesNoise(factors[batch.shared] ** 2, np.ones(1), np.zeros(1))
+            noise |= dict.fromkeys(batch.keys, inflated)
+        elif not batch.shared and batch.keys[0] in found.noise:
+            errors = found.noise[batch.keys[0]]
+            tau_s, coloured = np.array([errors.correlation_time_s]), np.array([errors.coloured.sum()])
+            noise[batch.keys[0]] = SeriesNoise(errors.white, tau_s, coloured)
+    return noise
 
 
 def _weights(batches: Sequence[Batch], found: TimeCorrelation) -> tuple[SeriesWeight, ...]:

@@ -119,7 +119,8 @@ class SeriesNoise:
     @property
     def correlation_time_s(self) -> float:
         """Its correlation time: the mean by logarithms."""
-        return float(np.exp((self.coloured * np.log(self.tau_s)).sum() / self.coloured.sum()))
+        weight = self.coloured if self.coloured.any() else np.ones(len(self.tau_s))
+        return float(np.exp((weight * np.log(self.tau_s)).sum() / weight.sum()))
 
     def products(self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0) -> _Floats:
         """Columns (n, m) times the covariance of points, of some gain (n,), times columns, shape (m, m)."""

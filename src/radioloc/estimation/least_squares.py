@@ -131,8 +131,9 @@ class FitResult:
     factor : Factor
         Singular values and directions over the free parameters, at `x` or less than a last, converged step from it; of
         the problem as it was weighed.
-    series_noise : mapping of str to SeriesNoise, or None
-        Time-correlated noise by whose inverse covariance series were weighed, by name; none where ``None``.
+    series_noise, weight_noise : mapping of str to SeriesNoise, or None
+        With correlated weights, the noise of series that are correlated in time, and that by whose inverse covariance
+        series were weighed; by key.
     """
 
     parameters: ParameterSet
@@ -147,6 +148,7 @@ class FitResult:
     iterations: tuple[Iteration, ...]
     factor: Factor
     series_noise: Mapping[str, SeriesNoise] | None = None
+    weight_noise: Mapping[str, SeriesNoise] | None = None
 
     @property
     def converged(self) -> bool:

@@ -126,7 +126,9 @@ def assess_time_correlation(
         noise = noise_of_series(series, ABSORBED)
     else:
         noise = dict(fit.series_noise)
-        series = [one for batch in batches for one in weighted_series(batch, fit, root, noise)]
+        series = [
+            one for batch in batches for one in weighted_series(batch, fit, root, fit.weight_noise or {})
+        ]
     if not noise:
         return None
     added = np.zeros((root.shape[1],) * 2)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import radioloc
 from radioloc import InputError, Link, LunarPosition, ObservationChoice, Observations, StationCatalogue
-from radioloc.estimation.parameters import ParameterSet
+from radioloc.parameters.parameter import ParameterSet
 from radioloc.studies.problem import _on_sphere
 from radioloc.studies.selection import select_observations
 

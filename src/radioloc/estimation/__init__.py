@@ -24,7 +24,6 @@ from radioloc.estimation.least_squares import (
 from radioloc.estimation.linearization import DenseLinearization, Linearization, ResidualFunction
 from radioloc.estimation.observability import Correlation, Direction, Observability, assess_observability
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
-from radioloc.estimation.parameters import Parameter, ParameterSet
 from radioloc.estimation.solution import Ellipse, ReferenceComparison, Residuals, Solution
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics
 from radioloc.estimation.time_correlation import (
@@ -32,6 +31,7 @@ from radioloc.estimation.time_correlation import (
     TimeCorrelation,
     assess_time_correlation,
 )
+from radioloc.parameters.parameter import Parameter, ParameterSet
 
 __all__ = [
     "ALONE",

@@ -14,8 +14,8 @@ from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult, FitSettings, FitStatus, fit_least_squares
 from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate
 from radioloc.estimation.observation_noise import ObservationNoise
-from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.robust import robust_scale, robust_start
+from radioloc.parameters.parameter import ParameterSet
 
 USED = "used"
 """Status of an observation that takes part in the fit; every other status is the reason why it does not."""

@@ -20,8 +20,8 @@ from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitSettings
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.observation_noise import ObservationNoise
-from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.parameters.parameter import ParameterSet
 
 MAX_PASSES = 15
 _MAX_STEPS = 200

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.linearization import Linearization, Rows
 from radioloc.estimation.observation_noise import Whitening
-from radioloc.estimation.parameters import ParameterSet
+from radioloc.parameters.parameter import ParameterSet
 
 _LEAF_ELEMENTS = 8192
 """Numbers in the matrices that rows are reduced in: they fit a processor's own cache, and are too few for linear

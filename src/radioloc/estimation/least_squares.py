@@ -26,7 +26,7 @@ from radioloc.estimation.linearization import (
     evaluate,
 )
 from radioloc.estimation.observation_noise import ObservationNoise, Whitening
-from radioloc.estimation.parameters import ParameterSet
+from radioloc.parameters.parameter import ParameterSet
 
 # Damping given up at, in largest singular values: the step is then a millionth of the plain one.
 _MAX_DAMPING = 1e3

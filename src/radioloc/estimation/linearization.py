@@ -14,13 +14,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.parameters import ParameterSet
+from radioloc.measurements.predictor import ROWS_AT_ONCE
+from radioloc.parameters.parameter import ParameterSet
 
 Rows = NDArray[np.intp]
 """Indices of observations, in any order."""
-
-ROWS_AT_ONCE = 65536
-"""Rows of partials, or of what else belongs to observations, that are held together: 8 MB for 15 parameters."""
 
 
 class Linearization(Protocol):

@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.factorization import covariance_of
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.statistics import finite_or_none
+from radioloc.parameters.parameter import ParameterSet
 
 WEAK_FACTOR = 100.0
 """A combination is weak when its sigma is this many times the median sigma of one observation: errors of the model

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.linearization import ROWS_AT_ONCE
+from radioloc.measurements.predictor import ROWS_AT_ONCE
 
 ALONE = -1
 """Group of an observation that shares no error."""

@@ -23,10 +23,10 @@ from radioloc.estimation.factorization import factorize
 from radioloc.estimation.least_squares import FitResult, FitSettings
 from radioloc.estimation.linearization import DenseLinearization
 from radioloc.estimation.observation_noise import ObservationNoise
-from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.robust import MAX_REWEIGHTINGS, robust_scale, sample
 from radioloc.estimation.robust import SETTLED as START_SETTLED
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.parameters.parameter import ParameterSet
 
 _Floats = NDArray[np.float64]
 

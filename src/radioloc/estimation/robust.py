@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from radioloc.estimation.factorization import factorize
 from radioloc.estimation.least_squares import FitSettings
 from radioloc.estimation.linearization import (
-    ROWS_AT_ONCE,
     DenseLinearization,
     Linearization,
     ResidualFunction,
@@ -17,7 +16,8 @@ from radioloc.estimation.linearization import (
     evaluate,
 )
 from radioloc.estimation.observation_noise import ObservationNoise
-from radioloc.estimation.parameters import ParameterSet
+from radioloc.measurements.predictor import ROWS_AT_ONCE
+from radioloc.parameters.parameter import ParameterSet
 
 _MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
 _MAX_LINEARIZATIONS = 15

@@ -14,8 +14,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.linearization import ROWS_AT_ONCE, Rows
+from radioloc.estimation.linearization import Rows
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise
+from radioloc.measurements.predictor import ROWS_AT_ONCE
 
 _Floats = NDArray[np.float64]
 

@@ -16,11 +16,11 @@ from radioloc.errors import InputError
 from radioloc.estimation.correlated_weights import SeriesWeight
 from radioloc.estimation.least_squares import Iteration
 from radioloc.estimation.observability import Observability
-from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.residuals import Residuals
 from radioloc.estimation.statistics import FitStatistics, finite_or_none
 from radioloc.estimation.time_correlation import TimeCorrelation
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
+from radioloc.parameters.parameter import ParameterSet
 
 Axes = Literal["enu", "pa", "me", "geographic"]
 Level = Literal["total", "scaled", "formal"]

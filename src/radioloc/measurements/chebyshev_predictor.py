@@ -100,10 +100,10 @@ class ChebyshevPredictor:
         approximate_pa_m: NDArray[np.float64],
         series: DenseSeries | None = None,
         targets: Sequence[str] = (),
-        station_partials: bool = False,
+        more_partials: bool = False,
     ) -> None:
         self.model = model
-        self.targets, self.station_partials = tuple(targets), station_partials
+        self.targets, self.more_partials = tuple(targets), more_partials
         self.observations = observations
         self.stations, self.transmitters, self.receivers, _ = stations_of(model, observations)
         self.target = targets_of(observations, self.targets)
@@ -172,7 +172,7 @@ class ChebyshevPredictor:
         if np.linalg.norm(lander_pa_m - self._checked_pa_m, axis=-1).max() > CHECKED_WITHIN_M:
             self.check(lander_pa_m)
         coefficients, status, exact = (
-            np.zeros((0, width(self.station_partials), MOST)),
+            np.zeros((0, width(self.more_partials), MOST)),
             np.zeros((0, 2), dtype=np.int8),
             None,
         )
@@ -182,7 +182,7 @@ class ChebyshevPredictor:
             exact = computed.rows(slice(n_nodes, None))
             if self._net is not None:
                 coefficients, status = self._net.polynomials(computed.rows(slice(0, n_nodes)))
-        return ChebyshevPrediction(self._segment, self._x, coefficients, status, exact, self.station_partials)
+        return ChebyshevPrediction(self._segment, self._x, coefficients, status, exact, self.more_partials)
 
     def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
         """Predict all observations for a position, with partials; parameters and errors as :meth:`at`."""
@@ -233,13 +233,13 @@ class ChebyshevPredictor:
     def _plan(self, lander_pa_m: NDArray[np.float64], series: DenseSeries | None = None) -> None:
         """Divide the series into segments that agree with the model, and prepare their nodes."""
         if series is None:
-            series = DenseSeries(self.model, self.observations, self.station_partials)
+            series = DenseSeries(self.model, self.observations, self.more_partials)
         pending = series.segments()
         nets: list[PiecewiseChebyshev] = []
         accepted: list[Segments] = []
         while len(pending):
             net = PiecewiseChebyshev.prepare(
-                self.model, self.observations, pending, lander_pa_m, self.targets, self.station_partials
+                self.model, self.observations, pending, lander_pa_m, self.targets, self.more_partials
             )
             good = net.compare(lander_pa_m).good
             if good.any():
@@ -259,12 +259,12 @@ class ChebyshevPredictor:
                     self.observations.select(rest),
                     lander_pa_m,
                     targets=self.targets,
-                    station_partials=self.station_partials,
+                    more_partials=self.more_partials,
                 )
             )
         self._n_exact = len(rest)
         self._computed = ExactPredictor.concatenate(parts) if parts else None
-        self._deviation = np.zeros((0, width(self.station_partials)))
+        self._deviation = np.zeros((0, width(self.more_partials)))
         if self._net is not None:
             self._deviation = self._net.compare(lander_pa_m).deviation
         self._checked_pa_m = np.array(lander_pa_m)
@@ -284,7 +284,7 @@ class ChebyshevPrediction:
     status : ndarray of int8, shape (n_segments, 2)
     exact : Computed or None
         The observations computed exactly.
-    station_partials : bool
+    more_partials : bool
         Whether the coefficients contain partials by the stations' places.
     """
 
@@ -295,10 +295,10 @@ class ChebyshevPrediction:
         coefficients: NDArray[np.float64],
         status: NDArray[np.int8],
         exact: Computed | None,
-        station_partials: bool = False,
+        more_partials: bool = False,
     ) -> None:
         self._segment, self._x = segment, x
-        self._station_partials = station_partials
+        self._more_partials = more_partials
         self._coefficients, self._status = coefficients, status
         self._exact = exact if exact is not None and len(exact.value_m) else None
 
@@ -315,17 +315,17 @@ class ChebyshevPrediction:
     def rows(self, which: Any) -> Computed:
         """Values and partials of the rows chosen by a mask, a slice or indices, in that order."""
         segment = np.ascontiguousarray(self._segment[which])
-        out = np.empty((width(self._station_partials), len(segment)))
+        out = np.empty((width(self._more_partials), len(segment)))
         _in_threads(segment, np.ascontiguousarray(self._x[which]), self._coefficients, out)
         status = np.zeros((len(segment), 2), dtype=np.int8)
         if self._status.any():
             smooth = np.flatnonzero(segment >= 0)
             status[smooth] = self._status[segment[smooth]]
-        computed = Computed(**columns_of(out, self._station_partials), status=status)
+        computed = Computed(**columns_of(out, self._more_partials), status=status)
         if self._exact is not None:
             few = np.flatnonzero(segment < 0)
             exact = self._exact.rows(-1 - segment[few])
-            for name in (*places(self._station_partials), "status"):
+            for name in (*places(self._more_partials), "status"):
                 getattr(computed, name)[few] = getattr(exact, name)
         return computed
 

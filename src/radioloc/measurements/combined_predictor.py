@@ -113,9 +113,9 @@ class CombinedPredictor:
         return self.inner.targets
 
     @property
-    def station_partials(self) -> bool:
+    def more_partials(self) -> bool:
         """Whether partials by the stations' places are computed."""
-        return self.inner.station_partials
+        return self.inner.more_partials
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:

@@ -96,12 +96,10 @@ class DenseSeries:
     observations : Observations
     """
 
-    def __init__(
-        self, model: PhysicalModel, observations: Observations, station_partials: bool = False
-    ) -> None:
+    def __init__(self, model: PhysicalModel, observations: Observations, more_partials: bool = False) -> None:
         self._tai = utc_to_tai(observations.epoch)
         self._quarter = 4.0 * observations.epoch.jd + np.floor(4.0 * observations.epoch.fraction)
-        code = series_codes(model, observations, station_partials)
+        code = series_codes(model, observations, more_partials)
         first = self._tai.jd.min() if len(code) else 0.0
         elapsed_s = ((self._tai.jd - first) + self._tai.fraction) * SECONDS_PER_DAY
         self.order = _ordered(code, elapsed_s)
@@ -193,7 +191,7 @@ def least_observations(degree: Any) -> Any:
 
 
 def series_codes(
-    model: PhysicalModel, observations: Observations, station_partials: bool = False
+    model: PhysicalModel, observations: Observations, more_partials: bool = False
 ) -> NDArray[np.int64]:
     """Number of the series that each observation belongs to, shape (n,).
 
@@ -204,7 +202,7 @@ def series_codes(
     media = {medium.name: medium for medium in model.media}
     foreign = bool(model.added_media or set(media) - {"troposphere", "ionosphere", "antenna_axis_offset"})
     # Partials by the electron content need the frequencies whether or not a content is modelled.
-    frequencies = station_partials or ("ionosphere" in media and model.ionosphere is not None)
+    frequencies = more_partials or ("ionosphere" in media and model.ionosphere is not None)
     if not (frequencies or foreign):
         free.add("uplink_hz")
     if not ("troposphere" in media or foreign):

@@ -32,7 +32,7 @@ def prepare_predictor(
     evaluation: str = "auto",
     trajectory: Trajectory | None = None,
     targets: Sequence[str] = (),
-    station_partials: bool = False,
+    more_partials: bool = False,
 ) -> Predictor:
     """Prepare the observations of one arc for predictions.
 
@@ -52,8 +52,9 @@ def prepare_predictor(
         between any two nodes.
     targets : sequence of str
         Names of the targets, where there are several; positions then have the shape (n_targets, 3).
-    station_partials : bool
-        Whether partials by the stations' places and by the electron content above them are computed as well.
+    more_partials : bool
+        Whether partials by the stations' places and by the electron content above them are computed as well, as
+        :class:`~radioloc.measurements.predictor.Computed` says.
 
     Raises
     ------
@@ -82,19 +83,19 @@ def prepare_predictor(
     if is_combined(observations.kind).any():
         parts = expanded(observations)
         inner = prepare_predictor(
-            model, parts.observations, approximate_pa_m, evaluation, trajectory, targets, station_partials
+            model, parts.observations, approximate_pa_m, evaluation, trajectory, targets, more_partials
         )
         return CombinedPredictor(observations, parts, inner)
 
     def exact() -> ExactPredictor:
-        return ExactPredictor(model, observations, approximate_pa_m, trajectory, targets, station_partials)
+        return ExactPredictor(model, observations, approximate_pa_m, trajectory, targets, more_partials)
 
     sparse = len(observations) < _MANY
     if evaluation == "exact" or trajectory is not None or (evaluation == "auto" and sparse):
         return exact()
-    series = DenseSeries(model, observations, station_partials)
+    series = DenseSeries(model, observations, more_partials)
     if evaluation == "auto":
         segments = series.segments()
         if int((segments.end - segments.begin).sum()) <= len(observations) // 2:
             return exact()
-    return ChebyshevPredictor(model, observations, approximate_pa_m, series, targets, station_partials)
+    return ChebyshevPredictor(model, observations, approximate_pa_m, series, targets, more_partials)

@@ -80,7 +80,7 @@ class ExactPredictor:
         the signals meet the spacecraft.
     targets : sequence of str
         Names of the targets, where there are several; positions then have the shape (number of targets, 3).
-    station_partials : bool
+    more_partials : bool
         Whether partials by the stations' places and by the electron content above them are computed.
 
     Raises
@@ -100,10 +100,10 @@ class ExactPredictor:
         approximate_pa_m: NDArray[np.float64],
         trajectory: Trajectory | None = None,
         targets: Sequence[str] = (),
-        station_partials: bool = False,
+        more_partials: bool = False,
     ) -> None:
         self.model = model
-        self.targets, self.station_partials = tuple(targets), station_partials
+        self.targets, self.more_partials = tuple(targets), more_partials
         self.trajectory = trajectory
         self.observations = observations
         # One path per observation; one that is counted is the difference of two, at the ends of its count interval.
@@ -186,6 +186,7 @@ class ExactPredictor:
             by_time = by_time + by_media * view.rate_m_s
             by_position = by_position + by_media[:, None] * view.by_position
             by_zenith_wet.append(by_media * view.by_zenith_wet)
+        by_position_pa = rotated(np.swapaxes(self._moon.rot_pa_to_icrf, -1, -2), by_position)
         n = len(self.observations)
         one_way = self._sign == 0.0
         up_rad, down_rad = up.leg.elevation.angle_rad, down.leg.elevation.angle_rad
@@ -197,30 +198,32 @@ class ExactPredictor:
             status[self._counted] = first_of(status[self._counted], status[n:])
         return Computed(
             value_m=self._observed(length_m),
-            by_position_pa=self._observed(
-                rotated(np.swapaxes(self._moon.rot_pa_to_icrf, -1, -2), by_position)
-            ),
+            by_position_pa=self._observed(by_position_pa),
             by_time_m_s=self._observed(by_time),
             by_transponder_delay_m_s=self._observed(np.where(self._sign > 0.0, partials.by_hold, 0.0)),
             by_zenith_wet=self._observed(np.stack(by_zenith_wet, axis=-1)),
             elevation_rad=elevation_rad[:n],
             status=status[:n],
             by_station_itrf=(
-                self._by_stations(path, partials) if self.station_partials else np.zeros((n, 0, 3))
+                self._by_stations(path, partials) if self.more_partials else np.zeros((n, 0, 3))
             ),
             by_electron_content_m=(
                 self._by_electron_content(path, partials, up, down)
-                if self.station_partials
+                if self.more_partials
                 else np.zeros((n, 0))
             ),
+            mean_by_position_pa=self._mean(by_position_pa) if self.more_partials else np.zeros((n, 0)),
         )
 
     def _by_stations(self, path: LightPath, partials: PathPartials) -> NDArray[np.float64]:
         """Partials by the ITRF coordinates of both stations, shape (n, 2, 3)."""
-        ends = (
-            (self._up, -partials.by_up_delay[:, None] * path.up_unit),
-            (self._down, partials.by_down_delay[:, None] * path.down_unit),
-        )
+        first = -partials.by_up_delay[:, None] * path.up_unit
+        second = partials.by_down_delay[:, None] * path.down_unit
+        if self.model.has("tdb_tt"):
+            # TDB - TT at a station has v_E . r / c^2, 1e-4 of a displacement; in two-way it cancels.
+            by_clock = self._earth.velocity_m_s / C_M_S
+            first, second = first + by_clock * (self._sign != 0.0)[:, None], second - by_clock
+        ends = (self._up, first), (self._down, second)
         by_itrf = [rotated(np.swapaxes(station.rot_itrf_to_gcrs, -1, -2), by) for station, by in ends]
         return self._observed(np.stack(by_itrf, axis=1))
 
@@ -309,6 +312,13 @@ class ExactPredictor:
         n = len(self.observations)
         out = of_paths[:n].copy()
         out[self._counted] -= of_paths[n:]
+        return out
+
+    def _mean(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:
+        """From paths to observations: the path itself, or the mean of two where there is a count interval."""
+        n = len(self.observations)
+        out = of_paths[:n].copy()
+        out[self._counted] = 0.5 * (out[self._counted] + of_paths[n:])
         return out
 
     def _prepare(self, lander_pa_m: NDArray[np.float64]) -> None:

@@ -42,24 +42,25 @@ _SHAPES: dict[str, tuple[int, ...]] = {
     "elevation_rad": (2,),
     "by_station_itrf": (2, 3),
     "by_electron_content_m": (2,),
+    "mean_by_position_pa": (3,),
 }
 """Columns of :class:`~radioloc.measurements.predictor.Computed` that are interpolated, and the shape of their rows."""
-_OF_STATIONS = ("by_station_itrf", "by_electron_content_m")
+_ON_REQUEST = ("by_station_itrf", "by_electron_content_m", "mean_by_position_pa")
 MOST = DEGREES[-1][1] + 1
 """Most coefficients of a quantity."""
 
 
 @cache
-def places(station_partials: bool) -> dict[str, slice]:
+def places(more_partials: bool) -> dict[str, slice]:
     """Where each column lies among the quantities that are interpolated."""
-    names = [name for name in _SHAPES if station_partials or name not in _OF_STATIONS]
+    names = [name for name in _SHAPES if more_partials or name not in _ON_REQUEST]
     ends = np.cumsum([math.prod(_SHAPES[name]) for name in names]).tolist()
     return {name: slice(end - math.prod(_SHAPES[name]), end) for name, end in zip(names, ends, strict=True)}
 
 
-def width(station_partials: bool) -> int:
+def width(more_partials: bool) -> int:
     """Numbers that are interpolated for each observation."""
-    return next(reversed(places(station_partials).values())).stop
+    return next(reversed(places(more_partials).values())).stop
 
 
 ELEVATION = places(False)["elevation_rad"]
@@ -70,6 +71,7 @@ _ROUNDING = {
     "by_zenith_wet": 1e-9,
     "by_station_itrf": 2e-12,
     "by_electron_content_m": 1e-9,
+    "mean_by_position_pa": 2e-12,
 }
 """Rounding of the partials themselves, which no interpolation can undercut."""
 _POSITION_MOST = 1e-9
@@ -111,7 +113,7 @@ class PiecewiseChebyshev:
         segments: Segments,
         lander_pa_m: NDArray[np.float64],
         targets: Sequence[str] = (),
-        station_partials: bool = False,
+        more_partials: bool = False,
     ) -> PiecewiseChebyshev:
         """Compute what does not depend on the position for nodes and check points of segments."""
         at = [np.concatenate([nodes(d), check_points(d)]) for d in segments.degree.tolist()]
@@ -120,7 +122,7 @@ class PiecewiseChebyshev:
             segments.observations_at(observations, at),
             lander_pa_m,
             targets=targets,
-            station_partials=station_partials,
+            more_partials=more_partials,
         )
         last = np.cumsum(segments.degree + 1 + CHECK_POINTS)
         is_check = np.zeros(last[-1], dtype=bool)
@@ -169,7 +171,7 @@ class PiecewiseChebyshev:
         """Compare the polynomials with the model at the check points."""
         at_nodes, at_checks = self.nodes.compute(lander_pa_m), self.checks.compute(lander_pa_m)
         coefficients, tail = self._coefficients(at_nodes)
-        model = _stacked(at_checks, self.nodes.station_partials)
+        model = _stacked(at_checks, self.nodes.more_partials)
         size = len(model)
         model = model.reshape(size, len(self), CHECK_POINTS)
         deviation = np.zeros((len(self), size))
@@ -180,9 +182,9 @@ class PiecewiseChebyshev:
             values = _evaluate(coefficients[of_degree], check_points(degree))
             here = np.abs(np.moveaxis(model[:, of_degree], 0, 1) - values).max(axis=-1)
             deviation[of_degree] = here
-            scales = _stacked(at_nodes, self.nodes.station_partials)[:, rows].reshape(size, -1, degree + 1)
+            scales = _stacked(at_nodes, self.nodes.more_partials)[:, rows].reshape(size, -1, degree + 1)
             good[of_degree] &= (
-                np.maximum(here, tail[of_degree]) <= _allowed(scales, self.nodes.station_partials)
+                np.maximum(here, tail[of_degree]) <= _allowed(scales, self.nodes.more_partials)
             ).all(axis=-1)
             # The elevations between the nodes stay on one side of every limit, so that the status is that of the nodes.
             grid = np.linspace(-1.0, 1.0, 4 * degree + 1)
@@ -220,7 +222,7 @@ class PiecewiseChebyshev:
 
     def _coefficients(self, computed: Computed) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Powers descending, (m, width, MOST), and sizes of the last two Chebyshev coefficients, (m, width)."""
-        values = _stacked(computed, self.nodes.station_partials)
+        values = _stacked(computed, self.nodes.more_partials)
         size = len(values)
         coefficients, tail = np.zeros((len(self), size, MOST)), np.zeros((len(self), size))
         for degree, of_degree, rows in self._groups():
@@ -235,19 +237,19 @@ class PiecewiseChebyshev:
         return coefficients, tail
 
 
-def columns_of(out: NDArray[np.float64], station_partials: bool) -> dict[str, NDArray[np.float64]]:
+def columns_of(out: NDArray[np.float64], more_partials: bool) -> dict[str, NDArray[np.float64]]:
     """Quantities (width, n) as columns, without copying."""
     n = out.shape[1]
-    columns = {name: out[:0].T.reshape(n, 0, *_SHAPES[name][1:]) for name in _OF_STATIONS}
-    for name, place in places(station_partials).items():
+    columns = {name: out[:0].T.reshape(n, 0, *_SHAPES[name][1:]) for name in _ON_REQUEST}
+    for name, place in places(more_partials).items():
         columns[name] = out[place].T.reshape(n, *_SHAPES[name]) if _SHAPES[name] else out[place.start]
     return columns
 
 
-def _stacked(computed: Computed, station_partials: bool) -> NDArray[np.float64]:
+def _stacked(computed: Computed, more_partials: bool) -> NDArray[np.float64]:
     """Columns as quantities, shape (width, n)."""
     n = len(computed.value_m)
-    columns = (getattr(computed, name) for name in places(station_partials))
+    columns = (getattr(computed, name) for name in places(more_partials))
     return np.concatenate([column.reshape(n, -1).T for column in columns])
 
 
@@ -277,11 +279,11 @@ def _evaluate(coefficients: NDArray[np.float64], x: NDArray[np.float64]) -> NDAr
     return total
 
 
-def _allowed(at_nodes: NDArray[np.float64], station_partials: bool) -> NDArray[np.float64]:
+def _allowed(at_nodes: NDArray[np.float64], more_partials: bool) -> NDArray[np.float64]:
     """Deviations allowed at check points, from the quantities' sizes at the nodes (width, m, k); shape (m, width)."""
     size = np.abs(at_nodes).max(axis=-1)
     allowed = np.empty_like(size)
-    where = places(station_partials)
+    where = places(more_partials)
     for name, place in where.items():
         largest = np.linalg.norm(size[place], axis=0) if name == "by_position_pa" else size[place].max(axis=0)
         allowed[place] = np.maximum(ALLOWED_RELATIVE / SAFETY * largest, _ROUNDING.get(name, 0.0))

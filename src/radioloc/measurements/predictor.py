@@ -20,6 +20,9 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import describe
 
+ROWS_AT_ONCE = 65536
+"""Rows of partials, or of what else belongs to observations, that are held together: 8 MB for 15 parameters."""
+
 
 @dataclass(frozen=True, slots=True)
 class Computed:
@@ -49,6 +52,9 @@ class Computed:
     by_electron_content_m : ndarray, shape (n, 2)
         Partial derivatives with respect to the vertical electron content above the two stations, m/TECU, NaN without a
         frequency; where they were not asked for the shape is (n, 0).
+    mean_by_position_pa : ndarray, shape (n, 3)
+        Of a difference over a count interval, the mean of the partials by position at its two ends, which what moves
+        the target in the interval acts by; else as `by_position_pa`. Where it was not asked for the shape is (n, 0).
     """
 
     value_m: NDArray[np.float64]
@@ -60,6 +66,7 @@ class Computed:
     status: NDArray[np.int8]
     by_station_itrf: NDArray[np.float64]
     by_electron_content_m: NDArray[np.float64]
+    mean_by_position_pa: NDArray[np.float64]
 
     def rows(self, which: Any) -> Computed:
         """Some of the rows, chosen by a mask, a slice or indices."""
@@ -73,6 +80,7 @@ class Computed:
             self.status[which],
             self.by_station_itrf[which],
             self.by_electron_content_m[which],
+            self.mean_by_position_pa[which],
         )
 
     @property
@@ -133,7 +141,7 @@ class Predictor(Protocol):
         ...
 
     @property
-    def station_partials(self) -> bool:
+    def more_partials(self) -> bool:
         """Whether partials by the stations' places and by the electron content above them are computed."""
         ...
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from dataclasses import fields
 
-from radioloc.studies.study import STATION_PARAMETERS, EstimateChoice, ModelChoice, ObservationChoice
+from radioloc.parameters.registry import PARAMETERS
+from radioloc.studies.study import EstimateChoice, ModelChoice, ObservationChoice
 
 _LISTED_FOR = {
     "range_bias_m": "range_bias",
@@ -68,19 +69,17 @@ def where_it_belongs(table: str, key: str) -> str:
             )
         case "estimate", "weights":
             return "sigmas by type, station and file belong to [[observations.weights]]"
-        case "estimate", _ if key in STATION_PARAMETERS:
-            value_key, sigma_key = STATION_PARAMETERS[key]
+        case "estimate", _ if key in PARAMETERS:
+            value_key, sigma_key = PARAMETERS[key].value_key, PARAMETERS[key].sigma_key
             simulated = next((name for name, listed in _LISTED_FOR.items() if listed == key), None)
-            text = f"it says for which stations; an a-priori value belongs to {value_key}, its sigma to {sigma_key}"
+            text = f"it says whose is estimated; an a-priori value belongs to {value_key}, its sigma to {sigma_key}"
             return text + (
                 f", what a simulated world has to [simulation.truth] {simulated}" if simulated else ""
             )
         case "estimate", _:
-            listed = [name for name, keys in STATION_PARAMETERS.items() if key in keys]
+            listed = [name for name, kind in PARAMETERS.items() if key in (kind.value_key, kind.sigma_key)]
             return (
-                f"it is one number or a table by station; {listed[0]} says for which stations"
-                if listed
-                else ""
+                f"it is one number or a table by name; {listed[0]} says whose is estimated" if listed else ""
             )
         case "simulation.truth" | "simulation.truth_sigma", _ if key in _LISTED_FOR:
             return (

@@ -11,7 +11,6 @@ from radioloc.measurements.observations import Observations
 from radioloc.report.arc_study import Arc, ArcStudy
 from radioloc.studies.arc_parts import DEFAULT_HOURS, arc_lengths, arc_parts
 from radioloc.studies.locate import fit_arc, prepared_arc
-from radioloc.studies.owners import of_part
 from radioloc.studies.study import Reference, Study
 
 
@@ -67,7 +66,7 @@ def arcs(
             reasons["outside the time span"] = reasons.get("outside the time span", 0) + later
         one = replace(whole, name=f"{study.name}, {length:g} h")
         arc = longest if not later else longest.select(rows)
-        estimate = study.estimate if not later else of_part(study.estimate, arc, study.catalogue)
+        estimate = study.estimate if not later else study.estimate.of_part(arc)
         found.append(Arc(length, span_h, fit_arc(one, arc, reasons, estimate)))
     constants = longest.model.ephemeris.constants
     references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]

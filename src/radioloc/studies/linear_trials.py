@@ -20,12 +20,12 @@ from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import DenseLinearization
 from radioloc.estimation.observation_noise import ObservationNoise
-from radioloc.estimation.parameters import ParameterSet
 from radioloc.estimation.repeated_fit import RepeatedFit, RepeatedOutcome
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.estimation.time_correlation import assess_time_correlation
 from radioloc.measurements.registry import KINDS
+from radioloc.parameters.parameter import ParameterSet
 from radioloc.simulation import Departure, Spread
 from radioloc.simulation.departures import position_departure_m
 from radioloc.simulation.noise import NoiseDraws

@@ -21,7 +21,6 @@ from radioloc.estimation.correlated_weights import SeriesWeight, fit_with_correl
 from radioloc.estimation.editing import USED, EditingSettings, fit_with_editing
 from radioloc.estimation.excess_noise import NoisyFit, fit_with_excess_noise
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.linearization import ROWS_AT_ONCE
 from radioloc.estimation.solution import Solution
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm.agreement import LightTime
@@ -35,16 +34,19 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel, kernel_record
-from radioloc.measurements.predictor import Predictor, reasons
+from radioloc.measurements.predictor import ROWS_AT_ONCE, Predictor, reasons
 from radioloc.measurements.registry import KINDS, kind_of
 from radioloc.measurements.terms import TERMS
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import ElectronContent, UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.media.status import Status
+from radioloc.parameters.choice import chosen_keys
+from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.studies.notes import notes_of
 from radioloc.studies.one_thread import on_one_blas_thread
-from radioloc.studies.problem import Problem
+from radioloc.studies.problem import observation_model
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study, TerrainPrior
@@ -164,7 +166,7 @@ def fit_arc(
         if study.reference is None
         else position_in_pa("[reference]", study.reference.position, constants)
     )
-    problem = Problem.of(arc, target, estimate, study.catalogue, held=study.estimate)
+    problem = observation_model(arc, target, estimate, held=study.estimate)
     fitted = _fit(study, problem, estimate, *status_of(arc, target))
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
@@ -393,12 +395,12 @@ def _reasons(status: Labels, reason: NDArray[np.int8], observations: Observation
 
 def _fit(
     study: Study,
-    problem: Problem,
+    problem: ObservationModel,
     estimate: EstimateChoice | None,
     status: Labels,
     reason: NDArray[np.int8],
 ) -> NoisyFit:
-    noise = stated_noise(problem.arc, study.observations)
+    noise = stated_noise(problem.predictor, study.observations)
     if estimate is None:
         as_given = EditingSettings(enabled=False)
         edited = fit_with_editing(
@@ -408,14 +410,14 @@ def _fit(
     if not status.are(USED).any():
         raise InputError(
             f"no observations left: all {len(status)} are rejected: "
-            f"{_reasons(status, reason, problem.arc.observations)}; "
+            f"{_reasons(status, reason, problem.predictor.observations)}; "
             "check the target's position and frame, and the stations"
         )
     return fit_with_excess_noise(
         problem.linearize,
         problem.parameters,
         noise,
-        groups=Labels.coded(KINDS, problem.arc.observations.kind),
+        groups=Labels.coded(KINDS, problem.predictor.observations.kind),
         status=status,
         editing=EditingSettings(threshold=estimate.rejection_sigma),
     )
@@ -477,14 +479,19 @@ def _target_record(target: LunarPosition | Trajectory) -> dict[str, Any]:
 
 def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
     """What was estimated; of a terrain map its files, not its heights."""
-    prior = estimate.height_prior
-    if not isinstance(prior, TerrainPrior):
-        return asdict(estimate)
-    map_files = [{"name": file.path.name, "sha256": file.sha256} for file in prior.terrain.metadata.files]
-    return asdict(replace(estimate, height_prior=None)) | {
-        "height_prior": {
-            "dem": map_files,
-            "interpolation": prior.terrain.interpolation,
-            "sigma_m": prior.sigma_m,
-        }
+    prior: Any = estimate.height_prior
+    if isinstance(prior, TerrainPrior):
+        map_files = [{"name": file.path.name, "sha256": file.sha256} for file in prior.terrain.metadata.files]
+        prior = {"dem": map_files, "interpolation": prior.terrain.interpolation, "sigma_m": prior.sigma_m}
+    elif prior is not None:
+        prior = asdict(prior)
+    return {
+        "position": estimate.position,
+        "height_prior": prior,
+        "ephemeris_sigma_m": estimate.ephemeris_sigma_m,
+        "rejection_sigma": estimate.rejection_sigma,
+        "weights": estimate.weights,
+        "pass_gap_h": estimate.pass_gap_h,
+        **dict.fromkeys(PARAMETERS, "none"),
+        **chosen_keys(estimate.parameters),
     }

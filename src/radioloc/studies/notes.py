@@ -8,7 +8,6 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.excess_noise import NoisyFit
-from radioloc.estimation.parameters import ParameterSet
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.observations import Observations
@@ -16,7 +15,8 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.terms import TERMS
-from radioloc.studies.study import HEIGHT_LIMITS_M, STATION_PARAMETERS, EstimateChoice, Study, TerrainPrior
+from radioloc.parameters.parameter import ParameterSet
+from radioloc.studies.study import HEIGHT_LIMITS_M, EstimateChoice, Study, TerrainPrior
 from radioloc.studies.weights import Weight
 
 _DOUBTFUL_EXCESS = 20.0
@@ -60,7 +60,9 @@ def notes_of(
 def _without_scope(estimate: EstimateChoice, parameters: ParameterSet) -> list[str]:
     """Parameters that were asked for of all stations, and that no observation depends on."""
     none = [
-        key for key in STATION_PARAMETERS if getattr(estimate, key) == "all" and not parameters.of_kind(key)
+        key
+        for key, choice in estimate.parameters.items()
+        if choice.names == "all" and not parameters.of_kind(key)
     ]
     return [
         f'no {key} is estimated, though [estimate] asks for "all": no observation depends on one'

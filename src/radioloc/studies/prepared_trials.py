@@ -25,14 +25,14 @@ from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
+from radioloc.parameters.design import ObservationModel
 from radioloc.simulation import Scenario, World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.responses import responses
 from radioloc.studies.arc_parts import arc_parts
 from radioloc.studies.linear_trials import GeneralFit, LinearArc, LinearTrials
 from radioloc.studies.locate import fit_arc, model_of, position_in_pa, status_of
-from radioloc.studies.owners import of_part
-from radioloc.studies.problem import Problem
+from radioloc.studies.problem import observation_model
 from radioloc.studies.selection import selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
@@ -114,14 +114,11 @@ class Prepared:
         longest = prepare_predictor(model, planned, target.xyz_m, study.model.evaluation)
         parts = arc_parts(longest.observations, choice, reversed(hours))
         arcs = [longest if len(part) == len(rows) else longest.select(part) for _, _, part in parts]
-        estimates = [
-            study.estimate if arc is longest else of_part(study.estimate, arc, study.catalogue)
-            for arc in arcs
-        ]
+        estimates = [study.estimate if arc is longest else study.estimate.of_part(arc) for arc in arcs]
         names = dict.fromkeys(
             p.name
             for arc, estimate in zip(arcs, estimates, strict=True)
-            for p in Problem.of(arc, target, estimate, study.catalogue).parameters
+            for p in observation_model(arc, target, estimate).parameters
             if p.kind != "position" and not p.fixed
         )
         kinds = [KINDS[k] for k in np.unique(longest.observations.kind)]
@@ -206,7 +203,7 @@ class Prepared:
         self, arc: Predictor, part: NDArray[np.intp], estimate: EstimateChoice, usable: NDArray[np.bool_]
     ) -> LinearArc | None:
         study = self.study
-        problem = Problem.of(arc, self._target_pa, estimate, study.catalogue)
+        problem = observation_model(arc, self._target_pa, estimate)
         x = _parameters_at(problem, self.world.target_pa_m)
         partials = problem.linearize(x).partials(np.arange(len(part)))
         noise = stated_noise(arc, study.observations)
@@ -241,11 +238,11 @@ class Prepared:
         )
 
 
-def _parameters_at(problem: Problem, position_pa_m: _Floats) -> _Floats:
+def _parameters_at(problem: ObservationModel, position_pa_m: _Floats) -> _Floats:
     """Parameters of a position, the others at their a-priori values."""
     x = problem.parameters.prior_values.copy()
     for _ in range(20):
-        found_m, partials = problem.position(x[:3])
+        found_m, partials = problem.positions[0](x[:3])
         step = np.linalg.solve(partials, position_pa_m - found_m)
         x[:3] += step
         if np.abs(step).max() < 1e-7:

@@ -7,8 +7,8 @@ The records check themselves, so a study built in Python is held to the same rul
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +20,13 @@ from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.evaluation import EVALUATIONS
+from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.terms import active_terms
 from radioloc.media.ionosphere import UniformTec
+from radioloc.parameters.choice import ParameterChoice, of_part, parameter_choices
+from radioloc.parameters.columns import PASS_GAP_H
+from radioloc.parameters.design import simple_predictor
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.scenario import Scenario
 from radioloc.studies.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
@@ -108,24 +113,7 @@ class ObservationChoice:
         object.__setattr__(self, "weights", tuple(self.weights))
 
 
-STATION_PARAMETERS = {
-    "range_bias": ("range_bias_m", "range_bias_sigma_m"),
-    "time_bias": ("time_bias_s", "time_bias_sigma_s"),
-    "clock": ("clock_s", "clock_sigma_s"),
-    "clock_rate": ("clock_rate_s_s", "clock_rate_sigma_s_s"),
-    "zenith_delay": ("zenith_delay_m", "zenith_delay_sigma_m"),
-}
-"""Parameters that each station can have, by the key that lists the stations, with those of a-priori value and sigma."""
-
-RANGE_BIAS_PER = ("station", "pass")
 WEIGHTS = ("independent", "correlated")
-
-PASS_GAP_H = 4.0
-"""A station that has not observed for so long begins a new pass. Between two passes the Moon is down for 5 h or more at
-latitudes up to 57 degrees; within one a station is seldom silent for longer than this."""
-
-ByStation = Mapping[str, float] | float | None
-"""A number by the names of stations, or one for all."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -175,7 +163,7 @@ class TerrainPrior:
         _require_positive("sigma_m", self.sigma_m)
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, init=False)
 class EstimateChoice:
     """What is estimated, with which priors.
 
@@ -183,27 +171,6 @@ class EstimateChoice:
     ----------
     position : {"geographic", "cartesian", "none"}
         Parameters of the position: along the sphere and in height; x, y, z; or held.
-    range_bias : iterable of str or "all" or "none"
-        Stations whose range bias is estimated.
-    range_bias_m : mapping of str to float, or float, or None
-        A-priori value by station, or of all stations; zero where there is none. A station that has one and is not
-        estimated is held at it.
-    range_bias_sigma_m : mapping of str to float, or float, or None
-        Sigma of the a-priori value, by station or for all that are estimated; free where there is none.
-    range_bias_per : {"station", "pass"}
-        Whether a station has one range bias, or one for each pass, all with its a-priori value and sigma.
-    pass_gap_h : float
-        A new pass begins when the station has not observed for longer.
-    time_bias, time_bias_s, time_bias_sigma_s
-        Likewise for an offset of a station's time tags.
-    clock, clock_s, clock_sigma_s, clock_rate, clock_rate_s_s, clock_rate_sigma_s_s
-        Likewise for offset and rate of a VLBI station's clock; ``"all"`` leaves out the first station, the reference.
-    zenith_delay, zenith_delay_m, zenith_delay_sigma_m
-        Likewise for what the wet zenith delay of radio signals is beyond the model.
-    transponder_delay : bool
-        Whether the delay of the point's transponder beyond the model's is estimated.
-    transponder_delay_sigma_s : float or None
-        Its sigma about zero; free where ``None``.
     height_prior : HeightPrior or TerrainPrior or None
         Prior on the height; needs the geographic parameters, of which the height is one.
     ephemeris_sigma_m : tuple of float
@@ -211,7 +178,18 @@ class EstimateChoice:
     rejection_sigma : float
         An observation is rejected when its residual exceeds so many of its expected sigmas; 2 or more.
     weights : {"independent", "correlated"}
-        Whether all observations count in full, or series whose residuals stay alike as the few that they are worth.
+        Whether all observations count in full, or time-correlated ones as the few that they are worth.
+    pass_gap_h : float
+        A new pass begins when a station has not observed for longer.
+    parameters : mapping of str to ParameterChoice, optional
+        Kinds of parameter by name; or, instead of it, any of the keys that follow.
+    **keys
+        For each kind NAME of :data:`~radioloc.parameters.registry.PARAMETERS`: ``NAME``, whose parameter is estimated
+        (a list of names, ``"all"`` or ``"none"``; true or false where there is only one); ``NAME_m`` (or another
+        unit), the a-priori value by name or of all, zero where there is none, at which those that have one and are
+        not estimated are held; ``NAME_sigma_m``, its sigma, free where there is none; ``NAME_per``, whom it belongs
+        to (``"station"``, ``"pass"``, ``"link"``, ``"link and pass"``). Such as ``range_bias="all",
+        range_bias_sigma_m=10.0``.
 
     Raises
     ------
@@ -219,60 +197,49 @@ class EstimateChoice:
         A value is not one of these.
     """
 
-    position: str = "geographic"
-    range_bias: tuple[str, ...] | str = "none"
-    range_bias_m: ByStation = None
-    range_bias_sigma_m: ByStation = None
-    range_bias_per: str = "station"
-    pass_gap_h: float = PASS_GAP_H
-    time_bias: tuple[str, ...] | str = "none"
-    time_bias_s: ByStation = None
-    time_bias_sigma_s: ByStation = None
-    clock: tuple[str, ...] | str = "none"
-    clock_s: ByStation = None
-    clock_sigma_s: ByStation = None
-    clock_rate: tuple[str, ...] | str = "none"
-    clock_rate_s_s: ByStation = None
-    clock_rate_sigma_s_s: ByStation = None
-    zenith_delay: tuple[str, ...] | str = "none"
-    zenith_delay_m: ByStation = None
-    zenith_delay_sigma_m: ByStation = None
-    transponder_delay: bool = False
-    transponder_delay_sigma_s: float | None = None
-    height_prior: HeightPrior | TerrainPrior | None = None
-    ephemeris_sigma_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
-    rejection_sigma: float = 5.0
-    weights: str = "independent"
+    position: str
+    height_prior: HeightPrior | TerrainPrior | None
+    ephemeris_sigma_m: tuple[float, float, float]
+    rejection_sigma: float
+    weights: str
+    pass_gap_h: float
+    parameters: Mapping[str, ParameterChoice]
 
-    def __post_init__(self) -> None:
+    def __init__(
+        self,
+        *,
+        position: str = "geographic",
+        height_prior: HeightPrior | TerrainPrior | None = None,
+        ephemeris_sigma_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        rejection_sigma: float = 5.0,
+        weights: str = "independent",
+        pass_gap_h: float = PASS_GAP_H,
+        parameters: Mapping[str, ParameterChoice] | None = None,
+        **keys: Any,
+    ) -> None:
+        given = dict(parameters or {}) | parameter_choices(keys)
+        for name, value in (
+            ("position", position),
+            ("height_prior", height_prior),
+            ("ephemeris_sigma_m", tuple(ephemeris_sigma_m)),
+            ("rejection_sigma", rejection_sigma),
+            ("weights", weights),
+            ("pass_gap_h", pass_gap_h),
+            ("parameters", given),
+        ):
+            object.__setattr__(self, name, value)
         if self.position not in POSITION_FORMS:
             allowed = ", ".join(f'"{form}"' for form in POSITION_FORMS)
             raise InputError(f"position must be one of {allowed}, not {self.position!r}")
-        for key in STATION_PARAMETERS:
-            value = getattr(self, key)
-            if value in ("all", "none"):
-                continue
-            if isinstance(value, str):
-                raise InputError(f'{key} must be a list of stations, "all" or "none", not {value!r}')
-            object.__setattr__(self, key, _names(key, value))
-        for value_key, sigma_key in STATION_PARAMETERS.values():
-            _each(value_key, getattr(self, value_key), _require_finite)
-            _each(sigma_key, getattr(self, sigma_key), _require_positive)
-        if self.range_bias_per not in RANGE_BIAS_PER:
-            raise InputError(f'range_bias_per must be "station" or "pass", not {self.range_bias_per!r}')
         _require_positive("pass_gap_h", self.pass_gap_h)
-        if self.transponder_delay_sigma_s is not None:
-            _require_positive("transponder_delay_sigma_s", self.transponder_delay_sigma_s)
-            if not self.transponder_delay:
-                raise InputError("transponder_delay_sigma_s needs transponder_delay = true")
         if self.height_prior is not None and self.position != "geographic":
             raise InputError('height_prior needs position = "geographic", where the height is a parameter')
         if len(self.ephemeris_sigma_m) != 3:
             raise InputError(
                 f"ephemeris_sigma_m must be three numbers (east, north, up), not {self.ephemeris_sigma_m!r}"
             )
-        for value in self.ephemeris_sigma_m:
-            _require_not_negative("ephemeris_sigma_m", value)
+        for sigma in self.ephemeris_sigma_m:
+            _require_not_negative("ephemeris_sigma_m", sigma)
         if not (math.isfinite(self.rejection_sigma) and self.rejection_sigma >= LOWEST_REJECTION_SIGMA):
             raise InputError(
                 f"rejection_sigma must be {LOWEST_REJECTION_SIGMA:g} or more, not {self.rejection_sigma!r}: "
@@ -282,9 +249,18 @@ class EstimateChoice:
             raise InputError(f'weights must be "independent" or "correlated", not {self.weights!r}')
 
     def held(self) -> EstimateChoice:
-        """Nothing estimated; the a-priori values of all biases and the like stay."""
-        values = {value_key: getattr(self, value_key) for value_key, _ in STATION_PARAMETERS.values()}
-        return EstimateChoice(position="none", **values)
+        """Nothing estimated; the a-priori values of all parameters stay."""
+        values = {
+            name: ParameterChoice(value=choice.value, per=choice.per)
+            for name, choice in self.parameters.items()
+        }
+        return EstimateChoice(position="none", parameters=values)
+
+    def of_part(self, part: Predictor) -> EstimateChoice:
+        """What is estimated in a part of an arc: without whom there are no observations of in it."""
+        simple = simple_predictor(part)
+        kept = {name: of_part(PARAMETERS[name], choice, simple) for name, choice in self.parameters.items()}
+        return replace(self, parameters=kept)
 
 
 @dataclass(frozen=True, slots=True)
@@ -422,18 +398,6 @@ def _names(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:
         if not isinstance(name, str) or not name.strip():
             raise InputError(f"{key} must be names, not {name!r}")
     return names
-
-
-def _each(key: str, given: ByStation, require: Callable[[str, float], None]) -> None:
-    """Hold each number of a table of stations, or the only one, to a rule."""
-    for name, value in given.items() if isinstance(given, Mapping) else ((None, given),):
-        if value is not None:
-            require(key if name is None else f"{key} of {name}", value)
-
-
-def _require_finite(key: str, value: float) -> None:
-    if not math.isfinite(value):
-        raise InputError(f"{key} must be a finite number, not {value!r}")
 
 
 def _require_positive(key: str, value: float) -> None:

@@ -6,6 +6,7 @@ import tomllib
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -18,10 +19,10 @@ from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.terms import active_terms
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation import Scenario
 from radioloc.studies.simulation_file import scenario
 from radioloc.studies.study import (
-    STATION_PARAMETERS,
     EstimateChoice,
     HeightPrior,
     ModelChoice,
@@ -263,33 +264,26 @@ def _estimate(table: TomlTable, folder: Path) -> EstimateChoice:
     prior = table.table("height_prior")
     fields = {
         "position": table.text("position"),
-        **{key: _stations(table, key) for key in STATION_PARAMETERS},
-        **{key: table.number_or_table(key) for keys in STATION_PARAMETERS.values() for key in keys},
-        "range_bias_per": table.text("range_bias_per"),
         "pass_gap_h": table.number("pass_gap_h"),
-        "transponder_delay": table.flag("transponder_delay"),
-        "transponder_delay_sigma_s": table.number("transponder_delay_sigma_s"),
         "ephemeris_sigma_m": _east_north_up(table, "ephemeris_sigma_m"),
         "rejection_sigma": table.number("rejection_sigma"),
         "weights": table.text("weights"),
+        **_parameters(table),
     }
     table.finish()
-    choice = table.build(
+    return table.build(
         EstimateChoice, height_prior=None if prior is None else _height_prior(prior, folder), **fields
     )
-    for key, (_, sigma_key) in STATION_PARAMETERS.items():
-        if fields[key] is None and fields[sigma_key] is not None:
-            table.fail(sigma_key, f'is given, but no {key}; list its stations there, or say "all" or "none"')
-    if fields["range_bias"] is None and fields["range_bias_per"] is not None:
-        table.fail(
-            "range_bias_per", 'is given, but no range_bias; list its stations there, or say "all" or "none"'
-        )
-    return choice
 
 
-def _stations(table: TomlTable, key: str) -> tuple[str, ...] | str | None:
-    """Take a list of stations; a single string is the word "all" or "none"."""
-    return table.text(key) if table.holds_text(key) else table.texts(key)
+def _parameters(table: TomlTable) -> dict[str, Any]:
+    """Take the keys of all kinds of parameter."""
+    taken: dict[str, Any] = {}
+    for name, kind in PARAMETERS.items():
+        keys = (name, kind.value_key, kind.sigma_key, kind.per_key)
+        found = {key: table.take(key) for key in keys}
+        taken |= {key: value for key, value in found.items() if value is not None}
+    return taken
 
 
 def _height_prior(table: TomlTable, folder: Path) -> HeightPrior | TerrainPrior:

@@ -6,7 +6,8 @@ from toy_moon import LANDER_M, ToyMoon
 
 from radioloc.errors import InputError
 from radioloc.estimation import FitSettings, FitStatus, Parameter, ParameterSet, fit_least_squares
-from radioloc.estimation.linearization import ROWS_AT_ONCE
+from radioloc.measurements.predictor import ROWS_AT_ONCE
+from radioloc.parameters.parameter import Role
 
 # Solving 5 well-conditioned unknowns in double precision; the closed form itself loses about 1e-12.
 LINEAR_RTOL = 1e-10
@@ -74,7 +75,7 @@ def test_prior_alone_is_returned_without_data_on_it():
 
 def test_fixed_parameters_stay():
     design, observed, sigma = linear()
-    parameters = free_parameters(5).changed("p.2", prior_value=0.4, fixed=True)
+    parameters = free_parameters(5).changed("p.2", prior_value=0.4, role=Role.FIXED)
     fit = fit_least_squares(function(design, observed), parameters, sigma, start=np.full(5, 9.0))
     others = [0, 1, 3, 4]
     reduced = fit_least_squares(
@@ -173,7 +174,7 @@ def test_identical_columns_are_undetermined_and_not_inverted():
 
 def test_with_all_fixed_the_residuals_are_reported():
     design, observed, sigma = linear()
-    fit = fit_least_squares(function(design, observed), free_parameters(5, fixed=True), sigma)
+    fit = fit_least_squares(function(design, observed), free_parameters(5, role=Role.FIXED), sigma)
     assert fit.converged
     np.testing.assert_array_equal(fit.x, 0.0)
     np.testing.assert_array_equal(fit.covariance, 0.0)

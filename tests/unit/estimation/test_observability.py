@@ -4,6 +4,7 @@ from toy_moon import LANDER_M, ToyMoon
 
 from radioloc.estimation import Parameter, ParameterSet, assess_observability, fit_least_squares
 from radioloc.estimation.observability import correlation_matrix
+from radioloc.parameters.parameter import Role
 
 
 def assess(design, names=None, sigma_m=1.0, **changes):
@@ -101,7 +102,7 @@ def test_what_biases_have_in_common_and_what_it_does_to_the_position(prior_sigma
     held = fit.parameters
     for k, name in enumerate("ABC"):
         held = held.changed(
-            f"range_bias.{name}", prior_value=fit.x[3 + k] + part.sigma, prior_sigma=np.inf, fixed=True
+            f"range_bias.{name}", prior_value=fit.x[3 + k] + part.sigma, prior_sigma=np.inf, role=Role.FIXED
         )
     moved = fit_least_squares(model.residual_function(observed_m), held, 0.3)
     assert part.position_m == pytest.approx(np.linalg.norm(moved.x[:3] - fit.x[:3]), rel=0.02)

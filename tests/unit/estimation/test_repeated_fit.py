@@ -6,6 +6,7 @@ import pytest
 from radioloc.estimation import Parameter, ParameterSet, fit_with_excess_noise
 from radioloc.estimation.editing import EditingSettings
 from radioloc.estimation.repeated_fit import RepeatedFit
+from radioloc.parameters.parameter import Role
 
 SAME_SIGMAS = 1e-8
 """Both solve the same linear problem to rounding; what remains is the conditioning of the random ones."""
@@ -22,7 +23,7 @@ def problem(rng, n, *, fixed=False):
         [
             *(Parameter(f"position.{axis}", "m", "position", 10.0 * k) for k, axis in enumerate("xyz")),
             Parameter("bias", "m", "bias", 1.0, 3.0),
-            Parameter("rate", "s", "rate", 0.0, scale=1e-6, fixed=fixed),
+            Parameter("rate", "s", "rate", 0.0, scale=1e-6, role=Role.FIXED if fixed else Role.ESTIMATED),
         ]
     )
     return partials, parameters, sigma_m, group

@@ -11,6 +11,7 @@ from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet, SeriesWeight, build_solution, fit_with_editing
 from radioloc.estimation.build import scaled_covariance
 from radioloc.lunar import selenographic_to_cartesian
+from radioloc.parameters.parameter import Role
 from radioloc.report import solution_card
 from radioloc.report.cards import metres, to_sigma
 from radioloc.time import Epochs
@@ -233,7 +234,7 @@ def test_held_position():
     model = ToyMoon(60, 72.0)
     parameters = model.parameters()
     for axis in "xyz":
-        parameters = parameters.changed(f"position.{axis}_m", fixed=True)
+        parameters = parameters.changed(f"position.{axis}_m", role=Role.FIXED)
     solution = toy_solution(model, parameters=parameters)
     assert solution.converged
     assert not solution.position_estimated
@@ -246,7 +247,7 @@ def test_residuals_with_nothing_estimated():
     model = ToyMoon(60, 72.0, biases=False)
     parameters = model.parameters()
     for axis in "xyz":
-        parameters = parameters.changed(f"position.{axis}_m", fixed=True)
+        parameters = parameters.changed(f"position.{axis}_m", role=Role.FIXED)
     solution = toy_solution(model, parameters=parameters, blunders_m={3: 500.0}, reference_pa_m=LANDER_M)
     assert solution.converged
     assert solution.fit.total.used == 59

@@ -1,7 +1,5 @@
 """Partials against central differences, at the poles too, and who owns a bias."""
 
-from types import SimpleNamespace
-
 import numpy as np
 import pytest
 
@@ -9,8 +7,7 @@ import radioloc
 from radioloc import EstimateChoice, HeightPrior, LunarPosition
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
-from radioloc.studies.nuisance import ArcRows
-from radioloc.studies.problem import Problem
+from radioloc.studies.problem import observation_model
 from radioloc.time import Epochs
 
 PLACES = {
@@ -35,7 +32,7 @@ def test_partials_are_the_slopes(place, form, late15, model):
     few = late15.select([0, 9, 27])
     arc = radioloc.ExactPredictor(model, few, start.xyz_m)
     choice = EstimateChoice(position=form, range_bias="all", time_bias="all")
-    problem = Problem.of(arc, start, choice, radioloc.StationCatalogue.default())
+    problem = observation_model(arc, start, choice)
     steps = {"m": 100.0, "s": 1e-3}
     x = problem.parameters.prior_values + np.array([steps[p.unit] / 3.0 for p in problem.parameters])
     x[:2] += 30e3  # away from where the coordinates have their origin
@@ -58,7 +55,7 @@ def test_starts_at_the_target(place, late15, model):
     arc = radioloc.ExactPredictor(model, late15.select([0]), start.xyz_m)
     for form in ("geographic", "cartesian", "none"):
         choice = EstimateChoice(position=form, range_bias="all")
-        problem = Problem.of(arc, start, choice, radioloc.StationCatalogue.default())
+        problem = observation_model(arc, start, choice)
         assert problem.position_pa_m(problem.parameters.prior_values) == pytest.approx(start.xyz_m, abs=1e-8)
 
 
@@ -66,7 +63,7 @@ def test_height_parameter_is_the_height_everywhere(late15, model):
     start = target("shackleton", model)
     arc = radioloc.ExactPredictor(model, late15.select([0]), start.xyz_m)
     choice = EstimateChoice(height_prior=HeightPrior(250.0, 10.0))
-    problem = Problem.of(arc, start, choice, radioloc.StationCatalogue.default())
+    problem = observation_model(arc, start, choice)
     assert problem.parameters["position.height"].prior_sigma == 10.0
     for east_m, north_m in ((0.0, 0.0), (50e3, -40e3), (-2e6, 3e6)):
         x = np.array([east_m, north_m, 250.0])
@@ -77,7 +74,7 @@ def test_each_station_has_its_own_bias(late15, model, near15):
     start = near15.to_axes("PA", model.ephemeris.constants)
     arc = radioloc.ExactPredictor(model, late15, start.xyz_m)
     choice = EstimateChoice(range_bias=["7845", "MATERA", "GRASSE"])
-    problem = Problem.of(arc, start, choice, radioloc.StationCatalogue.default())
+    problem = observation_model(arc, start, choice)
     assert [p.name for p in problem.parameters][3:] == ["range_bias.GRASSE", "range_bias.MATERA"]
     receivers = np.array(arc.stations)[arc.receivers]
     _, partials = problem.residuals(problem.parameters.prior_values)
@@ -114,29 +111,30 @@ def test_lander_near_a_pole_is_found_from_across_the_pole(form, lon, lat, apollo
 def test_biases_by_kind_of_measurement(near15, model):
     kinds = ["range", "range", "range", "vlbi_delay", "doppler"]
     tags = ["transmit", "receive", "bounce", "receive", "receive"]
-    arc = SimpleNamespace(
-        stations=("APOLLO", "GRASSE"),
-        transmitters=np.zeros(5, dtype=np.int32),
-        receivers=np.ones(5, dtype=np.int32),
-        observations=SimpleNamespace(
-            kind=np.array([KINDS.index(kind) for kind in kinds]),
-            tag=np.array([TIME_TAGS.index(tag) for tag in tags]),
-            epoch=Epochs.from_jd(2459185.5, np.arange(5) / 24.0, "UTC"),
-        ),
+    links = [radioloc.Link.from_path(path) for path in ("APOLLO>x>GRASSE", "APOLLO<x>GRASSE")]
+    observations = radioloc.Observations.from_columns(
+        epoch=Epochs.from_jd(2459185.5, np.arange(5) / 24.0, "UTC"),
+        links=links,
+        link=[0, 0, 0, 1, 0],
+        kind=[KINDS.index(kind) for kind in kinds],
+        tag=[TIME_TAGS.index(tag) for tag in tags],
+        value_m=1.0,
+        sigma_m=1.0,
+        count_s=60.0,
+        wavelength_um=0.532,
     )
     start = near15.to_axes("PA", model.ephemeris.constants)
-    catalogue = radioloc.StationCatalogue.default()
-    problem = Problem.of(arc, start, EstimateChoice(range_bias="all", time_bias="all"), catalogue)
-    names = [p.name for p in problem.parameters][3:]
+    arc = radioloc.ExactPredictor(model, observations, start.xyz_m)
+    found = observation_model(arc, start, EstimateChoice(range_bias="all", time_bias="all"))
+    names = [p.name for p in found.parameters][3:]
     assert names == ["range_bias.GRASSE", "time_bias.APOLLO", "time_bias.GRASSE"]
-    computed = SimpleNamespace(by_time_m_s=np.array([10.0, 20.0, 30.0, 40.0, 50.0]))
-    part = ArcRows(arc, computed=lambda rows: computed)
-    columns = [nuisance.columns(part, stations).tolist() for nuisance, stations in problem.nuisances]
-    assert columns == [
-        [[1], [1], [1], [0], [0]],
-        [[10, 0], [0, 20], [0, 30], [40, 0], [0, 50]],
-    ]
+    by_time = arc.compute(start.xyz_m).by_time_m_s
+    columns = found.residuals(found.parameters.prior_values)[1][:, 3:]
+    first = np.array([True, False, False, True, False])
+    assert columns[:, 0].tolist() == [1.0, 1.0, 1.0, 0.0, 0.0]
+    assert (columns[:, 1] == np.where(first, by_time, 0.0)).all()
+    assert (columns[:, 2] == np.where(first, 0.0, by_time)).all()
     with pytest.raises(
         radioloc.InputError, match="no observation of APOLLO that has one; the stations are GRASSE"
     ):
-        Problem.of(arc, start, EstimateChoice(range_bias=["APOLLO"]), catalogue)
+        observation_model(arc, start, EstimateChoice(range_bias=["APOLLO"]))

@@ -22,7 +22,7 @@ def test_single_names_and_files_stand_for_lists_of_one():
     assert choice.targets == ("apollo15",)
     assert choice.stations == ("7045",)
     assert ObservationChoice(files=["a", Path("b")], targets=["x"]).files == (Path("a"), Path("b"))
-    assert EstimateChoice(range_bias=["A", "B"]).range_bias == ("A", "B")
+    assert EstimateChoice(range_bias=["A", "B"]).parameters["range_bias"].names == ("A", "B")
 
 
 @pytest.mark.parametrize(
@@ -61,8 +61,8 @@ def test_choice_of_observations_is_checked(fields, message):
     ("fields", "message"),
     [
         ({"position": "spherical"}, "position must be one of"),
-        ({"range_bias": "APOLLO"}, 'range_bias must be a list of stations, "all" or "none"'),
-        ({"time_bias": "some"}, 'time_bias must be a list of stations, "all" or "none"'),
+        ({"range_bias": "APOLLO"}, 'range_bias must be a list of names, "all" or "none"'),
+        ({"time_bias": "some"}, 'time_bias must be a list of names, "all" or "none"'),
         ({"range_bias": [1]}, "range_bias must be names"),
         ({"range_bias_sigma_m": 0.0}, "range_bias_sigma_m must be above zero"),
         ({"time_bias_sigma_s": -1.0}, "time_bias_sigma_s must be above zero"),

@@ -1,4 +1,4 @@
-"""A-priori values by station, held ones, passes, the transponder: which parameters an arc gets, and what they do."""
+"""A-priori values by name, held ones, passes, links: which parameters an arc gets, and what they do."""
 
 import numpy as np
 import pytest
@@ -10,7 +10,7 @@ from radioloc.constants import C_M_S
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Observations
 from radioloc.studies.notes import _height_doubt
-from radioloc.studies.problem import Problem
+from radioloc.studies.problem import observation_model
 from radioloc.studies.study import ModelChoice, ObservationChoice
 from radioloc.time import Epochs, tai_to_utc
 
@@ -145,9 +145,12 @@ def test_stations_that_cannot_be(ranges, estimate, error, message):
     [
         ({"range_bias_m": {"KASHI": np.nan}}, "range_bias_m of KASHI must be a finite number"),
         ({"range_bias_sigma_m": {"KASHI": 0.0}}, "range_bias_sigma_m of KASHI must be above zero"),
-        ({"range_bias_per": "day"}, 'range_bias_per must be "station" or "pass"'),
+        (
+            {"range_bias_per": "day"},
+            'range_bias_per must be "station" or "pass" or "link" or "link and pass"',
+        ),
         ({"pass_gap_h": 0.0}, "pass_gap_h must be above zero"),
-        ({"transponder_delay_sigma_s": 1e-8}, "needs transponder_delay = true"),
+        ({"transponder_delay_sigma_s": 1e-8}, "transponder_delay_sigma_s needs transponder_delay"),
     ],
 )
 def test_choices_that_cannot_be(estimate, message):
@@ -193,7 +196,7 @@ def test_what_a_station_does_else_is_of_the_pass_too(ranges):
     observations = table(np.where(np.array(hours) == 18.0, DOPPLER, RANGE), count_s=60.0)
     arc, pa_m = radioloc.arc_of(study(), observations)
     choice = study(range_bias=["KASHI"], range_bias_per="pass").estimate
-    problem = Problem.of(arc, LunarPosition("PA_DE421", pa_m), choice, radioloc.StationCatalogue.default())
+    problem = observation_model(arc, LunarPosition("PA_DE421", pa_m), choice)
     assert [p.name for p in problem.parameters][3:] == ["range_bias.KASHI 1", "range_bias.KASHI 2"]
     assert problem.residuals(problem.parameters.prior_values)[1][:5, 3:].tolist() == [
         [1.0, 0.0],
@@ -222,7 +225,7 @@ def test_transponder_delay_is_one_parameter_of_all_ranges(ranges):
     assert row["sigma"] == pytest.approx(1.0 / C_M_S / np.sqrt(10.0), rel=1e-3)
     assert "transponder_delay" in str(found)
     delays = table(VLBI_DELAY, "KASHI<lander>JIAMUSI", value_m=0.0)
-    with pytest.raises(InputError, match="no observation goes over the point's transponder"):
+    with pytest.raises(InputError, match="transponder_delay: there is no observation that it acts on"):
         radioloc.locate(study(transponder_delay=True), delays)
 
 
@@ -266,3 +269,72 @@ def test_a_height_that_the_moon_has_not_is_told(height_m, doubtful):
         "ME_DE421", TARGET.xyz_m * (1.0 + (height_m + 2550.4) / np.linalg.norm(TARGET.xyz_m))
     )
     assert any("WARNING: a height of" in text for text in _height_doubt(high.xyz_m)) == doubtful
+
+
+def test_links_have_biases_of_their_own(ranges):
+    observations, stations = ranges
+    biased = with_values(observations, observations.value_m + np.where(stations == "KASHI", 10.0, 20.0))
+    found = radioloc.locate(study(range_bias="all", range_bias_per="link"), biased)
+    names = {
+        f"{station}>lander>{station}": metres for station, metres in (("KASHI", 10.0), ("JIAMUSI", 20.0))
+    }
+    assert {name: round(value, 3) for name, (value, _) in found.biases().items()} == names
+    one = radioloc.locate(
+        study(range_bias=["KASHI > lander > KASHI"], range_bias_per="link and pass", range_bias_sigma_m=50.0),
+        biased,
+    )
+    assert list(one.biases()) == ["KASHI>lander>KASHI 1", "KASHI>lander>KASHI 2"]
+    with pytest.raises(
+        InputError, match="no observation of URUMQI>lander>KASHI that has one; the links are KASHI>l"
+    ):
+        radioloc.locate(study(range_bias=["URUMQI>lander>KASHI"], range_bias_per="link"), biased)
+
+
+def test_a_frequency_offset_of_each_link_and_pass_is_found():
+    """Two stations' Doppler of two days, the reference 1e-12 high, on one link on the second day 3e-12."""
+    offsets = {("KASHI", 0): 1e-12, ("KASHI", 1): 3e-12, ("JIAMUSI", 0): 1e-12, ("JIAMUSI", 1): 1e-12}
+    observations = table(DOPPLER, count_s=60.0)
+    arc, pa_m = radioloc.arc_of(study(), observations)
+    hours = np.array([hour for station in HOURS for hour in HOURS[station]])
+    offset = np.array(
+        [offsets[arc.stations[s], int(h > 24.0)] for s, h in zip(arc.receivers, hours, strict=True)]
+    )
+    value_m = arc.compute(pa_m).value_m + C_M_S * 60.0 * offset
+    data = Observations.from_columns(
+        epoch=observations.epoch,
+        links=observations.links,
+        link=observations.link,
+        kind=DOPPLER,
+        tag=1,
+        count_s=60.0,
+        value_m=value_m,
+        sigma_m=1e-3,
+    )
+    found = radioloc.locate(
+        study(frequency_offset="all", frequency_offset_per="link and pass", frequency_offset_sigma=1e-10),
+        data,
+    )
+    rows = {row["name"]: row["value"] for row in found.to_dict()["parameters"]}
+    for (station, day), expected in offsets.items():
+        name = f"frequency_offset.{station}>lander>{station} {day + 1}"
+        assert rows[name] == pytest.approx(expected, abs=1e-16)
+
+
+def test_clocks_have_one_reference_in_each_network():
+    """Two ranging stations and three of VLBI, which do not observe together."""
+    tai = Epochs.from_jd(START_TAI_JD, np.repeat(np.array([15.5, 16.0, 17.0]) / 24.0, 3), "TAI")
+    links = [Link.from_path(p) for p in ("KASHI>x>JIAMUSI", "SESHAN25<x>URUMQI", "SESHAN25<x>KUNMING")]
+    link = np.tile(np.arange(3), 3)
+    data = Observations.from_columns(
+        epoch=tai_to_utc(tai),
+        links=links,
+        link=link,
+        kind=np.where(link == 0, RANGE, VLBI_DELAY),
+        tag=1,
+        value_m=np.where(link == 0, 7.7e8, 0.0),
+        sigma_m=1.0,
+    )
+    arc, pa_m = radioloc.arc_of(study(), data)
+    start = LunarPosition("PA_DE421", pa_m)
+    model = observation_model(arc, start, study(clock="all").estimate)
+    assert [p.name for p in model.parameters][3:] == ["clock.JIAMUSI", "clock.URUMQI", "clock.KUNMING"]

@@ -3,6 +3,7 @@ import pytest
 
 from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet
+from radioloc.parameters.parameter import Role
 
 
 def test_order_and_lookup():
@@ -10,7 +11,7 @@ def test_order_and_lookup():
         [
             Parameter("position.x_m", "m", "position", 5.0),
             Parameter("range_bias.A", "m", "range_bias", 1.0, prior_sigma=2.0),
-            Parameter("range_bias.B", "m", "range_bias", fixed=True),
+            Parameter("range_bias.B", "m", "range_bias", role=Role.FIXED),
         ]
     )
     assert parameters.names == ("position.x_m", "range_bias.A", "range_bias.B")
@@ -26,7 +27,7 @@ def test_order_and_lookup():
 
 def test_changed_copies():
     before = ParameterSet([Parameter("a", "m", "x"), Parameter("b", "m", "x")])
-    after = before.changed("b", fixed=True, prior_value=3.0)
+    after = before.changed("b", role=Role.FIXED, prior_value=3.0)
     assert (before["b"].fixed, after["b"].fixed, after["b"].prior_value) == (False, True, 3.0)
     assert after.names == before.names
 

@@ -5,12 +5,23 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
+from enum import Enum
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+
+
+class Role(Enum):
+    """What the estimator does with a parameter."""
+
+    ESTIMATED = "estimated"
+    CONSIDERED = "considered"
+    """Held at its a-priori value, whose error is carried into the covariance."""
+    FIXED = "fixed"
+    """Held at its a-priori value, as if known exactly."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,8 +41,8 @@ class Parameter:
         A-priori value, in `unit`; also where the iteration starts.
     prior_sigma : float
         Standard deviation of the a-priori value, in `unit`; infinity leaves the parameter to the data alone.
-    fixed : bool
-        Hold the parameter at its a-priori value, as if known exactly.
+    role : Role
+        Whether it is estimated, considered or fixed.
     scale : float
         A change of the parameter, in `unit`, that moves an observation by something like one metre: 1 for
         metres, 1/1737400 for a selenographic angle in rad, 0.001 for a time bias in seconds. It makes
@@ -51,7 +62,7 @@ class Parameter:
     kind: str
     prior_value: float = 0.0
     prior_sigma: float = math.inf
-    fixed: bool = False
+    role: Role = Role.ESTIMATED
     scale: float = 1.0
     span_utc: tuple[str, str] | None = None
 
@@ -63,10 +74,17 @@ class Parameter:
         if not self.prior_sigma > 0.0:
             raise InputError(
                 f"the a-priori sigma of {self.name} is {self.prior_sigma}; give a positive number, "
-                "infinity to leave the parameter free, or fixed=True to hold it"
+                "infinity to leave the parameter free, or Role.FIXED to hold it"
             )
+        if self.role is Role.CONSIDERED and not math.isfinite(self.prior_sigma):
+            raise InputError(f"{self.name} is considered, which needs the sigma of its a-priori value")
         if not (math.isfinite(self.scale) and self.scale > 0.0):
             raise InputError(f"the scale of {self.name} is {self.scale}; give a finite positive number")
+
+    @property
+    def fixed(self) -> bool:
+        """Whether the estimator leaves it where it is: fixed or considered."""
+        return self.role is not Role.ESTIMATED
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -119,6 +137,11 @@ class ParameterSet:
     def free(self) -> NDArray[np.bool_]:
         """Which parameters are not fixed, shape (p,)."""
         return np.array([not item.fixed for item in self.parameters], dtype=bool)
+
+    @property
+    def considered(self) -> NDArray[np.bool_]:
+        """Which parameters are considered, shape (p,)."""
+        return np.array([item.role is Role.CONSIDERED for item in self.parameters], dtype=bool)
 
     @property
     def prior_values(self) -> NDArray[np.float64]:

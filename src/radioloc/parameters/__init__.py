@@ -1,0 +1,1 @@
+"""Parameters of the observations: what each is, whom it belongs to and how observations answer to it."""

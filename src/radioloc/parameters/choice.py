@@ -1,0 +1,375 @@
+"""From what a study says of a kind of parameter to its columns and parameters.
+
+A member (station, link, target, ...) that is listed gets the role of the table that lists it, estimated or considered,
+about its a-priori value; one that has a value and is not listed is held at it.
+"""
+
+from __future__ import annotations
+
+import difflib
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from radioloc.errors import InputError, StationError
+from radioloc.measurements.link import Link
+from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.targets import canonical_target
+from radioloc.parameters.columns import PASS_GAP_H, Columns, Member, blocks, columns_of, members
+from radioloc.parameters.kind import ParameterKind, Scope
+from radioloc.parameters.parameter import Parameter, Role
+from radioloc.parameters.registry import PARAMETERS
+from radioloc.parameters.rows import ObservationRows, middle_of
+
+Amount = float | tuple[float, ...] | None
+"""A number, or one for each component."""
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterChoice:
+    """What a study says of one kind of parameter.
+
+    Parameters
+    ----------
+    names : tuple of str, or "all" or "none"
+        Whose parameter it is about: names of stations or targets, or paths.
+    value : mapping of str to amount, or amount, or None
+        A-priori value by name, or of all; zero where there is none.
+    sigma : mapping of str to amount, or amount, or None
+        Its standard deviation; free where there is none.
+    per : Scope or None
+        Whom the parameters belong to; the kind's default where ``None``.
+    """
+
+    names: tuple[str, ...] | str = "none"
+    value: Mapping[str, Amount] | Amount = None
+    sigma: Mapping[str, Amount] | Amount = None
+    per: Scope | None = None
+
+    @classmethod
+    def of(
+        cls, kind: ParameterKind, names: Any = None, value: Any = None, sigma: Any = None, per: Any = None
+    ) -> ParameterChoice:
+        """Check what was given.
+
+        Raises
+        ------
+        InputError
+            The message begins with the key.
+        """
+        choice = cls(
+            _names(kind, "none" if names is None else names),
+            _amounts(kind, kind.value_key, value, positive=False),
+            _amounts(kind, kind.sigma_key, sigma, positive=True),
+            _scope(kind, per),
+        )
+        for key, given in ((kind.sigma_key, sigma), (kind.per_key, per)):
+            if names is None and given is not None:
+                raise InputError(f"{key} needs {kind.name}, which says whose it is")
+        return choice
+
+    @property
+    def is_given(self) -> bool:
+        """Whether anything is said."""
+        return self.names != "none" or self.value is not None or self.sigma is not None
+
+    def scope(self, kind: ParameterKind) -> Scope:
+        """Whom the parameters belong to."""
+        return self.per or kind.scopes[0]
+
+
+def chosen_parameters(
+    kind: ParameterKind,
+    choice: ParameterChoice,
+    predictor: Predictor,
+    role: Role = Role.ESTIMATED,
+    gap_h: float = PASS_GAP_H,
+) -> tuple[Columns, list[Parameter]] | None:
+    """Columns and parameters of a kind; None where there are none.
+
+    Parameters
+    ----------
+    kind : ParameterKind
+    choice : ParameterChoice
+    predictor : Predictor
+        Of observations none of which is combined.
+    role : Role
+        Of what is listed.
+    gap_h : float
+        A new pass begins after so many hours without an observation.
+
+    Raises
+    ------
+    StationError
+        A station is not in the catalogue.
+    InputError
+        A name has no observation that such a parameter acts on, or a sigma and no parameter.
+    """
+    if not choice.is_given:
+        return None
+    scope = choice.scope(kind)
+    present = members(kind, scope, predictor)
+    listed = _listed(kind, choice, scope, predictor, present, role)
+    values = _by_member(kind, kind.value_key, choice.value, scope, predictor, present, present)
+    sigmas = _by_member(kind, kind.sigma_key, choice.sigma, scope, predictor, present, listed)
+    for member in sigmas:
+        if member not in listed:
+            raise InputError(
+                f"{kind.sigma_key}: {member.name} gets no {kind.name}; list it in {kind.name}, or leave its sigma out"
+            )
+    if choice.names == "all" and not present:
+        if kind.scopes[0].named and scope is not Scope.TARGET:
+            return None
+        raise InputError(f"{kind.name}: there is no observation that it acts on")
+    chosen = [member for member in present if member in listed or member in values]
+    if not chosen:
+        return None
+    held = [member for member in chosen if member not in listed]
+    columns, owner = columns_of(kind, scope, predictor, chosen, gap_h, held)
+    count = len(kind.components)
+    parameters = []
+    for name, span, place in zip(columns.names, columns.spans_utc, owner, strict=True):
+        member = chosen[place]
+        value, sigma = values.get(member, (0.0,) * count), sigmas.get(member, (math.inf,) * count)
+        for k, component in enumerate(kind.components):
+            parameters.append(
+                Parameter(
+                    ".".join(part for part in (kind.name, name, component) if part),
+                    kind.unit,
+                    kind.name,
+                    value[k],
+                    sigma[k],
+                    role=role if member in listed else Role.FIXED,
+                    scale=kind.scale,
+                    span_utc=span,
+                )
+            )
+    return columns, parameters
+
+
+def of_part(kind: ParameterKind, choice: ParameterChoice, part: Predictor) -> ParameterChoice:
+    """What is said of a part of an arc: without the members that have no observations in it.
+
+    That the names are right is known from the whole arc.
+    """
+    if not choice.is_given:
+        return choice
+    scope = choice.scope(kind)
+    names = {member.name for member in members(kind, scope, part)}
+
+    def stays(name: str) -> bool:
+        return _canonical(kind.name, name, scope, part) in names
+
+    listed = choice.names
+    if not names:
+        listed = "none"
+    elif not isinstance(listed, str):
+        listed = tuple(filter(stays, listed)) or "none"
+    kept = [
+        {name: amount for name, amount in given.items() if stays(name)} or None
+        if isinstance(given, Mapping)
+        else given
+        for given in (choice.value, choice.sigma)
+    ]
+    if listed == "none" and not isinstance(kept[1], Mapping):
+        kept[1] = None
+    return ParameterChoice(listed, kept[0] if names else None, kept[1], choice.per)
+
+
+def _names(kind: ParameterKind, names: Any) -> tuple[str, ...] | str:
+    if isinstance(names, bool):
+        return "all" if names else "none"
+    if names in ("all", "none"):
+        return str(names)
+    if isinstance(names, str) or not isinstance(names, Sequence):
+        raise InputError(
+            f'{kind.name} must be a list of names, "all" or "none", not {names!r}: it says whose it is; '
+            f"an a-priori value belongs to {kind.value_key}, its sigma to {kind.sigma_key}"
+        )
+    if not kind.scopes[0].named:
+        raise InputError(f"{kind.name} belongs to nobody by name; use true or false, not {names!r}")
+    for name in names:
+        if not isinstance(name, str) or not name.strip():
+            raise InputError(f"{kind.name} must be names, not {name!r}")
+    return tuple(names)
+
+
+def _amounts(kind: ParameterKind, key: str, given: Any, *, positive: bool) -> Any:
+    if given is None:
+        return None
+    if isinstance(given, Mapping):
+        return {name: _amount(kind, f"{key} of {name}", value, positive) for name, value in given.items()}
+    try:
+        return _amount(kind, key, given, positive)
+    except InputError as error:
+        if isinstance(given, (str, Sequence)):
+            raise InputError(f"{error}; {kind.name} says whose it is") from None
+        raise
+
+
+def _amount(kind: ParameterKind, key: str, given: Any, positive: bool) -> Amount:
+    count = len(kind.components)
+    if count > 1 and isinstance(given, Sequence) and not isinstance(given, str):
+        if len(given) != count:
+            raise InputError(f"{key} must be {count} numbers ({', '.join(kind.components)}), not {given!r}")
+        return tuple(_number(key, value, positive) for value in given)
+    return _number(key, given, positive)
+
+
+def _number(key: str, value: Any, positive: bool) -> float:
+    if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
+        raise InputError(f"{key} must be a number, not {value!r}")
+    if positive and not (math.isfinite(value) and value > 0.0):
+        raise InputError(f"{key} must be above zero, not {value!r}")
+    if not math.isfinite(value):
+        raise InputError(f"{key} must be a finite number, not {value!r}")
+    return float(value)
+
+
+def _scope(kind: ParameterKind, per: Any) -> Scope | None:
+    if per is None or isinstance(per, Scope):
+        return per
+    allowed = {scope.value: scope for scope in kind.scopes}
+    if per not in allowed:
+        words = " or ".join(f'"{word}"' for word in allowed)
+        raise InputError(f"{kind.per_key} must be {words}, not {per!r}")
+    return allowed[per]
+
+
+def _listed(
+    kind: ParameterKind,
+    choice: ParameterChoice,
+    scope: Scope,
+    predictor: Predictor,
+    present: list[Member],
+    role: Role,
+) -> list[Member]:
+    if choice.names == "none":
+        return []
+    if choice.names == "all":
+        if kind.name in ("clock", "clock_rate") and role is Role.ESTIMATED:
+            return _without_references(kind, predictor, present)
+        return present
+    found = {_member(kind, kind.name, name, scope, predictor, present) for name in choice.names}
+    return [member for member in present if member in found]
+
+
+def _without_references(kind: ParameterKind, predictor: Predictor, present: list[Member]) -> list[Member]:
+    """Only differences of clocks show: the first station of those that observe together keeps the time for all."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    count = len(predictor.stations)
+    together = np.zeros((count, count))
+    reference = middle_of(predictor.observations)
+    for rows in blocks(predictor):
+        part = ObservationRows(predictor, rows, reference)
+        first, second = part.ends[kind.acts_on(part).all(axis=1)].T
+        together[first, second] = 1.0
+    _, network = connected_components(coo_array(together), directed=False)
+    seen: set[int] = set()
+    kept = []
+    for member in present:
+        if network[member.index] in seen:
+            kept.append(member)
+        seen.add(int(network[member.index]))
+    return kept
+
+
+def _by_member(
+    kind: ParameterKind,
+    key: str,
+    given: Any,
+    scope: Scope,
+    predictor: Predictor,
+    present: list[Member],
+    everyone: list[Member],
+) -> dict[Member, tuple[float, ...]]:
+    """Amounts by member: those of a table, or one for everyone."""
+
+    def of_components(amount: Any) -> tuple[float, ...]:
+        return amount if isinstance(amount, tuple) else (amount,) * len(kind.components)
+
+    if given is None:
+        return {}
+    if not isinstance(given, Mapping):
+        return dict.fromkeys(everyone, of_components(given))
+    found: dict[Member, tuple[float, ...]] = {}
+    for name, amount in given.items():
+        member = _member(kind, key, name, scope, predictor, present)
+        if member in found:
+            raise InputError(f"{key}: {member.name} is there twice, once as {name}")
+        found[member] = of_components(amount)
+    return found
+
+
+def _member(
+    kind: ParameterKind, key: str, name: str, scope: Scope, predictor: Predictor, present: list[Member]
+) -> Member:
+    canonical = _canonical(key, name, scope, predictor)
+    for member in present:
+        if member.name == canonical:
+            return member
+    what = {Scope.STATION: "stations", Scope.PASS: "stations", Scope.TARGET: "targets"}.get(scope, "links")
+    names = ", ".join(member.name for member in present) or "none"
+    raise InputError(f"{key}: no observation of {canonical} that has one; the {what} are {names}")
+
+
+def _canonical(key: str, name: str, scope: Scope, predictor: Predictor) -> str:
+    """The name under which the predictor has a station, link or target."""
+    if scope in (Scope.STATION, Scope.PASS):
+        try:
+            return predictor.model.catalogue.get(name).name
+        except StationError as error:
+            raise StationError(f"{key}: {error}") from None
+    if scope in (Scope.LINK, Scope.LINK_AND_PASS):
+        try:
+            return Link.from_path(name).path
+        except InputError as error:
+            raise InputError(f"{key}: {error}") from None
+    return canonical_target(name) if scope is Scope.TARGET else name
+
+
+def parameter_choices(given: Mapping[str, Any]) -> dict[str, ParameterChoice]:
+    """Sort keys such as ``range_bias``, ``range_bias_sigma_m`` and ``range_bias_per`` by kind of parameter.
+
+    Raises
+    ------
+    InputError
+        A key belongs to no kind, or a value cannot be.
+    """
+    keys = {
+        key: (kind, field)
+        for kind in PARAMETERS.values()
+        for field, key in (
+            ("names", kind.name),
+            ("value", kind.value_key),
+            ("sigma", kind.sigma_key),
+            ("per", kind.per_key),
+        )
+    }
+    fields: dict[str, dict[str, Any]] = {}
+    for key, value in given.items():
+        if key not in keys:
+            near = difflib.get_close_matches(key, keys, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else ""
+            raise InputError(f"{key} is no parameter's{hint}; the parameters are {', '.join(PARAMETERS)}")
+        kind, field = keys[key]
+        fields.setdefault(kind.name, {})[field] = value
+    return {
+        name: ParameterChoice.of(kind, **fields[name]) for name, kind in PARAMETERS.items() if name in fields
+    }
+
+
+def chosen_keys(choices: Mapping[str, ParameterChoice]) -> dict[str, Any]:
+    """The keys that :func:`parameter_choices` was given."""
+    keys: dict[str, Any] = {}
+    for name, choice in choices.items():
+        kind = PARAMETERS[name]
+        per = None if choice.per is None else choice.per.value
+        given = {kind.value_key: choice.value, kind.sigma_key: choice.sigma, kind.per_key: per}
+        keys |= {name: choice.names} | {key: value for key, value in given.items() if value is not None}
+    return keys

@@ -1,0 +1,110 @@
+"""Clocks of stations and of a target that transmits by its own: offset (s) and rate (s/s).
+
+A clock that is ahead reads every event late. The second station's then adds to a flight time or a delay, the first
+station's (or the target's) takes away, and the clock that reads the time tag moves it: the event that it tags was
+earlier than it says. Over a count interval an offset cancels and a rate stays; the clock that reads the tag counts
+the interval.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S
+from radioloc.parameters.kind import ParameterKind, Scope
+from radioloc.parameters.rows import TRANSMIT, ObservationRows
+
+_SIGN = np.array([-1.0, 1.0])
+
+
+def _offset_shows(rows: ObservationRows) -> NDArray[np.bool_]:
+    """A difference of two clocks shows in delays, in three-way and in one-way ranges."""
+    shows = ~rows.integrated & ~rows.two_way
+    return shows[:, None] & (rows.ends >= 0)
+
+
+def _rate_shows(rows: ObservationRows) -> NDArray[np.bool_]:
+    """As the offset, and in integrated Doppler and delay rates."""
+    return (~rows.two_way)[:, None] & (rows.ends >= 0)
+
+
+def _moved_tag(rows: ObservationRows) -> NDArray[np.float64]:
+    """How values change when the clock that reads the tag is ahead, m/s, shape (m, 2)."""
+    assert rows.computed is not None
+    return -(rows.tagged * rows.computed.by_time_m_s[:, None])
+
+
+def _offset(rows: ObservationRows) -> NDArray[np.float64]:
+    read = (~rows.integrated)[:, None] * C_M_S * _SIGN
+    return ((read + _moved_tag(rows)) * (rows.ends >= 0))[..., None]
+
+
+def _rate(rows: ObservationRows) -> NDArray[np.float64]:
+    assert rows.computed is not None
+    counted = np.where(rows.integrated[:, None], rows.tagged * rows.computed.value_m[:, None], 0.0)
+    moved = _moved_tag(rows) * rows.elapsed_s[:, None]
+    return ((C_M_S * _SIGN * rows.elapsed_at_ends_s - counted + moved) * (rows.ends >= 0))[..., None]
+
+
+def _one_way(rows: ObservationRows) -> NDArray[np.bool_]:
+    return rows.one_way[:, None]
+
+
+def _one_way_range(rows: ObservationRows) -> NDArray[np.bool_]:
+    return (rows.one_way & ~rows.integrated)[:, None]
+
+
+def _target_tag(rows: ObservationRows) -> NDArray[np.bool_]:
+    return rows.one_way & (rows.tag == TRANSMIT)
+
+
+def _target_offset(rows: ObservationRows) -> NDArray[np.float64]:
+    assert rows.computed is not None
+    moved = -(_target_tag(rows) * rows.computed.by_time_m_s)
+    return np.where(rows.one_way, moved - np.where(rows.integrated, 0.0, C_M_S), 0.0)[:, None, None]
+
+
+def _target_rate(rows: ObservationRows) -> NDArray[np.float64]:
+    assert rows.computed is not None
+    since_s = rows.elapsed_at_ends_s[:, 0]
+    counted = rows.integrated * rows.computed.value_m + rows.computed.by_time_m_s * rows.elapsed_s
+    return np.where(rows.one_way, -C_M_S * since_s - _target_tag(rows) * counted, 0.0)[:, None, None]
+
+
+CLOCK = ParameterKind(
+    name="clock",
+    unit="s",
+    description="offset of a station's clock: what it reads less what it should",
+    scopes=(Scope.STATION, Scope.PASS),
+    partials=_offset,
+    acts_on=_offset_shows,
+    scale=1.0 / C_M_S,
+)
+CLOCK_RATE = ParameterKind(
+    name="clock_rate",
+    unit="s/s",
+    description="rate of a station's clock, about the offset at the reference epoch, the middle of the arc",
+    scopes=(Scope.STATION, Scope.PASS),
+    partials=_rate,
+    acts_on=_rate_shows,
+    scale=1e-5 / C_M_S,
+)
+TARGET_CLOCK = ParameterKind(
+    name="target_clock",
+    unit="s",
+    description="offset of the clock by which the target transmits, for one-way ranges",
+    scopes=(Scope.TARGET,),
+    partials=_target_offset,
+    acts_on=_one_way_range,
+    scale=1.0 / C_M_S,
+)
+TARGET_FREQUENCY = ParameterKind(
+    name="target_frequency",
+    unit="1",
+    description="fractional frequency offset of the oscillator by which the target transmits, the rate of its clock",
+    scopes=(Scope.TARGET,),
+    partials=_target_rate,
+    acts_on=_one_way,
+    scale=1e-5 / C_M_S,
+)

@@ -1,0 +1,146 @@
+"""The observation model of an arc: from a vector of parameters to residuals and the rows of the design matrix."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.measurements.combined_predictor import CombinedPrediction, CombinedPredictor
+from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
+from radioloc.parameters.columns import Columns
+from radioloc.parameters.parameter import Parameter, ParameterSet
+from radioloc.parameters.position import PositionFunction, PositionParameters
+from radioloc.parameters.rows import ObservationRows, middle_of
+from radioloc.time import Epochs
+
+Rows = NDArray[np.intp]
+
+
+def simple_predictor(predictor: Predictor) -> Predictor:
+    """The predictor of the observations that combinations consist of; itself where there are none."""
+    return predictor.inner if isinstance(predictor, CombinedPredictor) else predictor
+
+
+@dataclass(frozen=True, slots=True)
+class ObservationModel:
+    """What is solved for in an arc, and how the observations follow from it.
+
+    Parameters
+    ----------
+    predictor : Predictor
+    parameters : ParameterSet
+        Three for the position of each target, then kind by kind.
+    positions : tuple of PositionFunction
+        One for each target.
+    columns : tuple of Columns
+        Of the kinds of parameter.
+    reference : Epochs or None
+        Middle of the arc, which rates refer to, TAI, one epoch; None for an arc without observations.
+    """
+
+    predictor: Predictor
+    parameters: ParameterSet
+    positions: tuple[PositionFunction, ...]
+    columns: tuple[Columns, ...]
+    reference: Epochs | None = None
+
+    @classmethod
+    def of(
+        cls,
+        predictor: Predictor,
+        positions: Sequence[PositionParameters],
+        kinds: Sequence[tuple[Columns, list[Parameter]]],
+    ) -> ObservationModel:
+        """Put positions and kinds of parameter together."""
+        parameters = [parameter for found, _ in positions for parameter in found]
+        parameters += [parameter for _, found in kinds for parameter in found]
+        return cls(
+            predictor,
+            ParameterSet(parameters),
+            tuple(function for _, function in positions),
+            tuple(columns for columns, _ in kinds),
+            middle_of(predictor.observations) if len(predictor.observations) else None,
+        )
+
+    def position_pa_m(self, x: NDArray[np.float64], target: int = 0) -> NDArray[np.float64]:
+        """Position of a target at parameters x, principal axes, m, shape (3,)."""
+        return self.positions[target](x[3 * target : 3 * target + 3])[0]
+
+    def position_partials(self, x: NDArray[np.float64], target: int = 0) -> NDArray[np.float64]:
+        """d(position of a target)/d(parameters), shape (3, p)."""
+        partials = np.zeros((3, len(self.parameters)))
+        mine = slice(3 * target, 3 * target + 3)
+        partials[:, mine] = self.positions[target](x[mine])[1]
+        return partials
+
+    def all_positions_pa_m(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Positions as the predictor takes them: shape (3,), or (n_targets, 3) where there are several."""
+        found = [self.position_pa_m(x, k) for k in range(len(self.positions))]
+        return found[0] if len(found) == 1 else np.array(found)
+
+    def linearize(self, x: NDArray[np.float64]) -> DesignMatrix:
+        """Residuals of all observations, and the design matrix of those asked for, at parameters x."""
+        positions_pa_m = self.all_positions_pa_m(x)
+        at = self.predictor.at(positions_pa_m)
+        residual_m = self.predictor.observations.value_m - at.value_m
+        here = DesignMatrix(self, at, positions_pa_m, x, residual_m)
+        first = 3 * len(self.positions)
+        if x[first:].any():
+            for start in range(0, len(residual_m), ROWS_AT_ONCE):
+                rows = np.arange(start, min(start + ROWS_AT_ONCE, len(residual_m)))
+                residual_m[rows] -= here.partials(rows)[:, first:] @ x[first:]
+        residual_m.flags.writeable = False
+        return here
+
+    def residuals(self, x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Observed minus computed (n,), m, and partials of the computed (n, p), all at once."""
+        here = self.linearize(x)
+        return here.residual_m, here.partials(np.arange(len(here.residual_m)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DesignMatrix:
+    """An observation model linearized at one set of parameters, whose rows are computed when asked for.
+
+    Parameters
+    ----------
+    model : ObservationModel
+    at : Prediction
+    positions_pa_m : ndarray, shape (3,) or (n_targets, 3)
+    x : ndarray, shape (p,)
+        The parameters.
+    residual_m : ndarray, shape (n,)
+        Observed - computed, m.
+    """
+
+    model: ObservationModel
+    at: Prediction
+    positions_pa_m: NDArray[np.float64]
+    x: NDArray[np.float64]
+    residual_m: NDArray[np.float64]
+
+    def partials(self, rows: Rows) -> NDArray[np.float64]:
+        """d(computed)/d(parameter) of some observations, shape (m, p)."""
+        if isinstance(self.at, CombinedPrediction):
+            return self.at.combine(rows, self._simple)
+        return self._simple(rows, self.at)
+
+    def _simple(self, rows: Rows, at: Prediction) -> NDArray[np.float64]:
+        model = self.model
+        assert model.reference is not None  # there are observations
+        part = ObservationRows(
+            simple_predictor(model.predictor), rows, model.reference, self.positions_pa_m, at.rows
+        )
+        assert part.computed is not None
+        columns = []
+        for target, function in enumerate(model.positions):
+            _, by_parameters = function(self.x[3 * target : 3 * target + 3])
+            by_position = part.computed.by_position_pa @ by_parameters
+            if len(model.positions) > 1:
+                by_position *= (part.target == target)[:, None]
+            columns.append(by_position)
+        columns += [columns_of_kind.design(part) for columns_of_kind in model.columns]
+        return np.hstack(columns)

@@ -1,0 +1,114 @@
+"""What a kind of parameter is: a physical quantity, whom it belongs to, and how an observation answers to it."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from enum import Enum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.parameters.rows import ObservationRows
+
+
+class Scope(Enum):
+    """Whom a parameter belongs to; the value is the word for it in a study file."""
+
+    STATION = "station"
+    PASS = "pass"
+    """Of a station: a new pass begins when it has not observed for some hours."""
+    LINK = "link"
+    """A path such as ``JIAMUSI>lander>KASHI``, or a baseline."""
+    LINK_AND_PASS = "link and pass"
+    TARGET = "target"
+    EARTH = "earth"
+    MOON = "moon"
+
+    @property
+    def named(self) -> bool:
+        """Whether there can be several, each with a name."""
+        return self not in (Scope.EARTH, Scope.MOON)
+
+
+@dataclass(frozen=True, slots=True)
+class ParameterKind:
+    """A kind of parameter, as the registry holds it.
+
+    Whether a parameter is estimated, considered, fixed or drawn in a simulation is not its own affair: all need its
+    partials only.
+
+    Parameters
+    ----------
+    name : str
+        In study files and results, such as ``"range_bias"``.
+    unit : str
+        SI unit of the value.
+    description : str
+        What it is, for reference pages.
+    scopes : tuple of Scope
+        Whom it can belong to; the first is the default.
+    partials : callable
+        From observations to partial derivatives of their computed values, shape (m, ends, components). There are two
+        ends, those of the first and of the second station, where the scope is the station; else one or two, which are
+        added.
+    acts_on : callable
+        From observations, before anything is computed, to whether the parameter can be estimated from them by each end,
+        shape (m, ends).
+    components : tuple of str
+        Names of the numbers that it consists of; one without a name as a rule.
+    scale : float
+        A change worth about one metre of an observation.
+    more_partials : bool
+        Whether it needs the partials that predictors compute on request only: by the stations' places, by the electron
+        content above them, and what moves the target in a count interval.
+
+    Raises
+    ------
+    InputError
+        The record contradicts itself.
+    """
+
+    name: str
+    unit: str
+    description: str
+    scopes: tuple[Scope, ...]
+    partials: Callable[[ObservationRows], NDArray[np.float64]]
+    acts_on: Callable[[ObservationRows], NDArray[np.bool_]]
+    components: tuple[str, ...] = ("",)
+    scale: float = 1.0
+    more_partials: bool = False
+
+    def __post_init__(self) -> None:
+        if not (self.name.isidentifier() and self.scopes and self.components and self.scale > 0.0):
+            raise InputError(
+                f"parameter kind {self.name!r} needs a name of letters and underscores, scopes, components "
+                "and a scale above zero"
+            )
+
+    @property
+    def value_key(self) -> str:
+        """Key of the a-priori value in a study file, such as ``range_bias_m``."""
+        return f"{self.name}_{self.unit.replace('/', '_')}" if self.unit != "1" else f"{self.name}_value"
+
+    @property
+    def sigma_key(self) -> str:
+        """Key of its sigma, such as ``range_bias_sigma_m``."""
+        unit = "" if self.unit == "1" else f"_{self.unit.replace('/', '_')}"
+        return f"{self.name}_sigma{unit}"
+
+    @property
+    def per_key(self) -> str:
+        """Key of the scope, such as ``range_bias_per``."""
+        return f"{self.name}_per"
+
+
+def everywhere(rows: ObservationRows) -> NDArray[np.bool_]:
+    """Acts on every observation, as one end."""
+    return np.ones((len(rows), 1), dtype=bool)
+
+
+def both_stations(rows: ObservationRows) -> NDArray[np.bool_]:
+    """Acts on every observation, at each station that takes part."""
+    return rows.ends >= 0

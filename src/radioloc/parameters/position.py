@@ -1,0 +1,104 @@
+"""The three parameters of a position: along the sphere and in height, above the terrain, or Cartesian."""
+
+from __future__ import annotations
+
+import logging
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.ephemeris import EphemerisConstants
+from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up, rot_pa_to_me
+from radioloc.parameters.parameter import Parameter, Role
+
+logger = logging.getLogger(__name__)
+
+PositionFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], NDArray[np.float64]]]
+"""From the three position parameters to the principal-axes position, m, and its partials (3, 3)."""
+
+PositionParameters = tuple[list[Parameter], PositionFunction]
+
+
+def on_sphere(start_pa_m: NDArray[np.float64], prior: tuple[float, float] | None) -> PositionParameters:
+    """East and north along the 1737.4 km sphere from the a-priori position, and the height above it.
+
+    Longitude and latitude themselves would stop at the poles, where landers stand; in these coordinates the
+    a-priori position is on the equator, wherever on the Moon it is, and the height is still a parameter.
+    """
+    longitude_rad = math.atan2(start_pa_m[1], start_pa_m[0])
+    latitude_rad = math.atan2(start_pa_m[2], math.hypot(start_pa_m[0], start_pa_m[1]))
+    height_m = float(np.linalg.norm(start_pa_m)) - MEAN_LUNAR_RADIUS_M
+    to_pa = east_north_up(longitude_rad, latitude_rad).T
+    height = (height_m, math.inf) if prior is None else prior
+    parameters = [
+        Parameter("position.east", "m", "position", 0.0),
+        Parameter("position.north", "m", "position", 0.0),
+        Parameter("position.height", "m", "position", *height),
+    ]
+
+    def position(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        (cos_e, cos_n), (sin_e, sin_n) = (
+            np.cos(x[:2] / MEAN_LUNAR_RADIUS_M),
+            np.sin(x[:2] / MEAN_LUNAR_RADIUS_M),
+        )
+        radius_m = MEAN_LUNAR_RADIUS_M + x[2]
+        up = np.array([sin_e * cos_n, sin_n, cos_e * cos_n])
+        by_east = np.array([cos_e * cos_n, 0.0, -sin_e * cos_n])
+        by_north = np.array([-sin_e * sin_n, cos_n, -cos_e * sin_n])
+        ratio = radius_m / MEAN_LUNAR_RADIUS_M
+        return radius_m * (to_pa @ up), to_pa @ np.stack([ratio * by_east, ratio * by_north, up], axis=-1)
+
+    return parameters, position
+
+
+def cartesian(
+    start_pa_m: NDArray[np.float64], *, role: Role = Role.ESTIMATED, name: str = "position"
+) -> PositionParameters:
+    """x, y, z in principal axes."""
+    parameters = [
+        Parameter(f"{name}.{axis}", "m", "position", float(value), role=role)
+        for axis, value in zip("xyz", start_pa_m, strict=True)
+    ]
+    return parameters, lambda x: (x, np.eye(3))
+
+
+def on_terrain(
+    start_pa_m: NDArray[np.float64], terrain: TerrainModel, own_sigma_m: float, constants: EphemerisConstants
+) -> PositionParameters:
+    """East and north along the sphere, and the height above the terrain there.
+
+    The prior on the height above the terrain follows the terrain with its slope wherever the estimate goes, and is
+    still a prior on one parameter.
+    """
+    _, along_sphere = on_sphere(start_pa_m, None)
+    start_height_m = float(np.linalg.norm(start_pa_m)) - MEAN_LUNAR_RADIUS_M
+    rot = rot_pa_to_me(constants)
+    longitude_rad, latitude_rad, _ = cartesian_to_selenographic(rot @ start_pa_m)
+    terrain_m = float(terrain.height_m(longitude_rad, latitude_rad))
+    sigma_m = float(terrain.sigma_m(longitude_rad, latitude_rad, own_sigma_m))
+    parameters = [
+        Parameter("position.east", "m", "position", 0.0),
+        Parameter("position.north", "m", "position", 0.0),
+        Parameter("position.height_above_terrain", "m", "position", 0.0, sigma_m),
+    ]
+    logger.info("terrain under the a-priori position: %.1f m, given height %.1f m", terrain_m, start_height_m)
+
+    def position(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        below_pa_m, along = along_sphere(np.array([x[0], x[1], 0.0]))
+        me_m, along_me = rot @ below_pa_m, rot @ along
+        longitude, latitude, _ = cartesian_to_selenographic(me_m)
+        height_m, by_longitude, by_latitude = (
+            float(v) for v in terrain.height_and_slope(longitude, latitude)
+        )
+        east, north, _ = east_north_up(longitude, latitude)
+        radius_m = MEAN_LUNAR_RADIUS_M
+        slope = by_longitude / (radius_m * math.cos(float(latitude))) * (east @ along_me[:, :2])
+        slope = slope + by_latitude / radius_m * (north @ along_me[:, :2])
+        pa_m, partials = along_sphere(np.array([x[0], x[1], height_m + x[2]]))
+        partials[:, :2] += np.outer(partials[:, 2], slope)
+        return pa_m, partials
+
+    return parameters, position

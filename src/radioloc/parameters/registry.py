@@ -1,0 +1,45 @@
+"""The kinds of parameter that there are: those of the package, one line each, and those of other packages.
+
+A package adds its own by an entry point of the group ``radioloc.parameters`` that names a
+:class:`~radioloc.parameters.kind.ParameterKind`. The position is not among them: it is what the model is computed for.
+"""
+
+from __future__ import annotations
+
+from radioloc.parameters.clocks import CLOCK, CLOCK_RATE, TARGET_CLOCK, TARGET_FREQUENCY
+from radioloc.parameters.earth import POLE, STATION_POSITION, UT1
+from radioloc.parameters.equipment import STATION_DELAY, TRANSPONDER_DELAY
+from radioloc.parameters.frequency import FREQUENCY_OFFSET, FREQUENCY_RATE
+from radioloc.parameters.kind import ParameterKind
+from radioloc.parameters.media import ELECTRON_CONTENT, ZENITH_DELAY
+from radioloc.parameters.moon import LIBRATION, LOVE_NUMBERS, LUNAR_LENGTHS, MOON_POSITION
+from radioloc.parameters.range_bias import RANGE_BIAS
+from radioloc.parameters.time_bias import TIME_BIAS
+from radioloc.plugins import with_plugins
+
+PARAMETERS: dict[str, ParameterKind] = with_plugins(
+    "radioloc.parameters",
+    ParameterKind,
+    [
+        RANGE_BIAS,
+        TIME_BIAS,
+        CLOCK,
+        CLOCK_RATE,
+        FREQUENCY_OFFSET,
+        FREQUENCY_RATE,
+        ZENITH_DELAY,
+        ELECTRON_CONTENT,
+        TRANSPONDER_DELAY,
+        STATION_DELAY,
+        TARGET_CLOCK,
+        TARGET_FREQUENCY,
+        STATION_POSITION,
+        UT1,
+        POLE,
+        MOON_POSITION,
+        LIBRATION,
+        LOVE_NUMBERS,
+        LUNAR_LENGTHS,
+    ],
+)
+"""Kinds of parameter by name, in the order of the columns of the design matrix."""

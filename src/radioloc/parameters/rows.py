@@ -1,0 +1,180 @@
+"""Some observations as parameters see them: who took part, when, and what the model computes for them."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import Computed, Predictor
+from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
+from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tai, utc_to_tt
+
+TRANSMIT, RECEIVE, BOUNCE = (TIME_TAGS.index(tag) for tag in ("transmit", "receive", "bounce"))
+_LIGHT_TIME_S = 1.28
+"""From the Moon to the Earth."""
+
+
+class ObservationRows:
+    """Some observations of a predictor, none of them combined; arrays have the shape (m,).
+
+    Parameters
+    ----------
+    predictor : Predictor
+    rows : ndarray of int, shape (m,)
+        Which observations.
+    reference : Epochs
+        Epoch that offsets of rates refer to, TAI, one.
+    position_pa_m : ndarray, shape (3,) or (n_targets, 3), optional
+        Where the targets are; without it nothing is computed, and a parameter can only be asked which observations it
+        acts on.
+    compute : callable, optional
+        From rows to what the predictor computes for them.
+    """
+
+    def __init__(
+        self,
+        predictor: Predictor,
+        rows: NDArray[np.intp],
+        reference: Epochs,
+        position_pa_m: NDArray[np.float64] | None = None,
+        compute: Callable[[NDArray[np.intp]], Computed] | None = None,
+    ) -> None:
+        self.predictor, self.rows = predictor, rows
+        self._reference, self._compute, self._position_pa_m = reference, compute, position_pa_m
+
+    def __len__(self) -> int:
+        return len(self.rows)
+
+    @property
+    def model(self) -> PhysicalModel:
+        """What the predictions rest on."""
+        return self.predictor.model
+
+    @property
+    def observations(self) -> Observations:
+        """The whole table that the rows belong to."""
+        return self.predictor.observations
+
+    @cached_property
+    def kind(self) -> NDArray[np.int8]:
+        """Place of the type in :data:`~radioloc.measurements.registry.KINDS`."""
+        return self.observations.kind[self.rows]
+
+    @cached_property
+    def tag(self) -> NDArray[np.int8]:
+        """Place of the time tag in :data:`~radioloc.measurements.measurement_type.TIME_TAGS`."""
+        return self.observations.tag[self.rows]
+
+    @cached_property
+    def ends(self) -> NDArray[np.int32]:
+        """Index of the first and of the second station, shape (m, 2); -1 where there is no first one."""
+        first, second = self.predictor.transmitters[self.rows], self.predictor.receivers[self.rows]
+        return np.stack([np.where(self.one_way, -1, first), second], axis=-1)
+
+    @cached_property
+    def one_way(self) -> NDArray[np.bool_]:
+        """Whether the target transmits and one station receives."""
+        return is_one_way(self.kind)
+
+    @cached_property
+    def baseline(self) -> NDArray[np.bool_]:
+        """Whether the target transmits and two stations receive."""
+        return is_differenced(self.kind)
+
+    @cached_property
+    def integrated(self) -> NDArray[np.bool_]:
+        """Whether the value is a difference over the count interval."""
+        return is_integrated(self.kind)
+
+    @cached_property
+    def two_way(self) -> NDArray[np.bool_]:
+        """Whether one station transmits and receives."""
+        return np.asarray(~self.baseline & ~self.one_way & (self.ends[:, 0] == self.ends[:, 1]))
+
+    @cached_property
+    def count_s(self) -> NDArray[np.float64]:
+        """Count interval, s; zero where there is none."""
+        return np.where(self.integrated, self.observations.count_s[self.rows], 0.0)
+
+    @cached_property
+    def tagged(self) -> NDArray[np.bool_]:
+        """Whether the clock of the first and of the second station reads the time tag, shape (m, 2)."""
+        first = self.baseline | ((self.tag == TRANSMIT) & ~self.one_way)
+        return np.stack([first, ~first & (self.tag == RECEIVE)], axis=-1)
+
+    @cached_property
+    def elapsed_s(self) -> NDArray[np.float64]:
+        """Time tag since the reference epoch, s."""
+        return utc_to_tai(self.observations.epoch[self.rows]).seconds_since(self._reference)
+
+    @cached_property
+    def elapsed_at_ends_s(self) -> NDArray[np.float64]:
+        """Time at the first and second event of the path, s, shape (m, 2).
+
+        The first event is the transmission, of a baseline the first reception. The time is since the reference epoch,
+        or, where there is a count interval, how long the interval is at that end.
+        """
+        flight_s = np.zeros(len(self)) if self.computed is None else self.computed.value_m / C_M_S
+        before = np.where(self.tag == RECEIVE, 1.0, np.where(self.tag == BOUNCE, 0.5, 0.0))
+        before_s = np.where(self.baseline, 0.0, before * flight_s)
+        first_s = np.where(self.integrated, self.count_s, self.elapsed_s) - before_s
+        return np.stack([first_s, first_s + flight_s], axis=-1)
+
+    @cached_property
+    def computed(self) -> Computed | None:
+        """What the model computes of these observations; None before there is a position."""
+        return None if self._compute is None else self._compute(self.rows)
+
+    def by_displacement(
+        self, displacement_pa_m: Callable[[Epochs], NDArray[np.float64]]
+    ) -> NDArray[np.float64]:
+        """Partials by what moves the target in principal axes, shape (m, components).
+
+        Parameters
+        ----------
+        displacement_pa_m : callable
+            From epochs (TDB, k of them) to the displacement by a unit of each component, m, shape (k, components, 3).
+            Nothing in it may vary faster than in two days.
+        """
+        computed = self.computed
+        assert computed is not None
+        # When the signal meets the Moon, to 0.1 s, in which nothing that varies in days moves.
+        late = np.where(self.baseline | (self.tag == RECEIVE), -1.0, np.where(self.tag == TRANSMIT, 1.0, 0.0))
+        met_s = np.where(self.one_way & (self.tag == TRANSMIT), 0.0, late * _LIGHT_TIME_S)
+        tdb = tt_to_tdb(utc_to_tt(self.observations.epoch[self.rows]))
+        middle = evaluate_smooth(displacement_pa_m, tdb.shifted(met_s))
+        partials = np.asarray(np.einsum("mi,mci->mc", computed.by_position_pa, middle))
+        if self.integrated.any():
+            ends = [
+                evaluate_smooth(displacement_pa_m, tdb.shifted(met_s + sign * 0.5 * self.count_s))
+                for sign in (1.0, -1.0)
+            ]
+            partials += np.einsum("mi,mci->mc", computed.mean_by_position_pa, ends[0] - ends[1])
+        return partials
+
+    @property
+    def target(self) -> NDArray[np.int32]:
+        """Index of the target among the positions."""
+        return self.predictor.target[self.rows]
+
+    @property
+    def target_pa_m(self) -> NDArray[np.float64]:
+        """Where each observation's target is, principal axes, m, shape (m, 3)."""
+        assert self._position_pa_m is not None  # asked for partials only
+        positions = np.atleast_2d(self._position_pa_m)
+        return positions[self.target]
+
+
+def middle_of(observations: Observations) -> Epochs:
+    """Half way between the first and the last of some observations, TAI, one epoch."""
+    epoch = observations.epoch
+    days = (epoch.jd - epoch.jd.min()) + epoch.fraction
+    ends = utc_to_tai(epoch[[int(days.argmin()), int(days.argmax())]])
+    return ends[:1].shifted(0.5 * ends[1:].seconds_since(ends[:1]))

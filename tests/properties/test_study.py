@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 import radioloc
 from radioloc import InputError, Link, LunarPosition, ObservationChoice, Observations, StationCatalogue
 from radioloc.parameters.parameter import ParameterSet
-from radioloc.studies.problem import _on_sphere
+from radioloc.parameters.position import on_sphere
 from radioloc.studies.selection import select_observations
 
 # What a careless hand or a broken script may put in the place of a value, as TOML.
@@ -146,7 +146,7 @@ def test_coordinates_on_the_sphere_have_no_pole_to_stumble_over(
     longitude_deg, latitude_deg, east_m, north_m, height_m
 ):
     start = LunarPosition.from_selenographic(longitude_deg, latitude_deg, 100.0)
-    parameters, position = _on_sphere(start.xyz_m, None)
+    parameters, position = on_sphere(start.xyz_m, None)
     assert position(ParameterSet(parameters).prior_values)[0] == pytest.approx(start.xyz_m, abs=1e-6)
     x = np.array([east_m, north_m, height_m])
     point_m, partials = position(x)

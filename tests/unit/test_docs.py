@@ -23,6 +23,7 @@ from radioloc.media.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.media.mapping_functions import niell
 from radioloc.media.radio_troposphere import standard_weather, zenith_hydrostatic_delay_m, zenith_wet_delay_m
 from radioloc.media.vmf3 import vmf3
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.files import RESIDUAL_COLUMNS
 from radioloc.studies.toml_table import TomlTable
 from radioloc.time import tai_to_utc, utc_to_tai
@@ -198,7 +199,11 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
     assert asked.pop("model.station_delay_s") == {"KASHI"}
     assert asked.pop("model.station_delay_s.KASHI") == {"transmit", "receive"}
     assert asked.pop("observations.sigma_m") == set(TYPES)
-    assert documented_keys() == asked
+    assert parameter_keys() <= asked["estimate"]
+    asked["estimate"] -= parameter_keys()
+    documented = documented_keys()
+    documented["estimate"] -= set(PARAMETERS)  # the table of kinds
+    assert documented == asked
     # The example shows every key but those that exclude each other.
     written = tomllib.loads(example.text)
     shown = {**written, "stations.NAME": written["stations"]["MYSITE"]}
@@ -215,6 +220,25 @@ def test_every_key_of_the_study_file(workspace, monkeypatch):
             "vmf3_orography",
         }
     assert study.name == "everything"
+
+
+def parameter_keys() -> set[str]:
+    """Keys of all kinds of parameter, which the page has as a rule."""
+    kinds = PARAMETERS.values()
+    return {key for kind in kinds for key in (kind.name, kind.value_key, kind.sigma_key, kind.per_key)}
+
+
+def test_every_kind_of_parameter_has_its_row():
+    rows = rows_of_table(DOCS / "reference" / "study-file.md", "parameter")
+    assert [(row[0].strip("`"), row[1], row[2], row[3]) for row in rows] == [
+        (
+            kind.name,
+            kind.unit,
+            ", ".join(scope.value for scope in kind.scopes),
+            ", ".join(filter(None, kind.components)) or "-",
+        )
+        for kind in PARAMETERS.values()
+    ]
 
 
 def test_every_column_of_the_table_of_observations():

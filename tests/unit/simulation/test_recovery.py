@@ -13,7 +13,7 @@ from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import RANGE as RANGES
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.simulation import Masks, Schedule, Session, World, all_ranges, baselines, two_way
-from radioloc.studies.problem import Problem
+from radioloc.studies.problem import observation_model
 from radioloc.studies.study import EstimateChoice
 from radioloc.time import utc_to_tai
 
@@ -145,7 +145,7 @@ def recovered_with_equipment(sessions, longitude_deg, latitude_deg, model, seed)
         range_bias="all", range_bias_per="pass", transponder_delay=True, transponder_delay_sigma_s=1e-5
     )
     start = LunarPosition(model.libration.frame, start_m)
-    problem = Problem.of(arc, start, choice, model.catalogue)
+    problem = observation_model(arc, start, choice)
     parameters = problem.parameters
     assert [p.name for p in parameters if p.kind == "range_bias"] == sorted(names)
     parameters = parameters.changed(names[0], prior_value=bias_m[names[0]], prior_sigma=1e-4)

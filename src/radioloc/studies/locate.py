@@ -120,6 +120,8 @@ def prepared_arc(study: Study, observations: Observations | None = None) -> tupl
 
     Parameters and errors as :func:`locate`.
     """
+    if len(study.targets) > 1 or study.consider:
+        raise InputError(f"{study.name}: [targets] of several positions and [consider] are not fitted yet")
     model = model_of(study)
     constants = model.ephemeris.constants
     target = _target_in_pa(study, constants)
@@ -275,7 +277,7 @@ def _observations(
         observations = read_observations(
             study.observations.files, catalogue=study.catalogue, tdm=tdm, lunar=_trajectory(study) is None
         )
-    chosen, left_out = select_observations(observations, study.observations, study.catalogue)
+    chosen, left_out = select_observations(observations, study.observations, study.catalogue, study.targets)
     for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m"):
         given = getattr(study.observations, key)
         if isinstance(given, Mapping):

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,44 +19,28 @@ _ROUNDING_S = 1e-9
 
 
 def select_observations(
-    observations: Observations, choice: ObservationChoice, catalogue: StationCatalogue
+    observations: Observations,
+    choice: ObservationChoice,
+    catalogue: StationCatalogue,
+    positions: Collection[str] = (),
 ) -> tuple[Observations, dict[str, int]]:
-    """Keep what a study asks for.
+    """What a study asks for, in input order (the same table if that is all), and how many others there are, by reason.
 
-    Parameters
-    ----------
-    observations : Observations
-        All that was read.
-    choice : ObservationChoice
-        Targets, stations and time span to keep.
-    catalogue : StationCatalogue
-        Resolves station names and their aliases.
-
-    Returns
-    -------
-    observations : Observations
-        What is kept, in input order; the same table if that is all.
-    left_out : dict of str to int
-        How many were not asked for, by reason.
-
-    Raises
-    ------
-    InputError
-        Nothing is left, a target or station named is not among the observations, or the observations are of several
-        targets and none is named.
+    `positions` are the names of ``[targets]``, empty where the study has one position without a name. An observation
+    is kept if all its targets are among those named.
     """
-    kept, left_out = selected(observations, choice, catalogue)
+    kept, left_out = selected(observations, choice, catalogue, positions)
     # A table of which all is kept is not copied; nobody writes to it.
     return observations.select(kept) if left_out else observations, left_out
 
 
 def selected(
-    observations: Observations, choice: ObservationChoice, catalogue: StationCatalogue
+    observations: Observations,
+    choice: ObservationChoice,
+    catalogue: StationCatalogue,
+    positions: Collection[str] = (),
 ) -> tuple[NDArray[np.bool_], dict[str, int]]:
-    """Which observations a study asks for, shape (n,), and how many others there are, by reason.
-
-    Parameters and errors as :func:`select_observations`.
-    """
+    """Which observations a study asks for, shape (n,), and how many others there are, by reason."""
     left_out: dict[str, int] = {}
     kept = np.ones(len(observations), dtype=bool)
 
@@ -65,7 +51,7 @@ def selected(
             left_out[reason] = count
         kept = kept & mask
 
-    keep(_of_targets(observations, choice.targets), "other target")
+    keep(_of_targets(observations, choice.targets, positions), "other target")
     keep(_of_stations(observations, choice.stations, catalogue), "other station")
     if len(observations):
         keep(_within_time(observations, kept, choice), "outside the time span")
@@ -75,29 +61,37 @@ def selected(
     return kept, left_out
 
 
-def _of_targets(observations: Observations, targets: tuple[str, ...] | None) -> NDArray[np.bool_]:
-    present = sorted({canonical_target(observations.links[i].target) for i in np.unique(observations.link)})
-    if targets is None:
+def _of_targets(
+    observations: Observations, targets: tuple[str, ...] | None, positions: Collection[str]
+) -> NDArray[np.bool_]:
+    of_link = [{canonical_target(name) for name in link.targets} for link in observations.links]
+    present = sorted(set().union(*(of_link[i] for i in np.unique(observations.link))))
+    named = [canonical_target(name) for name in positions]
+    if targets is None and not named:
         if len(present) > 1:
             raise InputError(
-                f"the observations are of several targets ({', '.join(present)}), but one position is fitted; "
-                f'name one: [observations] targets = ["{present[0]}"]'
+                f"the observations are of several targets ({', '.join(present)}), but the study gives one position; "
+                f'name one: [observations] targets = ["{present[0]}"], or give the position of each as [targets.NAME]'
             )
         return np.ones(len(observations), dtype=bool)
-    wanted = {canonical_target(name) for name in targets}
+    wanted = {canonical_target(name) for name in targets} if targets is not None else set(named)
+    key = "[targets]" if targets is None else "[observations] targets"
     missing = sorted(wanted - set(present))
     if missing:
         raise InputError(
-            f"[observations] targets: no observation of {', '.join(missing)}; "
-            f"the files have {', '.join(present) or 'none'}"
+            f"{key}: no observation of {', '.join(missing)}; the files have {', '.join(present) or 'none'}"
         )
-    if len(wanted) > 1:
+    if named and not wanted <= set(named):
         raise InputError(
-            "[observations] targets: one position is fitted, but several targets are named: "
-            f"{', '.join(sorted(wanted))}"
+            f"{key}: there is no position of {', '.join(sorted(wanted - set(named)))}; give it as [targets.NAME], "
+            f"beside {', '.join(named)}"
         )
-    of_link = np.array([canonical_target(link.target) in wanted for link in observations.links], dtype=bool)
-    return of_link[observations.link]
+    if not named and len(wanted) > 1:
+        raise InputError(
+            f"{key}: the study gives one position, but several targets are named: {', '.join(sorted(wanted))}; "
+            "name one, or give the position of each as [targets.NAME]"
+        )
+    return np.array([names <= wanted for names in of_link], dtype=bool)[observations.link]
 
 
 def _of_stations(

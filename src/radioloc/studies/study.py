@@ -21,6 +21,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.evaluation import EVALUATIONS
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.targets import canonical_target
 from radioloc.measurements.terms import active_terms
 from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.choice import ParameterChoice, of_part, parameter_choices
@@ -334,9 +335,9 @@ class Study:
 
     Parameters
     ----------
-    target : LunarPosition or Trajectory
+    target : LunarPosition or Trajectory, optional
         A-priori position, where the fit starts (and stays, if the position is not estimated); or a known trajectory,
-        of which no position is estimated (``position = "none"``).
+        of which no position is estimated (``position = "none"``). The first of `targets` where those are given.
     observations : ObservationChoice
     estimate : EstimateChoice
     model : ModelChoice
@@ -350,14 +351,21 @@ class Study:
         Shown on the result card.
     simulation : Scenario or None
         Tracking to be simulated, for Monte Carlo studies.
+    targets : mapping of str to LunarPosition
+        A-priori positions of several targets by the names that the observations have for them; empty where there is
+        only `target`.
+    consider : mapping of str to ParameterChoice
+        Parameters that are not estimated, but whose a-priori errors count in the covariance, each with its sigma:
+        of :func:`~radioloc.parameters.choice.parameter_choices`.
 
     Raises
     ------
     InputError
-        The target is a trajectory, and something is given that belongs to a position on the Moon.
+        There is no target or two sorts of them; the target is a trajectory, and something is given that belongs to a
+        position on the Moon; a parameter is considered without a sigma, or estimated, too.
     """
 
-    target: LunarPosition | Trajectory
+    target: LunarPosition | Trajectory = None  # type: ignore[assignment]  # of targets, then
     observations: ObservationChoice = field(default_factory=ObservationChoice)
     estimate: EstimateChoice = field(default_factory=EstimateChoice)
     model: ModelChoice = field(default_factory=ModelChoice)
@@ -366,11 +374,70 @@ class Study:
     references: tuple[Reference, ...] = ()
     name: str = "study"
     simulation: Scenario | None = None
+    targets: Mapping[str, LunarPosition] = field(default_factory=dict)
+    consider: Mapping[str, ParameterChoice] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "references", tuple(self.references))
+        self._name_targets()
+        self._require_considered()
         if isinstance(self.target, Trajectory):
             self._require_no_position(self.target)
+
+    def _name_targets(self) -> None:
+        named: dict[str, LunarPosition] = {}
+        for name, position in self.targets.items():
+            if not isinstance(position, LunarPosition):
+                raise InputError(f"[targets.{name}] must be a position on the Moon, not {position!r}")
+            if canonical_target(name) in named:
+                raise InputError(
+                    f"[targets.{name}] is another name of {canonical_target(name)}, which is there"
+                )
+            named[canonical_target(name)] = position
+        object.__setattr__(self, "targets", named)
+        first = next(iter(named.values()), None)
+        if self.target is None and first is None:
+            raise InputError(
+                "[target] is missing; it gives the a-priori position, or [targets.NAME] that of each"
+            )
+        if self.target is None:
+            object.__setattr__(self, "target", first)
+        elif first is not None and self.target is not first:
+            raise InputError("give either [target] or [targets.NAME], not both")
+        if len(named) > 1:
+            for key, given in (("[reference]", self.reference), ("[references]", self.references)):
+                if given:
+                    raise InputError(
+                        f"{key} is compared with one position, but [targets] gives several; leave it out"
+                    )
+            if self.simulation is not None:
+                raise InputError("[simulation] is of one position, but [targets] gives several")
+
+    def _require_considered(self) -> None:
+        def resolved(choice: ParameterChoice) -> set[str]:
+            return {self.catalogue.get(n).name if n in self.catalogue else n for n in choice.names}
+
+        for key, choice in self.consider.items():
+            kind = PARAMETERS[key]
+            if choice.names == "none":
+                raise InputError(f'[consider] {key} says whose is considered; give names or "all"')
+            given = choice.sigma.keys() if isinstance(choice.sigma, Mapping) else ()
+            without = [name for name in choice.names if name not in given] if choice.names != "all" else []
+            if choice.sigma is None or (given and without):
+                of_whom = f" of {', '.join(without)}" if given else ""
+                raise InputError(
+                    f"[consider] {kind.sigma_key}{of_whom} is missing; what is considered needs its sigma"
+                )
+            estimated = self.estimate.parameters.get(key)
+            if estimated is None or estimated.names == "none":
+                continue
+            everyone = "all" in (estimated.names, choice.names)
+            both = sorted(resolved(choice) & resolved(estimated)) if not everyone else ["all"]
+            if both:
+                raise InputError(
+                    f"[consider] {key}: {', '.join(both)} is in [estimate] {key}, too; a parameter is either estimated "
+                    "or considered"
+                )
 
     def _require_no_position(self, trajectory: Trajectory) -> None:
         if self.estimate.position != "none":

@@ -19,6 +19,7 @@ from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.terms import active_terms
+from radioloc.parameters.choice import ParameterChoice, parameter_choices
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation import Scenario
 from radioloc.studies.simulation_file import scenario
@@ -64,22 +65,32 @@ def read_study(path: str | Path) -> Study:
     top = TomlTable(path, "", _content(path))
     keys = (
         "target",
+        "targets",
         "observations",
         "estimate",
+        "consider",
         "model",
         "stations",
         "reference",
         "references",
         "simulation",
     )
-    target, observations, estimate, model, stations, reference, references, simulation = map(top.table, keys)
+    target, targets, observations, estimate, consider, model, stations, reference, references, simulation = (
+        map(top.table, keys)
+    )
     top.finish()  # before anything else, so that a misspelt table is not called missing
-    if target is None:
-        raise InputError(f"{path}: [target] is missing; it gives the a-priori position")
+    if (target is None) == (targets is None):
+        problem = (
+            "is missing; it gives the a-priori position"
+            if target is None
+            else "and [targets] exclude each other"
+        )
+        raise InputError(f"{path}: [target] {problem}")
     if observations is None and simulation is None:
         raise InputError(f"{path}: [observations] is missing; it names the files to read")
     catalogue = StationCatalogue.default() if stations is None else _catalogue(stations)
-    position = _target(target, path.parent)
+    positions = {} if targets is None else _targets(targets)
+    position = next(iter(positions.values())) if target is None else _target(target, path.parent)
     tracking = None
     if simulation is not None:
         if isinstance(position, Trajectory):
@@ -102,6 +113,8 @@ def read_study(path: str | Path) -> Study:
         references=() if references is None else _references(references),
         name=path.stem,
         simulation=tracking,
+        targets=positions,
+        consider={} if consider is None else _considered(consider),
     )
 
 
@@ -168,6 +181,19 @@ def _position(table: TomlTable) -> tuple[LunarPosition, str]:
 def _references(table: TomlTable) -> tuple[Reference, ...]:
     found = [_position(entry) for entry in table.tables()]
     return tuple(Reference(position, name.removeprefix("references.")) for position, name in found)
+
+
+def _targets(table: TomlTable) -> dict[str, LunarPosition]:
+    found = {entry.name.removeprefix("targets."): _position(entry)[0] for entry in table.tables()}
+    if not found:
+        raise InputError(f"{table.path}: [targets] names none; give at least one [targets.NAME]")
+    return found
+
+
+def _considered(table: TomlTable) -> dict[str, ParameterChoice]:
+    keys = _parameters(table)
+    table.finish()
+    return table.build(parameter_choices, given=keys)
 
 
 def _simulation(table: TomlTable, target: LunarPosition, catalogue: StationCatalogue) -> Scenario:

@@ -30,7 +30,7 @@ class TomlTable:
     """
 
     def __init__(self, path: Path, name: str, content: Any) -> None:
-        self._path = path
+        self.path = path
         self.name = name
         if not isinstance(content, Mapping):
             problem = _of_another_kind("a table", content, *name.rpartition(".")[::2])
@@ -40,7 +40,7 @@ class TomlTable:
 
     def fail(self, key: str, problem: str) -> NoReturn:
         """Raise :class:`InputError` about one key."""
-        raise InputError(f"{self._path}: [{self.name}] {key}: {problem}")
+        raise InputError(f"{self.path}: [{self.name}] {key}: {problem}")
 
     def _refuse(self, key: str, wanted: str, value: Any) -> NoReturn:
         """Raise :class:`InputError` about a value of another kind."""
@@ -58,7 +58,7 @@ class TomlTable:
             return make(**{key: value for key, value in fields.items() if value is not None})
         except InputError as error:
             where = f"[{self.name}] " if self.name else ""
-            raise InputError(f"{self._path}: {where}{error}") from None
+            raise InputError(f"{self.path}: {where}{error}") from None
 
     def __contains__(self, key: str) -> bool:
         return key in self._content
@@ -166,9 +166,7 @@ class TomlTable:
         """Take a table inside this one."""
         value = self.take(key)
         return (
-            None
-            if value is None
-            else TomlTable(self._path, f"{self.name}.{key}" if self.name else key, value)
+            None if value is None else TomlTable(self.path, f"{self.name}.{key}" if self.name else key, value)
         )
 
     def tables(self) -> list[TomlTable]:
@@ -182,7 +180,7 @@ class TomlTable:
             return []
         if not isinstance(value, list):
             self._refuse(key, f"a list of tables, [[{self.name}.{key}]]", value)
-        return [TomlTable(self._path, f"{self.name}.{key}", item) for item in value]
+        return [TomlTable(self.path, f"{self.name}.{key}", item) for item in value]
 
     def finish(self) -> None:
         """Raise :class:`InputError` if a key is left that nobody asked for."""
@@ -192,7 +190,7 @@ class TomlTable:
             if table := table_of(key, self.name):
                 hint = f"; it belongs to [{table}]"
             where = f"[{self.name}] " if self.name else ""
-            raise InputError(f"{self._path}: {where}{key!r} is not known{hint}")
+            raise InputError(f"{self.path}: {where}{key!r} is not known{hint}")
 
 
 def _of_another_kind(wanted: str, value: Any, table: str, key: str) -> str:

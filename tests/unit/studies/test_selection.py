@@ -5,6 +5,8 @@ import pytest
 
 import radioloc
 from radioloc import Link, ObservationChoice, Observations, StationCatalogue, epochs_from_strings
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.registry import KINDS
 from radioloc.studies.selection import select_observations
 
 CATALOGUE = StationCatalogue.default()
@@ -29,8 +31,8 @@ def some():
     return observations([0, 1, 2, 3, 4, 0], days)
 
 
-def kept(choice, given=None):
-    chosen, left_out = select_observations(given or some(), choice, CATALOGUE)
+def kept(choice, given=None, positions=()):
+    chosen, left_out = select_observations(given or some(), choice, CATALOGUE, positions)
     rows = (chosen.value_m - 7.7e8).astype(int).tolist()
     assert len(rows) + sum(left_out.values()) == len(given or some())
     return rows, left_out
@@ -55,6 +57,38 @@ def test_several_targets_need_a_choice():
         radioloc.InputError, match="no observation of luna17; the files have apollo11, apollo15"
     ):
         kept(ObservationChoice(targets="lunokhod1"))
+
+
+def test_targets_with_positions_are_kept():
+    assert kept(ObservationChoice(), positions=["apollo11", "AP15"]) == ([0, 1, 2, 3, 4, 5], {})
+    assert kept(ObservationChoice(), positions=["apollo11"]) == ([3], {"other target": 5})
+    both = {"positions": ["apollo11", "apollo15"]}
+    assert kept(ObservationChoice(targets="AP11"), **both) == ([3], {"other target": 5})
+    with pytest.raises(
+        radioloc.InputError, match=r"\[targets\]: no observation of luna17; the files have apollo11"
+    ):
+        kept(ObservationChoice(), positions=["luna17"])
+    with pytest.raises(radioloc.InputError, match="there is no position of apollo15; give it as"):
+        kept(ObservationChoice(targets="apollo15"), positions=["apollo11"])
+
+
+def test_links_of_two_targets_need_both():
+    links = [Link("JIAMUSI", "lander", "KASHI", True, "rover"), Link("JIAMUSI", "rover", "KASHI", True)]
+    given = Observations.from_columns(
+        epoch=epochs_from_strings(["2024-05-03", "2024-05-04"]),
+        links=links,
+        link=[0, 1],
+        kind=[KINDS.index("differenced_delay"), KINDS.index("vlbi_delay")],
+        tag=TIME_TAGS.index("receive"),
+        value_m=[0.0, 1.0],
+        sigma_m=0.01,
+    )
+
+    def values_m(positions):
+        return select_observations(given, ObservationChoice(), CATALOGUE, positions)[0].value_m.tolist()
+
+    assert values_m(["lander", "rover"]) == [0.0, 1.0]
+    assert values_m(["rover"]) == [1.0]
 
 
 def test_stations_take_part_only_with_both_ends():

@@ -1,5 +1,6 @@
 """The study file: every key arrives where it belongs, every mistake is a sentence with file, table and key."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -520,3 +521,62 @@ def test_keys_of_another_table_are_told_where(text, message, read):
     with pytest.raises(InputError) as caught:
         read(text)
     assert message in str(caught.value)
+
+
+SITE = "longitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n"
+TWO = f"[targets.lander]\n{SITE}[targets.rover]\n{SITE.replace('3.5', '3.6')}"
+
+
+def test_several_targets(read):
+    study = read(TWO + FILES)
+    assert list(study.targets) == ["lander", "rover"]
+    assert study.target is study.targets["lander"]
+    assert study.targets["rover"].selenographic[0] == pytest.approx(3.6)
+    assert replace(study, name="again").targets == study.targets
+    assert read(TARGET + FILES).targets == {}
+    assert list(read(f"[targets.AP15]\n{SITE}" + FILES).targets) == ["apollo15"]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (TARGET + TWO + FILES, "[target] and [targets] exclude each other"),
+        ("[targets]\n" + FILES, "[targets] names none"),
+        ("[targets.rover]\nlongitude_deg = 3\n" + FILES, "[targets.rover] latitude_deg: is missing"),
+        (TWO + f"[targets.ap15]\n{SITE}[targets.apollo15]\n{SITE}" + FILES, "is another name of apollo15"),
+        (TWO + FILES + f"[reference]\n{SITE}", "[reference] is compared with one position"),
+    ],
+)
+def test_several_targets_are_checked(text, message, read):
+    refused(read, text, message)
+
+
+def test_considered_parameters(read):
+    lines = (
+        '[estimate]\nrange_bias = ["KASHI"]\n[consider]\nrange_bias = ["APOLLO"]\nrange_bias_sigma_m = 0.5\n'
+    )
+    study = read(TARGET + FILES + lines + "ut1 = true\nut1_sigma_s = 1e-5\n")
+    assert study.consider["range_bias"].names == ("APOLLO",)
+    assert (study.consider["ut1"].names, study.consider["ut1"].sigma) == ("all", 1e-5)
+    assert read(TARGET + FILES).consider == {}
+
+
+@pytest.mark.parametrize(
+    ("lines", "message"),
+    [
+        ("ut1 = true", "[consider] ut1_sigma_s is missing"),
+        (
+            'range_bias = ["A", "B"]\nrange_bias_sigma_m = { A = 1 }',
+            "[consider] range_bias_sigma_m of B is missing",
+        ),
+        ("range_bias_m = 3", "[consider] range_bias says whose is considered"),
+        ('range_bias = ["7045"]\nrange_bias_sigma_m = 1', "[consider] range_bias: APOLLO is in [estimate]"),
+        ('range_bias = "all"\nrange_bias_sigma_m = 1', "[consider] range_bias: all is in [estimate]"),
+        ("range_bias_sigma_m = 1", "[consider] range_bias_sigma_m needs range_bias"),
+        ("range_bais = 1", "[consider] 'range_bais' is not known; did you mean 'range_bias'?"),
+    ],
+)
+def test_considered_parameters_are_checked(lines, message, read):
+    refused(
+        read, TARGET + FILES + '[estimate]\nrange_bias = ["APOLLO"]\n[consider]\n' + lines + "\n", message
+    )

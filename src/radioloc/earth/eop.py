@@ -38,22 +38,10 @@ _LARGEST_DAILY_CHANGE_S = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EopValues:
-    """Earth orientation of a table at n epochs, without subdaily terms.
-
-    Parameters
-    ----------
-    ut1_minus_tt_s, ut1_minus_tt_rate : ndarray, shape (n,)
-        UT1 - TT in s and its derivative in s/s.
-    xp_rad, yp_rad, xp_rate_rad_s, yp_rate_rad_s : ndarray, shape (n,)
-        Pole and its derivative.
-    dx_rad, dy_rad, dx_rate_rad_s, dy_rate_rad_s : ndarray, shape (n,)
-        Celestial pole offsets from IAU 2006/2000A and their derivatives.
-    predicted : ndarray of bool, shape (n,)
-        Whether any of the daily values used is a prediction.
-    """
+    """Earth orientation of a table at n epochs, without subdaily terms; dX, dY are offsets from IAU 2006/2000A."""
 
     ut1_minus_tt_s: NDArray[np.float64]
-    ut1_minus_tt_rate: NDArray[np.float64]
+    ut1_minus_tt_rate: NDArray[np.float64]  # s/s
     xp_rad: NDArray[np.float64]
     yp_rad: NDArray[np.float64]
     xp_rate_rad_s: NDArray[np.float64]
@@ -62,7 +50,7 @@ class EopValues:
     dy_rad: NDArray[np.float64]
     dx_rate_rad_s: NDArray[np.float64]
     dy_rate_rad_s: NDArray[np.float64]
-    predicted: NDArray[np.bool_]
+    predicted: NDArray[np.bool_]  # whether any of the daily values used is a prediction
 
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
@@ -287,10 +275,7 @@ class EopTable:
 def _cubic_through(
     to_nodes: NDArray[np.float64], node_values: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Lagrange's cubic through four nodes, and its derivative, at the origin of ``to_nodes``.
-
-    ``to_nodes`` (n, 4) node minus epoch; ``node_values`` (n, 4, k); both results (n, k).
-    """
+    """Lagrange's cubic through four nodes, and its derivative, at the origin of ``to_nodes`` (n, 4); both (n, k)."""
     weights = np.empty_like(to_nodes)
     slopes = np.empty_like(to_nodes)
     for j in range(4):

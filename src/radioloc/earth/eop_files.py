@@ -36,20 +36,9 @@ class EopRows(NamedTuple):
 
 
 def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
-    """Read a C04 or finals2000A file.
+    """Read a C04 or finals2000A file, plain or gzip; which of the two it is, its rows tell.
 
-    Parameters
-    ----------
-    path : path-like
-        The file, plain or gzip; which of the two it is, its rows tell.
-    first_mjd_utc : float
-        Leave out rows before this date.
-
-    Raises
-    ------
-    FileFormatError
-        The file cannot be read or is neither, a value is missing or not a number, days are missing, or the
-        pole offsets refer to the 1980 nutation theory.
+    A missing value or day, and pole offsets of the 1980 nutation theory, are a :class:`FileFormatError`.
     """
     path = Path(path)
     texts = b"".join(block for _, block in read_blocks(path, encoding="latin-1")).split(b"\n")

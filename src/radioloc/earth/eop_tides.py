@@ -57,24 +57,10 @@ century."""
 
 
 def zonal_tides(centuries_tt: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Effect of the zonal solid-Earth and ocean tides on UT1, all 62 terms from 5 days to 18.6 years.
+    """Effect of the zonal solid-Earth and ocean tides on UT1, s, and its rate, s/s; Julian centuries of TT since J2000.
 
-    Parameters
-    ----------
-    centuries_tt : array_like, shape (n,)
-        Julian centuries of TT since J2000.
-
-    Returns
-    -------
-    ut1_s : ndarray, shape (n,)
-        Part of UT1 that the tides cause, s.
-    ut1_rate : ndarray, shape (n,)
-        Its time derivative, s/s; the excess length of day is -86400 times this.
-
-    Notes
-    -----
-    IERS Conventions (2010), eq. 8.1 and Table 8.1 (Yoder et al. 1981; Wahr and Bergen 1986; Kantha et al.
-    1998).
+    IERS Conventions (2010), eq. 8.1 and Table 8.1 (Yoder et al. 1981; Wahr and Bergen 1986; Kantha et al. 1998): all 62
+    terms from 5 days to 18.6 years.
     """
     centuries = np.atleast_1d(np.asarray(centuries_tt, dtype=np.float64))
     table = tide_table("ut1_zonal_tides")
@@ -85,25 +71,11 @@ def zonal_tides(centuries_tt: ArrayLike) -> tuple[NDArray[np.float64], NDArray[n
 
 
 def ocean_tides(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Diurnal and semidiurnal variations of the pole and UT1 that ocean tides cause.
+    """Diurnal and semidiurnal variations of xp, yp (rad) and UT1 (s) by ocean tides, and their rates, (n, 3).
 
-    Parameters
-    ----------
-    mjd_ut1 : array_like, shape (n,)
-        Modified Julian date, UT1 (UTC serves too).
-
-    Returns
-    -------
-    eop : ndarray, shape (n, 3)
-        xp in rad, yp in rad, UT1 in s.
-    eop_rate : ndarray, shape (n, 3)
-        Their time derivatives, rad/s, rad/s, s/s.
-
-    Notes
-    -----
-    IERS Conventions (2010), section 8.2. The conventional model is a response to the tidal potential and its
-    values two days before and after. As these are sums over the same lines, the response is worked out once
-    for each line, and one sum over 71 lines remains.
+    IERS Conventions (2010), section 8.2. The conventional model is a response to the tidal potential and its values two
+    days before and after. As these are sums over the same lines, the response is worked out once for each line, and one
+    sum over 71 lines remains. The date may be UT1 or UTC.
     """
     days = np.atleast_1d(np.asarray(mjd_ut1, dtype=np.float64)) - 37076.5
     order, _, phase, frequency = tide_table("rotation_tide_lines").T
@@ -115,25 +87,11 @@ def ocean_tides(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.flo
 
 
 def libration(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Diurnal libration of the pole and semidiurnal libration of UT1, from the Earth's triaxial figure.
+    """Diurnal libration of the pole (rad) and semidiurnal libration of UT1 (s), and their rates, (n, 3).
 
-    Parameters
-    ----------
-    mjd_ut1 : array_like, shape (n,)
-        Modified Julian date, UT1 (UTC serves too).
-
-    Returns
-    -------
-    eop : ndarray, shape (n, 3)
-        xp in rad, yp in rad, UT1 in s.
-    eop_rate : ndarray, shape (n, 3)
-        Their time derivatives, rad/s, rad/s, s/s.
-
-    Notes
-    -----
-    IERS Conventions (2010), Tables 5.1a (its ten diurnal terms; those of long period are in the observed
-    pole) and 5.1b. The tables' arguments are GMST + pi, of which one date in UT1 is enough here, and the
-    Delaunay variables.
+    From the Earth's triaxial figure: IERS Conventions (2010), Tables 5.1a (its ten diurnal terms; those of long period
+    are in the observed pole) and 5.1b. The tables' arguments are GMST + pi, of which one date in UT1 is enough here,
+    and the Delaunay variables.
     """
     days = np.atleast_1d(np.asarray(mjd_ut1, dtype=np.float64)) - _MJD_J2000
     centuries = days / _DAYS_PER_CENTURY
@@ -169,10 +127,7 @@ def _harmonic_sum(
     sine: NDArray[np.float64],
     cosine: NDArray[np.float64],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Sum of sines and cosines and its derivative.
-
-    ``angles`` (n, m) in rad, ``rates`` (m,) in rad/s, coefficients (m, k); both results (n, k).
-    """
+    """Sum of sines and cosines of angles (n, m), and its derivative by the rates (m,); coefficients (m, k)."""
     s, c = np.sin(angles), np.cos(angles)
     return s @ sine + c @ cosine, c @ (rates[:, None] * sine) - s @ (rates[:, None] * cosine)
 

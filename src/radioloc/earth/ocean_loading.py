@@ -107,10 +107,7 @@ def ocean_loading_displacement(
 def ocean_loading_enu(
     coefficients: BlqCoefficients, tt: Epochs, ut1_fraction: ArrayLike
 ) -> NDArray[np.float64]:
-    """Displacement of a station by ocean tide loading to the east, the north and up, m, shape (n, 3).
-
-    Parameters and errors as :func:`ocean_loading_displacement`.
-    """
+    """The same to the east, the north and up, m, shape (n, 3)."""
     amplitudes_m = coefficients.amplitude_m * np.exp(-1j * coefficients.phase_lag_rad)
     return sum_of_tides(amplitudes_m, tt, ut1_fraction) @ _WEST_SOUTH_UP_TO_ENU.T
 
@@ -149,34 +146,13 @@ def tidal_geocentre_displacement(tt: Epochs, ut1_fraction: ArrayLike) -> NDArray
 def sum_of_tides(
     amplitudes_m: NDArray[np.complex128], tt: Epochs, ut1_fraction: ArrayLike
 ) -> NDArray[np.float64]:
-    """Sum 342 tides that follow from eleven.
+    """Sum 342 tides that follow from eleven, m, shape (n, 3).
 
-    Parameters
-    ----------
-    amplitudes_m : ndarray of complex, shape (3, 11)
-        Three components of the eleven tides of :data:`GIVEN_TIDES`: amplitude times exp(-i lag), the lag
-        counted from the equilibrium tide at Greenwich; in-phase and cross-phase parts are the real part and
-        minus the imaginary part.
-    tt : Epochs
-        Epochs in TT, n of them.
-    ut1_fraction : array_like, shape (n,)
-        UT1 as a fraction of its day.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        The components, m.
-
-    Raises
-    ------
-    InputError
-        The epochs are not in TT, or a shape does not fit.
-
-    Notes
-    -----
-    IERS Conventions (2010), section 7.1.2: the sum of A_j cos(theta_j(t) + chi_j - phi_j), with amplitude
-    relative to the equilibrium tide, and lag, interpolated in frequency. Outside the given tides of a band
-    the nearest one's admittance is taken, as the conventional program does.
+    `amplitudes_m`, shape (3, 11), are three components of the tides of :data:`GIVEN_TIDES`: amplitude times exp(-i
+    lag), the lag counted from the equilibrium tide at Greenwich; in-phase and cross-phase parts are the real part and
+    minus the imaginary part. IERS Conventions (2010), section 7.1.2: the sum of A_j cos(theta_j(t) + chi_j - phi_j),
+    with amplitude relative to the equilibrium tide, and lag, interpolated in frequency. Outside the given tides of a
+    band the nearest one's admittance is taken, as the conventional program does.
     """
     tt.require("TT")
     fraction = np.asarray(ut1_fraction, dtype=np.float64)

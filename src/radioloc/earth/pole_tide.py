@@ -29,20 +29,8 @@ _LARGEST_POLE_RAD = 2.0 * ARCSEC_RAD
 def secular_pole_rad(tt: Epochs) -> NDArray[np.float64]:
     """Coordinates x and y of the IERS secular pole (2018), rad, shape (n, 2).
 
-    Parameters
-    ----------
-    tt : Epochs
-        Epochs in TT.
-
-    Raises
-    ------
-    InputError
-        The epochs are in another scale.
-
-    Notes
-    -----
-    IERS Conventions (2010), section 7.1.4 as updated in February 2018: x = 55.0 + 1.677 t and
-    y = 320.5 + 3.460 t milliarcseconds, t in years since 2000.
+    IERS Conventions (2010), section 7.1.4 as updated in February 2018: x = 55.0 + 1.677 t and y = 320.5 + 3.460 t
+    milliarcseconds, t in years since 2000.
     """
     tt.require("TT")
     years = 100.0 * tt.centuries_since_j2000()

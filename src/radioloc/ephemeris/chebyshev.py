@@ -14,36 +14,10 @@ from radioloc.time import Epochs, utc_strings
 def evaluate(
     kernel: Kernel, segment: Segment, tdb: Epochs, derivatives: int = 1
 ) -> tuple[NDArray[np.float64], ...]:
-    """Evaluate a segment: three components and their derivatives, in the file's units and seconds.
+    """Evaluate a segment: components and their derivatives up to an order, shapes (n, 3), in the file's units and s.
 
-    Parameters
-    ----------
-    kernel : Kernel
-        The file the segment is of, to name in errors.
-    segment : Segment
-        What to evaluate.
-    tdb : Epochs
-        Epochs in TDB, n of them.
-    derivatives : {1, 2}
-        Up to which order.
-
-    Returns
-    -------
-    values, rates : ndarray, shape (n, 3)
-        And second derivatives where asked for; they lie component by component.
-
-    Raises
-    ------
-    CoverageError
-        An epoch lies outside the segment's span.
-    InputError
-        The epochs are not in TDB.
-
-    Notes
-    -----
-    Clenshaw's recurrence b_k = c_k + 2 s b_(k+1) - b_(k+2), differentiated twice with respect to s. The
-    epoch's two floats meet only within a record, so an epoch is resolved to 1e-10 s: 0.1 micrometre of the
-    Moon about the Earth.
+    Clenshaw's recurrence b_k = c_k + 2 s b_(k+1) - b_(k+2), differentiated twice with respect to s. The epoch's two
+    floats meet only within a record, so an epoch is resolved to 1e-10 s: 0.1 micrometre of the Moon about the Earth.
     """
     tdb.require("TDB")
     midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY  # exact: a whole number of half days

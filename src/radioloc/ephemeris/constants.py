@@ -63,17 +63,7 @@ class EphemerisConstants:
     l2: float
 
     def gm_m3_s2(self, body: str) -> float:
-        """GM of a body by name, m^3/s^2.
-
-        Parameters
-        ----------
-        body : {"sun", "earth", "moon", "venus", "jupiter", "saturn"}
-
-        Raises
-        ------
-        InputError
-            The body is none of these.
-        """
+        """GM of a body by name, m^3/s^2."""
         if body not in _MASSIVE:
             raise InputError(f"no GM is known for {body!r}; use one of {', '.join(_MASSIVE)}")
         return float(getattr(self, f"gm_{body}_m3_s2"))

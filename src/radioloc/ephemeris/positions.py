@@ -177,22 +177,7 @@ class Ephemeris:
         return (moon[0] - earth[0]) * _M_PER_KM, (moon[1] - earth[1]) * _M_PER_KM
 
     def geocentric_center(self, code: int, tdb: Epochs) -> _State:
-        """Geocentric position and velocity of what a trajectory is relative to; as :meth:`geocentric`.
-
-        Parameters
-        ----------
-        code : int
-            NAIF code of a body, or of the barycentre of the solar system (0) or of the Earth and the Moon (3).
-        tdb : Epochs
-            Epochs in TDB, n of them.
-
-        Raises
-        ------
-        KernelError
-            The kernel does not hold it.
-        CoverageError
-            An epoch lies outside the kernel's span.
-        """
+        """Geocentric position and velocity of a trajectory's centre by NAIF code; as :meth:`geocentric`."""
         if code == _MOON:
             return self.geocentric("moon", tdb)
         if code == _EARTH:
@@ -210,13 +195,7 @@ class Ephemeris:
         )
 
     def barycentric(self, body: str, tdb: Epochs) -> _State:
-        """Barycentric position and velocity of a body; parameters and errors as :meth:`geocentric`.
-
-        Returns
-        -------
-        position_m, velocity_m_s : ndarray, shape (n, 3)
-            ICRF axes, relative to the solar system barycentre; velocity with respect to TDB.
-        """
+        """Barycentric position and velocity of a body; as :meth:`geocentric`."""
         code = _code(body)
         if code == _MOON:
             barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)

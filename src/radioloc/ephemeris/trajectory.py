@@ -30,25 +30,13 @@ _INERTIAL_CLASS = 1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TrajectorySegment:
-    """Where an SPK has the states of a body for some time.
+    """Where an SPK has the states of a body for some time."""
 
-    Parameters
-    ----------
-    center : int
-        NAIF code of what the states are relative to.
-    start_s, end_s : float
-        Span, TDB seconds since J2000, both ends included.
-    descriptor : ndarray, shape (5,)
-        SPICE's packed summary.
-    rot_to_icrf : ndarray, shape (3, 3)
-        Rotation from the segment's inertial frame to the ICRF.
-    """
-
-    center: int
-    start_s: float
+    center: int  # NAIF code of what the states are relative to
+    start_s: float  # TDB seconds since J2000, both ends included
     end_s: float
-    descriptor: NDArray[np.float64]
-    rot_to_icrf: NDArray[np.float64]
+    descriptor: NDArray[np.float64]  # SPICE's packed summary, shape (5,)
+    rot_to_icrf: NDArray[np.float64]  # from the segment's inertial frame, shape (3, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -185,20 +173,7 @@ class Trajectory:
         return which
 
     def states(self, et_s: NDArray[np.float64], which: NDArray[np.intp]) -> NDArray[np.float64]:
-        """States relative to the segments' centres in the ICRF, km and km/s, shape (n, 6).
-
-        Parameters
-        ----------
-        et_s : ndarray, shape (n,)
-            TDB seconds since J2000.
-        which : ndarray of int, shape (n,)
-            Segment of each, from :meth:`segment_at`.
-
-        Raises
-        ------
-        KernelError
-            The file is gone, or SPICE cannot evaluate a segment.
-        """
+        """States relative to the segments' centres in the ICRF, km and km/s, shape (n, 6)."""
         import spiceypy
 
         out = np.empty((len(et_s), 6))

@@ -33,13 +33,7 @@ class DafSegment(NamedTuple):
 
 
 def read_segments(path: Path, kind: str) -> list[DafSegment]:
-    """Segments of an SPK or binary PCK, in the file's order; each lies within the file.
-
-    Raises
-    ------
-    KernelError
-        The file is of another kind, or its header or list of segments is damaged.
-    """
+    """Segments of an SPK or binary PCK, in the file's order; each lies within the file."""
     try:
         with path.open("rb") as file:
             _check_header(file.read(_RECORD_BYTES), path, kind)

@@ -24,58 +24,28 @@ _CHEBYSHEV_TYPE = 2
 
 @dataclass(frozen=True, slots=True)
 class KernelFile:
-    """Which file was opened: what a solution keeps as provenance.
-
-    Parameters
-    ----------
-    path : Path
-        The file.
-    kind : {"SPK", "PCK"}
-        Positions, or orientation.
-    sha256 : str
-        SHA-256 of the file's bytes.
-    registered : bool
-        Whether the file ships with the library (and its SHA-256 was found right).
-    start_tdb, end_tdb : str
-        Span common to all segments, as dates.
-    """
+    """Which file was opened: what a solution keeps as provenance."""
 
     path: Path
-    kind: str
+    kind: str  # SPK (positions) or PCK (orientation)
     sha256: str
-    registered: bool
-    start_tdb: str
+    registered: bool  # ships with the library, with the right SHA-256
+    start_tdb: str  # span common to all segments, as dates
     end_tdb: str
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Segment:
-    """Chebyshev records of three components, in the file's units.
+    """Chebyshev records of three components, in the file's units."""
 
-    Parameters
-    ----------
-    target : int
-        NAIF code of the body (SPK) or the frame (PCK).
-    center : int
-        NAIF code of the origin (SPK) or of the reference frame (PCK).
-    name : str
-        The segment's name, such as ``DE-0421LE-0421``.
-    start_s, end_s : float
-        Span for which the segment may be used, TDB seconds since J2000.
-    first_record_s, record_length_s : float
-        Start of the first record, TDB seconds since J2000, and the length of each.
-    coefficients : ndarray, shape (n_records, 3, n_coefficients)
-        Chebyshev coefficients of rising degree.
-    """
-
-    target: int
-    center: int
-    name: str
-    start_s: float
+    target: int  # NAIF code of the body (SPK) or the frame (PCK)
+    center: int  # NAIF code of the origin (SPK) or of the reference frame (PCK)
+    name: str  # such as DE-0421LE-0421
+    start_s: float  # span for which it may be used, TDB seconds since J2000
     end_s: float
-    first_record_s: float
+    first_record_s: float  # its start, TDB seconds since J2000
     record_length_s: float
-    coefficients: NDArray[np.float64] = field(repr=False)
+    coefficients: NDArray[np.float64] = field(repr=False)  # (records, 3, rising degree)
 
     @property
     def span(self) -> tuple[str, str]:
@@ -85,15 +55,7 @@ class Segment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Kernel:
-    """An opened kernel.
-
-    Parameters
-    ----------
-    file : KernelFile
-        Which file it is.
-    segments : tuple of Segment
-        All type 2 segments, in the file's order.
-    """
+    """An opened kernel and all its type 2 segments, in the file's order."""
 
     file: KernelFile
     segments: tuple[Segment, ...] = field(repr=False)
@@ -103,13 +65,7 @@ class Kernel:
         return any((s.target, s.center) == (target, center) for s in self.segments)
 
     def segment(self, target: int, center: int) -> Segment:
-        """Find the segment of this target and center: where there are several, the last, as in SPICE.
-
-        Raises
-        ------
-        KernelError
-            There is none.
-        """
+        """Find the segment of this target and center: where there are several, the last, as in SPICE."""
         for candidate in reversed(self.segments):
             if (candidate.target, candidate.center) == (target, center):
                 return candidate
@@ -121,18 +77,10 @@ class Kernel:
 
 
 def open_spk(name_or_path: str | Path) -> Kernel:
-    """Open an SPK.
+    """Open an SPK: ``"DE421"``, which ships, or as :func:`radioloc.kernels.find_kernel`.
 
-    Parameters
-    ----------
-    name_or_path : str or path-like
-        As :func:`radioloc.kernels.find_kernel`; ``"DE421"`` is the one that ships.
-
-    Raises
-    ------
-    KernelError
-        The file is missing, damaged, of another kind, or has no segment of type 2 in the ICRF; a file that
-        carries the name of a kernel that ships has another SHA-256.
+    A missing or damaged file, one of another kind or without a segment of type 2 in the ICRF, and one that carries the
+    name of a kernel that ships but has another SHA-256, is a :class:`KernelError`.
     """
     return _open(name_or_path, "SPK")
 

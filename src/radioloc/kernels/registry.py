@@ -15,50 +15,24 @@ REGISTRY_NAME = "registry.toml"
 
 @dataclass(frozen=True, slots=True)
 class RegisteredKernel:
-    """One kernel that ships.
+    """One kernel that ships."""
 
-    Parameters
-    ----------
-    name : str
-        File name.
-    kind : {"SPK", "PCK"}
-        Positions, or orientation.
-    ephemeris : str
-        The ephemeris it is cut from, such as ``DE421``.
-    sha256 : str
-        What the file's SHA-256 must be.
-    size_bytes : int
-        The file's length.
-    start_tdb, end_tdb : str
-        Dates at whose midnight (TDB) the span begins and ends.
-    bodies : tuple of int
-        NAIF codes of the bodies (SPK) or frames (PCK).
-    source_package, source_file, source_sha256 : str
-        The full kernel it was cut from, and the package that carries it.
-    """
-
-    name: str
-    kind: str
-    ephemeris: str
+    name: str  # of the file
+    kind: str  # SPK (positions) or PCK (orientation)
+    ephemeris: str  # that it is cut from, such as DE421
     sha256: str
     size_bytes: int
-    start_tdb: str
+    start_tdb: str  # dates at whose midnight (TDB) the span begins and ends
     end_tdb: str
-    bodies: tuple[int, ...]
-    source_package: str
+    bodies: tuple[int, ...]  # NAIF codes of the bodies (SPK) or frames (PCK)
+    source_package: str  # that carries the full kernel it was cut from
     source_file: str
     source_sha256: str
 
 
 @cache
 def kernel_directory() -> Path:
-    """Directory of the kernels that ship: inside the installed package, or ``kernels/`` of a source checkout.
-
-    Raises
-    ------
-    KernelError
-        Neither is there.
-    """
+    """Directory of the kernels that ship: inside the installed package, or ``kernels/`` of a source checkout."""
     packaged = Path(__file__).parent / "data"
     checkout = Path(__file__).parents[3] / "kernels"
     for directory in (packaged, checkout):
@@ -72,33 +46,13 @@ def kernel_directory() -> Path:
 
 @cache
 def registered() -> tuple[RegisteredKernel, ...]:
-    """Kernels that ship, in the registry's order.
-
-    Raises
-    ------
-    KernelError
-        The registry is not there.
-    """
+    """Kernels that ship, in the registry's order."""
     table = tomllib.loads((kernel_directory() / REGISTRY_NAME).read_text(encoding="utf-8"))
     return tuple(RegisteredKernel(**{**entry, "bodies": tuple(entry["bodies"])}) for entry in table["kernel"])
 
 
 def find_kernel(name_or_path: str | Path, kind: str | None = None) -> Path:
-    """Path of a kernel.
-
-    Parameters
-    ----------
-    name_or_path : str or path-like
-        File name of a kernel that ships, the name of its ephemeris (``"DE421"``, with `kind`), or the path of
-        any kernel file.
-    kind : {"SPK", "PCK"}, optional
-        Which kernel of the ephemeris; needed where two would fit.
-
-    Raises
-    ------
-    KernelError
-        No such kernel or file, or the name fits two kernels.
-    """
+    """Path of a kernel: of a file, or of one that ships by its name or its ephemeris' (``"DE421"``, with `kind`)."""
     path = Path(name_or_path)
     if path.is_file():
         return path
@@ -127,13 +81,7 @@ def registered_as(path: Path) -> RegisteredKernel | None:
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, as 64 hexadecimal digits.
-
-    Raises
-    ------
-    KernelError
-        The file cannot be read.
-    """
+    """SHA-256 of a file, as 64 hexadecimal digits."""
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

@@ -30,17 +30,7 @@ class _Damage(Exception):  # noqa: N818
 
 
 def segment_damage(spk_type: int, words: _Words, start_s: float, end_s: float) -> str | None:
-    """What is wrong with a segment, to stand after "the segment"; None if nothing is.
-
-    Parameters
-    ----------
-    spk_type : int
-        SPICE's type of segment.
-    words : ndarray, shape (n,)
-        All of the segment.
-    start_s, end_s : float
-        The span it claims, TDB seconds since J2000.
-    """
+    """What is wrong with a segment that claims a span (TDB s), to stand after "the segment"; None if nothing is."""
     if spk_type not in _CHECKS:
         known = ", ".join(map(str, sorted(_CHECKS)))
         return f"is of type {spk_type}, which cannot be read here (types {known} can)"

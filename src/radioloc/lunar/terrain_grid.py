@@ -25,13 +25,7 @@ _ROWS_EVEN_IN_LATITUDE = {"longlat", "latlong", "eqc"}
 
 
 def load_rasterio() -> ModuleType:
-    """The module ``rasterio``, imported when the first map is opened.
-
-    Raises
-    ------
-    InputError
-        It is not installed.
-    """
+    """The module ``rasterio``, imported when the first map is opened."""
     need = "terrain maps are read through rasterio, which is not installed;"
     optional("rasterio.warp", need, "terrain")
     return optional("rasterio", need, "terrain")
@@ -39,36 +33,17 @@ def load_rasterio() -> ModuleType:
 
 @dataclass(frozen=True, slots=True)
 class MapGrid:
-    """The cells of a map and its projection.
+    """The cells of a map and its projection."""
 
-    Parameters
-    ----------
-    crs, geographic : rasterio.crs.CRS
-        Of the map, and of longitude and latitude in degrees on the same sphere.
-    rows, columns : int
-        Size of the map.
-    affine : tuple of float
-        a, b, c, d, e, f of x = a u + b v + c and y = d u + e v + f with u, v the column and row counted from the
-        map's corner.
-    resolution_m : float
-        Size of a cell where the projection is true to scale, m.
-    columns_around : float or None
-        Columns in a full turn of longitude; None where the projection has no such number.
-    closed : bool
-        The map's columns go all around, ``columns_around`` is a whole number.
-    fold_north, fold_south : int or None
-        Row r beyond a pole is the row fold - r, half a turn away; None where the map does not reach the pole.
-    """
-
-    crs: Any
-    geographic: Any
+    crs: Any  # of rasterio, the map's
+    geographic: Any  # longitude and latitude in degrees on the same sphere
     rows: int
     columns: int
-    affine: tuple[float, float, float, float, float, float]
-    resolution_m: float
-    columns_around: float | None = None
-    closed: bool = False
-    fold_north: int | None = None
+    affine: tuple[float, float, float, float, float, float]  # a ... f of x = a u + b v + c, y = d u + e v + f
+    resolution_m: float  # size of a cell where the projection is true to scale
+    columns_around: float | None = None  # in a full turn of longitude, where there is such a number
+    closed: bool = False  # the map's columns go all around, a whole number of them
+    fold_north: int | None = None  # row r beyond the pole is fold - r, half a turn away
     fold_south: int | None = None
 
     @classmethod

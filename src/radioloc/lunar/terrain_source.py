@@ -109,13 +109,7 @@ class CellReader:
     )
 
     def heights_m(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Heights of cells of the map, m, in the shape of ``rows``; NaN where the map is void.
-
-        Raises
-        ------
-        FileFormatError
-            The file can no longer be read.
-        """
+        """Heights of cells of the map, m, in the shape of ``rows``; NaN where the map is void."""
         heights = np.empty(rows.shape, dtype=np.float64)
         tile_rows, tile_columns = rows // _TILE_CELLS, columns // _TILE_CELLS
         for i, j in np.unique(np.stack([tile_rows.ravel(), tile_columns.ravel()]), axis=1).T.tolist():
@@ -149,25 +143,7 @@ class CellReader:
 def open_map(
     path: str | Path, *, radius_m: float | None, unit: str | None
 ) -> tuple[TerrainMetadata, MapGrid, CellReader]:
-    """Open an elevation map of the Moon and find out what its numbers mean.
-
-    Parameters
-    ----------
-    path : path-like
-        The map; of an image with its label in another file, the label.
-    radius_m : float, optional
-        Radius of the sphere to which the map's heights refer, m; without it, that of the map's reference system.
-    unit : str, optional
-        ``"m"`` or ``"km"``, where the file does not say or says wrong.
-
-    Raises
-    ------
-    FileFormatError
-        There is no such file, it was cut, or it is none that GDAL reads as one band of numbers with a map projection.
-    InputError
-        rasterio is not installed; another body's map, axes that are not mean-Earth, longitudes that count west,
-        an ellipsoid; a unit that is ambiguous; values that are no heights or radii of the Moon.
-    """
+    """Open an elevation map of the Moon and find out what its numbers mean; see :meth:`TerrainModel.open`."""
     rasterio = load_rasterio()
     if unit is not None and unit not in _UNITS_M:
         raise InputError(f"unit = {unit!r} is not known; use 'm' or 'km'")

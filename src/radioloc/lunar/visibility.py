@@ -15,24 +15,10 @@ from radioloc.units import as_float_array
 def earth_elevation_rad(
     ephemeris: Ephemeris, libration: LunarOrientation, tdb: Epochs, point_pa_m: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Elevation of the Earth's centre above the horizontal plane of a point on the Moon, rad, shape (n,).
+    """Elevation of the Earth's centre for a point on the Moon (principal axes, m), rad, shape (n,).
 
     Light time, aberration and the Earth's radius, 1 degree together, are left out: this tells the near side from
     the far side, not sunrise to the minute.
-
-    Parameters
-    ----------
-    ephemeris, libration : Ephemeris, LunarOrientation
-        Where the Moon is and how it is turned.
-    tdb : Epochs
-        Epochs, TDB.
-    point_pa_m : ndarray, shape (3,)
-        The point in the libration's principal axes, m.
-
-    Raises
-    ------
-    CoverageError
-        An epoch lies outside the kernels.
     """
     moon_m, _ = ephemeris.geocentric("moon", tdb)
     angles_rad, _ = libration.angles(tdb)
@@ -45,19 +31,7 @@ def earth_elevation_rad(
 def hidden_by_moon(
     point_m: ArrayLike, station_m: ArrayLike, radius_m: ArrayLike = MEAN_LUNAR_RADIUS_M
 ) -> NDArray[np.bool_]:
-    """Whether the Moon, a sphere, stands between a point above it and a station.
-
-    Parameters
-    ----------
-    point_m, station_m : array_like, shape (..., 3)
-        From the Moon's centre, in the same axes, m.
-    radius_m : array_like, shape () or (...,)
-        Radius of the sphere, m.
-
-    Returns
-    -------
-    ndarray of bool, shape (...,)
-    """
+    """Whether the Moon, a sphere, stands between a point and a station; from its centre, in the same axes, m."""
     point = as_float_array(point_m, "m", "point_m")
     ray = as_float_array(station_m, "m", "station_m") - point
     along = -np.sum(point * ray, axis=-1) / np.sum(ray * ray, axis=-1)

@@ -30,16 +30,8 @@ EXACT = -1
 def _polynomial(coefficients: Floats, s: int, q: int, begin: int, t: Floats, out: Floats, m: int) -> None:
     """Polynomial of quantity `q` in segment `s` at the first `m` of `t`, by Horner's rule.
 
-    Parameters
-    ----------
-    coefficients : ndarray, shape (n_segments, n_quantities, n_coefficients)
-        Powers descending.
-    s, q : int
-    begin : int
-        The first coefficient that counts; those before it are zero.
-    t, out : ndarray, shape (>= m,)
-        Where, and the values.
-    m : int
+    Coefficients, powers descending, have the shape (n_segments, n_quantities, n_coefficients); those before `begin` are
+    0.
     """
     last = coefficients.shape[2]
     first = coefficients[s, q, begin]
@@ -72,20 +64,9 @@ def _leading(coefficients: Floats, s: int, q: int) -> int:
 def quantities(
     segment: NDArray[np.int32], x: Floats, coefficients: Floats, out: Floats, begin: int, end: int
 ) -> None:
-    """Evaluate all quantities of some rows.
+    """Evaluate all quantities of the rows from `begin` to `end` into `out`, shape (n_quantities, n).
 
-    Parameters
-    ----------
-    segment : ndarray of int32, shape (n,)
-        Segment of each row; rows below zero are not interpolated.
-    x : ndarray, shape (n,)
-        Time within the segment, -1 to 1.
-    coefficients : ndarray, shape (n_segments, n_quantities, n_coefficients)
-        Powers descending.
-    out : ndarray, shape (n_quantities, n)
-        Filled; NaN for rows that are not interpolated.
-    begin, end : int
-        The rows to evaluate.
+    `segment` is below zero for rows that are not interpolated, which become NaN; `x`, -1 to 1, is the time within it.
     """
     n_quantities = coefficients.shape[1]
     next_place = np.full(coefficients.shape[0], -1, dtype=np.int64)

@@ -53,29 +53,16 @@ _ROWS_OF_A_THREAD = 32768
 
 @dataclass(frozen=True, slots=True)
 class InterpolationAccuracy:
-    """How well an interpolated arc agrees with the model, found at its check points.
+    """Largest deviations of an interpolated arc from the model at its check points; zero where there are none."""
 
-    Parameters
-    ----------
-    range_m, delay_s, growth_m : float
-        Largest deviation of ranges, of VLBI delays and of what is counted (Doppler, delay rates); zero where there
-        are none.
-    by_position : float
-        Largest deviation of a partial by position, m/m.
-    interpolated, exact : int
-        Observations interpolated, and computed one by one.
-    segments, nodes : int
-        Segments, and nodes in all of them.
-    """
-
-    range_m: float
-    delay_s: float
-    growth_m: float
-    by_position: float
-    interpolated: int
-    exact: int
+    range_m: float  # of ranges
+    delay_s: float  # of VLBI delays
+    growth_m: float  # of integrated Doppler and delay rates
+    by_position: float  # of a partial by position, m/m
+    interpolated: int  # observations
+    exact: int  # observations that are computed one by one
     segments: int
-    nodes: int
+    nodes: int  # of all segments
 
 
 class ChebyshevPredictor:
@@ -157,18 +144,7 @@ class ChebyshevPredictor:
         return self.accuracy
 
     def at(self, lander_pa_m: NDArray[np.float64]) -> ChebyshevPrediction:
-        """Predict for a position: all values at once, partials of the rows that are asked for.
-
-        Parameters
-        ----------
-        lander_pa_m : ndarray, shape (3,)
-            The point in principal axes of the model's ephemeris, m.
-
-        Raises
-        ------
-        ConvergenceError
-            The light times did not settle.
-        """
+        """Predict for a position in principal axes, m: all values at once, partials of the rows that are asked for."""
         if np.linalg.norm(lander_pa_m - self._checked_pa_m, axis=-1).max() > CHECKED_WITHIN_M:
             self.check(lander_pa_m)
         coefficients, status, exact = (
@@ -273,19 +249,8 @@ class ChebyshevPredictor:
 class ChebyshevPrediction:
     """An interpolated arc's predictions for one position; a :class:`~radioloc.measurements.predictor.Prediction`.
 
-    Parameters
-    ----------
-    segment : ndarray of int32, shape (n,)
-        Segment of each observation; -1 - k that of the k-th observation computed exactly.
-    x : ndarray, shape (n,)
-        Time within the segment, -1 to 1.
-    coefficients : ndarray, shape (n_segments, n_quantities, n_coefficients)
-        Powers descending.
-    status : ndarray of int8, shape (n_segments, 2)
-    exact : Computed or None
-        The observations computed exactly.
-    more_partials : bool
-        Whether the coefficients contain partials by the stations' places.
+    `segment` is that of each observation, or -1 - k for the k-th that is computed exactly, and `x` the place within it,
+    -1 to 1. `coefficients`, powers descending, have the shape (n_segments, n_quantities, n_coefficients).
     """
 
     def __init__(

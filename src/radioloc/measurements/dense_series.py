@@ -39,28 +39,14 @@ _WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity")
 
 @dataclass(frozen=True, slots=True)
 class Segments:
-    """Pieces of series.
+    """Pieces of series."""
 
-    Parameters
-    ----------
-    row : ndarray of int, shape (m,)
-        An observation of each segment, which stands for its series.
-    middle : Epochs
-        Middle of each segment, TAI.
-    degree : ndarray of int, shape (m,)
-        Degree of its polynomial.
-    half_s : ndarray, shape (m,)
-        Half of its length, s; its first and its last observation are this far from the middle.
-    begin, end : ndarray of int, shape (m,)
-        Its observations' places in the order of the series.
-    """
-
-    row: NDArray[np.intp]
-    middle: Epochs
-    degree: NDArray[np.intp]
-    half_s: NDArray[np.float64]
-    begin: NDArray[np.intp]
-    end: NDArray[np.intp]
+    row: NDArray[np.intp]  # an observation of each segment, which stands for its series
+    middle: Epochs  # of each segment, TAI
+    degree: NDArray[np.intp]  # of its polynomial
+    half_s: NDArray[np.float64]  # half of its length: its first and last observation are this far away
+    begin: NDArray[np.intp]  # its observations' first place in the order of the series
+    end: NDArray[np.intp]  # and the place after the last
 
     def __len__(self) -> int:
         return len(self.row)
@@ -87,14 +73,7 @@ class Segments:
 
 
 class DenseSeries:
-    """The observations in order of series and time.
-
-    Parameters
-    ----------
-    model : PhysicalModel
-        Conditions that it does not use may vary within a series.
-    observations : Observations
-    """
+    """The observations in order of series and time; conditions that the model does not use may vary within a series."""
 
     def __init__(self, model: PhysicalModel, observations: Observations, more_partials: bool = False) -> None:
         self._tai = utc_to_tai(observations.epoch)

@@ -49,21 +49,11 @@ class StationDelay:
 
 @dataclass(frozen=True, slots=True)
 class PathDelays:
-    """Delays of equipment on each of n paths, s.
+    """Delays of equipment on each of n paths, s."""
 
-    Parameters
-    ----------
-    hold_s : ndarray, shape (n,)
-        How long the point holds the signal.
-    after_tag_s : ndarray, shape (n,)
-        How long after the tag the tagged event happens at the station's reference point.
-    in_value_s : ndarray, shape (n,)
-        All that the value contains beside the two legs.
-    """
-
-    hold_s: NDArray[np.float64]
-    after_tag_s: NDArray[np.float64]
-    in_value_s: NDArray[np.float64]
+    hold_s: NDArray[np.float64]  # how long the point holds the signal
+    after_tag_s: NDArray[np.float64]  # how long after the tag the event happens at the reference point
+    in_value_s: NDArray[np.float64]  # all that the value contains beside the two legs
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,13 +80,7 @@ class EquipmentDelays:
         _require_delay("transponder_delay_s", self.transponder_s)
 
     def named(self, catalogue: StationCatalogue) -> EquipmentDelays:
-        """The same under the catalogue's names.
-
-        Raises
-        ------
-        StationError
-            A station is not in the catalogue, or has two names here.
-        """
+        """The same under the catalogue's names; a StationError where one is not in it, or has two names here."""
         found: dict[str, StationDelay] = {}
         for name, delay in self.stations.items():
             try:
@@ -119,20 +103,10 @@ class EquipmentDelays:
         sign: NDArray[np.float64],
         off: frozenset[str] = frozenset(),
     ) -> PathDelays:
-        """What the delays do to paths.
+        """What the delays do to paths between stations, given by their place among the catalogue's names.
 
-        Parameters
-        ----------
-        stations : sequence of str
-            The catalogue's names.
-        transmitter, receiver : ndarray of int, shape (n,)
-            Index into `stations` of each path's first and second station.
-        tag : ndarray of int8, shape (n,)
-            The tagged event, as :func:`~radioloc.measurements.light_path.solve_light_path` takes it.
-        sign : ndarray, shape (n,)
-            1 for a round trip, -1 for a VLBI delay, where both stations receive, 0 for a one-way signal.
-        off : frozenset of str
-            Terms that are left out, of ``transponder_delay`` and ``station_delay``.
+        `tag` and `sign` are those of :func:`~radioloc.measurements.light_path.solve_light_path`; terms that are `off`,
+        of ``transponder_delay`` and ``station_delay``, are left out.
         """
         hold_s, by_station_s = np.zeros(len(tag)), np.zeros((len(stations), 2))
         if "transponder_delay" not in off and self.transponder_s is not None:

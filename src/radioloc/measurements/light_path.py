@@ -34,21 +34,11 @@ TOLERANCE_S = 1e-15
 
 @dataclass(frozen=True, slots=True)
 class MovingPoint:
-    """A point that moves along a straight line near its event.
+    """A point that moves along a straight line near its event, BCRS axes from the geocentre at the reference epochs."""
 
-    Parameters
-    ----------
-    offset_s : ndarray, shape (n,)
-        Instant at which ``position_m`` holds, TDB seconds from the reference epochs.
-    position_m : ndarray, shape (n, 3)
-        BCRS axes, from the geocentre at the reference epoch.
-    velocity_m_s : ndarray, shape (n, 3)
-        Barycentric velocity.
-    """
-
-    offset_s: NDArray[np.float64]
-    position_m: NDArray[np.float64]
-    velocity_m_s: NDArray[np.float64]
+    offset_s: NDArray[np.float64]  # instant at which the position holds, TDB from the reference epoch
+    position_m: NDArray[np.float64]  # shape (n, 3)
+    velocity_m_s: NDArray[np.float64]  # barycentric, shape (n, 3)
 
     def at(self, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """Position at another instant, shape (n, 3)."""
@@ -75,24 +65,15 @@ class LightPath:
 class PathPartials:
     """Derivatives of c (sign up + hold + down), the path's length, with the tagged event where it is.
 
-    Parameters
-    ----------
-    by_position : ndarray, shape (n, 3)
-        With respect to the point's BCRS position, m/m.
-    by_tag : ndarray, shape (n,)
-        With respect to the time tag, m/s.
-    by_up_delay, by_down_delay : ndarray, shape (n,)
-        With respect to the delay of a leg, m/m: the leg's sign to 1e-4. Times the leg's unit vector, towards the second
-        participant, it is the derivative by that participant's position, and minus that by the first one's.
-    by_hold : ndarray, shape (n,)
-        With respect to the hold, m/s: the speed of light to 1e-5.
+    A leg's unit vector times the derivative by its delay is the derivative by the position of its second participant,
+    and minus that by the first one's.
     """
 
-    by_position: NDArray[np.float64]
-    by_tag: NDArray[np.float64]
-    by_up_delay: NDArray[np.float64]
+    by_position: NDArray[np.float64]  # the point's, BCRS, m/m, shape (n, 3)
+    by_tag: NDArray[np.float64]  # the time tag, m/s
+    by_up_delay: NDArray[np.float64]  # the delay of a leg, m/m: the leg's sign to 1e-4
     by_down_delay: NDArray[np.float64]
-    by_hold: NDArray[np.float64]
+    by_hold: NDArray[np.float64]  # the hold, m/s: the speed of light to 1e-5
 
 
 def solve_light_path(
@@ -108,36 +89,11 @@ def solve_light_path(
     near: LightPath | None = None,
     tolerance_s: float = TOLERANCE_S,
 ) -> LightPath:
-    """Solve the light-time equations of both legs in the BCRS.
+    """Solve the light-time equations of both legs in the BCRS (Moyer 2003, section 8.3).
 
-    Parameters
-    ----------
-    transmitter, relay, receiver : MovingPoint
-        The three participants.
-    tag : ndarray of int8, shape (n,)
-        Which event the time tag fixes: 0 transmission, 1 reception, 2 bounce.
-    tag_offset_s : ndarray, shape (n,)
-        When that event happens, TDB seconds from the reference epochs.
-    up_delay_m, down_delay_m : array_like, shape () or (n,)
-        Delay of each leg beyond its straight length (gravity, media), m.
-    sign : array_like, shape () or (n,)
-        1 for a range, -1 for a differenced delay, whose tag then is the first station's (0) or the second's (1), 0
-        for a one-way signal, whose tag is the reception or the bounce.
-    hold_s : array_like, shape () or (n,)
-        How long the point keeps the signal of a range before it sends it down, s; zero for a differenced delay.
-    near : LightPath, optional
-        A path of nearly the same lengths, to begin with.
-    tolerance_s : float
-        By how much the durations may still change in the last step; their error is a ten-thousandth of that.
-
-    Raises
-    ------
-    ConvergenceError
-        The light times did not settle, as for positions that are not finite.
-
-    Notes
-    -----
-    Moyer (2003), section 8.3. The durations are found by repeated substitution, which contracts by v/c = 1e-4 a step.
+    `tag` names the event that happens at `tag_offset_s`. Delays are those of each leg beyond its straight length.
+    `sign` is that of the first leg, see above. A path `near` the one wanted is where to begin. Repeated substitution
+    contracts by v/c = 1e-4 a step, so the durations are good to a ten-thousandth of the tolerance.
     """
     sent, received = tag == TRANSMIT, tag == RECEIVE
     up_delay_m, down_delay_m, sign = np.asarray(up_delay_m), np.asarray(down_delay_m), np.asarray(sign)
@@ -188,8 +144,6 @@ def path_length_partials(
 ) -> PathPartials:
     """Derivatives of the path's length.
 
-    Notes
-    -----
     Linearized light-time equations, c d(up) = n . (dx + v_L dt2 - v_A dt1) + d(up delay) and c d(down) = m . (v_B dt3 -
     dx - v_L dt2') + d(down delay), with the tagged event held (or moved) and the others following; dt2' is the
     departure's. How the delays themselves change is left to the caller, who has the derivatives by them.

@@ -21,38 +21,18 @@ from radioloc.vectors import dot, length, rotated
 
 @dataclass(frozen=True, slots=True)
 class LunarMotion:
-    """The Moon near one instant per observation, ready for any point fixed to it.
+    """The Moon near one instant per observation, ready for any point fixed to it."""
 
-    Parameters
-    ----------
-    centre : MovingPoint
-        Its centre in the BCRS from the geocentre at the reference epoch.
-    rot_pa_to_icrf, rot_pa_to_icrf_rate : ndarray, shape (n, 3, 3)
-        Orientation of the principal axes and its rate, 1/s.
-    geocentre_m : ndarray, shape (n, 3)
-        The geocentre at that instant, from the geocentre at the reference epoch.
-    geocentric_velocity_m_s : ndarray, shape (n, 3)
-        Velocity of the Moon's centre about the geocentre.
-    moon_gcrs_m : ndarray, shape (n, 3)
-        The Moon's centre from the geocentre.
-    earth_pa_m, sun_pa_m : ndarray, shape (n, 3)
-        Earth and Sun from the Moon's centre, principal axes.
-    shrinking : ndarray, shape (n,)
-        U/c^2 + L_B - L_G with the potential U of the Sun and the Earth at the Moon's centre.
-    bodies_m : dict of str to ndarray, shape (n, 3)
-        Sun and planets, from the geocentre at the reference epoch.
-    """
-
-    centre: MovingPoint
-    rot_pa_to_icrf: NDArray[np.float64]
-    rot_pa_to_icrf_rate: NDArray[np.float64]
-    geocentre_m: NDArray[np.float64]
-    geocentric_velocity_m_s: NDArray[np.float64]
-    moon_gcrs_m: NDArray[np.float64]
-    earth_pa_m: NDArray[np.float64]
+    centre: MovingPoint  # in the BCRS, from the geocentre at the reference epoch
+    rot_pa_to_icrf: NDArray[np.float64]  # orientation of the principal axes, shape (n, 3, 3)
+    rot_pa_to_icrf_rate: NDArray[np.float64]  # 1/s
+    geocentre_m: NDArray[np.float64]  # from the geocentre at the reference epoch
+    geocentric_velocity_m_s: NDArray[np.float64]  # of the Moon's centre
+    moon_gcrs_m: NDArray[np.float64]  # the Moon's centre from the geocentre
+    earth_pa_m: NDArray[np.float64]  # from the Moon's centre, as the Sun, principal axes
     sun_pa_m: NDArray[np.float64]
-    shrinking: NDArray[np.float64]
-    bodies_m: dict[str, NDArray[np.float64]]
+    shrinking: NDArray[np.float64]  # U/c^2 + L_B - L_G, potential U of Sun and Earth at the Moon's centre
+    bodies_m: dict[str, NDArray[np.float64]]  # Sun and planets, from the geocentre at the reference epoch
 
     def point(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> MovingPoint:
         """Motion of a point with given principal-axes coordinates, shape (3,) or (n, 3), m."""
@@ -87,25 +67,8 @@ class LunarMotion:
 def lunar_motion(
     model: PhysicalModel, reference: Epochs, reference_earth: EarthState, offset_s: NDArray[np.float64]
 ) -> LunarMotion:
-    """The Moon near given instants.
+    """The Moon at offsets from the reference epochs (TDB), when the geocentre is the origin.
 
-    Parameters
-    ----------
-    model : PhysicalModel
-    reference : Epochs
-        Reference epochs, TDB; the geocentre then is the origin.
-    reference_earth : EarthState
-        The Earth at the reference epochs.
-    offset_s : ndarray, shape (n,)
-        Instants, TDB seconds from the reference epochs.
-
-    Raises
-    ------
-    CoverageError
-        An epoch lies outside the kernels.
-
-    Notes
-    -----
     Lengths on the Moon are taken as a ruler there would measure them, in the units of TT, like those on the Earth. Seen
     from the barycentre they shrink by U/c^2 + L_B - L_G (43 mm of the radius) and along the velocity by the Lorentz
     contraction -v (v . r) / (2 c^2), up to 9 mm (IERS Conventions 2010, section 11.1, taken over to the Moon).

@@ -117,13 +117,7 @@ class PhysicalModel:
         return cls(spk, pck, earth, stations, terms, ionosphere, equipment, radio_atmosphere, added)
 
     def without(self, *names: str) -> PhysicalModel:
-        """The same model with some more terms left out.
-
-        Raises
-        ------
-        InputError
-            A name is not a term.
-        """
+        """The same model with some more terms left out."""
         terms = self.terms & active_terms(names, (medium.name for medium in self.added_media))
         earth = _earth_orientation(self.earth.table, terms)
         return replace(self, earth=earth, terms=terms)

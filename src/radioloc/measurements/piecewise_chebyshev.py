@@ -91,17 +91,9 @@ class Comparison:
 
 @dataclass(frozen=True, slots=True)
 class PiecewiseChebyshev:
-    """Nodes and check points of segments, as observations of the model.
+    """Nodes and check points of segments, as observations of the model, segment after segment."""
 
-    Parameters
-    ----------
-    degree : ndarray of int, shape (m,)
-        Degree of each segment's polynomial; it has one node more.
-    nodes, checks : ExactPredictor
-        Segment after segment.
-    """
-
-    degree: NDArray[np.intp]
+    degree: NDArray[np.intp]  # of each segment's polynomial, which has one node more
     nodes: ExactPredictor
     checks: ExactPredictor
 

@@ -22,46 +22,22 @@ from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus
 
 @dataclass(frozen=True, slots=True)
 class StationMotion:
-    """One station per observation, near one instant each.
+    """One station per observation, near one instant each."""
 
-    Parameters
-    ----------
-    point : MovingPoint
-        Motion in the BCRS from the geocentre at the reference epoch.
-    gcrs_m, gcrs_velocity_m_s : ndarray, shape (n, 3)
-        Geocentric position and velocity.
-    up_gcrs, up_rate_gcrs : ndarray, shape (n, 3)
-        Unit vector of the ellipsoid's normal and its rate, 1/s.
-    pole_gcrs : ndarray, shape (n, 3)
-        Unit vector of the ITRF's z axis, for azimuths.
-    tdb_minus_tt_s : ndarray, shape (n,)
-        TDB - TT at the station.
-    topocentric_s : ndarray, shape (n,)
-        The part of it that depends on the place, v_E . r / c^2.
-    tdb_rate, geocentric_tdb_rate : ndarray, shape (n,)
-        Rate of TDB - TT at the station, and of the part of it that does not depend on the place.
-    rot_itrf_to_gcrs : ndarray, shape (n, 3, 3)
-        Orientation of the Earth.
-    latitude_rad, height_m : ndarray, shape (n,)
-        Geodetic.
-    predicted_eop : ndarray of bool, shape (n,)
-        Whether Earth orientation was a prediction.
-    """
-
-    point: MovingPoint
-    gcrs_m: NDArray[np.float64]
+    point: MovingPoint  # in the BCRS, from the geocentre at the reference epoch
+    gcrs_m: NDArray[np.float64]  # geocentric, shape (n, 3)
     gcrs_velocity_m_s: NDArray[np.float64]
-    up_gcrs: NDArray[np.float64]
-    up_rate_gcrs: NDArray[np.float64]
-    pole_gcrs: NDArray[np.float64]
-    tdb_minus_tt_s: NDArray[np.float64]
-    topocentric_s: NDArray[np.float64]
-    tdb_rate: NDArray[np.float64]
-    geocentric_tdb_rate: NDArray[np.float64]
-    rot_itrf_to_gcrs: NDArray[np.float64]
-    latitude_rad: NDArray[np.float64]
+    up_gcrs: NDArray[np.float64]  # unit vector of the ellipsoid's normal
+    up_rate_gcrs: NDArray[np.float64]  # 1/s
+    pole_gcrs: NDArray[np.float64]  # unit vector of the ITRF's z axis, for azimuths
+    tdb_minus_tt_s: NDArray[np.float64]  # at the station
+    topocentric_s: NDArray[np.float64]  # the part of it that depends on the place, v_E . r / c^2
+    tdb_rate: NDArray[np.float64]  # of TDB - TT at the station
+    geocentric_tdb_rate: NDArray[np.float64]  # of the part that does not depend on the place
+    rot_itrf_to_gcrs: NDArray[np.float64]  # shape (n, 3, 3)
+    latitude_rad: NDArray[np.float64]  # geodetic, as the height
     height_m: NDArray[np.float64]
-    predicted_eop: NDArray[np.bool_]
+    predicted_eop: NDArray[np.bool_]  # whether Earth orientation was a prediction
 
     def tdb_minus_tt_at(self, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:
         """TDB - TT at the station at another instant nearby, s, shape (n,)."""
@@ -81,29 +57,8 @@ def station_motion(
     reference_earth: EarthState,
     offset_s: NDArray[np.float64],
 ) -> StationMotion:
-    """Motion of stations near given instants.
+    """Motion of stations, `which` of them for each observation, at most some seconds from the reference epochs (TDB).
 
-    Parameters
-    ----------
-    model : PhysicalModel
-    stations : tuple of Station
-        The stations that take part.
-    which : ndarray of int, shape (n,)
-        For each observation, the index of its station.
-    reference : Epochs
-        Reference epochs, TDB; the geocentre then is the origin.
-    reference_earth : EarthState
-        The Earth at the reference epochs.
-    offset_s : ndarray, shape (n,)
-        Instants, TDB seconds from the reference epochs, at most some seconds.
-
-    Raises
-    ------
-    CoverageError
-        An epoch lies outside the kernels or the Earth orientation table.
-
-    Notes
-    -----
     The event's BCRS place is x_E(TDB) + r - r (U/c^2 + L_B - L_G) - v_E (v_E . r) / (2 c^2), with r the GCRS position
     scaled for TT, as ITRF coordinates are, and U the potential of Sun and Moon at the geocentre (Moyer 2003, eq. 4-10
     and 4-17; IERS Conventions 2010, section 11.1). Terms with the Earth's acceleration are below 3 micrometres.

@@ -31,31 +31,10 @@ def trajectory_motion(
     reference: Epochs,
     moon: LunarMotion,
 ) -> MovingPoint:
-    """The spacecraft at the instants for which the Moon has been prepared.
+    """The spacecraft at the instants for which the Moon has been prepared, as a straight motion.
 
-    Parameters
-    ----------
-    model : PhysicalModel
-        Has the ephemeris to which the trajectory's centre belongs.
-    trajectory : Trajectory
-    reference : Epochs
-        Reference epochs, TDB; the geocentre then is the origin.
-    moon : LunarMotion
-
-    Returns
-    -------
-    MovingPoint
-        A straight motion. Its error by the acceleration of a low lunar orbit, 1.6 m/s^2, is 0.8 micrometres after the
-        1e-3 s for which it may be used, and 1e-16 m after the nanoseconds for which it is.
-
-    Raises
-    ------
-    CoverageError
-        An epoch lies outside the trajectory.
-    InputError
-        The spacecraft is farther from the Earth than the model is made for.
-    KernelError
-        The file cannot be evaluated.
+    Its error by the acceleration of a low lunar orbit, 1.6 m/s^2, is 0.8 micrometres after the 1e-3 s for which it may
+    be used, and 1e-16 m after the nanoseconds for which it is.
     """
     offset_s = moon.centre.offset_s
     position_m, velocity_m_s = trajectory.geocentric(model.ephemeris, reference.shifted(offset_s))
@@ -83,14 +62,9 @@ def displaced(motion: MovingPoint, moon: LunarMotion, offset_pa_m: NDArray[np.fl
 def behind_moon(
     point_gcrs_m: NDArray[np.float64], station_gcrs_m: NDArray[np.float64], moon_gcrs_m: NDArray[np.float64]
 ) -> NDArray[np.bool_]:
-    """Whether the Moon hides a spacecraft from a station, shape (n,).
+    """Whether the Moon hides a spacecraft from a station; geocentric positions at the events, m.
 
     The Moon is the 1737.4 km sphere, or a smaller one through a spacecraft that is lower, as on a landing.
-
-    Parameters
-    ----------
-    point_gcrs_m, station_gcrs_m, moon_gcrs_m : ndarray, shape (n, 3)
-        Geocentric spacecraft and Moon's centre when the signal meets the spacecraft, and station at its event, m.
     """
     from_moon_m = point_gcrs_m - moon_gcrs_m
     # The sphere must not hold the spacecraft itself, by rounding.

@@ -18,32 +18,16 @@ from radioloc.time.smooth import evaluate_smooth
 
 
 def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
-    """TDB - TT at the geocentre, s, shape (n,).
+    """TDB - TT at the geocentre, s, shape (n,); the epochs may be TT or TDB.
 
-    Parameters
-    ----------
-    epochs : Epochs
-        In TT or TDB (the difference between the two is immaterial here).
-
-    Notes
-    -----
     ERFA ``dtdb``: Fairhead and Bretagnon (1990), with 787 terms, good to some nanoseconds over decades.
     """
     return evaluate_smooth(lambda at: np.asarray(erfa.dtdb(at.jd, at.fraction, 0.0, 0.0, 0.0, 0.0)), epochs)
 
 
 def topocentric_tdb_minus_tt(earth_velocity_m_s: ArrayLike, station_gcrs_m: ArrayLike) -> NDArray[np.float64]:
-    """Part of TDB - TT that depends on the place, v_E . r / c^2, s, shape (...,).
+    """Part of TDB - TT that depends on the place, v_E . r / c^2, s, of BCRS velocity and GCRS position; shape (...,).
 
-    Parameters
-    ----------
-    earth_velocity_m_s : array_like, shape (..., 3)
-        Barycentric velocity of the Earth, ICRF axes, m/s (TDB).
-    station_gcrs_m : array_like, shape (..., 3)
-        Geocentric position of the place, GCRS, m.
-
-    Notes
-    -----
     Up to 2.1 microseconds, daily; it does not cancel in three-way range, where it reaches hundreds of metres.
     """
     return np.einsum("...i,...i->...", np.asarray(earth_velocity_m_s), np.asarray(station_gcrs_m)) / C_M_S**2

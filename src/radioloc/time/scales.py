@@ -62,13 +62,7 @@ def _require_utc_era(utc: Epochs) -> None:
 
 
 def utc_to_tai(utc: Epochs) -> Epochs:
-    """UTC to TAI.
-
-    Raises
-    ------
-    CoverageError
-        An epoch lies before 1972-01-01, when the present UTC began.
-    """
+    """UTC to TAI; from 1972 on, when the present UTC began."""
     _require_utc_era(utc)
     if not len(utc):
         return Epochs(utc.jd, utc.fraction, "TAI")
@@ -86,13 +80,7 @@ def utc_to_tai(utc: Epochs) -> Epochs:
 
 
 def tai_to_utc(tai: Epochs) -> Epochs:
-    """TAI to UTC.
-
-    Raises
-    ------
-    CoverageError
-        An epoch lies before 1972-01-01 UTC.
-    """
+    """TAI to UTC; from 1972 on."""
     tai.require("TAI")
     with _any_year():
         jd, fraction = erfa.taiutc(tai.jd, tai.fraction)
@@ -114,7 +102,7 @@ def tt_to_tai(tt: Epochs) -> Epochs:
 
 
 def utc_to_tt(utc: Epochs) -> Epochs:
-    """UTC to TT; errors as :func:`utc_to_tai`."""
+    """UTC to TT."""
     return tai_to_tt(utc_to_tai(utc))
 
 
@@ -188,13 +176,7 @@ def calendar_to_jd(
     day_of_year: bool = False,
     text: str | None = None,
 ) -> tuple[float, float]:
-    """Julian date of midnight and fraction of the day of one calendar date that must exist.
-
-    Raises
-    ------
-    InputError
-        No such month, day, hour, minute or second; a second of 60 where UTC had none.
-    """
+    """Julian date of midnight and fraction of the day of one calendar date that must exist."""
     shown = text or f"{year:04d}-{month:02d}-{day:02d}T{hour:02d}:{minute:02d}:{second:012.9f}"
     try:
         midnight = np.datetime64(f"{year:04d}-{month:02d}-{1 if day_of_year else day:02d}", "D")
@@ -227,19 +209,8 @@ def _leap_second_after(jd: float) -> float:
 def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
     """Dates as ``yyyy-mm-ddThh:mm:ss.sssssssss``, leap seconds shown as second 60, shape (n,).
 
-    Any scale but UTC is written as it stands, without one.
-
-    Parameters
-    ----------
-    utc : Epochs
-        Epochs.
-    decimals : int
-        Decimals of the second, 0 to 9; the last one is rounded, over the end of a day where need be.
-
-    Raises
-    ------
-    InputError
-        More decimals than nine, which ERFA's integers cannot hold.
+    Any scale but UTC is written as it stands, without one. The last decimal is rounded, over the end of a day where
+    need be.
     """
     if not 0 <= decimals <= 9:
         raise InputError(f"decimals = {decimals!r} is not a number of decimals from 0 to 9")
@@ -258,15 +229,7 @@ def utc_of(epochs: Epochs) -> Epochs:
 
 
 def to_scale(epochs: Epochs, scale: str) -> Epochs:
-    """Epochs in another scale: UTC, TAI, TT or TDB (at the geocentre).
-
-    Raises
-    ------
-    InputError
-        From or to UT1, which needs Earth orientation, or a scale that is not known.
-    CoverageError
-        From or to UTC before 1972.
-    """
+    """Epochs in another scale: UTC (from 1972 on), TAI, TT or TDB (at the geocentre); UT1 needs Earth orientation."""
     if scale == epochs.scale:
         return epochs
     if not {scale, epochs.scale} <= set(_CHAIN):

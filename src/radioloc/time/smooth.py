@@ -17,27 +17,12 @@ _MOST_NODES = 0.5
 
 
 def evaluate_smooth(function: Callable[[Epochs], NDArray[Any]], epochs: Epochs) -> NDArray[Any]:
-    """Values of an expensive smooth function.
+    """Values of an expensive function, shape (n, ...), in which nothing varies faster than in two days; not in UTC.
 
-    Where epochs are dense, the function is evaluated at nodes three hours apart and interpolated; where they are not,
-    at the epochs themselves.
-
-    Parameters
-    ----------
-    function : callable
-        From n epochs to values of shape (n, ...). Nothing in it may vary faster than in two days.
-    epochs : Epochs
-        n of them, not in UTC.
-
-    Returns
-    -------
-    ndarray, shape (n, ...)
-
-    Notes
-    -----
-    Lagrange's polynomial through the eight nearest nodes. Half way between nodes h apart, an oscillation of angular
-    frequency w is missed by (1 3 5 7)^2 / (2^8 8!) (w h)^8 of its amplitude: of a period of two days by 6e-7, of four
-    by 2e-9, of thirteen (the main short term of nutation, 1e-6 rad) by 2e-13.
+    Where epochs are dense, it is evaluated at nodes three hours apart and interpolated by Lagrange's polynomial through
+    the eight nearest. Half way between nodes h apart, an oscillation of angular frequency w is missed by (1 3 5 7)^2 /
+    (2^8 8!) (w h)^8 of its amplitude: of a period of two days by 6e-7, of four by 2e-9, of thirteen (the main short
+    term of nutation, 1e-6 rad) by 2e-13.
     """
     place = epochs.fraction * NODES_PER_DAY
     first = np.floor(place)

@@ -17,9 +17,11 @@ from radioloc.report.figures import COLORS, axes_for, length_unit, new_figure, s
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.patches import Ellipse
 
 _Floats = NDArray[np.float64]
-_CHI2_2_95 = 5.991464547107979
+_SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
+"""Of the axes of the ellipse that holds 95 % in the plane."""
 _MOST_PANELS = 12
 
 
@@ -63,14 +65,7 @@ def plot_position(
     >>> radioloc.plot_position(solution).axes[0].get_xlabel()
     'east of JPL, DE421 solution (cm)'
     """
-    from matplotlib.patches import Ellipse as EllipsePatch
-
-    # The one-sigma ellipse holds 1 - exp(-1/2) = 39.3 % in the plane.
-    ellipses = [
-        (solution.ellipse(0.95), 0.15, "95 %"),
-        (solution.ellipse(1.0 - math.exp(-0.5)), 0.3, "1 sigma"),
-    ]
-    if not solution.position_estimated or ellipses[0][0] is None:
+    if not (solution.position_estimated and solution.position_determined):
         raise InputError("the position is held or not determined, so there is no error ellipse to draw")
     comparison = solution.reference
     if reference_pa_m is not None:
@@ -78,30 +73,20 @@ def plot_position(
         comparison = compare_with(solution, known, reference_name or "reference")
     east_m, north_m = (0.0, 0.0) if comparison is None else (comparison.east_m, comparison.north_m)
 
-    # A square that holds the larger ellipse, whose reach east and north is 2.45 sigmas, and the origin.
+    # A square that holds the larger ellipse and the origin.
     sigma_east_m, sigma_north_m, _ = solution.sigma_enu_m()
     corners_m = np.array([(east_m, north_m), (east_m, north_m), (0.0, 0.0)])
-    corners_m[:2] += np.outer((-1.0, 1.0), (2.45 * sigma_east_m, 2.45 * sigma_north_m))
+    corners_m[:2] += np.outer((-_SCALE_95, _SCALE_95), (sigma_east_m, sigma_north_m))
     center_m = 0.5 * (corners_m.min(axis=0) + corners_m.max(axis=0))
     reach_m = 0.58 * float((corners_m.max(axis=0) - corners_m.min(axis=0)).max())
     factor, unit = length_unit(reach_m)
     axes = axes_for(ax, 5.2, 5.4, f"{solution.name}: position" if title is None else title)
     axes.set_aspect("equal")
-    for ellipse, opacity, label in ellipses:
-        if ellipse is None:
-            continue
-        axes.add_patch(
-            EllipsePatch(
-                (factor * east_m, factor * north_m),
-                2.0 * factor * ellipse.semi_minor_m,
-                2.0 * factor * ellipse.semi_major_m,
-                angle=-ellipse.azimuth_deg,
-                facecolor=(COLORS[0], opacity),
-                edgecolor=COLORS[0],
-                linewidth=0.9,
-                label=label,
-            )
-        )
+    covariance_m2 = solution.position_covariance("enu")[:2, :2]
+    for scale, opacity, label in ((_SCALE_95, 0.15, "95 %"), (1.0, 0.3, "1 sigma")):
+        ellipse = _ellipse((east_m, north_m), covariance_m2, scale, factor)
+        ellipse.set(facecolor=(COLORS[0], opacity), edgecolor=COLORS[0], linewidth=0.9, label=label)
+        axes.add_patch(ellipse)
     axes.plot(factor * east_m, factor * north_m, "o", color=COLORS[0], markersize=5, label="estimate")
     if comparison is not None:
         axes.plot(0.0, 0.0, "+", color=COLORS[1], markersize=12, markeredgewidth=1.8, label=comparison.name)
@@ -133,34 +118,17 @@ def plot_trial_scatter(
 ) -> Figure:
     """Draw the horizontal errors of each arc's trials with the 95 % ellipses that are claimed and that are found.
 
-    Parameters
-    ----------
-    names : sequence of str
-        Of the arcs, a panel each.
-    errors_m : sequence of ndarray, shape (n, 2)
-        East and north of the truth, m.
-    claimed_m2 : sequence of ndarray, shape (2, 2)
-        Covariance that a typical fit claims, m^2; its ellipse is drawn about the truth.
-    title : str
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Shows itself in a notebook; save it with :func:`~radioloc.report.save_figure`.
-
-    Raises
-    ------
-    InputError
-        There are no arcs, or more than panels fit on a page.
+    Of each arc: its name, errors east and north of the truth of shape (n, 2), and the covariance of shape (2, 2) that a
+    typical fit claims.
     """
     if not 0 < len(names) <= _MOST_PANELS:
         raise InputError(f"{len(names)} arcs; a figure has room for 1 to {_MOST_PANELS}")
     reach_m = max(_reach_m(e, c) for e, c in zip(errors_m, claimed_m2, strict=True))
     factor, unit = length_unit(reach_m)
     columns = min(len(names), 4)
-    lines = -(-len(names) // columns)
-    figure = new_figure(3.1 * columns + 0.5, 3.4 * lines + 0.9, title)
-    panels = figure.subplots(lines, columns, sharex=True, sharey=True, squeeze=False)
+    rows = -(-len(names) // columns)
+    figure = new_figure(3.1 * columns + 0.5, 3.4 * rows + 0.9, title)
+    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
     for axes in panels.ravel()[len(names) :]:
         axes.set_visible(False)
     shown = panels.ravel()[: len(names)]
@@ -176,10 +144,13 @@ def plot_trial_scatter(
             linewidths=0,
             label="trials",
         )
-        centre_m = error_m.mean(axis=0)
+        lines = [(np.zeros(2), covariance_m2, COLORS[6], "--", "95 % claimed")]
         if len(error_m) > 2:
-            _ellipse(axes, factor * centre_m, factor**2 * np.cov(error_m.T), COLORS[1], "-", "95 % found")
-        _ellipse(axes, np.zeros(2), factor**2 * covariance_m2, COLORS[6], "--", "95 % claimed")
+            lines.append((error_m.mean(axis=0), np.cov(error_m.T), COLORS[1], "-", "95 % found"))
+        for centre_m, spread_m2, color, style, label in reversed(lines):
+            ellipse = _ellipse(centre_m, spread_m2, _SCALE_95, factor)
+            ellipse.set(fill=False, edgecolor=color, linestyle=style, linewidth=1.3, label=label)
+            axes.add_patch(ellipse)
         axes.plot(0.0, 0.0, "+", color=COLORS[6], markersize=9, markeredgewidth=1.2, label="truth")
         axes.set_xlim(-factor * reach_m, factor * reach_m)
         axes.set_ylim(-factor * reach_m, factor * reach_m)
@@ -200,22 +171,9 @@ def plot_error_by_length(
     title: str,
     ax: Axes | None = None,
 ) -> Figure:
-    """Draw how the errors fall with the length of the arc, beside the sigmas claimed.
+    """Draw how the errors fall with the length of the arc in h, beside the sigmas claimed.
 
-    Parameters
-    ----------
-    hours : sequence of float
-        Lengths of the arcs, h.
-    errors_m, sigmas_m : sequence of ndarray, shape (n, 3)
-        Errors and claimed sigmas of each arc's trials, east, north, up, m.
-    title : str
-    ax : matplotlib.axes.Axes, optional
-        Axes to draw in, in place of a figure of its own.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Shows itself in a notebook; save it with :func:`~radioloc.report.save_figure`.
+    Errors and sigmas of each arc's trials are east, north, up, shape (n, 3).
     """
     from matplotlib.ticker import LogLocator, NullLocator
 
@@ -248,13 +206,16 @@ def plot_error_by_length(
 def _reach_m(error_m: _Floats, claimed_m2: _Floats) -> float:
     """Half the width of a square about the truth that holds all but a few of the trials, and the ellipse."""
     most_m = float(np.quantile(np.abs(error_m), 0.998, axis=0).max())
-    return 1.1 * max(most_m, float(np.sqrt(_CHI2_2_95 * np.diag(claimed_m2).max())))
+    return 1.1 * max(most_m, _SCALE_95 * float(np.sqrt(np.diag(claimed_m2).max())))
 
 
-def _ellipse(axes: Axes, centre: _Floats, covariance: _Floats, color: str, style: str, label: str) -> None:
-    """Outline of the ellipse that holds 95 %."""
-    variances, directions = np.linalg.eigh(covariance)
-    angle = np.linspace(0.0, 2.0 * np.pi, 200)
-    circle = np.stack([np.cos(angle), np.sin(angle)])
-    x, y = centre[:, None] + directions @ (np.sqrt(_CHI2_2_95 * np.maximum(variances, 0.0))[:, None] * circle)
-    axes.plot(x, y, style, color=color, linewidth=1.3, label=label)
+def _ellipse(
+    centre_m: Sequence[float] | _Floats, covariance_m2: _Floats, scale: float, factor: float
+) -> Ellipse:
+    """An error ellipse with axes of so many sigmas, in the unit that a factor leads to from metres."""
+    from matplotlib.patches import Ellipse
+
+    variances, directions = np.linalg.eigh(covariance_m2)
+    width, height = 2.0 * factor * scale * np.sqrt(np.maximum(variances, 0.0))
+    azimuth_deg = math.degrees(math.atan2(directions[0, 1], directions[1, 1])) % 180.0
+    return Ellipse((factor * centre_m[0], factor * centre_m[1]), width, height, angle=-azimuth_deg)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,15 +31,29 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _Rows = NDArray[np.intp]
-MOST_STATIONS, MOST_LINKS = 12, 30
-"""Panels that fit on a page."""
-_COLUMNS = 3
-_PANEL_IN = (3.7, 1.9)
-_STATION_PANEL_IN = (8.0, 1.75)
+_Dates = NDArray[np.datetime64]
+MOST_LINKS = 30
 _MAX_HEIGHT_RATIO = 4.0  # panels share a scale unless one would be squeezed by more than this
 _LEGEND_STRIP = 1.3  # where a panel with a legend ends below, in half heights
-_LEFT_OUT = "red: left out; triangles are beyond the panel"
 _LONGEST_TITLES = 58  # characters that find room above a panel
+
+
+class _Layout(NamedTuple):
+    """Of a page: most panels, what they are of, columns, inches of a panel and around all, dates, what red means."""
+
+    most: int
+    noun: str
+    columns: int
+    panel_in: tuple[float, float]
+    margin_in: tuple[float, float]
+    ticks: tuple[int, int]
+    left_out: str
+
+
+_STATIONS = _Layout(12, "stations", 1, (8.0, 1.75), (0.0, 1.1), (4, 9), "")
+_LINKS = _Layout(
+    MOST_LINKS, "links", 3, (3.7, 1.9), (0.6, 0.9), (3, 6), "red: left out; triangles are beyond the panel"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,22 +102,10 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
     >>> figure.axes[0].get_title(loc="left")
     'APOLLO'
     """
-    residuals, title = _what(solution, title)
-    stations = residuals.stations.present()
-    panels = [
-        _Panel(station, "", {"": np.flatnonzero(residuals.stations.are(station))}) for station in stations
-    ]
-    panels, notes = _largest(panels, MOST_STATIONS, "stations")
-    half_heights_m = _half_heights(residuals, panels)
-    width_in, height_in = _STATION_PANEL_IN
-    figure = new_figure(width_in, 1.1 + height_in * len(panels), title)
-    grid = figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0]
-    dates = utc_dates(residuals.epoch_utc)
-    for k, (axes, panel) in enumerate(zip(grid, panels, strict=True)):
-        _draw_station(axes, residuals, dates, panel, COLORS[k % len(COLORS)], half_heights_m[k])
-    date_axis(grid[-1], dates)
-    _note_below(figure, residuals, panels, notes)
-    return figure
+    residuals = _residuals_of(solution)
+    stations = residuals.stations
+    panels = [_Panel(name, "", {"": np.flatnonzero(stations.are(name))}) for name in stations.present()]
+    return _grid(solution, title, panels, _STATIONS)
 
 
 def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figure:
@@ -138,58 +140,54 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
     >>> figure.axes[0].get_title(loc="left")
     'range APOLLO'
     """
-    residuals, title = _what(solution, title)
-    panels, notes = _largest(_link_panels(residuals), MOST_LINKS, "links")
-    half_heights_m = _half_heights(residuals, panels)
-    n_columns = min(_COLUMNS, len(panels))
+    return _grid(solution, title, _link_panels(_residuals_of(solution)), _LINKS)
+
+
+def _residuals_of(solution: Solution | Residuals) -> Residuals:
+    residuals = solution.residuals if isinstance(solution, Solution) else solution
+    if not len(residuals):
+        raise InputError("there are no residuals to draw")
+    return residuals
+
+
+def _grid(
+    solution: Solution | Residuals, title: str | None, panels: Sequence[_Panel], layout: _Layout
+) -> Figure:
+    """A grid of panels over one axis of dates, and below it what is not said in them."""
+    residuals = _residuals_of(solution)
+    if title is None:
+        name = f"{solution.name}: " if isinstance(solution, Solution) else ""
+        title = f"{name}observed \N{MINUS SIGN} computed"
+    notes = []
+    if len(panels) > layout.most:
+        notes = [f"{layout.most} of {len(panels)} {layout.noun}, those with the most observations"]
+        largest = np.argsort([-len(panel.all_rows) for panel in panels], kind="stable")[: layout.most]
+        panels = [panels[k] for k in sorted(largest.tolist())]
+    n_columns = min(layout.columns, len(panels))
     n_rows = -(-len(panels) // n_columns)
-    width_in, height_in = _PANEL_IN
-    figure = new_figure(0.6 + width_in * n_columns, 0.9 + height_in * n_rows, title)
+    width_in, height_in = layout.panel_in
+    figure = new_figure(
+        width_in * n_columns + layout.margin_in[0], height_in * n_rows + layout.margin_in[1], title
+    )
     places = list(figure.subplots(n_rows, n_columns, sharex=True, squeeze=False).flat)
     dates = utc_dates(residuals.epoch_utc)
-    for axes, panel, half_height_m in zip(places, panels, half_heights_m, strict=False):
-        _draw_links(axes, residuals, dates, panel, half_height_m)
+    for k, (panel, half_height_m) in enumerate(zip(panels, _half_heights(residuals, panels), strict=True)):
+        draw = _draw_links if panel.like else _draw_station
+        draw(places[k], residuals, dates, panel, half_height_m, COLORS[k % len(COLORS)])
     for axes in places[len(panels) :]:
         axes.set_visible(False)
     for column in range(n_columns):
         lowest = places[(len(panels) - 1 - column) // n_columns * n_columns + column]
-        date_axis(lowest, dates, minticks=3, maxticks=6)
+        date_axis(lowest, dates, *layout.ticks)
         lowest.tick_params(labelbottom=True)
-    _note_below(figure, residuals, panels, notes, _LEFT_OUT)
-    return figure
-
-
-def _what(solution: Solution | Residuals, title: str | None) -> tuple[Residuals, str]:
-    """Residuals to draw and the title above them."""
-    residuals = solution.residuals if isinstance(solution, Solution) else solution
-    if not len(residuals):
-        raise InputError("there are no residuals to draw")
-    if title is None:
-        title = (f"{solution.name}: " if isinstance(solution, Solution) else "") + (
-            "observed \N{MINUS SIGN} computed"
-        )
-    return residuals, title
-
-
-def _largest(panels: Sequence[_Panel], most: int, noun: str) -> tuple[list[_Panel], list[str]]:
-    """The panels with the most observations, in the order given, and what to say of the others."""
-    if len(panels) <= most:
-        return list(panels), []
-    largest = np.argsort([-len(panel.all_rows) for panel in panels], kind="stable")[:most]
-    note = f"{most} of {len(panels)} {noun}, those with the most observations"
-    return [panels[k] for k in sorted(largest.tolist())], [note]
-
-
-def _note_below(
-    figure: Figure, residuals: Residuals, panels: list[_Panel], notes: list[str], left_out: str = ""
-) -> None:
     if any(_crowded(residuals, panel) for panel in panels):
-        notes = [*notes, ENVELOPE_NOTE]
+        notes.append(ENVELOPE_NOTE)
     color = "0.4" if notes else REJECTED_COLOR
-    if left_out and not residuals.used.all():
-        notes = [*notes, left_out]
+    if layout.left_out and not residuals.used.all():
+        notes.append(layout.left_out)
     if notes:
         figure.supxlabel("; ".join(notes), fontsize=7, color=color)
+    return figure
 
 
 def _crowded(residuals: Residuals, panel: _Panel) -> bool:
@@ -215,12 +213,8 @@ def _link_panels(residuals: Residuals) -> list[_Panel]:
 
 
 def _word(kind: str) -> str:
-    return (
-        kind.removeprefix("vlbi_")
-        .replace("one_way", "one-way")
-        .replace("_", " ")
-        .replace("doppler", "Doppler")
-    )
+    words = kind.removeprefix("vlbi_").replace("one_way", "one-way")
+    return words.replace("_", " ").replace("doppler", "Doppler")
 
 
 def _half_heights(residuals: Residuals, panels: list[_Panel]) -> list[float]:
@@ -244,12 +238,7 @@ def _half_heights(residuals: Residuals, panels: list[_Panel]) -> list[float]:
 
 
 def _draw_station(
-    axes: Axes,
-    residuals: Residuals,
-    dates: NDArray[np.datetime64],
-    panel: _Panel,
-    color: str,
-    half_height_m: float,
+    axes: Axes, residuals: Residuals, dates: _Dates, panel: _Panel, half_height_m: float, color: str
 ) -> None:
     rows = panel.all_rows
     used, out = rows[residuals.used[rows]], rows[~residuals.used[rows]]
@@ -263,59 +252,32 @@ def _draw_station(
     label = f"{statistics.used} used"
     if statistics.wrms_m is not None:
         label += f", wrms {factor * statistics.wrms_m:.3g} {unit}"
-    handles: list[Any]
+    style: dict[str, Any] = {"color": color, "label": label}
     if _crowded(residuals, panel):
-        handles = [draw_envelope(axes, dates[used], y[used], limits, color=color, label=label)]
+        handles = [draw_envelope(axes, dates[used], y[used], limits, **style)]
     else:
-        handles = [
-            axes.errorbar(
-                dates[used],
-                y[used],
-                yerr=factor * residuals.sigma_m[used],
-                fmt="o",
-                markersize=3.2,
-                color=color,
-                markeredgecolor="white",
-                markeredgewidth=0.3,
-                elinewidth=0.7,
-                alpha=0.85,
-                label=label,
-            )
-        ]
+        style |= {"fmt": "o", "markersize": 3.2, "markeredgecolor": "white", "markeredgewidth": 0.3}
+        sigma = factor * residuals.sigma_m[used]
+        handles = [axes.errorbar(dates[used], y[used], sigma, elinewidth=0.7, alpha=0.85, **style)]
     handles += draw_left_out(axes, dates[out], y[out], limits, limit, 5)
     axes.set_ylim(-limit, limit)
     if residuals.types.are("range")[rows].all():
         axes.set_ylabel(f"round trip ({unit})", fontsize=8)
-        one_way = axes.secondary_yaxis("right", functions=(_halved, _doubled))
+        one_way = axes.secondary_yaxis("right", functions=(lambda y: 0.5 * y, lambda y: 2.0 * y))
         one_way.set_ylabel(f"one way ({unit})", fontsize=8, color="0.4")
         one_way.tick_params(labelsize=8, color="0.4", labelcolor="0.4")
         one_way.spines["right"].set_visible(False)
     else:
         axes.set_ylabel(f"residual ({unit})", fontsize=8)
     panel_title(axes, panel.title, "left", fontsize=9, fontweight="bold", color=color)
-    axes.legend(
-        handles=handles,
-        loc="lower right",
-        bbox_to_anchor=(1.0, 0.98),
-        ncols=len(handles),
-        fontsize=8,
-        frameon=False,
-        handletextpad=0.3,
-        borderpad=0.0,
-    )
-
-
-def _halved(values: Any) -> Any:
-    return np.asarray(values) * 0.5
-
-
-def _doubled(values: Any) -> Any:
-    return np.asarray(values) * 2.0
+    style = {"frameon": False, "borderpad": 0.0, "bbox_to_anchor": (1.0, 0.98), "handletextpad": 0.3}
+    axes.legend(handles=handles, loc="lower right", ncols=len(handles), fontsize=8, **style)
 
 
 def _draw_links(
-    axes: Axes, residuals: Residuals, dates: NDArray[np.datetime64], panel: _Panel, half_height_m: float
+    axes: Axes, residuals: Residuals, dates: _Dates, panel: _Panel, half_height_m: float, _: str
 ) -> None:
+    """A colour for each link; the legend has a strip of its own below, where it hides nothing."""
     factor, unit = length_unit(half_height_m)
     y, used, limit = factor * residuals.residual_m, residuals.used, factor * half_height_m
     limits, crowded = (dates.min(), dates.max()), _crowded(residuals, panel)
@@ -324,42 +286,27 @@ def _draw_links(
     handles: list[Any] = []
     for k, (name, rows) in enumerate(panel.rows.items()):
         kept = rows[used[rows]]
-        color = COLORS[k % len(COLORS)]
+        style: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "label": name}
         if crowded:
-            handles.append(draw_envelope(axes, dates[kept], y[kept], limits, color=color, label=name))
+            handles.append(draw_envelope(axes, dates[kept], y[kept], limits, **style))
         else:
             # Thousands of dots are an image within a vector file, or no viewer opens it.
-            style: dict[str, Any] = {"markersize": 2.5, "color": color, "rasterized": True, "label": name}
-            handles += axes.plot(dates[kept], y[kept], ".", **style)
-    out = panel.all_rows[~used[panel.all_rows]]
+            handles += axes.plot(dates[kept], y[kept], ".", markersize=2.5, rasterized=True, **style)
+    rows = panel.all_rows
+    kept, out = rows[used[rows]], rows[~used[rows]]
     draw_left_out(axes, dates[out], y[out], limits, limit, 4)
-    # The legend has a strip of its own, where it hides nothing.
     axes.set_ylim(-limit * (_LEGEND_STRIP if any(panel.rows) else 1.0), limit)
     axes.set_ylabel(f"residual ({unit})", fontsize=8)
     panel_title(axes, panel.title, "left", fontsize=7.5, fontweight="bold")
-    statement = _statement(residuals, panel.all_rows, factor, unit)
+    statement = f"{len(kept)} used"
+    if len(kept):
+        statement += f", rms {np.sqrt(np.mean(y[kept] ** 2)):#.3g} {unit}"
+    if len(out):
+        statement += f", {len(out)} left out"
     size = 6.5 if len(panel.title) + len(statement) < _LONGEST_TITLES else 5.2
     panel_title(axes, statement, "right", fontsize=size)
     if any(panel.rows):
+        style = {"framealpha": 0.85, "edgecolor": "none", "borderpad": 0.2, "handletextpad": 0.1}
         axes.legend(
-            handles=handles,
-            loc="lower right",
-            fontsize=7,
-            framealpha=0.85,
-            edgecolor="none",
-            borderpad=0.2,
-            ncols=len(handles),
-            handletextpad=0.1,
-            markerscale=2.5,
+            handles=handles, loc="lower right", fontsize=7, ncols=len(handles), markerscale=2.5, **style
         )
-
-
-def _statement(residuals: Residuals, rows: _Rows, factor: float, unit: str) -> str:
-    """How many observations were used and how far off they are, and how many were left out."""
-    used = rows[residuals.used[rows]]
-    text = f"{len(used)} used"
-    if len(used):
-        rms = factor * float(np.sqrt(np.mean(residuals.residual_m[used] ** 2)))
-        text += f", rms {rms:#.3g} {unit}"
-    left_out = len(rows) - len(used)
-    return f"{text}, {left_out} left out" if left_out else text

@@ -13,6 +13,7 @@ import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.solution import Solution
+from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, metres, more, sigma_text, to_sigma
 from radioloc.report.solution_card import which_sigmas
@@ -32,49 +33,31 @@ class PositionRow:
 
     Longitudes are counted to the west, -180 to 180 deg, as maps of the near side's west and Wang et al. (2021) do.
     Differences in metres are arcs on the sphere of 1737.4 km: of longitude R cos(B) dL at the benchmark's latitude, of
-    latitude R dB.
-
-    Parameters
-    ----------
-    method : str
-        ``"tracking"`` or ``"reference"``.
-    name : str
-        Length of the arc or name of the reference.
-    longitude_west_deg, latitude_deg : float
-        Mean-Earth axes.
-    height_m : float
-        Above the sphere of 1737.4 km.
-    west_deg, north_deg, west_m, north_m, up_m : float or None
-        This less the benchmark; None for the benchmark itself.
-    sigma_west_m, sigma_north_m, sigma_up_m : float or None
-        Total standard deviations; None for references and where not determined.
-    from_longest_m : float or None
-        Horizontal distance from the longest arc's position; None for that itself.
-    from_longest_sigmas : float or None
-        The same in the standard deviations that this difference should have (:func:`sigmas_apart`).
-    used, left_out : int or None
-        Number of observations; None for references.
-    wrms_m : float or None
-        Weighted rms of the used residuals.
-    converged : bool or None
-        Whether the fit converged and everything is determined; None for references.
+    latitude R dB. What a reference does not have is None.
     """
 
     method: str
+    """``"tracking"`` or ``"reference"``."""
     name: str
+    """Length of the arc or name of the reference."""
     longitude_west_deg: float
+    """Mean-Earth axes."""
     latitude_deg: float
     height_m: float
     west_deg: float | None
+    """This less the benchmark, as the next four; None for the benchmark itself."""
     north_deg: float | None
     west_m: float | None
     north_m: float | None
     up_m: float | None
     sigma_west_m: float | None = None
+    """Total standard deviation, as the next two; None where not determined."""
     sigma_north_m: float | None = None
     sigma_up_m: float | None = None
     from_longest_m: float | None = None
+    """Horizontal distance from the longest arc's position; None for that itself."""
     from_longest_sigmas: float | None = None
+    """The same in the standard deviations that this difference should have (:func:`sigmas_apart`)."""
     used: int | None = None
     left_out: int | None = None
     wrms_m: float | None = None
@@ -83,16 +66,7 @@ class PositionRow:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Arc:
-    """One arc of a study.
-
-    Parameters
-    ----------
-    hours : float
-        Length asked for.
-    span_h : float
-        From the start to the last observation, h.
-    solution : Solution
-    """
+    """One arc of a study: the length asked for, and the span from the start to the last observation."""
 
     hours: float
     span_h: float
@@ -168,22 +142,20 @@ class ArcStudy:
         benchmark = self.references[0].position.selenographic if self.references else longest
         rows = []
         for k, arc in enumerate(self.arcs):
-            place = arc.solution.selenographic
-            _, _, west_m, north_m, _ = difference(place, longest)
-            estimated, total = arc.solution.position_estimated, arc.solution.fit.total
-            sigmas_m = [
-                float(s) if estimated and math.isfinite(s) else None for s in arc.solution.sigma_enu_m()
-            ]
+            place, total = arc.solution.selenographic, arc.solution.fit.total
+            cells = _place(place, None if k == 0 and not self.references else benchmark)
+            if arc.solution.position_estimated:
+                names = ("sigma_west_m", "sigma_north_m", "sigma_up_m")
+                sigmas_m = map(finite_or_none, arc.solution.sigma_enu_m())
+                cells |= zip(names, sigmas_m, strict=True)
+            if k:
+                cells["from_longest_m"] = math.hypot(*difference(place, longest)[2:4])
+                cells["from_longest_sigmas"] = sigmas_apart(arc.solution, self.longest)
             rows.append(
                 PositionRow(
                     "tracking",
                     arc.name,
-                    **_place(place, None if k == 0 and not self.references else benchmark),
-                    sigma_west_m=sigmas_m[0],
-                    sigma_north_m=sigmas_m[1],
-                    sigma_up_m=sigmas_m[2],
-                    from_longest_m=None if k == 0 else math.hypot(west_m, north_m),
-                    from_longest_sigmas=None if k == 0 else sigmas_apart(arc.solution, self.longest),
+                    **cells,
                     used=total.used,
                     left_out=total.rejected,
                     wrms_m=total.wrms_m,
@@ -226,17 +198,17 @@ class ArcStudy:
     def to_csv(self) -> str:
         """The rows as comma-separated text, with the arcs' other parameters and their sigmas as further columns."""
         arcs = {arc.name: arc for arc in self.arcs}
-        names = list(self.other_parameters)
         records = [asdict(row) for row in self.rows]
+        heading = list(records[0])
+        for name in self.other_parameters:
+            heading += (name, f"{name}.sigma")
+            for record in records:
+                if record["method"] == "tracking" and (found := arcs[record["name"]].parameter(name)):
+                    record[name], record[f"{name}.sigma"] = found
         stream = io.StringIO()
-        writer = csv.writer(stream, lineterminator="\n")
-        writer.writerow([*records[0], *(column for name in names for column in (name, f"{name}.sigma"))])
-        for record in records:
-            values = list(record.values())
-            for name in names:
-                found = arcs[record["name"]].parameter(name) if record["method"] == "tracking" else None
-                values += found or (None, None)
-            writer.writerow(["" if v is None else repr(v) if isinstance(v, float) else v for v in values])
+        writer = csv.DictWriter(stream, heading, lineterminator="\n")
+        writer.writeheader()
+        writer.writerows(records)
         return stream.getvalue()
 
     def to_markdown(self) -> str:
@@ -265,13 +237,7 @@ class ArcStudy:
 
 
 def difference(one: Place, benchmark: Place) -> tuple[float, float, float, float, float]:
-    """How far west, north (deg), west, north, up (m) a position is of a benchmark.
-
-    Parameters
-    ----------
-    one, benchmark : tuple of float
-        East longitude and latitude in deg, height in m.
-    """
+    """How far west, north (deg), west, north, up (m) a position is of a benchmark."""
     west_deg = -math.remainder(one[0] - benchmark[0], 360.0)
     north_deg = one[1] - benchmark[1]
     metres_per_deg = math.radians(MEAN_LUNAR_RADIUS_M)
@@ -318,49 +284,50 @@ def _card(study: ArcStudy) -> Card:
     longest, rows = study.longest, study.rows
     failed = [arc.name for arc in study.arcs if not arc.solution.converged]
     tracked = list(zip(study.arcs, rows, strict=False))
-    fields = [
-        Field("arc lengths", (study.name,)),
-        Field("status", (f"NOT CONVERGED: {', '.join(failed)}" if failed else "all arcs converged",)),
-        Field(
-            "axes",
-            (
-                f"{longest.me_frame}, fitted in {longest.pa_frame}; L west longitude, B latitude; dL, dB "
-                f"relative to {study.benchmark}, on the sphere of {MEAN_LUNAR_RADIUS_M / 1e3:.1f} km",
+    axes = (
+        f"{longest.me_frame}, fitted in {longest.pa_frame}; L west longitude, B latitude; dL, dB relative to "
+        f"{study.benchmark}, on the sphere of {MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
+    )
+    return Card(
+        (
+            Field("arc lengths", (study.name,)),
+            Field("status", (f"NOT CONVERGED: {', '.join(failed)}" if failed else "all arcs converged",)),
+            Field("axes", (axes,)),
+            Field(
+                "positions",
+                heading=("", "L, deg W", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m"),
+                rows=tuple((row.name, *_position_cells(row)) for row in rows),
             ),
-        ),
-        Field(
-            "positions",
-            heading=("", "L, deg W", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m"),
-            rows=tuple((row.name, *_position_cells(row)) for row in rows),
-        ),
-        Field(
-            "1 sigma",
-            heading=("", "L, m", "B, m", "h, m", "height, m", f"from {study.arcs[0].name}, m", "in sigmas"),
-            rows=tuple(_sigma_cells(arc, row) for arc, row in tracked),
-        ),
-        Field(
-            "data",
-            heading=("", "span, h", "used", "left out", "wrms, m", "chi2/dof"),
-            rows=tuple(_data_cells(arc, row) for arc, row in tracked),
-        ),
-        *_parameter_fields(study),
-        Field("observable", tuple(_observable(study))),
-        Field("notes", tuple(_notes(study, rows))),
-    ]
-    return Card(tuple(field for field in fields if field.lines or field.rows))
+            Field(
+                "1 sigma",
+                heading=(
+                    "",
+                    "L, m",
+                    "B, m",
+                    "h, m",
+                    "height, m",
+                    f"from {study.arcs[0].name}, m",
+                    "in sigmas",
+                ),
+                rows=tuple(_sigma_cells(arc, row) for arc, row in tracked),
+            ),
+            Field(
+                "data",
+                heading=("", "span, h", "used", "left out", "wrms, m", "chi2/dof"),
+                rows=tuple(_data_cells(arc, row) for arc, row in tracked),
+            ),
+            *_parameter_fields(study),
+            Field("observable", tuple(_observable(study))),
+            Field("notes", tuple(_notes(study, rows))),
+        )
+    )
 
 
 def _position_cells(row: PositionRow) -> tuple[str, ...]:
     cells = (f"{row.longitude_west_deg:.5f}", f"{row.latitude_deg:.5f}")
     if row.west_deg is None:
         return (*cells, "benchmark", "-", "-", "-")
-    return (
-        *cells,
-        f"{row.west_deg:.5f}",
-        f"{row.north_deg:.5f}",
-        f"{row.west_m:.1f}",
-        f"{row.north_m:.1f}",
-    )
+    return (*cells, f"{row.west_deg:.5f}", f"{row.north_deg:.5f}", f"{row.west_m:.1f}", f"{row.north_m:.1f}")
 
 
 def _fixed(value: float | None, decimals: int) -> str:
@@ -403,9 +370,7 @@ def _parameter_fields(study: ArcStudy) -> list[Field]:
         )
         heading = ("value +- 1 sigma", *(arc.name for arc in arcs))
         fields.append(Field("" if start else "estimated", heading=heading, rows=rows))
-    if len(units) > len(shown):
-        fields.append(Field("", more(len(units), len(shown), "arcs.json")))
-    return fields
+    return [*fields, Field("", more(len(units), len(shown), "arcs.json"))]
 
 
 def _with_sigma(found: tuple[float, float] | None) -> str:

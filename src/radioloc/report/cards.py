@@ -27,7 +27,7 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """Fields in order; ``str()`` is the card for a terminal."""
+    """Fields in order, of which empty ones are not shown; ``str()`` is the card for a terminal."""
 
     fields: tuple[Field, ...]
 
@@ -47,6 +47,8 @@ class Card:
         left = 'style="text-align:left"'
         rows = []
         for field in self.fields:
+            if not (field.lines or field.rows or field.below):
+                continue
             content = "<br>".join(html.escape(line) for line in field.lines)
             if field.rows:
                 head = "".join(f"<th>{html.escape(cell)}</th>" for cell in field.heading)

@@ -62,10 +62,7 @@ def write_report(solution: Solution, folder: str | Path) -> list[Path]:
 
 
 def write_numbers(solution: Solution, folder: str | Path) -> list[Path]:
-    """Write ``solution.json`` and ``residuals.csv``.
-
-    Parameters, result and errors as :func:`write_report`.
-    """
+    """Write ``solution.json`` and ``residuals.csv``."""
     folder = made_folder(folder)
     numbers, table = folder / "solution.json", folder / "residuals.csv"
     write_residuals(table, solution.residuals)
@@ -74,15 +71,7 @@ def write_numbers(solution: Solution, folder: str | Path) -> list[Path]:
 
 
 def write_residuals(path: Path, rows: Residuals) -> None:
-    """Write residuals, one row for each observation in the order given, columns :data:`RESIDUAL_COLUMNS`.
-
-    Raises
-    ------
-    InputError
-        There are no elevations, a column has another length, or a number is not finite.
-    FileFormatError
-        The file cannot be written.
-    """
+    """Write residuals, one row for each observation in the order given, columns :data:`RESIDUAL_COLUMNS`."""
     from radioloc.io.csv_file import batches_of, write_csv
 
     if rows.elevation_deg is None:
@@ -226,23 +215,23 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     shown = [k for k in range(len(study.hours)) if good[:, k].any()]
     if not shown:
         return written
-    axes = ("east", "north", "up")
-    error_m = np.stack([study[f"{axis}_m"] for axis in axes], axis=-1)
-    sigma_m = np.stack([study[f"sigma_{axis}_m"] for axis in axes], axis=-1)
+    error_m, sigma_m = study.errors_m, study.sigmas_m
     errors = [error_m[good[:, k], k] for k in shown]
     sigmas = [sigma_m[good[:, k], k] for k in shown]
     hours = [study.hours[k] for k in shown]
     claimed = []
-    for k in shown:
-        east_m, north_m = np.median(sigma_m[good[:, k], k, :2], axis=0)
-        across_m2 = float(np.median(study["correlation_east_north"][good[:, k], k])) * east_m * north_m
-        claimed.append(np.array([[east_m**2, across_m2], [across_m2, north_m**2]]))
+    for k, sigmas_of_arc in zip(shown, sigmas, strict=True):
+        correlation = float(np.median(study["correlation_east_north"][good[:, k], k]))
+        root_m = np.median(sigmas_of_arc[:, :2], axis=0)
+        claimed.append(np.outer(root_m, root_m) * [[1.0, correlation], [correlation, 1.0]])
     title = f"{study.name}: {study.trials} trials"
     scatter = plot_trial_scatter([f"{h:g} h" for h in hours], [e[:, :2] for e in errors], claimed, title)
-    written += write_figure(scatter, folder, "trials")
-    return written + write_figure(
-        plot_error_by_length(hours, errors, sigmas, title), folder, "error_by_length"
-    )
+    by_length = plot_error_by_length(hours, errors, sigmas, title)
+    return [
+        *written,
+        *write_figure(scatter, folder, "trials"),
+        *write_figure(by_length, folder, "error_by_length"),
+    ]
 
 
 def _write_trials(study: MonteCarlo, path: Path) -> None:
@@ -259,13 +248,7 @@ def _write_trials(study: MonteCarlo, path: Path) -> None:
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
-    """Write a figure as PNG and SVG.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be written to.
-    """
+    """Write a figure as PNG and SVG."""
     paths = [folder / f"{name}.{ending}" for ending in ("png", "svg")]
     try:
         save_figure(figure, paths)
@@ -275,13 +258,7 @@ def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
 
 
 def made_folder(folder: str | Path) -> Path:
-    """The folder, made with those above it where it does not exist.
-
-    Raises
-    ------
-    InputError
-        It cannot be made.
-    """
+    """The folder, made with those above it where it does not exist."""
     folder = Path(folder)
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -291,22 +268,7 @@ def made_folder(folder: str | Path) -> Path:
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Write a dictionary as JSON that any other program reads: numpy values as lists and numbers, never NaN.
-
-    Parameters
-    ----------
-    path : path-like
-        The file; an existing one is replaced at once.
-    content : mapping
-        Nested mappings, sequences, text, booleans, numbers, numpy arrays and scalars, paths and None.
-
-    Raises
-    ------
-    InputError
-        A number is not finite or a value is of another type; names its key.
-    FileFormatError
-        The file cannot be written.
-    """
+    """Write a dictionary as JSON that any other program reads: numpy values as lists and numbers, never NaN."""
     write_text(path, json.dumps(_plain(content, ""), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
 
 

@@ -11,35 +11,25 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.report.cards import Card, Field, metres, more
-from radioloc.report.trial_statistics import ArcSummary, Nees, ParameterSummary, summarize
+from radioloc.report.cards import Card, Field, metres, more, plural
+from radioloc.report.trial_statistics import SIDES, ArcSummary, Nees, summarize
 
 _Floats = NDArray[np.float64]
 _MAX_PARAMETERS = 8
-_SIDES = ("east", "north", "up")
-_PLACES = (*_SIDES, "horizontal")
+_PLACES = (*SIDES, "horizontal")
 
 
 @dataclass(frozen=True, slots=True)
 class Proof:
-    """Trials that were fitted both ways.
-
-    Parameters
-    ----------
-    trials : tuple of int
-        Those farthest from where the model was linearized, then some at random.
-    largest_m : float
-        Largest difference of a position east, north or up, m.
-    largest_sigmas : float
-        The same in parts of the sigma claimed; of sigmas themselves, by how much they differ, if that is more.
-    passed : bool
-        Whether all differences are within 1 mm or 1 % of sigma, whichever is larger, and all sigmas within 2 %.
-    """
+    """Trials that were fitted both ways: those farthest from where the model was linearized, then some at random."""
 
     trials: tuple[int, ...]
     largest_m: float
+    """Largest difference of a position east, north or up."""
     largest_sigmas: float
+    """The same in parts of the sigma claimed; of sigmas themselves, by how much they differ, if that is more."""
     passed: bool
+    """All differences are within 1 mm or 1 % of sigma, whichever is larger, and all sigmas within 2 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -100,16 +90,20 @@ class MonteCarlo:
         return bool((self["converged"] == 1.0).all())
 
     @property
+    def errors_m(self) -> _Floats:
+        """Position less truth, east, north, up, shape (trials, arcs, 3)."""
+        return np.stack([self[f"{side}_m"] for side in SIDES], axis=-1)
+
+    @property
+    def sigmas_m(self) -> _Floats:
+        """Claimed sigmas of the position, east, north, up, shape (trials, arcs, 3)."""
+        return np.stack([self[f"sigma_{side}_m"] for side in SIDES], axis=-1)
+
+    @property
     def arcs(self) -> tuple[ArcSummary | None, ...]:
         """What the trials of each arc say together, the longest first; None where none converged."""
         return tuple(
-            summarize(
-                length,
-                span,
-                self.columns,
-                self.values[:, k],
-                self.values[:, 0] if k else None,
-            )
+            summarize(length, span, self.columns, self.values[:, k], self.values[:, 0] if k else None)
             for k, (length, span) in enumerate(zip(self.hours, self.span_h, strict=True))
         )
 
@@ -134,11 +128,9 @@ class MonteCarlo:
         """All trials as an ``astropy.table.Table``, one row for each trial and arc."""
         from astropy.table import Table
 
-        n, k, _ = self.values.shape
-        table = Table({"trial": np.repeat(np.arange(n), k), "hours": np.tile(self.hours, n)})
-        for column in self.columns:
-            table[column] = self[column].ravel()
-        return table
+        n, arcs, _ = self.values.shape
+        columns = {"trial": np.repeat(np.arange(n), arcs), "hours": np.tile(self.hours, n)}
+        return Table(columns | dict(zip(self.columns, self.values.reshape(n * arcs, -1).T, strict=True)))
 
     def card(self) -> Card:
         """Card of the study."""
@@ -172,10 +164,7 @@ def _card(study: MonteCarlo) -> Card:
         table(
             "error, m",
             ("mean E", "N", "U", "rms E", "N", "U", "68 %", "95 %"),
-            lambda arc: (
-                *(_signed(v) for v in arc.mean_m),
-                *(metres(v) for v in (*arc.rms_m, arc.radius_68_m, arc.radius_95_m)),
-            ),
+            lambda arc: tuple(map(metres, (*arc.mean_m, *arc.rms_m, arc.radius_68_m, arc.radius_95_m))),
         ),
         table(
             "1 sigma, m",
@@ -212,57 +201,35 @@ def _card(study: MonteCarlo) -> Card:
         *_parameter_fields(arcs),
         Field("notes", tuple(note for arc in arcs for note in _notes(arc))),
     ]
-    return Card(tuple(field for field in fields if field.lines or field.rows))
+    return Card(tuple(fields))
 
 
 def _parameter_fields(arcs: list[ArcSummary]) -> list[Field]:
-    found: dict[str, list[tuple[ArcSummary, ParameterSummary]]] = {}
+    found: dict[str, list[tuple[str, ...]]] = {}
     for arc in arcs:
         for item in arc.parameters:
-            found.setdefault(item.name, []).append((arc, item))
+            error = "-" if item.rms_error is None else f"{item.rms_error:.3g}"
+            row = (arc.name, f"{item.mean:.4g}", f"{item.std:.3g}", error, f"{item.sigma:.3g}")
+            found.setdefault(item.name, []).append(row)
     fields: list[Field] = []
-    for name, items in list(found.items())[:_MAX_PARAMETERS]:
-        rows = tuple(
-            (
-                arc.name,
-                f"{item.mean:.4g}",
-                f"{item.std:.3g}",
-                "-" if item.rms_error is None else f"{item.rms_error:.3g}",
-                f"{item.sigma:.3g}",
-            )
-            for arc, item in items
-        )
+    for name, rows in list(found.items())[:_MAX_PARAMETERS]:
         heading = (name, "mean", "std", "rms error", "sigma claimed")
-        fields.append(Field("" if fields else "estimated", heading=heading, rows=rows))
-    if len(found) > _MAX_PARAMETERS:
-        fields.append(Field("", more(len(found), _MAX_PARAMETERS, "montecarlo.json")))
-    return fields
+        fields.append(Field("" if fields else "estimated", heading=heading, rows=tuple(rows)))
+    return [*fields, Field("", more(len(found), _MAX_PARAMETERS, "montecarlo.json"))]
 
 
 def _status(study: MonteCarlo) -> list[str]:
-    count = len(study.hours)
-    arcs = f"{study.trials} trials, {count} arc{'' if count == 1 else 's'}: "
+    arcs = f"{study.trials} trials, {plural(len(study.hours), 'arc')}: "
     lost = int((study["converged"] != 1.0).any(axis=1).sum())
     lines = [arcs + ("all converged" if not lost else f"NOT CONVERGED in {lost} of the trials")]
     proof = study.proof
-    if study.linear and proof is not None:
-        lines.append(
-            f"linear model, checked by {len(proof.trials)} full fits: positions and sigmas agree to "
-            f"{metres(proof.largest_m)} m and {100.0 * proof.largest_sigmas:.2g} % of sigma"
-        )
-    elif proof is not None:
-        lines.append(
-            f"every trial fitted in full: the linear model is off by up to {metres(proof.largest_m)} m, "
-            f"{100.0 * proof.largest_sigmas:.2g} % of sigma"
-        )
-    else:
-        lines.append("every trial fitted in full")
-    return lines
-
-
-def _signed(value_m: float) -> str:
-    text = metres(abs(value_m))
-    return f"-{text}" if value_m < 0.0 and float(text) else text
+    if proof is None:
+        return [*lines, "every trial fitted in full"]
+    off_m, off_percent = metres(proof.largest_m), f"{100.0 * proof.largest_sigmas:.2g} % of sigma"
+    if study.linear:
+        checked = f"linear model, checked by {len(proof.trials)} full fits: positions and sigmas agree to"
+        return [*lines, f"{checked} {off_m} m and {off_percent}"]
+    return [*lines, f"every trial fitted in full: the linear model is off by up to {off_m} m, {off_percent}"]
 
 
 def _nees(nees: Nees) -> tuple[str, str]:

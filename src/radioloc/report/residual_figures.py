@@ -217,7 +217,7 @@ def _word(kind: str) -> str:
     return words.replace("_", " ").replace("doppler", "Doppler")
 
 
-def _half_heights(residuals: Residuals, panels: list[_Panel]) -> list[float]:
+def _half_heights(residuals: Residuals, panels: Sequence[_Panel]) -> list[float]:
     """Half the height of each panel, m: what holds its used residuals, or all of them if none was used."""
     alone_m = []
     for panel in panels:
@@ -263,7 +263,7 @@ def _draw_station(
     axes.set_ylim(-limit, limit)
     if residuals.types.are("range")[rows].all():
         axes.set_ylabel(f"round trip ({unit})", fontsize=8)
-        one_way = axes.secondary_yaxis("right", functions=(lambda y: 0.5 * y, lambda y: 2.0 * y))
+        one_way = axes.secondary_yaxis("right", functions=(_halved, _doubled))
         one_way.set_ylabel(f"one way ({unit})", fontsize=8, color="0.4")
         one_way.tick_params(labelsize=8, color="0.4", labelcolor="0.4")
         one_way.spines["right"].set_visible(False)
@@ -272,6 +272,14 @@ def _draw_station(
     panel_title(axes, panel.title, "left", fontsize=9, fontweight="bold", color=color)
     style = {"frameon": False, "borderpad": 0.0, "bbox_to_anchor": (1.0, 0.98), "handletextpad": 0.3}
     axes.legend(handles=handles, loc="lower right", ncols=len(handles), fontsize=8, **style)
+
+
+def _halved(values: Any) -> Any:
+    return np.asarray(values) * 0.5
+
+
+def _doubled(values: Any) -> Any:
+    return np.asarray(values) * 2.0
 
 
 def _draw_links(

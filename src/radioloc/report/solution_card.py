@@ -68,7 +68,7 @@ def solution_card(solution: Solution) -> Card:
         Field("observable", sentences),
         Field("notes", solution.notes),
     ]
-    return Card(tuple(field for field in fields if field.lines or field.rows))
+    return Card(tuple(fields))
 
 
 def which_sigmas(solutions: Iterable[Solution]) -> tuple[str, ...]:

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 _Floats = NDArray[np.float64]
 _Three = tuple[float, float, float]
 
+SIDES = ("east", "north", "up")
 NORMAL_95, CHI2_2_95 = 1.959963984540054, 5.991464547107979
 """Quantile of 97.5 % of the normal distribution; of 95 % of chi-square of two degrees of freedom."""
 
@@ -19,12 +20,8 @@ NORMAL_95, CHI2_2_95 = 1.959963984540054, 5.991464547107979
 class Inside:
     """How often the truth is inside a claimed interval or ellipse of 95 %.
 
-    Parameters
-    ----------
-    count, trials : int
-        Trials in which it is, of how many.
-    low, high : float
-        Where the fraction lies in 95 % of studies with so many trials if the claim is right.
+    ``count`` of ``trials``; the fraction lies from ``low`` to ``high`` in 95 % of studies with so many trials if the
+    claim is right.
     """
 
     count: int
@@ -42,12 +39,8 @@ class Inside:
 class Nees:
     """Normalized estimation error squared, error' covariance^-1 error over its dimension, mean over the trials.
 
-    Parameters
-    ----------
-    mean : float
-        1 if the claimed covariance is right.
-    low, high : float
-        Where it lies in 95 % of studies with so many trials if it is.
+    Its expectation is 1 if the claimed covariance is right; it then lies from ``low`` to ``high`` in 95 % of studies
+    with so many trials.
     """
 
     mean: float
@@ -57,72 +50,43 @@ class Nees:
 
 @dataclass(frozen=True, slots=True)
 class ParameterSummary:
-    """A parameter beside the position.
-
-    Parameters
-    ----------
-    name : str
-    mean, std : float
-        Mean and standard deviation of the estimates.
-    rms_error : float or None
-        Root mean square of the estimate less what was put in, of range biases.
-    sigma : float
-        Median of the claimed sigma.
-    """
+    """Mean and standard deviation of a parameter's estimates, rms of their errors, median of the claimed sigma."""
 
     name: str
     mean: float
     std: float
     rms_error: float | None
+    """None where the truth of the parameter is not known."""
     sigma: float
 
 
 @dataclass(frozen=True, slots=True)
 class ArcSummary:
-    """One arc's trials.
-
-    Parameters
-    ----------
-    hours, span_h : float
-        Length asked for; from the start to the last observation, h.
-    trials, converged : int
-        How many were made; statistics are of those that converged.
-    mean_m, rms_m, sigma_m : tuple of float
-        Position less truth, east, north, up, m: its mean, its root mean square, and the median of the claimed sigma.
-    rms_horizontal_m : float
-        Root mean square of the horizontal distance from the truth, m.
-    radius_68_m, radius_95_m : float
-        Horizontal distance from the truth that 68 % and 95 % of the trials are within, m.
-    inside : dict of str to Inside
-        ``east``, ``north``, ``up``: the claimed interval of 95 %; ``horizontal``: the claimed ellipse of 95 %.
-    nees, nees_horizontal : Nees
-        Of the position in space and on the sphere.
-    used, rejected : float
-        Mean number of observations that took part and that did not.
-    rejected_most : int
-        Largest number of those that did not.
-    from_longest_95_m : float or None
-        Horizontal distance from the longest arc's position that 95 % are within, m; None for that itself.
-    parameters : tuple of ParameterSummary
-    """
+    """One arc's trials; statistics are of those that converged."""
 
     hours: float
     span_h: float
     trials: int
     converged: int
     mean_m: _Three
+    """Position less truth, east, north, up, as the next two; the claimed sigma is the median."""
     rms_m: _Three
     sigma_m: _Three
     rms_horizontal_m: float
     radius_68_m: float
+    """Horizontal distance from the truth that 68 % are within; of 95 % likewise."""
     radius_95_m: float
     inside: dict[str, Inside]
+    """``east``, ``north``, ``up``: the claimed interval of 95 %; ``horizontal``: the claimed ellipse of 95 %."""
     nees: Nees
+    """Of the position in space; of that on the sphere the next."""
     nees_horizontal: Nees
     used: float
+    """Mean number of observations that took part; of those that did not the mean and the largest."""
     rejected: float
     rejected_most: int
     from_longest_95_m: float | None
+    """Horizontal distance from the longest arc's position that 95 % are within; None for that itself."""
     parameters: tuple[ParameterSummary, ...]
 
     @property
@@ -134,57 +98,27 @@ class ArcSummary:
 def summarize(
     hours: float, span_h: float, columns: Sequence[str], values: _Floats, longest: _Floats | None
 ) -> ArcSummary | None:
-    """Summarize the trials of one arc.
+    """Summarize the trials of one arc, None where none has converged.
 
-    Parameters
-    ----------
-    hours, span_h : float
-    columns : sequence of str
-    values : ndarray, shape (trials, columns)
-    longest : ndarray, shape (trials, columns), or None
-        Those of the longest arc, if this is another one.
-
-    Returns
-    -------
-    ArcSummary or None
-        None where no trial has converged.
+    Values have shape (trials, columns); `longest` are those of the longest arc, if this is another one.
     """
-    place = {name: k for k, name in enumerate(columns)}
-    good = values[:, place["converged"]] == 1.0
-    if longest is not None:
-        both = good & (longest[:, place["converged"]] == 1.0)
-    kept = values[good]
-    n = len(kept)
+    converged = columns.index("converged")
+    good = values[:, converged] == 1.0
+    n = int(good.sum())
     if not n:
         return None
-    error_m = kept[:, [place[f"{axis}_m"] for axis in ("east", "north", "up")]]
-    sigma_m = kept[:, [place[f"sigma_{axis}_m"] for axis in ("east", "north", "up")]]
+    found = dict(zip(columns, values[good].T, strict=True))
+    error_m = np.stack([found[f"{side}_m"] for side in SIDES], axis=-1)
+    sigma_m = np.stack([found[f"sigma_{side}_m"] for side in SIDES], axis=-1)
     horizontal_m = np.hypot(error_m[:, 0], error_m[:, 1])
+    held = np.abs(error_m) <= NORMAL_95 * sigma_m
+    counts = dict(zip(SIDES, held.sum(axis=0).tolist(), strict=True))
+    counts["horizontal"] = int((found["nees_horizontal"] <= CHI2_2_95).sum())
     low, high = binomial_bounds(n, 0.95)
-    held = {
-        axis: int((np.abs(error_m[:, k]) <= NORMAL_95 * sigma_m[:, k]).sum())
-        for k, axis in enumerate(("east", "north", "up"))
-    }
-    nees_horizontal = kept[:, place["nees_horizontal"]]
-    held["horizontal"] = int((nees_horizontal <= CHI2_2_95).sum())
     apart = None
-    if longest is not None and both.any():
-        east, north = place["east_m"], place["north_m"]
-        moved_m = (values - longest)[both]
-        apart = float(np.quantile(np.hypot(moved_m[:, east], moved_m[:, north]), 0.95))
-    names = [name for name in columns if f"{name}.sigma" in place]
-    parameters = []
-    for name in names:
-        estimates, sigmas = kept[:, place[name]], kept[:, place[f"{name}.sigma"]]
-        if np.isnan(estimates).any():
-            continue  # an arc without observations that it acts on
-        error = place.get(f"{name}.error")
-        rms = None if error is None else float(np.sqrt((kept[:, error] ** 2).mean()))
-        parameters.append(
-            ParameterSummary(
-                name, float(estimates.mean()), float(estimates.std()), rms, float(np.median(sigmas))
-            )
-        )
+    if longest is not None and (both := good & (longest[:, converged] == 1.0)).any():
+        plane = [columns.index("east_m"), columns.index("north_m")]
+        apart = float(np.quantile(np.hypot(*(values - longest)[both][:, plane].T), 0.95))
     return ArcSummary(
         hours=hours,
         span_h=span_h,
@@ -193,35 +127,42 @@ def summarize(
         mean_m=_three(error_m.mean(axis=0)),
         rms_m=_three(np.sqrt((error_m**2).mean(axis=0))),
         sigma_m=_three(np.median(sigma_m, axis=0)),
-        rms_horizontal_m=float(np.sqrt((horizontal_m**2).mean())),
+        rms_horizontal_m=_rms(horizontal_m),
         radius_68_m=float(np.quantile(horizontal_m, 0.68)),
         radius_95_m=float(np.quantile(horizontal_m, 0.95)),
-        inside={key: Inside(count, n, low, high) for key, count in held.items()},
-        nees=_nees(kept[:, place["nees"]], 3),
-        nees_horizontal=_nees(nees_horizontal, 2),
-        used=float(kept[:, place["used"]].mean()),
-        rejected=float(kept[:, place["rejected"]].mean()),
-        rejected_most=int(kept[:, place["rejected"]].max()),
+        inside={key: Inside(count, n, low, high) for key, count in counts.items()},
+        nees=_nees(found["nees"], 3),
+        nees_horizontal=_nees(found["nees_horizontal"], 2),
+        used=float(found["used"].mean()),
+        rejected=float(found["rejected"].mean()),
+        rejected_most=int(found["rejected"].max()),
         from_longest_95_m=apart,
-        parameters=tuple(parameters),
+        parameters=tuple(
+            ParameterSummary(
+                name,
+                float(found[name].mean()),
+                float(found[name].std()),
+                _rms(found[f"{name}.error"]) if f"{name}.error" in found else None,
+                float(np.median(found[f"{name}.sigma"])),
+            )
+            for name in columns
+            # NaN in an arc without observations that the parameter acts on.
+            if f"{name}.sigma" in found and not np.isnan(found[name]).any()
+        ),
     )
 
 
 def binomial_bounds(n: int, probability: float) -> tuple[float, float]:
-    """Fractions that the number of successes in n trials lies within in 95 % of cases, both ends included.
-
-    Parameters
-    ----------
-    n : int
-        Above zero.
-    probability : float
-        Of a success, between 0 and 1.
-    """
+    """Fractions that the successes in n > 0 trials lie within in 95 % of cases, both ends included."""
     from scipy.special import bdtr
 
     below = bdtr(np.arange(n + 1), n, probability)
     low, high = (int(np.searchsorted(below, quantile)) for quantile in (0.025, 0.975))
     return low / n, min(high, n) / n
+
+
+def _rms(values: _Floats) -> float:
+    return float(np.sqrt((values**2).mean()))
 
 
 def _nees(values: _Floats, dimension: int) -> Nees:

@@ -29,6 +29,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from mappings import niell
 
 from radioloc.constants import ARCSEC_RAD, C_M_S
 from radioloc.earth.eop import EopTable
@@ -43,7 +44,6 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
-from radioloc.media.mapping_functions import niell
 from radioloc.media.radio_troposphere import zenith_hydrostatic_delay_m
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 

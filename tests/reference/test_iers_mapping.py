@@ -2,15 +2,9 @@
 
 import numpy as np
 import pytest
+from mappings import continued_fraction, height_correction, niell, vmf3
 
-from radioloc.media.mapping_functions import (
-    continued_fraction,
-    day_of_year,
-    height_correction,
-    mapping_factors,
-    niell,
-)
-from radioloc.media.vmf3 import vmf3, vmf3_bc
+from radioloc.media.mapping_functions import day_of_year, mapping_factors, vmf3_bc
 from radioloc.time import Epochs
 
 GREEN_BANK_LATITUDE_RAD = 0.6708665767
@@ -171,7 +165,7 @@ VMF3_HT = [
 def test_vmf3_ht_in_octave(case: tuple[float, ...]) -> None:
     """What vmf3_ht.m of TU Wien gave in Octave for random input, published with the library iers2010 (xanthospap).
 
-    Its coefficients a are up to ten times what air can have, which :func:`vmf3` refuses: its parts are tested.
+    Its coefficients a are up to ten times what air can have, which the readers of its files refuse.
     """
     mjd, day_ns, latitude, longitude, height_m, zenith_distance, a_h, a_w, hydrostatic, wet = case
     day = day_of_year(Epochs.from_jd(2400000.5 + mjd, day_ns * 1e-9 / 86400.0, "UTC"))

@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 import pytest
 from ldem import write_ldem_4
+from mappings import niell, vmf3
 
 import radioloc
 from radioloc.cli import main
@@ -20,9 +21,8 @@ from radioloc.io.table_columns import COLUMNS
 from radioloc.io.tdm.message import TYPES
 from radioloc.measurements.terms import TERMS
 from radioloc.media.ionosphere import ionosphere_delay_m, modified_shell_mapping
-from radioloc.media.mapping_functions import niell
+from radioloc.media.optical_troposphere import water_vapour_pressure_hpa
 from radioloc.media.radio_troposphere import standard_weather, zenith_hydrostatic_delay_m, zenith_wet_delay_m
-from radioloc.media.vmf3 import vmf3
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.files import RESIDUAL_COLUMNS
 from radioloc.studies.toml_table import TomlTable
@@ -398,12 +398,12 @@ def test_sizes_of_the_air_on_radio_paths():
     for name in ("SESHAN25", "URUMQI"):
         place = geodetic_from_itrf(radioloc.StationCatalogue.default()[name].itrf_m)
         where = place.latitude_rad, place.longitude_rad
-        weather = standard_weather(place.height_m)
+        pressure_hpa, temperature_k, humidity = standard_weather(place.height_m)
         zenith_m, more_m = (
-            zenith_hydrostatic_delay_m(weather.pressure_hpa + more, where[0], place.height_m)
-            for more in (0, 10)
+            zenith_hydrostatic_delay_m(pressure_hpa + more, where[0], place.height_m) for more in (0, 10)
         )
-        wet_m = zenith_wet_delay_m(weather.vapour_pressure_hpa, weather.temperature_k)
+        vapour_hpa = water_vapour_pressure_hpa(temperature_k, humidity, pressure_hpa)
+        wet_m = zenith_wet_delay_m(vapour_hpa, temperature_k)
         mapping = niell(elevation_rad, where[0], place.height_m, 336.0)
         vienna, other = (
             vmf3(elevation_rad, a, 5.4e-4, *where, 336.0, place.height_m) for a in (1.22e-3, 1.25e-3)

@@ -32,22 +32,7 @@ QUANTITIES = {
 
 
 def within(what: str, values: ArrayLike, model: str) -> NDArray[np.float64]:
-    """Values of a quantity of :data:`QUANTITIES` as an array, if all lie in its range.
-
-    Parameters
-    ----------
-    what : str
-        Name of the quantity.
-    values : array_like
-        The values.
-    model : str
-        What they are for, named in the error.
-
-    Raises
-    ------
-    InputError
-        A value is outside the range or not a number.
-    """
+    """Values of a quantity of :data:`QUANTITIES` as an array, if all lie in its range."""
     array = np.asarray(values, dtype=np.float64)
     least, most, unit = QUANTITIES[what]
     inside = (array >= least) & (array <= most)

@@ -17,13 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import FileFormatError, InputError
 from radioloc.media.checks import within
 from radioloc.media.grids import LatLonGrid, sort_into_grid
-from radioloc.media.mapping_functions import day_of_year
+from radioloc.media.mapping_functions import day_of_year, seasons
 from radioloc.media.radio_troposphere import DRY_AIR_KG_MOL, GAS_CONSTANT_J_K_MOL, STANDARD_GRAVITY_M_S2
 from radioloc.media.text_numbers import ENCODING, table_of
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
 
-_YEAR_DAYS = 365.25
 _COLUMNS = 64
 _SEASONAL_BEFORE = 4
 """Quantities with seasons that stand before the two columns of undulation and height."""
@@ -34,23 +33,11 @@ _SCALES = np.array([1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1.0, 1.0, 1e-5, 1e-5, 1e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gpt3Values:
-    """Climate at places and epochs; arrays of shape (n,).
+    """Climate at places and epochs; arrays of shape (n,), gradients (n, 4).
 
-    Parameters
-    ----------
-    pressure_hpa, temperature_k, vapour_pressure_hpa : ndarray
-        Pressure, temperature and partial pressure of water vapour at the station.
-    lapse_rate_k_m : ndarray
-        Change of temperature with height, K/m; negative.
-    mean_temperature_k, vapour_decrease_factor : ndarray
-        Mean temperature of the water vapour, K, and its decrease factor, for
-        :func:`radioloc.media.radio_troposphere.zenith_wet_delay_askne_nordius_m`.
-    hydrostatic_a, wet_a : ndarray
-        Coefficients a of VMF3 on the ellipsoid, for :func:`radioloc.media.vmf3.vmf3`.
-    undulation_m : ndarray
-        Height of the geoid above the ellipsoid, m.
-    gradients_m : ndarray, shape (n, 4)
-        Gradients north hydrostatic, east hydrostatic, north wet, east wet, m.
+    Mean temperature and decrease factor are those of the water vapour, for the wet delay of Askne and Nordius;
+    coefficients a those of VMF3 on the ellipsoid; the undulation is the height of the geoid above the ellipsoid;
+    gradients are north hydrostatic, east hydrostatic, north wet, east wet, m.
     """
 
     pressure_hpa: NDArray[np.float64]
@@ -67,17 +54,11 @@ class Gpt3Values:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gpt3Grid:
-    """The grid of GPT3.
+    """The grid of GPT3: its points, what varies with the seasons, and heights of the geoid and of the points above it.
 
-    Parameters
-    ----------
-    grid : LatLonGrid
-        The points.
-    seasonal : ndarray, shape (rows, columns, 12, 5)
-        Mean, annual cosine and sine, semiannual cosine and sine of pressure (Pa), temperature (K), specific humidity,
-        lapse rate (K/m), a hydrostatic, a wet, decrease factor, mean temperature (K) and four gradients (m).
-    undulation_m, height_m : ndarray, shape (rows, columns)
-        Height of the geoid above the ellipsoid, and of the point above the geoid, m.
+    ``seasonal``, shape (rows, columns, 12, 5), holds mean, annual cosine and sine, semiannual cosine and sine of
+    pressure (Pa), temperature (K), specific humidity, lapse rate (K/m), a hydrostatic, a wet, decrease factor, mean
+    temperature (K) and four gradients (m).
     """
 
     grid: LatLonGrid
@@ -90,20 +71,8 @@ class Gpt3Grid:
     ) -> Gpt3Values:
         """Climate at places and epochs: each of four points taken to the height, then bilinear.
 
-        Parameters
-        ----------
-        epochs : Epochs
-            n epochs, of any scale.
-        latitude_rad, longitude_rad, height_m : array_like, shape () or (n,)
-            Geodetic latitude and east longitude, rad, and height above the ellipsoid, m.
+        Epochs are of any scale, heights above the ellipsoid.
 
-        Raises
-        ------
-        InputError
-            A place is nearer to a pole than the outermost latitude of the grid, or not possible.
-
-        Notes
-        -----
         Landskron and Boehm (2018), section 4, as GPT2w (Boehm et al. 2015): pressure falls exponentially with the
         virtual temperature of the grid point, vapour pressure with the power lambda + 1 of pressure.
         """
@@ -113,12 +82,8 @@ class Gpt3Grid:
             within("height", height_m, "GPT3"),
             day_of_year(epochs),
         )
-        year = 2.0 * np.pi * day / _YEAR_DAYS
-        seasons = np.stack(
-            [np.ones_like(year), np.cos(year), np.sin(year), np.cos(2.0 * year), np.sin(2.0 * year)], axis=-1
-        )
         row, column, weight = self.grid.corners(latitude, longitude)
-        corners = np.einsum("ncqs,ns->qnc", self.seasonal[row, column], seasons)
+        corners = np.einsum("ncqs,ns->qnc", self.seasonal[row, column], seasons(day))
         pressure, temperature, humidity, lapse_rate, _, _, decrease = corners[:7]
         undulation = self.undulation_m[row, column]
         above = height[:, None] - undulation - self.height_m[row, column]
@@ -145,19 +110,7 @@ class Gpt3Grid:
 
 
 def read_gpt3(path: str | Path) -> Gpt3Grid:
-    """Read ``gpt3_5.grd`` or ``gpt3_1.grd``.
-
-    Parameters
-    ----------
-    path : path-like
-        The file, plain or gzip.
-
-    Raises
-    ------
-    FileFormatError
-        The file or a number cannot be read, a line has other than 64 columns, a number is impossible, or points are
-        missing.
-    """
+    """Read ``gpt3_5.grd`` or ``gpt3_1.grd``, plain or gzip; :class:`FileFormatError` names what is wrong in it."""
     path = Path(path)
     lines = [
         (number, line)

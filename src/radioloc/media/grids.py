@@ -20,20 +20,10 @@ _ROUNDING_DEG = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LatLonGrid:
-    """Points of a map: rows along latitude, columns along longitude.
+    """Points of a map, in equal steps of either sign: rows along latitude, columns along longitude, degrees.
 
-    Parameters
-    ----------
-    latitudes_deg, longitudes_deg : array_like, shape (rows,), (columns,)
-        Of the rows and columns, degrees, in equal steps of either sign, at least two. Longitudes that go all the way
-        round, with or without the first repeated at the end, make a map that closes on itself.
-    source : str
-        What the map is, for errors.
-
-    Raises
-    ------
-    InputError
-        The steps are not equal, or go over a pole or more than once round.
+    Longitudes that go all the way round, with or without the first repeated at the end, make a map that closes on
+    itself. ``source`` says in errors what the map is.
     """
 
     latitudes_deg: NDArray[np.float64]
@@ -63,17 +53,9 @@ class LatLonGrid:
     def corners(
         self, latitude_rad: ArrayLike, longitude_rad: ArrayLike
     ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-        """Rows, columns and weights of the four points around each place, shape (..., 4).
+        """Rows, columns and weights of the four points around each place (rad), shape (..., 4).
 
-        Parameters
-        ----------
-        latitude_rad, longitude_rad : array_like
-            Latitude and east longitude, rad.
-
-        Raises
-        ------
-        InputError
-            A place is outside the map, or not finite.
+        :class:`InputError` where a place is outside the map, or not finite.
         """
         latitude, longitude = np.broadcast_arrays(
             np.rad2deg(np.asarray(latitude_rad, dtype=np.float64)),
@@ -141,17 +123,8 @@ def sort_into_grid(
 ) -> tuple[LatLonGrid, NDArray[np.int64]]:
     """Grid that a list of points makes, and the order of the points in it, shape (rows, columns).
 
-    Parameters
-    ----------
-    latitude_deg, longitude_deg : ndarray, shape (n,)
-        Of the points in any order, degrees; longitudes are counted from 0 to 360.
-    source : str
-        What the map is, for errors.
-
-    Raises
-    ------
-    InputError
-        The points are not those of a grid, each once.
+    Points may be in any order; longitudes are counted from 0 to 360. :class:`InputError` where they are not those of a
+    grid, each once.
     """
     longitude_deg = longitude_deg % _TURN_DEG
     latitudes, longitudes = np.unique(latitude_deg), np.unique(longitude_deg)
@@ -172,28 +145,8 @@ def epochs_around(
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     """Indices of a file's epochs before and after each epoch, and the share of the way between them.
 
-    Parameters
-    ----------
-    file_mjd_utc : ndarray, shape (k,)
-        Epochs of the file, rising, at least one.
-    mjd_utc : ndarray, shape (n,)
-        Epochs asked for.
-    longest_gap_d : float
-        Between epochs of the file further apart than this, days, nothing is given.
-    source : str
-        What the file is, for errors.
-
-    Returns
-    -------
-    before, after : ndarray of int, shape (n,)
-        Indices; the same where the file has one epoch only.
-    share : ndarray, shape (n,)
-        From 0 at the epoch before to 1 at that after.
-
-    Raises
-    ------
-    CoverageError
-        An epoch is before the first, after the last, or in a gap.
+    Epochs of the file rise; where it has one only, before and after are the same. :class:`CoverageError` where an epoch
+    is before the first, after the last, or between two that are further apart than the longest gap.
     """
     last = len(file_mjd_utc) - 1
     outside = (mjd_utc < file_mjd_utc[0]) | (mjd_utc > file_mjd_utc[-1])

@@ -17,13 +17,12 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import FileFormatError, InputError
 from radioloc.media.grids import LatLonGrid, epochs_around
-from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, require_shell, thin_shell_mapping
+from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, require_shell
 from radioloc.media.text_numbers import ENCODING, fixed_numbers
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import utc_of
 
-_MAPPINGS = ("modified", "shell")
 _ROUNDING = 1e-9
 _MISSING = 9999
 _VALUES_PER_LINE = 16
@@ -36,22 +35,11 @@ _POSSIBLE_TECU = (-10.0, 1000.0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class IonexMaps:
-    """Maps of vertical electron content.
+    """Maps of vertical electron content on a shell, at rising epochs.
 
-    Parameters
-    ----------
-    grid : LatLonGrid
-        Points, by geocentric latitude and east longitude.
-    mjd_utc : ndarray, shape (k,)
-        Epochs, rising.
-    tec_tecu : ndarray, shape (k, rows, columns)
-        Vertical electron content, 1e16 per square metre; NaN where the file says that there is none.
-    shell_height_m, base_radius_m : float
-        Height of the shell and the radius of the sphere above which it is, m.
-    longest_gap_s : float
-        Between maps further apart than this nothing is interpolated, s.
-    source : str
-        The files' names.
+    ``tec_tecu`` has shape (epochs, rows, columns), NaN where the file says that there is none; places are geocentric;
+    the shell is so high above a sphere of the base radius. Between maps further apart than the longest gap nothing is
+    interpolated.
     """
 
     grid: LatLonGrid
@@ -68,25 +56,11 @@ class IonexMaps:
         """Vertical electron content at places of the shell, TECU, shape (n,).
 
         Bilinear on each of the two maps around an epoch, which are turned with the Sun to that epoch, and linear
-        between them.
+        between them (Schaer et al. 1998, with longitudes turned by 360 degrees a day). Places are geocentric, epochs of
+        any scale but UT1.
 
-        Parameters
-        ----------
-        latitude_rad, longitude_rad : array_like, shape () or (n,)
-            Geocentric latitude and east longitude, rad.
-        epochs : Epochs
-            n epochs, of any scale but UT1.
-
-        Raises
-        ------
-        CoverageError
-            An epoch is before the first map, after the last, or in a gap between them.
-        InputError
-            A place is outside the maps, or a value that is needed is missing in them.
-
-        Notes
-        -----
-        Schaer et al. (1998), with longitudes turned by 360 degrees a day.
+        Raises :class:`CoverageError` for an epoch before the first map, after the last, or in a gap between them, and
+        :class:`InputError` for a place outside the maps, or where a value that is needed is missing in them.
         """
         latitude, longitude, mjd = np.broadcast_arrays(latitude_rad, longitude_rad, utc_of(epochs).mjd)
         # 1 % over the step between maps is rounding of their epochs.
@@ -98,43 +72,16 @@ class IonexMaps:
         )
 
     def slant_tec(
-        self,
-        station_itrf_m: ArrayLike,
-        azimuth_rad: ArrayLike,
-        elevation_rad: ArrayLike,
-        epochs: Epochs,
-        mapping: str = "modified",
+        self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
     ) -> NDArray[np.float64]:
-        """Electron content along rays from a station, TECU, shape (n,).
+        """Electron content along rays from stations, TECU, shape (n,), by the modified single layer mapping.
 
-        Parameters
-        ----------
-        station_itrf_m : array_like, shape (3,) or (n, 3)
-            Station, ITRF, m.
-        azimuth_rad, elevation_rad : array_like, shape () or (n,)
-            Direction, rad; elevations of at least 3 degrees.
-        epochs : Epochs
-            n epochs, of any scale but UT1.
-        mapping : {"modified", "shell"}
-            From vertical to slant by :func:`radioloc.media.ionosphere.modified_shell_mapping`, or by the plain shell at
-            the file's height.
-
-        Raises
-        ------
-        CoverageError, InputError
-            As :meth:`vertical_tec` and :func:`radioloc.media.ionosphere.pierce_point`.
+        Errors as those of :meth:`vertical_tec` and :func:`radioloc.media.ionosphere.pierce_point`.
         """
-        if mapping not in _MAPPINGS:
-            raise InputError(f"mapping = {mapping!r} is not one of {', '.join(_MAPPINGS)}")
         place = pierce_point(
             station_itrf_m, azimuth_rad, elevation_rad, self.shell_height_m, self.base_radius_m
         )
-        factor, _ = (
-            modified_shell_mapping(elevation_rad)
-            if mapping == "modified"
-            else thin_shell_mapping(elevation_rad, self.shell_height_m, self.base_radius_m)
-        )
-        return factor * self.vertical_tec(*place, epochs)
+        return modified_shell_mapping(elevation_rad)[0] * self.vertical_tec(*place, epochs)
 
     def _on_map(
         self,
@@ -160,20 +107,10 @@ class IonexMaps:
 
 
 def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
-    """Read the maps of one or more IONEX files.
+    """Read the maps of one or more IONEX files of one grid; of two maps of one epoch, as at midnight, the later named.
 
-    Parameters
-    ----------
-    paths : path-like or sequence of path-like
-        The files, of one grid; where two have a map of one epoch, as at midnight, that of the file named later is used.
-
-    Raises
-    ------
-    FileFormatError
-        A file cannot be read or is not IONEX of two dimensions, maps are cut short or missing, a content or the shell
-        is impossible, or the files' grids or shells differ.
-    InputError
-        No file is given.
+    Raises :class:`FileFormatError` where a file cannot be read or is not IONEX of two dimensions, maps are cut short or
+    missing, a content or the shell is impossible, or the files' grids or shells differ.
     """
     files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
     if not files:
@@ -198,12 +135,7 @@ def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
 
 def _geometry(maps: IonexMaps) -> tuple[object, ...]:
     grid = maps.grid
-    return (
-        tuple(grid.latitudes_deg),
-        tuple(grid.longitudes_deg),
-        maps.shell_height_m,
-        maps.base_radius_m,
-    )
+    return (*grid.latitudes_deg, *grid.longitudes_deg, maps.shell_height_m, maps.base_radius_m, *grid.shape)
 
 
 def _parsed(path: Path) -> IonexMaps:

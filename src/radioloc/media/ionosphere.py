@@ -52,23 +52,8 @@ _LARGEST_TECU = 5000.0
 def ionosphere_delay_m(stec_tecu: ArrayLike, frequency_hz: ArrayLike) -> NDArray[np.float64]:
     """Group delay along a ray, one way, m: positive, to be added to the geometric range or VLBI group delay.
 
-    The phase is advanced by as much.
-
-    Parameters
-    ----------
-    stec_tecu : array_like
-        Electron content along the ray, in 1e16 per square metre.
-    frequency_hz : array_like
-        Frequency, Hz.
-
-    Raises
-    ------
-    InputError
-        A frequency is outside 0.1 to 1000 GHz, or an electron content is not from 0 to 5000 TECU.
-
-    Notes
-    -----
-    IERS Conventions (2010), section 9.4, first order, with the constant to its digits.
+    The phase is advanced by as much. IERS Conventions (2010), section 9.4, first order, with the constant to its
+    digits.
     """
     stec = np.asarray(stec_tecu, dtype=np.float64)
     frequency = np.asarray(frequency_hz, dtype=np.float64)
@@ -85,62 +70,19 @@ def ionosphere_delay_m(stec_tecu: ArrayLike, frequency_hz: ArrayLike) -> NDArray
     return np.asarray(GROUP_DELAY_M3_S2 * TECU_PER_M2 * stec / frequency**2)
 
 
-def thin_shell_mapping(
-    elevation_rad: ArrayLike, shell_height_m: float = SHELL_HEIGHT_M, base_radius_m: float = BASE_RADIUS_M
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Slant per vertical electron content with all electrons in a shell, and its derivative, 1/rad.
-
-    Parameters
-    ----------
-    elevation_rad : array_like
-        Elevation, rad, at least 3 degrees.
-    shell_height_m, base_radius_m : float
-        Height of the shell and the radius of the sphere above which it is, m.
-
-    Raises
-    ------
-    InputError
-        An elevation is outside 3 to 90 degrees, or the shell is not above the sphere.
-
-    Notes
-    -----
-    1 / cos z' with sin z' = R / (R + H) sin z: the mapping function COSZ of the IONEX format (Schaer et al. 1998).
-    """
-    return _shell_mapping(elevation_rad, shell_height_m, base_radius_m, 1.0)
-
-
 def modified_shell_mapping(elevation_rad: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Slant per vertical electron content by the modified single layer model, and its derivative, 1/rad.
 
-    Less than that of a shell at 450 km by 2 % at 45 degrees, 6 % at 20 and 7 % at 10.
-
-    Parameters
-    ----------
-    elevation_rad : array_like
-        Elevation, rad, at least 3 degrees.
-
-    Raises
-    ------
-    InputError
-        An elevation is outside 3 to 90 degrees.
-
-    Notes
-    -----
-    sin z' = R / (R + 506.7 km) sin(0.9782 z) with R = 6371 km, fitted by CODE to the extended slab model of JPL
-    (Dach et al. 2015, Bernese GNSS Software 5.2, chapter 12).
+    1 / cos z' with sin z' = R / (R + 506.7 km) sin(0.9782 z) and R = 6371 km, fitted by CODE to the extended slab
+    model of JPL (Dach et al. 2015, Bernese GNSS Software 5.2, chapter 12). Less than that of a thin shell at 450 km by
+    2 % at 45 degrees, 6 % at 20 and 7 % at 10.
     """
-    return _shell_mapping(elevation_rad, _MODIFIED_HEIGHT_M, BASE_RADIUS_M, _MODIFIED_SCALE)
-
-
-def _shell_mapping(
-    elevation_rad: ArrayLike, shell_height_m: float, base_radius_m: float, scale: float
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     elevation = within("elevation", elevation_rad, "the mapping of the ionosphere")
-    ratio = base_radius_m / require_shell(shell_height_m, base_radius_m)
-    angle = scale * (np.pi / 2 - elevation)
+    ratio = BASE_RADIUS_M / (BASE_RADIUS_M + _MODIFIED_HEIGHT_M)
+    angle = _MODIFIED_SCALE * (np.pi / 2 - elevation)
     sine = ratio * np.sin(angle)
     mapping = (1.0 - sine**2) ** -0.5
-    return np.asarray(mapping), np.asarray(-scale * mapping**3 * sine * ratio * np.cos(angle))
+    return np.asarray(mapping), np.asarray(-_MODIFIED_SCALE * mapping**3 * sine * ratio * np.cos(angle))
 
 
 def pierce_point(
@@ -150,26 +92,10 @@ def pierce_point(
     shell_height_m: float = SHELL_HEIGHT_M,
     base_radius_m: float = BASE_RADIUS_M,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Geocentric latitude and east longitude, rad, at which rays go through the shell.
+    """Geocentric latitude and east longitude (-pi to pi), rad, at which rays go through the shell; shape (n,).
 
-    Parameters
-    ----------
-    station_itrf_m : array_like, shape (3,) or (n, 3)
-        Station, ITRF, m.
-    azimuth_rad, elevation_rad : array_like, shape () or (n,)
-        Direction of the ray: from north through east, and above the horizon of the ellipsoid, rad.
-    shell_height_m, base_radius_m : float
-        Height of the shell and the radius of the sphere above which it is, m.
-
-    Returns
-    -------
-    latitude_rad, longitude_rad : ndarray, shape (n,)
-        Geocentric, as maps of the ionosphere count; longitude in (-pi, pi].
-
-    Raises
-    ------
-    InputError
-        An elevation is outside 3 to 90 degrees, an azimuth is not finite, or the station is not below the shell.
+    The station is ITRF, shape (3,) or (n, 3); azimuth counts from north through east, elevation from the horizon of
+    the ellipsoid.
     """
     elevation = within("elevation", elevation_rad, "the pierce point")
     azimuth, elevation = np.broadcast_arrays(np.asarray(azimuth_rad, dtype=np.float64), elevation)
@@ -208,23 +134,11 @@ class ElectronContent(Protocol):
         self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
     ) -> NDArray[np.float64]:
         """Electron content along rays from stations, TECU, shape (n,)."""
-        ...
 
 
 @dataclass(frozen=True, slots=True)
 class UniformTec:
-    """The same vertical electron content everywhere and always.
-
-    Parameters
-    ----------
-    vertical_tecu : float
-        TECU (1e16 electrons per square metre).
-
-    Raises
-    ------
-    InputError
-        It is not from 0 to 1000 TECU.
-    """
+    """The same vertical electron content everywhere and always, 0 to 1000 TECU (1e16 electrons per square metre)."""
 
     vertical_tecu: float
 
@@ -241,13 +155,7 @@ class UniformTec:
 
 @dataclass(frozen=True, slots=True)
 class Ionosphere:
-    """The ionosphere on the path of radio signals; light has none of it.
-
-    Parameters
-    ----------
-    source : ElectronContent or None
-        Electron content along rays; without one there is no delay, but its derivative.
-    """
+    """The ionosphere on the path of radio signals; light has none of it, nor has anything without a source."""
 
     source: ElectronContent | None = None
 

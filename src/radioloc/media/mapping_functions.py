@@ -2,19 +2,25 @@
 
 All mapping functions in use are one continued fraction in the sine of elevation, with three coefficients a, b, c.
 Niell (1996) gives them from latitude, height and season alone, good to 1 % at 5 degrees of elevation, so to some
-3 mm of delay at 20 degrees. :mod:`radioloc.media.vmf3` gives those of Landskron and Boehm (2018) with a from
-weather models, good to less than a millimetre there.
+3 mm of delay at 20 degrees. VMF3 (Landskron and Boehm 2018) is good to less than a millimetre there: its a come every
+six hours from ray tracing through weather models (:mod:`radioloc.media.vmf3_files`) or from a climatology
+(:mod:`radioloc.media.gpt3`); its b and c are a fit to ten years of such rays, spherical harmonics of degree and order
+12 with annual and semiannual terms, and are packaged with the library.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cache
+from importlib.resources import files
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.media.checks import within
 from radioloc.time import Epochs
+
+Floats = NDArray[np.float64]
 
 _NIELL_LATITUDE_RAD = np.deg2rad([15.0, 30.0, 45.0, 60.0, 75.0])
 _NIELL_MEAN = (
@@ -37,64 +43,27 @@ _NIELL_WET = (
 _HEIGHT_ABC = np.array([2.53e-5, 5.49e-3, 1.14e-3])
 _NIELL_COLDEST_DAY = 28.0
 _YEAR_DAYS = 365.25
+_VMF3_DEGREE = 12
+_VMF3_TERMS = (_VMF3_DEGREE + 1) * (_VMF3_DEGREE + 2) // 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class MappingFactors:
-    """Mapping functions and their derivatives; arrays of one shape.
+    """Delay along the ray per delay at the zenith, and its derivatives with elevation, 1/rad; arrays of one shape."""
 
-    Parameters
-    ----------
-    hydrostatic, wet : ndarray
-        Delay along the ray per delay at the zenith.
-    hydrostatic_rate_rad, wet_rate_rad : ndarray
-        Derivative with respect to elevation, 1/rad; negative.
-    """
-
-    hydrostatic: NDArray[np.float64]
-    wet: NDArray[np.float64]
-    hydrostatic_rate_rad: NDArray[np.float64]
-    wet_rate_rad: NDArray[np.float64]
+    hydrostatic: Floats
+    wet: Floats
+    hydrostatic_rate_rad: Floats
+    wet_rate_rad: Floats
 
 
 def continued_fraction(
-    elevation_rad: ArrayLike, a: ArrayLike, b: ArrayLike, c: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Give the continued fraction in the sine of elevation, 1 at the zenith, and its derivative, 1/rad.
+    sine: Floats, cosine: Floats, a: Floats, b: Floats, c: Floats
+) -> tuple[Floats, Floats]:
+    """Continued fraction in the sine of elevation, 1 at the zenith, and its derivative with elevation, 1/rad.
 
-    Parameters
-    ----------
-    elevation_rad : array_like
-        Elevation without refraction, rad, at least 3 degrees.
-    a, b, c : array_like
-        The three coefficients.
-
-    Raises
-    ------
-    InputError
-        An elevation is outside 3 to 90 degrees.
-
-    Notes
-    -----
     Marini (1972), normed by Herring (1992); IERS Conventions (2010), section 9.2.
     """
-    sine, cosine = _sine_and_cosine(elevation_rad)
-    return _fraction(sine, cosine, *(np.asarray(value, dtype=np.float64) for value in (a, b, c)))
-
-
-def _sine_and_cosine(elevation_rad: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    elevation = within("elevation", elevation_rad, "the mapping function")
-    return np.sin(elevation), np.cos(elevation)
-
-
-def _fraction(
-    sine: NDArray[np.float64],
-    cosine: NDArray[np.float64],
-    a: NDArray[np.float64],
-    b: NDArray[np.float64],
-    c: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Continued fraction and its derivative, of the elevation's sine and cosine."""
     inner = sine + c
     middle = sine + b / inner
     outer = sine + a / middle
@@ -104,83 +73,51 @@ def _fraction(
     return np.asarray(zenith / outer), np.asarray(-zenith * outer_rate / outer**2)
 
 
-def height_correction(
-    elevation_rad: ArrayLike, height_m: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def height_correction(sine: Floats, cosine: Floats, height_m: ArrayLike) -> tuple[Floats, Floats]:
     """What height adds to a hydrostatic mapping function given for sea level, and its derivative, 1/rad.
 
-    Parameters
-    ----------
-    elevation_rad : array_like
-        Elevation without refraction, rad, at least 3 degrees.
-    height_m : array_like
-        Height, m.
-
-    Raises
-    ------
-    InputError
-        A quantity is outside of what the model covers, or not finite.
-
-    Notes
-    -----
     Niell (1996); 0.00053 at 1000 m and 20 degrees, 1.2 mm of delay.
     """
-    return _height_correction(*_sine_and_cosine(elevation_rad), height_m)
-
-
-def _height_correction(
-    sine: NDArray[np.float64], cosine: NDArray[np.float64], height_m: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     height_km = within("height", height_m, "the height correction") / 1000.0
-    sea_level, rate = _fraction(sine, cosine, *_HEIGHT_ABC)
-    return np.asarray(height_km * (1.0 / sine - sea_level)), np.asarray(
-        height_km * (-cosine / sine**2 - rate)
-    )
+    sea_level, rate = continued_fraction(sine, cosine, *_HEIGHT_ABC)
+    return height_km * (1.0 / sine - sea_level), height_km * (-cosine / sine**2 - rate)
 
 
-def niell(
-    elevation_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike, day_of_year: ArrayLike
+def mapping_factors(
+    elevation_rad: ArrayLike,
+    height_m: ArrayLike,
+    hydrostatic_abc: tuple[ArrayLike, ...],
+    wet_abc: tuple[ArrayLike, ...],
 ) -> MappingFactors:
-    """Mapping functions of Niell (1996), which need no weather.
+    """Mapping functions at elevations (without refraction, 3 to 90 degrees) from their coefficients a, b, c each.
 
-    Parameters
-    ----------
-    elevation_rad : array_like
-        Elevation without refraction, rad, at least 3 degrees.
-    latitude_rad : array_like
-        Geodetic latitude, rad.
-    height_m : array_like
-        Height above the geoid, m; that above the ellipsoid changes the delay by less than 0.2 mm at 20 degrees.
-    day_of_year : array_like
-        Day of the year, 1 at 0h on 1 January, as :func:`day_of_year` gives it.
-
-    Returns
-    -------
-    MappingFactors
-        Arrays of the shape to which the arguments broadcast.
-
-    Raises
-    ------
-    InputError
-        A quantity is outside of what the model covers, or not finite.
-
-    Notes
-    -----
-    Niell (1996), tables 3 and 4. Nearer to the equator than 15 degrees and nearer to the poles than 75
-    the coefficients are those at 15 and 75 degrees; the south has the north's seasons half a year later.
+    The height is that of the station above where the hydrostatic coefficients hold: above sea level for those of Niell
+    and of maps and GPT3 (that above the ellipsoid changes the delay by less than 0.2 mm at 20 degrees), nought for
+    those of VMF3's files of sites.
     """
-    return mapping_factors(elevation_rad, height_m, *niell_coefficients(latitude_rad, day_of_year))
+    elevation = within("elevation", elevation_rad, "the mapping function")
+    sine, cosine = np.sin(elevation), np.cos(elevation)
+    hydrostatic, hydrostatic_rate = continued_fraction(sine, cosine, *map(np.asarray, hydrostatic_abc))
+    correction, correction_rate = height_correction(sine, cosine, height_m)
+    wet, wet_rate = continued_fraction(sine, cosine, *map(np.asarray, wet_abc))
+    return MappingFactors(
+        *np.broadcast_arrays(hydrostatic + correction, wet, hydrostatic_rate + correction_rate, wet_rate)
+    )
 
 
 def niell_coefficients(
     latitude_rad: ArrayLike, day_of_year: ArrayLike
-) -> tuple[tuple[NDArray[np.float64], ...], tuple[NDArray[np.float64], ...]]:
-    """Coefficients a, b, c of :func:`niell` at sea level, hydrostatic and wet; parameters and errors as there."""
+) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
+    """Coefficients a, b, c of Niell (1996), tables 3 and 4, at sea level, hydrostatic and wet.
+
+    Nearer to the equator than 15 degrees and nearer to the poles than 75 they are those at 15 and 75 degrees; the
+    south has the north's seasons half a year later.
+    """
     latitude = within("latitude", latitude_rad, "the mapping function of Niell")
     day = within("day of year", day_of_year, "the mapping function of Niell")
     phase = 2.0 * np.pi * (day - _NIELL_COLDEST_DAY) / _YEAR_DAYS + np.where(latitude < 0.0, np.pi, 0.0)
 
-    def at_latitude(row: tuple[float, ...]) -> NDArray[np.float64]:
+    def at_latitude(row: tuple[float, ...]) -> Floats:
         return np.interp(np.abs(latitude), _NIELL_LATITUDE_RAD, row)
 
     hydrostatic = (
@@ -190,23 +127,58 @@ def niell_coefficients(
     return (*hydrostatic,), tuple(at_latitude(row) for row in _NIELL_WET)
 
 
-def mapping_factors(
-    elevation_rad: ArrayLike,
-    height_m: ArrayLike,
-    hydrostatic_abc: tuple[ArrayLike, ...],
-    wet_abc: tuple[ArrayLike, ...],
-) -> MappingFactors:
-    """Mapping functions from their coefficients at sea level, a, b, c each; errors as :func:`niell`."""
-    sine, cosine = _sine_and_cosine(elevation_rad)
-    hydrostatic, hydrostatic_rate = _fraction(sine, cosine, *map(np.asarray, hydrostatic_abc))
-    correction, correction_rate = _height_correction(sine, cosine, height_m)
-    wet, wet_rate = _fraction(sine, cosine, *map(np.asarray, wet_abc))
-    return MappingFactors(
-        *np.broadcast_arrays(hydrostatic + correction, wet, hydrostatic_rate + correction_rate, wet_rate)
+def vmf3_bc(latitude_rad: ArrayLike, longitude_rad: ArrayLike, day_of_year: ArrayLike) -> tuple[Floats, ...]:
+    """Coefficients b hydrostatic, b wet, c hydrostatic, c wet of VMF3, each of the arguments' common shape."""
+    latitude, longitude, day = np.broadcast_arrays(
+        within("latitude", latitude_rad, "VMF3"),
+        within("longitude", longitude_rad, "VMF3"),
+        within("day of year", day_of_year, "VMF3"),
+    )
+    harmonics = _solid_harmonics(latitude, longitude)
+    values = np.einsum("...k,ckp,...p->c...", harmonics, _vmf3_table(), seasons(day), optimize=True)
+    return tuple(values)
+
+
+def seasons(day_of_year: Floats) -> Floats:
+    """What mean, annual cosine and sine, semiannual cosine and sine are to be multiplied with, shape (..., 5)."""
+    year = 2.0 * np.pi * day_of_year / _YEAR_DAYS
+    return np.stack(
+        [np.ones_like(year), np.cos(year), np.sin(year), np.cos(2.0 * year), np.sin(2.0 * year)], axis=-1
     )
 
 
-def day_of_year(epochs: Epochs) -> NDArray[np.float64]:
+def _solid_harmonics(latitude_rad: Floats, longitude_rad: Floats) -> Floats:
+    """P_nm cos(m lon), then P_nm sin(m lon), without norm, in the table's order: shape (..., 182).
+
+    By the recursions of the solid harmonics on the unit sphere (Cunningham 1970), exact to rounding at the poles too.
+    """
+    x = np.cos(latitude_rad) * np.exp(1j * longitude_rad)
+    z = np.sin(latitude_rad)
+    p: dict[tuple[int, int], NDArray[np.complex128]] = {(0, 0): np.ones_like(x)}
+    for m in range(_VMF3_DEGREE + 1):
+        if m:
+            p[m, m] = (2 * m - 1) * x * p[m - 1, m - 1]
+        for n in range(m + 1, _VMF3_DEGREE + 1):
+            p[n, m] = (2 * n - 1) * z * p[n - 1, m] / (n - m)
+            if n > m + 1:
+                p[n, m] = p[n, m] - (n + m - 1) * p[n - 2, m] / (n - m)
+    terms = np.stack([p[n, m] for n in range(_VMF3_DEGREE + 1) for m in range(n + 1)], axis=-1)
+    return np.concatenate([terms.real, terms.imag], axis=-1)
+
+
+@cache
+def _vmf3_table() -> Floats:
+    """Factors of the harmonics, shape (4, 182, 5): which coefficient, which harmonic, which season."""
+    text = (files("radioloc.media") / "data" / "vmf3_bc.csv").read_text(encoding="ascii")
+    rows = [line.split(",") for line in text.splitlines() if not line.startswith(("#", "coefficient"))]
+    numbers = np.array([row[3:] for row in rows], dtype=np.float64).reshape(4, _VMF3_TERMS, 2, 5)
+    # Cosines of the longitude first, then sines.
+    table = np.ascontiguousarray(np.swapaxes(numbers, 1, 2)).reshape(4, 2 * _VMF3_TERMS, 5)
+    table.setflags(write=False)
+    return table
+
+
+def day_of_year(epochs: Epochs) -> Floats:
     """Day of the year with its fraction, 1 at 0h on 1 January, shape (n,); in the epochs' own scale."""
     days = np.floor(epochs.jd - 2440587.5).astype(np.int64).astype("datetime64[D]")
     since_january = (days - days.astype("datetime64[Y]").astype("datetime64[D]")).astype(np.float64)

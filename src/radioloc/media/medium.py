@@ -27,17 +27,14 @@ class Weather(Protocol):
     @property
     def pressure_hpa(self) -> Floats:
         """Pressure, hPa."""
-        ...
 
     @property
     def temperature_k(self) -> Floats:
         """Temperature, K."""
-        ...
 
     @property
     def relative_humidity(self) -> Floats:
         """Relative humidity, a fraction."""
-        ...
 
 
 class StationState(Protocol):
@@ -46,37 +43,30 @@ class StationState(Protocol):
     @property
     def gcrs_m(self) -> Floats:
         """Position."""
-        ...
 
     @property
     def gcrs_velocity_m_s(self) -> Floats:
         """Velocity."""
-        ...
 
     @property
     def up_gcrs(self) -> Floats:
         """Unit vector along the ellipsoid's normal."""
-        ...
 
     @property
     def up_rate_gcrs(self) -> Floats:
         """Its rate, 1/s."""
-        ...
 
     @property
     def pole_gcrs(self) -> Floats:
         """Unit vector along the ITRF's z axis."""
-        ...
 
     @property
     def latitude_rad(self) -> Floats:
         """Geodetic latitude."""
-        ...
 
     @property
     def height_m(self) -> Floats:
         """Height above the ellipsoid."""
-        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -238,17 +228,14 @@ class Medium(Protocol):
     @property
     def name(self) -> str:
         """Name of the model's term, by which it is switched off."""
-        ...
 
     @property
     def description(self) -> str:
         """What the term is, half a sentence."""
-        ...
 
     @property
     def limits_rad(self) -> tuple[float, ...]:
         """Elevations at which the delay begins or ceases to hold, or is not smooth."""
-        ...
 
     def prepare(self, end: LegEnd) -> Any:
         """What does not depend on where the target is: ``None``, or a record of arrays with a row for each leg.
@@ -258,8 +245,6 @@ class Medium(Protocol):
         CoverageError, InputError
             The medium is not known at a station or an epoch.
         """
-        ...
 
     def delay(self, leg: Leg, prepared: Any) -> LegDelay | None:
         """Delay and derivatives; ``None`` where there is none at all."""
-        ...

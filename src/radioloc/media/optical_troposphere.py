@@ -11,12 +11,11 @@ Horizontal gradients are not modelled: some millimetres at 20 degrees of elevati
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.media.checks import within
+from radioloc.media.mapping_functions import continued_fraction
 
 _MODEL = "the optical delay"
 
@@ -43,29 +42,6 @@ _SATURATION = (1.2378847e-5, -1.9121316e-2, 33.93711047, -6.3431645e3)
 _CELSIUS_K = 273.15
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class OpticalDelay:
-    """Delay of laser light in the atmosphere, one way; arrays of one shape.
-
-    Parameters
-    ----------
-    total_m : ndarray
-        Delay along the ray, m: zenith delay times mapping function.
-    zenith_hydrostatic_m, zenith_wet_m : ndarray
-        Parts of the zenith delay, m.
-    mapping : ndarray
-        Mapping function.
-    elevation_rate_m_rad : ndarray
-        Derivative of `total_m` with respect to elevation, m/rad; negative.
-    """
-
-    total_m: NDArray[np.float64]
-    zenith_hydrostatic_m: NDArray[np.float64]
-    zenith_wet_m: NDArray[np.float64]
-    mapping: NDArray[np.float64]
-    elevation_rate_m_rad: NDArray[np.float64]
-
-
 def optical_delay(
     elevation_rad: ArrayLike,
     pressure_hpa: ArrayLike,
@@ -74,42 +50,19 @@ def optical_delay(
     wavelength_um: ArrayLike,
     latitude_rad: ArrayLike,
     height_m: ArrayLike,
-) -> OpticalDelay:
-    """Delay of laser light along a ray from or to the ground, one way.
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Delay of laser light along a ray from or to the ground, one way, m, and its derivative with elevation, m/rad.
 
-    Parameters
-    ----------
-    elevation_rad : array_like
-        Elevation without refraction, rad, at least 3 degrees.
-    pressure_hpa, temperature_k : array_like
-        Pressure and temperature at the station's reference point, hPa and K.
-    relative_humidity : array_like
-        Relative humidity over water, a fraction from 0 to 1.
-    wavelength_um : array_like
-        Wavelength in vacuum, micrometres, 0.355 to 1.064.
-    latitude_rad, height_m : array_like
-        Geodetic latitude, rad, and height above the ellipsoid, m.
+    Elevation is without refraction, at least 3 degrees; weather that at the station's reference point; the wavelength
+    that in vacuum; the height above the ellipsoid.
 
-    Returns
-    -------
-    OpticalDelay
-        Arrays of the shape to which the arguments broadcast.
-
-    Raises
-    ------
-    InputError
-        A quantity is outside of what the model covers, or not finite.
-
-    Notes
-    -----
     IERS Conventions (2010), section 9.1.
     """
     vapour_hpa = water_vapour_pressure_hpa(temperature_k, relative_humidity, pressure_hpa)
-    hydrostatic, wet = zenith_delay_m(pressure_hpa, vapour_hpa, wavelength_um, latitude_rad, height_m)
+    hydrostatic_m, wet_m = zenith_delay_m(pressure_hpa, vapour_hpa, wavelength_um, latitude_rad, height_m)
     mapping, rate = mapping_function(elevation_rad, temperature_k, latitude_rad, height_m)
-    hydrostatic, wet, mapping, rate = np.broadcast_arrays(hydrostatic, wet, mapping, rate)
-    zenith = hydrostatic + wet
-    return OpticalDelay(zenith * mapping, hydrostatic, wet, mapping, zenith * rate)
+    zenith_m = hydrostatic_m + wet_m
+    return zenith_m * mapping, zenith_m * rate
 
 
 def zenith_delay_m(
@@ -121,22 +74,6 @@ def zenith_delay_m(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Zenith delay of laser light: hydrostatic part and wet part, m.
 
-    Parameters
-    ----------
-    pressure_hpa, vapour_pressure_hpa : array_like
-        Pressure of the air and of the water vapour in it, hPa.
-    wavelength_um : array_like
-        Wavelength in vacuum, micrometres, 0.355 to 1.064.
-    latitude_rad, height_m : array_like
-        Geodetic latitude, rad, and height above the ellipsoid, m.
-
-    Raises
-    ------
-    InputError
-        A quantity is outside of what the model covers, or not finite.
-
-    Notes
-    -----
     Mendes and Pavlis (2004), eq. 20, 24, 26, 32 and 38; IERS Conventions (2010), section 9.1. For 375 ppm
     of CO2; 50 ppm more lengthen the delay by 0.06 mm.
     """
@@ -152,71 +89,38 @@ def zenith_delay_m(
     dry = 0.01 * dry * (1.0 + 0.534e-6 * (_CO2_PPM - 450.0))
     w0, w1, w2, w3 = _WET_DISPERSION
     moist = 0.003101 * (w0 + 3.0 * w1 * sigma2 + 5.0 * w2 * sigma2**2 + 7.0 * w3 * sigma2**3)
-    # Mean gravity of the column against its standard value.
-    gravity = 1.0 - 0.00266 * np.cos(2.0 * latitude) - 0.00000028 * height
+    gravity = column_gravity(latitude, height)
     return 2.416579e-3 * dry * pressure / gravity, 1e-4 * (5.316 * moist - 3.759 * dry) * vapour / gravity
 
 
 def mapping_function(
     elevation_rad: ArrayLike, temperature_k: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Give the mapping function FCULa and its derivative with respect to elevation, 1/rad.
+    """Mapping function FCULa and its derivative with respect to elevation, 1/rad, from surface temperature.
 
-    Parameters
-    ----------
-    elevation_rad : array_like
-        Elevation without refraction, rad, at least 3 degrees.
-    temperature_k : array_like
-        Surface temperature, K.
-    latitude_rad, height_m : array_like
-        Geodetic latitude, rad, and height, m.
-
-    Raises
-    ------
-    InputError
-        A quantity is outside of what the model covers, or not finite.
-
-    Notes
-    -----
     Mendes et al. (2002); IERS Conventions (2010), section 9.1: a continued fraction in the sine of elevation.
     """
     elevation = within("elevation", elevation_rad, _MODEL)
     celsius = within("temperature", temperature_k, _MODEL) - _CELSIUS_K
     cos_latitude = np.cos(within("latitude", latitude_rad, _MODEL))
     height = within("height", height_m, _MODEL)
-    a1, a2, a3 = (c[0] + c[1] * celsius + c[2] * cos_latitude + c[3] * height for c in _MAPPING)
+    abc = (c[0] + c[1] * celsius + c[2] * cos_latitude + c[3] * height for c in _MAPPING)
+    return continued_fraction(np.sin(elevation), np.cos(elevation), *abc)
 
-    sine, cosine = np.sin(elevation), np.cos(elevation)
-    inner = sine + a3
-    middle = sine + a2 / inner
-    outer = sine + a1 / middle
-    middle_rate = cosine * (1.0 - a2 / inner**2)
-    outer_rate = cosine - a1 * middle_rate / middle**2
-    zenith = 1.0 + a1 / (1.0 + a2 / (1.0 + a3))
-    return zenith / outer, -zenith * outer_rate / outer**2
+
+def column_gravity(latitude_rad: ArrayLike, height_m: ArrayLike) -> NDArray[np.float64]:
+    """Gravity at the centre of mass of the column of air over a place, as a fraction of its mean.
+
+    Saastamoinen (1972) as refined by Davis et al. (1985).
+    """
+    return np.asarray(1.0 - 0.00266 * np.cos(2.0 * np.asarray(latitude_rad)) - 0.28e-6 * np.asarray(height_m))
 
 
 def water_vapour_pressure_hpa(
     temperature_k: ArrayLike, relative_humidity: ArrayLike, pressure_hpa: ArrayLike
 ) -> NDArray[np.float64]:
-    """Partial pressure of water vapour, hPa.
+    """Partial pressure of water vapour, hPa, from relative humidity over water (also below freezing), 0 to 1.
 
-    Parameters
-    ----------
-    temperature_k : array_like
-        Temperature, K.
-    relative_humidity : array_like
-        Relative humidity over water (also below freezing, as meteorologists count), a fraction from 0 to 1.
-    pressure_hpa : array_like
-        Pressure of the air, hPa.
-
-    Raises
-    ------
-    InputError
-        A quantity is outside of what can be, or not finite.
-
-    Notes
-    -----
     Saturation pressure of Davis (1992) with the enhancement factor in air, 1.00062 + 3.14e-6 P + 5.6e-7
     t^2: the formulas of the refractivity of Ciddor (1996) on which the zenith delay rests. Others, such as
     that of Magnus, differ by less than 1 percent above freezing, 0.04 mm of zenith delay in the wettest

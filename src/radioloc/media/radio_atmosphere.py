@@ -31,6 +31,7 @@ from radioloc.media.mapping_functions import (
     day_of_year,
     mapping_factors,
     niell_coefficients,
+    vmf3_bc,
 )
 from radioloc.media.medium import LegEnd
 from radioloc.media.optical_troposphere import water_vapour_pressure_hpa
@@ -41,7 +42,6 @@ from radioloc.media.radio_troposphere import (
     zenith_wet_delay_m,
 )
 from radioloc.media.text_numbers import ENCODING
-from radioloc.media.vmf3 import vmf3_bc
 from radioloc.media.vmf3_files import Vmf3Grids, Vmf3Site, Vmf3Values, read_vmf3_grids, read_vmf3_sites
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
@@ -51,14 +51,8 @@ from radioloc.time import Epochs
 class ZenithAir:
     """Air above the station at one end of each path; rows that are not asked for are NaN.
 
-    Parameters
-    ----------
-    hydrostatic_m, wet_m : ndarray, shape (n,)
-        Delays at the zenith, one way, m.
-    hydrostatic_abc, wet_abc : ndarray, shape (n, 3)
-        Coefficients of the mapping functions.
-    height_above_a_m : ndarray, shape (n,)
-        Height of the station above that for which `hydrostatic_abc` holds, m.
+    Delays at the zenith, one way, shape (n,); coefficients of the mapping functions, (n, 3); and the height of the
+    station above that for which the hydrostatic ones hold, (n,).
     """
 
     hydrostatic_m: NDArray[np.float64]
@@ -77,16 +71,8 @@ class ZenithAir:
 class RadioAtmosphere:
     """Files of VMF3 and GPT3; make one with :func:`read_radio_atmosphere`.
 
-    Parameters
-    ----------
-    sites : dict of str to Vmf3Site
-        Series of VMF3 by the station's name in the files.
-    grids : Vmf3Grids or None
-        Maps of VMF3.
-    gpt3 : Gpt3Grid or None
-        Climate, for stations of which VMF3 has nothing.
-    vmf3_files, gpt3_files : tuple of Path
-        Where they came from.
+    Series of VMF3 by the station's name in the files, maps of VMF3, climate for stations of which VMF3 has nothing, and
+    where they came from.
     """
 
     sites: dict[str, Vmf3Site]
@@ -96,26 +82,23 @@ class RadioAtmosphere:
     gpt3_files: tuple[Path, ...] = ()
 
     def source_of(self, station: Station) -> str:
-        """``"VMF3"`` or ``"GPT3"``: what serves a station.
-
-        Raises
-        ------
-        InputError
-            The files of VMF3 do not have it, and there is no GPT3 instead.
-        """
+        """``"VMF3"`` or ``"GPT3"``, what serves a station; :class:`InputError` where neither does."""
         if self.grids is not None or self._site(station) is not None:
             return "VMF3"
         if self.gpt3 is not None:
             return "GPT3"
-        raise self._not_there(station)
+        other_names = f" (nor {', '.join(station.aliases)})" if station.aliases else ""
+        raise InputError(
+            f"{_named(self.vmf3_files)}: there is no station {station.name}{other_names}, but "
+            f"{', '.join(sorted(self.sites))}; give its files or maps too, or GPT3 for such stations ([model] gpt3), "
+            "or leave out [model] vmf3"
+        )
 
     def at(self, end: LegEnd) -> ZenithAir:
         """Air above the stations at one end of paths, where signals are radio.
 
-        Raises
-        ------
-        CoverageError, InputError
-            The files do not have a station, its place or an epoch; names files and station.
+        Raises :class:`CoverageError` or :class:`InputError`, naming files and station, where the files do not have a
+        station, its place or an epoch.
         """
         air = _nothing_filled(len(end))
         for i, station in enumerate(end.stations):
@@ -140,19 +123,9 @@ class RadioAtmosphere:
         site = self._site(station)
         if site is not None:
             return site.at(epochs)
-        if self.grids is not None:
-            return self.grids.at(epochs, *place)
-        if self.gpt3 is not None:
-            return self.gpt3.at(epochs, *place)
-        raise self._not_there(station)
-
-    def _not_there(self, station: Station) -> InputError:
-        other_names = f" (nor {', '.join(station.aliases)})" if station.aliases else ""
-        return InputError(
-            f"{_named(self.vmf3_files)}: there is no station {station.name}{other_names}, but "
-            f"{', '.join(sorted(self.sites))}; give its files or maps too, or GPT3 for such stations ([model] gpt3), "
-            "or leave out [model] vmf3"
-        )
+        source = self.gpt3 if self.grids is None else self.grids
+        assert source is not None  # refused before
+        return source.at(epochs, *place)
 
     def _fill(self, air: ZenithAir, station: Station, rows: NDArray[np.intp], end: LegEnd) -> None:
         epochs, weather = end.epoch[rows], _recorded_here(end, rows)
@@ -181,13 +154,6 @@ def air_without_files(end: LegEnd) -> ZenithAir:
 
     The hydrostatic delay needs the pressure only; the wet one temperature and humidity, both or neither.
 
-    Raises
-    ------
-    InputError
-        Weather or a station's height is outside of what the models cover.
-
-    Notes
-    -----
     Zenith delays of Saastamoinen (Davis et al. 1985), mapping functions of Niell (1996).
     """
     air = _nothing_filled(len(end))
@@ -196,10 +162,9 @@ def air_without_files(end: LegEnd) -> ZenithAir:
     latitude_rad = end.of_station([float(place.latitude_rad) for place in places])[rows]
     height_m = end.of_station([float(place.height_m) for place in places])[rows]
     recorded, standard = _recorded_here(end, rows), standard_weather(height_m)
-    pressure = np.where(np.isnan(recorded[0]), standard.pressure_hpa, recorded[0])
+    pressure = np.where(np.isnan(recorded[0]), standard[0], recorded[0])
     dry = np.isnan(recorded[1:]).any(axis=0)
-    temperature = np.where(dry, standard.temperature_k, recorded[1])
-    humidity = np.where(dry, standard.relative_humidity, recorded[2])
+    temperature, humidity = np.where(dry, standard[1:], recorded[1:])
     vapour_hpa = water_vapour_pressure_hpa(temperature, humidity, pressure)
     hydrostatic, wet = niell_coefficients(latitude_rad, day_of_year(end.epoch[rows]))
     air.hydrostatic_m[rows] = zenith_hydrostatic_delay_m(pressure, latitude_rad, height_m)
@@ -221,24 +186,10 @@ def read_radio_atmosphere(
     vmf3_orography: str | Path | None = None,
     gpt3: str | Path | None = None,
 ) -> RadioAtmosphere:
-    """Read files of VMF3, of sites or maps, and of GPT3.
+    """Read files of VMF3, of sites or of maps with the file of their heights, and of GPT3.
 
-    Parameters
-    ----------
-    vmf3 : sequence of path-like
-        Files of sites, or maps of several epochs.
-    vmf3_orography : path-like, optional
-        With maps the file of their heights, ``orography_ell_1x1`` or ``orography_ell_5x5``.
-    gpt3 : path-like, optional
-        ``gpt3_5.grd`` or ``gpt3_1.grd``.
-
-    Raises
-    ------
-    FileFormatError
-        As :func:`~radioloc.media.vmf3_files.read_vmf3_sites`, :func:`~radioloc.media.vmf3_files.read_vmf3_grids` and
-        :func:`~radioloc.media.gpt3.read_gpt3`.
-    InputError
-        Neither is given, or maps without their heights or heights without maps.
+    Raises :class:`FileFormatError` as the readers of the files, and :class:`InputError` where neither is given, or maps
+    without their heights or heights without maps.
     """
     files = tuple(map(Path, vmf3))
     if not files and gpt3 is None:

@@ -30,12 +30,7 @@ class Status(IntEnum):
     def text(self, elevation_deg: float = np.nan, station: str = "") -> str:
         """Say what is wrong; empty if nothing is.
 
-        Parameters
-        ----------
-        elevation_deg : float
-            Elevation that belongs to it: of the target, or of the Earth above the target's horizon.
-        station : str
-            Name of the station at this end.
+        The elevation is that of the target, or of the Earth above the target's horizon.
         """
         return _TEXTS[self].format(e=elevation_deg, below=-elevation_deg, station=station)
 
@@ -70,22 +65,8 @@ def describe(
 ) -> tuple[NDArray[np.int8], NDArray[np.str_]]:
     """Why observations cannot be used: code and sentence for the first end at which something is wrong.
 
-    Parameters
-    ----------
-    status : ndarray of int8, shape (n, 2)
-        :class:`Status` at both ends.
-    elevation_rad : ndarray, shape (n, 2)
-        Elevation of the target there.
-    stations : sequence of str
-        Names of stations.
-    ends : ndarray of int, shape (n, 2), optional
-        Index into `stations` of those at the ends; sentences do not name stations without.
-
-    Returns
-    -------
-    code : ndarray of int8, shape (n,)
-    text : ndarray of str, shape (n,)
-        Empty where the observation can be used.
+    Status, elevation of the target (rad) and index into the stations' names are those at both ends, shape (n, 2);
+    sentences do not name stations without indices. The sentence is empty where the observation can be used.
     """
     end = (status[:, 0] == Status.OK).astype(np.intp)[:, None]
     code = np.take_along_axis(status, end, axis=1)[:, 0]

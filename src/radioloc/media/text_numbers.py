@@ -14,13 +14,7 @@ ENCODING = "latin-1"
 
 
 def numbers_of(path: str | Path, line_number: int, words: list[str], what: str) -> list[float]:
-    """Finite numbers of a line's words.
-
-    Raises
-    ------
-    FileFormatError
-        A word is not a finite number.
-    """
+    """Finite numbers of a line's words; :class:`FileFormatError` where a word is none."""
     numbers = []
     for word in words:
         try:
@@ -57,13 +51,7 @@ def table_of(
 def fixed_numbers(
     path: str | Path, line_number: int, line: str, skip: int, width: int, count: int
 ) -> list[float]:
-    """Finite numbers in columns of one width, from a column on.
-
-    Raises
-    ------
-    FileFormatError
-        A field is not a finite number.
-    """
+    """Finite numbers in columns of one width, from a column on; :class:`FileFormatError` where a field is none."""
     fields = [line[skip + k * width : skip + (k + 1) * width] for k in range(count)]
     try:
         numbers = [float(field) for field in fields]

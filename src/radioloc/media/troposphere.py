@@ -21,17 +21,9 @@ from radioloc.media.status import Status, first_of
 
 @dataclass(frozen=True, slots=True)
 class Troposphere:
-    """The neutral atmosphere.
+    """The neutral atmosphere, of radio by files of VMF3 and GPT3 or, without, by weather or a standard atmosphere.
 
-    Parameters
-    ----------
-    files : RadioAtmosphere or None
-        Files of VMF3 and GPT3 for radio signals; weather and a standard atmosphere without.
-
-    Notes
-    -----
-    :func:`radioloc.media.optical_troposphere.optical_delay`; for radio IERS Conventions (2010), section 9.2, with
-    what :mod:`radioloc.media.radio_atmosphere` gives.
+    IERS Conventions (2010), section 9.1 for light and 9.2 for radio.
     """
 
     files: RadioAtmosphere | None = None
@@ -81,7 +73,7 @@ def _status_of_light(end: LegEnd) -> NDArray[np.int8]:
 
 def _of_light(leg: Leg, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     weather = leg.end.weather
-    found = optical_delay(
+    return optical_delay(
         leg.elevation.angle_rad[rows],
         weather.pressure_hpa[rows],
         weather.temperature_k[rows],
@@ -90,4 +82,3 @@ def _of_light(leg: Leg, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64], ND
         leg.station.latitude_rad[rows],
         leg.station.height_m[rows],
     )
-    return found.total_m, found.elevation_rate_m_rad

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import FileFormatError, InputError
 from radioloc.media.checks import within
 from radioloc.media.grids import LatLonGrid, epochs_around, sort_into_grid
-from radioloc.media.radio_troposphere import column_gravity
+from radioloc.media.optical_troposphere import column_gravity
 from radioloc.media.text_numbers import ENCODING, numbers_of, table_of
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs, epochs_from_strings
@@ -47,14 +47,8 @@ _LARGEST_A = 2e-3
 class Vmf3Values:
     """What a file of VMF3 gives for observations; arrays of shape (n,).
 
-    Parameters
-    ----------
-    hydrostatic_a, wet_a : ndarray
-        Coefficients a of the mapping functions.
-    height_above_a_m : ndarray
-        Height of the station above that for which `hydrostatic_a` holds, m; see :func:`radioloc.media.vmf3.vmf3`.
-    zenith_hydrostatic_m, zenith_wet_m : ndarray
-        Zenith delays at the station, m.
+    Coefficients a of the mapping functions, the height of the station above that for which the hydrostatic one holds,
+    and zenith delays at the station.
     """
 
     hydrostatic_a: NDArray[np.float64]
@@ -66,16 +60,9 @@ class Vmf3Values:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vmf3Site:
-    """Series of VMF3 of one station.
+    """Series of VMF3 of one station, epochs rising.
 
-    Parameters
-    ----------
-    station : str
-        Name in the file.
-    mjd_utc : ndarray, shape (k,)
-        Epochs, rising.
-    values : ndarray, shape (k, 4)
-        a hydrostatic, a wet, zenith hydrostatic delay (m), zenith wet delay (m).
+    ``values``, shape (k, 4): a hydrostatic, a wet, zenith hydrostatic delay (m), zenith wet delay (m).
     """
 
     station: str
@@ -83,36 +70,18 @@ class Vmf3Site:
     values: NDArray[np.float64]
 
     def at(self, epochs: Epochs) -> Vmf3Values:
-        """Values at epochs, linear between the file's.
-
-        Parameters
-        ----------
-        epochs : Epochs
-            n epochs, of any scale but UT1.
-
-        Raises
-        ------
-        CoverageError
-            An epoch is before the first, after the last, or between two that are more than six hours apart.
-        """
-        values = _blend(self.values, *_around(self.mjd_utc, epochs, f"VMF3 of {self.station}"))
+        """Values at epochs of any scale but UT1, linear between the file's, of which none may lack."""
+        before, after, share = _around(self.mjd_utc, epochs, f"VMF3 of {self.station}")
+        values = self.values[before] + share[:, None] * (self.values[after] - self.values[before])
         return Vmf3Values(values[:, 0], values[:, 1], np.zeros(len(epochs)), values[:, 2], values[:, 3])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vmf3Grids:
-    """Maps of VMF3 at several epochs.
+    """Maps of VMF3 at several epochs, rising.
 
-    Parameters
-    ----------
-    grid : LatLonGrid
-        The points.
-    mjd_utc : ndarray, shape (k,)
-        Epochs, rising.
-    values : ndarray, shape (k, rows, columns, 4)
-        a hydrostatic and wet on the ellipsoid; zenith delays hydrostatic and wet (m) at `height_m`.
-    height_m : ndarray, shape (rows, columns)
-        Height of the points above the ellipsoid, m.
+    ``values``, shape (k, rows, columns, 4): a hydrostatic and wet on the ellipsoid; zenith delays hydrostatic and wet
+    (m) at ``height_m`` above the ellipsoid, shape (rows, columns).
     """
 
     grid: LatLonGrid
@@ -125,22 +94,9 @@ class Vmf3Grids:
     ) -> Vmf3Values:
         """Values at epochs and places: linear in time, bilinear in space, zenith delays taken to the height.
 
-        Parameters
-        ----------
-        epochs : Epochs
-            n epochs, of any scale but UT1.
-        latitude_rad, longitude_rad, height_m : array_like, shape () or (n,)
-            Geodetic latitude and east longitude, rad, and height above the ellipsoid, m.
+        Epochs are of any scale but UT1, heights above the ellipsoid. Errors as :meth:`Vmf3Site.at`, and
+        :class:`InputError` for a place nearer to a pole than the outermost latitude of the grid.
 
-        Raises
-        ------
-        CoverageError
-            As :meth:`Vmf3Site.at`.
-        InputError
-            A place is nearer to a pole than the outermost latitude of the grid, or not possible.
-
-        Notes
-        -----
         Kouba (2008): pressure falls as in the standard atmosphere, the wet delay with a scale height of
         2 km. Over a height of 1 km between station and grid the hydrostatic delay is wrong by some 5 mm.
         """
@@ -165,25 +121,9 @@ class Vmf3Grids:
 
 
 def read_vmf3_sites(paths: Sequence[str | Path]) -> dict[str, Vmf3Site]:
-    """Read files of sites, of one or more days or years.
+    """Read files of sites, of one or more days or years in any order: series by the station's name in the files.
 
-    Parameters
-    ----------
-    paths : sequence of path-like
-        The files, in any order.
-
-    Returns
-    -------
-    dict
-        Series by the station's name as it stands in the files.
-
-    Raises
-    ------
-    FileFormatError
-        A file or a number cannot be read, a line has other than 9 or 13 columns, a number is impossible, or a station
-        has one epoch twice.
-    InputError
-        No file is given.
+    :class:`FileFormatError` for a number that cannot be read or be, other than 9 or 13 columns, an epoch twice.
     """
     if not paths:
         raise InputError("no file of VMF3 is given")
@@ -209,23 +149,11 @@ def read_vmf3_sites(paths: Sequence[str | Path]) -> dict[str, Vmf3Site]:
 
 
 def read_vmf3_grids(paths: Sequence[str | Path], orography: str | Path) -> Vmf3Grids:
-    """Read maps of VMF3 and the heights they are given for.
+    """Read maps of VMF3, one epoch each on one grid, and the heights above the ellipsoid they are given for.
 
-    Parameters
-    ----------
-    paths : sequence of path-like
-        The maps, one epoch each, in any order, all on one grid.
-    orography : path-like
-        The file ``orography_ell_1x1`` or ``orography_ell_5x5`` that goes with the grid: one height above the
-        ellipsoid (m) for each of its points, in their order.
-
-    Raises
-    ------
-    FileFormatError
-        A file or a number cannot be read, a file is not such a map, a number is impossible, or points, epochs or
-        heights are missing or too many.
-    InputError
-        No map is given.
+    The heights are those of ``orography_ell_1x1`` or ``orography_ell_5x5``: one for each point, in their order.
+    :class:`FileFormatError` where a file is no such map, a number is impossible, or points, epochs or heights are
+    missing or too many.
     """
     if not paths:
         raise InputError("no map of VMF3 is given")
@@ -339,12 +267,3 @@ def _around(
     mjd_utc: NDArray[np.float64], epochs: Epochs, source: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
     return epochs_around(mjd_utc, utc_of(epochs).mjd, _LONGEST_GAP_D, source)
-
-
-def _blend(
-    values: NDArray[np.float64],
-    before: NDArray[np.int64],
-    after: NDArray[np.int64],
-    share: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    return values[before] + share[:, None] * (values[after] - values[before])

@@ -1,14 +1,9 @@
 import numpy as np
 import pytest
+from mappings import height_correction, niell
 
 from radioloc.errors import InputError
-from radioloc.media.mapping_functions import (
-    MappingFactors,
-    continued_fraction,
-    day_of_year,
-    height_correction,
-    niell,
-)
+from radioloc.media.mapping_functions import MappingFactors, day_of_year, mapping_factors
 from radioloc.time import epochs_from_strings
 
 GOLDSTONE = {"latitude_rad": np.deg2rad(35.4), "height_m": 1000.0, "day_of_year": 276.0}
@@ -105,4 +100,4 @@ def test_refuses_what_it_does_not_hold_for(change: dict[str, float], what: str) 
 
 def test_error_names_the_wrong_one_of_many() -> None:
     with pytest.raises(InputError, match=r"elevation is -0\.1, .*3 to 90 degrees"):
-        continued_fraction([0.5, -0.1, 1.0], 1e-3, 1e-3, 1e-3)
+        mapping_factors([0.5, -0.1, 1.0], 0.0, (1e-3, 1e-3, 1e-3), (1e-3, 1e-3, 1e-3))

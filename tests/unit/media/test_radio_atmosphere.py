@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M
 from legs import end
+from mappings import vmf3
 
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import StationCatalogue
@@ -25,7 +26,6 @@ from radioloc.media.mapping_functions import day_of_year
 from radioloc.media.optical_troposphere import water_vapour_pressure_hpa
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.media.radio_troposphere import zenith_hydrostatic_delay_m, zenith_wet_delay_askne_nordius_m
-from radioloc.media.vmf3 import vmf3
 from radioloc.media.vmf3_files import Vmf3Grids
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
 

@@ -49,26 +49,23 @@ def test_the_two_wet_delays_agree_in_usual_weather() -> None:
 
 def test_standard_weather() -> None:
     sea, mountain = 0.0, 2000.0
-    weather = standard_weather([sea, mountain])
-    np.testing.assert_allclose(weather.pressure_hpa[0], 1013.25)
+    pressure, temperature, humidity = standard_weather([sea, mountain])
+    np.testing.assert_allclose(pressure[0], 1013.25)
     # ICAO's standard atmosphere has 795.0 hPa at 2000 m.
-    np.testing.assert_allclose(weather.pressure_hpa[1], 795.0, atol=3.0)
-    np.testing.assert_allclose(weather.temperature_k, [291.15, 278.15])
-    np.testing.assert_allclose(weather.relative_humidity, [0.5, 0.5 * np.exp(-1.2792)])
-    np.testing.assert_array_equal(
-        weather.vapour_pressure_hpa,
-        water_vapour_pressure_hpa(weather.temperature_k, weather.relative_humidity, weather.pressure_hpa),
-    )
+    np.testing.assert_allclose(pressure[1], 795.0, atol=3.0)
+    np.testing.assert_allclose(temperature, [291.15, 278.15])
+    np.testing.assert_allclose(humidity, [0.5, 0.5 * np.exp(-1.2792)])
+    vapour = water_vapour_pressure_hpa(temperature, humidity, pressure)
     # 20.6 hPa of saturated vapour at 18 degrees Celsius.
-    assert weather.vapour_pressure_hpa[0] == pytest.approx(10.3, abs=0.1)
+    assert vapour[0] == pytest.approx(10.3, abs=0.1)
 
 
 def test_standard_pressure_is_hydrostatic() -> None:
     """Pressure falls as the weight of the air of that pressure and temperature, within 0.7 percent."""
     height, step = np.array([0.0, 1500.0, 3000.0]), 1.0
     above, here, below = (standard_weather(height + k * step) for k in (1, 0, -1))
-    slope = (above.pressure_hpa - below.pressure_hpa) / (2.0 * step)
-    weight = -here.pressure_hpa * 9.80665 / (287.05 * here.temperature_k)
+    slope = (above[0] - below[0]) / (2.0 * step)
+    weight = -here[0] * 9.80665 / (287.05 * here[1])
     np.testing.assert_allclose(slope, weight, rtol=0.015)
 
 

@@ -27,9 +27,13 @@ class Field:
 
 @dataclass(frozen=True, slots=True)
 class Card:
-    """Fields in order, of which empty ones are not shown; ``str()`` is the card for a terminal."""
+    """Fields in order, but for empty ones; ``str()`` is the card for a terminal."""
 
     fields: tuple[Field, ...]
+
+    def __post_init__(self) -> None:
+        kept = tuple(field for field in self.fields if field.lines or field.rows or field.below)
+        object.__setattr__(self, "fields", kept)
 
     def __str__(self) -> str:
         out = []
@@ -47,8 +51,6 @@ class Card:
         left = 'style="text-align:left"'
         rows = []
         for field in self.fields:
-            if not (field.lines or field.rows or field.below):
-                continue
             content = "<br>".join(html.escape(line) for line in field.lines)
             if field.rows:
                 head = "".join(f"<th>{html.escape(cell)}</th>" for cell in field.heading)

@@ -53,11 +53,11 @@ def write_orbit(path: Path) -> None:
 
 def write_tracking(path: Path, orbit: Path) -> None:
     """Write two- and three-way ranges and Doppler every five minutes, seen or not."""
-    model = radioloc.PhysicalModel.build()
-    trajectory = radioloc.Trajectory.open(orbit, BODY)
+    model = radioloc.measurements.PhysicalModel.build()
+    trajectory = radioloc.ephemeris.Trajectory.open(orbit, BODY)
     minutes = 15 * 60 + 5 * np.arange(1, 71)
-    utc = radioloc.epochs_from_strings([f"2020-12-02T{m // 60:02d}:{m % 60:02d}:00" for m in minutes])
-    links = [radioloc.Link.from_path(f"KASHI>orbiter>{name}") for name in ("KASHI", "JIAMUSI")]
+    utc = radioloc.time.epochs_from_strings([f"2020-12-02T{m // 60:02d}:{m % 60:02d}:00" for m in minutes])
+    links = [radioloc.measurements.Link.from_path(f"KASHI>orbiter>{name}") for name in ("KASHI", "JIAMUSI")]
     count = len(utc)
     doppler = np.repeat([False, False, True], count)
     link = np.repeat([0, 1, 0], count)
@@ -72,7 +72,7 @@ def write_tracking(path: Path, orbit: Path) -> None:
         "uplink_hz": 7.2e9,
     }
     plan = radioloc.Observations.from_columns(value_m=1.0, **columns)
-    arc = radioloc.ExactPredictor(model, plan, np.zeros(3), trajectory)
+    arc = radioloc.measurements.ExactPredictor(model, plan, np.zeros(3), trajectory)
     computed = arc.compute(np.zeros(3))
     value_m = computed.value_m + plan.sigma_m * np.random.default_rng(1).standard_normal(len(plan))
     value_m += np.where(~doppler & (link == 1), BIAS_M, 0.0)

@@ -4,112 +4,95 @@
 >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")  # doctest: +SKIP
 >>> solution = radioloc.locate(study)  # doctest: +SKIP
 >>> print(solution)  # doctest: +SKIP
+
+Here are the names that most users need. What they rest on is in the packages, each with an ``__all__`` of its own:
+:mod:`radioloc.measurements`, :mod:`radioloc.parameters`, :mod:`radioloc.media`, :mod:`radioloc.estimation`,
+:mod:`radioloc.simulation`, :mod:`radioloc.studies`, :mod:`radioloc.io`, :mod:`radioloc.report`, :mod:`radioloc.earth`,
+:mod:`radioloc.lunar`, :mod:`radioloc.ephemeris`, :mod:`radioloc.time` and :mod:`radioloc.errors`.
 """
 
+import warnings as _warnings
+from importlib import import_module as _import_module
+from typing import Any as _Any
+
 from radioloc._version import __version__
-from radioloc.earth.stations import Station, StationCatalogue
-from radioloc.ephemeris import Trajectory
-from radioloc.errors import (
-    ConvergenceError,
-    CoverageError,
-    FileFormatError,
-    InputError,
-    KernelError,
-    RadiolocError,
-    RadiolocWarning,
-    StationError,
-)
+from radioloc.earth import StationCatalogue
+from radioloc.errors import RadiolocError
 from radioloc.estimation import Solution
-from radioloc.io.detect import read_observations
-from radioloc.io.write import write_observations
-from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
-from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
-from radioloc.measurements.evaluation import prepare_predictor
-from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.link import Link
-from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.terms import TERMS, active_terms
-from radioloc.report import (
-    ArcStudy,
-    MonteCarlo,
-    plot_links,
-    plot_position,
-    plot_residuals,
-    save_figure,
-    write_arcs,
-    write_monte_carlo,
-    write_report,
-    write_terms,
-)
+from radioloc.io import read_observations, write_observations
+from radioloc.lunar import LunarPosition
+from radioloc.measurements import Observations
+from radioloc.report import plot_links, plot_position, plot_residuals, write_report
+from radioloc.studies import Study, read_study
 from radioloc.studies.arcs import arcs
-from radioloc.studies.locate import arc_of, locate, residuals
+from radioloc.studies.locate import locate, residuals
 from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.simulate import simulate
-from radioloc.studies.study import (
-    EstimateChoice,
-    HeightPrior,
-    ModelChoice,
-    ObservationChoice,
-    Reference,
-    Study,
-)
-from radioloc.studies.study_file import read_study
-from radioloc.studies.weights import Weight
-from radioloc.time import Epochs, epochs_from_strings
+from radioloc.time import Epochs
 
 __all__ = [
-    "TERMS",
-    "ArcStudy",
-    "ChebyshevPredictor",
-    "ConvergenceError",
-    "CoverageError",
     "Epochs",
-    "EquipmentDelays",
-    "EstimateChoice",
-    "ExactPredictor",
-    "FileFormatError",
-    "HeightPrior",
-    "InputError",
-    "KernelError",
-    "Link",
     "LunarPosition",
-    "ModelChoice",
-    "MonteCarlo",
-    "ObservationChoice",
     "Observations",
-    "PhysicalModel",
     "RadiolocError",
-    "RadiolocWarning",
-    "Reference",
     "Solution",
-    "Station",
     "StationCatalogue",
-    "StationDelay",
-    "StationError",
     "Study",
-    "Trajectory",
-    "Weight",
     "__version__",
-    "active_terms",
-    "arc_of",
     "arcs",
-    "epochs_from_strings",
     "locate",
     "monte_carlo",
     "plot_links",
     "plot_position",
     "plot_residuals",
-    "prepare_predictor",
     "read_observations",
     "read_study",
     "residuals",
-    "save_figure",
     "simulate",
-    "write_arcs",
-    "write_monte_carlo",
     "write_observations",
     "write_report",
-    "write_terms",
 ]
+
+_MOVED = {
+    "ArcStudy": "report",
+    "ChebyshevPredictor": "measurements",
+    "ConvergenceError": "errors",
+    "CoverageError": "errors",
+    "EquipmentDelays": "measurements",
+    "EstimateChoice": "studies",
+    "ExactPredictor": "measurements",
+    "FileFormatError": "errors",
+    "HeightPrior": "studies",
+    "InputError": "errors",
+    "KernelError": "errors",
+    "Link": "measurements",
+    "ModelChoice": "studies",
+    "MonteCarlo": "report",
+    "ObservationChoice": "studies",
+    "PhysicalModel": "measurements",
+    "RadiolocWarning": "errors",
+    "Reference": "studies",
+    "Station": "earth",
+    "StationDelay": "measurements",
+    "StationError": "errors",
+    "TERMS": "measurements",
+    "Trajectory": "ephemeris",
+    "Weight": "studies",
+    "active_terms": "measurements",
+    "arc_of": "studies",
+    "epochs_from_strings": "time",
+    "prepare_predictor": "measurements",
+    "save_figure": "report",
+    "write_arcs": "report",
+    "write_monte_carlo": "report",
+    "write_terms": "report",
+}
+"""Names that were here, and the package that has them."""
+
+
+def __getattr__(name: str) -> _Any:
+    if name not in _MOVED:
+        raise AttributeError(f"module 'radioloc' has no attribute {name!r}")
+    home = f"radioloc.{_MOVED[name]}"
+    _warnings.warn(f"radioloc.{name} is now {home}.{name}", DeprecationWarning, stacklevel=2)
+    return getattr(_import_module(home), name)

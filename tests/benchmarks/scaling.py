@@ -34,7 +34,7 @@ def make(path: Path, count: int) -> None:
     from radioloc.simulation import Schedule, Session, all_ranges, baselines, simulate
     from radioloc.time import epochs_from_strings, tai_to_utc, utc_strings, utc_to_tai
 
-    model = radioloc.PhysicalModel.build(off=["ionosphere"])
+    model = radioloc.measurements.PhysicalModel.build(off=["ionosphere"])
     start = utc_to_tai(epochs_from_strings([START]))
     stop = str(utc_strings(tai_to_utc(start.shifted(count / RATE_HZ + 120.0)), decimals=0)[0])
     sessions = [
@@ -42,7 +42,7 @@ def make(path: Path, count: int) -> None:
         Session("vlbi_delay", baselines(*VLBI), START, stop, 1.0, sigma_m=0.3),
     ]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", radioloc.RadiolocWarning)
+        warnings.simplefilter("ignore", radioloc.errors.RadiolocWarning)
         made = simulate(Schedule(sessions), LANDER, None, NOISE, model=model, seed=1).observations
     if len(made) < count:
         raise ValueError(f"{len(made)} observations to {stop}, too few for {count}")
@@ -63,7 +63,9 @@ def fit(path: Path) -> None:
     import radioloc
     from radioloc.studies.locate import fit_arc, prepared_arc
 
-    links = tuple(radioloc.Link.from_path(text) for text in json.loads(Path(f"{path}.json").read_text()))
+    links = tuple(
+        radioloc.measurements.Link.from_path(text) for text in json.loads(Path(f"{path}.json").read_text())
+    )
     with np.load(path) as file:
         columns = {name.removeprefix("of_"): file[name] for name in file.files}
     epoch = radioloc.Epochs(columns.pop("jd"), columns.pop("fraction"), "UTC")
@@ -77,7 +79,7 @@ def fit(path: Path) -> None:
     before_kb = _peak_kb()
     times = [(time.perf_counter(), time.process_time())]
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", radioloc.RadiolocWarning)
+        warnings.simplefilter("ignore", radioloc.errors.RadiolocWarning)
         arc, left_out = prepared_arc(study, observations)
         times.append((time.perf_counter(), time.process_time()))
         solution = fit_arc(study, arc, left_out, study.estimate)

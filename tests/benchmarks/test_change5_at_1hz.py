@@ -73,12 +73,12 @@ sys.path.insert(0, sys.argv[1])
 import numba.core.event
 import radioloc
 from change5_case import observations
-model = radioloc.PhysicalModel.build(off=["ionosphere"])
+model = radioloc.measurements.PhysicalModel.build(off=["ionosphere"])
 made = observations(model, 180.0)
 began = time.process_time()
 study = radioloc.Study(
     target=radioloc.LunarPosition.from_selenographic(-51.8, 43.0, -2500.0),
-    model=radioloc.ModelChoice(evaluation="interpolated"),
+    model=radioloc.studies.ModelChoice(evaluation="interpolated"),
 )
 compiled = []
 with numba.core.event.install_timer("numba:compile", compiled.append):

@@ -33,7 +33,7 @@ REFLECTORS = {  # east, north, deg, to a hundred metres: where the light times e
 
 @pytest.fixture(scope="module")
 def model():
-    return radioloc.PhysicalModel.build()
+    return radioloc.measurements.PhysicalModel.build()
 
 
 @pytest.fixture(scope="module")
@@ -63,8 +63,10 @@ def best_s(function, rounds=5):
 def test_ratios(benchmark, model, points, tmp_path, capsys):
     def prepared():
         with warnings.catch_warnings():
-            warnings.simplefilter("ignore", radioloc.RadiolocWarning)
-            return [(radioloc.ExactPredictor(model, mine, place), place) for mine, place in points]
+            warnings.simplefilter("ignore", radioloc.errors.RadiolocWarning)
+            return [
+                (radioloc.measurements.ExactPredictor(model, mine, place), place) for mine, place in points
+            ]
 
     arcs = prepared()
 

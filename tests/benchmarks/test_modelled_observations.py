@@ -40,7 +40,7 @@ MOST_FLOORS = 4.0
 
 @pytest.fixture(scope="module")
 def model():
-    return radioloc.PhysicalModel.build()
+    return radioloc.measurements.PhysicalModel.build()
 
 
 @pytest.fixture
@@ -55,7 +55,7 @@ def one_thread():
 def link(model):
     """Stations and lander of one three-way range, and reception epochs, TDB."""
     sender, receiver = (model.catalogue.get(name) for name in RANGING[1::-1])
-    tt = utc_to_tt(radioloc.epochs_from_strings(["2020-12-01T21:00:00"]))
+    tt = utc_to_tt(radioloc.time.epochs_from_strings(["2020-12-01T21:00:00"]))
     tdb = tt_to_tdb(tt[np.zeros(SECONDS, dtype=int)].shifted(np.arange(SECONDS, dtype=np.float64)))
     seconds = (tdb.jd - 2451545.0) * 86400.0 + tdb.fraction * 86400.0
     return sender.itrf_m, lander_of(model), receiver.itrf_m, seconds
@@ -155,7 +155,9 @@ def test_ratios(benchmark, arcs, link, what, one_thread, tmp_path, capsys):
         ("astropy", others.astropy_three_way_m),
     ):
         ratios[f"{name} vectorized"] = seconds_each(function, len(jd), sender, lander, receiver, jd) / ours_s
-    exact = radioloc.ExactPredictor(arc.model, arc.observations.select(slice(0, 4096)), lander_pa_m)
+    exact = radioloc.measurements.ExactPredictor(
+        arc.model, arc.observations.select(slice(0, 4096)), lander_pa_m
+    )
     ratios["own exact path, prepared"] = seconds_each(exact.compute, 4096, lander_pa_m) / ours_s
     with capsys.disabled():
         print(f"\n{what}: {1e9 * ours_s:.1f} ns with all terms and partials, one thread ({n} observations)")

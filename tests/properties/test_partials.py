@@ -12,12 +12,13 @@ import dataclasses
 import numpy as np
 import pytest
 
-from radioloc import EquipmentDelays, LunarPosition, StationDelay
+from radioloc import LunarPosition
 from radioloc.constants import C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError
+from radioloc.measurements import EquipmentDelays, StationDelay
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS

@@ -10,9 +10,12 @@ from hypothesis import given, reject
 from hypothesis import strategies as st
 
 import radioloc
-from radioloc import InputError, Link, LunarPosition, ObservationChoice, Observations, StationCatalogue
+from radioloc import LunarPosition, Observations, StationCatalogue
+from radioloc.errors import InputError
+from radioloc.measurements import Link
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.parameters.position import on_sphere
+from radioloc.studies import ObservationChoice
 from radioloc.studies.selection import select_observations
 
 # What a careless hand or a broken script may put in the place of a value, as TOML.

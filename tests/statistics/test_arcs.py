@@ -11,8 +11,9 @@ import pytest
 from change5_case import LANDER, NOISE, RANGING, START, VLBI
 
 import radioloc
-from radioloc import EstimateChoice, HeightPrior, ModelChoice, Study
+from radioloc import Study
 from radioloc.simulation import Scenario, Schedule, Session, Spread, Truth, all_ranges, baselines
+from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice
 
 pytestmark = pytest.mark.slow
 
@@ -44,7 +45,7 @@ def matched():
             range_bias_sigma_m=BIAS_SIGMA_M,
             height_prior=HeightPrior(-2550.4, HEIGHT_SIGMA_M),
         ),
-        model=ModelChoice(terms=radioloc.active_terms(["ionosphere"])),
+        model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
         simulation=Scenario(Schedule(sessions), LANDER, Truth(), NOISE, spread, seed=20201201),
     )
     found = radioloc.monte_carlo(study, TRIALS, HOURS, workers=2)

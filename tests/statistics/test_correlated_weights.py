@@ -8,7 +8,7 @@ import pytest
 from change5_case import LANDER, NEAR, RANGING, START, VLBI
 
 import radioloc
-from radioloc import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice, Study
+from radioloc import Study
 from radioloc.simulation import (
     Noise,
     NoiseModel,
@@ -20,6 +20,7 @@ from radioloc.simulation import (
     all_ranges,
     baselines,
 )
+from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
 
 pytestmark = pytest.mark.slow
 
@@ -59,7 +60,7 @@ def trials(step_s, noise, weights, station_sigma_m=0.18):
             weights=weights,
         ),
         observations=ObservationChoice(vlbi_station_sigma_m=station_sigma_m),
-        model=ModelChoice(terms=radioloc.active_terms(["ionosphere"])),
+        model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
         simulation=Scenario(Schedule(sessions), LANDER, Truth(), noise, spread, seed=20201201),
         name="plan",
     )

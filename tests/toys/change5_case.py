@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from radioloc import LunarPosition, Observations, PhysicalModel
+from radioloc import LunarPosition, Observations
+from radioloc.measurements import PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Schedule, Session, Truth, World, all_ranges, baselines
 
 START = "2020-12-01T15:11:00"

@@ -365,9 +365,9 @@ def test_warnings_of_the_library_are_single_lines_said_once(run, monkeypatch):
 
 
 def test_predicted_earth_orientation_is_said(run, folder):
-    table = radioloc.PhysicalModel.build().earth.table
+    table = radioloc.measurements.PhysicalModel.build().earth.table
     # Some weeks after the last measurement, whenever the tables were installed.
-    measured = radioloc.epochs_from_strings(table.last_measured_date)
+    measured = radioloc.time.epochs_from_strings(table.last_measured_date)
     date = radioloc.Epochs.from_jd(measured.jd + 30.0, measured.fraction, "UTC").day_strings()[0]
     lines = TABLE.read_text(encoding="utf-8").splitlines(keepends=True)
     rows = [line.replace(line[:10], date) for line in lines[4:60:9]]

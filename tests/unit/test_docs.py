@@ -280,7 +280,7 @@ def test_every_key_of_the_solution(solution):
 
 @pytest.fixture(scope="module")
 def model():
-    return radioloc.PhysicalModel.build()
+    return radioloc.measurements.PhysicalModel.build()
 
 
 def laser_ranges():
@@ -300,8 +300,8 @@ def laser_ranges():
 def three_way_terms(model):
     """Terms of the arc that the page describes, where both stations see the lander above 5 degrees."""
     stations = ("JIAMUSI", "KASHI", "NEUQUEN")
-    links = [radioloc.Link(a, "lander", b) for a in stations for b in stations if a != b]
-    start = utc_to_tai(radioloc.epochs_from_strings("2020-12-01T15:11:00"))
+    links = [radioloc.measurements.Link(a, "lander", b) for a in stations for b in stations if a != b]
+    start = utc_to_tai(radioloc.time.epochs_from_strings("2020-12-01T15:11:00"))
     epochs = tai_to_utc(start[np.zeros(288, dtype=int)].shifted(600.0 * np.arange(288)))
     lander = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
     lander_pa_m = lander.to_axes("PA", model.ephemeris.constants).xyz_m
@@ -313,9 +313,9 @@ def three_way_terms(model):
         sigma_m=1.0,
         tag=1,
     )
-    arc = radioloc.ExactPredictor(model.without("troposphere"), plan, lander_pa_m)
+    arc = radioloc.measurements.ExactPredictor(model.without("troposphere"), plan, lander_pa_m)
     high = (np.degrees(arc.compute(lander_pa_m).elevation_rad) > 5.0).all(axis=1)
-    return radioloc.ExactPredictor(arc.model, plan.select(high), lander_pa_m).terms(lander_pa_m)
+    return radioloc.measurements.ExactPredictor(arc.model, plan.select(high), lander_pa_m).terms(lander_pa_m)
 
 
 def assert_sizes(row, columns, added_m):
@@ -327,7 +327,7 @@ def assert_sizes(row, columns, added_m):
 def test_two_way_sizes_of_all_terms(model):
     added: dict[str, list] = {}
     for observed, where in laser_ranges().values():
-        for name, values in radioloc.ExactPredictor(model, observed, where).terms(where).items():
+        for name, values in radioloc.measurements.ExactPredictor(model, observed, where).terms(where).items():
             added.setdefault(name, []).append(values)
     for row in rows_of_table(PHYSICS, "term"):
         assert_sizes(row, (1, 2), np.concatenate(added[row[0].strip("`")]))
@@ -344,7 +344,7 @@ def test_three_way_sizes_of_all_terms(model):
 
 
 def one_way_mm(model, observed, where):
-    computed = radioloc.ExactPredictor(model, observed, where).compute(where)
+    computed = radioloc.measurements.ExactPredictor(model, observed, where).compute(where)
     return 0.5 * MILLIMETRES * (observed.value_m - computed.value_m)
 
 

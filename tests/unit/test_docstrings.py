@@ -35,15 +35,24 @@ def test_examples(package):
     assert sum(result.failed for result in results) == 0
 
 
+FACES = (radioloc, radioloc.measurements, radioloc.report, radioloc.studies)
+
+
 def public_functions():
-    for name in radioloc.__all__:
-        if isinstance(getattr(radioloc, name), types.FunctionType):
-            yield pytest.param(name, marks=[pytest.mark.slow] if name in LONG else [])
+    functions = {
+        name: value
+        for face in FACES
+        for name in face.__all__
+        if isinstance(value := getattr(face, name), types.FunctionType)
+    }
+    for name, function in functions.items():
+        yield pytest.param(function, id=name, marks=[pytest.mark.slow] if name in LONG else [])
 
 
-@pytest.mark.parametrize("name", [*public_functions()])
-def test_each_public_function_has_an_example_that_runs(name):
-    [example] = doctest.DocTestFinder(recurse=False).find(getattr(radioloc, name), name, globs={})
+@pytest.mark.parametrize("function", [*public_functions()])
+def test_each_public_function_has_an_example_that_runs(function):
+    name = function.__name__
+    [example] = doctest.DocTestFinder(recurse=False).find(function, name, globs={})
     assert example.examples
     told: list[str] = []
     assert doctest.DocTestRunner().run(example, out=told.append).failed == 0, "".join(told)

@@ -35,6 +35,43 @@ def test_public_names_exist_once_and_are_described():
             assert value.__doc__, name
 
 
+PACKAGES = (
+    "earth",
+    "ephemeris",
+    "estimation",
+    "io",
+    "lunar",
+    "measurements",
+    "media",
+    "parameters",
+    "report",
+)
+PACKAGES += ("simulation", "studies", "time")
+
+
+@pytest.mark.parametrize("package", PACKAGES)
+def test_faces_of_packages_name_what_there_is(package):
+    face = getattr(radioloc, package)
+    assert len(set(face.__all__)) == len(face.__all__)
+    for name in face.__all__:
+        value = getattr(face, name)
+        if isinstance(value, type | types.FunctionType):
+            assert value.__doc__, name
+    with pytest.raises(AttributeError, match="no_such_name"):
+        _ = face.no_such_name
+
+
+@pytest.mark.parametrize("name", sorted(radioloc._MOVED))
+def test_names_that_moved_are_found_and_say_where(name):
+    home = radioloc._MOVED[name]
+    with pytest.warns(DeprecationWarning, match=rf"radioloc.{name} is now radioloc\.{home}\.{name}"):
+        value = getattr(radioloc, name)
+    face = getattr(radioloc, home)
+    assert value is getattr(face, name)
+    assert name in getattr(face, "__all__", [name])
+    assert name not in radioloc.__all__
+
+
 def test_import_is_light_and_quick(tmp_path):
     code = (
         "import time; start = time.process_time(); import radioloc, sys; "
@@ -96,8 +133,8 @@ def test_a_study_built_in_python_with_observations_passed():
     read = radioloc.read_study(EXAMPLE)
     study = radioloc.Study(
         target=radioloc.LunarPosition("PA_DE421", (1554700.0, 98000.0, 765000.0)),
-        estimate=radioloc.EstimateChoice(position="cartesian"),
-        model=radioloc.ModelChoice(terms=radioloc.active_terms(["ionosphere"])),
+        estimate=radioloc.studies.EstimateChoice(position="cartesian"),
+        model=radioloc.studies.ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
         name="mine",
     )
     solution = radioloc.locate(study, radioloc.read_observations(read.observations.files))
@@ -107,5 +144,5 @@ def test_a_study_built_in_python_with_observations_passed():
 
 def test_a_study_without_files_says_so():
     study = radioloc.Study(target=radioloc.LunarPosition("PA_DE421", (1554700.0, 98000.0, 765000.0)))
-    with pytest.raises(radioloc.InputError, match="no file of observations was given"):
+    with pytest.raises(radioloc.errors.InputError, match="no file of observations was given"):
         radioloc.locate(study)

@@ -1,1 +1,38 @@
-"""What is measured between stations on Earth and a point on the Moon, and how it is predicted."""
+"""What is measured between stations on Earth and a target at the Moon, and how it is predicted.
+
+A table of :class:`Observations` and a :class:`PhysicalModel` make a :class:`Predictor` (:func:`prepare_predictor`),
+which computes the observations for a position of the target, with their partial derivatives. :data:`MEASUREMENTS` are
+the types of measurement, :data:`TERMS` the terms of the model by name.
+"""
+
+from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
+from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
+from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.exact_predictor import ExactPredictor
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import Geometry, MeasurementType, Part
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import Computed, Prediction, Predictor
+from radioloc.measurements.registry import MEASUREMENTS
+from radioloc.measurements.terms import TERMS, active_terms
+
+__all__ = [
+    "MEASUREMENTS",
+    "TERMS",
+    "ChebyshevPredictor",
+    "Computed",
+    "EquipmentDelays",
+    "ExactPredictor",
+    "Geometry",
+    "Link",
+    "MeasurementType",
+    "Observations",
+    "Part",
+    "PhysicalModel",
+    "Prediction",
+    "Predictor",
+    "StationDelay",
+    "active_terms",
+    "prepare_predictor",
+]

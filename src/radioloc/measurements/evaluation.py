@@ -71,7 +71,8 @@ def prepare_predictor(
     >>> import radioloc
     >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
     >>> position_pa_m = np.array([1554678.949, 98094.118, 765004.906])
-    >>> predictor = radioloc.prepare_predictor(radioloc.PhysicalModel.build(), ranges, position_pa_m)
+    >>> model = radioloc.measurements.PhysicalModel.build()
+    >>> predictor = radioloc.measurements.prepare_predictor(model, ranges, position_pa_m)
     >>> residual_m = ranges.value_m - predictor.compute(position_pa_m).value_m
     >>> bool(np.median(np.abs(residual_m)) < 1.0)
     True

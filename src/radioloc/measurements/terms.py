@@ -55,7 +55,7 @@ def active_terms(off: Iterable[str] = (), added: Iterable[str] = ()) -> frozense
     Examples
     --------
     >>> import radioloc
-    >>> "troposphere" in radioloc.active_terms(off=["troposphere"])
+    >>> "troposphere" in radioloc.measurements.active_terms(off=["troposphere"])
     False
     """
     off, terms = list(off), (*TERMS, *added)

@@ -6,7 +6,6 @@ from radioloc.report.files import write_arcs, write_monte_carlo, write_report, w
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.position_figures import plot_position
 from radioloc.report.residual_figures import plot_links, plot_residuals
-from radioloc.report.solution_card import solution_card
 
 __all__ = [
     "ArcStudy",
@@ -15,7 +14,6 @@ __all__ = [
     "plot_position",
     "plot_residuals",
     "save_figure",
-    "solution_card",
     "write_arcs",
     "write_monte_carlo",
     "write_report",

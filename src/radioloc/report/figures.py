@@ -131,7 +131,7 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: i
     --------
     >>> import radioloc
     >>> solution = radioloc.residuals(radioloc.read_study("examples/apollo15/apollo15.toml"))
-    >>> radioloc.save_figure(radioloc.plot_residuals(solution), ["residuals.png", "residuals.svg"])
+    >>> radioloc.report.save_figure(radioloc.plot_residuals(solution), ["residuals.png", "residuals.svg"])
     """
     files = [paths] if isinstance(paths, str | Path) else list(paths)
     known = figure.canvas.get_supported_filetypes()

@@ -112,8 +112,8 @@ def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) ->
     --------
     >>> import radioloc
     >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    >>> predictor, _ = radioloc.arc_of(study)
-    >>> radioloc.write_terms(predictor, radioloc.residuals(study), "out").name
+    >>> predictor, _ = radioloc.studies.arc_of(study)
+    >>> radioloc.report.write_terms(predictor, radioloc.residuals(study), "out").name
     'terms.csv'
     """
     from radioloc.io.csv_file import batches_of, write_csv
@@ -165,7 +165,7 @@ def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
     --------
     >>> import radioloc
     >>> found = radioloc.arcs(radioloc.read_study("examples/change5/change5.toml"), hours=[12.0])
-    >>> sorted(path.suffix for path in radioloc.write_arcs(found, "out") if path.parent.name == "out")
+    >>> sorted(path.suffix for path in radioloc.report.write_arcs(found, "out") if path.parent.name == "out")
     ['.csv', '.json', '.md', '.png', '.svg']
     """
     folder = made_folder(folder)
@@ -203,7 +203,7 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     >>> import radioloc
     >>> study = radioloc.read_study("examples/change5/simulation.toml")
     >>> found = radioloc.monte_carlo(study, trials=20, hours=12.0)
-    >>> [path.name for path in radioloc.write_monte_carlo(found, "out")][:2]
+    >>> [path.name for path in radioloc.report.write_monte_carlo(found, "out")][:2]
     ['montecarlo.json', 'trials.csv']
     """
     folder = made_folder(folder)

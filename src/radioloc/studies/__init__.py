@@ -1,1 +1,27 @@
-"""Whole jobs: a study file in, a solution out."""
+"""Whole jobs: a study file in, a solution out. The jobs themselves are functions of :mod:`radioloc`."""
+
+from radioloc.studies.locate import arc_of
+from radioloc.studies.study import (
+    EstimateChoice,
+    HeightPrior,
+    ModelChoice,
+    ObservationChoice,
+    Reference,
+    Study,
+    TerrainPrior,
+)
+from radioloc.studies.study_file import read_study
+from radioloc.studies.weights import Weight
+
+__all__ = [
+    "EstimateChoice",
+    "HeightPrior",
+    "ModelChoice",
+    "ObservationChoice",
+    "Reference",
+    "Study",
+    "TerrainPrior",
+    "Weight",
+    "arc_of",
+    "read_study",
+]

@@ -106,7 +106,7 @@ def arc_of(study: Study, observations: Observations | None = None) -> tuple[Pred
     Examples
     --------
     >>> import radioloc
-    >>> arc, position_pa_m = radioloc.arc_of(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> arc, position_pa_m = radioloc.studies.arc_of(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> arc.compute(position_pa_m).by_position_pa.shape
     (153, 3)
     """

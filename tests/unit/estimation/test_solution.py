@@ -12,8 +12,8 @@ from radioloc.estimation import Parameter, ParameterSet, SeriesWeight, build_sol
 from radioloc.estimation.build import scaled_covariance
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.parameters.parameter import Role
-from radioloc.report import solution_card
 from radioloc.report.cards import metres, to_sigma
+from radioloc.report.solution_card import solution_card
 from radioloc.time import Epochs
 
 # A rotation of the size of the one from principal to mean-Earth axes, about an arbitrary axis.

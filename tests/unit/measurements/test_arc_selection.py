@@ -25,7 +25,7 @@ def arc():
     delay, doppler = (
         radioloc.Observations.from_columns(
             epoch=tai_to_utc(tai),
-            links=[radioloc.Link.from_path(path)],
+            links=[radioloc.measurements.Link.from_path(path)],
             value_m=1.0,
             sigma_m=1.0,
             tag=TIME_TAGS.index("receive"),
@@ -39,7 +39,7 @@ def arc():
     )
     mixed = radioloc.Observations.concatenate([doppler, ranges, light, delay])
     order = np.random.default_rng(4).permutation(len(mixed))
-    return ExactPredictor(radioloc.PhysicalModel.build(), mixed.select(order), APOLLO15_PA_M)
+    return ExactPredictor(radioloc.measurements.PhysicalModel.build(), mixed.select(order), APOLLO15_PA_M)
 
 
 def assert_same(one, other, atol=0.0):

@@ -7,9 +7,10 @@ import pytest
 from arc_cases import epochs_tai
 from legs import leg
 
-from radioloc import ExactPredictor, Link, LunarPosition, Observations, PhysicalModel
+from radioloc import LunarPosition, Observations
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
+from radioloc.measurements import ExactPredictor, Link, PhysicalModel
 from radioloc.media.ionosphere import (
     Ionosphere,
     UniformTec,

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 
-from radioloc import EquipmentDelays, StationDelay
 from radioloc.constants import C_M_S
 from radioloc.estimation import Parameter, ParameterSet, fit_least_squares
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements import EquipmentDelays, StationDelay
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import RANGE as RANGES
 from radioloc.measurements.physical_model import PhysicalModel

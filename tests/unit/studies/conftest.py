@@ -23,7 +23,7 @@ def late15():
 
 @pytest.fixture(scope="session")
 def model():
-    return radioloc.PhysicalModel.build()
+    return radioloc.measurements.PhysicalModel.build()
 
 
 @pytest.fixture(scope="session")

@@ -10,11 +10,13 @@ from change5_case import BIAS_M, LANDER, NEAR, START, observations
 from toy_moon import ToyMoon, toy_solution
 
 import radioloc
-from radioloc import EstimateChoice, InputError, LunarPosition, ObservationChoice, Reference, Study
+from radioloc import LunarPosition, Study
 from radioloc.cli import main
+from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.io.table import write_table
 from radioloc.report.arc_study import difference, sigmas_apart
+from radioloc.studies import EstimateChoice, ObservationChoice, Reference
 from radioloc.studies.study import HeightPrior
 
 SAME_M = 1e-4
@@ -144,7 +146,7 @@ def test_lengths_in_any_order_and_once_each(study, tracked):
 
 
 def test_hours_count_from_the_start_of_the_study(study, tracked):
-    start = radioloc.epochs_from_strings("2020-12-01T21:11:00")
+    start = radioloc.time.epochs_from_strings("2020-12-01T21:11:00")
     choice = ObservationChoice(start=start, hours=1.0)
     found = radioloc.arcs(replace(study, observations=choice), [6.0, 12.0], tracked)
     assert [arc.span_h for arc in found.arcs] == pytest.approx([12.0, 6.0], abs=1e-6)
@@ -169,7 +171,7 @@ def test_lengths_that_are_none(study, tracked, hours, words):
 
 
 def test_an_arc_without_observations(study, tracked):
-    choice = ObservationChoice(start=radioloc.epochs_from_strings("2020-12-01T09:11:00"))
+    choice = ObservationChoice(start=radioloc.time.epochs_from_strings("2020-12-01T09:11:00"))
     with pytest.raises(InputError, match=r"the arc of 3 h holds no observation: the first comes 6\.00 h"):
         radioloc.arcs(replace(study, observations=choice), [3.0, 12.0], tracked)
 
@@ -283,7 +285,7 @@ def test_table_and_dictionary(found):
 
 
 def test_what_is_written(found, tmp_path):
-    written = radioloc.write_arcs(found, tmp_path / "new" / "out")
+    written = radioloc.report.write_arcs(found, tmp_path / "new" / "out")
     names = {path.relative_to(tmp_path / "new" / "out").as_posix() for path in written}
     assert names == {
         "arcs.json",

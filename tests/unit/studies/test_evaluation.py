@@ -15,7 +15,7 @@ SAME_M = 1e-4
 
 
 def test_exact_and_interpolated_find_the_same():
-    model = radioloc.PhysicalModel.build()
+    model = radioloc.measurements.PhysicalModel.build()
     table = observations(model, 60.0, stop="2020-12-01T23:00:00")
     study = Study(target=NEAR, estimate=EstimateChoice(position="geographic"))
     found = {}

@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc import EstimateChoice, LunarPosition, ModelChoice, ObservationChoice, Study
+from radioloc import LunarPosition, Study
+from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
 
 # JPL's positions in the principal axes of DE421, m: Williams, Boggs and Folkner, "DE421 Lunar Orbit, Physical
 # Librations, and Surface Coordinates", JPL IOM 335-JW,DB,WF-20080314-001 (2008).
@@ -162,7 +163,7 @@ def test_bias_alone(apollo15):
 def test_time_bias_is_found_out(apollo15, near15, model):
     # All tags late by 10 ms: what was observed belongs to 10 ms earlier than it says.
     late_s = 0.010
-    arc = radioloc.ExactPredictor(model, apollo15, np.array(JPL_PA_M["apollo15"]))
+    arc = radioloc.measurements.ExactPredictor(model, apollo15, np.array(JPL_PA_M["apollo15"]))
     by_time_m_s = arc.compute(np.array(JPL_PA_M["apollo15"])).by_time_m_s
     assert abs(by_time_m_s).max() > 100.0
     observed = changed(apollo15, slice(None), late_s * by_time_m_s)
@@ -176,8 +177,8 @@ def test_time_bias_is_found_out(apollo15, near15, model):
 
 def test_height_prior_pulls_the_height(apollo15, near15, solution):
     height_m = solution.selenographic[2] + 5.0
-    tight = fit(apollo15, near15, height_prior=radioloc.HeightPrior(height_m, 1e-3))
-    loose = fit(apollo15, near15, height_prior=radioloc.HeightPrior(height_m, 1e3))
+    tight = fit(apollo15, near15, height_prior=radioloc.studies.HeightPrior(height_m, 1e-3))
+    loose = fit(apollo15, near15, height_prior=radioloc.studies.HeightPrior(height_m, 1e3))
     assert tight.selenographic[2] == pytest.approx(height_m, abs=0.01)
     assert tight.sigma_enu_m()[2] == pytest.approx(1e-3, rel=0.01)
     assert apart_m(loose, solution) < START_M
@@ -188,7 +189,7 @@ def test_height_prior_makes_a_short_arc_observable(apollo15, near15, solution):
     without = fit(two, near15)
     assert not without.converged
     assert any("would help" in line for line in without.observability.describe())
-    found = fit(two, near15, height_prior=radioloc.HeightPrior(solution.selenographic[2], 1.0))
+    found = fit(two, near15, height_prior=radioloc.studies.HeightPrior(solution.selenographic[2], 1.0))
     assert found.converged
 
 
@@ -216,13 +217,17 @@ def thinned(apollo15, near15, model):
     """Some observations, their solution, and what each term adds to them."""
     few = apollo15.select(slice(None, None, 12))
     full = fit(few, near15)
-    return few, full, radioloc.ExactPredictor(model, few, full.position_pa_m).terms(full.position_pa_m)
+    return (
+        few,
+        full,
+        radioloc.measurements.ExactPredictor(model, few, full.position_pa_m).terms(full.position_pa_m),
+    )
 
 
-@pytest.mark.parametrize("term", list(radioloc.TERMS))
+@pytest.mark.parametrize("term", list(radioloc.measurements.TERMS))
 def test_each_term_can_be_left_out(term, thinned, near15):
     few, full, terms_m = thinned
-    found = fit(few, near15, model=ModelChoice(terms=radioloc.active_terms([term])))
+    found = fit(few, near15, model=ModelChoice(terms=radioloc.measurements.active_terms([term])))
     assert found.provenance["terms_off"] == [term]
     assert f"terms switched off: {term}" in found.notes
     # Nothing of ocean loading, axes or delays of equipment is known here, and light does not feel the ionosphere.
@@ -241,7 +246,8 @@ def test_extra_sigma_is_added_in_quadrature(apollo15, near15):
 
 def test_far_side_is_refused_in_words(apollo15):
     with pytest.raises(
-        radioloc.InputError, match=r"all 153 are rejected.*the Earth is .* deg below the target's horizon"
+        radioloc.errors.InputError,
+        match=r"all 153 are rejected.*the Earth is .* deg below the target's horizon",
     ):
         fit(apollo15, LunarPosition.from_selenographic(178.0, 26.0, 0.0))
     found = radioloc.residuals(Study(target=LunarPosition.from_selenographic(178.0, 26.0, 0.0)), apollo15)
@@ -253,32 +259,35 @@ def test_below_the_stations_horizon_is_rejected_with_the_reason(apollo15, near15
     # Half a day later the Moon is on the other side of the Earth.
     epoch = radioloc.Epochs.from_jd(apollo15.epoch.jd, apollo15.epoch.fraction + 0.5, "UTC")
     with pytest.raises(
-        radioloc.InputError, match=r"no observations left: all \d+ are rejected.*below the horizon"
+        radioloc.errors.InputError, match=r"no observations left: all \d+ are rejected.*below the horizon"
     ):
         fit(replace(apollo15, epoch=epoch).select(slice(5)), near15)
 
 
 def test_position_of_another_ephemeris_is_refused(apollo15, near15):
     other = LunarPosition.from_cartesian(near15.xyz_m, "PA_DE440")
-    with pytest.raises(radioloc.InputError, match=r"^\[target\] frame: .*PA_DE440.*PA_DE421 or ME_DE421"):
+    with pytest.raises(
+        radioloc.errors.InputError, match=r"^\[target\] frame: .*PA_DE440.*PA_DE421 or ME_DE421"
+    ):
         fit(apollo15, other)
-    study = Study(target=near15, reference=radioloc.Reference(other, "other"))
-    with pytest.raises(radioloc.InputError, match=r"^\[reference\] frame: "):
+    study = Study(target=near15, reference=radioloc.studies.Reference(other, "other"))
+    with pytest.raises(radioloc.errors.InputError, match=r"^\[reference\] frame: "):
         radioloc.locate(study, apollo15)
 
 
 def test_nothing_to_estimate_is_refused(apollo15, near15):
-    with pytest.raises(radioloc.InputError, match=r"nothing to estimate.*radioloc residuals"):
+    with pytest.raises(radioloc.errors.InputError, match=r"nothing to estimate.*radioloc residuals"):
         fit(apollo15, near15, position="none")
 
 
 @pytest.mark.parametrize("kind", ["range_bias", "time_bias"])
 def test_bias_of_a_station_without_observations_is_refused(kind, apollo15, near15):
     with pytest.raises(
-        radioloc.InputError, match=rf"\[estimate\] {kind}: no observation of GRASSE that has one; .* APOLLO"
+        radioloc.errors.InputError,
+        match=rf"\[estimate\] {kind}: no observation of GRASSE that has one; .* APOLLO",
     ):
         fit(apollo15, near15, **{kind: ["GRASSE"]})
-    with pytest.raises(radioloc.StationError, match=rf"\[estimate\] {kind}: station 'NOPE'"):
+    with pytest.raises(radioloc.errors.StationError, match=rf"\[estimate\] {kind}: station 'NOPE'"):
         fit(apollo15, near15, **{kind: ["NOPE"]})
 
 
@@ -290,7 +299,7 @@ def test_epoch_that_is_not_covered_names_file_and_line(year, source, apollo15, n
     late = replace(apollo15, epoch=radioloc.Epochs.from_jd(jd, apollo15.epoch.fraction, "UTC"))
     line = apollo15.line[33]
     with pytest.raises(
-        radioloc.CoverageError, match=rf"2006-2007.csv, line {line}: .*{source}.* but {year}"
+        radioloc.errors.CoverageError, match=rf"2006-2007.csv, line {line}: .*{source}.* but {year}"
     ) as caught:
         fit(late, near15)
     assert source in caught.value.source
@@ -301,13 +310,13 @@ def test_station_without_velocity_is_said_to_stand_still(apollo15, near15):
     unmoved = catalogue.with_station(replace(catalogue.get("APOLLO"), velocity_m_yr=None))
     found = radioloc.locate(Study(target=near15, catalogue=unmoved), apollo15)
     assert any(note.startswith("no station velocity for APOLLO") for note in found.notes)
-    off = ModelChoice(terms=radioloc.active_terms(["station_velocity"]))
+    off = ModelChoice(terms=radioloc.measurements.active_terms(["station_velocity"]))
     found = radioloc.locate(Study(target=near15, catalogue=unmoved, model=off), apollo15)
     assert not any("velocity for" in note for note in found.notes)
 
 
 def test_arc_for_predictions(apollo15, near15, solution):
-    arc, start_pa_m = radioloc.arc_of(Study(target=near15), apollo15)
+    arc, start_pa_m = radioloc.studies.arc_of(Study(target=near15), apollo15)
     assert start_pa_m == pytest.approx(near15.to_axes("PA", arc.model.ephemeris.constants).xyz_m)
     computed = arc.compute(solution.position_pa_m)
     assert computed.value_m == pytest.approx(solution.residuals.computed_m, abs=1e-6)

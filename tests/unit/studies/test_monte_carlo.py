@@ -17,8 +17,9 @@ import pytest
 from change5_case import BIAS_M, LANDER, NEAR, RANGING, START, VLBI
 
 import radioloc
-from radioloc import EstimateChoice, HeightPrior, InputError, ModelChoice, ObservationChoice, Study
+from radioloc import Study
 from radioloc.cli import main
+from radioloc.errors import InputError
 from radioloc.report.trial_statistics import binomial_bounds, summarize
 from radioloc.simulation import (
     Noise,
@@ -31,6 +32,7 @@ from radioloc.simulation import (
     all_ranges,
     baselines,
 )
+from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
 from radioloc.studies.prepared_trials import FullTrials, Prepared
 from radioloc.studies.trial_rows import trial_seed
 
@@ -75,7 +77,7 @@ def study_of(step_s=3600.0, *, spread=SPREAD, observations=None, **estimate):
     return Study(
         target=NEAR,
         estimate=EstimateChoice(**(choice | estimate)),
-        model=ModelChoice(terms=radioloc.active_terms(["ionosphere"])),
+        model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
         observations=observations or ObservationChoice(),
         simulation=Scenario(Schedule(sessions), LANDER, Truth(range_bias_m=BIAS_M), NOISE, spread, seed=5),
         name="plan",
@@ -140,7 +142,9 @@ def test_a_full_trial_is_what_locate_gives(study, ready):
     seed = trial_seed(5, 3)
     made = radioloc.simulate(one, seed=seed)
     alone = radioloc.locate(
-        replace(one, observations=ObservationChoice(hours=24.0), reference=radioloc.Reference(LANDER)),
+        replace(
+            one, observations=ObservationChoice(hours=24.0), reference=radioloc.studies.Reference(LANDER)
+        ),
         made.observations,
     )
     trial = FullTrials(Prepared.of(one, HOURS)).run(5, [3])[0, 0]
@@ -418,7 +422,7 @@ def test_the_card(found):
 
 
 def test_what_is_written(found, tmp_path):
-    written = radioloc.write_monte_carlo(found, tmp_path)
+    written = radioloc.report.write_monte_carlo(found, tmp_path)
     assert {path.name for path in written} == {
         "montecarlo.json",
         "trials.csv",

@@ -4,9 +4,10 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc import EstimateChoice, HeightPrior, LunarPosition
+from radioloc import LunarPosition
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
+from radioloc.studies import EstimateChoice, HeightPrior
 from radioloc.studies.problem import observation_model
 from radioloc.time import Epochs
 
@@ -30,7 +31,7 @@ def target(place, model):
 def test_partials_are_the_slopes(place, form, late15, model):
     start = target(place, model)
     few = late15.select([0, 9, 27])
-    arc = radioloc.ExactPredictor(model, few, start.xyz_m)
+    arc = radioloc.measurements.ExactPredictor(model, few, start.xyz_m)
     choice = EstimateChoice(position=form, range_bias="all", time_bias="all")
     problem = observation_model(arc, start, choice)
     steps = {"m": 100.0, "s": 1e-3}
@@ -52,7 +53,7 @@ def test_partials_are_the_slopes(place, form, late15, model):
 @pytest.mark.parametrize("place", PLACES)
 def test_starts_at_the_target(place, late15, model):
     start = target(place, model)
-    arc = radioloc.ExactPredictor(model, late15.select([0]), start.xyz_m)
+    arc = radioloc.measurements.ExactPredictor(model, late15.select([0]), start.xyz_m)
     for form in ("geographic", "cartesian", "none"):
         choice = EstimateChoice(position=form, range_bias="all")
         problem = observation_model(arc, start, choice)
@@ -61,7 +62,7 @@ def test_starts_at_the_target(place, late15, model):
 
 def test_height_parameter_is_the_height_everywhere(late15, model):
     start = target("shackleton", model)
-    arc = radioloc.ExactPredictor(model, late15.select([0]), start.xyz_m)
+    arc = radioloc.measurements.ExactPredictor(model, late15.select([0]), start.xyz_m)
     choice = EstimateChoice(height_prior=HeightPrior(250.0, 10.0))
     problem = observation_model(arc, start, choice)
     assert problem.parameters["position.height"].prior_sigma == 10.0
@@ -72,7 +73,7 @@ def test_height_parameter_is_the_height_everywhere(late15, model):
 
 def test_each_station_has_its_own_bias(late15, model, near15):
     start = near15.to_axes("PA", model.ephemeris.constants)
-    arc = radioloc.ExactPredictor(model, late15, start.xyz_m)
+    arc = radioloc.measurements.ExactPredictor(model, late15, start.xyz_m)
     choice = EstimateChoice(range_bias=["7845", "MATERA", "GRASSE"])
     problem = observation_model(arc, start, choice)
     assert [p.name for p in problem.parameters][3:] == ["range_bias.GRASSE", "range_bias.MATERA"]
@@ -86,7 +87,7 @@ def test_each_station_has_its_own_bias(late15, model, near15):
 def test_lander_near_a_pole_is_found_from_across_the_pole(form, lon, lat, apollo15, model):
     truth = LunarPosition.from_selenographic(lon, lat, 1000.0).to_axes("PA", model.ephemeris.constants)
     few = apollo15.select(slice(None, None, 3))
-    predicted_m = radioloc.ExactPredictor(model, few, truth.xyz_m).compute(truth.xyz_m).value_m
+    predicted_m = radioloc.measurements.ExactPredictor(model, few, truth.xyz_m).compute(truth.xyz_m).value_m
     observations = radioloc.Observations.from_columns(
         epoch=few.epoch,
         links=few.links,
@@ -111,7 +112,7 @@ def test_lander_near_a_pole_is_found_from_across_the_pole(form, lon, lat, apollo
 def test_biases_by_kind_of_measurement(near15, model):
     kinds = ["range", "range", "range", "vlbi_delay", "doppler"]
     tags = ["transmit", "receive", "bounce", "receive", "receive"]
-    links = [radioloc.Link.from_path(path) for path in ("APOLLO>x>GRASSE", "APOLLO<x>GRASSE")]
+    links = [radioloc.measurements.Link.from_path(path) for path in ("APOLLO>x>GRASSE", "APOLLO<x>GRASSE")]
     observations = radioloc.Observations.from_columns(
         epoch=Epochs.from_jd(2459185.5, np.arange(5) / 24.0, "UTC"),
         links=links,
@@ -124,7 +125,7 @@ def test_biases_by_kind_of_measurement(near15, model):
         wavelength_um=0.532,
     )
     start = near15.to_axes("PA", model.ephemeris.constants)
-    arc = radioloc.ExactPredictor(model, observations, start.xyz_m)
+    arc = radioloc.measurements.ExactPredictor(model, observations, start.xyz_m)
     found = observation_model(arc, start, EstimateChoice(range_bias="all", time_bias="all"))
     names = [p.name for p in found.parameters][3:]
     assert names == ["range_bias.GRASSE", "time_bias.APOLLO", "time_bias.GRASSE"]
@@ -135,6 +136,6 @@ def test_biases_by_kind_of_measurement(near15, model):
     assert (columns[:, 1] == np.where(first, by_time, 0.0)).all()
     assert (columns[:, 2] == np.where(first, 0.0, by_time)).all()
     with pytest.raises(
-        radioloc.InputError, match="no observation of APOLLO that has one; the stations are GRASSE"
+        radioloc.errors.InputError, match="no observation of APOLLO that has one; the stations are GRASSE"
     ):
         observation_model(arc, start, EstimateChoice(range_bias=["APOLLO"]))

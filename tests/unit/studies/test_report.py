@@ -10,8 +10,10 @@ from toy_moon import ToyMoon, toy_solution
 
 import radioloc
 import radioloc.report
-from radioloc import InputError, LunarPosition, ObservationChoice, Study
+from radioloc import LunarPosition, Study
+from radioloc.errors import InputError
 from radioloc.report.files import write_report, write_terms
+from radioloc.studies import ObservationChoice
 
 
 @pytest.fixture(scope="module")
@@ -93,10 +95,15 @@ def test_residuals_file(folder, solution):
 
 
 def test_terms_file(study, solution, folder, tmp_path):
-    path = write_terms(radioloc.arc_of(study)[0], solution, tmp_path / "new")
+    path = write_terms(radioloc.studies.arc_of(study)[0], solution, tmp_path / "new")
     assert path == tmp_path / "new" / "terms.csv"
     rows, residuals = rows_of(path), rows_of(folder / "residuals.csv")
-    assert list(rows[0]) == ["epoch_utc", "type", "path", *(f"{name}_m" for name in radioloc.TERMS)]
+    assert list(rows[0]) == [
+        "epoch_utc",
+        "type",
+        "path",
+        *(f"{name}_m" for name in radioloc.measurements.TERMS),
+    ]
     for key in ("epoch_utc", "type", "path"):
         assert [row[key] for row in rows] == [row[key] for row in residuals]
     assert all(10.0 < float(row["shapiro_m"]) < 30.0 for row in rows)
@@ -139,7 +146,7 @@ def test_folder_that_cannot_be_made(solution, study, tmp_path):
     (tmp_path / "file").write_text("x", encoding="utf-8")
     for write in (
         lambda f: write_report(solution, f),
-        lambda f: write_terms(radioloc.arc_of(study)[0], solution, f),
+        lambda f: write_terms(radioloc.studies.arc_of(study)[0], solution, f),
     ):
         for folder in (tmp_path / "file", tmp_path / "file" / "sub"):
             with pytest.raises(InputError, match="the output folder cannot be made: "):

@@ -4,10 +4,13 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc import Link, ObservationChoice, Observations, StationCatalogue, epochs_from_strings
+from radioloc import Observations, StationCatalogue
+from radioloc.measurements import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
+from radioloc.studies import ObservationChoice
 from radioloc.studies.selection import select_observations
+from radioloc.time import epochs_from_strings
 
 CATALOGUE = StationCatalogue.default()
 LINKS = (
@@ -49,12 +52,12 @@ def test_a_table_of_which_all_is_kept_is_not_copied():
 
 
 def test_several_targets_need_a_choice():
-    with pytest.raises(radioloc.InputError, match=r"several targets \(apollo11, apollo15\).*name one"):
+    with pytest.raises(radioloc.errors.InputError, match=r"several targets \(apollo11, apollo15\).*name one"):
         kept(ObservationChoice())
-    with pytest.raises(radioloc.InputError, match="several targets are named: apollo11, apollo15"):
+    with pytest.raises(radioloc.errors.InputError, match="several targets are named: apollo11, apollo15"):
         kept(ObservationChoice(targets=["apollo11", "apollo15"]))
     with pytest.raises(
-        radioloc.InputError, match="no observation of luna17; the files have apollo11, apollo15"
+        radioloc.errors.InputError, match="no observation of luna17; the files have apollo11, apollo15"
     ):
         kept(ObservationChoice(targets="lunokhod1"))
 
@@ -65,10 +68,10 @@ def test_targets_with_positions_are_kept():
     both = {"positions": ["apollo11", "apollo15"]}
     assert kept(ObservationChoice(targets="AP11"), **both) == ([3], {"other target": 5})
     with pytest.raises(
-        radioloc.InputError, match=r"\[targets\]: no observation of luna17; the files have apollo11"
+        radioloc.errors.InputError, match=r"\[targets\]: no observation of luna17; the files have apollo11"
     ):
         kept(ObservationChoice(), positions=["luna17"])
-    with pytest.raises(radioloc.InputError, match="there is no position of apollo15; give it as"):
+    with pytest.raises(radioloc.errors.InputError, match="there is no position of apollo15; give it as"):
         kept(ObservationChoice(targets="apollo15"), positions=["apollo11"])
 
 
@@ -96,10 +99,10 @@ def test_stations_take_part_only_with_both_ends():
     assert kept(ObservationChoice(**fifteen, stations="7045"))[0] == [0, 5]
     assert kept(ObservationChoice(**fifteen, stations=["GRASSE", "apollo"]))[0] == [0, 1, 2, 5]
     with pytest.raises(
-        radioloc.InputError, match="no observation by MATERA; the files have APOLLO, GRASSE, NEW"
+        radioloc.errors.InputError, match="no observation by MATERA; the files have APOLLO, GRASSE, NEW"
     ):
         kept(ObservationChoice(**fifteen, stations="MATERA"))
-    with pytest.raises(radioloc.StationError, match=r"\[observations\] stations: station 'NOPE'"):
+    with pytest.raises(radioloc.errors.StationError, match=r"\[observations\] stations: station 'NOPE'"):
         kept(ObservationChoice(**fifteen, stations="NOPE"))
 
 
@@ -130,12 +133,12 @@ def test_nothing_left_says_why(span):
         targets="apollo15", **{key: epochs_from_strings(day) for key, day in span.items()}
     )
     with pytest.raises(
-        radioloc.InputError, match=r"no observations left \(1 other target; 5 outside the time span\)"
+        radioloc.errors.InputError, match=r"no observations left \(1 other target; 5 outside the time span\)"
     ):
         kept(choice)
 
 
 def test_nothing_to_begin_with():
     none = some().select([])
-    with pytest.raises(radioloc.InputError, match=r"no observations left \(the files hold none\)"):
+    with pytest.raises(radioloc.errors.InputError, match=r"no observations left \(the files hold none\)"):
         select_observations(none, ObservationChoice(), CATALOGUE)

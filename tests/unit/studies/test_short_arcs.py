@@ -5,8 +5,9 @@ import pytest
 from change5_case import LANDER, NOISE, START, observations, world
 
 import radioloc
-from radioloc import EstimateChoice, HeightPrior, Reference, Study
+from radioloc import Study
 from radioloc.simulation import Schedule, Session, Truth, World, two_way
+from radioloc.studies import EstimateChoice, HeightPrior, Reference
 
 HEIGHT = HeightPrior(-2550.4, 5.0)
 

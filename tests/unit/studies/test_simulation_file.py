@@ -8,7 +8,7 @@ import pytest
 
 import radioloc
 import radioloc.cli
-from radioloc import InputError
+from radioloc.errors import InputError
 from radioloc.measurements.registry import KINDS
 from radioloc.simulation import Clock, Departure, Noise, Spread, Truth, baselines, departed
 from radioloc.studies.toml_table import TomlTable

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc import EstimateChoice, InputError, LunarPosition, ModelChoice, ObservationChoice, Study
+from radioloc import LunarPosition, Study
+from radioloc.errors import InputError
 from radioloc.measurements.registry import KINDS
 from radioloc.simulation import (
     Clock,
@@ -22,6 +23,7 @@ from radioloc.simulation import (
     all_ranges,
     baselines,
 )
+from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
 from radioloc.studies.station_noise import SAME_EPOCH_S, same_epoch, stated_noise
 from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
 
@@ -103,7 +105,7 @@ def test_delay_rates_know_the_rates_of_the_clocks_but_not_their_offsets(site):
         [Session("vlbi_delay_rate", baselines(*STATIONS), *span, 1e-4, count_s=600.0)], Masks(10.0)
     )
     clocks = {"KUNMING": Clock(1e-6, 3e-13, span[0]), "URUMQI": Clock(-2e-6, -2e-13, span[0])}
-    model = radioloc.PhysicalModel.build()
+    model = radioloc.measurements.PhysicalModel.build()
     noise = NoiseModel({"vlbi_delay_rate": Noise(white_m=1e-4)}, vlbi_station_rate=Noise(white_m=1e-3))
     made = World.prepare(schedule, site, Truth(clock=clocks), model=model).draw(noise, seed=3)
     assert "noise of the growth of station arrivals" in made.summary()
@@ -142,7 +144,7 @@ def made(site):
         ],
         Masks(10.0),
     )
-    model = radioloc.PhysicalModel.build(off=["troposphere"])
+    model = radioloc.measurements.PhysicalModel.build(off=["troposphere"])
     noise = NoiseModel(
         {"range": Noise(white_m=RANGE_M), "vlbi_delay": Noise(white_m=OWN_M)}, Noise(white_m=STATION_M)
     )
@@ -154,7 +156,7 @@ def locate(site, made, observations=None, **choice):
         target=site,
         observations=ObservationChoice(**choice),
         estimate=EstimateChoice(),
-        model=ModelChoice(terms=radioloc.active_terms(["troposphere"])),
+        model=ModelChoice(terms=radioloc.measurements.active_terms(["troposphere"])),
     )
     return radioloc.locate(study, made.observations if observations is None else observations)
 

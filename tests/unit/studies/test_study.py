@@ -6,14 +6,9 @@ from pathlib import Path
 import pytest
 
 import radioloc
-from radioloc import (
-    EstimateChoice,
-    HeightPrior,
-    InputError,
-    ModelChoice,
-    ObservationChoice,
-    epochs_from_strings,
-)
+from radioloc.errors import InputError
+from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
+from radioloc.time import epochs_from_strings
 
 
 def test_single_names_and_files_stand_for_lists_of_one():
@@ -95,6 +90,6 @@ def test_height_prior_needs_a_sigma(sigma_m):
 
 def test_terms_are_known_ones():
     assert ModelChoice(terms=["shapiro"]).terms == {"shapiro"}
-    assert ModelChoice().terms == set(radioloc.TERMS)
+    assert ModelChoice().terms == set(radioloc.measurements.TERMS)
     with pytest.raises(InputError, match="did you mean 'shapiro'"):
         ModelChoice(terms=["shapro"])

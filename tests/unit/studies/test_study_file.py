@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc import InputError, read_study
+from radioloc import read_study
+from radioloc.errors import InputError
 from radioloc.measurements.equipment_delays import StationDelay
 
 TARGET = '[target]\nframe = "ME_DE421"\nlongitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n'
@@ -88,18 +89,18 @@ position_m = [1554678.949, 98094.118, 765004.906]
     assert chosen.start.day_strings()[0] == "2006-04-07"
     assert chosen.stop.fraction[0] == 0.5
     assert (chosen.hours, chosen.extra_sigma_m, chosen.vlbi_station_sigma_m) == (12.0, 0.02, 0.03)
-    assert study.estimate == radioloc.EstimateChoice(
+    assert study.estimate == radioloc.studies.EstimateChoice(
         position="geographic",
         range_bias=("APOLLO",),
         range_bias_sigma_m=0.5,
         time_bias="all",
         time_bias_sigma_s=1e-6,
-        height_prior=radioloc.HeightPrior(-1900.0, 5.0),
+        height_prior=radioloc.studies.HeightPrior(-1900.0, 5.0),
         ephemeris_sigma_m=(0.1, 0.2, 0.3),
         rejection_sigma=4.0,
         weights="correlated",
     )
-    assert set(radioloc.TERMS) - study.model.terms == {"shapiro", "pole_tide"}
+    assert set(radioloc.measurements.TERMS) - study.model.terms == {"shapiro", "pole_tide"}
     assert study.model.ephemeris == str(folder / "sub" / "de.bsp")
     assert study.model.libration == "DE421"
     assert study.model.earth_orientation == folder / "eop.txt"
@@ -110,9 +111,9 @@ position_m = [1554678.949, 98094.118, 765004.906]
 
 def test_defaults_are_those_of_the_records(read, folder):
     study = read(TARGET + FILES)
-    assert study.estimate == radioloc.EstimateChoice()
-    assert study.model == radioloc.ModelChoice()
-    assert study.observations == radioloc.ObservationChoice(files=(folder / "d.csv",))
+    assert study.estimate == radioloc.studies.EstimateChoice()
+    assert study.model == radioloc.studies.ModelChoice()
+    assert study.observations == radioloc.studies.ObservationChoice(files=(folder / "d.csv",))
     assert study.reference is None
     assert study.catalogue is radioloc.StationCatalogue.default()
 
@@ -183,7 +184,7 @@ def test_replaced_station_keeps_the_loading_coefficients_it_has(read):
 def test_station_epoch_and_velocity(read):
     text = f"[stations.APOLLO]\n{ITRF}velocity_m_yr = [0.02, 0.0, 0.0]\nepoch = 2010\n"
     station = read(TARGET + FILES + text).catalogue.get("7045")
-    tt = radioloc.epochs_from_strings("2020-01-01T12:00:00", "TT")
+    tt = radioloc.time.epochs_from_strings("2020-01-01T12:00:00", "TT")
     assert station.position_at(tt)[0, 0] - station.itrf_m[0] == pytest.approx(0.2, abs=1e-4)
 
 

@@ -19,17 +19,17 @@ SAME_POINT_M = 1e-3
 
 def made(kind, ends):
     """A point on the Moon and what is measured of it on the hour for ten days: observations of one type."""
-    model = radioloc.PhysicalModel.build()
+    model = radioloc.measurements.PhysicalModel.build()
     point = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
     point = point.to_axes("PA", model.ephemeris.constants)
-    links = [radioloc.Link(a, "lander", b) for a, b in ends]
+    links = [radioloc.measurements.Link(a, "lander", b) for a, b in ends]
     epoch = tai_to_utc(epochs_tai(240, 12.0, 2459185.5))
     link = np.arange(240) % len(links)
     given = {"links": links, "kind": KINDS.index(kind), "tag": 1, "sigma_m": 1.0}
     empty = radioloc.Observations.from_columns(
         epoch=epoch, link=link, value_m=1.0, wavelength_um=35000.0, **given
     )
-    arc = radioloc.ExactPredictor(model, empty, point.xyz_m)
+    arc = radioloc.measurements.ExactPredictor(model, empty, point.xyz_m)
     computed = arc.compute(point.xyz_m)
     seen = computed.usable
     observations = radioloc.Observations.from_columns(
@@ -74,7 +74,7 @@ def test_half_ranges_are_recognized_and_read_when_said(truth, tmp_path):
             line = f"RANGE = {date} {float(value) / 2!r}"
         halved.append(line)
     (tmp_path / "data.kvn").write_text("\n".join(halved) + "\n")
-    with pytest.raises(radioloc.InputError, match='tdm_range = "half"'):
+    with pytest.raises(radioloc.errors.InputError, match='tdm_range = "half"'):
         radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
     found = radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }", tdm_range='"half"'))
     assert np.linalg.norm(found.position_pa_m - point.xyz_m) < SAME_POINT_M
@@ -101,7 +101,7 @@ def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(kind, of, tmp_p
 
 def test_without_a_sigma_nothing_is_guessed(truth, tmp_path):
     write_tdm(tmp_path / "data.kvn", truth[1], originator="TEST")
-    with pytest.raises(radioloc.InputError, match="sigma"):
+    with pytest.raises(radioloc.errors.InputError, match="sigma"):
         radioloc.locate(study_of(tmp_path))
 
 

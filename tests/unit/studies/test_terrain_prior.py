@@ -8,9 +8,10 @@ from change5_case import LANDER, NEAR, observations
 from terrain_maps import MAPS, heights_of_map, surface_m, write
 
 import radioloc
-from radioloc import EstimateChoice, Reference, Study
+from radioloc import Study
 from radioloc.lunar import TerrainModel
 from radioloc.report.files import write_report
+from radioloc.studies import EstimateChoice, Reference
 from radioloc.studies.study import TerrainPrior
 
 

@@ -23,12 +23,12 @@ SIGMA_M = 0.5
 def folder(tmp_path_factory):
     """A trajectory, its tracking through the day with a bias at one station, and a study of it."""
     folder = tmp_path_factory.mktemp("study")
-    model = radioloc.PhysicalModel.build()
+    model = radioloc.measurements.PhysicalModel.build()
     file = write_states(folder / "orbiter.bsp", low_lunar_orbit(model.ephemeris))
-    trajectory = radioloc.Trajectory.open(file, ORBITER)
+    trajectory = radioloc.ephemeris.Trajectory.open(file, ORBITER)
     parts = [tracking(f"KASHI>orbiter>{name}", epochs_tai(40, 20.0)) for name in ("KASHI", "JIAMUSI")]
     plan = Observations.concatenate(parts)
-    computed = radioloc.ExactPredictor(model, plan, np.zeros(3), trajectory).compute(np.zeros(3))
+    computed = radioloc.measurements.ExactPredictor(model, plan, np.zeros(3), trajectory).compute(np.zeros(3))
     seed = np.random.default_rng(5)
     observed_m = computed.value_m + SIGMA_M * seed.standard_normal(len(plan))
     observed_m[40:] += BIAS_M
@@ -85,9 +85,9 @@ def test_residuals_are_the_noise_and_the_bias(folder):
     assert np.abs(used - np.where(jiamusi, BIAS_M, 0.0)).max() < 5.0 * SIGMA_M
     reasons = {str(status)[:15] for status in rows.status[~rows.used]}
     assert reasons == {"behind the Moon", "below the horiz", "too low for the"}
-    with pytest.raises(radioloc.InputError, match="no position on the Moon"):
+    with pytest.raises(radioloc.errors.InputError, match="no position on the Moon"):
         _ = solution.selenographic
-    with pytest.raises(radioloc.InputError, match="no position on the Moon"):
+    with pytest.raises(radioloc.errors.InputError, match="no position on the Moon"):
         solution.sigma_enu_m()
     assert "body -85" in repr(solution)
 
@@ -146,27 +146,29 @@ def test_a_bias_is_found_along_a_trajectory(folder):
     ],
 )
 def test_what_does_not_go_with_a_trajectory(folder, target, estimate, more, message):
-    with pytest.raises(radioloc.InputError, match=message) as caught:
+    with pytest.raises(radioloc.errors.InputError, match=message) as caught:
         radioloc.read_study(study_file(folder, target, estimate, more))
     assert "\n" not in str(caught.value)
 
 
 def test_another_body_and_arcs_are_refused(folder):
-    with pytest.raises(radioloc.KernelError, match=r"no body with the NAIF code -86; it holds -85"):
+    with pytest.raises(radioloc.errors.KernelError, match=r"no body with the NAIF code -86; it holds -85"):
         radioloc.read_study(study_file(folder, 'trajectory = "orbiter.bsp"\nbody = -86'))
     study = radioloc.read_study(study_file(folder))
-    with pytest.raises(radioloc.InputError, match="an arc-length study compares positions"):
+    with pytest.raises(radioloc.errors.InputError, match="an arc-length study compares positions"):
         radioloc.arcs(study, [6.0])
 
 
 @pytest.mark.parametrize("form", ["table", "tdm"])
 def test_a_spacecraft_on_its_way_has_ranges_of_its_own(tmp_path, form):
     """Half way to the Moon: what would be a mistake in ranges to the Moon."""
-    model = radioloc.PhysicalModel.build()
+    model = radioloc.measurements.PhysicalModel.build()
     states = circular(2.0e8, model.ephemeris.constants.gm_earth_m3_s2, inclination_deg=20.0)
     file = write_states(tmp_path / "cruise.bsp", states, center=399, step_s=600.0)
     plan = tracking("KASHI>cruise>KASHI", epochs_tai(200, 30.0))
-    arc = radioloc.ExactPredictor(model, plan, np.zeros(3), radioloc.Trajectory.open(file, ORBITER))
+    arc = radioloc.measurements.ExactPredictor(
+        model, plan, np.zeros(3), radioloc.ephemeris.Trajectory.open(file, ORBITER)
+    )
     computed = arc.compute(np.zeros(3))
     seen = np.flatnonzero(computed.usable)
     observed = Observations.from_columns(
@@ -176,7 +178,7 @@ def test_a_spacecraft_on_its_way_has_ranges_of_its_own(tmp_path, form):
         write_table(tmp_path / "ranges.dat", observed)
     else:
         write_tdm(tmp_path / "ranges.dat", observed, originator="TEST")
-    with pytest.raises(radioloc.FileFormatError, match="between Earth and Moon"):
+    with pytest.raises(radioloc.errors.FileFormatError, match="between Earth and Moon"):
         radioloc.read_observations(tmp_path / "ranges.dat", tdm=TdmAgreement({"range": SIGMA_M}))
     path = tmp_path / "cruise.toml"
     path.write_text(
@@ -195,6 +197,6 @@ def test_observations_outside_the_trajectory_name_file_and_line(folder, tmp_path
     path = study_file(folder)
     path.write_text(path.read_text().replace("ranges.csv", "late.csv"))
     with pytest.raises(
-        radioloc.CoverageError, match=r"late\.csv, line \d+: .*orbiter\.bsp \(NAIF code -85\) covers"
+        radioloc.errors.CoverageError, match=r"late\.csv, line \d+: .*orbiter\.bsp \(NAIF code -85\) covers"
     ):
         radioloc.residuals(radioloc.read_study(path))

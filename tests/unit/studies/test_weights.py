@@ -8,9 +8,12 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc import InputError, Link, ObservationChoice, Observations
+from radioloc import Observations
 from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import InputError
+from radioloc.measurements import Link
 from radioloc.measurements.registry import KINDS
+from radioloc.studies import ObservationChoice
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.weights import Weight, require_stations, weighted_observations
 from radioloc.time import Epochs

@@ -10,9 +10,7 @@ from radioloc.media.ionosphere import (
     UniformTec,
     ionosphere_delay_m,
     modified_shell_mapping,
-    thin_shell_mapping,
 )
-from radioloc.media.mapping_functions import niell
 from radioloc.media.medium import Elevation, Leg, LegDelay, LegEnd, Medium
 from radioloc.media.optical_troposphere import optical_delay
 from radioloc.media.radio_troposphere import (
@@ -39,14 +37,12 @@ __all__ = [
     "Vmf3Site",
     "ionosphere_delay_m",
     "modified_shell_mapping",
-    "niell",
     "optical_delay",
     "read_gpt3",
     "read_ionex",
     "read_vmf3_grids",
     "read_vmf3_sites",
     "standard_weather",
-    "thin_shell_mapping",
     "zenith_hydrostatic_delay_m",
     "zenith_wet_delay_m",
 ]

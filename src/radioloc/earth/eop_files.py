@@ -20,10 +20,46 @@ from radioloc.constants import ARCSEC_RAD
 from radioloc.errors import FileFormatError
 from radioloc.text_files import read_blocks
 
-_C04_ROW = re.compile(rb"\d{4}[ \d]{4}[ \d]{4}[ \d]{4} *\d{5}\.\d\d ")
-_FINALS_ROW = re.compile(rb"[ \d]{6} \d{5}\.\d\d [IP ]")
 _LARGEST_POLE_OFFSET_ARCSEC = 0.03
 """IAU 2000A offsets stay below 9 mas in all published rows; those of the 1980 theory reach 120 mas."""
+
+
+class _Layout(NamedTuple):
+    """Columns of a file, counted from 1 as the formats' descriptions do."""
+
+    series: str
+    row: re.Pattern[bytes]
+    width: int
+    places: dict[str, tuple[int, int]]
+    flags: tuple[int, ...]  # where a P marks a prediction; the rows after the last one hold a date alone
+    pole_offset_arcsec: float  # unit of dX, dY
+
+
+_LAYOUTS = (
+    _Layout(
+        "C04",
+        re.compile(rb"\d{4}[ \d]{4}[ \d]{4}[ \d]{4} *\d{5}\.\d\d "),
+        218,
+        {"MJD": (17, 26), "x": (27, 38), "y": (39, 50), "UT1-UTC": (51, 62), "dX": (63, 74), "dY": (75, 86)},
+        (),
+        1.0,
+    ),
+    _Layout(
+        "Bulletin A",
+        re.compile(rb"[ \d]{6} \d{5}\.\d\d [IP ]"),
+        187,
+        {
+            "MJD": (8, 15),
+            "x": (19, 27),
+            "y": (38, 46),
+            "UT1-UTC": (59, 68),
+            "dX": (98, 106),
+            "dY": (117, 125),
+        },
+        (17, 58, 96),
+        1e-3,
+    ),
+)
 
 
 class EopRows(NamedTuple):
@@ -47,40 +83,30 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
         raise FileFormatError(path, "has no rows; fetch or write it again")
     if len(texts) > 1 and 0 < len(texts[-1]) < len(texts[-2]):
         raise FileFormatError(path, "the last row was cut; fetch or write the file again", len(texts))
-    head = texts[line_numbers[0]]
-    if _C04_ROW.match(head):
-        series, width, offset_unit = "C04", 218, 1.0
-    elif _FINALS_ROW.match(head):
-        series, width, offset_unit = "Bulletin A", 187, 1e-3
-    else:
+    layout = next((one for one in _LAYOUTS if one.row.match(texts[line_numbers[0]])), None)
+    if layout is None:
         raise FileFormatError(
             path,
             "this is a row of neither IERS 20 C04 (year, month, day, hour, MJD, x, y, UT1-UTC, dX, dY ...) "
             "nor finals2000A; download eopc04.1962-now or finals2000A.all",
             line_numbers[0] + 1,
         )
-    columns = _Columns(
-        path, np.array([texts[k] for k in line_numbers], dtype=f"S{width}"), np.array(line_numbers) + 1
-    )
-    columns = columns.select(
-        columns.numbers("MJD", *((17, 26) if series == "C04" else (8, 15))) >= first_mjd_utc
-    )
+    rows = np.array([texts[k] for k in line_numbers], dtype=f"S{layout.width}")
+    columns = _Columns(path, layout, rows, np.array(line_numbers) + 1)
+    columns = columns.select(columns.numbers("MJD") >= first_mjd_utc)
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return EopRows(path, sha256, series, _values(columns, series == "C04", offset_unit))
+    return EopRows(path, sha256, layout.series, _values(columns))
 
 
-def _values(columns: _Columns, is_c04: bool, offset_unit: float) -> dict[str, NDArray]:
-    if is_c04:
-        places = {"x": (27, 38), "y": (39, 50), "UT1-UTC": (51, 62), "dX": (63, 74), "dY": (75, 86)}
-        mjd = columns.numbers("MJD", 17, 26)
-        predicted = np.zeros(len(mjd), dtype=np.bool_)
-    else:
-        places = {"x": (19, 27), "y": (38, 46), "UT1-UTC": (59, 68), "dX": (98, 106), "dY": (117, 125)}
-        # The rows after the last prediction hold a date alone.
-        filled = np.flatnonzero(columns.present(*places["UT1-UTC"]))
+def _values(columns: _Columns) -> dict[str, NDArray]:
+    layout = columns.layout
+    if layout.flags:
+        filled = np.flatnonzero(columns.present("UT1-UTC"))
         columns = columns.select(slice(0, filled[-1] + 1 if len(filled) else 0))
-        mjd = columns.numbers("MJD", 8, 15)
-        predicted = np.any([columns.text(k, k) == b"P" for k in (17, 58, 96)], axis=0)
+    mjd, x, y, ut1 = (columns.numbers(name) for name in ("MJD", "x", "y", "UT1-UTC"))
+    predicted = np.zeros(len(mjd), dtype=np.bool_)
+    for column in layout.flags:
+        predicted |= columns.text(column, column) == b"P"
     skipped = np.flatnonzero(np.diff(mjd) != 1.0)
     if len(skipped):
         k = skipped[0]
@@ -89,9 +115,9 @@ def _values(columns: _Columns, is_c04: bool, offset_unit: float) -> dict[str, ND
             f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed",
             columns.lines[k + 1],
         )
-    x, y, ut1 = (columns.numbers(name, *places[name]) for name in ("x", "y", "UT1-UTC"))
     dx, dy = (
-        offset_unit * columns.numbers(name, *places[name], blank_allowed=not is_c04) for name in ("dX", "dY")
+        layout.pole_offset_arcsec * columns.numbers(name, blank_allowed=bool(layout.flags))
+        for name in ("dX", "dY")
     )
     too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
     if len(too_large):
@@ -108,26 +134,28 @@ def _values(columns: _Columns, is_c04: bool, offset_unit: float) -> dict[str, ND
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Columns:
-    """Rows of fixed width, their columns counted from 1 as the formats' descriptions do."""
+    """Rows of fixed width and the lines that they are from."""
 
     path: Path
+    layout: _Layout
     rows: NDArray[np.bytes_]
     lines: NDArray[np.int64]
 
     def select(self, index: NDArray[np.bool_] | slice) -> _Columns:
-        return _Columns(self.path, self.rows[index], self.lines[index])
+        return _Columns(self.path, self.layout, self.rows[index], self.lines[index])
 
     def text(self, first: int, last: int) -> NDArray[np.bytes_]:
         letters = self.rows.view("S1").reshape(len(self.rows), self.rows.itemsize)
         return np.ascontiguousarray(letters[:, first - 1 : last]).view(f"S{last - first + 1}").ravel()
 
-    def present(self, first: int, last: int) -> NDArray[np.bool_]:
-        return np.char.strip(self.text(first, last)) != b""
+    def present(self, name: str) -> NDArray[np.bool_]:
+        return np.char.strip(self.text(*self.layout.places[name])) != b""
 
-    def numbers(self, name: str, first: int, last: int, blank_allowed: bool = False) -> NDArray[np.float64]:
+    def numbers(self, name: str, blank_allowed: bool = False) -> NDArray[np.float64]:
+        first, last = self.layout.places[name]
         text = self.text(first, last)
         if blank_allowed:
-            text = np.where(self.present(first, last), text, b"nan")
+            text = np.where(self.present(name), text, b"nan")
         try:
             values = text.astype(np.float64)
         except ValueError:

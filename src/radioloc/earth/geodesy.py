@@ -108,6 +108,33 @@ def itrf_from_geodetic(
     return np.asarray(erfa.gd2gc(_GRS80, longitude, latitude, height))
 
 
+def itrf_positions(
+    values: ArrayLike, count: int, what: str, distance_range_m: tuple[float, float] = (1e6, 1e7)
+) -> NDArray[np.float64]:
+    """Geocentric positions of shape (3,) or (count, 3) as (count, 3), each of them at a possible distance, m."""
+    given = as_float_array(values, "m", f"positions of the {what}")
+    if given.shape not in ((3,), (count, 3)):
+        raise InputError(
+            f"positions of the {what} have shape {given.shape}; with {count} epochs give (3,) or ({count}, 3)"
+        )
+    distance = np.linalg.norm(given, axis=-1)
+    least, most = distance_range_m
+    if not ((distance > least) & (distance < most)).all():
+        raise InputError(
+            f"the {what} is {distance.min():.6g} to {distance.max():.6g} m from the geocentre; "
+            f"{least:.3g} to {most:.3g} m is possible: give metres, geocentric"
+        )
+    return np.broadcast_to(given, (count, 3))
+
+
+def ut1_day_fractions(values: ArrayLike, count: int) -> NDArray[np.float64]:
+    """UT1 as a fraction of its day, one for each epoch, shape (count,)."""
+    fraction = np.asarray(values, dtype=np.float64)
+    if fraction.shape not in ((), (count,)) or not np.isfinite(fraction).all():
+        raise InputError(f"give the fraction of the UT1 day for {count} epochs, finite")
+    return np.broadcast_to(fraction, count)
+
+
 def rot_itrf_to_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
     """Rotations from the ITRF to east, north and up (the ellipsoid's normal) at places.
 

@@ -25,11 +25,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.earth.blq import BlqCoefficients
-from radioloc.earth.geodesy import rot_itrf_to_enu
+from radioloc.earth.geodesy import itrf_positions, rot_itrf_to_enu, ut1_day_fractions
 from radioloc.earth.tide_tables import tide_table
-from radioloc.errors import InputError
 from radioloc.time import Epochs, evaluate_smooth
-from radioloc.units import as_float_array
 
 # fmt: off
 GIVEN_TIDES = np.array([
@@ -98,10 +96,8 @@ def ocean_loading_displacement(
         The epochs are not in TT, or a shape does not fit.
     """
     enu = ocean_loading_enu(coefficients, tt, ut1_fraction)
-    station = as_float_array(station_itrf_m, "m", "station_itrf_m")
-    if station.shape not in ((3,), (len(tt), 3)):
-        raise InputError(f"stations have shape {station.shape}; give (3,) or ({len(tt)}, 3)")
-    return np.einsum("...ij,...i->...j", rot_itrf_to_enu(station), enu)
+    station = itrf_positions(station_itrf_m, len(tt), "station")
+    return np.einsum("nij,ni->nj", rot_itrf_to_enu(station), enu)
 
 
 def ocean_loading_enu(
@@ -155,11 +151,9 @@ def sum_of_tides(
     band the nearest one's admittance is taken, as the conventional program does.
     """
     tt.require("TT")
-    fraction = np.asarray(ut1_fraction, dtype=np.float64)
-    if fraction.shape not in ((), (len(tt),)) or not np.isfinite(fraction).all():
-        raise InputError(f"give the fraction of the UT1 day for {len(tt)} epochs, finite")
+    fraction = ut1_day_fractions(ut1_fraction, len(tt))
     multipliers, _ = tidal_potential()
-    amplitudes = all_amplitudes(amplitudes_m)
+    amplitudes = amplitudes_m @ amplitudes_by_given()
     bands = [multipliers[:, 0] == band for band in range(len(_EQUILIBRIUM_PHASE_RAD))]
 
     def envelopes(at: Epochs) -> NDArray[np.complex128]:
@@ -171,18 +165,13 @@ def sum_of_tides(
     # The moon's mean longitude enters five times at most: what is left turns in five days or more.
     envelope = evaluate_smooth(envelopes, tt)
     tau = 2.0 * np.pi * fraction - erfa.fad03(tt.centuries_since_j2000())
-    turned = np.exp(1j * np.multiply.outer(np.broadcast_to(tau, len(tt)), np.arange(len(bands))))
+    turned = np.exp(1j * np.multiply.outer(tau, np.arange(len(bands))))
     return np.asarray(np.einsum("nb,nbk->nk", turned, envelope).real)
 
 
-def all_amplitudes(amplitudes_m: NDArray[np.complex128]) -> NDArray[np.complex128]:
-    """Find the amplitudes A of all 342 tides, m, shape (3, 342): the sum is Re(A e^(i argument))."""
-    return amplitudes_m @ _amplitudes_by_given()
-
-
 @cache
-def _amplitudes_by_given() -> NDArray[np.complex128]:
-    """Amplitudes of all tides, shape (11, 342), if one of those given is one and the others zero."""
+def amplitudes_by_given() -> NDArray[np.complex128]:
+    """Amplitudes A of all 342 tides per unit of each of the eleven, (11, 342): a tide is Re(A e^(i argument))."""
     multipliers, equilibrium_m = tidal_potential()
     frequency = multipliers @ _RATES_CYCLES_PER_DAY
     given_frequency = GIVEN_TIDES @ _RATES_CYCLES_PER_DAY

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import ARCSEC_RAD
-from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
+from radioloc.earth.geodesy import itrf_positions, rot_itrf_to_spherical_enu
 from radioloc.errors import InputError
 from radioloc.time import Epochs
 from radioloc.units import as_float_array
@@ -70,11 +70,7 @@ def pole_tide_displacement(
     """
     secular = secular_pole_rad(tt)
     count = len(tt)
-    station = as_float_array(station_itrf_m, "m", "station_itrf_m")
-    if station.shape not in ((3,), (count, 3)):
-        raise InputError(
-            f"stations have shape {station.shape}; with {count} epochs give (3,) or ({count}, 3)"
-        )
+    axes = rot_itrf_to_spherical_enu(itrf_positions(station_itrf_m, count, "station"))
     pole = np.stack(
         np.broadcast_arrays(as_float_array(xp_rad, "rad", "xp_rad"), as_float_array(yp_rad, "rad", "yp_rad")),
         axis=-1,
@@ -90,7 +86,6 @@ def pole_tide_displacement(
         )
     m1, m2 = pole[..., 0] - secular[:, 0], secular[:, 1] - pole[..., 1]
 
-    axes = rot_itrf_to_spherical_enu(np.broadcast_to(station, (count, 3)))
     sin_lat, cos_lat = axes[:, 2, 2], axes[:, 1, 2]
     sin_lon, cos_lon = -axes[:, 0, 0], axes[:, 0, 1]
     along = m1 * cos_lon + m2 * sin_lon

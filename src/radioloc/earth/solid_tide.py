@@ -17,11 +17,9 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
+from radioloc.earth.geodesy import itrf_positions, rot_itrf_to_spherical_enu, ut1_day_fractions
 from radioloc.earth.tide_tables import tide_table
-from radioloc.errors import InputError
 from radioloc.time import Epochs
-from radioloc.units import as_float_array
 
 # Masses in Earth masses and the equatorial radius, as the conventional model has them.
 _SUN_MASS_RATIO = 332946.0482
@@ -105,12 +103,10 @@ def solid_earth_tide(
     """
     tt.require("TT")
     count = len(tt)
-    station = _positions(station_itrf_m, count, "station")
-    moon = _positions(moon_itrf_m, count, "Moon", _MOON_DISTANCE_RANGE_M)
-    sun = _positions(sun_itrf_m, count, "Sun", _SUN_DISTANCE_RANGE_M)
-    fraction = np.asarray(ut1_fraction, dtype=np.float64)
-    if fraction.shape not in ((), (count,)) or not np.isfinite(fraction).all():
-        raise InputError(f"give the fraction of the UT1 day for {count} epochs, finite")
+    station = itrf_positions(station_itrf_m, count, "station")
+    moon = itrf_positions(moon_itrf_m, count, "Moon", _MOON_DISTANCE_RANGE_M)
+    sun = itrf_positions(sun_itrf_m, count, "Sun", _SUN_DISTANCE_RANGE_M)
+    fraction = ut1_day_fractions(ut1_fraction, count)
 
     enu = np.zeros((count, 3))
     axes = rot_itrf_to_spherical_enu(station)
@@ -120,24 +116,6 @@ def solid_earth_tide(
         enu += _step_1(axes, sin_lat, longitude, body, mass_ratio)
     enu += _step_2(sin_lat, longitude, tt.centuries_since_j2000(), fraction)
     return np.einsum("nij,ni->nj", axes, enu)
-
-
-def _positions(
-    values: ArrayLike, count: int, what: str, distance_range_m: tuple[float, float] = (1e6, 1e7)
-) -> NDArray[np.float64]:
-    given = as_float_array(values, "m", f"positions of the {what}")
-    if given.shape not in ((3,), (count, 3)):
-        raise InputError(
-            f"positions of the {what} have shape {given.shape}; with {count} epochs give ({count}, 3)"
-        )
-    distance = np.linalg.norm(given, axis=-1)
-    least, most = distance_range_m
-    if not ((distance > least) & (distance < most)).all():
-        raise InputError(
-            f"the {what} is {distance.min():.6g} to {distance.max():.6g} m from the geocentre; "
-            f"{least:.3g} to {most:.3g} m is possible: give metres, geocentric"
-        )
-    return np.broadcast_to(given, (count, 3))
 
 
 def _step_1(

@@ -92,7 +92,7 @@ def test_refuses() -> None:
         ocean_loading_enu(loading, TT, UT1.fraction[:5])
     with pytest.raises(InputError, match="finite"):
         ocean_loading_enu(loading, TT, np.nan)
-    with pytest.raises(InputError, match="stations have shape"):
+    with pytest.raises(InputError, match="station have shape"):
         ocean_loading_displacement(loading, np.ones((2, 3)), TT, UT1.fraction)
 
 

@@ -101,7 +101,7 @@ def test_many_stations_and_epochs() -> None:
 @pytest.mark.parametrize(
     ("station", "xp", "message"),
     [
-        ([6.4e6, 0.0], 0.0, "stations have shape"),
+        ([6.4e6, 0.0], 0.0, "station have shape"),
         ([6.4e6, 0.0, 0.0], 0.15, "give finite radians"),
         ([6.4e6, 0.0, 0.0], np.nan, "give finite radians"),
         ([6.4e6, 0.0, 0.0], [0.0, 0.0], "pole coordinates have shape"),

@@ -8,7 +8,8 @@ import spiceypy
 
 from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.kernels import find_kernel
-from radioloc.lunar import rot_icrf_to_iau_moon, rot_icrf_to_pa, rot_icrf_to_pa_rate, rot_pa_to_me
+from radioloc.lunar import rot_icrf_to_iau_moon, rot_icrf_to_pa, rot_pa_to_me
+from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.time import Epochs
 
 # psi reaches some 1e4 rad, of which half a unit in the last place is 0.9e-12 rad: 2 micrometres on the surface.

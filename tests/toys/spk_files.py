@@ -9,7 +9,8 @@ import numpy as np
 import spiceypy
 
 from radioloc.ephemeris import Ephemeris, LunarOrientation
-from radioloc.lunar import rot_icrf_to_pa, rot_icrf_to_pa_rate
+from radioloc.lunar import rot_icrf_to_pa
+from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations

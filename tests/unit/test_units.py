@@ -9,18 +9,15 @@ from astropy.coordinates import Angle, EarthLocation
 from astropy.table import Table
 from astropy.time import Time
 
-from radioloc.earth import (
-    BlqCoefficients,
-    EopTable,
-    Station,
-    geodetic_from_itrf,
-    pole_tide_displacement,
-    solid_earth_tide,
-)
+from radioloc.earth import BlqCoefficients, EopTable, Station, geodetic_from_itrf
+from radioloc.earth.pole_tide import pole_tide_displacement
+from radioloc.earth.solid_tide import solid_earth_tide
 from radioloc.ephemeris import CONSTANTS
 from radioloc.errors import InputError, StationError
-from radioloc.lunar import hidden_by_moon, rot_icrf_to_pa, selenographic_to_cartesian, solid_tide
+from radioloc.lunar import rot_icrf_to_pa, selenographic_to_cartesian
 from radioloc.lunar.position import LunarPosition
+from radioloc.lunar.tide import solid_tide
+from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs, epochs_from_strings, to_scale, tt_to_tdb, utc_to_tt

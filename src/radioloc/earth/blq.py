@@ -83,18 +83,10 @@ def _frozen_table(values: ArrayLike, what: str) -> NDArray[np.float64]:
 
 
 def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
-    """Read a file in BLQ layout, as the ocean tide loading provider sends it.
+    """Read a file in BLQ layout, plain or gzip, as the ocean tide loading provider sends it: coefficients by site.
 
-    Parameters
-    ----------
-    path : path-like
-        The file, plain or gzip. Lines that start with ``$$`` are comments, of which the column order and the tide
-        model are used. The head of an e-mail and what follows ``$$ END TABLE`` are left aside.
-
-    Returns
-    -------
-    dict
-        Coefficients by the site's name as it stands in the file.
+    Lines that start with ``$$`` are comments, of which the column order and the tide model are used. The head of an
+    e-mail and what follows ``$$ END TABLE`` are left aside.
 
     Raises
     ------

@@ -133,13 +133,7 @@ class EopTable:
 
     @classmethod
     def from_file(cls, path: str | Path) -> EopTable:
-        """Read a C04 or finals2000A file of one's own; the part before 1972 is left out.
-
-        Raises
-        ------
-        FileFormatError
-            As :func:`radioloc.earth.eop_files.read_eop_rows`; or what it holds is not what the class takes.
-        """
+        """Read a C04 or finals2000A file of one's own; the part before 1972 is left out."""
         rows = read_eop_rows(path, _MJD_1972)
         try:
             return cls._from_rows([rows])
@@ -192,26 +186,10 @@ class EopTable:
         )
 
     def interpolate(self, tt: Epochs, *, zonal: bool = True) -> EopValues:
-        """Values at any epochs within the table.
+        """Values at epochs of TT within the table.
 
-        Parameters
-        ----------
-        tt : Epochs
-            TT, n epochs.
-        zonal : bool
-            Interpolate UT1 without zonal tides and put them back; without this UT1 is wrong by up to
-            2.6 us (1.2 mm) in the middle between days.
-
-        Raises
-        ------
-        CoverageError
-            An epoch lies outside the table, or where it gives no celestial pole offsets.
-        InputError
-            The epochs are not TT.
-
-        Notes
-        -----
-        Next to the table's ends the cubic through the outermost four days serves. The interpolant is
+        Without `zonal` UT1 is interpolated with its zonal tides and wrong by up to 2.6 us (1.2 mm) in the middle
+        between days. Next to the table's ends the cubic through the outermost four days serves. The interpolant is
         continuous; its rate steps at 0h UTC, by some 7e-11 s/s in UT1 (0.03 um/s on the ground).
         """
         tt.require("TT")

@@ -23,17 +23,7 @@ _LEAST_RADIUS_M = 1e6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Geodetic:
-    """Geodetic coordinates on GRS80.
-
-    Parameters
-    ----------
-    longitude_rad : ndarray, shape (...,)
-        East longitude, rad, in (-pi, pi].
-    latitude_rad : ndarray, shape (...,)
-        Geodetic latitude, rad.
-    height_m : ndarray, shape (...,)
-        Height above the ellipsoid, m.
-    """
+    """Geodetic coordinates on GRS80, of any shape; the longitude is counted east, in (-pi, pi]."""
 
     longitude_rad: NDArray[np.float64]
     latitude_rad: NDArray[np.float64]
@@ -136,22 +126,9 @@ def ut1_day_fractions(values: ArrayLike, count: int) -> NDArray[np.float64]:
 
 
 def rot_itrf_to_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
-    """Rotations from the ITRF to east, north and up (the ellipsoid's normal) at places.
+    """Rotations from the ITRF to east, north and up (the ellipsoid's normal) at places, shape (..., 3, 3).
 
-    Parameters
-    ----------
-    itrf_m : array_like, shape (..., 3)
-        The places, ITRF, m.
-
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-        ``enu = rot @ itrf``; the rows are the unit vectors to the east, to the north and up.
-
-    Raises
-    ------
-    InputError
-        As :func:`geodetic_from_itrf`.
+    ``enu = rot @ itrf``; the rows are the unit vectors to the east, to the north and up.
     """
     place = geodetic_from_itrf(itrf_m)
     return east_north_up(place.longitude_rad, place.latitude_rad)
@@ -169,26 +146,10 @@ def rot_itrf_to_spherical_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
 def azimuth_elevation(
     direction_itrf: ArrayLike, station_itrf_m: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Azimuth and elevation of directions, without refraction.
+    """Azimuth, from north through east in [0, 2 pi), and elevation of directions, without refraction, rad.
 
-    Parameters
-    ----------
-    direction_itrf : array_like, shape (..., 3)
-        Directions from the station, ITRF axes, of any length.
-    station_itrf_m : array_like, shape (3,) or (..., 3)
-        The station, ITRF, m.
-
-    Returns
-    -------
-    azimuth_rad : ndarray, shape (...,)
-        From north through east, rad, in [0, 2 pi).
-    elevation_rad : ndarray, shape (...,)
-        Above the plane normal to the ellipsoid's normal, rad.
-
-    Raises
-    ------
-    InputError
-        A direction has no length or is not finite; as :func:`geodetic_from_itrf` for the station.
+    Directions, of any length, and the station are ITRF. The elevation is above the plane normal to the ellipsoid's
+    normal.
     """
     direction = np.asarray(direction_itrf, dtype=np.float64)
     length = np.linalg.norm(direction, axis=-1)

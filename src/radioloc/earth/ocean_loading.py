@@ -72,28 +72,9 @@ FES2004 (Scherneck, Onsala Space Observatory, file of centre of mass coefficient
 def ocean_loading_displacement(
     coefficients: BlqCoefficients, station_itrf_m: ArrayLike, tt: Epochs, ut1_fraction: ArrayLike
 ) -> NDArray[np.float64]:
-    """Displacement of a station by ocean tide loading.
+    """Displacement of a station, shape (3,) or (n, 3), by ocean tide loading, ITRF, m, shape (n, 3).
 
-    Parameters
-    ----------
-    coefficients : BlqCoefficients
-        The station's coefficients.
-    station_itrf_m : array_like, shape (3,) or (n, 3)
-        The station, ITRF, m.
-    tt : Epochs
-        Epochs in TT, n of them.
-    ut1_fraction : array_like, shape (n,)
-        UT1 as a fraction of its day (UTC instead costs less than some micrometres).
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        What to add to the station's position, ITRF, m.
-
-    Raises
-    ------
-    InputError
-        The epochs are not in TT, or a shape does not fit.
+    UTC in place of UT1 costs less than some micrometres.
     """
     enu = ocean_loading_enu(coefficients, tt, ut1_fraction)
     station = itrf_positions(station_itrf_m, len(tt), "station")
@@ -109,31 +90,11 @@ def ocean_loading_enu(
 
 
 def tidal_geocentre_displacement(tt: Epochs, ut1_fraction: ArrayLike) -> NDArray[np.float64]:
-    """Displacement of all stations with the solid Earth, against its common centre of mass with the oceans.
+    """Displacement of all stations with the solid Earth, against its common centre of mass with the oceans, ITRF, m.
 
-    Parameters
-    ----------
-    tt : Epochs
-        Epochs in TT, n of them.
-    ut1_fraction : array_like, shape (n,)
-        UT1 as a fraction of its day.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        What to add to a station's position, ITRF, m.
-
-    Raises
-    ------
-    InputError
-        The epochs are not in TT, or a shape does not fit.
-
-    Notes
-    -----
-    IERS Conventions (2010), section 7.1.2: in-phase part times the cosine and cross-phase part times the
-    sine of each tide's argument, here with the minor tides. A position about the common centre is one in
-    the crust's frame plus this. Ocean tide models differ by some 0.5 mm (K1 and O1 in z, FES2004 and
-    GOT5.5).
+    IERS Conventions (2010), section 7.1.2: in-phase part times the cosine and cross-phase part times the sine of each
+    tide's argument, here with the minor tides. A position about the common centre is one in the crust's frame plus
+    this. Ocean tide models differ by some 0.5 mm (K1 and O1 in z, FES2004 and GOT5.5).
     """
     in_phase, cross_phase = _FES2004_M[:, 0::2].T, _FES2004_M[:, 1::2].T
     return sum_of_tides(in_phase - 1j * cross_phase, tt, ut1_fraction)

@@ -40,32 +40,16 @@ rad/s."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EarthRotation:
-    """Orientation of the Earth at n epochs.
+    """Orientation of the Earth at n epochs."""
 
-    Parameters
-    ----------
-    rot_itrf_to_gcrs : ndarray, shape (n, 3, 3)
-        Rotation matrices: position_gcrs = rot_itrf_to_gcrs @ position_itrf.
-    rot_itrf_to_gcrs_rate : ndarray, shape (n, 3, 3)
-        Their derivatives with respect to TT, 1/s.
-    ut1 : Epochs
-        UT1 with all terms asked for.
-    xp_rad, yp_rad : ndarray, shape (n,)
-        The pole used in the rotation: the tables' pole with ocean tides and libration.
-    xp_table_rad, yp_table_rad : ndarray, shape (n,)
-        The tables' pole alone, without subdaily terms, as the pole tide takes it.
-    predicted : ndarray of bool, shape (n,)
-        Whether any of the daily values used is a prediction.
-    """
-
-    rot_itrf_to_gcrs: NDArray[np.float64]
-    rot_itrf_to_gcrs_rate: NDArray[np.float64]
-    ut1: Epochs
-    xp_rad: NDArray[np.float64]
+    rot_itrf_to_gcrs: NDArray[np.float64]  # position_gcrs = rot @ position_itrf, (n, 3, 3)
+    rot_itrf_to_gcrs_rate: NDArray[np.float64]  # by TT, 1/s
+    ut1: Epochs  # with all terms asked for
+    xp_rad: NDArray[np.float64]  # the tables' pole with ocean tides and libration
     yp_rad: NDArray[np.float64]
-    xp_table_rad: NDArray[np.float64]
+    xp_table_rad: NDArray[np.float64]  # the tables' pole alone, as the pole tide takes it
     yp_table_rad: NDArray[np.float64]
-    predicted: NDArray[np.bool_]
+    predicted: NDArray[np.bool_]  # whether any of the daily values used is a prediction
 
 
 class EarthOrientation:

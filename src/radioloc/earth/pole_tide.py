@@ -40,33 +40,11 @@ def secular_pole_rad(tt: Epochs) -> NDArray[np.float64]:
 def pole_tide_displacement(
     station_itrf_m: ArrayLike, xp_rad: ArrayLike, yp_rad: ArrayLike, tt: Epochs
 ) -> NDArray[np.float64]:
-    """Displacement of stations by the solid Earth pole tide.
+    """Displacement of stations, shape (3,) or (n, 3), by the solid Earth pole tide, ITRF, m, shape (n, 3).
 
-    Parameters
-    ----------
-    station_itrf_m : array_like, shape (3,) or (n, 3)
-        Stations, ITRF, m.
-    xp_rad, yp_rad : array_like, shape (n,)
-        Coordinates of the pole, rad.
-    tt : Epochs
-        Epochs in TT, n of them.
-
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        What to add to a station's position, ITRF, m.
-
-    Raises
-    ------
-    InputError
-        The epochs are not in TT, a shape does not fit, or a coordinate of the pole is not finite or beyond 2
-        arcseconds (arcseconds given?).
-
-    Notes
-    -----
-    IERS Conventions (2010), eq. 7.26 with m1 = xp - xs and m2 = -(yp - ys): towards the radius, the south
-    and the east, -33 sin 2t (m1 cos L + m2 sin L), -9 cos 2t (m1 cos L + m2 sin L) and 9 cos t (m1 sin L -
-    m2 cos L) mm for m1, m2 in arcseconds, at colatitude t and longitude L.
+    IERS Conventions (2010), eq. 7.26 with m1 = xp - xs and m2 = -(yp - ys): towards the radius, the south and the east,
+    -33 sin 2t (m1 cos L + m2 sin L), -9 cos 2t (m1 cos L + m2 sin L) and 9 cos t (m1 sin L - m2 cos L) mm for m1, m2 in
+    arcseconds, at colatitude t and longitude L.
     """
     secular = secular_pole_rad(tt)
     count = len(tt)

@@ -69,37 +69,14 @@ def solid_earth_tide(
     tt: Epochs,
     ut1_fraction: ArrayLike,
 ) -> NDArray[np.float64]:
-    """Displacement of stations by the solid Earth tide.
+    """Displacement of stations by the solid Earth tide, ITRF, m, shape (n, 3).
 
-    Parameters
-    ----------
-    station_itrf_m : array_like, shape (3,) or (n, 3)
-        Stations, ITRF, m.
-    moon_itrf_m, sun_itrf_m : array_like, shape (n, 3)
-        Moon and Sun from the geocentre, ITRF axes, m; 300 m for the Moon and 300 km for the Sun
-        are enough for a micrometre.
-    tt : Epochs
-        Epochs in TT, n of them.
-    ut1_fraction : array_like, shape (n,)
-        UT1 as a fraction of its day (UTC instead costs less than a micrometre).
+    Stations, shape (3,) or (n, 3), and the Moon and the Sun from the geocentre are ITRF, m; 300 m for the Moon and 300
+    km for the Sun are enough for a micrometre. UTC in place of UT1 costs less than that.
 
-    Returns
-    -------
-    ndarray, shape (n, 3)
-        What to add to a station's position, ITRF, m.
-
-    Raises
-    ------
-    InputError
-        The epochs are not in TT, a shape does not fit, a number is not finite, or the Moon or the Sun is not
-        where it can be (kilometres given? one for the other?).
-
-    Notes
-    -----
-    IERS Conventions (2010), eq. 7.5, 7.6, 7.8 to 7.11 (step 1) and 7.12, 7.13 with Tables 7.3a and 7.3b
-    (step 2); Mathews, Dehant and Gipson (1997). Good to about a millimetre; the largest parts are the
-    Moon's (0.36 m) and the Sun's (0.16 m) of degree 2, step 2 (13 mm), degree 3 (2 mm), out of phase (2
-    mm), latitude (1 mm).
+    IERS Conventions (2010), eq. 7.5, 7.6, 7.8 to 7.11 (step 1) and 7.12, 7.13 with Tables 7.3a and 7.3b (step 2);
+    Mathews, Dehant and Gipson (1997). Good to about a millimetre; the largest parts are the Moon's (0.36 m) and the
+    Sun's (0.16 m) of degree 2, step 2 (13 mm), degree 3 (2 mm), out of phase (2 mm), latitude (1 mm).
     """
     tt.require("TT")
     count = len(tt)

@@ -146,18 +146,7 @@ class Station:
         return self.velocity_m_yr is not None
 
     def position_at(self, tt: Epochs) -> NDArray[np.float64]:
-        """Give the reference point in the ITRF, without tides and loading, m, shape (n, 3).
-
-        Parameters
-        ----------
-        tt : Epochs
-            Epochs in TT.
-
-        Raises
-        ------
-        InputError
-            The epochs are in another scale.
-        """
+        """Give the reference point in the ITRF at epochs of TT, without tides and loading, m, shape (n, 3)."""
         tt.require("TT")
         if self.velocity_m_yr is None:
             return np.tile(self.itrf_m, (len(tt), 1))
@@ -230,13 +219,7 @@ class StationCatalogue:
         )
 
     def with_station(self, station: Station) -> StationCatalogue:
-        """Make a new catalogue with the station added, or in the place of the one of its name.
-
-        Raises
-        ------
-        StationError
-            Another station already has one of its aliases, or its name as an alias.
-        """
+        """Make a new catalogue with the station added, or in the place of the one of its name."""
         kept = [other for other in self._stations if _key(other.name) != _key(station.name)]
         return StationCatalogue([*kept, station])
 

@@ -31,36 +31,19 @@ _MASSIVE = ("sun", "earth", "moon", "venus", "jupiter", "saturn")
 
 @dataclass(frozen=True, slots=True)
 class EphemerisConstants:
-    """Constants of one ephemeris, TDB-compatible.
+    """Constants of one ephemeris, TDB-compatible."""
 
-    Parameters
-    ----------
-    name : str
-        Such as ``DE421``.
-    gm_sun_m3_s2, gm_earth_m3_s2, gm_moon_m3_s2 : float
-        GM of the Sun, the Earth and the Moon, m^3/s^2.
-    gm_venus_m3_s2, gm_jupiter_m3_s2, gm_saturn_m3_s2 : float
-        GM of Venus and of the systems of Jupiter and Saturn, m^3/s^2.
-    pa_to_me_arcsec : tuple of float
-        Angles about x, y and z of the rotation from principal to mean-Earth axes, arcsec:
-        ME = Rx(x) Ry(y) Rz(z) PA, each a rotation of the axes.
-    me_frame : str
-        The mean-Earth axes that the angles lead to.
-    h2, l2 : float
-        Degree-2 displacement Love numbers of the Moon, radial and tangential.
-    """
-
-    name: str
+    name: str  # such as DE421
     gm_sun_m3_s2: float
     gm_earth_m3_s2: float
     gm_moon_m3_s2: float
     gm_venus_m3_s2: float
-    gm_jupiter_m3_s2: float
+    gm_jupiter_m3_s2: float  # of the planet with its moons, as Saturn's
     gm_saturn_m3_s2: float
-    pa_to_me_arcsec: tuple[float, float, float]
-    me_frame: str
-    h2: float
-    l2: float
+    pa_to_me_arcsec: tuple[float, float, float]  # about x, y, z: ME = Rx(x) Ry(y) Rz(z) PA, of the axes
+    me_frame: str  # the mean-Earth axes that the angles lead to
+    h2: float  # degree-2 displacement Love number, radial
+    l2: float  # and tangential
 
     def gm_m3_s2(self, body: str) -> float:
         """GM of a body by name, m^3/s^2."""

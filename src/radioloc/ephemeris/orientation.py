@@ -19,20 +19,10 @@ _FRAMES = {31006: "PA_DE421", 31008: "PA_DE440"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LunarOrientation:
-    """Orientation of the principal axes of one ephemeris; make one with :meth:`open`.
+    """Orientation of the principal axes of one ephemeris; make one with :meth:`open`."""
 
-    Parameters
-    ----------
-    frame : str
-        The axes, such as ``PA_DE421``.
-    frame_code : int
-        NAIF's code of the axes.
-    pck : Kernel
-        The opened kernel.
-    """
-
-    frame: str
-    frame_code: int
+    frame: str  # the axes, such as PA_DE421
+    frame_code: int  # NAIF's code of the axes
     pck: Kernel
 
     @classmethod
@@ -68,27 +58,11 @@ class LunarOrientation:
         return self.pck.file
 
     def angles(self, tdb: Epochs) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Euler angles phi, theta, psi of the principal axes and their rates.
+        """Euler angles phi, theta, psi of the principal axes, rad, and their rates, rad/s, at epochs of TDB, (n, 3).
 
-        Parameters
-        ----------
-        tdb : Epochs
-            Epochs in TDB, n of them.
-
-        Returns
-        -------
-        angles_rad, rates_rad_s : ndarray, shape (n, 3)
-            In the order of the 3-1-3 rotations that take the ICRF into the principal axes, Rz(psi) Rx(theta)
-            Rz(phi) (Folkner et al. 2009, section on lunar orientation;
-            :func:`radioloc.lunar.rot_icrf_to_pa`). psi runs on without jumps; its round-off is 1e-12 rad, 2
-            micrometres on the surface.
-
-        Raises
-        ------
-        CoverageError
-            An epoch lies outside the kernel's span.
-        InputError
-            The epochs are not in TDB.
+        They are in the order of the 3-1-3 rotations that take the ICRF into the principal axes, Rz(psi) Rx(theta)
+        Rz(phi) (Folkner et al. 2009, section on lunar orientation; :func:`radioloc.lunar.rot_icrf_to_pa`). psi runs on
+        without jumps; its round-off is 1e-12 rad, 2 micrometres on the surface.
         """
         angles_rad, rates_rad_s = evaluate(self.pck, self.pck.segment(self.frame_code, _INERTIAL_FRAME), tdb)
         return angles_rad, rates_rad_s

@@ -26,13 +26,7 @@ _State = tuple[NDArray[np.float64], NDArray[np.float64]]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class EarthState:
-    """Barycentric state of the geocentre, ICRF axes.
-
-    Parameters
-    ----------
-    position_m, velocity_m_s, acceleration_m_s2 : ndarray, shape (n, 3)
-        Relative to the solar system barycentre; derivatives with respect to TDB.
-    """
+    """Barycentric state of the geocentre, ICRF axes; derivatives with respect to TDB, shapes (n, 3)."""
 
     position_m: NDArray[np.float64]
     velocity_m_s: NDArray[np.float64]
@@ -41,20 +35,10 @@ class EarthState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ephemeris:
-    """A planetary and lunar ephemeris; make one with :meth:`open`.
+    """A planetary and lunar ephemeris; make one with :meth:`open`."""
 
-    Parameters
-    ----------
-    name : str
-        Such as ``DE421``.
-    constants : EphemerisConstants
-        The masses, Love numbers and axes that belong to it.
-    spk : Kernel
-        The opened kernel.
-    """
-
-    name: str
-    constants: EphemerisConstants
+    name: str  # such as DE421
+    constants: EphemerisConstants  # masses, Love numbers and axes that belong to it
     spk: Kernel
 
     @classmethod
@@ -109,43 +93,20 @@ class Ephemeris:
         )
 
     def earth(self, tdb: Epochs) -> EarthState:
-        """Barycentric position, velocity and acceleration of the geocentre.
+        """Barycentric position, velocity and acceleration of the geocentre at epochs of TDB.
 
-        Parameters
-        ----------
-        tdb : Epochs
-            Epochs in TDB, n of them.
-
-        Raises
-        ------
-        CoverageError
-            An epoch lies outside the kernel's span.
-        InputError
-            The epochs are not in TDB.
-
-        Notes
-        -----
-        Round-off of the position is some 1e-5 m. The acceleration is the second derivative of the Chebyshev
-        series.
+        Round-off of the position is some 1e-5 m. The acceleration is the second derivative of the Chebyshev series.
         """
         barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb, derivatives=2)
         earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb, derivatives=2)
         return EarthState(*((b + e) * _M_PER_KM for b, e in zip(barycentre, earth, strict=True)))
 
     def geocentric(self, body: str, tdb: Epochs) -> _State:
-        """Geocentric position and velocity of a body, geometric (no light time), in barycentric coordinates.
+        """Geocentric position and velocity of a body, geometric (no light time), in barycentric coordinates, ICRF axes.
 
-        Parameters
-        ----------
-        body : {"moon", "sun", "venus", "jupiter", "saturn"}
-            Of these, one that the kernel holds.
-        tdb : Epochs
-            Epochs in TDB, n of them.
-
-        Returns
-        -------
-        position_m, velocity_m_s : ndarray, shape (n, 3)
-            ICRF axes; velocity with respect to TDB.
+        The Moon is its position minus the Earth's, both relative to the Earth-Moon barycentre, so that the 1.5e11 m
+        from the solar system barycentre do not enter: its round-off is below 1e-6 m. Velocities are with respect to
+        TDB.
 
         Raises
         ------
@@ -155,11 +116,6 @@ class Ephemeris:
             The kernel does not hold the body.
         CoverageError
             An epoch lies outside the kernel's span.
-
-        Notes
-        -----
-        The Moon is its position minus the Earth's, both relative to the Earth-Moon barycentre, so that the
-        1.5e11 m from the solar system barycentre do not enter: its round-off is below 1e-6 m.
 
         Examples
         --------

@@ -110,19 +110,10 @@ class Trajectory:
     def geocentric(
         self, ephemeris: Ephemeris, tdb: Epochs
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Geocentric position and velocity, geometric (no light time), in barycentric coordinates.
+        """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
 
-        Parameters
-        ----------
-        ephemeris : Ephemeris
-            Where the centre is that the trajectory is relative to.
-        tdb : Epochs
-            Epochs in TDB, n of them.
-
-        Returns
-        -------
-        position_m, velocity_m_s : ndarray, shape (n, 3)
-            ICRF axes; velocity with respect to TDB.
+        SPICE takes an epoch as one float of seconds since J2000, which resolves 0.12 microseconds: 0.1 mm at 2 km/s.
+        The rest of the epoch is made up for with the velocity, to far below a micrometre.
 
         Raises
         ------
@@ -130,13 +121,6 @@ class Trajectory:
             An epoch lies outside the trajectory or in a gap of it, or outside the ephemeris.
         KernelError
             SPICE cannot evaluate the file, or the ephemeris does not hold the centre.
-        InputError
-            The epochs are not in TDB.
-
-        Notes
-        -----
-        SPICE takes an epoch as one float of seconds since J2000, which resolves 0.12 microseconds: 0.1 mm at 2 km/s.
-        The rest of the epoch is made up for with the velocity, to far below a micrometre.
         """
         tdb.require("TDB")
         midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY

@@ -5,10 +5,8 @@ metres, angles radians unless a name says otherwise.
 """
 
 from radioloc.lunar.frames import (
-    angular_velocity_pa,
     rot_icrf_to_iau_moon,
     rot_icrf_to_pa,
-    rot_icrf_to_pa_rate,
     rot_pa_to_me,
 )
 from radioloc.lunar.position import LunarPosition
@@ -18,21 +16,14 @@ from radioloc.lunar.selenographic import (
     selenographic_to_cartesian,
 )
 from radioloc.lunar.terrain import TerrainModel
-from radioloc.lunar.tide import solid_tide
-from radioloc.lunar.visibility import earth_elevation_rad, hidden_by_moon
 
 __all__ = [
     "LunarPosition",
     "TerrainModel",
-    "angular_velocity_pa",
     "cartesian_to_selenographic",
-    "earth_elevation_rad",
     "east_north_up",
-    "hidden_by_moon",
     "rot_icrf_to_iau_moon",
     "rot_icrf_to_pa",
-    "rot_icrf_to_pa_rate",
     "rot_pa_to_me",
     "selenographic_to_cartesian",
-    "solid_tide",
 ]

@@ -45,20 +45,8 @@ def rot_icrf_to_pa(angles_rad: ArrayLike) -> NDArray[np.float64]:
 
 
 def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArray[np.float64]:
-    """Angular velocity of the Moon in the ICRF, in principal axes, rad/s, shape (..., 3).
+    """Angular velocity of the Moon in the ICRF, in principal axes, rad/s, shape (..., 3), from Euler angles and rates.
 
-    Parameters
-    ----------
-    angles_rad, rates_rad_s : array_like, shape (..., 3)
-        Euler angles phi, theta, psi and their rates.
-
-    Raises
-    ------
-    InputError
-        The last axis is not of length three.
-
-    Notes
-    -----
     Folkner, Williams and Boggs (2009), IPN Progress Report 42-178, on the orientation of the Moon.
     """
     _, theta, psi = _angles(angles_rad, "rad", "angles_rad")
@@ -76,12 +64,8 @@ def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArra
 def rot_icrf_to_pa_rate(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArray[np.float64]:
     """Time derivative of :func:`rot_icrf_to_pa`, 1/s, shape (..., 3, 3).
 
-    Parameters and errors as :func:`angular_velocity_pa`.
-
-    Notes
-    -----
-    dR/dt = -[w] R with the angular velocity w in principal axes and [w] its cross-product matrix. A point at
-    rest in the principal axes moves in the ICRF with (dR/dt)^T r_pa.
+    dR/dt = -[w] R with the angular velocity w in principal axes and [w] its cross-product matrix. A point at rest in
+    the principal axes moves in the ICRF with (dR/dt)^T r_pa.
     """
     x, y, z = np.moveaxis(angular_velocity_pa(angles_rad, rates_rad_s), -1, 0)
     zero = np.zeros_like(x)

@@ -54,13 +54,7 @@ class LunarPosition:
 
     @classmethod
     def from_cartesian(cls, xyz_m: ArrayLike, frame: str = "PA_DE421") -> LunarPosition:
-        """Build from x, y, z: metres, or a Quantity of length.
-
-        Raises
-        ------
-        InputError
-            Not three finite numbers, or not near the lunar surface.
-        """
+        """Build from x, y, z: metres, or a Quantity of length."""
         return cls(frame, as_metres(xyz_m, "xyz_m"))
 
     @classmethod
@@ -108,13 +102,7 @@ class LunarPosition:
         return float(np.degrees(longitude_rad)), float(np.degrees(latitude_rad)), float(height_m)
 
     def to_axes(self, axes: str, constants: EphemerisConstants) -> LunarPosition:
-        """The same point in principal (``"PA"``) or mean-Earth (``"ME"``) axes of the same ephemeris.
-
-        Raises
-        ------
-        InputError
-            The position belongs to another ephemeris than the constants.
-        """
+        """The same point in principal (``"PA"``) or mean-Earth (``"ME"``) axes of the same ephemeris."""
         frames = {"PA": f"PA_{constants.name}", "ME": constants.me_frame}
         if self.frame not in frames.values():
             raise InputError(

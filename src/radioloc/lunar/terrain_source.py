@@ -51,50 +51,22 @@ class TerrainFile:
 
 @dataclass(frozen=True, slots=True)
 class TerrainMetadata:
-    """What is known of a map.
+    """What is known of a map."""
 
-    Parameters
-    ----------
-    path, driver : Path, str
-        The file opened and GDAL's name of its format.
-    files : tuple of TerrainFile
-        All files the map consists of.
-    crs : str
-        Its reference system, WKT.
-    coordinate_system : str or None
-        The axes that the label names; None where it names none, and mean-Earth axes are assumed.
-    bounds : tuple of float
-        Left, bottom, right, top in the map's coordinates.
-    coverage : str
-        The same in words, in degrees.
-    resolution_m : float
-        Size of a cell where the projection is true to scale, m.
-    quantity : str
-        ``"height"`` or ``"radius"``: what the values are.
-    unit : str
-        ``"m"`` or ``"km"``.
-    reference_radius_m : float
-        Radius of the sphere above which the values are heights, m; zero for radii.
-    scale, offset : float
-        value = number in the file * scale + offset, in ``unit``.
-    nodata : float or None
-        The number in the file that marks a void.
-    """
-
-    path: Path
-    driver: str
-    files: tuple[TerrainFile, ...]
-    crs: str
-    coordinate_system: str | None
-    bounds: tuple[float, float, float, float]
-    coverage: str
-    resolution_m: float
-    quantity: str
-    unit: str
-    reference_radius_m: float
-    scale: float
+    path: Path  # the file opened
+    driver: str  # GDAL's name of its format
+    files: tuple[TerrainFile, ...]  # all that the map consists of
+    crs: str  # its reference system, WKT
+    coordinate_system: str | None  # axes that the label names; without one, mean-Earth
+    bounds: tuple[float, float, float, float]  # left, bottom, right, top in the map's coordinates
+    coverage: str  # the same in words, in degrees
+    resolution_m: float  # of a cell where the projection is true to scale
+    quantity: str  # height or radius
+    unit: str  # m or km
+    reference_radius_m: float  # of the sphere that heights are above; zero for radii
+    scale: float  # value = number in the file * scale + offset
     offset: float
-    nodata: float | None
+    nodata: float | None  # the number in the file that marks a void
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,27 +35,12 @@ def solid_tide(
     constants: EphemerisConstants,
     permanent: Literal["included", "removed"] = "included",
 ) -> NDArray[np.float64]:
-    """Displacement of a surface point by the degree-2 solid tide, principal axes, m, shape (n, 3).
+    """Displacement of surface points, shape (3,) or (n, 3), by the degree-2 solid tide, principal axes, m, (n, 3).
 
-    Parameters
-    ----------
-    point_pa_m : array_like, shape (3,) or (n, 3)
-        The point, principal axes, m.
-    earth_pa_m, sun_pa_m : array_like, shape (n, 3)
-        Positions of the Earth and the Sun relative to the Moon's centre, principal axes, m.
-    constants : EphemerisConstants
-        Masses, Love numbers h2 and l2, and the angles to the mean-Earth axes.
-    permanent : {"included", "removed"}
-        ``"included"``: the whole tide, for coordinates of a Moon free of tides. ``"removed"``: less its mean
-        over many years, for coordinates of the surface as it is on average. The mean is 0.49 m at most (DE421).
+    The Earth and the Sun are counted from the Moon's centre, principal axes, m. With the `permanent` tide
+    ``"included"`` coordinates are those of a Moon free of tides; with it ``"removed"``, its mean over many years, 0.49
+    m at most, is part of the coordinates of the surface.
 
-    Raises
-    ------
-    InputError
-        Shapes do not fit, a position is zero or not finite, or `permanent` is neither of the two words.
-
-    Notes
-    -----
     IERS Conventions (2010), eq. 7.5, taken over to the Moon (Williams and Boggs 2015, J. Geophys. Res.
     Planets 120, 689): with the tide-raising tensor S, the sum of GM_j u_j u_j^T / R_j^3 over the Earth and
     the Sun, and the unit vector r of the point, the displacement is

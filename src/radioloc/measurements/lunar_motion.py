@@ -10,7 +10,9 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, L_B, L_G
 from radioloc.ephemeris import EarthState
-from radioloc.lunar import rot_icrf_to_pa, rot_icrf_to_pa_rate, solid_tide
+from radioloc.lunar import rot_icrf_to_pa
+from radioloc.lunar.frames import rot_icrf_to_pa_rate
+from radioloc.lunar.tide import solid_tide
 from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel

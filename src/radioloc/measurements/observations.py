@@ -177,13 +177,7 @@ class Observations:
 
     @staticmethod
     def concatenate(parts: Sequence[Observations]) -> Observations:
-        """Join tables, in order.
-
-        Raises
-        ------
-        InputError
-            There is nothing to join.
-        """
+        """Join tables, in order."""
         if not parts:
             raise InputError("no observations to join; give at least one table")
         links, link_codes = _unique([link for part in parts for link in part.links])

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
-from radioloc.lunar import hidden_by_moon
+from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.lunar_motion import LunarMotion
 from radioloc.measurements.physical_model import PhysicalModel

@@ -12,7 +12,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.lunar import rot_icrf_to_pa, solid_tide
+from radioloc.lunar import rot_icrf_to_pa
+from radioloc.lunar.tide import solid_tide
 from radioloc.parameters.kind import ParameterKind, Scope, everywhere
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs

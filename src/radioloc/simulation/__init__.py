@@ -1,6 +1,6 @@
 """Simulated tracking: what can be seen, what is measured when, how the world departs from the model, noise."""
 
-from radioloc.lunar import hidden_by_moon
+from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.simulation.departures import Departure, Spread, departed
 from radioloc.simulation.noise import Noise, NoiseModel
 from radioloc.simulation.scenario import Scenario

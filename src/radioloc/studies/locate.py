@@ -25,8 +25,9 @@ from radioloc.estimation.solution import Solution
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm.agreement import LightTime
 from radioloc.kernels import sha256_of
-from radioloc.lunar import earth_elevation_rad, rot_pa_to_me
+from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
+from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor

@@ -128,18 +128,7 @@ class Epochs:
             raise InputError(f"epochs in {scale} are needed here, but {self.scale} was given")
 
     def shifted(self, seconds: ArrayLike) -> Epochs:
-        """The epochs moved by SI seconds of their own scale.
-
-        Parameters
-        ----------
-        seconds : array_like, shape () or (n,)
-            How far to move, s; positive is later.
-
-        Raises
-        ------
-        InputError
-            The scale is UTC, whose days are not all of one length, or a shift is not finite.
-        """
+        """The epochs moved by SI seconds of their own scale, not UTC, whose days are not all of one length."""
         if self.scale == "UTC":
             raise InputError("UTC cannot be moved by seconds across a leap second; convert to TAI first")
         return Epochs.from_jd(

@@ -8,14 +8,8 @@ from hypothesis import strategies as st
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
-from radioloc.lunar import (
-    angular_velocity_pa,
-    cartesian_to_selenographic,
-    rot_icrf_to_iau_moon,
-    rot_icrf_to_pa,
-    rot_icrf_to_pa_rate,
-    rot_pa_to_me,
-)
+from radioloc.lunar import cartesian_to_selenographic, rot_icrf_to_iau_moon, rot_icrf_to_pa, rot_pa_to_me
+from radioloc.lunar.frames import angular_velocity_pa, rot_icrf_to_pa_rate
 from radioloc.time import Epochs
 
 ORTHOGONAL = 1e-15 * 5  # a few roundings of the product of three matrices

@@ -8,7 +8,8 @@ import pytest
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import CONSTANTS, Ephemeris, LunarOrientation
 from radioloc.errors import InputError
-from radioloc.lunar import rot_icrf_to_pa, rot_pa_to_me, solid_tide
+from radioloc.lunar import rot_icrf_to_pa, rot_pa_to_me
+from radioloc.lunar.tide import solid_tide
 from radioloc.time import Epochs
 
 DE421 = CONSTANTS["DE421"]

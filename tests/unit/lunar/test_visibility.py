@@ -5,8 +5,8 @@ import pytest
 
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import CoverageError
-from radioloc.lunar import earth_elevation_rad
 from radioloc.lunar.position import LunarPosition
+from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.time import Epochs, epochs_from_strings
 
 EPHEMERIS, LIBRATION = Ephemeris.open(), LunarOrientation.open()

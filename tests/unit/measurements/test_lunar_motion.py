@@ -7,7 +7,8 @@ import pytest
 from arc_cases import APOLLO15_PA_M, REFLECTORS_PA_M
 
 from radioloc.constants import C_M_S
-from radioloc.lunar import rot_icrf_to_pa, solid_tide
+from radioloc.lunar import rot_icrf_to_pa
+from radioloc.lunar.tide import solid_tide
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.terms import TERMS

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from toy_moon import EPOCH_JD, LANDER_M, ToyMoon
 
-from radioloc.estimation import build_solution, fit_with_excess_noise
+from radioloc.estimation import build_solution, fit_with_variance_components
 from radioloc.simulation.noise import gauss_markov
 from radioloc.time import Epochs
 
@@ -35,7 +35,7 @@ def solution(n, coloured_m, tau_h, seed):
         parameters = parameters.changed(f"range_bias.{name}", prior_value=value_m, prior_sigma=BIAS_SIGMA_M)
     observed_m = model.ranges(np.concatenate([LANDER_M, np.zeros(3)]))[0] + noise_m
     status = np.where(up, "used", "below the horizon")
-    edited = fit_with_excess_noise(
+    edited = fit_with_variance_components(
         model.residual_function(observed_m), parameters, WHITE_M, status=status
     ).edited
     return build_solution(

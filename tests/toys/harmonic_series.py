@@ -12,7 +12,7 @@ from radioloc.estimation import (
     ParameterSet,
     Solution,
     build_solution,
-    fit_with_excess_noise,
+    fit_with_variance_components,
 )
 from radioloc.time import Epochs
 
@@ -71,7 +71,7 @@ def solved(series: Series) -> Solution:
     n = series.n
     paths = Labels((np.arange(n) % 6).astype(np.int32), tuple(f"S{k}>x>S{k}" for k in range(6)))
     types = Labels(np.zeros(n, dtype=np.int32), ("range",))
-    found = fit_with_excess_noise(series.linearize, series.parameters, series.sigma_m, groups=types)
+    found = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m, groups=types)
     return build_solution(
         found.edited,
         position_pa_m=np.array([1.7e6, 0.0, 0.0]),
@@ -84,5 +84,5 @@ def solved(series: Series) -> Solution:
         path=paths,
         type=types,
         observed_m=series.observed_m,
-        excess_noise_m=found.excess_noise_m,
+        excess_noise_m=found.additive_sigma_m,
     )

@@ -12,7 +12,6 @@ from radioloc.estimation.correlated_weights import (
     fit_with_correlated_weights,
 )
 from radioloc.estimation.editing import USED, EditedFit, EditingSettings, Outcome, fit_with_editing
-from radioloc.estimation.excess_noise import NoisyFit, fit_with_excess_noise
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import (
     FitResult,
@@ -31,6 +30,7 @@ from radioloc.estimation.time_correlation import (
     TimeCorrelation,
     assess_time_correlation,
 )
+from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
 from radioloc.parameters.parameter import Parameter, ParameterSet
 
 __all__ = [
@@ -72,5 +72,5 @@ __all__ = [
     "fit_least_squares",
     "fit_with_correlated_weights",
     "fit_with_editing",
-    "fit_with_excess_noise",
+    "fit_with_variance_components",
 ]

@@ -17,6 +17,7 @@ from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.residuals import Residuals
+from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import ReferenceComparison, Solution
 from radioloc.estimation.statistics import (
     SCALING_PROBABILITY,
@@ -127,7 +128,7 @@ def build_solution(
     position = _array("position_pa_m", position_pa_m, (3,))
     noise_scale, correlation = 1.0, None
     if scale_covariance:
-        noise_scale, correlation = _what_residuals_show(edited, residuals, statistics)
+        noise_scale, correlation = _what_residuals_show(edited, residuals)
     covariance = scaled_covariance(fit, noise_scale)
     if correlation is not None:
         covariance = covariance + correlation.added_covariance
@@ -165,17 +166,14 @@ def build_solution(
     return replace(solution, reference=reference)
 
 
-def _what_residuals_show(
-    edited: EditedFit, residuals: Residuals, statistics: FitStatistics
-) -> tuple[float, TimeCorrelation | None]:
-    """By how much the noise is larger than stated, and which residuals stay alike."""
+def _what_residuals_show(edited: EditedFit, residuals: Residuals) -> tuple[float, TimeCorrelation | None]:
+    """By how much the noise is larger than stated, and which residuals are correlated in time."""
     fit = edited.fit
-    # What weighs correlated series as such has its variances from the residuals themselves.
-    noise_scale = statistics.noise_scale if fit.series_noise is None else 1.0
     if not (edited.complete and fit.status in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE)):
-        return noise_scale, None
+        return fit.noise_scale, None
     time_s = seconds_since_midnight(residuals.epoch_utc)
-    return noise_scale, assess_time_correlation(fit, residuals.types, residuals.paths, time_s)
+    order = SeriesOrder.of(residuals.types, residuals.paths, time_s)
+    return fit.noise_scale, assess_time_correlation(fit, order)
 
 
 def scaled_covariance(fit: FitResult, noise_scale: float) -> NDArray[np.float64]:
@@ -188,17 +186,10 @@ def scaled_covariance(fit: FitResult, noise_scale: float) -> NDArray[np.float64]
     P)^-1, the estimate's covariance is then C (f^2 A + P) C = f^2 C + (1 - f^2) C P C. Without a-priori
     values it is f^2 C.
     """
-    return scaled_by(fit.covariance, fit.parameters.prior_sigmas, noise_scale)
-
-
-def scaled_by(
-    covariance: NDArray[np.float64], prior_sigmas: NDArray[np.float64], noise_scale: float
-) -> NDArray[np.float64]:
-    """As :func:`scaled_covariance`, of a formal covariance (p, p) and the sigmas of a-priori values (p,)."""
-    formal = np.array(covariance)
+    formal = np.array(fit.covariance)
     undetermined = np.isinf(np.diag(formal))
     formal[undetermined, undetermined] = 0.0
-    prior_information = np.diag(prior_sigmas**-2.0)
+    prior_information = np.diag(fit.parameters.prior_sigmas**-2.0)
     scaled = noise_scale**2 * formal + (1.0 - noise_scale**2) * formal @ prior_information @ formal
     scaled[undetermined, undetermined] = np.inf
     return scaled

@@ -25,7 +25,6 @@ from numpy.typing import NDArray
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import covariance_of
 from radioloc.estimation.gauss_markov import SeriesNoise
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import (
     FitResult,
     FitSettings,
@@ -105,9 +104,7 @@ class _Whitening:
 def fit_with_correlated_weights(
     residual_function: ResidualFunction,
     edited: EditedFit,
-    types: Labels,
-    paths: Labels,
-    time_s: NDArray[np.float64],
+    order: SeriesOrder,
     settings: FitSettings | None = None,
 ) -> CorrelatedFit:
     """Fit again, each series with time-correlated residuals weighed by the inverse of their covariance.
@@ -119,8 +116,8 @@ def fit_with_correlated_weights(
     edited : EditedFit
         The fit with all observations weighed as independent; its selection stays, as outliers are judged by the stated
         sigmas.
-    types, paths, time_s
-        As for :func:`~radioloc.estimation.time_correlation.assess_time_correlation`.
+    order : SeriesOrder
+        Types, paths and times of the observations.
     settings : FitSettings, optional
         Limits and tolerances of the fit.
     """
@@ -128,8 +125,7 @@ def fit_with_correlated_weights(
     # A fit that did not come to its end says itself what is wrong with it.
     if not edited.complete or stated.status not in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE):
         return CorrelatedFit(edited, ())
-    order = SeriesOrder.of(types, paths, time_s)
-    found = assess_time_correlation(stated, types, paths, time_s, order)
+    found = assess_time_correlation(stated, order)
     if found is None:
         return CorrelatedFit(edited, ())
     batches = series_of(order, stated.noise, stated.used)

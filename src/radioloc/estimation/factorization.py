@@ -8,7 +8,7 @@ number is never squared by normal equations. Rows are reduced some hundred at a 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Protocol
 
@@ -16,12 +16,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.linearization import Linearization, Rows
-from radioloc.estimation.observation_noise import Whitening
+from radioloc.estimation.observation_noise import Combinations, Whitening
 from radioloc.parameters.parameter import ParameterSet
 
 _LEAF_ELEMENTS = 8192
 """Numbers in the matrices that rows are reduced in: they fit a processor's own cache, and are too few for linear
 algebra libraries to share them out, so the result does not depend on the number of threads."""
+
+_NOTHING = 1e-13
+"""Information along an orthonormal coordinate that is rounding."""
 
 
 class RankLimits(Protocol):
@@ -145,6 +148,10 @@ def _whitened_rows(
     linearization: Linearization, combinations: Whitening, free: NDArray[np.intp]
 ) -> Iterator[NDArray[np.float64]]:
     """Whitened partials by the free parameters with the residuals as last column, part by part."""
+    if isinstance(linearization, OrthonormalLinearization) and isinstance(combinations, Combinations):
+        weight = combinations.weights()
+        if weight is not None:
+            return iter((linearization.condensed(weight),))
     q = len(free)
 
     def rows_of(rows: Rows) -> NDArray[np.float64]:
@@ -155,6 +162,79 @@ def _whitened_rows(
         return out
 
     return combinations.whitened(rows_of)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinearProblem:
+    """A linear problem that is fitted to one set of residuals after another, as Monte Carlo studies do.
+
+    The partials are turned once to coordinates in which the problem, weighed as stated, is orthonormal: there normal
+    equations lose no digits, and a fit takes no orthogonal factorization of all rows.
+
+    Parameters
+    ----------
+    partials : ndarray, shape (n, p)
+    x : ndarray, shape (p,)
+        Values that residuals belong to.
+    basis : ndarray, shape (n, q)
+        Partials by the orthonormal coordinates.
+    from_free : ndarray, shape (q, q)
+        From changes of the free parameters to coordinates.
+    start_rows : ndarray of int, shape (m,)
+        Usable observations that make the robust start.
+    """
+
+    partials: NDArray[np.float64]
+    x: NDArray[np.float64]
+    basis: NDArray[np.float64]
+    from_free: NDArray[np.float64]
+    start_rows: NDArray[np.intp]
+
+    def of(
+        self, residual_m: NDArray[np.float64]
+    ) -> Callable[[NDArray[np.float64]], OrthonormalLinearization]:
+        """Residual function of residuals (n,) at the values `x`, m."""
+
+        def linearized(x: NDArray[np.float64]) -> OrthonormalLinearization:
+            # Summed by numpy itself: the result does not depend on the number of threads.
+            left_m = residual_m - np.einsum("np,p->n", self.partials, x - self.x)
+            return OrthonormalLinearization(self, left_m)
+
+        return linearized
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OrthonormalLinearization:
+    """Linearization of a :class:`LinearProblem`."""
+
+    problem: LinearProblem
+    residual_m: NDArray[np.float64]
+
+    def partials(self, rows: Rows) -> NDArray[np.float64]:
+        """d(computed)/d(parameter) of some observations, shape (m, p)."""
+        return self.problem.partials[rows]
+
+    def condensed(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Rows (q, q + 1) with the normal equations of all observations weighed by `weight` (n,)."""
+        basis = self.problem.basis
+        weighted = basis * weight[:, None]
+        values, axes = np.linalg.eigh(gram(weighted, basis))
+        side = gram(weighted, np.where(weight > 0.0, self.residual_m, 0.0)[:, None])[:, 0]
+        root = np.sqrt(np.maximum(values, 0.0))
+        along = np.divide(axes.T @ side, root, out=np.zeros(len(root)), where=values > _NOTHING)
+        return np.column_stack([root[:, None] * axes.T @ self.problem.from_free, along])
+
+
+def gram(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
+    """a^T b of tall matrices, in slabs too small for linear algebra libraries to share them out among threads."""
+    columns, others = a.shape[1], b.shape[1]
+    width = max(columns, others, 1)
+    slab = max(32, min(_LEAF_ELEMENTS // width, 20 * _LEAF_ELEMENTS // width**2))
+    count = len(a) // slab
+    whole = count * slab
+    left = np.swapaxes(a[:whole].reshape(count, slab, columns), 1, 2)
+    slabs = left @ b[:whole].reshape(count, slab, others)
+    return np.asarray(slabs.sum(axis=0) + a[whole:].T @ b[whole:])
 
 
 def refreshed(

@@ -9,6 +9,7 @@ one led (:mod:`~radioloc.estimation.factorization`). A step that does not lower 
 from __future__ import annotations
 
 import enum
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -26,6 +27,7 @@ from radioloc.estimation.linearization import (
     evaluate,
 )
 from radioloc.estimation.observation_noise import ObservationNoise, Whitening
+from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.parameters.parameter import ParameterSet
 
 # Damping given up at, in largest singular values: the step is then a millionth of the plain one.
@@ -174,6 +176,15 @@ class FitResult:
     def chi2_per_dof(self) -> float | None:
         """Reduced chi-square; None without redundancy."""
         return self.chi2 / self.dof if self.dof > 0 else None
+
+    @property
+    def noise_scale(self) -> float:
+        """Factor from stated sigmas to those that the residuals show; 1 unless significantly more.
+
+        Correlated weights have their variances from the residuals themselves.
+        """
+        significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
+        return math.sqrt(self.chi2 / self.dof) if significant and self.series_noise is None else 1.0
 
 
 def fit_least_squares(

@@ -155,7 +155,7 @@ class ObservationNoise:
         """Noise of some observations alone; those left out drop out of their blocks."""
         return ObservationNoise(self.own_m[which], None if self.shared is None else self.shared.select(which))
 
-    def with_excess(self, excess_m: NDArray[np.float64]) -> ObservationNoise:
+    def with_added(self, excess_m: NDArray[np.float64]) -> ObservationNoise:
         """Noise with another independent error in each observation, standard deviations (n,), m.
 
         An error of one size in all observations of a block is one of that size along each of its axes, which stay.
@@ -167,7 +167,7 @@ class ObservationNoise:
         for block in self.blocks:
             more_m = excess_m[block.rows]
             even = bool((more_m == more_m[:, :1]).all())
-            blocks += [block.with_excess(more_m)] if even else _blocks_of_rows(own_m, self.shared, block.rows)
+            blocks += [block.with_added(more_m)] if even else _blocks_of_rows(own_m, self.shared, block.rows)
         return ObservationNoise(own_m, self.shared, tuple(blocks))
 
     def among(self, used: NDArray[np.bool_] | None = None) -> Combinations:
@@ -222,6 +222,13 @@ class Combinations:
     noise: ObservationNoise
     used: NDArray[np.bool_] | None
     blocks: tuple[_Block, ...]
+
+    def weights(self) -> NDArray[np.float64] | None:
+        """Weights (n,), zero of those not in use; none where observations share errors."""
+        if self.noise.shared is not None:
+            return None
+        weight = self.noise.own_m**-2.0
+        return weight if self.used is None else np.where(self.used, weight, 0.0)
 
     def rows(self) -> Iterator[tuple[NDArray[np.intp], _Block | None]]:
         """Observations part by part, in an order of their own: rows alone (m,), or of whole blocks (b, k)."""
@@ -306,7 +313,7 @@ class _Block:
         """Some of the blocks."""
         return _Block(self.rows[which], self.axes[which], self.combined_m[which])
 
-    def with_excess(self, excess_m: NDArray[np.float64]) -> _Block:
+    def with_added(self, excess_m: NDArray[np.float64]) -> _Block:
         """With another independent error (b, k), the same in all observations of a block."""
         return _Block(self.rows, self.axes, np.hypot(self.combined_m, excess_m))
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.factorization import factorize
+from radioloc.estimation.factorization import LinearProblem, OrthonormalLinearization, factorize, gram
 from radioloc.estimation.least_squares import FitSettings
 from radioloc.estimation.linearization import (
     DenseLinearization,
@@ -21,13 +21,15 @@ from radioloc.parameters.parameter import ParameterSet
 
 _MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
 _MAX_LINEARIZATIONS = 15
-MAX_REWEIGHTINGS = 100
+_MAX_REWEIGHTINGS = 100
 _MOST_ROWS = 20000
 """Of more observations a sample of about so many makes the start: it is then off by a hundredth of one observation's
 sigma, where five decide."""
+_REPEATED_ROWS = 1000
+"""The same where one problem is fitted again and again: the start only has to tell outliers from the rest."""
 _FEWEST_DRAWS = 200  # for each parameter
 _SEED = 20201201
-SETTLED = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
+_SETTLED = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
 
 
 def robust_scale(normalized: NDArray[np.float64], n_parameters: int) -> float:
@@ -102,8 +104,10 @@ def robust_start(
     free = np.flatnonzero(parameters.free)
     whole = evaluate(residual_function, x) if at_start is None else at_start
     check_residuals(whole, usable)
-    many = int(usable.sum()) > _MOST_ROWS
-    rows = sample(whole, sigma_m, usable, parameters) if many else np.flatnonzero(usable)
+    if isinstance(whole, OrthonormalLinearization):
+        rows = whole.problem.start_rows
+    else:
+        rows = sample(whole, sigma_m, usable, parameters)
     sigma_m = sigma_m[rows]
     residual_m, partials = whole.residual_m[rows], whole.partials(rows)
     check_finite(DenseLinearization(residual_m, partials), np.ones(len(rows), dtype=bool), parameters)
@@ -114,7 +118,7 @@ def robust_start(
             break
         moved = np.abs(partials[:, free] @ step) / sigma_m
         spread = robust_scale(residual_m / sigma_m, len(free))
-        if moved.max(initial=0.0) < SETTLED * max(1.0, spread):
+        if moved.max(initial=0.0) < _SETTLED * max(1.0, spread):
             break
         for _ in range(10):
             trial = x.copy()
@@ -137,6 +141,24 @@ def robust_start(
     return x, whole
 
 
+def linear_problem(
+    partials: NDArray[np.float64],
+    parameters: ParameterSet,
+    x: NDArray[np.float64],
+    noise: ObservationNoise,
+    usable: NDArray[np.bool_],
+) -> LinearProblem | None:
+    """Linear problem with partials (n, p) at x; none where the usable observations do not determine every parameter."""
+    dense = DenseLinearization(np.zeros(len(partials)), partials)
+    factor = factorize(dense, ObservationNoise(noise.sigma_m).among(usable), parameters, x, FitSettings())
+    if factor is None or not parameters.free.any() or not factor.determined.all():
+        return None
+    basis = partials[:, parameters.free] @ factor.root_covariance()
+    from_free = factor.singular_values[:, None] * factor.vectors.T * factor.column_norms
+    start_rows = sample(dense, noise.sigma_m, usable, parameters, _REPEATED_ROWS)
+    return LinearProblem(partials, x, basis, from_free, start_rows)
+
+
 def sample(
     whole: Linearization,
     sigma_m: NDArray[np.float64],
@@ -155,6 +177,8 @@ def sample(
     """
     free = np.flatnonzero(parameters.free)
     candidates = np.flatnonzero(usable)
+    if len(candidates) <= most:
+        return candidates
     parts = [candidates[k : k + ROWS_AT_ONCE] for k in range(0, len(candidates), ROWS_AT_ONCE)]
 
     def squares(rows: NDArray[np.intp]) -> NDArray[np.float64]:
@@ -193,26 +217,33 @@ def _huber_step(
 ) -> NDArray[np.float64] | None:
     """Change of the free parameters that minimizes Huber's loss of the linearized residuals, shape (q,).
 
+    Weights are changed in coordinates in which the problem is orthonormal without them, where normal equations serve.
     None where a partial is not finite.
     """
-    free_partials = partials[:, parameters.free]
     linearization = DenseLinearization(residual_m, partials)
-    step = np.zeros(free_partials.shape[1])
-    remaining_m = residual_m
-    for _ in range(MAX_REWEIGHTINGS):
+    factor = factorize(linearization, ObservationNoise(sigma_m).among(), parameters, x, settings)
+    if factor is None:
+        return None
+    root = factor.root_covariance()
+    basis = partials[:, parameters.free] @ root / sigma_m[:, None]
+    prior_sigmas = parameters.prior_sigmas[parameters.free]
+    prior_rows = root / prior_sigmas[:, None]
+    prior_normal = prior_rows.T @ prior_rows
+    prior_side = prior_rows.T @ ((parameters.prior_values - x)[parameters.free] / prior_sigmas)
+    normalized = residual_m / sigma_m
+    y: NDArray[np.float64] = np.zeros(basis.shape[1])
+    remaining = normalized
+    for _ in range(_MAX_REWEIGHTINGS):
         # A residual of m sigmas, m > 1, weighs like one observed with sqrt(m) times the stated sigma.
-        weakened_m = sigma_m * np.sqrt(np.maximum(1.0, np.abs(remaining_m) / sigma_m))
-        factor = factorize(linearization, ObservationNoise(weakened_m).among(), parameters, x, settings)
-        if factor is None:
-            return None
-        new_step = factor.step()
-        moved = np.abs(free_partials @ (new_step - step)) / sigma_m
-        step = new_step
-        remaining_m = residual_m - free_partials @ step
-        spread = robust_scale(remaining_m / sigma_m, len(step))
-        if moved.max(initial=0.0) < SETTLED * max(1.0, spread):
+        weighted = basis / np.maximum(1.0, np.abs(remaining))[:, None]
+        side = gram(weighted, normalized[:, None])[:, 0]
+        new = np.linalg.solve(prior_normal + gram(weighted, basis), prior_side + side).astype(np.float64)
+        moved = np.abs(np.einsum("nq,q->n", basis, new - y)).max(initial=0.0)
+        y = np.asarray(new)
+        remaining = normalized - np.einsum("nq,q->n", basis, new)
+        if moved < _SETTLED or moved < _SETTLED * robust_scale(remaining, len(root)):
             break
-    return step
+    return np.asarray(root @ y)
 
 
 def _huber_loss(normalized: NDArray[np.float64], parameters: ParameterSet, x: NDArray[np.float64]) -> float:

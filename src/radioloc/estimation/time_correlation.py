@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
-from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Rows
 from radioloc.estimation.series import Batch, SeriesOrder, series_of
@@ -92,25 +91,15 @@ class TimeCorrelation:
     noise: Mapping[str, SeriesNoise]
 
 
-def assess_time_correlation(
-    fit: FitResult,
-    types: Labels,
-    paths: Labels,
-    time_s: NDArray[np.float64],
-    order: SeriesOrder | None = None,
-) -> TimeCorrelation | None:
+def assess_time_correlation(fit: FitResult, order: SeriesOrder) -> TimeCorrelation | None:
     """Find series whose residuals are significantly correlated in time, and what that does to the covariance.
 
     Parameters
     ----------
     fit : FitResult
         Its noise should explain the size of the residuals. One with correlated weights has its noise model already.
-    types, paths : Labels
-        Kind and light path of the n observations; those of one kind and path are a series.
-    time_s : ndarray, shape (n,)
-        When each was made, s from any instant.
-    order : SeriesOrder, optional
-        Of these types, paths and times, where it is known already.
+    order : SeriesOrder
+        Types, paths and times of the observations.
 
     Returns
     -------
@@ -120,7 +109,7 @@ def assess_time_correlation(
     if not fit.factor.determined.any() or not fit.used.any():
         return None
     root = fit.factor.root_covariance()
-    batches = series_of(order or SeriesOrder.of(types, paths, time_s), fit.noise, fit.used)
+    batches = series_of(order, fit.noise, fit.used)
     if fit.series_noise is None:
         series = [one for batch in batches for one in _points(batch, fit, root)]
         noise = noise_of_series(series, ABSORBED)

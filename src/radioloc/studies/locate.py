@@ -19,9 +19,10 @@ from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import build_solution, seconds_since_midnight
 from radioloc.estimation.correlated_weights import SeriesWeight, fit_with_correlated_weights
 from radioloc.estimation.editing import USED, EditingSettings, fit_with_editing
-from radioloc.estimation.excess_noise import NoisyFit, fit_with_excess_noise
 from radioloc.estimation.labels import Labels
+from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution
+from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm.agreement import LightTime
 from radioloc.kernels import sha256_of
@@ -176,7 +177,9 @@ def fit_arc(
     series_weights: tuple[SeriesWeight, ...] = ()
     if estimate is not None and estimate.weights == "correlated":
         time_s = seconds_since_midnight(observations.epoch)
-        weighed = fit_with_correlated_weights(problem.linearize, fitted.edited, types, paths, time_s)
+        weighed = fit_with_correlated_weights(
+            problem.linearize, fitted.edited, SeriesOrder.of(types, paths, time_s)
+        )
         fitted, series_weights = replace(fitted, edited=weighed.edited), weighed.weights
     x = fitted.edited.fit.x
     lander_pa_m = problem.position_pa_m(x)
@@ -194,7 +197,7 @@ def fit_arc(
         type=types,
         elevation_deg=_elevation_deg(arc, lander_pa_m),
         ephemeris_sigma_enu_m=(0.0, 0.0, 0.0) if estimate is None else estimate.ephemeris_sigma_m,
-        excess_noise_m=fitted.excess_noise_m,
+        excess_noise_m=fitted.additive_sigma_m,
         series_weights=series_weights,
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,
@@ -416,7 +419,7 @@ def _fit(
             f"{_reasons(status, reason, problem.predictor.observations)}; "
             "check the target's position and frame, and the stations"
         )
-    return fit_with_excess_noise(
+    return fit_with_variance_components(
         problem.linearize,
         problem.parameters,
         noise,

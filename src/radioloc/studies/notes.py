@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.estimation.excess_noise import NoisyFit
+from radioloc.estimation.variance_components import NoisyFit
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.observations import Observations
@@ -19,7 +19,7 @@ from radioloc.parameters.parameter import ParameterSet
 from radioloc.studies.study import HEIGHT_LIMITS_M, EstimateChoice, Study, TerrainPrior
 from radioloc.studies.weights import Weight
 
-_DOUBTFUL_EXCESS = 20.0
+_DOUBTFUL = 20.0
 """Additive noise in stated sigmas that model errors no longer explain; laser ranges of DE421's time ask for 5."""
 _ROUGHER = 1.5
 """Ratio of the sigmas that a terrain's roughness gives here and there, from which on a note says so."""
@@ -111,11 +111,11 @@ def _terrain_doubt(
 def _doubts(noise: NoisyFit, observations: Observations) -> list[str]:
     """Warnings where data of a type and model disagree by far more than the data's own noise."""
     doubts = []
-    for kind, excess_m in noise.excess_noise_m.items():
+    for kind, added_m in noise.additive_sigma_m.items():
         typical_m = float(np.median(observations.sigma_m[observations.kind == KINDS.index(kind)]))
-        if excess_m > _DOUBTFUL_EXCESS * typical_m:
+        if added_m > _DOUBTFUL * typical_m:
             doubts.append(
-                f"WARNING: the {kind} residuals are {excess_m / typical_m:.0f} times the stated sigmas; data and model "
+                f"WARNING: the {kind} residuals are {added_m / typical_m:.0f} times the stated sigmas; data and model "
                 "disagree: look for outliers (hard to tell among few), a wrong station or target, a term switched off"
             )
     return doubts

@@ -17,7 +17,8 @@ from radioloc.errors import InputError
 from radioloc.estimation.build import seconds_since_midnight
 from radioloc.estimation.editing import USED, EditingSettings
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.repeated_fit import RepeatedFit
+from radioloc.estimation.robust import linear_problem
+from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
@@ -30,7 +31,7 @@ from radioloc.simulation import Scenario, World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.responses import responses
 from radioloc.studies.arc_parts import arc_parts
-from radioloc.studies.linear_trials import GeneralFit, LinearArc, LinearTrials
+from radioloc.studies.linear_trials import LinearArc, LinearTrials
 from radioloc.studies.locate import fit_arc, model_of, position_in_pa, status_of
 from radioloc.studies.problem import observation_model
 from radioloc.studies.selection import selected
@@ -207,34 +208,24 @@ class Prepared:
         x = _parameters_at(problem, self.world.target_pa_m)
         partials = problem.linearize(x).partials(np.arange(len(part)))
         noise = stated_noise(arc, study.observations)
-        editing = EditingSettings(threshold=study.estimate.rejection_sigma)
-        kind = arc.observations.kind.astype(np.int32)
-        types, time_s = Labels(kind, KINDS), seconds_since_midnight(arc.observations.epoch)
-        paths = Labels.coded([link.path for link in arc.observations.links], arc.observations.link)
-        correlated = study.estimate.weights == "correlated"
-        if noise.shared is not None or correlated:
-            series = (types, paths, time_s) if correlated else None
-            fit: RepeatedFit | GeneralFit = GeneralFit(
-                partials, problem.parameters, x, noise, kind, usable, editing, series
-            )
-        else:
-            made = RepeatedFit.of(partials, problem.parameters, x, noise.sigma_m, kind, usable, editing)
-            if made is None:
-                return None
-            fit = made
+        made = linear_problem(partials, problem.parameters, x, noise, usable)
+        if made is None:
+            return None
+        observations = arc.observations
+        types = Labels(observations.kind.astype(np.int32), KINDS)
+        paths = Labels.coded([link.path for link in observations.links], observations.link)
         return LinearArc(
             part=part,
-            fit=fit,
+            problem=made,
             parameters=problem.parameters,
-            x=x,
             held_m=partials[:, 3:] @ x[3:],
             enu_by_parameters=self.rot_pa_to_enu @ problem.position_partials(x),
             ephemeris_sigma_m=np.array(estimate.ephemeris_sigma_m),
-            partials=partials,
             noise=noise,
-            types=types,
-            paths=paths,
-            time_s=time_s,
+            status=Labels((~usable).astype(np.int32), (USED, "not usable")),
+            editing=EditingSettings(threshold=study.estimate.rejection_sigma),
+            order=SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch)),
+            correlated=study.estimate.weights == "correlated",
         )
 
 

@@ -16,10 +16,21 @@ from radioloc.estimation import (
     fit_with_editing,
     observability,
 )
+from radioloc.estimation.series import SeriesOrder
 from radioloc.simulation.noise import gauss_markov
 
 STEP_S, TAU_S, N = 60.0, 3600.0, 1200
 ROUNDING = 1e-8
+
+
+def assessed(fit, types, paths, time_s):
+    return assess_time_correlation(fit, SeriesOrder.of(types, paths, time_s))
+
+
+def weighed(residual_function, edited, types, paths, time_s, settings=None):
+    return fit_with_correlated_weights(
+        residual_function, edited, SeriesOrder.of(types, paths, time_s), settings
+    )
 
 
 def labels(n, text):
@@ -56,9 +67,7 @@ class TwoSeries:
 
     def fits(self, status=None):
         edited = fit_with_editing(self.residuals, self.parameters, self.sigma, status=status)
-        found = fit_with_correlated_weights(
-            self.residuals, edited, self.types, labels(2 * N, "A"), self.time_s
-        )
+        found = weighed(self.residuals, edited, self.types, labels(2 * N, "A"), self.time_s)
         return edited, found
 
     def model(self, fit):
@@ -105,7 +114,7 @@ def test_estimate_and_covariance_are_those_of_the_weights():
     np.testing.assert_allclose(fit.covariance, formal, rtol=0.0, atol=ROUNDING)
     expected = inverse @ case.design.T @ np.linalg.solve(model, case.observed)
     np.testing.assert_allclose(fit.x, expected, rtol=0.0, atol=1e-6)
-    added = assess_time_correlation(fit, case.types, labels(2 * N, "A"), case.time_s).added_covariance
+    added = assessed(fit, case.types, labels(2 * N, "A"), case.time_s).added_covariance
     claimed = np.sqrt(np.diag(fit.covariance + added))
     true = np.sqrt(np.diag(case.covariances(model, case.covariance)[1]))
     # Twenty correlation times of noise tell its size to some thirty per cent.
@@ -162,7 +171,7 @@ def test_observability_is_that_of_the_weights(monkeypatch):
 def test_a_fit_that_did_not_converge_is_left_alone():
     case = TwoSeries()
     edited = replace(case.fits()[0], complete=False)
-    found = fit_with_correlated_weights(case.residuals, edited, case.types, labels(2 * N, "A"), case.time_s)
+    found = weighed(case.residuals, edited, case.types, labels(2 * N, "A"), case.time_s)
     assert found.edited.fit is edited.fit
     assert found.edited.message == edited.message
 
@@ -187,9 +196,7 @@ def test_observations_that_share_errors_are_weighed_together():
     n = len(observed)
     paths = Labels.of([f"{a}<x>{b}" for a, b in zip(case.first, case.second, strict=True)])
     edited = fit_with_editing(case.residual_function(observed), case.parameters(), case.noise)
-    found = fit_with_correlated_weights(
-        case.residual_function(observed), edited, labels(n, "delay"), paths, time_s
-    )
+    found = weighed(case.residual_function(observed), edited, labels(n, "delay"), paths, time_s)
     (weight,) = found.weights
     assert weight.name == "delay that share errors"
     assert weight.count == n
@@ -203,7 +210,7 @@ def test_observations_that_share_errors_are_weighed_together():
     between = np.einsum("iak,ab,jbk->ij", station, np.exp(-lag_s / TAU_S), station, optimize=True)
     covariance = np.diag(case.own_m**2) + case.station_m**2 * between
     best = np.sqrt(np.diag(np.linalg.inv(case.design.T @ np.linalg.solve(covariance, case.design))))
-    added = assess_time_correlation(fit, labels(n, "delay"), paths, time_s).added_covariance
+    added = assessed(fit, labels(n, "delay"), paths, time_s).added_covariance
     claimed = np.sqrt(np.diag(fit.covariance + added))
     # Seven correlation times of noise tell its size within a factor of two.
     assert (claimed > 0.5 * best).all()

@@ -18,7 +18,7 @@ from radioloc.estimation import (
     factorization,
     fit_least_squares,
     fit_with_editing,
-    fit_with_excess_noise,
+    fit_with_variance_components,
     observation_noise,
     robust,
 )
@@ -31,8 +31,8 @@ SAME_ANSWER_SIGMAS = 0.01
 
 def test_rows_on_demand_are_the_same_as_all_at_once():
     series = Series(5000, excess_m=0.02, blunders=0.02)
-    dense = fit_with_excess_noise(series.dense, series.parameters, series.sigma_m)
-    by_rows = fit_with_excess_noise(series.linearize, series.parameters, series.sigma_m)
+    dense = fit_with_variance_components(series.dense, series.parameters, series.sigma_m)
+    by_rows = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m)
     np.testing.assert_array_equal(by_rows.edited.fit.used, dense.edited.fit.used)
     np.testing.assert_allclose(by_rows.edited.fit.x, dense.edited.fit.x, rtol=PARTS * 1e3)
     np.testing.assert_allclose(by_rows.edited.fit.covariance, dense.edited.fit.covariance, rtol=PARTS * 1e3)
@@ -115,7 +115,7 @@ def test_blocks_are_factorized_once(monkeypatch):
     monkeypatch.setattr(np.linalg, "eigh", lambda a: made.append(len(a)) or genuine(a))
     noise = network.noise
     assert made == [50]
-    more = noise.with_excess(np.full(len(noise), 0.3))
+    more = noise.with_added(np.full(len(noise), 0.3))
     kept = np.arange(len(noise)) != 8
     list(more.among(kept).whitened(lambda rows: np.ones((len(rows), 1))))
     # One block has lost a row.
@@ -157,9 +157,9 @@ def test_a_million_observations_take_less_than_300_bytes_each():
 SCRIPT = """
 import numpy as np
 from harmonic_series import Series
-from radioloc.estimation import fit_with_excess_noise
+from radioloc.estimation import fit_with_variance_components
 series = Series(200_000, p=12, excess_m=0.02, blunders=0.02)
-fit = fit_with_excess_noise(series.linearize, series.parameters, series.sigma_m).edited.fit
+fit = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m).edited.fit
 print(fit.x.tobytes().hex(), fit.covariance.tobytes().hex(), fit.chi2.hex(), int(fit.used.sum()))
 """
 

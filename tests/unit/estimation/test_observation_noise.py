@@ -14,7 +14,7 @@ from radioloc.estimation import (
     SharedErrors,
     fit_least_squares,
     fit_with_editing,
-    fit_with_excess_noise,
+    fit_with_variance_components,
     observation_noise,
 )
 
@@ -154,14 +154,14 @@ def test_excess_noise_is_on_the_diagonal():
     delays = network.epoch != ALONE
     observed_m = errors_m(network)
     observed_m[delays] += more_m * np.random.default_rng(5).normal(size=int(delays.sum()))
-    found = fit_with_excess_noise(
+    found = fit_with_variance_components(
         network.residual_function(observed_m),
         network.parameters(),
         network.noise,
         groups=np.where(delays, "delay", "range"),
     )
-    assert found.excess_noise_m["range"] == 0.0
-    excess_m = found.excess_noise_m["delay"]
+    assert found.additive_sigma_m["range"] == 0.0
+    excess_m = found.additive_sigma_m["delay"]
     # Half of 1800 squares show it: 3 % of scatter.
     assert excess_m == pytest.approx(more_m, rel=0.1)
     fit = found.edited.fit
@@ -178,10 +178,12 @@ def test_correlated_noise_is_no_excess():
     network = DelayNetwork.make(epochs=100)
     observed_m = errors_m(network)
     function, parameters = network.residual_function(observed_m), network.parameters()
-    found = fit_with_excess_noise(function, parameters, network.noise)
-    assert found.excess_noise_m == {"all": 0.0}
+    found = fit_with_variance_components(function, parameters, network.noise)
+    assert found.additive_sigma_m == {"all": 0.0}
     assert found.edited.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / 597.0))
-    assert fit_with_excess_noise(function, parameters, network.own_m).excess_noise_m["all"] > STATION_M
+    assert (
+        fit_with_variance_components(function, parameters, network.own_m).additive_sigma_m["all"] > STATION_M
+    )
 
 
 def test_a_station_shares_nothing_with_itself():

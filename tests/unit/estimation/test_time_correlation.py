@@ -16,6 +16,10 @@ TAU_S = 3600.0
 ROUNDING = 1e-9
 
 
+def assessed(fit, types, paths, time_s):
+    return assess_time_correlation(fit, SeriesOrder.of(types, paths, time_s))
+
+
 def labels(n, text):
     return Labels(np.zeros(n, dtype=np.int32), (text,))
 
@@ -36,7 +40,7 @@ def line(n=1200, series=2, coloured=1.0, seed=0, **prior):
 
 
 def test_numbers_of_a_known_process():
-    found = assess_time_correlation(*line(n=6000))
+    found = assessed(*line(n=6000))
     assert [item.name for item in found.series] == ["range S0", "range S1"]
     for item in found.series:
         assert item.count == 6000
@@ -50,7 +54,7 @@ def test_numbers_of_a_known_process():
 
 def test_covariance_is_the_sandwich():
     fit, types, path, time_s = line(n=6000)
-    found = assess_time_correlation(fit, types, path, time_s)
+    found = assessed(fit, types, path, time_s)
     design = fit.linearization.partials(np.arange(len(time_s)))
     # The known process, as the sum over lags of a stationary series whose partials change slowly.
     growth = 0.5 + 0.5 * 2.0 * TAU_S / STEP_S
@@ -59,18 +63,18 @@ def test_covariance_is_the_sandwich():
 
 
 def test_white_residuals_are_left_alone():
-    assert assess_time_correlation(*line(coloured=0.0)) is None
+    assert assessed(*line(coloured=0.0)) is None
 
 
 def test_what_is_known_a_priori_alone_stays():
     fit, *rest = line(prior_sigma=1e-6)
-    found = assess_time_correlation(fit, *rest)
+    found = assessed(fit, *rest)
     assert found.added_covariance[0, 0] < 1e-3 * fit.covariance[0, 0]
     assert found.added_covariance[1, 1] > 5.0 * fit.covariance[1, 1]
 
 
 def test_no_direction_becomes_smaller():
-    found = assess_time_correlation(*line())
+    found = assessed(*line())
     assert np.linalg.eigvalsh(found.added_covariance).min() >= -1e-18
 
 
@@ -80,19 +84,19 @@ def test_an_undetermined_parameter_stays_undetermined():
     parameters = ParameterSet([*fit.parameters, Parameter("c", "m", "p")])
     residual = fit.residual_m
     wider = fit_least_squares(lambda x: (residual - design @ x, design), parameters, 1.0)
-    found = assess_time_correlation(wider, types, path, time_s)
+    found = assessed(wider, types, path, time_s)
     assert (found.added_covariance[2] == 0.0).all()
     assert found.added_covariance[1, 1] > 0.0
 
 
 def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):
     fit, types, path, time_s = line()
-    found = assess_time_correlation(fit, types, path, time_s).added_covariance
+    found = assessed(fit, types, path, time_s).added_covariance
     order = np.random.default_rng(1).permutation(len(time_s))
     design, residual = fit.linearization.partials(order), fit.residual_m[order]
     mixed = fit_least_squares(lambda x: (residual - design @ x, design), fit.parameters, 1.0)
     monkeypatch.setattr(observation_noise, "ROWS_AT_ONCE", 333)
-    other = assess_time_correlation(mixed, types, path.select(order), time_s[order]).added_covariance
+    other = assessed(mixed, types, path.select(order), time_s[order]).added_covariance
     np.testing.assert_allclose(other, found, rtol=0.0, atol=1e-6 * np.abs(found).max())
 
 
@@ -128,9 +132,7 @@ def test_stations_whose_errors_last_are_found_in_their_delays(stated_m, station_
     fit = fit_least_squares(network.residual_function(observed_m), network.parameters(), network.noise)
     codes = (4 * network.first + network.second).astype(np.int32)
     paths = Labels.coded([f"{i}<x>{j}" for i in range(4) for j in range(4)], codes)
-    found = assess_time_correlation(
-        fit, labels(len(codes), "vlbi_delay"), paths, STEP_S * network.epoch.astype(float)
-    )
+    found = assessed(fit, labels(len(codes), "vlbi_delay"), paths, STEP_S * network.epoch.astype(float))
     assert (network.epoch != ALONE).all()
     assert len(found.series) == 3
     for item in found.series:
@@ -150,8 +152,8 @@ def test_words(time_s, words):
 
 def test_nothing_to_assess():
     fit, types, path, time_s = line(n=40)
-    assert assess_time_correlation(fit, types, path, time_s) is None
+    assert assessed(fit, types, path, time_s) is None
     none = SimpleNamespace(
         factor=SimpleNamespace(determined=np.zeros(0, dtype=bool)), used=np.ones(3, dtype=bool)
     )
-    assert assess_time_correlation(none, types, path, time_s) is None
+    assert assessed(none, types, path, time_s) is None

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from radioloc.estimation import Parameter, ParameterSet, fit_with_excess_noise
+from radioloc.estimation import Parameter, ParameterSet, fit_with_variance_components
 
 N = 60
 TRIALS = 300
@@ -16,12 +16,14 @@ def trial(excess_m, seed):
     truth = rng.standard_normal(3)
     observed_m = partials @ truth + rng.standard_normal(N) * np.hypot(stated_m, excess_m)
     parameters = ParameterSet(Parameter(f"a.{k}", "m", "a") for k in range(3))
-    found = fit_with_excess_noise(lambda x: (observed_m - partials @ x, partials), parameters, stated_m)
+    found = fit_with_variance_components(
+        lambda x: (observed_m - partials @ x, partials), parameters, stated_m
+    )
     return found, (found.edited.fit.x - truth) / found.edited.fit.sigmas
 
 
 def test_seldom_added_for_nothing():
-    added = sum(trial(0.0, seed)[0].excess_noise_m["all"] > 0.0 for seed in range(TRIALS))
+    added = sum(trial(0.0, seed)[0].additive_sigma_m["all"] > 0.0 for seed in range(TRIALS))
     assert added <= 3  # one of a thousand is meant; four of 300 have a chance of 3e-4
 
 
@@ -31,7 +33,7 @@ def test_size_and_coverage(excess_m):
     for seed in range(TRIALS):
         found, error = trial(excess_m, seed)
         assert found.edited.converged
-        excesses.append(found.excess_noise_m["all"])
+        excesses.append(found.additive_sigma_m["all"])
         errors.append(error)
     # Standard error of the mean: about 1 / sqrt(2 * 57 * 300) = 0.5 % of it; it is biased by as much.
     assert np.mean(excesses) == pytest.approx(excess_m, rel=0.03)

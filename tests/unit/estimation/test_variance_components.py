@@ -12,9 +12,9 @@ from radioloc.estimation import (
     Parameter,
     ParameterSet,
     fit_with_editing,
-    fit_with_excess_noise,
+    fit_with_variance_components,
 )
-from radioloc.estimation.excess_noise import excess_noise_m
+from radioloc.estimation.variance_components import additive_sigma_m
 
 
 def line(n, sigma_m, excess_m, seed):
@@ -28,7 +28,7 @@ def line(n, sigma_m, excess_m, seed):
 
 def fit(partials, observed_m, stated_m, **options):
     parameters = ParameterSet(Parameter(f"slope.{k}", "m", "slope") for k in range(partials.shape[1]))
-    return fit_with_excess_noise(
+    return fit_with_variance_components(
         lambda x: (observed_m - partials @ x, partials), parameters, stated_m, **options
     )
 
@@ -42,7 +42,7 @@ def reduced(found, excess_m, stated_m):
 def test_nothing_is_added_to_sigmas_that_suffice():
     problem = line(200, 0.01, 0.0, 1)
     found = fit(*problem)
-    assert found.excess_noise_m["all"] == 0.0
+    assert found.additive_sigma_m["all"] == 0.0
     assert found.edited.converged
     parameters = ParameterSet(Parameter(f"slope.{k}", "m", "slope") for k in range(2))
     plain = fit_with_editing(lambda x: (problem[1] - problem[0] @ x, problem[0]), parameters, problem[2])
@@ -53,11 +53,11 @@ def test_excess_makes_the_residuals_fit():
     problem = line(400, 0.005, 0.05, 2)
     found = fit(*problem)
     assert found.edited.converged
-    assert found.excess_noise_m["all"] == pytest.approx(
+    assert found.additive_sigma_m["all"] == pytest.approx(
         0.05, rel=0.1
     )  # its own sigma is 1 / sqrt(2 * 400) = 3.5 %
-    assert reduced(found, found.excess_noise_m["all"], problem[2]) == pytest.approx(1.0, abs=5e-3)
-    assert found.edited.fit.sigma_m == pytest.approx(np.hypot(problem[2], found.excess_noise_m["all"]))
+    assert reduced(found, found.additive_sigma_m["all"], problem[2]) == pytest.approx(1.0, abs=5e-3)
+    assert found.edited.fit.sigma_m == pytest.approx(np.hypot(problem[2], found.additive_sigma_m["all"]))
 
 
 def test_strong_observations_do_not_decide_alone():
@@ -75,7 +75,7 @@ def test_outliers_are_not_taken_for_noise():
     partials, observed_m, stated_m = line(150, 0.005, 0.04, 4)
     observed_m[[3, 77, 140]] += [19.0, -2.0, 400.0]
     found = fit(partials, observed_m, stated_m)
-    assert found.excess_noise_m["all"] == pytest.approx(0.04, rel=0.2)
+    assert found.additive_sigma_m["all"] == pytest.approx(0.04, rel=0.2)
     assert np.flatnonzero(found.edited.status != USED).tolist() == [3, 77, 140]
 
 
@@ -86,7 +86,7 @@ def test_observations_left_out_from_the_beginning_stay_out():
     observed_m[::6] += 1e3
     found = fit(partials, observed_m, stated_m, status=status)
     assert (found.edited.status[::6] == "below the horizon").all()
-    assert found.excess_noise_m["all"] < 0.08
+    assert found.additive_sigma_m["all"] < 0.08
 
 
 def test_editing_settings_are_handed_on():
@@ -94,13 +94,13 @@ def test_editing_settings_are_handed_on():
     observed_m[7] += 0.5
     found = fit(partials, observed_m, stated_m, editing=EditingSettings(enabled=False))
     assert (found.edited.status == USED).all()
-    assert found.excess_noise_m["all"] > 0.03
+    assert found.additive_sigma_m["all"] > 0.03
 
 
 @pytest.mark.parametrize("n", [1, 2])
 def test_no_redundancy_no_excess(n):
     found = fit(*line(n, 0.01, 5.0, 7))
-    assert found.excess_noise_m["all"] == 0.0
+    assert found.additive_sigma_m["all"] == 0.0
     assert found.edited.converged == (n == 2)
 
 
@@ -115,8 +115,8 @@ def test_comes_to_an_end_that_holds_together(seed):
     )
     found = fit(partials, observed_m, stated_m)
     assert found.edited.converged
-    if found.excess_noise_m["all"] > 0.0 and not found.edited.message:
-        assert reduced(found, found.excess_noise_m["all"], stated_m) == pytest.approx(1.0, abs=5e-3)
+    if found.additive_sigma_m["all"] > 0.0 and not found.edited.message:
+        assert reduced(found, found.additive_sigma_m["all"], stated_m) == pytest.approx(1.0, abs=5e-3)
 
 
 def circling():
@@ -140,27 +140,27 @@ def test_a_circle_ends_at_its_largest_excess():
     found = fit(partials, observed_m, stated_m)
     assert found.edited.converged
     assert found.edited.message.startswith("the excess noise and the outliers depend on each other")
-    assert found.excess_noise_m["all"] > 0.0
-    assert found.edited.fit.sigma_m == pytest.approx(np.hypot(stated_m, found.excess_noise_m["all"]))
+    assert found.additive_sigma_m["all"] > 0.0
+    assert found.edited.fit.sigma_m == pytest.approx(np.hypot(stated_m, found.additive_sigma_m["all"]))
 
 
 def test_excess_by_hand():
     # Equal sigmas: (sum r^2) / dof = sigma^2 + excess^2.
     residual_m = np.array([3.0, -4.0, 5.0, -1.0]) * 0.1
     expected_m = math.sqrt((residual_m**2).sum() / 3 - 0.01**2)
-    assert excess_noise_m(residual_m, np.full(4, 0.01), 3) == pytest.approx(expected_m, rel=1e-9)
+    assert additive_sigma_m(residual_m, np.full(4, 0.01), 3) == pytest.approx(expected_m, rel=1e-9)
 
 
 def test_significance_can_be_asked_for_or_not():
     # Chi-square 6 with 4 degrees of freedom is nothing unusual, but it is above one per degree.
     residual_m, sigma_m = np.full(6, 0.01), np.full(6, 0.01)
-    assert excess_noise_m(residual_m, sigma_m, 4) == 0.0
-    assert excess_noise_m(residual_m, sigma_m, 4, None) == pytest.approx(0.01 * math.sqrt(0.5), rel=1e-9)
-    assert excess_noise_m(0.1 * residual_m, sigma_m, 4, None) == 0.0
-    assert excess_noise_m(np.zeros(6), sigma_m, 4, None) == 0.0
-    assert excess_noise_m(residual_m * 1e6, sigma_m, 0) == 0.0
+    assert additive_sigma_m(residual_m, sigma_m, 4) == 0.0
+    assert additive_sigma_m(residual_m, sigma_m, 4, None) == pytest.approx(0.01 * math.sqrt(0.5), rel=1e-9)
+    assert additive_sigma_m(0.1 * residual_m, sigma_m, 4, None) == 0.0
+    assert additive_sigma_m(np.zeros(6), sigma_m, 4, None) == 0.0
+    assert additive_sigma_m(residual_m * 1e6, sigma_m, 0) == 0.0
 
 
 def test_shapes_must_agree():
     with pytest.raises(InputError, match=r"\(3,\) residuals do not fit \(2,\) sigmas"):
-        excess_noise_m(np.ones(3), np.ones(2), 1)
+        additive_sigma_m(np.ones(3), np.ones(2), 1)

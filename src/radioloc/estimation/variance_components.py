@@ -1,4 +1,4 @@
-"""Noise that the residuals show beyond the stated sigmas.
+"""Additive variance components: noise that the residuals show beyond the stated sigmas.
 
 Normal points state what the detector knows: millimetres. The error of a model is centimetres and the same
 for a strong and a weak point, so scaling all sigmas by one factor would let the few strongest points
@@ -23,10 +23,10 @@ from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.parameters.parameter import ParameterSet
 
-MAX_PASSES = 15
+_MAX_PASSES = 15
 _MAX_STEPS = 200
-SETTLED = 1e-3
-"""The excess has settled when it changes by less than this part of itself; its own uncertainty is far larger."""
+_SETTLED = 1e-3
+"""A component has settled when its sigma changes by less than this part of itself; it is known far worse."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -36,16 +36,16 @@ class NoisyFit:
     Parameters
     ----------
     edited : EditedFit
-        The fit; its sigmas contain the excess.
-    excess_noise_m : dict of str to float
+        The fit; its sigmas contain the components.
+    additive_sigma_m : dict of str to float
         Standard deviation added in quadrature to every stated one of a group, m; zero where those are enough.
     """
 
     edited: EditedFit
-    excess_noise_m: dict[str, float]
+    additive_sigma_m: dict[str, float]
 
 
-def fit_with_excess_noise(
+def fit_with_variance_components(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
     sigma_m: ArrayLike | ObservationNoise,
@@ -58,13 +58,13 @@ def fit_with_excess_noise(
     """Fit with editing, adding noise to the stated sigmas where the residuals ask for it.
 
     Parameters and errors as :func:`~radioloc.estimation.editing.fit_with_editing`, and `groups`, labels of shape (n,):
-    each group of observations (ranges, delays) has its own excess; one for all without them.
+    each group of observations (ranges, delays) has its own component; one for all without them.
 
     Notes
     -----
     Nothing is added unless the reduced chi-square exceeds what chance allows in 999 of 1000 fits. Fit and
-    excess alternate until the excess settles; observations left out take no part in it and may come back.
-    Where excess and selection drive each other in a circle, the largest excess of the circle is taken.
+    excess alternate until the components settle; observations left out take no part in it and may come back.
+    Where components and selection drive each other in a circle, the largest components of the circle are taken.
     """
     edited = fit_with_editing(
         residual_function, parameters, sigma_m, status=status, editing=editing, settings=settings
@@ -73,27 +73,25 @@ def fit_with_excess_noise(
     named = Labels(np.zeros(len(stated), dtype=np.int32), ("all",)) if groups is None else Labels.of(groups)
     labels, group = named.texts, named.codes
 
-    def fit_with(excess_m: NDArray[np.float64], previous: EditedFit) -> EditedFit:
+    def fit_with(added_m: NDArray[np.float64], previous: EditedFit) -> EditedFit:
         # A fit that did not come to its end is nothing to start from.
         return fit_with_editing(
             residual_function,
             parameters,
-            stated.with_excess(excess_m[group]),
+            stated.with_added(added_m[group]),
             status=edited.given,
             editing=editing,
             settings=settings,
             previous=previous if previous.converged else None,
         )
 
-    def noisy(edited: EditedFit, excess_m: NDArray[np.float64]) -> NoisyFit:
+    def noisy(edited: EditedFit, added_m: NDArray[np.float64]) -> NoisyFit:
         present = set(named.present())
-        found = {
-            name: value for name, value in zip(labels, excess_m.tolist(), strict=True) if name in present
-        }
+        found = {name: value for name, value in zip(labels, added_m.tolist(), strict=True) if name in present}
         return NoisyFit(edited, dict(sorted(found.items())))
 
     tried_m = [np.zeros(len(labels))]
-    for _ in range(MAX_PASSES):
+    for _ in range(_MAX_PASSES):
         # Significance is asked for once; asked again, it would take away what it had just found to be there.
         probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
         wanted_m = _wanted_m(edited, stated, group, len(labels), probability)
@@ -106,12 +104,14 @@ def fit_with_excess_noise(
         if repeated:
             largest_m = np.max(tried_m[repeated[0] :], axis=0)
             edited = fit_with(largest_m, edited)
-            wavering = "the excess noise and the outliers depend on each other: the largest excess was taken"
+            wavering = (
+                "variance components and outliers depend on each other: the largest components were taken"
+            )
             return noisy(_with_message(edited, wavering), largest_m)
         tried_m.append(wanted_m)
         edited = fit_with(wanted_m, edited)
     edited = replace(edited, complete=False)
-    return noisy(_with_message(edited, "the excess noise did not settle"), tried_m[-1])
+    return noisy(_with_message(edited, "the additive variance components did not settle"), tried_m[-1])
 
 
 def _wanted_m(
@@ -121,7 +121,7 @@ def _wanted_m(
     count: int,
     probability: float | None,
 ) -> NDArray[np.float64]:
-    """Excess that the residuals of each group ask for; the parameters' degrees of freedom are shared in proportion.
+    """Standard deviation that each group asks for; the parameters' degrees of freedom are shared in proportion.
 
     An independent error of one size in each observation of a block is one of that size in each of its combinations.
     """
@@ -132,19 +132,19 @@ def _wanted_m(
         mine = fit.used & (group == k)
         dof = round(mine.sum() * (1.0 - free_part))
         residual_m, sigma_m = stated.among(mine).combined(fit.residual_m)
-        wanted_m[k] = excess_noise_m(residual_m, sigma_m, dof, probability)
+        wanted_m[k] = additive_sigma_m(residual_m, sigma_m, dof, probability)
     return wanted_m
 
 
 def _same(one_m: NDArray[np.float64], other_m: NDArray[np.float64]) -> bool:
-    return bool((np.abs(one_m - other_m) <= SETTLED * one_m).all())
+    return bool((np.abs(one_m - other_m) <= _SETTLED * one_m).all())
 
 
 def _with_message(edited: EditedFit, message: str) -> EditedFit:
     return replace(edited, message="; ".join(text for text in (message, edited.message) if text))
 
 
-def excess_noise_m(
+def additive_sigma_m(
     residual_m: NDArray[np.float64],
     sigma_m: NDArray[np.float64],
     dof: int,
@@ -157,9 +157,9 @@ def excess_noise_m(
     residual_m, sigma_m : ndarray, shape (n,)
         Residuals that were fitted, or independent combinations of them, and their stated sigmas.
     dof : int
-        Degrees of freedom; none or fewer give no excess.
+        Degrees of freedom; none or fewer give none.
     probability : float or None
-        An excess is called for when chi-square is above what chance alone stays below with this probability;
+        A component is called for when chi-square is above what chance alone stays below with this probability;
         with ``None`` when it is above one per degree of freedom.
 
     Returns

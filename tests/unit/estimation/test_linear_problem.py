@@ -1,0 +1,106 @@
+"""Fits of a prepared linear problem are those of the general one, editing and variance components included."""
+
+import numpy as np
+import pytest
+
+from radioloc.estimation import Parameter, ParameterSet, fit_with_variance_components
+from radioloc.estimation.editing import EditingSettings
+from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.robust import linear_problem
+from radioloc.parameters.parameter import Role
+
+SAME_SIGMAS = 1e-8
+"""Both solve the same linear problem to rounding; what remains is the conditioning of the random ones."""
+
+
+def problem(rng, n, *, fixed=False):
+    """Ranges, delays of two sigmas; a bias of the ranges with an a-priori value, a parameter of another scale."""
+    group = (np.arange(n) % 3 > 0).astype(np.int32)
+    sigma_m = np.where(group == 0, 2.0, np.where(np.arange(n) % 2, 0.5, 0.4))
+    partials = np.column_stack(
+        [rng.standard_normal((n, 3)), group == 0, 1e6 * rng.standard_normal(n) * (group == 1)]
+    ).astype(float)
+    parameters = ParameterSet(
+        [
+            *(Parameter(f"position.{axis}", "m", "position", 10.0 * k) for k, axis in enumerate("xyz")),
+            Parameter("bias", "m", "bias", 1.0, 3.0),
+            Parameter("rate", "s", "rate", 0.0, scale=1e-6, role=Role.FIXED if fixed else Role.ESTIMATED),
+        ]
+    )
+    return partials, parameters, sigma_m, group
+
+
+def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
+    rng = np.random.default_rng([20260101, seed])
+    partials, parameters, sigma_m, group = problem(rng, n, fixed=fixed)
+    x = np.array([1.0, 2.0, 3.0, 4.0, 0.0])
+    residual_m = excess * sigma_m * rng.standard_normal(n) + partials @ np.array([0.3, -0.2, 0.1, 0.5, 0.0])
+    residual_m[rng.choice(n, outliers, replace=False)] += 40.0
+    usable = np.ones(n, dtype=bool)
+    usable[:unusable] = False
+    editing = EditingSettings()
+    made = linear_problem(partials, parameters, x, ObservationNoise(sigma_m), usable)
+
+    def fit(linear):
+        return fit_with_variance_components(
+            linear,
+            parameters,
+            sigma_m,
+            groups=np.array(["range", "vlbi_delay"])[group],
+            status=np.where(usable, "used", "below the horizon"),
+            editing=editing,
+        )
+
+    return fit(made.of(residual_m)), fit(lambda at: (residual_m - partials @ (at - x), partials))
+
+
+@pytest.mark.parametrize(
+    "case",
+    [
+        {},
+        {"excess": 2.5},
+        {"excess": 0.5},
+        {"outliers": 30},
+        {"outliers": 20, "excess": 3.0},
+        {"fixed": True},
+        {"unusable": 100, "outliers": 5},
+        {"n": 12},
+        {"n": 40, "outliers": 3},
+    ],
+    ids=str,
+)
+def test_the_same_as_the_general_fit(case):
+    for seed in range(5):
+        found, known = both(seed, **case)
+        one, fit = found.edited.fit, known.edited.fit
+        free = fit.parameters.free
+        np.testing.assert_allclose((one.x - fit.x)[free] / fit.sigmas[free], 0.0, atol=SAME_SIGMAS)
+        np.testing.assert_allclose(one.covariance, fit.covariance, rtol=1e-6, atol=1e-9 * fit.sigmas.max())
+        np.testing.assert_allclose(
+            list(found.additive_sigma_m.values()),
+            list(known.additive_sigma_m.values()),
+            rtol=1e-8,
+            atol=1e-12,
+        )
+        assert (one.used == fit.used).all()
+        np.testing.assert_allclose(one.residual_m[one.used], fit.residual_m[fit.used], rtol=0.0, atol=1e-9)
+        root = one.factor.root_covariance()
+        np.testing.assert_allclose(root @ root.T, fit.covariance[np.ix_(free, free)], rtol=1e-6)
+        assert one.chi2 == pytest.approx(fit.chi2)
+        assert found.edited.converged == known.edited.converged
+
+
+def test_too_many_outliers_are_not_left_out():
+    found, known = both(1, outliers=220)
+    assert (found.edited.fit.used == known.edited.fit.used).all()
+    assert found.edited.converged == known.edited.converged
+    sigma_m = list(found.additive_sigma_m.values())
+    np.testing.assert_allclose(sigma_m, list(known.additive_sigma_m.values()), rtol=1e-6)
+    assert min(sigma_m) > 5.0
+
+
+def test_nothing_is_made_where_not_everything_is_determined():
+    partials, parameters, sigma_m, _ = problem(np.random.default_rng(1), 100)
+    partials[:, 1] = partials[:, 0]
+    usable = np.ones(100, bool)
+    assert linear_problem(partials, parameters, np.zeros(5), ObservationNoise(sigma_m), usable) is None

@@ -9,22 +9,7 @@ from radioloc.errors import InputError
 
 
 def optional(module: str, need: str, extra: str) -> ModuleType:
-    """Import a module of an optional package.
-
-    Parameters
-    ----------
-    module : str
-        Its full name.
-    need : str
-        Who needs what, to stand before the command that installs it.
-    extra : str
-        The extra of this package that brings it.
-
-    Raises
-    ------
-    InputError
-        It is not installed.
-    """
+    """Import a module of an optional package; `need` says who needs what, before the command that installs it."""
     try:
         return importlib.import_module(module)
     except ImportError as error:

@@ -26,7 +26,7 @@ _COMPRESS_MAGIC = b"\x1f\x9d"
 def read_lines(path: str | Path, *, encoding: str = "utf-8-sig") -> Iterator[str]:
     """Lines of a text file, plain or gzip, without line ends, of which only a piece is in memory.
 
-    Parameters and errors as :func:`read_text`; what is wrong further down is told when it is reached. Behind a line end
+    Encoding and errors as :func:`read_text`; what is wrong further down is told when it is reached. Behind a line end
     that ends the file comes an empty line.
     """
     last = ""
@@ -40,19 +40,7 @@ def read_lines(path: str | Path, *, encoding: str = "utf-8-sig") -> Iterator[str
 def read_text(path: str | Path, *, encoding: str = "utf-8-sig") -> str:
     """Text of a file, plain or gzip (told by its content, not its name), with lines ended by line feeds.
 
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    encoding : str
-        UTF-8, of which ASCII is a part; ``"latin-1"`` takes any byte, for files of which only the comments are
-        not ASCII.
-
-    Raises
-    ------
-    FileFormatError
-        No such file, a directory, not readable, empty, a gzip file that was cut or damaged, compressed in another
-        way, or not text.
+    UTF-8, of which ASCII is a part, or any byte as ``"latin-1"``; anything else is a :class:`FileFormatError`.
     """
     return "".join(block.decode(_within(encoding)) for _, block in read_blocks(path, encoding=encoding))
 
@@ -65,29 +53,7 @@ def _within(encoding: str) -> str:
 def read_blocks(
     path: str | Path, size: int = BLOCK_BYTES, *, encoding: str = "utf-8-sig"
 ) -> Iterator[tuple[int, bytes]]:
-    """Text of a file, plain or gzip, piece by piece.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    size : int
-        Bytes to read at once.
-    encoding : str
-        As for :func:`read_text`.
-
-    Yields
-    ------
-    line : int
-        Number of the piece's first line.
-    text : bytes
-        Whole lines, each but the file's last ended by a line feed.
-
-    Raises
-    ------
-    FileFormatError
-        As :func:`read_text`; what is wrong further down is told when it is reached.
-    """
+    """Text of a file, plain or gzip: whole lines, some megabytes at a time, with the number of the first of them."""
     first_line, blank, rest, start = 1, True, b"", b""
     for content in _pieces(path, size):
         start = start or content[:8]
@@ -182,13 +148,7 @@ def _text_block(path: str | Path, block: bytes, first_line: int, encoding: str) 
 
 
 def write_text(path: str | Path, text: str) -> None:
-    """Write a file at once: whoever reads it sees the old content or the whole new one, never a part.
-
-    Raises
-    ------
-    FileFormatError
-        The directory is missing or cannot be written to, or the text holds half a surrogate pair.
-    """
+    """Write a file at once: whoever reads it sees the old content or the whole new one, never a part."""
     try:
         content = text.encode()
     except UnicodeEncodeError as error:
@@ -198,13 +158,7 @@ def write_text(path: str | Path, text: str) -> None:
 
 
 def write_blocks(path: str | Path, blocks: Iterable[bytes]) -> None:
-    """As :func:`write_text`, piece by piece; an error while they are made leaves the old file too.
-
-    Raises
-    ------
-    FileFormatError
-        The directory is missing or cannot be written to.
-    """
+    """As :func:`write_text`, piece by piece; an error while they are made leaves the old file too."""
     with replaced_file(path) as temporary, temporary.open("wb") as stream:
         for block in blocks:
             stream.write(block)
@@ -212,13 +166,7 @@ def write_blocks(path: str | Path, blocks: Iterable[bytes]) -> None:
 
 @contextmanager
 def replaced_file(path: str | Path) -> Iterator[Path]:
-    """An empty file beside a file, which takes its place at the end, unless there was an error.
-
-    Raises
-    ------
-    FileFormatError
-        The directory is missing or cannot be written to.
-    """
+    """An empty file beside a file, which takes its place at the end, unless there was an error."""
     file = Path(path)
     if file.is_dir():
         raise FileFormatError(path, "is a directory; give the name of a file")

@@ -15,21 +15,9 @@ from radioloc.errors import InputError
 
 
 def in_unit(value: Any, unit: str, name: str) -> Any:
-    """A number or array in a unit, without it.
+    """A number or array in a unit of astropy's spelling, such as ``"m / yr"``, without it; the name is for the error.
 
-    Parameters
-    ----------
-    value : object
-        A Quantity, Angle or Column of astropy, or a list of them; anything else is given back as it is.
-    unit : str
-        The unit wanted, in astropy's spelling, such as ``"m"`` or ``"m / yr"``.
-    name : str
-        The argument, for the error.
-
-    Raises
-    ------
-    InputError
-        The value is in a unit that does not convert, or of a package other than astropy.
+    What has a unit is a Quantity, Angle or Column of astropy, or a list of them; anything else is given back as it is.
     """
     if isinstance(value, list | tuple) and any(_has_unit(one) for one in value):
         if not all(_has_unit(one) for one in value):
@@ -53,29 +41,8 @@ def as_metres(value: Any, name: str) -> Any:
     return in_unit(value, "m", name)
 
 
-def as_seconds(value: Any, name: str) -> Any:
-    """A duration as seconds; see :func:`in_unit`."""
-    return in_unit(value, "s", name)
-
-
-def as_degrees(value: Any, name: str) -> Any:
-    """An angle as degrees; see :func:`in_unit`."""
-    return in_unit(value, "deg", name)
-
-
-def as_radians(value: Any, name: str) -> Any:
-    """An angle as radians; see :func:`in_unit`."""
-    return in_unit(value, "rad", name)
-
-
 def as_float_array(value: Any, unit: str, name: str) -> NDArray[np.float64]:
-    """Numbers in a unit as an array of floats; see :func:`in_unit`.
-
-    Raises
-    ------
-    InputError
-        As :func:`in_unit`, or they are not numbers.
-    """
+    """Numbers in a unit as an array of floats; see :func:`in_unit`."""
     bare = in_unit(value, unit, name)
     try:
         return np.asarray(bare, dtype=np.float64)

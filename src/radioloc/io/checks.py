@@ -27,20 +27,7 @@ class Catalogue(Protocol):
 
 
 def station_name(names: tuple[str, ...], catalogue: Catalogue | None) -> str:
-    """Catalogue's name of a station that a file gives one or more names for.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Names in the file, the most reliable first.
-    catalogue : Catalogue or None
-        Where to look them up; without one the first name is kept.
-
-    Returns
-    -------
-    str
-        The first name as it stands where the catalogue knows none of them; it is the model that then says so.
-    """
+    """Catalogue's name of a station of one or more names, the most reliable first, which is kept if it knows none."""
     if catalogue is not None:
         for name in names:
             try:
@@ -85,13 +72,7 @@ def require_year(path: str | Path, line: int, year: int) -> None:
 
 
 def refuse_duplicates(observations: Observations) -> None:
-    """Raise where two rows agree in epoch, kind, path and value: the measurement would count twice.
-
-    Raises
-    ------
-    InputError
-        Names the files and lines of the first such pair, and how many there are.
-    """
+    """Raise where two rows agree in epoch, kind, path and value: the measurement would count twice."""
     columns = (
         observations.value_m,
         observations.epoch.fraction,
@@ -104,21 +85,16 @@ def refuse_duplicates(observations: Observations) -> None:
     for column, weight in zip(columns, (1.0, 1.7e8, 2.3e5, 19.3, 7.7), strict=True):
         mixed += weight * column
     in_order = np.sort(mixed)
-    twice = in_order[1:][in_order[1:] == in_order[:-1]]
-    if not len(twice):
-        return
-    suspects = np.flatnonzero(np.isin(mixed, twice))
-    keys = tuple(column[suspects] for column in columns)
-    order = np.lexsort(keys)
-    same = np.ones(len(order) - 1, dtype=bool)
-    for key in keys:
-        same &= key[order][1:] == key[order][:-1]
-    if not same.any():
-        return
-    order = suspects[order]
-    pairs = np.sort(np.stack([order[:-1][same], order[1:][same]], axis=1), axis=1)
-    first, second = (int(row) for row in pairs[np.lexsort((pairs[:, 0], pairs[:, 1]))[0]])
-    raise InputError(
-        f"{observations.origin(second)}: this observation is already there, in {observations.origin(first)} "
-        f"({len(pairs)} such pair(s) in all); leave one of them out"
-    )
+    suspects = np.flatnonzero(np.isin(mixed, in_order[1:][in_order[1:] == in_order[:-1]]))
+    seen: dict[tuple[float, ...], int] = {}
+    pairs = []
+    for row, *key in zip(suspects.tolist(), *(column[suspects].tolist() for column in columns), strict=True):
+        if tuple(key) in seen:
+            pairs.append((seen[tuple(key)], row))
+        seen[tuple(key)] = row
+    if pairs:
+        first, second = min(pairs)
+        raise InputError(
+            f"{observations.origin(second)}: this observation is already there, in {observations.origin(first)} "
+            f"({len(pairs)} such pair(s) in all); leave one of them out"
+        )

@@ -83,28 +83,7 @@ def looks_like_crd(lines: list[str]) -> bool:
 
 
 def read_crd(path: str | Path, *, catalogue: Catalogue | None = None) -> Observations:
-    """Read a CRD file of normal points, plain or gzip.
-
-    Parameters
-    ----------
-    path : path-like
-        The file; one or more passes, of one or more stations and targets.
-    catalogue : Catalogue, optional
-        Gives stations their catalogue names; without it they keep their pad numbers, such as ``7045``.
-
-    Raises
-    ------
-    FileFormatError
-        The file was cut, a record is unknown, damaged or impossible, or says that the data are of a kind that
-        is not modelled (full rate, one-way, refraction already corrected, ...). Names the line.
-    InputError
-        The same observation is there twice.
-
-    Warns
-    -----
-    DataQualityWarning
-        A pass is marked by its station as suspect or poor.
-    """
+    """Read a CRD file of normal points, plain or gzip; without a catalogue stations keep their pad numbers."""
     return parse_crd(path, read_lines(path), catalogue)
 
 
@@ -144,13 +123,7 @@ def parse_crd(path: str | Path, lines: Iterable[str], catalogue: Catalogue | Non
 
 
 class _Record:
-    """One line of a CRD file.
-
-    Raises
-    ------
-    FileFormatError
-        The line holds anything but ASCII.
-    """
+    """One line of a CRD file, of ASCII only."""
 
     __slots__ = ("fields", "line", "path", "text")
 

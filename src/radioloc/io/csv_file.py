@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pyarrow
 from numpy.typing import ArrayLike, NDArray
-from pyarrow import compute, csv
+from pyarrow import csv
 
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
@@ -20,9 +20,6 @@ from radioloc.time import Epochs
 
 # Some megabytes of text.
 _ROWS_AT_ONCE = 2**14
-# Beyond it floats are whole.
-_LARGEST_WHOLE = 2.0**53
-_DOUBT = 1e-5
 
 
 def write_csv(
@@ -30,21 +27,7 @@ def write_csv(
 ) -> None:
     """Write a table; numbers with as many digits as give back the same float, null as nothing.
 
-    Parameters
-    ----------
-    path : path-like
-        The file; an existing one is replaced.
-    batches : iterable of pyarrow.RecordBatch
-        Rows, all with the same columns; at least one batch, which may have no rows.
-    comments : iterable of str
-        Lines to put on top, each after ``#``.
-
-    Raises
-    ------
-    InputError
-        A text holds a comma, a quote or the end of a line, or half a surrogate pair.
-    FileFormatError
-        The file cannot be written.
+    All batches have the same columns; there is at least one, which may have no rows. Comments go on top, after ``#``.
     """
     notes = [f"# {comment}".rstrip() for text in comments for comment in text.split("\n")]
     options = csv.WriteOptions(include_header=False, quoting_style="none")
@@ -64,15 +47,7 @@ def write_csv(
 
 
 def batches_of(columns: Mapping[str, Any], decimals: Mapping[str, int]) -> Iterator[pyarrow.RecordBatch]:
-    """Some thousand rows at a time of columns as texts.
-
-    Parameters
-    ----------
-    columns : mapping of str to Epochs, Labels, array of float, or whatever a slice gives texts of
-        By name, all of one length.
-    decimals : mapping of str to int
-        Of the columns that are numbers, how many decimals they have.
-    """
+    """Some thousand rows at a time of columns as texts, those that are numbers with so many decimals."""
     count = len(next(iter(columns.values())))
     for start in range(0, max(count, 1), _ROWS_AT_ONCE):
         rows = slice(start, min(start + _ROWS_AT_ONCE, count))
@@ -87,7 +62,7 @@ def _cells(column: Any, rows: slice, decimals: int | None) -> pyarrow.Array:
         case Labels():
             return label_texts(column.codes[rows], column.texts)
     part = column[rows]
-    return texts(part) if decimals is None else fixed_texts(part, decimals)
+    return texts(part if decimals is None else [f"{value:.{decimals}f}" for value in part.tolist()])
 
 
 def texts(values: ArrayLike) -> pyarrow.Array:
@@ -106,26 +81,3 @@ def date_texts(utc: Epochs) -> pyarrow.Array:
     new = np.ones(len(utc), dtype=bool)
     new[1:] = (utc.jd[1:] != utc.jd[:-1]) | (utc.fraction[1:] != utc.fraction[:-1])
     return label_texts(np.cumsum(new) - 1, utc_to_text(utc[new]).tolist())
-
-
-def fixed_texts(values: NDArray[np.float64], decimals: int) -> pyarrow.Array:
-    """Numbers with so many decimals, 1 to 8, the last one rounded as ``%.7f`` does.
-
-    A float less its whole part is exact. Scaled it is rounded by far less than ``_DOUBT`` of the last decimal; what is
-    nearer to half way between two texts than that is left to Python, and so are numbers without decimals.
-    """
-    size = np.abs(values)
-    unusual = ~(size < _LARGEST_WHOLE)
-    size[unusual] = 0.0
-    whole = np.floor(size)
-    scaled = (size - whole) * 10.0**decimals
-    part = np.rint(scaled)
-    unusual |= np.abs(scaled - part) > 0.5 - _DOUBT
-    carry = part >= 10.0**decimals
-    whole, part = whole + carry, np.where(carry, 0.0, part)
-    sign = label_texts(np.signbit(values).astype(np.int8), ("", "-")).dictionary_decode()
-    before, behind = (pyarrow.array(x.astype(np.int64)).cast("string") for x in (whole, part))
-    behind = compute.utf8_lpad(behind, decimals, "0")
-    made = compute.binary_join_element_wise(sign, before, ".", behind, "")
-    exact = texts([f"{value:.{decimals}f}" for value in values[unusual].tolist()])
-    return compute.replace_with_mask(made, pyarrow.array(unusual), exact)

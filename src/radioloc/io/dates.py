@@ -30,18 +30,7 @@ _PICOSECONDS = 10**12
 
 
 def day_lengths_s(jd: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Length of UTC days, s.
-
-    Parameters
-    ----------
-    jd : ndarray, shape (n,)
-        Julian dates of the midnights that begin them.
-
-    Raises
-    ------
-    InputError
-        A day lies before 1972, when UTC had another rate, or after the year 9998.
-    """
+    """Length of UTC days from 1972 to 9998, s, by the Julian dates of the midnights that begin them."""
     days, inverse = np.unique(jd, return_inverse=True)
     if len(days) and days[0] < _JD_1972:
         early = Epochs.from_jd(days[0], 0.0, "UTC").day_strings()[0]
@@ -54,15 +43,7 @@ def day_lengths_s(jd: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def utc_from_seconds_of_day(jd: NDArray[np.float64], seconds: NDArray[np.float64]) -> Epochs:
-    """Epochs from midnights and seconds of day; seconds past the day's end belong to the next day.
-
-    Parameters
-    ----------
-    jd : ndarray, shape (n,)
-        Julian dates of the midnights.
-    seconds : ndarray, shape (n,)
-        UTC seconds since then, from 0 to less than two days.
-    """
+    """Epochs from midnights and seconds of day; seconds past the day's end belong to the next day."""
     length_s = day_lengths_s(jd)
     over = seconds >= length_s
     jd = jd + over
@@ -70,18 +51,9 @@ def utc_from_seconds_of_day(jd: NDArray[np.float64], seconds: NDArray[np.float64
 
 
 def utc_from_text(texts: Sequence[str] | Any) -> Epochs:
-    """Read dates such as ``2020-12-01T15:11:00.250000000001``, with any number of decimals.
+    """Read dates such as ``2020-12-01T15:11:00.250000000001`` of any number of decimals, listed or in an Arrow array.
 
-    Parameters
-    ----------
-    texts : sequence of str, or Arrow array of str
-        Dates with time of day; any other form that :func:`radioloc.time.epochs_from_strings` takes is read
-        too, but more slowly.
-
-    Raises
-    ------
-    InputError
-        A date is not of such a form, does not exist or lies before 1972.
+    Any other form that :func:`radioloc.time.epochs_from_strings` takes is read too, but more slowly.
     """
     import pyarrow
     from pyarrow import compute
@@ -130,11 +102,6 @@ def utc_to_text(utc: Epochs) -> NDArray[np.str_]:
 
     Reading them gives back the epoch to 1e-12 s or to the last bit, whichever is more; epochs that were
     read from text with up to 12 decimals come back to the last bit.
-
-    Parameters
-    ----------
-    utc : Epochs
-        Epochs in UTC.
     """
     days, picoseconds = utc_to_picoseconds(utc)
     leap = picoseconds >= int(SECONDS_PER_DAY) * _PICOSECONDS
@@ -167,13 +134,7 @@ def utc_to_picoseconds(utc: Epochs) -> tuple[NDArray[np.int64], NDArray[np.int64
 
 
 def utc_from_picoseconds(days: NDArray[np.int64], picoseconds: NDArray[np.int64]) -> Epochs:
-    """Epochs from days since 1970-01-01 and picoseconds since their midnights, back from :func:`utc_to_picoseconds`.
-
-    Raises
-    ------
-    InputError
-        A day lies before 1972, or has not so many picoseconds.
-    """
+    """Epochs from days since 1970-01-01 and picoseconds since their midnights, back from :func:`utc_to_picoseconds`."""
     jd = _JD_1970 + days.astype(np.float64)
     length_s = day_lengths_s(jd)
     second, rest = np.divmod(picoseconds, _PICOSECONDS)

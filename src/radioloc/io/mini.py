@@ -56,23 +56,7 @@ def looks_like_mini(lines: list[str]) -> bool:
 
 
 def read_mini(path: str | Path, *, catalogue: Catalogue | None = None) -> Observations:
-    """Read a MINI file, plain or gzip.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    catalogue : Catalogue, optional
-        Gives stations their catalogue names; without it they keep their pad numbers.
-
-    Raises
-    ------
-    FileFormatError
-        A line is too short, a field is not a number, a date does not exist, a code is unknown or a value is
-        impossible.
-    InputError
-        The same observation is there twice.
-    """
+    """Read a MINI file, plain or gzip; without a catalogue stations keep their pad numbers."""
     return parse_mini(path, read_lines(path), catalogue)
 
 

@@ -33,25 +33,7 @@ _MOST_ROWS_A_BYTE = 100
 
 
 def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None, lunar: bool = True) -> Observations:
-    """Read a Parquet file of observations; the row stands for the line.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    catalogue : Catalogue, optional
-        Gives stations their catalogue names; without it they stay as they are.
-    lunar : bool
-        Whether the target is at the Moon, so that a range of another length is a mistake.
-
-    Raises
-    ------
-    FileFormatError
-        The file cannot be read or is damaged, a column is missing, unknown, of another type or there twice, or a value
-        is missing or impossible. Names the row, counted from 1, as the line.
-    InputError
-        The same observation is there twice.
-    """
+    """Read a Parquet file of observations; the row, counted from 1, stands for the line."""
     require_file(path)
     reader, row = ColumnReader(path, catalogue), 1
     try:
@@ -79,23 +61,7 @@ def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None, lunar:
 
 
 def write_parquet(path: str | Path, observations: Observations) -> None:
-    """Write observations as a Parquet file that :func:`read_parquet` gives back unchanged.
-
-    Epochs come back to 1e-12 s or to the last bit, whichever is more, and those that had up to 12 decimals to the
-    last bit; all other numbers to the last bit.
-
-    Parameters
-    ----------
-    path : path-like
-        The file; an existing one is replaced.
-    observations : Observations
-        What to write; where the rows came from is not written.
-
-    Raises
-    ------
-    FileFormatError
-        The file cannot be written.
-    """
+    """Write observations as a Parquet file that :func:`read_parquet` gives back, epochs to 1e-12 s or better."""
     batches = record_batches(observations, split_epoch=True)
     first = next(batches)
     with replaced_file(path) as temporary, parquet.ParquetWriter(temporary, first.schema) as writer:

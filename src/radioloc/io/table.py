@@ -33,30 +33,7 @@ _HASH, _DELETE, _NEW_LINE = 0x23, 0x7F, 0x0A
 
 
 def read_table(path: str | Path, *, catalogue: Catalogue | None = None, lunar: bool = True) -> Observations:
-    """Read a table, plain or gzip.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    catalogue : Catalogue, optional
-        Gives stations their catalogue names; without it they stay as they are.
-    lunar : bool
-        Whether the target is at the Moon, so that a range of another length is a mistake.
-
-    Returns
-    -------
-    Observations
-        In the order of the file's rows, whatever their epochs.
-
-    Raises
-    ------
-    FileFormatError
-        A column is missing, unknown or there twice; a row has another number of fields; a date, number,
-        type, tag or path cannot be read or is impossible. Names the line.
-    InputError
-        The same observation is there twice.
-    """
+    """Read a table, plain or gzip, in the order of its rows; ranges of a lunar target must be those of the Moon."""
     return _from_blocks(path, read_blocks(path), catalogue, lunar)
 
 
@@ -70,22 +47,7 @@ def write_table(
 ) -> None:
     """Write observations as a table that :func:`read_table` gives back unchanged.
 
-    Parameters
-    ----------
-    path : path-like
-        The file; an existing one is replaced.
-    observations : Observations
-        What to write; where the rows came from is not written.
-    light_time : bool
-        Write seconds (``light_time_s``, ``sigma_s``) rather than metres. Values that were read as seconds
-        come out with the digits that were read.
-    comments : iterable of str
-        Lines to put on top, each after ``#``.
-
-    Raises
-    ------
-    FileFormatError
-        The file cannot be written.
+    In seconds (``light_time_s``, ``sigma_s``) rather than metres values that were read as such keep their digits.
     """
     write_csv(path, record_batches(observations, light_time=light_time), comments=comments)
 

@@ -25,7 +25,7 @@ interval.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -74,19 +74,7 @@ _ROWS_AT_ONCE = 2**16
 def require_columns(
     path: str | Path, header: list[str], line: int | None = None, *, split_epoch: bool = False
 ) -> None:
-    """Raise :class:`FileFormatError` where a column is missing, unknown, there twice or said by another.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    header : list of str
-        Names of its columns.
-    line : int, optional
-        Where they stand.
-    split_epoch : bool
-        Whether :data:`SPLIT_EPOCH` are known too.
-    """
+    """Raise :class:`FileFormatError` where a column is missing, unknown, there twice or said by another."""
     known = (*COLUMNS, *SPLIT_EPOCH) if split_epoch else COLUMNS
     for name in header:
         if name not in known:
@@ -111,14 +99,6 @@ def record_batches(
     """Observations as Arrow columns with their units, some ten thousand rows at a time.
 
     Columns of radio are there only if there is something in them; what was not recorded is null.
-
-    Parameters
-    ----------
-    observations : Observations
-    light_time : bool
-        Seconds (``light_time_s``, ``sigma_s``) rather than metres.
-    split_epoch : bool
-        The epoch as :data:`SPLIT_EPOCH` rather than as text.
     """
     unit = C_M_S if light_time else 1.0
     recorded = [
@@ -154,17 +134,7 @@ def record_batches(
 
 
 class ColumnReader:
-    """Takes the rows of one file, batch by batch, and makes observations of them.
-
-    Parameters
-    ----------
-    path : path-like
-        The file, for messages.
-    catalogue : Catalogue or None
-        Gives stations their catalogue names.
-    as_text : bool
-        Whether numbers may be given as text, as in CSV.
-    """
+    """Takes the rows of one file, batch by batch, and makes observations of them; numbers may be texts, as in CSV."""
 
     def __init__(self, path: str | Path, catalogue: Catalogue | None, *, as_text: bool = False) -> None:
         self._path, self._catalogue, self._as_text = path, catalogue, as_text
@@ -173,20 +143,7 @@ class ColumnReader:
         self._line: NDArray[np.int32] = np.empty(0, dtype=np.int32)
 
     def read(self, columns: Mapping[str, pyarrow.Array], line: NDArray[np.int32]) -> None:
-        """Take some rows.
-
-        Parameters
-        ----------
-        columns : mapping of str to pyarrow.Array
-            By name; which there must be :func:`require_columns` has seen to.
-        line : ndarray of int32, shape (n,)
-            Where the rows stand.
-
-        Raises
-        ------
-        FileFormatError
-            A value cannot be read. Names line and column.
-        """
+        """Take some rows of columns that :func:`require_columns` has seen, and the lines where they stand."""
         self._line = line
         # First what each row is, then what it measures: of several mistakes that is the one to be told.
         taken = {key: self._codes(name, columns[name]) for name, (key, _) in _TEXTS.items()}
@@ -201,20 +158,7 @@ class ColumnReader:
             self._columns[name].extend(part)
 
     def observations(self, *, lunar: bool = True) -> Observations:
-        """All that was read; the reader then is empty.
-
-        Parameters
-        ----------
-        lunar : bool
-            Whether the target is at the Moon; if not, any range will do.
-
-        Raises
-        ------
-        FileFormatError
-            There was no row, or a value is impossible. Names the line.
-        InputError
-            The same observation is there twice.
-        """
+        """All that was read; the reader then is empty."""
         if not self._columns:
             raise FileFormatError(self._path, "has columns, but no observations")
         columns: dict[str, Any] = {name: column.whole() for name, column in self._columns.items()}
@@ -313,20 +257,14 @@ class ColumnReader:
             self._require_all("epoch_utc", column)
             per_second = _TICKS[column.type.unit]
             days, rest = np.divmod(column.cast("int64").to_numpy(), 86400 * per_second)
-            return self._from_picoseconds("epoch_utc", days, rest * (10**12 // per_second))
+            picoseconds = rest * (10**12 // per_second)
+            rows = np.arange(len(days))
+            return self._dated("epoch_utc", rows, lambda k: utc_from_picoseconds(days[k], picoseconds[k]))
         # Observations of one instant are many in dense data: each is read once.
         wanted = "text, a timestamp, or utc_date and utc_ps in its place"
         places, texts = self._different("epoch_utc", column, wanted)
         texts = compute.utf8_trim_whitespace(texts)
-        try:
-            return utc_from_text(texts)[places]
-        except InputError:
-            for row, place in enumerate(places.tolist()):
-                try:
-                    utc_from_text(texts[place : place + 1])
-                except InputError as error:
-                    self._fail("epoch_utc", row, str(error))
-            raise
+        return self._dated("epoch_utc", places, lambda some: utc_from_text(texts.take(pyarrow.array(some))))
 
     def _split_epoch(self, date: pyarrow.Array, picoseconds: pyarrow.Array) -> Epochs:
         if not types.is_date32(date.type):
@@ -335,16 +273,20 @@ class ColumnReader:
             self._wrong_type("utc_ps", picoseconds, "whole numbers (int64)")
         self._require_all("utc_date", date)
         self._require_all("utc_ps", picoseconds)
-        days = date.cast("int32").to_numpy().astype(np.int64)
-        return self._from_picoseconds("utc_ps", days, picoseconds.cast("int64").to_numpy())
+        days, ps = (column.cast("int64").to_numpy() for column in (date.cast("int32"), picoseconds))
+        return self._dated("utc_ps", np.arange(len(days)), lambda k: utc_from_picoseconds(days[k], ps[k]))
 
-    def _from_picoseconds(self, name: str, days: NDArray[np.int64], picoseconds: NDArray[np.int64]) -> Epochs:
+    def _dated(
+        self, name: str, places: NDArray[np.intp], convert: Callable[[NDArray[np.intp]], Epochs]
+    ) -> Epochs:
+        """Epochs of rows, each place converted once; if one cannot be, the first row that has such a one is named."""
+        different, which = np.unique(places, return_inverse=True)
         try:
-            return utc_from_picoseconds(days, picoseconds)
+            return convert(different)[which]
         except InputError:
-            for row in range(len(days)):
+            for row in range(len(places)):
                 try:
-                    utc_from_picoseconds(days[row : row + 1], picoseconds[row : row + 1])
+                    convert(places[row : row + 1])
                 except InputError as error:
                     self._fail(name, row, str(error))
             raise

@@ -69,13 +69,7 @@ def write_observations(
 
 
 def require_writable(path: str | Path, originator: str | None = None) -> str:
-    """The ending of a file's name, in small letters, if a file of it can be written.
-
-    Raises
-    ------
-    InputError
-        It is none of :data:`ENDINGS`, or that of a message, and no originator is given.
-    """
+    """The ending of a file's name, in small letters, if a file of it can be written, or :class:`InputError`."""
     ending = Path(path).suffix.lower()
     if ending not in ENDINGS:
         known = ", ".join(f"{known} ({name})" for known, name in ENDINGS.items())

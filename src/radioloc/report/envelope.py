@@ -37,17 +37,7 @@ _EDGE = 0.93  # where, in half heights, observations beyond a panel are shown
 def draw_envelope(
     axes: Axes, dates: Dates, values: NDArray[np.float64], limits: Limits, *, color: str, label: str
 ) -> Any:
-    """Draw the envelope of many points and return the handle for a legend.
-
-    Parameters
-    ----------
-    axes : matplotlib.axes.Axes
-    dates : ndarray of datetime64, shape (n,)
-    values : ndarray, shape (n,)
-    limits : tuple of datetime64
-        First and last date of the panel, which all bins together fill.
-    color, label : str
-    """
+    """Draw the envelope of many points and return the handle for a legend."""
     place = bin_of(dates, limits)
     count = np.bincount(place, minlength=BINS)
     there = count > 0
@@ -103,18 +93,7 @@ def _bars(
 
 
 def apart(dates: Dates, values: NDArray[np.float64], limits: Limits, height: float) -> NDArray[np.intp]:
-    """Indices of points of which no two would be drawn on the same pixel: all if they are few, else one of each place.
-
-    Parameters
-    ----------
-    dates : ndarray of datetime64, shape (n,)
-    values : ndarray, shape (n,)
-        Between two numbers that are `height` apart.
-    limits : tuple of datetime64
-        First and last date of the panel.
-    height : float
-        Height of the panel, in units of the values.
-    """
+    """Indices of points of which no two would be drawn on one pixel: all if they are few, else one of each place."""
     if len(dates) <= MOST_MARKS:
         return np.arange(len(dates))
     across, up = PLACES

@@ -69,20 +69,7 @@ def panel_title(axes: Axes, text: str, side: str, **style: Any) -> None:
 
 
 def length_unit(size_m: float) -> tuple[float, str]:
-    """Factor from metres and name of the unit in which lengths of about a size read well.
-
-    Parameters
-    ----------
-    size_m : float
-        A typical length, m.
-
-    Returns
-    -------
-    factor : float
-        Multiply metres by it.
-    name : str
-        ``"mm"``, ``"cm"``, ``"m"`` or ``"km"``.
-    """
+    """Factor from metres and name of the unit in which lengths of about a size read well."""
     for limit_m, factor, name in _UNITS:
         if size_m < limit_m:
             return factor, name

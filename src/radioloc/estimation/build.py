@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import InputError
+from radioloc.estimation.consider import consider
 from radioloc.estimation.correlated_weights import SeriesWeight
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import Labels
@@ -18,7 +19,7 @@ from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.residuals import Residuals
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.solution import ReferenceComparison, Solution
+from radioloc.estimation.solution import ReferenceComparison, Solution, TargetPosition
 from radioloc.estimation.statistics import (
     SCALING_PROBABILITY,
     FitStatistics,
@@ -54,6 +55,7 @@ def build_solution(
     notes: Sequence[str] = (),
     provenance: Mapping[str, Any] | None = None,
     trajectory: str | None = None,
+    targets: Sequence[TargetPosition] = (),
 ) -> Solution:
     """Put together what a fit has to say.
 
@@ -100,6 +102,8 @@ def build_solution(
         Kernels with their hashes, tables, versions, settings.
     trajectory : str, optional
         What the target moves along, if it is no point fixed to the Moon; the position is then an offset from it.
+    targets : sequence of TargetPosition
+        All targets, where there are several; the first is that of the position.
 
     Raises
     ------
@@ -158,6 +162,8 @@ def build_solution(
         passes=edited.passes,
         notes=tuple(notes),
         provenance=dict(provenance or {}),
+        consider=consider(fit),
+        targets=tuple(targets),
         trajectory=trajectory,
     )
     if reference_pa_m is None:

@@ -136,6 +136,8 @@ class FitResult:
     series_noise, weight_noise : mapping of str to SeriesNoise, or None
         With correlated weights, the noise of series that are correlated in time, and that by whose inverse covariance
         series were weighed; by key.
+    whitening : Whitening or None
+        How the used observations were brought to independent ones; by their noise where ``None``.
     """
 
     parameters: ParameterSet
@@ -151,6 +153,7 @@ class FitResult:
     factor: Factor
     series_noise: Mapping[str, SeriesNoise] | None = None
     weight_noise: Mapping[str, SeriesNoise] | None = None
+    whitening: Whitening | None = None
 
     @property
     def converged(self) -> bool:
@@ -267,6 +270,7 @@ def fit_least_squares(
         status=status,
         iterations=iterations,
         factor=factor,
+        whitening=whitening,
     )
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from functools import singledispatch
 from typing import Any, Literal, Protocol
 
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
+from radioloc.estimation.consider import Consider
 from radioloc.estimation.correlated_weights import SeriesWeight
 from radioloc.estimation.least_squares import Iteration
 from radioloc.estimation.observability import Observability
@@ -98,13 +99,23 @@ class Ellipse:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class TargetPosition:
+    """One of several targets: its name, its position (3,), m, and d(position)/d(parameter) (3, p), principal axes."""
+
+    name: str
+    position_pa_m: NDArray[np.float64]
+    position_partials: NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Solution:
     """Everything a fit has to say; arrays are read-only.
 
     Made by :func:`~radioloc.estimation.build.build_solution`. Three levels of uncertainty are kept:
     ``"formal"`` from the stated sigmas, ``"scaled"`` with the observation noise scaled up to what the
     residuals show where that is significantly more, and with residuals that stay alike for a while,
-    ``"total"`` with the assumed error of the ephemeris added to the position. What is called sigma without a
+    ``"total"`` with the errors of considered parameters, and with the assumed error of the ephemeris added to the
+    position. What is called sigma without a
     further word is the total.
 
     Parameters
@@ -155,6 +166,10 @@ class Solution:
         Sentences for the reader that the analysis adds, such as caveats about the ephemeris.
     provenance : mapping
         Kernels with their hashes, tables, versions, settings.
+    consider : Consider or None
+        What the considered parameters do to the estimate.
+    targets : tuple of TargetPosition
+        The positions of all targets where there are several; that of the solution is the first's.
     trajectory : str or None
         What the target moves along, if it is no point fixed to the Moon. Such a solution has no position: what is
         derived from one raises :class:`~radioloc.errors.InputError`.
@@ -187,6 +202,29 @@ class Solution:
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     trajectory: str | None = None
+    consider: Consider | None = None
+    targets: tuple[TargetPosition, ...] = ()
+
+    def of_target(self, name: str) -> Solution:
+        """The solution as seen from one of several targets: its position and covariance in place of the first's.
+
+        Raises
+        ------
+        InputError
+            There is no such target.
+        """
+        for target in self.targets:
+            if target.name == name:
+                return replace(
+                    self,
+                    name=name,
+                    position_pa_m=target.position_pa_m,
+                    position_me_m=self.rot_pa_to_me @ target.position_pa_m,
+                    position_partials=target.position_partials,
+                    targets=(),
+                    reference=None,
+                )
+        raise InputError(f"there is no target {name!r}; there are {', '.join(t.name for t in self.targets)}")
 
     @property
     def selenographic(self) -> tuple[float, float, float]:
@@ -240,7 +278,7 @@ class Solution:
             raise InputError(f"axes {axes!r} are not known; use enu, pa, me or geographic")
         if not self.position_determined:
             return np.diag([np.inf, np.inf, np.inf])
-        covariance = self.formal_covariance if level == "formal" else self.covariance
+        covariance = self._covariance(level)
         # Parameters without part in the position may have infinite variances; they must not meet the zeros here.
         involved = (self.position_partials != 0.0).any(axis=0)
         root = self.rot_pa_to_enu @ self.position_partials[:, involved]
@@ -254,9 +292,21 @@ class Solution:
         """Return standard deviations east, north, up, m, shape (3,); infinite where not determined."""
         return np.sqrt(np.diag(self.position_covariance("enu", level)))
 
-    def sigmas(self, level: Literal["scaled", "formal"] = "scaled") -> NDArray[np.float64]:
+    def _covariance(self, level: Level) -> NDArray[np.float64]:
+        """Covariance of the parameters; the total one with what the considered parameters add."""
+        if level == "formal":
+            return self.formal_covariance
+        considered = self.consider if level == "total" else None
+        return self.covariance if considered is None else self.covariance + considered.covariance
+
+    def sigmas(self, level: Level = "total") -> NDArray[np.float64]:
         """Return standard deviations of the parameters, shape (p,); infinite where not determined."""
-        return np.sqrt(np.diag(self.formal_covariance if level == "formal" else self.covariance))
+        return np.sqrt(np.diag(self._covariance(level)))
+
+    @property
+    def enu_by_parameters(self) -> NDArray[np.float64]:
+        """d(position east, north, up)/d(parameter), shape (3, p)."""
+        return np.asarray(self.rot_pa_to_enu @ self.position_partials)
 
     def ellipse(self, probability: float = 0.95, level: Level = "total") -> Ellipse | None:
         """Horizontal error ellipse that holds the true point with a probability; None if not determined.
@@ -290,8 +340,8 @@ class Solution:
         -----
         ``noise``: the stated noise, were all other parameters known (conditional covariance). ``other
         parameters``: what solving for them adds (marginal less conditional). ``misfit``: what scaling to
-        the residuals adds. ``correlation``: what residuals add that stay alike. ``ephemeris``: its assumed
-        error. Empty if the position is held or not determined.
+        the residuals adds. ``correlation``: what residuals add that are correlated in time. ``considered``: the
+        considered parameters. ``ephemeris``: its assumed error. Empty if the position is held or not determined.
         """
         if not (self.position_estimated and self.position_determined):
             return {}
@@ -312,12 +362,15 @@ class Solution:
         scaled = float(np.trace(self.position_covariance("enu", "scaled")))
         alike = self._correlation_variance_m2()
         total = float(np.trace(self.position_covariance("enu", "total")))
+        sensitivity = None if self.consider is None else self.enu_by_parameters @ self.consider.sensitivity
+        considered = 0.0 if sensitivity is None else float((sensitivity**2).sum())
         shares = {
             "noise": noise / total,
             "other parameters": (formal - noise) / total,
             "misfit": (scaled - alike - formal) / total,
             "correlation": alike / total,
-            "ephemeris": (total - scaled) / total,
+            **({} if self.consider is None else {"considered": considered / total}),
+            "ephemeris": (total - scaled - considered) / total,
         }
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
@@ -361,6 +414,20 @@ class Solution:
                 "iterations": len(self.iterations),
                 "passes": self.passes,
             },
+            **(
+                {"targets": {t.name: self.of_target(t.name)._position_dict() for t in self.targets}}
+                if self.targets
+                else {}
+            ),
+            **(
+                {}
+                if self.consider is None
+                else {
+                    "considered": self.consider.to_list(
+                        None if self.trajectory is not None else self.enu_by_parameters
+                    )
+                }
+            ),
             "rejected": self.residuals.rejected(),
             "observability": self.observability.to_dict(),
             "reference": None if self.reference is None else self.reference.to_dict(),

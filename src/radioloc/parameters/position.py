@@ -22,7 +22,9 @@ PositionFunction = Callable[[NDArray[np.float64]], tuple[NDArray[np.float64], ND
 PositionParameters = tuple[list[Parameter], PositionFunction]
 
 
-def on_sphere(start_pa_m: NDArray[np.float64], prior: tuple[float, float] | None) -> PositionParameters:
+def on_sphere(
+    start_pa_m: NDArray[np.float64], prior: tuple[float, float] | None, name: str = "position"
+) -> PositionParameters:
     """East and north along the 1737.4 km sphere from the a-priori position, and the height above it.
 
     Longitude and latitude themselves would stop at the poles, where landers stand; in these coordinates the
@@ -34,9 +36,9 @@ def on_sphere(start_pa_m: NDArray[np.float64], prior: tuple[float, float] | None
     to_pa = east_north_up(longitude_rad, latitude_rad).T
     height = (height_m, math.inf) if prior is None else prior
     parameters = [
-        Parameter("position.east", "m", "position", 0.0),
-        Parameter("position.north", "m", "position", 0.0),
-        Parameter("position.height", "m", "position", *height),
+        Parameter(f"{name}.east", "m", "position", 0.0),
+        Parameter(f"{name}.north", "m", "position", 0.0),
+        Parameter(f"{name}.height", "m", "position", *height),
     ]
 
     def position(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -66,7 +68,11 @@ def cartesian(
 
 
 def on_terrain(
-    start_pa_m: NDArray[np.float64], terrain: TerrainModel, own_sigma_m: float, constants: EphemerisConstants
+    start_pa_m: NDArray[np.float64],
+    terrain: TerrainModel,
+    own_sigma_m: float,
+    constants: EphemerisConstants,
+    name: str = "position",
 ) -> PositionParameters:
     """East and north along the sphere, and the height above the terrain there.
 
@@ -80,9 +86,9 @@ def on_terrain(
     terrain_m = float(terrain.height_m(longitude_rad, latitude_rad))
     sigma_m = float(terrain.sigma_m(longitude_rad, latitude_rad, own_sigma_m))
     parameters = [
-        Parameter("position.east", "m", "position", 0.0),
-        Parameter("position.north", "m", "position", 0.0),
-        Parameter("position.height_above_terrain", "m", "position", 0.0, sigma_m),
+        Parameter(f"{name}.east", "m", "position", 0.0),
+        Parameter(f"{name}.north", "m", "position", 0.0),
+        Parameter(f"{name}.height_above_terrain", "m", "position", 0.0, sigma_m),
     ]
     logger.info("terrain under the a-priori position: %.1f m, given height %.1f m", terrain_m, start_height_m)
 

@@ -14,6 +14,7 @@ from radioloc.estimation.residuals import Residuals
 from radioloc.estimation.solution import ReferenceComparison, Solution, card_of
 from radioloc.estimation.statistics import GroupStatistics, statistics_by
 from radioloc.measurements.link import Link
+from radioloc.parameters.parameter import Role
 from radioloc.report.cards import (
     Card,
     Field,
@@ -43,6 +44,7 @@ _VARIANCE_SOURCES = {
     "other parameters": "estimating the other parameters",
     "misfit": "residuals larger than the stated sigmas",
     "correlation": "time correlation of the residuals",
+    "considered": "considered parameters",
     "ephemeris": "assumed ephemeris error",
 }
 
@@ -55,11 +57,13 @@ def solution_card(solution: Solution) -> Card:
         Field("solution", (solution.name,)),
         Field("status", _status(solution)),
         *_where(solution),
+        Field("targets", _targets(solution)),
         Field("variance", _variance_sources(solution)),
         Field("reference", _reference(solution.reference)),
         Field("a priori", _position_priors(solution)),
         _other_parameters(solution),
         Field("held", _held(solution)),
+        Field("considered", _considered(solution)),
         Field("passes", _passes(solution)),
         Field("data", _data(solution)),
         Field("fit", _fit(solution)),
@@ -123,8 +127,11 @@ def _sigmas(solution: Solution) -> Field:
         levels.append(("with time correlation", solution.sigma_enu_m("scaled")))
     elif solution.noise_scale > 1.0:
         levels.append((f"noise scaled by {solution.noise_scale:.3g}", solution.sigma_enu_m("scaled")))
-    if solution.ephemeris_sigma_enu_m.any():
-        levels.append(("with ephemeris error", solution.sigma_enu_m("total")))
+    beyond = ["considered"] * (solution.consider is not None) + ["ephemeris error"] * bool(
+        solution.ephemeris_sigma_enu_m.any()
+    )
+    if beyond:
+        levels.append((f"with {' and '.join(beyond)}", solution.sigma_enu_m("total")))
     rows = tuple(
         (name, *(metres(s) for s in sigma), metres(float(np.linalg.norm(sigma)))) for name, sigma in levels
     )
@@ -136,6 +143,37 @@ def _sigmas(solution: Solution) -> Field:
             f"{metres(ellipse.semi_minor_m)} m, azimuth {ellipse.azimuth_deg:.0f} deg",
         )
     return Field("sigma", lines, ("1 sigma, m", "east", "north", "up", "3D"), rows)
+
+
+def _targets(solution: Solution) -> tuple[str, ...]:
+    """The positions of several targets, of which the first is the one above."""
+    lines = []
+    for target in solution.targets:
+        of = solution.of_target(target.name)
+        longitude_deg, latitude_deg, height_m = of.selenographic
+        sigma = " ".join(metres(s) for s in of.sigma_enu_m())
+        lines.append(
+            f"{target.name}: {longitude_deg:.8f} deg E, {latitude_deg:+.8f} deg N, {height_m:.3f} m; "
+            f"1 sigma east, north, up {sigma} m"
+        )
+    return tuple(lines)
+
+
+def _considered(solution: Solution) -> tuple[str, ...]:
+    """Considered parameters, those that move the position most first."""
+    if solution.consider is None:
+        return ()
+    enu = None if solution.trajectory is not None else solution.enu_by_parameters
+    records = solution.consider.to_list(enu)
+    lines = []
+    for record in records[:_MAX_PARAMETERS]:
+        moved = "".join(
+            f"; {word} {signed_metres(x)}"
+            for word, x in zip(("east", "north", "up"), record.get("position_enu_m", ()), strict=False)
+        )
+        lines.append(f"{record['name']} +- {record['sigma']:.3g} {record['unit']}{moved}{' m' * bool(moved)}")
+    more = len(records) - _MAX_PARAMETERS
+    return (*lines, *((f"and {more} more",) if more > 0 else ()))
 
 
 def _variance_sources(solution: Solution) -> tuple[str, ...]:
@@ -184,7 +222,10 @@ def _others(solution: Solution, *, held: bool = False) -> list[int]:
     return [
         k
         for k, item in enumerate(solution.parameters)
-        if item.kind != "position" and not involved[k] and free[k] != held
+        if item.kind != "position"
+        and not involved[k]
+        and free[k] != held
+        and item.role is not Role.CONSIDERED
     ]
 
 

@@ -6,6 +6,7 @@ import math
 import platform
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ from radioloc.estimation.correlated_weights import SeriesWeight, fit_with_correl
 from radioloc.estimation.editing import USED, EditingSettings, fit_with_editing
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.solution import Solution
+from radioloc.estimation.solution import Solution, TargetPosition
 from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm.agreement import LightTime
@@ -38,6 +39,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel, kernel_record
 from radioloc.measurements.predictor import ROWS_AT_ONCE, Predictor, reasons
 from radioloc.measurements.registry import KINDS, kind_of
+from radioloc.measurements.targets import canonical_target
 from radioloc.measurements.terms import TERMS
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import ElectronContent, UniformTec
@@ -113,7 +115,7 @@ def arc_of(study: Study, observations: Observations | None = None) -> tuple[Pred
     (153, 3)
     """
     arc, _ = prepared_arc(study, observations)
-    return arc, _start_pa_m(_target_in_pa(study, arc.model.ephemeris.constants))
+    return arc, _start_pa_m(targets_in_pa(study, arc.model.ephemeris.constants))
 
 
 @on_one_blas_thread
@@ -126,14 +128,14 @@ def prepared_arc(study: Study, observations: Observations | None = None) -> tupl
         raise InputError(f"{study.name}: [targets] of several positions and [consider] are not fitted yet")
     model = model_of(study)
     constants = model.ephemeris.constants
-    target = _target_in_pa(study, constants)
+    targets = targets_in_pa(study, constants)
     # A reference in a wrong frame is to be told before the work, not after it.
     if study.reference is not None:
         position_in_pa("[reference]", study.reference.position, constants)
     for reference in study.references:
         position_in_pa(f"[references] {reference.name}", reference.position, constants)
-    chosen, left_out = _observations(study, observations, model, target)
-    return _arc(study, model, chosen, target), left_out
+    chosen, left_out = _observations(study, observations, model, targets)
+    return _arc(study, model, chosen, targets), left_out
 
 
 def _solve(study: Study, given: Observations | None, estimate: EstimateChoice | None) -> Solution:
@@ -164,14 +166,14 @@ def fit_arc(
     """
     model, observations = arc.model, arc.observations
     constants = model.ephemeris.constants
-    target = _target_in_pa(study, constants)
+    targets = targets_in_pa(study, constants)
     reference = (
         None
         if study.reference is None
         else position_in_pa("[reference]", study.reference.position, constants)
     )
-    problem = observation_model(arc, target, estimate, held=study.estimate)
-    fitted = _fit(study, problem, estimate, *status_of(arc, target))
+    problem = observation_model(arc, targets or None, estimate, held=study.estimate, consider=study.consider)
+    fitted = _fit(study, problem, estimate, *status_of(arc, targets))
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
     series_weights: tuple[SeriesWeight, ...] = ()
@@ -183,6 +185,10 @@ def fit_arc(
         fitted, series_weights = replace(fitted, edited=weighed.edited), weighed.weights
     x = fitted.edited.fit.x
     lander_pa_m = problem.position_pa_m(x)
+    several = [
+        TargetPosition(name, problem.position_pa_m(x, k), problem.position_partials(x, k))
+        for k, name in enumerate(targets if len(targets) > 1 else ())
+    ]
     return build_solution(
         fitted.edited,
         position_pa_m=lander_pa_m,
@@ -195,7 +201,7 @@ def fit_arc(
         observed_m=observations.value_m,
         path=paths,
         type=types,
-        elevation_deg=_elevation_deg(arc, lander_pa_m),
+        elevation_deg=_elevation_deg(arc, problem.all_positions_pa_m(x)),
         ephemeris_sigma_enu_m=(0.0, 0.0, 0.0) if estimate is None else estimate.ephemeris_sigma_m,
         excess_noise_m=fitted.additive_sigma_m,
         series_weights=series_weights,
@@ -204,8 +210,9 @@ def fit_arc(
         name=study.name,
         notes=notes_of(study, arc, left_out, estimate, fitted, lander_pa_m),
         provenance=_provenance(study, model, observations, left_out, estimate)
-        | {"evaluation": _evaluation_record(arc, lander_pa_m)},
+        | {"evaluation": _evaluation_record(arc, problem.all_positions_pa_m(x))},
         trajectory=None if arc.trajectory is None else str(arc.trajectory),
+        targets=several,
     )
 
 
@@ -241,16 +248,22 @@ def _radio_atmosphere(choice: ModelChoice) -> RadioAtmosphere | None:
         raise InputError(f"[model] {error}") from None
 
 
-def _target_in_pa(study: Study, constants: EphemerisConstants) -> LunarPosition | None:
-    """The a-priori position in principal axes; none where the target is a trajectory."""
-    return (
-        None if isinstance(study.target, Trajectory) else position_in_pa("[target]", study.target, constants)
-    )
+def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, LunarPosition]:
+    """The a-priori positions in principal axes by name; none where the target is a trajectory."""
+    if isinstance(study.target, Trajectory):
+        return {}
+    if study.targets:
+        return {
+            canonical_target(name): position_in_pa(f"[targets.{name}]", position, constants)
+            for name, position in study.targets.items()
+        }
+    return {"": position_in_pa("[target]", study.target, constants)}
 
 
-def _start_pa_m(target_pa: LunarPosition | None) -> NDArray[np.float64]:
-    """Where an arc is prepared: at the a-priori position, or at no offset from the trajectory."""
-    return np.zeros(3) if target_pa is None else target_pa.xyz_m
+def _start_pa_m(targets_pa: Mapping[str, LunarPosition]) -> NDArray[np.float64]:
+    """Where an arc is prepared: at the a-priori positions, or at no offset from the trajectory."""
+    places = [position.xyz_m for position in targets_pa.values()]
+    return np.zeros(3) if not places else places[0] if len(places) == 1 else np.array(places)
 
 
 def _trajectory(study: Study) -> Trajectory | None:
@@ -266,7 +279,10 @@ def position_in_pa(table: str, position: LunarPosition, constants: EphemerisCons
 
 
 def _observations(
-    study: Study, observations: Observations | None, model: PhysicalModel, target_pa: LunarPosition | None
+    study: Study,
+    observations: Observations | None,
+    model: PhysicalModel,
+    targets: Mapping[str, LunarPosition],
 ) -> tuple[Observations, dict[str, int]]:
     if observations is None:
         if study.simulation is not None and not study.observations.files:
@@ -277,7 +293,7 @@ def _observations(
         # What the model has of delays, a file's are not to be taken off as well.
         tdm = replace(study.observations.tdm, modelled=model.delays)
         if tdm.light_time_s is None:
-            tdm = replace(tdm, light_time_s=_light_time_to(study, model, target_pa))
+            tdm = replace(tdm, light_time_s=_light_time_to(study, model, targets))
         observations = read_observations(
             study.observations.files, catalogue=study.catalogue, tdm=tdm, lunar=_trajectory(study) is None
         )
@@ -289,7 +305,7 @@ def _observations(
     return weighted_observations(chosen, study.observations.weights, study.catalogue), left_out
 
 
-def _light_time_to(study: Study, model: PhysicalModel, target_pa: LunarPosition | None) -> LightTime:
+def _light_time_to(study: Study, model: PhysicalModel, targets: Mapping[str, LunarPosition]) -> LightTime:
     """Light times to the target, which settle how often an ambiguous range has gone through its modulus."""
 
     def light_time_s(epoch: Epochs, link: Link, tag: str) -> NDArray[np.float64]:
@@ -297,30 +313,38 @@ def _light_time_to(study: Study, model: PhysicalModel, target_pa: LunarPosition 
         asked = Observations.from_columns(
             epoch=epoch, links=[link], kind=kind, tag=TIME_TAGS.index(tag), value_m=1.0, sigma_m=1.0
         )
-        start_pa_m = _start_pa_m(target_pa)
-        return (
-            ExactPredictor(model, asked, start_pa_m, _trajectory(study)).compute(start_pa_m).value_m / C_M_S
-        )
+        start_pa_m = _start_pa_m(targets)
+        found = ExactPredictor(model, asked, start_pa_m, _trajectory(study), _names(targets))
+        return found.compute(start_pa_m).value_m / C_M_S
 
     return light_time_s
 
 
 def _arc(
-    study: Study, model: PhysicalModel, observations: Observations, target_pa: LunarPosition | None
+    study: Study, model: PhysicalModel, observations: Observations, targets: Mapping[str, LunarPosition]
 ) -> Predictor:
-    start_pa_m, trajectory = _start_pa_m(target_pa), _trajectory(study)
+    start_pa_m, trajectory = _start_pa_m(targets), _trajectory(study)
+    names = _names(targets)
+    more = any(PARAMETERS[name].more_partials for name in (*study.estimate.parameters, *study.consider))
     try:
-        return prepare_predictor(model, observations, start_pa_m, study.model.evaluation, trajectory)
+        return prepare_predictor(
+            model, observations, start_pa_m, study.model.evaluation, trajectory, names, more
+        )
     except CoverageError:
         # The kernel or table does not know the files: say which observation lies outside, the first or the last.
         order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
         for row in (int(order[0]), int(order[-1])):
             try:
-                ExactPredictor(model, observations.select([row]), start_pa_m, trajectory)
+                prepare_predictor(model, observations.select([row]), start_pa_m, "exact", trajectory, names)
             except CoverageError as error:
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
         raise
+
+
+def _names(targets: Mapping[str, LunarPosition]) -> tuple[str, ...]:
+    """Names of several targets; of a single one observations may have any."""
+    return tuple(targets) if len(targets) > 1 else ()
 
 
 def _blocks(arc: Predictor) -> Iterator[NDArray[np.intp]]:
@@ -340,16 +364,12 @@ def _elevation_deg(arc: Predictor, lander_pa_m: NDArray[np.float64]) -> NDArray[
     return elevation_deg
 
 
-def status_of(arc: Predictor, target_pa: LunarPosition | None) -> tuple[Labels, NDArray[np.int8]]:
+def status_of(arc: Predictor, targets: Mapping[str, LunarPosition]) -> tuple[Labels, NDArray[np.int8]]:
     """Which observations can be used at all, seen from the a-priori position, or why not, in words and by code."""
-    start_pa_m = _start_pa_m(target_pa)
-    at, model = arc.at(start_pa_m), arc.model
-
-    def earth_deg(epochs: Epochs) -> NDArray[np.float64]:
-        return np.degrees(earth_elevation_rad(model.ephemeris, model.libration, epochs, start_pa_m))
-
+    at, model = arc.at(_start_pa_m(targets)), arc.model
+    earth_deg = [partial(_earth_deg, model, position_pa_m=position.xyz_m) for position in targets.values()]
     # Of a spacecraft the arc itself knows what the Moon hides.
-    may_set = target_pa is not None and _lowest(earth_deg, arc.observations.epoch) < _LOWEST_EARTH_DEG + 1.0
+    may_set = [_lowest(above, arc.observations.epoch) < _LOWEST_EARTH_DEG + 1.0 for above in earth_deg]
     reason = np.zeros(len(arc.observations), dtype=np.int8)
     labels = np.zeros(len(arc.observations), dtype=np.int32)
     places = {USED: 0}
@@ -360,15 +380,23 @@ def status_of(arc: Predictor, target_pa: LunarPosition | None) -> tuple[Labels, 
         texts, which = np.unique(sentences, return_inverse=True)
         new = [places.setdefault(str(text), len(places)) for text in texts]
         labels[rows[bad]] = np.array(new, dtype=np.int32)[which]
-        if not may_set:
-            continue
-        # The Earth moves in the lander's sky with the librations, in days.
-        above_deg = evaluate_smooth(earth_deg, tt_to_tdb(utc_to_tt(arc.observations.epoch[rows])))
-        for row in np.flatnonzero((reason[rows] == Status.OK) & (above_deg < _LOWEST_EARTH_DEG)):
-            text = Status.EARTH_BELOW_HORIZON.text(above_deg[row])
-            reason[rows[row]] = Status.EARTH_BELOW_HORIZON
-            labels[rows[row]] = places.setdefault(text, len(places))
+        for target in np.flatnonzero(may_set):
+            mine = rows[(arc.target[rows] == target) & (reason[rows] == Status.OK)]
+            # The Earth moves in the lander's sky with the librations, in days.
+            tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch[mine]))
+            above_deg = evaluate_smooth(earth_deg[target], tdb)
+            for k in np.flatnonzero(above_deg < _LOWEST_EARTH_DEG):
+                text = Status.EARTH_BELOW_HORIZON.text(above_deg[k])
+                reason[mine[k]] = Status.EARTH_BELOW_HORIZON
+                labels[mine[k]] = places.setdefault(text, len(places))
     return Labels(labels, tuple(places)), reason
+
+
+def _earth_deg(
+    model: PhysicalModel, epochs: Epochs, position_pa_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Elevation of the Earth above a place's horizon, deg, shape (n,)."""
+    return np.degrees(earth_elevation_rad(model.ephemeris, model.libration, epochs, position_pa_m))
 
 
 def _lowest(earth_deg: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epochs) -> float:

@@ -156,7 +156,7 @@ class Prepared:
         longest = self.arcs[0]
         computed = longest.compute(target_pa_m)
         world_m = self.world.error_free_m + sum(self.world.added_m.values(), start=0.0)
-        usable = status_of(longest, self._target_pa)[0].are(USED)
+        usable = status_of(longest, {"": self._target_pa})[0].are(USED)
         arcs = []
         for arc, part, estimate in zip(self.arcs, self.parts, self.estimates, strict=True):
             one = self._linear_arc(arc, part, estimate, usable[part])

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.predictor import Predictor
-from radioloc.parameters.choice import chosen_parameters
+from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.design import ObservationModel, simple_predictor
 from radioloc.parameters.parameter import Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
@@ -17,21 +19,25 @@ from radioloc.studies.study import EstimateChoice, TerrainPrior
 
 def observation_model(
     predictor: Predictor,
-    target_pa: LunarPosition | None,
+    targets_pa: LunarPosition | Mapping[str, LunarPosition] | None,
     estimate: EstimateChoice | None,
     held: EstimateChoice | None = None,
+    consider: Mapping[str, ParameterChoice] | None = None,
 ) -> ObservationModel:
     """Set up what is solved for in an arc.
 
     Parameters
     ----------
     predictor : Predictor
-    target_pa : LunarPosition or None
-        A-priori position in principal axes; none for a trajectory, whose offset is then held at zero.
+    targets_pa : LunarPosition, mapping of str to LunarPosition, or None
+        A-priori position in principal axes, or those of several targets by name; none for a trajectory, whose offset is
+        then held at zero.
     estimate : EstimateChoice or None
         What to estimate; nothing where ``None``.
     held : EstimateChoice, optional
         Where nothing is estimated, whose a-priori values of biases and the like hold; zero otherwise.
+    consider : mapping of str to ParameterChoice, optional
+        What is considered.
 
     Raises
     ------
@@ -43,14 +49,24 @@ def observation_model(
     choice = (EstimateChoice() if held is None else held).held() if estimate is None else estimate
     simple = simple_predictor(predictor)
     kinds = []
-    for name, given in choice.parameters.items():
-        try:
-            found = chosen_parameters(PARAMETERS[name], given, simple, gap_h=choice.pass_gap_h)
-        except InputError as error:
-            raise type(error)(f"[estimate] {error}") from None
-        if found is not None:
-            kinds.append(found)
-    model = ObservationModel.of(predictor, [_position(predictor, target_pa, choice)], kinds)
+    tables = [("[estimate]", Role.ESTIMATED, choice.parameters)]
+    tables.append(("[consider]", Role.CONSIDERED, {} if estimate is None else consider or {}))
+    for table, role, given in tables:
+        for name, chosen in given.items():
+            try:
+                found = chosen_parameters(PARAMETERS[name], chosen, simple, role, choice.pass_gap_h)
+            except InputError as error:
+                raise type(error)(f"{table} {error}") from None
+            if found is not None:
+                kinds.append(found)
+    if isinstance(targets_pa, Mapping) and len(targets_pa) > 1:
+        positions = [
+            _position(predictor, place, choice, f"position.{name}") for name, place in targets_pa.items()
+        ]
+    else:
+        place = next(iter(targets_pa.values())) if isinstance(targets_pa, Mapping) else targets_pa
+        positions = [_position(predictor, place, choice)]
+    model = ObservationModel.of(predictor, positions, kinds)
     if estimate is not None and all(parameter.fixed for parameter in model.parameters):
         raise InputError(
             'nothing to estimate: [estimate] position is "none" and no bias is asked for; '
@@ -60,14 +76,15 @@ def observation_model(
 
 
 def _position(
-    predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice
+    predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice, name: str = "position"
 ) -> PositionParameters:
     if target_pa is None:
         return cartesian(np.zeros(3), role=Role.FIXED, name="offset")
     if choice.position != "geographic":
-        return cartesian(target_pa.xyz_m, role=Role.FIXED if choice.position == "none" else Role.ESTIMATED)
+        role = Role.FIXED if choice.position == "none" else Role.ESTIMATED
+        return cartesian(target_pa.xyz_m, role=role, name=name)
     prior = choice.height_prior
     if isinstance(prior, TerrainPrior):
         constants = predictor.model.ephemeris.constants
-        return on_terrain(target_pa.xyz_m, prior.terrain, prior.sigma_m, constants)
-    return on_sphere(target_pa.xyz_m, None if prior is None else (prior.height_m, prior.sigma_m))
+        return on_terrain(target_pa.xyz_m, prior.terrain, prior.sigma_m, constants, name)
+    return on_sphere(target_pa.xyz_m, None if prior is None else (prior.height_m, prior.sigma_m), name)

@@ -29,7 +29,11 @@ RANGE_GOAL_M, DELAY_GOAL_S = 1e-3, 3e-12
 
 # Reached, with a margin.
 RANGE_M = 1e-4
+# A single leg has what cancels between two: terms with the Earth's acceleration in the time of the event, 0.1 mm.
+ONE_WAY_M = 1.5e-4
 DELAY_S = 0.05e-12
+# Of a minute: what both leave out hardly changes; ranges of 4e8 m are rounded to 1e-7 m.
+DOPPLER_M = 1e-6
 
 # What stations and light do in vacuum without displacements, which would be the same on both sides.
 TERMS_COMPARED = {
@@ -95,6 +99,37 @@ def difference_m(model, point_pa_m, geocentric, *path):
 def test_range(model, point_pa_m, geocentric, sender, receiver, tag):
     apart_m = difference_m(model, point_pa_m, geocentric, sender, receiver, tag)
     assert np.abs(apart_m).max() < RANGE_M < RANGE_GOAL_M
+
+
+@pytest.mark.parametrize("tag", ["transmit", "receive"])
+@pytest.mark.parametrize("station", RANGING)
+def test_one_way_range(model, point_pa_m, geocentric, station, tag):
+    computed_m = barycentric_m(model, point_pa_m, "", station, tag, "one_way_range")
+    apart_m = computed_m - geocentric.one_way_m(model.catalogue[station].itrf_m, tag)
+    assert np.abs(apart_m).max() < ONE_WAY_M < RANGE_GOAL_M
+
+
+@pytest.mark.parametrize("station", RANGING)
+def test_one_way_doppler(model, point_pa_m, station):
+    """The range difference over a minute, against the second formulation at both ends."""
+    observations = Observations.from_columns(
+        epoch=TAGS,
+        links=[Link("", "lander", station)],
+        value_m=1.0,
+        sigma_m=1.0,
+        kind=KINDS.index("one_way_doppler"),
+        tag=TIME_TAGS.index("receive"),
+        count_s=60.0,
+    )
+    doppler_m = ExactPredictor(model, observations, point_pa_m).compute(point_pa_m).value_m
+    tt, itrf_m = utc_to_tt(TAGS), model.catalogue[station].itrf_m
+    late_m, early_m = (
+        GeocentricFormulation(
+            model.ephemeris, model.libration, model.earth, tt.shifted(half_s), point_pa_m
+        ).one_way_m(itrf_m, "receive")
+        for half_s in (30.0, -30.0)
+    )
+    assert np.abs(doppler_m - (late_m - early_m)).max() < DOPPLER_M
 
 
 @pytest.mark.parametrize(("first", "second"), list(itertools.permutations(VLBI, 2)))

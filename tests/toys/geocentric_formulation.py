@@ -9,11 +9,11 @@ From the ephemeris to the GCRS an *event* is carried over (IAU 2000 resolution B
 2687, eq. 8; in the units of TDB on one side and of TT on the other), with r from the geocentre at the event's TDB, and
 v, a, w the geocentre's velocity, acceleration and the potential there of all other bodies:
 
-    TT = TDB - (TDB - TT)_geocentre - v.r / c^2
+    TT = TDB - (TDB - TT)_geocentre - v.r / c^2 (1 + (v^2 / 2 + 3 w) / c^2 + L_B - L_G)
     X  = r (1 + w/c^2 + L_B - L_G) + v (v.r) / (2 c^2) + r (a.r) / c^2 - a r^2 / (2 c^2)
 
 At the Moon these terms are, in this order: up to 130 microseconds (in which it moves 13 cm), 9.8 m, up to 1.9 m, and
-together 5 mm. The next order, 1e-12 of the distance in the time of the event, cancels between the legs.
+together 5 mm. The next order in the time of the event is up to 6 ps, 2 mm of a one-way range; it cancels between two legs.
 
 In the GCRS light takes |X2 - X1| / c + 2/c^3 times the integral of the potential W along the way. W is the Earth's own
 (4 to 5 cm for a leg) and of each other body what is left when its value at the geocentre and its pull there are taken
@@ -101,6 +101,8 @@ class MoonEvent:
     """TT of the Moon's centre at the same TDB, s from the tag."""
     moon_m: Vectors
     """The Moon's centre then, GCRS."""
+    geocentre_s: Vectors
+    """What TT at the geocentre reads at the event's TDB, s from the tag."""
     external: tuple[tuple[float, Vectors], ...]
     """GM and geocentric position of all bodies but the Earth and the Moon."""
 
@@ -144,6 +146,14 @@ class GeocentricFormulation:
         second = self._station_from(event, second_itrf_m, 1.0)
         return C_M_S * (second.length_s - first.length_s)
 
+    def one_way_m(self, receiver_itrf_m: Vectors, tag: str) -> Vectors:
+        """Speed of light times TT of the reception less what the geocentre's TT reads at the TDB of the transmission."""
+        if tag == "receive":
+            event, _ = self._moon_from(receiver_itrf_m, -1.0)
+            return -C_M_S * event.geocentre_s
+        event = self.moon_event(np.zeros(len(self.tt)))
+        return C_M_S * (event.tt_s + self._station_from(event, receiver_itrf_m, 1.0).length_s)
+
     def moon_event(self, tdb_s: Vectors) -> MoonEvent:
         """Carry the point on the Moon from the ephemeris to the GCRS.
 
@@ -171,11 +181,14 @@ class GeocentricFormulation:
             terms_m = gcrs_terms(r_m, earth.velocity_m_s, earth.acceleration_m_s2, potential)
             return r_m + sum(terms_m.values())
 
+        v = earth.velocity_m_s
+        next_order = (0.5 * _dot(v, v) + 3.0 * potential) / C_M_S**2 + L_B - L_G
+
         def tt_s(r_m: Vectors) -> Vectors:
-            return geocentre_s - _dot(earth.velocity_m_s, r_m) / C_M_S**2
+            return geocentre_s - (1.0 + next_order) * _dot(v, r_m) / C_M_S**2
 
         geocentre_s = tdb_s - (erfa.dtdb(tdb.jd, tdb.fraction, 0.0, 0.0, 0.0, 0.0) - self.geocentric_s)
-        return MoonEvent(tt_s(seen_m), to_gcrs(seen_m), tt_s(moon_m), to_gcrs(moon_m), external)
+        return MoonEvent(tt_s(seen_m), to_gcrs(seen_m), tt_s(moon_m), to_gcrs(moon_m), geocentre_s, external)
 
     def _seen_from_barycentre(
         self, tdb: Epochs, moon_m_s: Vectors, moon_m: Vectors, external: tuple[tuple[float, Vectors], ...]

@@ -13,7 +13,7 @@ v, a, w the geocentre's velocity, acceleration and the potential there of all ot
     X  = r (1 + w/c^2 + L_B - L_G) + v (v.r) / (2 c^2) + r (a.r) / c^2 - a r^2 / (2 c^2)
 
 At the Moon these terms are, in this order: up to 130 microseconds (in which it moves 13 cm), 9.8 m, up to 1.9 m, and
-together 5 mm. The next order in the time of the event is up to 6 ps, 2 mm of a one-way range; it cancels between two legs.
+together 5 mm. The next order in the time of the event is up to 6 ps, 2 mm of a one-way range, and cancels in two-way.
 
 In the GCRS light takes |X2 - X1| / c + 2/c^3 times the integral of the potential W along the way. W is the Earth's own
 (4 to 5 cm for a leg) and of each other body what is left when its value at the geocentre and its pull there are taken
@@ -147,7 +147,7 @@ class GeocentricFormulation:
         return C_M_S * (second.length_s - first.length_s)
 
     def one_way_m(self, receiver_itrf_m: Vectors, tag: str) -> Vectors:
-        """Speed of light times TT of the reception less what the geocentre's TT reads at the TDB of the transmission."""
+        """Speed of light times TT of the reception less the geocentre's TT at the TDB of the transmission."""
         if tag == "receive":
             event, _ = self._moon_from(receiver_itrf_m, -1.0)
             return -C_M_S * event.geocentre_s

@@ -40,10 +40,11 @@ def station_name(names: tuple[str, ...], catalogue: Catalogue | None) -> str:
 def named_link(link: Link, catalogue: Catalogue | None) -> Link:
     """Make the same link under canonical names."""
     return Link(
-        station_name((link.transmitter,), catalogue),
+        station_name((link.transmitter,), catalogue) if link.transmitter else "",
         canonical_target(link.target),
         station_name((link.receiver,), catalogue),
         link.differenced,
+        canonical_target(link.second_target) if link.second_target else "",
     )
 
 

@@ -124,8 +124,6 @@ def prepared_arc(study: Study, observations: Observations | None = None) -> tupl
 
     Parameters and errors as :func:`locate`.
     """
-    if len(study.targets) > 1 or study.consider:
-        raise InputError(f"{study.name}: [targets] of several positions and [consider] are not fitted yet")
     model = model_of(study)
     constants = model.ephemeris.constants
     targets = targets_in_pa(study, constants)

@@ -1,0 +1,132 @@
+"""Several targets in one study, and considered parameters, from the study file to solution.json."""
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc import InputError, LunarPosition
+from radioloc.io.write import write_observations
+from radioloc.measurements.evaluation import prepare_predictor
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.registry import KINDS
+from radioloc.time import Epochs, tai_to_utc
+
+LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+ROVER = LunarPosition.from_selenographic(-51.9120, 43.0600, -2548.0)
+PATHS = (
+    ("range", "KASHI>lander>KASHI"),
+    ("range", "JIAMUSI>lander>KASHI"),
+    ("vlbi_delay", "SESHAN25<lander>URUMQI"),
+    ("vlbi_delay", "SESHAN25<lander>KUNMING"),
+    ("differenced_delay", "SESHAN25<rover|lander>URUMQI"),
+    ("differenced_delay", "SESHAN25<rover|lander>KUNMING"),
+    ("differenced_delay", "KUNMING<rover|lander>URUMQI"),
+)
+STUDY = """
+[targets.lander]
+longitude_deg = -51.90
+latitude_deg = 43.05
+height_m = -2500.0
+[targets.rover]
+longitude_deg = -51.92
+latitude_deg = 43.05
+height_m = -2500.0
+[observations]
+files = ["table.csv"]
+[model]
+off = ["ionosphere"]
+[estimate]
+range_bias = "all"
+range_bias_sigma_m = 5.0
+range_bias_per = "link"
+"""
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A table of ranges and delays of a lander and its rover, without errors."""
+    model = PhysicalModel.build(off=["ionosphere"])
+    hours = 15.2 + np.arange(9) * 0.5
+    tai = Epochs.from_jd(2459185.5, np.repeat(hours, len(PATHS)) / 24.0, "TAI")
+    which = np.tile(np.arange(len(PATHS)), len(hours))
+    columns = {
+        "epoch": tai_to_utc(tai),
+        "links": [Link.from_path(path) for _, path in PATHS],
+        "link": which,
+        "kind": np.array([KINDS.index(kind) for kind, _ in PATHS])[which],
+        "tag": TIME_TAGS.index("receive"),
+        "sigma_m": np.where(which < 2, 1.0, np.where(which < 4, 0.1, 0.003)),
+        "wavelength_um": 35394.6,
+    }
+    asked = Observations.from_columns(value_m=1.0, **columns)
+    places_m = np.array([p.to_axes("PA", model.ephemeris.constants).xyz_m for p in (LANDER, ROVER)])
+    arc = prepare_predictor(model, asked, places_m, "exact", targets=("lander", "rover"))
+    made = Observations.from_columns(value_m=arc.at(places_m).value_m, **columns)
+    path = tmp_path_factory.mktemp("targets")
+    write_observations(path / "table.csv", made)
+    return path
+
+
+def study(folder, text=STUDY):
+    file = folder / "study.toml"
+    file.write_text(text)
+    return radioloc.read_study(file)
+
+
+def test_a_lander_and_its_rover(folder):
+    solution = radioloc.locate(study(folder))
+    assert solution.converged
+    made = solution.to_dict()
+    for name, truth in (("lander", LANDER), ("rover", ROVER)):
+        found = solution.of_target(name)
+        apart_m = np.linalg.norm(found.position_me_m - truth.to_axes("ME", CONSTANTS).xyz_m)
+        assert apart_m < 0.01
+        assert made["targets"][name]["position"]["me"]["longitude_deg"] == pytest.approx(
+            found.selenographic[0], abs=1e-12
+        )
+        assert name in str(solution)
+    # Across the line of sight the rover is known beside the lander far better than on the Moon.
+    partials = solution.targets[1].position_partials - solution.targets[0].position_partials
+    beside = np.linalg.eigvalsh(partials @ solution.covariance @ partials.T)
+    on_the_moon = np.linalg.eigvalsh(solution.of_target("rover").position_covariance("pa", "scaled"))
+    assert (beside[:2] < 0.3**2 * on_the_moon[:2]).all()
+    assert set(solution.biases()) == {"KASHI>lander>KASHI", "JIAMUSI>lander>KASHI"}
+    with pytest.raises(InputError, match="there are lander, rover"):
+        solution.of_target("orbiter")
+
+
+CONSTANTS = PhysicalModel.build().ephemeris.constants
+
+
+def test_considered_parameters_are_in_the_total_sigma(folder):
+    plain = radioloc.locate(study(folder))
+    text = STUDY + (
+        '[consider]\nstation_position = "all"\nstation_position_sigma_m = 0.1\n'
+        'clock = ["URUMQI"]\nclock_sigma_s = 1e-9\nut1 = true\nut1_sigma_s = 2e-5\n'
+    )
+    solution = radioloc.locate(study(folder, text))
+    np.testing.assert_allclose(solution.values[:6], plain.values[:6], atol=1e-3)
+    assert (solution.sigma_enu_m("total") > solution.sigma_enu_m("scaled")).all()
+    np.testing.assert_allclose(solution.sigma_enu_m("scaled"), plain.sigma_enu_m("scaled"), rtol=1e-6)
+    made = solution.to_dict()
+    names = [record["name"] for record in made["considered"]]
+    assert {"clock.URUMQI", "ut1", "station_position.KASHI.up"} <= set(names)
+    sizes = [np.linalg.norm(record["position_enu_m"]) for record in made["considered"]]
+    assert sizes == sorted(sizes, reverse=True)
+    # The whole: what is added to the covariance is the sum over the considered parameters.
+    added = solution.position_covariance("enu", "total") - solution.position_covariance("enu", "scaled")
+    assert np.trace(added) == pytest.approx(np.sum(np.square(sizes)), rel=1e-6)
+    assert names[0] in str(solution)
+
+
+def test_a_clock_that_is_wrong_by_its_sigma_moves_the_estimate_as_considered(folder):
+    text = STUDY + '[consider]\nclock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
+    before = radioloc.locate(study(folder, text))
+    wrong = STUDY.replace("[estimate]", "[estimate]\nclock_s = { URUMQI = -1e-9 }")
+    after = radioloc.locate(study(folder, wrong))
+    [moved] = before.consider.position_m(before.enu_by_parameters).values()
+    shift_m = before.rot_pa_to_enu @ (after.position_pa_m - before.position_pa_m)
+    np.testing.assert_allclose(shift_m, moved, atol=1e-4 + 1e-3 * np.abs(moved).max())

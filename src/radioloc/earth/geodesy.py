@@ -31,22 +31,7 @@ class Geodetic:
 
 
 def geodetic_from_itrf(itrf_m: ArrayLike) -> Geodetic:
-    """Turn geocentric into geodetic coordinates.
-
-    Parameters
-    ----------
-    itrf_m : array_like, shape (..., 3)
-        Positions in the ITRF, m.
-
-    Raises
-    ------
-    InputError
-        A position is not three finite numbers, or lies within 1000 km of the geocentre (kilometres given?).
-
-    Notes
-    -----
-    ERFA ``gc2gd`` (Fukushima 2006).
-    """
+    """Turn geocentric positions in the ITRF, (..., 3), into geodetic coordinates: ERFA ``gc2gd`` (Fukushima 2006)."""
     positions = np.asarray(as_metres(itrf_m, "itrf_m"), dtype=np.float64)
     if positions.shape[-1:] != (3,) or not np.isfinite(positions).all():
         raise InputError(f"positions must be finite, of shape (..., 3), but have shape {positions.shape}")
@@ -60,7 +45,7 @@ def geodetic_from_itrf(itrf_m: ArrayLike) -> Geodetic:
 def itrf_from_geodetic(
     longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
 ) -> NDArray[np.float64]:
-    """Turn geodetic coordinates on GRS80 into a position in the ITRF, m, shape (..., 3).
+    """Turn geodetic coordinates on GRS80 into a position in the ITRF, m, shape (..., 3): ERFA ``gd2gc``.
 
     Parameters
     ----------
@@ -68,15 +53,6 @@ def itrf_from_geodetic(
         East longitude and geodetic latitude, rad.
     height_m : array_like, shape (...,)
         Height above the ellipsoid, m.
-
-    Raises
-    ------
-    InputError
-        A number is not finite, or a latitude is beyond 90 degrees.
-
-    Notes
-    -----
-    ERFA ``gd2gc``.
 
     Examples
     --------

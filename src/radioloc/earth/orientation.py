@@ -93,24 +93,7 @@ class EarthOrientation:
         )
 
     def evaluate(self, tt: Epochs) -> EarthRotation:
-        """Orientation at epochs of TT.
-
-        Parameters
-        ----------
-        tt : Epochs
-            n epochs.
-
-        Raises
-        ------
-        CoverageError
-            An epoch lies outside the table, or where it gives no celestial pole offsets.
-        InputError
-            The epochs are not TT.
-
-        Warns
-        -----
-        PredictedEopWarning
-            Once, where any epoch rests on predictions.
+        """Orientation at epochs of TT; a :class:`PredictedEopWarning` where any rests on predictions.
 
         Examples
         --------

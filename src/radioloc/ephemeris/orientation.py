@@ -27,18 +27,9 @@ class LunarOrientation:
 
     @classmethod
     def open(cls, pck: str | Path = "DE421") -> LunarOrientation:
-        """Open the orientation of the Moon.
+        """Open the orientation of the Moon: ``"DE421"``, which ships, or the path of a lunar binary PCK.
 
-        Parameters
-        ----------
-        pck : str or path-like
-            ``"DE421"`` for the one that ships, or the path of a lunar binary PCK.
-
-        Raises
-        ------
-        KernelError
-            As :func:`radioloc.kernels.open_pck`, or the kernel does not hold exactly one of the known lunar
-            frames.
+        It has to hold exactly one of the known lunar frames.
         """
         kernel = open_pck(pck)
         held = sorted({s.target for s in kernel.segments})

@@ -43,20 +43,10 @@ class Ephemeris:
 
     @classmethod
     def open(cls, spk: str | Path = "DE421", constants: EphemerisConstants | None = None) -> Ephemeris:
-        """Open an ephemeris.
+        """Open an ephemeris: ``"DE421"``, which ships, or the path of an SPK made of a JPL ephemeris.
 
-        Parameters
-        ----------
-        spk : str or path-like
-            ``"DE421"`` for the one that ships, or the path of an SPK made of a JPL ephemeris.
-        constants : EphemerisConstants, optional
-            Needed for an ephemeris that :data:`radioloc.ephemeris.CONSTANTS` does not hold.
-
-        Raises
-        ------
-        KernelError
-            As :func:`radioloc.kernels.open_spk`; the Earth, the Moon or the Sun is missing; or the ephemeris
-            is not known and no constants were given.
+        Its `constants` are needed for one that :data:`radioloc.ephemeris.CONSTANTS` does not hold. A kernel without the
+        Earth, the Moon or the Sun is refused.
         """
         kernel = open_spk(spk)
         for target, center in (

@@ -18,27 +18,17 @@ from radioloc.units import as_float_array
 
 
 def rot_icrf_to_pa(angles_rad: ArrayLike) -> NDArray[np.float64]:
-    """Rotation from the ICRF to the principal axes of the Moon, Rz(psi) Rx(theta) Rz(phi).
+    """Rotation from the ICRF to the principal axes of the Moon, Rz(psi) Rx(theta) Rz(phi), shape (..., 3, 3).
 
     Parameters
     ----------
     angles_rad : array_like, shape (..., 3)
         Euler angles phi, theta, psi, rad (:meth:`radioloc.ephemeris.LunarOrientation.angles`).
 
-    Returns
-    -------
-    ndarray, shape (..., 3, 3)
-
-    Raises
-    ------
-    InputError
-        The last axis is not of length three.
-
     Notes
     -----
-    Folkner, Williams and Boggs (2009), IPN Progress Report 42-178, on the orientation of the Moon. The
-    principal axes are those of the ephemeris that the angles are of: PA_DE421 and PA_DE440 differ by up to 1
-    m on the surface.
+    Folkner, Williams and Boggs (2009), IPN Progress Report 42-178, on the orientation of the Moon. The principal axes
+    are those of the ephemeris that the angles are of: PA_DE421 and PA_DE440 differ by up to 1 m on the surface.
     """
     phi, theta, psi = _angles(angles_rad, "rad", "angles_rad")
     return np.asarray(erfa.rz(psi, erfa.rx(theta, erfa.rz(phi, np.eye(3)))))
@@ -74,15 +64,8 @@ def rot_icrf_to_pa_rate(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArra
 
 
 def rot_pa_to_me(constants: EphemerisConstants) -> NDArray[np.float64]:
-    """Rotation from the principal to the mean-Earth axes, Rx Ry Rz of constant angles, shape (3, 3).
+    """Rotation from the principal to the mean-Earth axes of an ephemeris, Rx Ry Rz of constant angles, shape (3, 3).
 
-    Parameters
-    ----------
-    constants : EphemerisConstants
-        Of the ephemeris whose principal axes are meant; its ``me_frame`` names the mean-Earth axes.
-
-    Notes
-    -----
     With DE421's angles a point moves by up to 875 m (the literature often quotes 860 m, from older angles).
     Frames kernels give the inverse, from ME to PA, as the same three angles with opposite sign and order.
     """
@@ -114,23 +97,11 @@ _IAU_TERMS = np.array(
 
 
 def rot_icrf_to_iau_moon(tdb: Epochs) -> NDArray[np.float64]:
-    """Rotation from the ICRF to the IAU's mean rotation of the Moon (SPICE's IAU_MOON), shape (n, 3, 3).
+    """Rotation from the ICRF to the IAU's mean rotation of the Moon (SPICE's IAU_MOON) at epochs of TDB, (n, 3, 3).
 
-    Parameters
-    ----------
-    tdb : Epochs
-        Epochs in TDB, n of them.
-
-    Raises
-    ------
-    InputError
-        The epochs are not in TDB.
-
-    Notes
-    -----
-    Rz(W) Rx(90 deg - delta) Rz(90 deg + alpha) of the pole's right ascension alpha and declination delta and
-    the prime meridian W (Archinal et al. 2011, table 2). The series leaves the axes up to 155 m away from
-    ME_DE421 on the surface; it is for comparison with data given in these axes, not for tracking.
+    Rz(W) Rx(90 deg - delta) Rz(90 deg + alpha) of the pole's right ascension alpha and declination delta and the prime
+    meridian W (Archinal et al. 2011, table 2). The series leaves the axes up to 155 m away from ME_DE421 on the
+    surface; it is for comparison with data given in these axes, not for tracking.
     """
     tdb.require("TDB")
     days = (tdb.jd - J2000_JD) + tdb.fraction

@@ -19,17 +19,12 @@ from radioloc.units import as_float_array
 def selenographic_to_cartesian(
     longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
 ) -> NDArray[np.float64]:
-    """Cartesian coordinates of a point, m, shape (..., 3).
+    """Cartesian coordinates of points, m, shape (..., 3).
 
     Parameters
     ----------
     longitude_rad, latitude_rad, height_m : array_like, shape (...,)
         East longitude, latitude, rad; height above the sphere of 1737.4 km, m.
-
-    Raises
-    ------
-    InputError
-        A number is not finite, a latitude is beyond a pole, or a height is below the Moon's centre.
 
     Examples
     --------
@@ -37,29 +32,19 @@ def selenographic_to_cartesian(
     >>> selenographic_to_cartesian(0.0, 0.0, [0.0, 600.0]).tolist()
     [[1737400.0, 0.0, 0.0], [1738000.0, 0.0, 0.0]]
     """
-    longitude, latitude, radius_m = _checked(longitude_rad, latitude_rad, height_m)
+    longitude, latitude, radius_m = checked(longitude_rad, latitude_rad, height_m)
     return radius_m[..., np.newaxis] * vectors.east_north_up(longitude, latitude)[..., 2, :]
 
 
 def cartesian_to_selenographic(
     point_m: ArrayLike,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
-    """Longitude and latitude, rad, and height, m, of a point.
+    """East longitude, from -pi to pi, and latitude, rad, and height, m, of points, shapes (...,).
 
     Parameters
     ----------
     point_m : array_like, shape (..., 3)
-        Cartesian coordinates, m.
-
-    Returns
-    -------
-    longitude_rad, latitude_rad, height_m : ndarray, shape (...,)
-        Longitude from -pi to pi, zero at a pole.
-
-    Raises
-    ------
-    InputError
-        The last axis is not of length three, a number is not finite, or the point is the Moon's centre.
+        Cartesian coordinates, m; not the Moon's centre. At a pole the longitude is zero.
     """
     point = as_float_array(point_m, "m", "point_m")
     if point.ndim == 0 or point.shape[-1] != 3:
@@ -75,29 +60,18 @@ def cartesian_to_selenographic(
 
 
 def east_north_up(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> NDArray[np.float64]:
-    """East, north and up unit vectors at a point, as rows, shape (..., 3, 3).
+    """East, north and up unit vectors at points, as rows, (..., 3, 3); at a pole the longitude chooses the meridian.
 
-    Parameters
-    ----------
-    longitude_rad, latitude_rad : array_like, shape (...,)
-        East longitude and latitude, rad; at a pole the longitude chooses the meridian.
-
-    Raises
-    ------
-    InputError
-        A number is not finite or a latitude is beyond a pole.
-
-    Notes
-    -----
     The matrix times a vector gives its east, north and up components.
     """
-    longitude, latitude, _ = _checked(longitude_rad, latitude_rad, 0.0)
+    longitude, latitude, _ = checked(longitude_rad, latitude_rad, 0.0)
     return vectors.east_north_up(longitude, latitude)
 
 
-def _checked(
+def checked(
     longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+    """Longitude and latitude, rad, and distance from the Moon's centre, m, of one shape and possible."""
     longitude, latitude, height = np.broadcast_arrays(
         as_float_array(longitude_rad, "rad", "longitude_rad"),
         as_float_array(latitude_rad, "rad", "latitude_rad"),
@@ -109,7 +83,7 @@ def _checked(
     if (np.abs(latitude) > np.pi / 2).any():
         worst = latitude.flat[int(np.argmax(np.abs(latitude)))]
         raise InputError(
-            f"latitude {worst:.6g} rad is beyond a pole (-pi/2 to pi/2 is allowed); was it given in degrees?"
+            f"latitude {worst:.6g} rad is beyond a pole (-pi/2 to pi/2); is it in degrees instead of radians?"
         )
     radius_m = height + MEAN_LUNAR_RADIUS_M
     if (radius_m <= 0.0).any():

@@ -19,12 +19,20 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
+    checked,
     east_north_up,
     selenographic_to_cartesian,
 )
 from radioloc.lunar.terrain_grid import MapGrid
-from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M, CellReader, TerrainMetadata, open_map
-from radioloc.units import as_float_array, as_metres
+from radioloc.lunar.terrain_source import (
+    HIGHEST_M,
+    LOWEST_M,
+    TerrainMetadata,
+    heights_m,
+    implausible,
+    open_map,
+)
+from radioloc.units import as_metres
 
 Floats = NDArray[np.float64]
 
@@ -48,7 +56,6 @@ class TerrainModel:
     metadata: TerrainMetadata
     interpolation: str
     _grid: MapGrid = field(repr=False)
-    _reader: CellReader = field(repr=False)
 
     @classmethod
     def open(
@@ -75,8 +82,7 @@ class TerrainModel:
         Raises
         ------
         FileFormatError
-            There is no such file, it was cut, or it is none that GDAL reads as one band of numbers with a map
-            projection.
+            No such file, a part of one, or none that GDAL reads as one band of numbers with a map projection.
         InputError
             rasterio is not installed; another body's map, axes that are not mean-Earth, longitudes that count west,
             an ellipsoid; a unit that is ambiguous; values that are no heights or radii of the Moon.
@@ -87,8 +93,8 @@ class TerrainModel:
         """
         if interpolation not in _STENCIL_CELLS:
             raise InputError(f"interpolation = {interpolation!r} is not known; use 'bilinear' or 'bicubic'")
-        metadata, grid, reader = open_map(path, radius_m=radius_m, unit=unit)
-        return cls(metadata, interpolation, grid, reader)
+        metadata, grid = open_map(path, radius_m=radius_m, unit=unit)
+        return cls(metadata, interpolation, grid)
 
     def height_m(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> Floats:
         """Height of the terrain above the sphere of 1737.4 km, m, shape (...,).
@@ -104,28 +110,20 @@ class TerrainModel:
     def height_and_slope(
         self, longitude_rad: ArrayLike, latitude_rad: ArrayLike
     ) -> tuple[Floats, Floats, Floats]:
-        """Height of the terrain and its derivatives by longitude and latitude.
+        """Height of the terrain above the sphere of 1737.4 km, m, and its derivatives by longitude and latitude, m/rad.
+
+        The slope toward the east is the derivative by longitude divided by radius times cosine of latitude.
 
         Parameters
         ----------
         longitude_rad, latitude_rad : array_like, shape (...,)
             East longitude (-2 pi to 2 pi) and latitude in mean-Earth axes, rad.
 
-        Returns
-        -------
-        height_m : ndarray, shape (...,)
-            Above the sphere of 1737.4 km, m.
-        height_by_longitude_m_rad, height_by_latitude_m_rad : ndarray, shape (...,)
-            Derivatives of the interpolated height, m/rad. The slope toward the east is the first divided by
-            radius times cosine of latitude.
-
         Raises
         ------
         InputError
             A coordinate is not finite or out of range; a point is outside the map, at a void, or at a value
             that no lunar terrain has.
-        FileFormatError
-            The file can no longer be read.
 
         Notes
         -----
@@ -157,19 +155,12 @@ class TerrainModel:
         longitude_rad, latitude_rad : array_like, shape (...,)
             As :meth:`height_and_slope`.
         radius_m : float, optional
-            Radius of the neighbourhood on the ground, m; at least (and by default) one and a half cells of the map,
-            which hold nine cells.
+            Radius of the neighbourhood on the ground, m, up to 100 km; at least (and by default) one and a half cells
+            of the map, which hold nine cells.
 
-        Returns
-        -------
-        ndarray
-            Root of the sum of squared residuals divided by n - 3, from at most some 800 cells spread evenly.
-
-        Raises
-        ------
-        InputError
-            As :meth:`height_and_slope`, for any cell of the neighbourhood; a radius that is not positive or beyond
-            100 km; fewer than four cells, or cells on one line.
+        Notes
+        -----
+        Root of the sum of squared residuals divided by n - 3, from at most some 800 cells spread evenly.
         """
         radius_m = as_metres(radius_m, "radius_m")
         if radius_m is not None and not 0.0 < radius_m <= _LARGEST_ROUGHNESS_RADIUS_M:
@@ -189,20 +180,7 @@ class TerrainModel:
         own_sigma_m: float,
         radius_m: float | None = None,
     ) -> Floats:
-        """Standard deviation of a height prior, sqrt(own^2 + roughness^2), m, shape (...,).
-
-        Parameters
-        ----------
-        longitude_rad, latitude_rad, radius_m
-            As :meth:`roughness_m`.
-        own_sigma_m : float
-            Standard deviation of the map's own heights, m.
-
-        Raises
-        ------
-        InputError
-            As :meth:`roughness_m`; ``own_sigma_m`` is not positive.
-        """
+        """Standard deviation of a height prior, sqrt(own^2 + roughness^2), m; `own_sigma_m` is that of the map."""
         own_sigma_m = as_metres(own_sigma_m, "own_sigma_m")
         if not 0.0 < own_sigma_m < math.inf:
             raise InputError(f"own_sigma_m = {own_sigma_m!r} is not a positive number of metres")
@@ -229,14 +207,14 @@ class TerrainModel:
         rows, columns, inside = self._grid.wrapped(rows, columns)
         others = tuple(range(1, rows.ndim))
         self._require(np.asarray(inside.all(axis=others)), longitude, latitude)
-        heights = self._reader.heights_m(rows, columns)
+        heights = heights_m(self.metadata, rows, columns)
         void = np.asarray(np.isnan(heights).any(axis=others))
         if void.any():
             raise InputError(
                 f"{self.metadata.path} has a void in the cells around {_named(longitude, latitude, void)}; "
                 "fill the map, use another, or take the position without a terrain prior"
             )
-        wrong = np.asarray(((heights < LOWEST_M) | (heights > HIGHEST_M)).any(axis=others))
+        wrong = np.asarray(implausible(heights).any(axis=others))
         if wrong.any():
             worst_m = heights[wrong].flat[np.argmax(np.abs(heights[wrong]))]
             raise InputError(
@@ -305,16 +283,9 @@ def _weights(interpolation: str, t: Floats) -> tuple[Floats, Floats]:
 
 
 def _checked(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> tuple[Floats, Floats]:
-    longitude, latitude = np.broadcast_arrays(
-        as_float_array(longitude_rad, "rad", "longitude_rad"),
-        as_float_array(latitude_rad, "rad", "latitude_rad"),
-    )
-    if not (np.isfinite(longitude).all() and np.isfinite(latitude).all()):
-        raise InputError("a longitude or latitude is not a finite number")
-    if (np.abs(longitude) > 2.0 * math.pi).any() or (np.abs(latitude) > math.pi / 2).any():
-        raise InputError(
-            "a longitude is beyond 2 pi or a latitude beyond pi / 2; are they in degrees instead of radians?"
-        )
+    longitude, latitude, _ = checked(longitude_rad, latitude_rad, 0.0)
+    if (np.abs(longitude) > 2.0 * math.pi).any():
+        raise InputError("a longitude is beyond 2 pi; is it in degrees instead of radians?")
     return longitude, latitude
 
 

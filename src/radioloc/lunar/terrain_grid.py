@@ -39,7 +39,7 @@ class MapGrid:
     geographic: Any  # longitude and latitude in degrees on the same sphere
     rows: int
     columns: int
-    affine: tuple[float, float, float, float, float, float]  # a ... f of x = a u + b v + c, y = d u + e v + f
+    transform: Any  # from column and row, counted from the map's corner, to x and y
     resolution_m: float  # size of a cell where the projection is true to scale
     columns_around: float | None = None  # in a full turn of longitude, where there is such a number
     closed: bool = False  # the map's columns go all around, a whole number of them
@@ -47,7 +47,7 @@ class MapGrid:
     fold_south: int | None = None
 
     @classmethod
-    def of_map(cls, crs: Any, affine: tuple[float, ...], rows: int, columns: int, sphere_m: float) -> MapGrid:
+    def of_map(cls, crs: Any, transform: Any, rows: int, columns: int, sphere_m: float) -> MapGrid:
         """Build from the map's reference system (rasterio), transform, size and sphere radius in metres.
 
         A global cylindrical map whose width misses a full turn by less than a tenth of a cell is taken to close:
@@ -55,22 +55,22 @@ class MapGrid:
         """
         rasterio = load_rasterio()
         geographic = rasterio.crs.CRS.from_proj4(f"+proj=longlat +R={sphere_m!r} +no_defs")
-        a, b, c, d, e, f = affine
         scale_m = math.radians(1.0) * sphere_m if crs.is_geographic else crs.linear_units_factor[1]
-        resolution_m = math.sqrt(abs(a * e - b * d)) * scale_m
-        grid = cls(crs, geographic, rows, columns, (a, b, c, d, e, f), resolution_m)
+        resolution_m = math.sqrt(abs(transform.determinant)) * scale_m
+        grid = cls(crs, geographic, rows, columns, transform, resolution_m)
         definition = crs.to_dict()
         name = definition.get("proj")
-        if name not in _CYLINDRICAL or b != 0.0 or d != 0.0:
+        if name not in _CYLINDRICAL or transform.b != 0.0 or transform.d != 0.0:
             return grid
         centre_rad = math.radians(float(definition.get("lon_0", 0.0)))
         quarter = np.array([centre_rad - math.pi / 4, centre_rad + math.pi / 4])
         x, _ = grid._project(quarter, np.zeros(2))
-        around = 4.0 * abs(float(x[1] - x[0]) / a)
+        around = 4.0 * abs(float(x[1] - x[0]) / transform.a)
         if abs(around - columns) < _AROUND_TOLERANCE_CELLS:
-            stretch_x = around / columns
-            stretch_y = stretch_x if abs(a) == abs(e) else 1.0
-            a, c, e, f = a * stretch_x, c * stretch_x, e * stretch_y, f * stretch_y
+            stretch = around / columns
+            a, _, c, _, e, f = transform[:6]
+            stretch_y = stretch if abs(a) == abs(e) else 1.0
+            transform = type(transform)(a * stretch, 0.0, c * stretch, 0.0, e * stretch_y, f * stretch_y)
             around = float(columns)
         elif abs(around - round(around)) < 1e-6 * around:
             around = float(round(around))
@@ -78,20 +78,18 @@ class MapGrid:
         folds: list[int | None] = [None, None]
         if closed and round(around) % 2 == 0 and name in _ROWS_EVEN_IN_LATITUDE:
             _, y = grid._project(np.full(2, centre_rad), np.array([math.pi / 2, -math.pi / 2]))
-            twice = 2.0 * ((y - f) / e - 0.5)
+            twice = 2.0 * ((y - transform.f) / transform.e - 0.5)
             folds = [round(float(t)) if abs(t - round(t)) < 0.1 else None for t in twice]
-        return cls(crs, geographic, rows, columns, (a, b, c, d, e, f), resolution_m, around, closed, *folds)
+        return cls(crs, geographic, rows, columns, transform, resolution_m, around, closed, *folds)
 
     def cells(
         self, longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Row and column of points, shape (n,); not finite where the projection does not show the point."""
-        a, b, c, d, e, f = self.affine
         x, y = self._project(longitude_rad, latitude_rad)
-        determinant = a * e - b * d
         with np.errstate(invalid="ignore"):  # infinities make NaN, which the caller refuses as well
-            column = (e * (x - c) - b * (y - f)) / determinant - 0.5
-            row = (a * (y - f) - d * (x - c)) / determinant - 0.5
+            u, v = _applied(~self.transform, x, y)
+            row, column = v - 0.5, u - 0.5
             if self.columns_around is not None:
                 column = column - self.columns_around * np.floor((column + 0.5) / self.columns_around)
         return row, column
@@ -139,17 +137,14 @@ class MapGrid:
         self, rows: NDArray[np.float64], columns: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Longitude and latitude, rad, of positions in the grid, shape (n,); infinite where there is no Moon."""
-        a, b, c, d, e, f = self.affine
-        u, v = np.asarray(columns, dtype=np.float64) + 0.5, np.asarray(rows, dtype=np.float64) + 0.5
-        x, y = a * u + b * v + c, d * u + e * v + f
+        x, y = _applied(self.transform, np.asarray(columns) + 0.5, np.asarray(rows) + 0.5)
         longitude_deg, latitude_deg = _transform(self.crs, self.geographic, x, y)
         return np.radians(longitude_deg), np.radians(latitude_deg)
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Left, bottom, right, top of the map's outer edges, in the map's coordinates."""
-        a, b, c, d, e, f = self.affine
-        x = [a * u + b * v + c for u in (0, self.columns) for v in (0, self.rows)]
-        y = [d * u + e * v + f for u in (0, self.columns) for v in (0, self.rows)]
+        corners = [_applied(self.transform, u, v) for u in (0, self.columns) for v in (0, self.rows)]
+        x, y = zip(*corners, strict=True)
         return min(x), min(y), max(x), max(y)
 
     def coverage(self) -> str:
@@ -181,6 +176,12 @@ class MapGrid:
         self, longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         return _transform(self.geographic, self.crs, np.degrees(longitude_rad), np.degrees(latitude_rad))
+
+
+def _applied(transform: Any, u: Any, v: Any) -> tuple[Any, Any]:
+    """An affine transform applied: its own operator has another name in each of its major versions."""
+    a, b, c, d, e, f = transform[:6]
+    return a * u + b * v + c, d * u + e * v + f
 
 
 def _transform(

@@ -9,8 +9,8 @@ from __future__ import annotations
 import hashlib
 import re
 import warnings
-from collections import OrderedDict
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -69,52 +69,37 @@ class TerrainMetadata:
     nodata: float | None  # the number in the file that marks a void
 
 
-@dataclass(frozen=True, slots=True)
-class CellReader:
-    """Reads cells of a map as heights above 1737.4 km, and keeps the tiles last read."""
+def heights_m(
+    about: TerrainMetadata, rows: NDArray[np.int64], columns: NDArray[np.int64]
+) -> NDArray[np.float64]:
+    """Heights of cells of the map, m, in the shape of ``rows``; NaN where the map is void."""
+    heights = np.empty(rows.shape, dtype=np.float64)
+    tile_rows, tile_columns = rows // _TILE_CELLS, columns // _TILE_CELLS
+    for i, j in np.unique(np.stack([tile_rows.ravel(), tile_columns.ravel()]), axis=1).T.tolist():
+        here = (tile_rows == i) & (tile_columns == j)
+        heights[here] = _tile(about, i, j)[rows[here] - i * _TILE_CELLS, columns[here] - j * _TILE_CELLS]
+    return heights
 
-    metadata: TerrainMetadata
-    rows: int
-    columns: int
-    _tiles: OrderedDict[tuple[int, int], NDArray[np.float64]] = field(
-        default_factory=OrderedDict, repr=False, compare=False
-    )
 
-    def heights_m(self, rows: NDArray[np.int64], columns: NDArray[np.int64]) -> NDArray[np.float64]:
-        """Heights of cells of the map, m, in the shape of ``rows``; NaN where the map is void."""
-        heights = np.empty(rows.shape, dtype=np.float64)
-        tile_rows, tile_columns = rows // _TILE_CELLS, columns // _TILE_CELLS
-        for i, j in np.unique(np.stack([tile_rows.ravel(), tile_columns.ravel()]), axis=1).T.tolist():
-            here = (tile_rows == i) & (tile_columns == j)
-            heights[here] = self._tile(i, j)[rows[here] - i * _TILE_CELLS, columns[here] - j * _TILE_CELLS]
-        return heights
-
-    def _tile(self, i: int, j: int) -> NDArray[np.float64]:
-        if (i, j) in self._tiles:
-            self._tiles.move_to_end((i, j))
-            return self._tiles[i, j]
-        window = (
-            (i * _TILE_CELLS, min((i + 1) * _TILE_CELLS, self.rows)),
-            (j * _TILE_CELLS, min((j + 1) * _TILE_CELLS, self.columns)),
-        )
-        rasterio = load_rasterio()
-        try:
-            with _opened(self.metadata.path) as dataset:
-                numbers = dataset.read(1, window=window, masked=True)
-        except rasterio.errors.RasterioError as error:
-            raise FileFormatError(self.metadata.path, f"cells could not be read: {error}") from error
-        about = self.metadata
-        values = _filled(numbers) * about.scale + about.offset
-        tile = _heights_m(values, about.unit, about.reference_radius_m)
-        self._tiles[i, j] = tile
-        if len(self._tiles) > _TILES_KEPT:
-            self._tiles.popitem(last=False)
-        return tile
+@lru_cache(maxsize=_TILES_KEPT)
+def _tile(about: TerrainMetadata, i: int, j: int) -> NDArray[np.float64]:
+    """Heights in a tile of the map, whose files' checksums are part of the cache's key."""
+    rasterio = load_rasterio()
+    try:
+        with _opened(about.path) as dataset:
+            window = tuple(
+                (k * _TILE_CELLS, min((k + 1) * _TILE_CELLS, size))
+                for k, size in zip((i, j), dataset.shape, strict=True)
+            )
+            numbers = dataset.read(1, window=window, masked=True)
+    except rasterio.errors.RasterioError as error:
+        raise FileFormatError(about.path, f"cells could not be read: {error}") from error
+    return _heights_m(_filled(numbers) * about.scale + about.offset, about.unit, about.reference_radius_m)
 
 
 def open_map(
     path: str | Path, *, radius_m: float | None, unit: str | None
-) -> tuple[TerrainMetadata, MapGrid, CellReader]:
+) -> tuple[TerrainMetadata, MapGrid]:
     """Open an elevation map of the Moon and find out what its numbers mean; see :meth:`TerrainModel.open`."""
     rasterio = load_rasterio()
     if unit is not None and unit not in _UNITS_M:
@@ -148,7 +133,7 @@ def _opened(path: Path) -> Any:
 
 def _described(
     path: Path, dataset: Any, radius_m: float | None, unit: str | None
-) -> tuple[TerrainMetadata, MapGrid, CellReader]:
+) -> tuple[TerrainMetadata, MapGrid]:
     kind = np.dtype(dataset.dtypes[0])
     if dataset.count != 1 or kind.kind not in "iuf" or kind.itemsize == 1:
         raise FileFormatError(
@@ -158,7 +143,7 @@ def _described(
     label = _label(path, dataset.driver)
     sphere_m = _checked_sphere(path, dataset)
     coordinate_system = _checked_body(path, dataset, label)
-    grid = MapGrid.of_map(dataset.crs, tuple(dataset.transform)[:6], dataset.height, dataset.width, sphere_m)
+    grid = MapGrid.of_map(dataset.crs, dataset.transform, dataset.height, dataset.width, sphere_m)
     scale, offset = float(dataset.scales[0]), float(dataset.offsets[0])
     quantity, unit, reference_m = _meaning(path, dataset, label, radius_m, unit, sphere_m)
     metadata = TerrainMetadata(
@@ -177,7 +162,7 @@ def _described(
         offset=offset,
         nodata=dataset.nodata,
     )
-    return metadata, grid, CellReader(metadata, dataset.height, dataset.width)
+    return metadata, grid
 
 
 def _label(path: Path, driver: str) -> str:
@@ -268,7 +253,7 @@ def _meaning(
         (quantity, name, reference)
         for name in units
         for quantity, reference in (("height", reference_m), ("radius", 0.0))
-        if not _implausible(_heights_m(values, name, reference)).any()
+        if not implausible(_heights_m(values, name, reference)).any()
     ]
     found = f"{path}: sampled values go from {values.min():.6g} to {values.max():.6g}"
     if not meanings:
@@ -295,7 +280,8 @@ def _heights_m(values: NDArray[np.float64], unit: str, reference_m: float) -> ND
     return values * _UNITS_M[unit] + (reference_m - MEAN_LUNAR_RADIUS_M)
 
 
-def _implausible(heights_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+def implausible(heights_m: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Whether heights are such as the Moon has nowhere."""
     return (heights_m < LOWEST_M) | (heights_m > HIGHEST_M)
 
 

@@ -43,17 +43,7 @@ class Epochs:
 
     @classmethod
     def from_time(cls, time: Any) -> Epochs:
-        """Build from an astropy ``Time``, without loss, in its own scale.
-
-        Parameters
-        ----------
-        time : astropy.time.Time
-            Of any shape; it is flattened. UTC, TAI, TT, TDB or UT1.
-
-        Raises
-        ------
-        InputError
-            It is no Time, in another scale, or masked.
+        """Build from an astropy ``Time`` of any shape, without loss, in its own scale: UTC, TAI, TT, TDB or UT1.
 
         Examples
         --------
@@ -69,20 +59,7 @@ class Epochs:
 
     @classmethod
     def from_jd(cls, jd: ArrayLike, fraction: ArrayLike = 0.0, scale: str = "TDB") -> Epochs:
-        """Build from any split of a Julian date in two, without loss.
-
-        Parameters
-        ----------
-        jd, fraction : array_like, shape () or (n,)
-            Two numbers whose sum is the Julian date.
-        scale : str
-            Time scale of the result.
-
-        Raises
-        ------
-        InputError
-            The scale is unknown or a date is not a finite number.
-        """
+        """Build from any split of Julian dates in two, shapes () or (n,), without loss."""
         if scale not in SCALES:
             raise InputError(f"time scale {scale!r} is not known; use one of {', '.join(SCALES)}")
         jd_in, fraction_in = np.broadcast_arrays(

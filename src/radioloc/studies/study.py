@@ -18,7 +18,7 @@ from radioloc.errors import InputError
 from radioloc.io.tdm import TdmAgreement
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.equipment_delays import EquipmentDelays
+from radioloc.measurements.equipment_delays import EquipmentDelays, StationDelay
 from radioloc.measurements.evaluation import EVALUATIONS
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.targets import canonical_target
@@ -29,14 +29,77 @@ from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.design import simple_predictor
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.scenario import Scenario
+from radioloc.studies.schema import check, entry, names_of
+from radioloc.studies.toml_table import TomlTable
 from radioloc.studies.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
 
+WEIGHTS = ("independent", "correlated")
 POSITION_FORMS = ("geographic", "cartesian", "none")
 HEIGHT_LIMITS_M = (-2.0e4, 2.0e4)
 """Beyond any terrain: heights above the 1737.4 km sphere run from -9.2 to 10.8 km."""
 LOWEST_REJECTION_SIGMA = 2.0
 """Below this good data would be cut: of normal residuals one in 22 exceeds two sigmas."""
+TDM_KEYS = {
+    "sigma_m": "sigma_m",
+    "tdm_range": "range_convention",
+    "tdm_doppler": "doppler_convention",
+    "tdm_range_unit_s": "range_unit_s",
+    "tdm_turnaround": "turnaround",
+    "tdm_delays_removed": "delays_removed",
+    "tdm_apply_clocks": "apply_clocks",
+}
+"""Keys of ``[observations]`` that are fields of :class:`~radioloc.io.tdm.TdmAgreement`."""
+PARAMETER_KEYS = tuple(
+    key for kind in PARAMETERS.values() for key in (kind.name, kind.value_key, kind.sigma_key, kind.per_key)
+)
+"""Keys of the kinds of parameter in ``[estimate]`` and ``[consider]``."""
+
+
+def _tdm(table: TomlTable, _: str) -> TdmAgreement:
+    return table.read(TdmAgreement, TDM_KEYS, whole=False)
+
+
+def read_parameters(table: TomlTable, _: str = "") -> dict[str, ParameterChoice]:
+    """Take the keys of all kinds of parameter."""
+    given = {key: value for key in PARAMETER_KEYS if (value := table.take(key)) is not None}
+    return table.build(parameter_choices, given=given)
+
+
+def _height_prior(table: TomlTable, key: str) -> HeightPrior | TerrainPrior | None:
+    prior = table.table(key)
+    if prior is None:
+        return None
+    dem, interpolation = prior.get("dem", Path), prior.text("interpolation")
+    if dem is None:
+        if interpolation is not None:
+            prior.fail("interpolation", "belongs to a terrain model; name one as dem")
+        return prior.read(HeightPrior)
+    if "height_m" in prior:
+        prior.fail("height_m", "give either dem or height_m, not both")
+    terrain = prior.build(TerrainModel.open, path=dem, interpolation=interpolation)
+    return prior.read(TerrainPrior, terrain=terrain)
+
+
+def _terms(table: TomlTable, _: str) -> frozenset[str]:
+    try:
+        return active_terms(table.texts("off") or ())
+    except InputError as error:
+        table.fail("off", str(error))
+
+
+def _kernel(table: TomlTable, key: str) -> str | None:
+    """A registered name as it is; anything that looks like a file relative to the study file."""
+    name = table.text(key)
+    return name if name is None or not Path(name).suffix else str(table.path.parent / name)
+
+
+def _delays(table: TomlTable, _: str) -> EquipmentDelays:
+    by_station = table.table("station_delay_s")
+    keys = {"transmit": "transmit_s", "receive": "receive_s"}
+    stations = {} if by_station is None else by_station.named()
+    delays = {name: delay.read(StationDelay, keys) for name, delay in stations.items()}
+    return table.build(EquipmentDelays, transponder_s=table.number("transponder_delay_s"), stations=delays)
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,48 +136,33 @@ class ObservationChoice:
     """
 
     files: tuple[Path, ...] = ()
-    targets: tuple[str, ...] | None = None
-    stations: tuple[str, ...] | None = None
-    start: Epochs | None = None
-    stop: Epochs | None = None
-    hours: float | None = None
-    extra_sigma_m: float = 0.0
-    tdm: TdmAgreement = field(default_factory=TdmAgreement)
-    vlbi_station_sigma_m: float | Mapping[str, float] = 0.0
-    vlbi_station_rate_sigma_m: float | Mapping[str, float] = 0.0
-    weights: tuple[Weight, ...] = ()
+    targets: tuple[str, ...] | None = entry(None, names=True)
+    stations: tuple[str, ...] | None = entry(None, names=True)
+    start: Epochs | None = entry(None, moment=True)
+    stop: Epochs | None = entry(None, moment=True)
+    hours: float | None = entry(None, positive=True)
+    extra_sigma_m: float = entry(
+        0.0,
+        not_negative=True,
+        advice="it is of all observations; one by type, station or file belongs to [[observations.weights]]",
+    )
+    tdm: TdmAgreement = entry(factory=TdmAgreement, keys=tuple(TDM_KEYS), read=_tdm)
+    vlbi_station_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
+    vlbi_station_rate_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
+    weights: tuple[Weight, ...] = entry(
+        (),
+        advice='they are of chosen observations; how series are weighed ("correlated") is in [estimate] weights',
+    )
 
     def __post_init__(self) -> None:
         files = (self.files,) if isinstance(self.files, (str, Path)) else self.files
         object.__setattr__(self, "files", tuple(Path(file) for file in files))
-        for key in ("targets", "stations"):
-            value = getattr(self, key)
-            if value is not None:
-                object.__setattr__(self, key, _names(key, value))
-                if not getattr(self, key):
-                    raise InputError(f"{key} names none; leave it out to keep all {key}")
-        for key in ("start", "stop"):
-            _require_single_epoch(key, getattr(self, key))
+        object.__setattr__(self, "weights", tuple(self.weights))
+        check(self)
         if self.start is not None and self.stop is not None:
             length_s = utc_to_tai(self.stop).seconds_since(utc_to_tai(self.start))
             if not (length_s > 0.0).all():
                 raise InputError("stop must be later than start")
-        if self.hours is not None:
-            _require_positive("hours", self.hours)
-        _require_not_negative("extra_sigma_m", self.extra_sigma_m)
-        for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m"):
-            value = getattr(self, key)
-            named = (
-                {f"{key}.{name}": sigma for name, sigma in value.items()}
-                if isinstance(value, Mapping)
-                else {}
-            )
-            for name, sigma in (named or {key: 0.0 if isinstance(value, Mapping) else value}).items():
-                _require_not_negative(name, sigma)
-        object.__setattr__(self, "weights", tuple(self.weights))
-
-
-WEIGHTS = ("independent", "correlated")
 
 
 @dataclass(frozen=True, slots=True)
@@ -128,16 +176,16 @@ class HeightPrior:
     """
 
     height_m: float
-    sigma_m: float
+    sigma_m: float = entry(positive=True)
 
     def __post_init__(self) -> None:
+        check(self)
         low_m, high_m = HEIGHT_LIMITS_M
         if not low_m <= self.height_m <= high_m:
             raise InputError(
                 f"height_m = {self.height_m!r} is no height above the 1737.4 km sphere that the Moon has "
                 "(-9.2 to 10.8 km)"
             )
-        _require_positive("sigma_m", self.sigma_m)
 
 
 @dataclass(frozen=True, slots=True)
@@ -158,10 +206,10 @@ class TerrainPrior:
     """
 
     terrain: TerrainModel
-    sigma_m: float
+    sigma_m: float = entry(positive=True)
 
     def __post_init__(self) -> None:
-        _require_positive("sigma_m", self.sigma_m)
+        check(self)
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -198,56 +246,55 @@ class EstimateChoice:
         A value is not one of these.
     """
 
-    position: str
-    height_prior: HeightPrior | TerrainPrior | None
-    ephemeris_sigma_m: tuple[float, float, float]
-    rejection_sigma: float
-    weights: str
-    pass_gap_h: float
-    parameters: Mapping[str, ParameterChoice]
+    position: str = entry("geographic", choices=POSITION_FORMS)
+    height_prior: HeightPrior | TerrainPrior | None = entry(None, read=_height_prior)
+    ephemeris_sigma_m: tuple[float, float, float] = entry(
+        (0.0, 0.0, 0.0), not_negative=True, kind=float | tuple[float, float, float]
+    )
+    rejection_sigma: float = 5.0
+    weights: str = entry(
+        "independent",
+        choices=WEIGHTS,
+        advice="sigmas by type, station and file belong to [[observations.weights]]",
+    )
+    pass_gap_h: float = entry(PASS_GAP_H, positive=True)
+    parameters: Mapping[str, ParameterChoice] = entry(factory=dict, keys=PARAMETER_KEYS, read=read_parameters)
 
     def __init__(
         self,
         *,
         position: str = "geographic",
         height_prior: HeightPrior | TerrainPrior | None = None,
-        ephemeris_sigma_m: tuple[float, float, float] = (0.0, 0.0, 0.0),
+        ephemeris_sigma_m: float | tuple[float, float, float] = 0.0,
         rejection_sigma: float = 5.0,
         weights: str = "independent",
         pass_gap_h: float = PASS_GAP_H,
         parameters: Mapping[str, ParameterChoice] | None = None,
         **keys: Any,
     ) -> None:
-        given = dict(parameters or {}) | parameter_choices(keys)
+        of_axes = (
+            tuple(ephemeris_sigma_m) if isinstance(ephemeris_sigma_m, Iterable) else (ephemeris_sigma_m,) * 3
+        )
         for name, value in (
             ("position", position),
             ("height_prior", height_prior),
-            ("ephemeris_sigma_m", tuple(ephemeris_sigma_m)),
+            ("ephemeris_sigma_m", of_axes),
             ("rejection_sigma", rejection_sigma),
             ("weights", weights),
             ("pass_gap_h", pass_gap_h),
-            ("parameters", given),
+            ("parameters", dict(parameters or {}) | parameter_choices(keys)),
         ):
             object.__setattr__(self, name, value)
-        if self.position not in POSITION_FORMS:
-            allowed = ", ".join(f'"{form}"' for form in POSITION_FORMS)
-            raise InputError(f"position must be one of {allowed}, not {self.position!r}")
-        _require_positive("pass_gap_h", self.pass_gap_h)
+        check(self)
         if self.height_prior is not None and self.position != "geographic":
             raise InputError('height_prior needs position = "geographic", where the height is a parameter')
-        if len(self.ephemeris_sigma_m) != 3:
-            raise InputError(
-                f"ephemeris_sigma_m must be three numbers (east, north, up), not {self.ephemeris_sigma_m!r}"
-            )
-        for sigma in self.ephemeris_sigma_m:
-            _require_not_negative("ephemeris_sigma_m", sigma)
+        if len(of_axes) != 3:
+            raise InputError(f"ephemeris_sigma_m must be three numbers (east, north, up), not {of_axes!r}")
         if not (math.isfinite(self.rejection_sigma) and self.rejection_sigma >= LOWEST_REJECTION_SIGMA):
             raise InputError(
                 f"rejection_sigma must be {LOWEST_REJECTION_SIGMA:g} or more, not {self.rejection_sigma!r}: "
                 "less cuts good data"
             )
-        if self.weights not in WEIGHTS:
-            raise InputError(f'weights must be "independent" or "correlated", not {self.weights!r}')
 
     def held(self) -> EstimateChoice:
         """Nothing estimated; the a-priori values of all parameters stay."""
@@ -297,22 +344,23 @@ class ModelChoice:
         A term is not one of the model, or there is no such evaluation.
     """
 
-    terms: frozenset[str] = field(default_factory=active_terms)
-    ephemeris: str = "DE421"
-    libration: str = "DE421"
+    terms: frozenset[str] = entry(factory=active_terms, keys=("off",), read=_terms)
+    ephemeris: str = entry("DE421", read=_kernel)
+    libration: str = entry("DE421", read=_kernel)
     earth_orientation: Path | None = None
     ionex: tuple[Path, ...] = ()
     tec_tecu: float | None = None
     vmf3: tuple[Path, ...] = ()
     vmf3_orography: Path | None = None
     gpt3: Path | None = None
-    delays: EquipmentDelays = field(default_factory=EquipmentDelays)
-    evaluation: str = "auto"
+    delays: EquipmentDelays = entry(
+        factory=EquipmentDelays, keys=("transponder_delay_s", "station_delay_s"), read=_delays
+    )
+    evaluation: str = entry("auto", choices=EVALUATIONS)
 
     def __post_init__(self) -> None:
-        if self.evaluation not in EVALUATIONS:
-            raise InputError(f"evaluation is {self.evaluation!r}; use one of {', '.join(EVALUATIONS)}")
-        terms = frozenset(_names("terms", self.terms))
+        check(self)
+        terms = frozenset(names_of("terms", self.terms))
         active_terms(terms)  # knows every name, or says which it does not
         object.__setattr__(self, "terms", terms)
         if self.ionex and self.tec_tecu is not None:
@@ -457,29 +505,3 @@ class Study:
                     f"{key} belongs to a position on the Moon, but the target is a trajectory ({trajectory.name}); "
                     "leave it out"
                 )
-
-
-def _names(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:
-    names = (value,) if isinstance(value, str) else tuple(value)
-    for name in names:
-        if not isinstance(name, str) or not name.strip():
-            raise InputError(f"{key} must be names, not {name!r}")
-    return names
-
-
-def _require_positive(key: str, value: float) -> None:
-    if not (math.isfinite(value) and value > 0.0):
-        raise InputError(f"{key} must be above zero, not {value!r}")
-
-
-def _require_not_negative(key: str, value: float) -> None:
-    if not (math.isfinite(value) and value >= 0.0):
-        raise InputError(f"{key} must not be negative, not {value!r}")
-
-
-def _require_single_epoch(key: str, value: Any) -> None:
-    if value is None:
-        return
-    if not isinstance(value, Epochs) or len(value) != 1:
-        raise InputError(f'{key} must be one epoch, such as epochs_from_strings("2024-05-02"), not {value!r}')
-    value.require("UTC")

@@ -1,40 +1,50 @@
-"""Reading a TOML table so that every mistake in it is one clear sentence naming the file, the table and the key."""
+"""Reading a TOML table into a record, so that every mistake is one sentence naming the file, the table and the key."""
 
 from __future__ import annotations
 
+import dataclasses
 import difflib
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, NoReturn, TypeVar
+from types import UnionType
+from typing import Any, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from radioloc.errors import InputError
-from radioloc.studies.alike_keys import table_of, where_it_belongs
 from radioloc.time import Epochs, epochs_from_strings
 
 _Made = TypeVar("_Made")
 _LONGEST_SHOWN = 80
+_COUNTS = {2: "two", 3: "three"}
+_NAMES = tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Hints:
+    """What to say of keys in a wrong place: the keys by table, and advice by table and key."""
+
+    keys: Mapping[str, Collection[str]] = field(default_factory=dict)
+    advice: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+    def table_of(self, key: str, besides: str) -> str:
+        """The one table that has a key which is unknown to another of them, or above all tables; else empty."""
+        found = [table for table, keys in self.keys.items() if key in keys]
+        return found[0] if len(found) == 1 and (not besides or besides in self.keys) else ""
 
 
 class TomlTable:
-    """One table of a study file; keys are taken from it one by one, and what is left over is an error.
+    """One table of a study file; keys are taken from it one by one, and what is left over is an error."""
 
-    Parameters
-    ----------
-    path : Path
-        The study file, for messages.
-    name : str
-        The table's name, such as ``"estimate"``.
-    content : mapping
-        What TOML gave for it.
-    """
-
-    def __init__(self, path: Path, name: str, content: Any) -> None:
+    def __init__(self, path: Path, name: str, content: Any, hints: Hints | None = None) -> None:
         self.path = path
         self.name = name
+        self._hints = hints or Hints()
         if not isinstance(content, Mapping):
-            problem = _of_another_kind("a table", content, *name.rpartition(".")[::2])
-            raise InputError(f"{path}: [{name}] {problem}")
+            table, _, key = name.rpartition(".")
+            raise InputError(
+                f"{path}: [{name}] must be a table, not {_shown(content)}{self._advice(table, key)}"
+            )
         self._content = dict(content)
         self._asked: list[str] = []
 
@@ -43,22 +53,12 @@ class TomlTable:
         raise InputError(f"{self.path}: [{self.name}] {key}: {problem}")
 
     def _refuse(self, key: str, wanted: str, value: Any) -> NoReturn:
-        """Raise :class:`InputError` about a value of another kind."""
-        self.fail(key, _of_another_kind(wanted, value, self.name, key.partition(".")[0]))
+        advice = self._advice(self.name, key.partition(".")[0])
+        self.fail(key, f"must be {wanted}, not {_shown(value)}{advice}")
 
-    def build(self, make: Callable[..., _Made], **fields: Any) -> _Made:
-        """Call with the fields that were given, so that others keep their defaults; errors name this table.
-
-        Raises
-        ------
-        InputError
-            As the callable says, with file and table in front.
-        """
-        try:
-            return make(**{key: value for key, value in fields.items() if value is not None})
-        except InputError as error:
-            where = f"[{self.name}] " if self.name else ""
-            raise InputError(f"{self.path}: {where}{error}") from None
+    def _advice(self, table: str, key: str) -> str:
+        text = self._hints.advice.get((table, key))
+        return f"; {text}" if text else ""
 
     def __contains__(self, key: str) -> bool:
         return key in self._content
@@ -68,23 +68,91 @@ class TomlTable:
         self._asked.append(key)
         return self._content.pop(key, None)
 
-    def holds_text(self, key: str) -> bool:
-        """Whether a key is there and its value is a string."""
-        return isinstance(self._content.get(key), str)
+    def get(self, key: str, kind: Any) -> Any:
+        """Take a value of a kind: a type, a tuple or mapping of types, a record, or a union of these.
 
-    def number_or_table(self, key: str) -> float | dict[str, float] | None:
-        """Take a finite number, or a table of them under any names, at least one."""
+        A ``Path`` is the name of a file that exists; several may be given by names and globs.
+        """
         value = self.take(key)
-        if value is None or not isinstance(value, Mapping):
-            return None if value is None else self.as_number(key, value)
-        if not value:
-            self.fail(key, "names none; leave it out")
-        return {name: self.as_number(f"{key}.{name}", number) for name, number in value.items()}
+        return None if value is None else self._convert(key, value, kind)
 
-    def number(self, key: str) -> float | None:
-        """Take a finite number."""
+    def read(
+        self, record: type[_Made], keys: Mapping[str, str] | None = None, whole: bool = True, **given: Any
+    ) -> _Made:
+        """Make a record of the keys, which are its fields; some may be given.
+
+        Of a record that is not made for study files, `keys` says which field each key is. It may be only a part of
+        the table, not the `whole`, of which no key may be left.
+        """
+        kinds = get_type_hints(record)
+        fields = {f.name: f for f in dataclasses.fields(record) if f.name not in given}  # type: ignore[arg-type]
+        for key, name in keys.items() if keys else zip(fields, fields, strict=True):
+            rules = fields[name].metadata
+            if "read" in rules:
+                given[name] = rules["read"](self, key)
+            else:
+                given[name] = self.get(key, rules.get("kind", kinds[name]))
+        if whole:
+            self.finish()
+        for name, f in fields.items():
+            needed = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+            if needed and given.get(name) is None:
+                self.fail(name, "is missing")
+        return self.build(record, **given)
+
+    def build(self, make: Callable[..., _Made], **fields: Any) -> _Made:
+        """Call with the fields that were given, so that others keep their defaults; errors name this table."""
+        try:
+            return make(**{key: value for key, value in fields.items() if value is not None})
+        except InputError as error:
+            where = f"[{self.name}] " if self.name else ""
+            raise InputError(f"{self.path}: {where}{error}") from None
+
+    def table(self, key: str) -> TomlTable | None:
+        """Take a table inside this one."""
         value = self.take(key)
-        return None if value is None else self.as_number(key, value)
+        return None if value is None else self._child(key, value)
+
+    def tables(self) -> list[TomlTable]:
+        """Take all that is left, each a table of its own."""
+        return list(self.named().values())
+
+    def named(self) -> dict[str, TomlTable]:
+        """Take all that is left, each a table of its own, by name."""
+        return {key: self._child(key, self.take(key)) for key in list(self._content)}
+
+    def _child(self, key: str, value: Any) -> TomlTable:
+        return TomlTable(self.path, f"{self.name}.{key}" if self.name else key, value, self._hints)
+
+    def finish(self) -> None:
+        """Raise :class:`InputError` if a key is left that nobody asked for."""
+        for key in self._content:
+            near = difflib.get_close_matches(key, self._asked, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else f"; the keys are {', '.join(self._asked)}"
+            if table := self._hints.table_of(key, self.name):
+                hint = f"; it belongs to [{table}]"
+            where = f"[{self.name}] " if self.name else ""
+            raise InputError(f"{self.path}: {where}{key!r} is not known{hint}")
+
+    def _convert(self, key: str, value: Any, kind: Any) -> Any:
+        origin, parts = get_origin(kind) or kind, get_args(kind)
+        if origin in (Union, UnionType):
+            return self._convert(key, value, _arm(value, [part for part in parts if part is not type(None)]))
+        if kind in _SIMPLE:
+            return _SIMPLE[kind](self, key, value)
+        if origin is tuple and parts[-1] is not Ellipsis:
+            return self._numbers(key, value, parts)
+        if origin is tuple and parts[0] not in (str, Path):
+            if not isinstance(value, list):
+                self._refuse(key, f"a list of tables, [[{self.name}.{key}]]", value)
+            return tuple(self._child(key, item).read(parts[0]) for item in value)
+        if origin is tuple:
+            texts = self._texts(key, value)
+            return self.files(key, texts) if parts[0] is Path else texts
+        if isinstance(origin, type) and issubclass(origin, Mapping):
+            content = self._child(key, value)._content
+            return {name: self._convert(f"{key}.{name}", item, parts[1]) for name, item in content.items()}
+        return self._child(key, value).read(kind)
 
     def as_number(self, key: str, value: Any) -> float:
         """Check that a value is a finite number."""
@@ -98,104 +166,134 @@ class TomlTable:
             self.fail(key, f"must be a finite number, not {_shown(value)}")
         return number
 
-    def text(self, key: str) -> str | None:
-        """Take a string that is not empty."""
-        value = self.take(key)
-        if value is not None and not (isinstance(value, str) and value.strip()):
+    def as_numbers(self, key: str, value: Any, length: int) -> tuple[float, ...]:
+        """Check that a value is a list of so many finite numbers."""
+        return self._numbers(key, value, (float,) * length)
+
+    def _numbers(self, key: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
+        if not isinstance(value, list) or len(value) != len(kinds):
+            count = _COUNTS.get(len(kinds), len(kinds))
+            what = "whole numbers" if kinds[0] is int else "numbers"
+            self.fail(key, f"must be a list of {count} {what}, not {_shown(value)}")
+        return tuple(self._convert(key, item, kind) for item, kind in zip(value, kinds, strict=True))
+
+    def _whole_number(self, key: str, value: Any) -> int:
+        if type(value) is not int:
+            self._refuse(key, "a whole number", value)
+        return value
+
+    def _flag(self, key: str, value: Any) -> bool:
+        if not isinstance(value, bool):
+            self._refuse(key, "true or false", value)
+        return value
+
+    def _text(self, key: str, value: Any) -> str:
+        if not (isinstance(value, str) and value.strip()):
             self._refuse(key, "a string that is not empty", value)
         return value
 
-    def texts(self, key: str) -> tuple[str, ...] | None:
-        """Take a list of strings, none of them empty; a single string stands for a list of one."""
-        value = self.take(key)
-        if value is None:
-            return None
+    def _texts(self, key: str, value: Any) -> _NAMES:
         values = [value] if isinstance(value, str) else value
         if not isinstance(values, list) or not all(isinstance(v, str) and v.strip() for v in values):
             self._refuse(key, "a list of strings that are not empty", value)
         return tuple(values)
 
+    def _epoch(self, key: str, value: Any) -> Epochs:
+        """A UTC date, as text or as TOML has them: datetime objects, whose ISO form is what the text would be."""
+        try:
+            return epochs_from_strings(
+                value if isinstance(value, str) else value.isoformat().replace("+00:00", "")
+            )
+        except InputError as error:
+            self.fail(key, str(error))
+        except AttributeError:
+            self.fail(key, f"must be a UTC date, not {_shown(value)}")
+
+    def _file(self, key: str, value: Any) -> Path:
+        found = self.files(key, [self._text(key, value)])
+        if len(found) > 1:
+            self.fail(key, f"one file is wanted, but there are {len(found)}")
+        return found[0]
+
+    def files(self, key: str, patterns: Collection[str], may_be_missing: bool = False) -> tuple[Path, ...]:
+        """Files of names and globs, relative to the study file; a name may be of one that is still to be made."""
+        folder = self.path.parent
+        files: dict[Path, None] = {}
+        for pattern in patterns:
+            found = _matches(folder, pattern)
+            if not found and (folder / pattern).is_dir():
+                self.fail(key, f"{pattern!r} is a directory; give the files in it, such as {pattern}/*.csv")
+            if not found and may_be_missing and not set(pattern) & set("*?["):
+                found = [folder / pattern]
+            if not found:
+                self.fail(key, f"{pattern!r} matches no file in {folder.resolve()}")
+            files |= dict.fromkeys(found)
+        return tuple(files)
+
+    # Short for `get` with the usual kinds.
+    def number(self, key: str) -> float | None:
+        """Take a finite number."""
+        value: float | None = self.get(key, float)
+        return value
+
+    def text(self, key: str) -> str | None:
+        """Take a string that is not empty."""
+        value: str | None = self.get(key, str)
+        return value
+
+    def texts(self, key: str) -> tuple[str, ...] | None:
+        """Take a list of strings, none of them empty; a single string stands for a list of one."""
+        value: tuple[str, ...] | None = self.get(key, _NAMES)
+        return value
+
     def vector(self, key: str) -> tuple[float, float, float] | None:
         """Take three numbers."""
-        values = self.numbers(key, 3)
-        return None if values is None else (values[0], values[1], values[2])
+        value: tuple[float, float, float] | None = self.get(key, tuple[float, float, float])
+        return value
 
     def numbers(self, key: str, length: int) -> tuple[float, ...] | None:
         """Take some numbers."""
         value = self.take(key)
         return None if value is None else self.as_numbers(key, value, length)
 
-    def as_numbers(self, key: str, value: Any, length: int) -> tuple[float, ...]:
-        """Check that a value is a list of so many finite numbers."""
-        if not isinstance(value, list) or len(value) != length:
-            count = {2: "two", 3: "three"}.get(length, str(length))
-            self.fail(key, f"must be a list of {count} numbers, not {_shown(value)}")
-        return tuple(self.as_number(key, v) for v in value)
-
     def epoch(self, key: str) -> Epochs | None:
-        """Take a UTC date, as text or as TOML has them."""
-        value = self.take(key)
-        if value is None:
-            return None
-        try:
-            # TOML dates arrive as datetime objects; their ISO form is what the text form would be.
-            text = value if isinstance(value, str) else value.isoformat().replace("+00:00", "")
-            return epochs_from_strings(text)
-        except InputError as error:
-            self.fail(key, str(error))
-        except AttributeError:
-            self.fail(key, f"must be a UTC date, not {_shown(value)}")
-
-    def whole_numbers(self, key: str, count: int) -> tuple[int, ...] | None:
-        """Take so many whole numbers."""
-        value = self.take(key)
-        if value is None:
-            return None
-        if not isinstance(value, list) or len(value) != count or not all(type(v) is int for v in value):
-            self.fail(key, f"must be a list of {count} whole numbers, not {_shown(value)}")
-        return tuple(value)
-
-    def flag(self, key: str) -> bool | None:
-        """Take ``true`` or ``false``."""
-        value = self.take(key)
-        if value is not None and not isinstance(value, bool):
-            self.fail(key, f"must be true or false, not {_shown(value)}")
+        """Take a UTC date."""
+        value: Epochs | None = self.get(key, Epochs)
         return value
 
-    def table(self, key: str) -> TomlTable | None:
-        """Take a table inside this one."""
-        value = self.take(key)
-        return (
-            None if value is None else TomlTable(self.path, f"{self.name}.{key}" if self.name else key, value)
-        )
 
-    def tables(self) -> list[TomlTable]:
-        """Take all that is left, each a table of its own."""
-        return [t for key in list(self._content) if (t := self.table(key)) is not None]
-
-    def table_list(self, key: str) -> list[TomlTable]:
-        """Take a list of tables, ``[[...]]``; empty where the key is absent."""
-        value = self.take(key)
-        if value is None:
-            return []
-        if not isinstance(value, list):
-            self._refuse(key, f"a list of tables, [[{self.name}.{key}]]", value)
-        return [TomlTable(self.path, f"{self.name}.{key}", item) for item in value]
-
-    def finish(self) -> None:
-        """Raise :class:`InputError` if a key is left that nobody asked for."""
-        for key in self._content:
-            near = difflib.get_close_matches(key, self._asked, n=1)
-            hint = f"; did you mean {near[0]!r}?" if near else f"; the keys are {', '.join(self._asked)}"
-            if table := table_of(key, self.name):
-                hint = f"; it belongs to [{table}]"
-            where = f"[{self.name}] " if self.name else ""
-            raise InputError(f"{self.path}: {where}{key!r} is not known{hint}")
+_SIMPLE: dict[Any, Callable[[TomlTable, str, Any], Any]] = {
+    float: TomlTable.as_number,
+    int: TomlTable._whole_number,
+    bool: TomlTable._flag,
+    str: TomlTable._text,
+    Path: TomlTable._file,
+    Epochs: TomlTable._epoch,
+}
 
 
-def _of_another_kind(wanted: str, value: Any, table: str, key: str) -> str:
-    advice = where_it_belongs(table, key)
-    return f"must be {wanted}, not {_shown(value)}" + (f"; {advice}" if advice else "")
+def _arm(value: Any, arms: list[Any]) -> Any:
+    """The kind of a union that a value looks like: a table, a list or a single value; else the first."""
+    wanted = Mapping if isinstance(value, Mapping) else tuple if isinstance(value, list) else None
+    alike = [
+        arm
+        for arm in arms
+        if (isinstance(get_origin(arm), type) and wanted and issubclass(get_origin(arm), wanted))
+    ]
+    return (alike or arms)[0]
+
+
+def _matches(folder: Path, pattern: str) -> list[Path]:
+    """Files of a name or a glob, sorted; none also for what pathlib does not take as either."""
+    try:
+        plain = folder / pattern
+        if plain.is_file():
+            return [plain]
+        start = Path(plain.anchor) if Path(pattern).is_absolute() else folder
+        relative = str(Path(pattern).relative_to(start)) if Path(pattern).is_absolute() else pattern
+        return sorted(found for found in start.glob(relative) if found.is_file())
+    except (ValueError, IndexError, NotImplementedError):
+        return []
 
 
 def _shown(value: Any) -> str:

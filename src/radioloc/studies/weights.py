@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass, replace
 from pathlib import PurePath
@@ -16,6 +15,12 @@ from radioloc.errors import InputError, StationError
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS
+from radioloc.studies.schema import check, entry
+
+_OF_CHOSEN = (
+    "it is of the observations that type, stations and files choose; sigmas by type, of files that state none, belong "
+    "to [observations] sigma_m"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,29 +49,17 @@ class Weight:
         A type is not known, a list is empty, nothing is changed, or a number is not above zero.
     """
 
-    type: tuple[str, ...] | None = None
-    stations: tuple[str, ...] | None = None
-    files: tuple[str, ...] | None = None
-    sigma_m: float | None = None
-    factor: float | None = None
-    extra_sigma_m: float | None = None
+    type: tuple[str, ...] | None = entry(None, names=True, choices=KINDS)
+    stations: tuple[str, ...] | None = entry(None, names=True)
+    files: tuple[str, ...] | None = entry(None, names=True)
+    sigma_m: float | None = entry(None, positive=True, advice=_OF_CHOSEN)
+    factor: float | None = entry(None, positive=True, advice=_OF_CHOSEN)
+    extra_sigma_m: float | None = entry(None, positive=True, advice=_OF_CHOSEN)
 
     def __post_init__(self) -> None:
-        for key in ("type", "stations", "files"):
-            value = getattr(self, key)
-            if value is not None:
-                object.__setattr__(self, key, (value,) if isinstance(value, str) else tuple(value))
-                if not getattr(self, key):
-                    raise InputError(f"{key} names none; leave it out to take all")
-        for kind in self.type or ():
-            if kind not in KINDS:
-                raise InputError(f"type {kind!r} is not known; use {', '.join(KINDS)}")
-        changes = {key: getattr(self, key) for key in ("sigma_m", "factor", "extra_sigma_m")}
-        if all(value is None for value in changes.values()):
+        check(self)
+        if self.sigma_m is None and self.factor is None and self.extra_sigma_m is None:
             raise InputError("changes nothing; give sigma_m, factor or extra_sigma_m")
-        for key, value in changes.items():
-            if value is not None and not (math.isfinite(value) and value > 0.0):
-                raise InputError(f"{key} must be above zero, not {value!r}")
 
     def __str__(self) -> str:
         chosen = [" or ".join(names) for names in (self.type, self.stations, self.files) if names is not None]

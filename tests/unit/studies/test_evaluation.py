@@ -32,5 +32,5 @@ def test_exact_and_interpolated_find_the_same():
 
 
 def test_evaluation_that_is_none_is_refused():
-    with pytest.raises(InputError, match="evaluation is 'fast'; use one of auto, exact, interpolated"):
+    with pytest.raises(InputError, match=r'evaluation must be one of "auto", "exact", "interpolated", not'):
         ModelChoice(evaluation="fast")

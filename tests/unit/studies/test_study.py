@@ -66,7 +66,7 @@ def test_choice_of_observations_is_checked(fields, message):
         ({"position": "none", "height_prior": HeightPrior(0.0, 1.0)}, 'needs position = "geographic"'),
         ({"ephemeris_sigma_m": (1.0, 2.0)}, "three numbers"),
         ({"ephemeris_sigma_m": (1.0, -2.0, 3.0)}, "must not be negative"),
-        ({"weights": "lasting"}, 'weights must be "independent" or "correlated"'),
+        ({"weights": "lasting"}, 'weights must be one of "independent", "correlated"'),
         ({"rejection_sigma": 1.9}, "rejection_sigma must be 2 or more"),
         ({"rejection_sigma": math.nan}, "rejection_sigma must be 2 or more"),
     ],

@@ -118,12 +118,12 @@ def test_a_bias_is_found_along_a_trajectory(folder):
             "",
             r"\[target\] longitude_deg: give either a position or a trajectory",
         ),
-        ('trajectory = "orbiter.bsp"\nbody = -85.5', 'position = "none"', "", "must be a NAIF code"),
+        ('trajectory = "orbiter.bsp"\nbody = -85.5', 'position = "none"', "", "is a NAIF code"),
         (
             'trajectory = "other.bsp"\nbody = -85',
             'position = "none"',
             "",
-            r"trajectory: there is no file 'other.bsp'",
+            r"trajectory: 'other.bsp' matches no file",
         ),
         (
             'trajectory = "orbiter.bsp"\nbody = -85',

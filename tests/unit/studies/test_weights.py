@@ -83,7 +83,7 @@ def test_what_cannot_be_applied_is_an_error(weight, words):
 @pytest.mark.parametrize(
     ("fields", "words"),
     [
-        ({"type": "ranging", "factor": 2.0}, "type 'ranging' is not known; use range, "),
+        ({"type": "ranging", "factor": 2.0}, "type must be one of .*, not 'ranging'"),
         ({"type": "range"}, "changes nothing; give sigma_m, factor or extra_sigma_m"),
         ({"stations": [], "factor": 2.0}, "stations names none"),
         ({"factor": 0.0}, "factor must be above zero"),

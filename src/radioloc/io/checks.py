@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError, InputError, StationError
 from radioloc.measurements.link import Link
@@ -17,6 +18,8 @@ FLIGHT_TIME_LIMITS_S = (2.2, 2.8)
 
 YEARS = (1972, 2100)
 """First year of UTC with leap seconds, and one beyond any data."""
+
+_WEATHER_REACH_S = 7200.0
 
 
 class Catalogue(Protocol):
@@ -70,6 +73,21 @@ def require_year(path: str | Path, line: int, year: int) -> None:
         raise FileFormatError(
             path, f"the year is {year}; years from {YEARS[0]} to {YEARS[1]} can be read", line
         )
+
+
+def weather_near(
+    time_s: NDArray[np.float64], recorded: NDArray[np.float64], wanted_s: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Recorded weather at other times, linear between records in order of time and held before and after them.
+
+    NaN where the nearest record is more than two hours away, or there is none.
+    """
+    if not len(time_s):
+        return np.full(len(wanted_s), np.nan)
+    after = np.minimum(np.searchsorted(time_s, wanted_s), len(time_s) - 1)
+    before = np.maximum(after - 1, 0)
+    away_s = np.minimum(abs(time_s[after] - wanted_s), abs(time_s[before] - wanted_s))
+    return np.where(away_s <= _WEATHER_REACH_S, np.interp(wanted_s, time_s, recorded), np.nan)
 
 
 def refuse_duplicates(observations: Observations) -> None:

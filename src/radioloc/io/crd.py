@@ -41,6 +41,7 @@ from radioloc.io.checks import (
     require_lunar_flight_time,
     require_year,
     station_name,
+    weather_near,
 )
 from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.measurements.link import Link
@@ -73,7 +74,6 @@ _H4_FLAGS = {
 _LONGEST_PASS_S = 22.0 * 3600.0
 # A normal point may lie this far outside the first and the last range, from which H4 is made.
 _PASS_MARGIN_S = 3600.0
-_WEATHER_REACH_S = 7200.0
 
 
 def looks_like_crd(lines: list[str]) -> bool:
@@ -396,13 +396,5 @@ def _weather_at(done: _Pass, since_start_s: NDArray[np.float64]) -> list[NDArray
     out = []
     for column in records.T[1:]:
         use = order[~np.isnan(column[order])]
-        times = time_s[use]
-        if len(use) == 0:
-            out.append(np.full(len(since_start_s), np.nan))
-            continue
-        after = np.minimum(np.searchsorted(times, since_start_s), len(times) - 1)
-        before = np.maximum(after - 1, 0)
-        away_s = np.minimum(abs(times[after] - since_start_s), abs(times[before] - since_start_s))
-        value = np.interp(since_start_s, times, column[use])
-        out.append(np.where(away_s <= _WEATHER_REACH_S, value, np.nan))
+        out.append(weather_near(time_s[use], column[use], since_start_s))
     return out

@@ -61,8 +61,10 @@ class LatLonGrid:
             np.rad2deg(np.asarray(latitude_rad, dtype=np.float64)),
             np.rad2deg(np.asarray(longitude_rad, dtype=np.float64)),
         )
-        row, row_weight, row_inside = self._along_latitude(latitude)
-        column, next_column, column_weight, column_inside = self._along_longitude(longitude)
+        row, next_row, row_weight, row_inside = _along(self.latitudes_deg, latitude, is_round=False)
+        column, next_column, column_weight, column_inside = _along(
+            self.longitudes_deg, longitude, is_round=True
+        )
         inside = row_inside & column_inside
         if not inside.all():
             k = np.argmin(np.ravel(inside))
@@ -72,50 +74,33 @@ class LatLonGrid:
                 f"{self.longitudes_deg.max():g} degrees, but {np.ravel(latitude)[k]:.6g}, "
                 f"{np.ravel(longitude)[k]:.6g} was asked for"
             )
-        rows = np.stack([row, row, row + 1, row + 1], axis=-1)
+        rows = np.stack([row, row, next_row, next_row], axis=-1)
         columns = np.stack([column, next_column, column, next_column], axis=-1)
-        weights = np.stack(
-            [
-                (1.0 - row_weight) * (1.0 - column_weight),
-                (1.0 - row_weight) * column_weight,
-                row_weight * (1.0 - column_weight),
-                row_weight * column_weight,
-            ],
-            axis=-1,
-        )
+        north = np.stack([1.0 - row_weight] * 2 + [row_weight] * 2, axis=-1)
+        weights = north * np.stack([1.0 - column_weight, column_weight] * 2, axis=-1)
         return rows, columns, weights
 
-    def _along_latitude(
-        self, latitude_deg: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-        step = self.latitudes_deg[1] - self.latitudes_deg[0]
-        steps = (latitude_deg - self.latitudes_deg[0]) / step
-        last = len(self.latitudes_deg) - 1
-        slack = _ROUNDING_DEG / abs(step)
-        inside = (steps >= -slack) & (steps <= last + slack)
-        # Within rounding of the edge is on it; the rest of what is outside is refused.
-        steps = np.clip(np.where(inside, steps, 0.0), 0.0, last)
-        index = np.minimum(np.floor(steps).astype(np.int64), last - 1)
-        return index, steps - index, inside
 
-    def _along_longitude(
-        self, longitude_deg: NDArray[np.float64]
-    ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-        step = self.longitudes_deg[1] - self.longitudes_deg[0]
-        finite = np.isfinite(longitude_deg)
-        east = np.where(finite, longitude_deg, 0.0) - self.longitudes_deg[0]
-        steps = (east * np.sign(step)) % _TURN_DEG / abs(step)
-        n = len(self.longitudes_deg)
-        slack = _ROUNDING_DEG / abs(step)
-        closed = n * abs(step) >= _TURN_DEG - _ROUNDING_DEG
+def _along(
+    axis_deg: NDArray[np.float64], where_deg: NDArray[np.float64], *, is_round: bool
+) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Points of an axis before and after each place, the share of the way between them, and whether it is inside."""
+    step, n = axis_deg[1] - axis_deg[0], len(axis_deg)
+    slack = _ROUNDING_DEG / abs(step)
+    finite = np.isfinite(where_deg)
+    away_deg = (np.where(finite, where_deg, 0.0) - axis_deg[0]) * np.sign(step)
+    closed = is_round and n * abs(step) >= _TURN_DEG - _ROUNDING_DEG
+    if is_round:
+        steps = away_deg % _TURN_DEG / abs(step)
         # Just west of the first column, by rounding, is on it.
         steps = np.where(steps > _TURN_DEG / abs(step) - slack, 0.0, steps)
-        inside = finite & (closed | (steps <= n - 1 + slack))
-        steps = np.where(inside, steps, 0.0) if closed else np.minimum(np.where(inside, steps, 0.0), n - 1)
-        index = np.floor(steps).astype(np.int64)
-        if not closed:
-            index = np.minimum(index, n - 2)
-        return index, (index + 1) % n, steps - index, inside
+    else:
+        steps = away_deg / abs(step)
+    inside = finite & (closed | ((steps >= -slack) & (steps <= n - 1 + slack)))
+    # Within rounding of the edge is on it; the rest of what is outside is refused.
+    steps = np.clip(np.where(inside, steps, 0.0), 0.0, n if closed else n - 1)
+    index = np.minimum(np.floor(steps).astype(np.int64), n - 1 if closed else n - 2)
+    return index, (index + 1) % n, steps - index, inside
 
 
 def sort_into_grid(

@@ -233,7 +233,7 @@ class _Reader:
                 case "EXPONENT":
                     self._set_exponent(number, content)
                 case "LAT/LON1/LON2/DLON/H":
-                    latitude, *along = self._numbers(number, content, 2, 6, 4)
+                    latitude, *along = fixed_numbers(self.path, number, content, 2, 6, 4)
                     first, last = grid.longitudes_deg[[0, -1]]
                     row = rows_left.pop(round(latitude, 3), None)
                     if row is None or along[:2] != [first, last]:
@@ -278,13 +278,13 @@ class _Reader:
         return tec
 
     def _set_exponent(self, number: int, content: str) -> None:
-        exponent = self._numbers(number, content, 0, 6, 1)[0]
+        exponent = fixed_numbers(self.path, number, content, 0, 6, 1)[0]
         if not (exponent.is_integer() and abs(exponent) <= 9):
             raise FileFormatError(self.path, f"the exponent is {exponent:g}, but -1 is usual", number)
         self.exponent = int(exponent)
 
     def _epoch(self, number: int, content: str) -> float:
-        year, month, day, hour, minute, second = self._numbers(number, content, 0, 6, 6)
+        year, month, day, hour, minute, second = fixed_numbers(self.path, number, content, 0, 6, 6)
         try:
             # Midnight at the end of a day may be called its 24th hour.
             midnight = epochs_from_strings(f"{year:04.0f}-{month:02.0f}-{day:02.0f}", "UTC").mjd[0]
@@ -309,9 +309,6 @@ class _Reader:
         if label not in header:
             raise FileFormatError(self.path, f"the header has no line {label!r}")
         number, content = header[label]
-        return self._numbers(number, content, skip, width, count)
-
-    def _numbers(self, number: int, content: str, skip: int, width: int, count: int) -> list[float]:
         return fixed_numbers(self.path, number, content, skip, width, count)
 
     def _take(self) -> tuple[int, str, str]:

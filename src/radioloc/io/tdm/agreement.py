@@ -96,13 +96,7 @@ class TdmAgreement:
             raise InputError(f"light_time_s = {light!r}; give seconds above zero, up to a day, or a function")
 
     def known_light_time_s(self, epoch: Epochs, link: Link, tag: str) -> NDArray[np.float64] | None:
-        """Light times known beforehand, s, shape (n,); None where nothing was given.
-
-        Raises
-        ------
-        InputError
-            The function does not give one light time above zero for each epoch.
-        """
+        """Light times known beforehand, s, shape (n,); None where nothing was given."""
         if self.light_time_s is None:
             return None
         given = self.light_time_s(epoch, link, tag) if callable(self.light_time_s) else self.light_time_s

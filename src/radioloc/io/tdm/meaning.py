@@ -24,12 +24,7 @@ from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.message import MEASURED, NOT_MODELLED, RANGE_RATES, RECEIVED, TYPES, WEATHER, TdmFile
 from radioloc.io.tdm.readings import READINGS
 from radioloc.io.tdm.segment import SegmentReader, Shared
-from radioloc.io.tdm.series import (
-    Names,
-    Placed,
-    SentFrequencies,
-    clocks_of,
-)
+from radioloc.io.tdm.series import Names, Placed, clocks_of, sent_frequencies
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
@@ -96,9 +91,8 @@ def tdm_observations(
     parts = [(file, segment) for file in messages for segment in file.segments]
     segments = [Placed(file, segment, place) for place, (file, segment) in enumerate(parts)]
     names = Names(catalogue)
-    sent = SentFrequencies.of(segments, names, delays_removed=agreement.delays_removed)
     clocks = clocks_of(segments if agreement.apply_clocks else [], names)
-    shared = Shared(segments, agreement, names, sent, clocks)
+    shared = Shared(segments, agreement, names, sent_frequencies(segments, names), clocks)
     # What overflows becomes infinite and is refused with its line.
     with np.errstate(over="ignore", invalid="ignore"):
         for placed in segments:

@@ -192,23 +192,11 @@ class TdmHeader:
 class TdmSegment:
     """One metadata section and the data it describes.
 
-    Parameters
-    ----------
-    metadata : mapping of str to str
-        Values by keyword; words that the standard lists are in its spelling.
-    keyword : ndarray of int8, shape (n,)
-        Index into :data:`DATA`.
-    epoch : Epochs
-        Time tags in UTC, whatever the file's time system, n epochs.
-    value : ndarray, shape (n,)
-        Values in the standard's units, except that kilometres are metres here (RANGE where its unit is km, DOPPLER_*)
-        and percent are parts of one: the float nearest to the file's decimal number.
-    lines : Mapping of str to int
-        Line of each metadata keyword in the file; ``""`` gives that of the section's start.
-    line : ndarray of int32, shape (n,)
-        Line of each record in the file, counted from 1.
-    comments, data_comments : tuple of str
-        Comments of the two sections.
+    Words of the metadata that the standard lists are in its spelling; ``keyword``, shape (n,), holds indices into
+    :data:`DATA`. Time tags are UTC, whatever the file's time system. Values are in the standard's units, except that
+    kilometres are metres here (RANGE where its unit is km, DOPPLER_*), percent are parts of one: the float nearest
+    to the file's decimal number. Lines are those of the file, counted from 1, of metadata keywords by name (``""`` is
+    the section's start) and of the records.
     """
 
     metadata: Mapping[str, str]
@@ -289,13 +277,10 @@ def checked_header(path: str, version: str, fields: Mapping[str, str], comments:
 def checked_metadata(
     path: str, metadata: Mapping[str, str], lines: Mapping[str, int], before: Sequence[TdmSegment]
 ) -> dict[str, str]:
-    """Metadata of a file in the standard's spelling, after the segments ``before``; ``lines`` as in TdmSegment.
+    """Metadata of a file in the standard's spelling, after the segments ``before``.
 
-    Raises
-    ------
-    FileFormatError
-        A keyword is unknown or missing, a word or number is not one that the standard allows, a path names a
-        participant that there is not, or the time system is not one that can be read or not the others'.
+    A :class:`FileFormatError` where a keyword is unknown or missing, a word or number is none that the standard allows,
+    a path names a participant that there is not, or the time system is not one that can be read or not the others'.
     """
 
     def fail(keyword: str, problem: str) -> FileFormatError:

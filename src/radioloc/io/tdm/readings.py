@@ -25,7 +25,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.io.checks import FLIGHT_TIME_LIMITS_S, require_lunar_flight_time
+from radioloc.io.checks import FLIGHT_TIME_LIMITS_S
 from radioloc.io.tdm.message import RANGE_RATES, RECEIVED, SENT, exponent_of
 from radioloc.io.tdm.segment import MICROMETRES, SegmentReader
 from radioloc.io.tdm.series import Series, seconds_from
@@ -116,27 +116,21 @@ def _require_plausible(part: SegmentReader, value_m: NDArray[np.float64]) -> Non
     if not part.agreement.lunar:
         return
     low_m, high_m = (C_M_S * limit * (0.5 if part.one_way else 1.0) for limit in FLIGHT_TIME_LIMITS_S)
+    way = "one way" if part.one_way else "there and back"
+    limits = f"between Earth and Moon it is {low_m / 1000.0:.6g} to {high_m / 1000.0:.6g} km"
     fits = (value_m > low_m) & (value_m < high_m)
     convention = part.agreement.range_convention
     factor, other = (2.0, "half") if convention == "round_trip" else (0.5, "round_trip")
-    other_fits = (factor * value_m > low_m) & (factor * value_m < high_m) & ~fits
-    if other_fits.any() and not part.one_way:
-        row = int(np.argmax(other_fits))
-        problem = (
-            f"RANGE gives a light path of {value_m[row] / 1000.0:.6g} km, taken as {convention!r}; between Earth "
-            f"and Moon there and back it is {low_m / 1000.0:.6g} to {high_m / 1000.0:.6g} km, off by a factor of "
-            f'two: set tdm_range = "{other}"'
-        )
-        raise part.fail("RANGE", problem, row)
-    if part.shared.names.catalogue is None or fits.all():
-        return
-    row = int(np.argmin(fits))
-    if not part.one_way:
-        line = part.segment.line_of("RANGE", row)
-        require_lunar_flight_time(part.placed.file.path, line, float(value_m[row]) / C_M_S)
-    limits = f"{low_m / 1000.0:.6g} to {high_m / 1000.0:.6g} km"
-    problem = f"RANGE is {value_m[row] / 1000.0:.6g} km one way, but between Earth and Moon it is {limits}"
-    raise part.fail("RANGE", f"{problem}; correct it or leave it out", row)
+    twice = (factor * value_m > low_m) & (factor * value_m < high_m) & ~fits
+    if twice.any() and not part.one_way:
+        row = int(np.argmax(twice))
+        path = f"RANGE gives a light path of {value_m[row] / 1000.0:.6g} km {way}, taken as {convention!r}"
+        advice = f'off by a factor of two: set tdm_range = "{other}"'
+        raise part.fail("RANGE", f"{path}; {limits}, {advice}", row)
+    if part.shared.names.catalogue is not None and not fits.all():
+        row = int(np.argmin(fits))
+        problem = f"RANGE is {value_m[row] / 1000.0:.6g} km {way}, but {limits}"
+        raise part.fail("RANGE", f"{problem}; correct it or leave it out", row)
 
 
 def _range_rates(part: SegmentReader, keyword: str) -> dict[str, Any]:

@@ -46,11 +46,8 @@ def read_records(
 ) -> Records:
     """Turn columns of ASCII text (Arrow arrays or sequences of str) from some lines of a file into columns of numbers.
 
-    Raises
-    ------
-    FileFormatError
-        A keyword is unknown, a date is not in one of the standard's two forms or does not exist, or a value is not a
-        finite number. Names the line.
+    :class:`FileFormatError` names the line where a keyword is unknown, a date is not in one of the standard's two forms
+    or does not exist, or a value is not a finite number.
     """
     import pyarrow as pa
     import pyarrow.compute as pc

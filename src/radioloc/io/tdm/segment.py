@@ -20,20 +20,14 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.tdm.agreement import TdmAgreement
-from radioloc.io.tdm.message import (
-    CLOCKS,
-    LONGEST_S,
-    RECEIVED,
-    SENT,
-    SENT_RATE,
-    WEATHER,
-)
+from radioloc.io.tdm.message import CLOCKS, LONGEST_S, RECEIVED, SENT, SENT_RATE, WEATHER
 from radioloc.io.tdm.series import (
     Names,
     Placed,
-    SentFrequencies,
+    Sent,
     Series,
     clock_difference,
+    frequency_sent,
     seconds_from,
     shifted_utc,
     weather_at,
@@ -55,7 +49,7 @@ class Shared:
     segments: list[Placed]
     agreement: TdmAgreement
     names: Names
-    sent: SentFrequencies
+    sent: Sent
     clocks: Mapping[tuple[str, str], Series]
     links: dict[Link, int] = field(default_factory=dict)
     columns: list[dict[str, Any]] = field(default_factory=list)
@@ -83,7 +77,10 @@ class SegmentReader:
             pair = (self.key[0], shared.names.key(placed.participant(path[1])))
             band = self.segment.metadata.get("TRANSMIT_BAND", "")
             needed = bool(set(RECEIVED) & set(self.segment.counts()))
-            self.sent = shared.sent.find(pair, band, placed.place, path[0], needed=needed)
+            removed = self.agreement.delays_removed
+            self.sent = frequency_sent(
+                shared.sent, pair, placed.place, path[0], band, needed=needed, delays_removed=removed
+            )
 
     def values(self, keyword: str) -> NDArray[np.float64]:
         """Values of a keyword's records."""

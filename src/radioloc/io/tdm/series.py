@@ -22,13 +22,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import FileFormatError, StationError
-from radioloc.io.checks import Catalogue
+from radioloc.io.checks import Catalogue, weather_near
 from radioloc.io.tdm.message import CLOCKS, MEASURED, SENT, SENT_RATE, WEATHER, TdmFile, TdmSegment
 from radioloc.measurements.targets import canonical_target
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 
 _UTC = "utc"
-_WEATHER_REACH_S = 7200.0
 
 
 def shifted_utc(utc: Epochs, shift_s: ArrayLike) -> Epochs:
@@ -182,61 +181,60 @@ class Series:
         return np.searchsorted(self.since_s, since, side="right") - 1
 
 
-@dataclass(frozen=True, slots=True)
-class SentFrequencies:
-    """All frequencies that the messages say were sent: where they stand, by the keys of sender and first receiver."""
+Sent = Mapping[tuple[str, str], Sequence[tuple[Placed, int]]]
+"""Segments and participants of which sent frequencies are given, by the keys of sender and first receiver."""
 
-    parts: Mapping[tuple[str, str], Sequence[tuple[Placed, int]]]
-    delays_removed: bool
 
-    @classmethod
-    def of(cls, segments: Iterable[Placed], names: Names, *, delays_removed: bool) -> SentFrequencies:
-        """Find them in all segments, tagged at the antenna or (False) at the electronics."""
-        found: dict[tuple[str, str], list[tuple[Placed, int]]] = {}
-        for placed in segments:
-            held, path = placed.segment.counts(), placed.path()
-            for n, keywords in enumerate(zip(SENT, SENT_RATE, strict=True), start=1):
-                there = [keyword for keyword in keywords if keyword in held]
-                if not there or placed.segment.metadata.get("MODE") == "SINGLE_DIFF":
-                    continue
-                if n not in path[:-1]:
-                    problem = f"is there, but on its PATH participant {n} sends nothing; correct one"
-                    raise placed.fail(there[0], f"{keywords[0]} {problem}")
-                ends = (n, path[path.index(n) + 1])
-                sender, to = (names.key(placed.participant(number)) for number in ends)
-                found.setdefault((sender, to), []).append((placed, n))
-        return cls(found, delays_removed)
+def sent_frequencies(segments: Iterable[Placed], names: Names) -> Sent:
+    """All frequencies that the messages say were sent."""
+    found: dict[tuple[str, str], list[tuple[Placed, int]]] = {}
+    for placed in segments:
+        held, path = placed.segment.counts(), placed.path()
+        for n, keywords in enumerate(zip(SENT, SENT_RATE, strict=True), start=1):
+            there = [keyword for keyword in keywords if keyword in held]
+            if not there or placed.segment.metadata.get("MODE") == "SINGLE_DIFF":
+                continue
+            if n not in path[:-1]:
+                problem = f"is there, but on its PATH participant {n} sends nothing; correct one"
+                raise placed.fail(there[0], f"{keywords[0]} {problem}")
+            ends = (n, path[path.index(n) + 1])
+            sender, to = (names.key(placed.participant(number)) for number in ends)
+            found.setdefault((sender, to), []).append((placed, n))
+    return found
 
-    def find(self, pair: tuple[str, str], band: str, place: int, n: int, *, needed: bool) -> Series | None:
-        """Frequency sent by participant n of a segment to another: of the segment itself, else of others of its band.
 
-        Others are segments that hold no measurement: a frequency that stands beside measurements is that of these.
-        Where the frequency is needed and there is none such, it is looked for there too.
-        """
-        parts = self.parts.get(pair, [])
-        own = [part for part in parts if (part[0].place, part[1]) == (place, n)]
-        if not own:
-            alone = [part for part in parts if not set(MEASURED) & set(part[0].segment.counts())]
-            parts = parts if needed and not alone else alone
-            bands = [placed.segment.metadata.get("TRANSMIT_BAND", "").upper() for placed, _ in parts]
-            if band:
-                chosen = band.upper() if band.upper() in bands else ""
-                parts = [part for part, other in zip(parts, bands, strict=True) if other == chosen]
-            elif len(set(bands)) > 1:
-                several = f"is given in several bands ({', '.join(sorted(filter(None, set(bands))))})"
-                problem = f"{SENT[n - 1]} {several}; say TRANSMIT_BAND where it is used"
-                raise parts[0][0].fail("TRANSMIT_BAND", problem)
-        joined = []
-        for placed, number in own or parts:
-            segment, keyword = placed.segment, SENT[number - 1]
-            correction_hz = segment.correction("TRANSMIT")
-            wrong = ~(segment.value[segment.rows(keyword)] + correction_hz > 0.0)
-            if wrong.any():
-                raise placed.fail(keyword, f"{keyword} must be above zero", int(np.argmax(wrong)))
-            # Epochs are those of the transmitter's electronics; the signal leaves the antenna later.
-            delay_s = 0.0 if self.delays_removed else segment.number(f"TRANSMIT_DELAY_{number}")
-            joined.append(SeriesPart(placed, keyword, SENT_RATE[number - 1], delay_s, correction_hz))
-        return Series.of(joined, rates_last=True) if joined else None
+def frequency_sent(
+    sent: Sent, pair: tuple[str, str], place: int, n: int, band: str, *, needed: bool, delays_removed: bool
+) -> Series | None:
+    """Frequency sent by participant n of a segment to another: of the segment itself, else of others of its band.
+
+    Others are segments that hold no measurement: a frequency that stands beside measurements is that of these.
+    Where the frequency is needed and there is none such, it is looked for there too.
+    """
+    parts = sent.get(pair, [])
+    own = [part for part in parts if (part[0].place, part[1]) == (place, n)]
+    if not own:
+        alone = [part for part in parts if not set(MEASURED) & set(part[0].segment.counts())]
+        parts = parts if needed and not alone else alone
+        bands = [placed.segment.metadata.get("TRANSMIT_BAND", "").upper() for placed, _ in parts]
+        if band:
+            chosen = band.upper() if band.upper() in bands else ""
+            parts = [part for part, other in zip(parts, bands, strict=True) if other == chosen]
+        elif len(set(bands)) > 1:
+            several = f"is given in several bands ({', '.join(sorted(filter(None, set(bands))))})"
+            problem = f"{SENT[n - 1]} {several}; say TRANSMIT_BAND where it is used"
+            raise parts[0][0].fail("TRANSMIT_BAND", problem)
+    joined = []
+    for placed, number in own or parts:
+        segment, keyword = placed.segment, SENT[number - 1]
+        correction_hz = segment.correction("TRANSMIT")
+        wrong = ~(segment.value[segment.rows(keyword)] + correction_hz > 0.0)
+        if wrong.any():
+            raise placed.fail(keyword, f"{keyword} must be above zero", int(np.argmax(wrong)))
+        # Epochs are those of the transmitter's electronics; the signal leaves the antenna later.
+        delay_s = 0.0 if delays_removed else segment.number(f"TRANSMIT_DELAY_{number}")
+        joined.append(SeriesPart(placed, keyword, SENT_RATE[number - 1], delay_s, correction_hz))
+    return Series.of(joined, rates_last=True) if joined else None
 
 
 def clocks_of(segments: Iterable[Placed], names: Names) -> dict[tuple[str, str], Series]:
@@ -285,10 +283,5 @@ def weather_at(segments: Sequence[TdmSegment], utc: Epochs) -> dict[str, NDArray
         times = np.concatenate([seconds_from(start, segment.epoch[rows]) for segment, rows in parts])
         values = np.concatenate([segment.value[rows] for segment, rows in parts])
         order = np.argsort(times, kind="stable")
-        times, values = times[order], values[order]
-        wanted = seconds_from(start, utc)
-        after = np.minimum(np.searchsorted(times, wanted), len(times) - 1)
-        before = np.maximum(after - 1, 0)
-        away_s = np.minimum(abs(times[after] - wanted), abs(times[before] - wanted))
-        out[column] = np.where(away_s <= _WEATHER_REACH_S, np.interp(wanted, times, values), np.nan)
+        out[column] = weather_near(times[order], values[order], seconds_from(start, utc))
     return out

@@ -17,9 +17,10 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from decimal import Decimal
+from functools import partial
 from html import escape
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -51,12 +52,6 @@ _SHORTEST_UM = 100.0
 _FIXED = range(-5, 16)
 _SHORTEST_DATE = len("2020-12-31T23:59:60.000")
 _ROWS_AT_ONCE = 2**14
-_XML_START = (
-    '<?xml version="1.0" encoding="UTF-8"?>\n'
-    '<tdm xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
-    'xsi:noNamespaceSchemaLocation="https://sanaregistry.org/r/ndmxml_unqualified/ndmxml-2.0.0-master-2.0.xsd" '
-    'id="CCSDS_TDM_VERS" version="2.0">'
-)
 
 
 def write_tdm(
@@ -103,21 +98,13 @@ def write_tdm(
 
 
 def write_tdm_file(path: str | Path, message: TdmFile) -> None:
-    """Write a message as its records: XML where the file's name ends in ``.xml``, else KVN; epochs in UTC.
-
-    Raises
-    ------
-    InputError
-        A text is not printable ASCII or empty.
-    FileFormatError
-        The file cannot be written.
-    """
+    """Write a message as its records: XML where the file's name ends in ``.xml``, else KVN; epochs in UTC."""
     is_xml = Path(path).suffix.lower() == ".xml"
-    write_blocks(path, _xml_blocks(message) if is_xml else _kvn_blocks(message))
+    write_blocks(path, _blocks(message, _XML if is_xml else _KVN))
 
 
 def tdm_of(observations: Observations, header: TdmHeader) -> TdmFile:
-    """Message that holds observations; arguments and errors as those of :func:`write_tdm`."""
+    """Message that holds observations."""
     if len(observations) == 0:
         raise InputError("there are no observations to write")
     _require_writable(observations)
@@ -255,72 +242,76 @@ def _inverse(
     return np.select([forward(candidate) == wanted for candidate in near], near, default=guess)
 
 
-# Syntax
+class _Syntax(NamedTuple):
+    """What stands before the header and after it, before metadata and data, behind data, and at the end.
+
+    A field has its keyword and text in two places; a record is what stands before its epoch, between that and the
+    value, and behind, with the keyword.
+    """
+
+    header: str
+    body: str
+    metadata: str
+    data: str
+    stop: str
+    end: str
+    field: str
+    comment: str
+    record: tuple[str, str, str]
+    escaped: Callable[[str], str] = str
 
 
-def _kvn_blocks(message: TdmFile) -> Iterator[bytes]:
+_KVN = _Syntax(
+    *("CCSDS_TDM_VERS = 2.0", "", "META_START", "META_STOP\nDATA_START", "DATA_STOP", ""),
+    *("{} = {}", "{} {}", ("{} = ", " ", "")),
+)
+_XML = _Syntax(
+    header='<?xml version="1.0" encoding="UTF-8"?>\n'
+    '<tdm xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
+    'xsi:noNamespaceSchemaLocation="https://sanaregistry.org/r/ndmxml_unqualified/ndmxml-2.0.0-master-2.0.xsd" '
+    'id="CCSDS_TDM_VERS" version="2.0">\n<header>',
+    body="</header>\n<body>",
+    metadata="<segment>\n<metadata>",
+    data="</metadata>\n<data>",
+    stop="</data>\n</segment>",
+    end="</body>\n</tdm>",
+    field="<{0}>{1}</{0}>",
+    comment="<{0}>{1}</{0}>",
+    record=("<observation><EPOCH>", "</EPOCH><{}>", "</{}></observation>"),
+    escaped=partial(escape, quote=False),
+)
+
+
+def _blocks(message: TdmFile, syntax: _Syntax) -> Iterator[bytes]:
     header = message.header
-    yield _lines("CCSDS_TDM_VERS = 2.0", *_comments(header.comments), *_assignments(_header_fields(header)))
+    fields = {"CREATION_DATE": header.creation_date, "ORIGINATOR": header.originator}
+    fields |= {"MESSAGE_ID": header.message_id} if header.message_id else {}
+    yield _lines(syntax.header, *_fields(syntax, header.comments, fields), syntax.body)
     for segment in message.segments:
-        yield _lines("META_START", *_comments(segment.comments), *_assignments(_metadata_fields(segment)))
-        yield _lines("META_STOP", "DATA_START", *_comments(segment.data_comments))
-        yield from _records(segment, ("{} = ", " ", ""))
-        yield _lines("DATA_STOP")
-
-
-def _xml_blocks(message: TdmFile) -> Iterator[bytes]:
-    header = message.header
-    yield _lines(
-        _XML_START, "<header>", *_elements(header.comments, _header_fields(header)), "</header>", "<body>"
-    )
-    for segment in message.segments:
-        fields = _elements(segment.comments, _metadata_fields(segment))
-        yield _lines("<segment>", "<metadata>", *fields, "</metadata>", "<data>")
-        yield _lines(*_elements(segment.data_comments, {}))
-        yield from _records(segment, ("<observation><EPOCH>", "</EPOCH><{}>", "</{}></observation>"))
-        yield _lines("</data>", "</segment>")
-    yield _lines("</body>", "</tdm>")
+        metadata = {**segment.metadata, "TIME_SYSTEM": "UTC"}
+        fields = {keyword: metadata[keyword] for keyword in METADATA if keyword in metadata}
+        yield _lines(syntax.metadata, *_fields(syntax, segment.comments, fields))
+        yield _lines(syntax.data, *_fields(syntax, segment.data_comments, {}))
+        yield from _records(segment, syntax.record)
+        yield _lines(syntax.stop)
+    yield _lines(syntax.end)
 
 
 def _lines(*texts: str) -> bytes:
-    return "".join(f"{text}\n" for text in texts).encode()
+    return "".join(f"{text}\n" for text in texts if text).encode()
 
 
-def _comments(comments: Iterable[str]) -> Iterator[str]:
-    return (f"COMMENT {_printable(line)}" for comment in comments for line in comment.split("\n"))
-
-
-def _assignments(fields: dict[str, str]) -> Iterator[str]:
-    return (f"{keyword} = {value}" for keyword, value in fields.items())
-
-
-def _elements(comments: Iterable[str], fields: dict[str, str]) -> Iterator[str]:
-    pairs = [("COMMENT", _printable(line)) for comment in comments for line in comment.split("\n")]
-    pairs += fields.items()
-    return (f"<{keyword}>{escape(value, quote=False)}</{keyword}>" for keyword, value in pairs)
-
-
-def _header_fields(header: TdmHeader) -> dict[str, str]:
-    fields = {"CREATION_DATE": header.creation_date, "ORIGINATOR": header.originator}
-    fields |= {"MESSAGE_ID": header.message_id} if header.message_id else {}
-    return {keyword: _value(keyword, text) for keyword, text in fields.items()}
-
-
-def _metadata_fields(segment: TdmSegment) -> dict[str, str]:
-    metadata = {**segment.metadata, "TIME_SYSTEM": "UTC"}
-    return {keyword: _value(keyword, metadata[keyword]) for keyword in METADATA if keyword in metadata}
-
-
-def _value(keyword: str, text: str) -> str:
-    if not text.strip():
-        raise InputError(f"{keyword} is empty; give a text")
-    return _printable(text)
-
-
-def _printable(text: str) -> str:
-    if not (text.isascii() and text.isprintable()):
-        raise InputError(f"{text!r} cannot stand in a TDM; give printable ASCII text of one line")
-    return text
+def _fields(syntax: _Syntax, comments: Iterable[str], fields: dict[str, str]) -> Iterator[str]:
+    """Comments and keywords with their texts, which must be printable ASCII; those of keywords not empty."""
+    for keyword, text in fields.items():
+        if not text.strip():
+            raise InputError(f"{keyword} is empty; give a text")
+    said = [("COMMENT", line) for comment in comments for line in comment.split("\n")]
+    for keyword, text in (*said, *fields.items()):
+        if not (text.isascii() and text.isprintable()):
+            raise InputError(f"{text!r} cannot stand in a TDM; give printable ASCII text of one line")
+        form = syntax.comment if keyword == "COMMENT" else syntax.field
+        yield form.format(keyword, syntax.escaped(text))
 
 
 def _records(segment: TdmSegment, around: tuple[str, str, str]) -> Iterator[bytes]:

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc import InputError, LunarPosition
+from radioloc import LunarPosition
+from radioloc.errors import InputError
 from radioloc.io.write import write_observations
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.link import Link

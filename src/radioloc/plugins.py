@@ -1,11 +1,16 @@
-"""Registries: what the package has, and what other packages add by entry points."""
+"""Registries: what the package has, and what other packages add by entry points.
+
+Entry points are loaded when a registry is first looked into, never while radioloc is imported: their modules can import
+any part of it, and be imported before it.
+"""
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import cached_property
 from importlib.metadata import entry_points
-from typing import Protocol, TypeVar
+from typing import Any, Protocol, TypeVar
 
 from radioloc.errors import PluginWarning
 
@@ -20,6 +25,49 @@ class Named(Protocol):
 
 
 T = TypeVar("T", bound=Named)
+V = TypeVar("V")
+
+
+class LazyMapping(Mapping[str, V]):
+    """A mapping that is made when it is first looked into."""
+
+    def __init__(self, make: Callable[[], dict[str, V]]) -> None:
+        self._make = make
+
+    @cached_property
+    def _made(self) -> dict[str, V]:
+        return self._make()
+
+    def __getitem__(self, name: str) -> V:
+        return self._made[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._made)
+
+    def __len__(self) -> int:
+        return len(self._made)
+
+
+class LazyNames(Sequence[str]):
+    """A tuple of names that is made when it is first looked into."""
+
+    def __init__(self, make: Callable[[], Iterable[str]]) -> None:
+        self._make = make
+
+    @cached_property
+    def _made(self) -> tuple[str, ...]:
+        return tuple(self._make())
+
+    def __getitem__(self, place: Any) -> Any:
+        return self._made[place]
+
+    def __len__(self) -> int:
+        return len(self._made)
+
+
+def registry(group: str, kind: type[T], own: Iterable[T]) -> LazyMapping[T]:
+    """What :func:`with_plugins` gives, when it is first looked into."""
+    return LazyMapping(lambda: with_plugins(group, kind, own))
 
 
 def with_plugins(group: str, kind: type[T], own: Iterable[T]) -> dict[str, T]:

@@ -24,13 +24,14 @@ from radioloc.measurements.registry import (
     is_integrated,
     kind_of,
 )
+from radioloc.plugins import LazyNames
 from radioloc.time import Epochs, to_scale, utc_strings
 from radioloc.units import in_unit
 
 RANGE, VLBI_DELAY, DOPPLER, VLBI_DELAY_RATE = (
     kind_of(name) for name in ("range", "vlbi_delay", "doppler", "vlbi_delay_rate")
 )
-BASELINE_KINDS = tuple(name for name, kind in MEASUREMENTS.items() if kind.on_baseline)
+BASELINE_KINDS = LazyNames(lambda: (name for name, kind in MEASUREMENTS.items() if kind.on_baseline))
 """Types that belong to two stations which receive."""
 
 WEATHER_LIMITS = {

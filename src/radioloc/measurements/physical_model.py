@@ -126,7 +126,7 @@ class PhysicalModel:
     def media(self) -> tuple[Medium, ...]:
         """The active media on the legs, in the order in which they are asked."""
         configured: tuple[Medium, ...] = Troposphere(self.radio_atmosphere), Ionosphere(self.ionosphere)
-        media = MEDIA | {medium.name: medium for medium in (*configured, *self.added_media)}
+        media = {**MEDIA, **{medium.name: medium for medium in (*configured, *self.added_media)}}
         return tuple(medium for name, medium in media.items() if self.has(name))
 
     def has(self, term: str) -> bool:

@@ -6,13 +6,15 @@ A package adds its own by an entry point of the group ``radioloc.media`` that na
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from radioloc.media.axis_offset import AntennaAxisOffset
 from radioloc.media.ionosphere import Ionosphere
 from radioloc.media.medium import Medium
 from radioloc.media.troposphere import Troposphere
-from radioloc.plugins import with_plugins
+from radioloc.plugins import registry
 
-MEDIA: dict[str, Medium] = with_plugins(
+MEDIA: Mapping[str, Medium] = registry(
     "radioloc.media",
     Medium,  # type: ignore[type-abstract]
     [Troposphere(), Ionosphere(), AntennaAxisOffset()],

@@ -6,6 +6,8 @@ A package adds its own by an entry point of the group ``radioloc.parameters`` th
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from radioloc.parameters.clocks import CLOCK, CLOCK_RATE, TARGET_CLOCK, TARGET_FREQUENCY
 from radioloc.parameters.earth import POLE, STATION_POSITION, UT1
 from radioloc.parameters.equipment import STATION_DELAY, TRANSPONDER_DELAY
@@ -15,9 +17,9 @@ from radioloc.parameters.media import ELECTRON_CONTENT, ZENITH_DELAY
 from radioloc.parameters.moon import LIBRATION, LOVE_NUMBERS, LUNAR_LENGTHS, MOON_POSITION
 from radioloc.parameters.range_bias import RANGE_BIAS
 from radioloc.parameters.time_bias import TIME_BIAS
-from radioloc.plugins import with_plugins
+from radioloc.plugins import registry
 
-PARAMETERS: dict[str, ParameterKind] = with_plugins(
+PARAMETERS: Mapping[str, ParameterKind] = registry(
     "radioloc.parameters",
     ParameterKind,
     [

@@ -121,7 +121,7 @@ def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) ->
     terms = predictor.terms(solution.position_pa_m)
     path = made_folder(folder) / "terms.csv"
     rows = predictor.observations
-    types = Labels(rows.kind.astype(np.int32), KINDS)
+    types = Labels(rows.kind.astype(np.int32), tuple(KINDS))
     paths = Labels(rows.link, tuple(link.path for link in rows.links))
     columns = {"epoch_utc": rows.epoch, "type": types, "path": paths}
     named = {f"{name}_m": values for name, values in terms.items()}

@@ -212,7 +212,7 @@ class Prepared:
         if made is None:
             return None
         observations = arc.observations
-        types = Labels(observations.kind.astype(np.int32), KINDS)
+        types = Labels(observations.kind.astype(np.int32), tuple(KINDS))
         paths = Labels.coded([link.path for link in observations.links], observations.link)
         return LinearArc(
             part=part,

@@ -1,0 +1,19 @@
+"""A film of water on the radome of a station delays radio signals by 4 mm."""
+
+import numpy as np
+
+from radioloc.media import LegDelay
+
+
+class WetRadome:
+    name, description, limits_rad = "wet_radome", "a film of water on KASHI's radome", ()
+
+    def prepare(self, end):
+        return None
+
+    def delay(self, leg, prepared):
+        there = leg.end.of_station([station.name == "KASHI" for station in leg.end.stations])
+        return LegDelay(np.where(there & leg.end.radio, 0.004, 0.0))
+
+
+WET_RADOME = WetRadome()

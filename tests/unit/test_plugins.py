@@ -1,0 +1,166 @@
+"""Other packages add types of measurement, parameters and media by entry points; a broken one breaks nothing."""
+
+from __future__ import annotations
+
+import csv
+import json
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import radioloc
+
+ROOT = Path(__file__).resolve().parents[2]
+PACKAGE = ROOT / "tests" / "data" / "plugin_package"
+LANDER = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+BIAS_M_RAD = {"KASHI": 2.5, "JIAMUSI": -1.25}
+STUDY = """
+[target]
+longitude_deg = -51.9
+latitude_deg = 43.05
+height_m = -2500.0
+
+[observations]
+files = "half_ranges.csv"
+
+[estimate]
+zenith_angle_bias = "all"
+zenith_angle_bias_sigma_m_rad = 100.0
+"""
+POSITION_M = 1e-3
+"""What rounding of the table (0.1 mm) leaves of a position from 48 hours."""
+BIAS_TOLERANCE_M_RAD = 1e-3
+RADOME_M = 0.004
+
+
+def installed(folder: Path, entry_points: dict[str, dict[str, str]]) -> Path:
+    """What an installer leaves of a package for importlib.metadata: its entry points."""
+    info = folder / "radioloc_toys-1.0.dist-info"
+    info.mkdir(parents=True)
+    (info / "METADATA").write_text("Metadata-Version: 2.1\nName: radioloc-toys\nVersion: 1.0\n")
+    groups = [
+        f"[{group}]\n" + "".join(f"{name} = {value}\n" for name, value in points.items())
+        for group, points in entry_points.items()
+    ]
+    (info / "entry_points.txt").write_text("\n".join(groups))
+    return folder
+
+
+def python(site: Path, *arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+    path = [str(ROOT / "src"), str(PACKAGE), str(site)]
+    return subprocess.run(
+        [sys.executable, *arguments],
+        env=os.environ | {"PYTHONPATH": os.pathsep.join(path)},
+        cwd=cwd,
+        capture_output=True,
+        text=True,
+        timeout=120,
+    )
+
+
+@pytest.fixture
+def toys(tmp_path):
+    project = tomllib.loads((PACKAGE / "pyproject.toml").read_text())["project"]
+    return installed(tmp_path / "site", project["entry-points"])
+
+
+def write_half_ranges(file: Path) -> None:
+    """Half of the round trips that the model gives, with the bias and the delay by the radome in them."""
+    epochs = [f"2020-12-{1 + hour // 24:02d}T{hour % 24:02d}:30:00" for hour in range(12, 60)]
+    stations = ["KASHI", "JIAMUSI"]
+    plan = radioloc.Observations.from_columns(
+        epoch=radioloc.time.epochs_from_strings([epoch for epoch in epochs for _ in stations]),
+        value_m=7.6e8,
+        sigma_m=1.0,
+        links=[radioloc.measurements.Link(name, "lander", name) for name in stations],
+        link=np.tile([0, 1], len(epochs)),
+        tag=1,
+    )
+    model = radioloc.measurements.PhysicalModel.build()
+    lander_pa_m = LANDER.to_axes("PA", model.ephemeris.constants).xyz_m
+    computed = radioloc.measurements.ExactPredictor(model, plan, lander_pa_m).compute(lander_pa_m)
+    lines = ["epoch_utc,time_tag,type,path,observed_m,sigma_m"]
+    for row in np.flatnonzero(computed.usable):
+        name = plan.links[plan.link[row]].receiver
+        zenith_angle_rad = 0.5 * np.pi - computed.elevation_rad[row, 1]
+        added_m = BIAS_M_RAD[name] * zenith_angle_rad + (2.0 * RADOME_M if name == "KASHI" else 0.0)
+        half_m = 0.5 * (computed.value_m[row] + added_m)
+        epoch = radioloc.time.utc_strings(plan.epoch[[row]], decimals=3)[0]
+        lines.append(f"{epoch},receive,half_range,{name}>lander>{name},{half_m:.4f},0.5")
+    file.write_text("\n".join(lines) + "\n")
+
+
+def test_a_study_with_a_measurement_a_parameter_and_a_medium_of_another_package(toys, tmp_path):
+    write_half_ranges(tmp_path / "half_ranges.csv")
+    (tmp_path / "toys.toml").write_text(STUDY)
+    done = python(toys, "-m", "radioloc.cli", "locate", "toys.toml", "--out", "out", "--terms", cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    assert "Warning" not in done.stderr
+    solution = json.loads((tmp_path / "out" / "solution.json").read_text())
+    found = {entry["name"]: entry["value"] for entry in solution["parameters"]}
+    for name, bias_m_rad in BIAS_M_RAD.items():
+        assert found[f"zenith_angle_bias.{name}"] == pytest.approx(bias_m_rad, abs=BIAS_TOLERANCE_M_RAD)
+    position = [solution["position"]["me"][f"{axis}_m"] for axis in "xyz"]
+    np.testing.assert_allclose(position, LANDER.xyz_m, rtol=0, atol=POSITION_M)
+    with (tmp_path / "out" / "terms.csv").open() as file:
+        for row in csv.DictReader(file):
+            expected_m = RADOME_M if row["path"].startswith("KASHI") else 0.0
+            assert row["type"] == "half_range"
+            assert float(row["wet_radome_m"]) == pytest.approx(expected_m, abs=1e-5)
+
+
+def test_plugins_are_loaded_when_they_are_looked_for(toys, tmp_path):
+    """So their modules import what they need of radioloc, whichever is imported first."""
+    for first in ("radioloc", "radioloc_toys.zenith_angle_bias", "radioloc_toys.wet_radome"):
+        code = (
+            f"import sys, {first}, radioloc\n"
+            "toys = [name for name in sys.modules if name.startswith('radioloc_toys.')]\n"
+            f"print(toys == [name for name in [{first!r}] if 'toys' in name])\n"
+            "print('half_range' in radioloc.measurements.MEASUREMENTS)\n"
+            "print('zenith_angle_bias' in radioloc.parameters.PARAMETERS, 'wet_radome' in radioloc.media.MEDIA)\n"
+            "print('wet_radome' in radioloc.measurements.TERMS)\n"
+        )
+        done = python(toys, "-W", "error", "-c", code, cwd=tmp_path)
+        assert done.returncode == 0, done.stderr
+        assert set(done.stdout.split()) == {"True"}
+
+
+@pytest.mark.parametrize(
+    ("group", "value", "problem"),
+    [
+        ("measurements", "no_such_module:THING", r"cannot be loaded \(No module named 'no_such_module'\)"),
+        ("measurements", "radioloc_toys.half_range:NOTHING", "cannot be loaded .*NOTHING"),
+        (
+            "measurements",
+            "radioloc_toys.zenith_angle_bias:ZENITH_ANGLE_BIAS",
+            "is a ParameterKind, not a Measu",
+        ),
+        (
+            "parameters",
+            "radioloc.parameters.range_bias:RANGE_BIAS",
+            "has the name 'range_bias', which is taken",
+        ),
+        ("media", "radioloc_toys.half_range:HALF_RANGE", "is a MeasurementType, not a Medium"),
+    ],
+)
+def test_a_broken_plugin_gives_one_warning_and_is_left_out(group, value, problem, tmp_path):
+    site = installed(tmp_path / "site", {f"radioloc.{group}": {"broken": value}})
+    code = (
+        f"import radioloc; from radioloc.{group}.registry import {group.upper()} as found\n"
+        "print(*found); print(*found); print(*radioloc.measurements.TERMS)"
+    )
+    done = python(site, "-c", code, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    [warning] = re.findall(r"PluginWarning: (.*)", done.stderr)
+    assert re.match(f"{re.escape(value)} of the entry points radioloc.{group} {problem}", warning)
+    assert warning.endswith("it is left out")
+    own = {"measurements": "range", "parameters": "range_bias", "media": "ionosphere"}[group]
+    first, second, _ = done.stdout.splitlines()
+    assert own in first.split()
+    assert first == second

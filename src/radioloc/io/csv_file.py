@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import chain
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -12,6 +13,7 @@ import pyarrow
 from numpy.typing import ArrayLike, NDArray
 from pyarrow import csv
 
+from radioloc._version import __version__
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
 from radioloc.io.dates import utc_to_text
@@ -46,13 +48,26 @@ def write_csv(
             raise InputError(f"{path}: a text cannot stand between commas ({error})") from error
 
 
-def batches_of(columns: Mapping[str, Any], decimals: Mapping[str, int]) -> Iterator[pyarrow.RecordBatch]:
-    """Some thousand rows at a time of columns as texts, those that are numbers with so many decimals."""
+def batches_of(
+    columns: Mapping[str, Any],
+    decimals: Mapping[str, int] = MappingProxyType({}),
+    units: Mapping[str, str] = MappingProxyType({}),
+    rows_at_once: int = _ROWS_AT_ONCE,
+) -> Iterator[pyarrow.RecordBatch]:
+    """Some thousand rows at a time of columns of epochs, labels, texts or numbers, with their units.
+
+    Of numbers with decimals the text; others stay numbers, null where they are not.
+    """
     count = len(next(iter(columns.values())))
-    for start in range(0, max(count, 1), _ROWS_AT_ONCE):
-        rows = slice(start, min(start + _ROWS_AT_ONCE, count))
-        cells = {name: _cells(column, rows, decimals.get(name)) for name, column in columns.items()}
-        yield pyarrow.record_batch(cells)
+    for start in range(0, max(count, 1), rows_at_once):
+        rows = slice(start, min(start + rows_at_once, count))
+        arrays = {name: _cells(column, rows, decimals.get(name)) for name, column in columns.items()}
+        fields = [
+            pyarrow.field(name, array.type, metadata={"unit": units[name]} if name in units else None)
+            for name, array in arrays.items()
+        ]
+        schema = pyarrow.schema(fields, metadata={"radioloc": __version__})
+        yield pyarrow.RecordBatch.from_arrays(list(arrays.values()), schema=schema)
 
 
 def _cells(column: Any, rows: slice, decimals: int | None) -> pyarrow.Array:
@@ -60,19 +75,23 @@ def _cells(column: Any, rows: slice, decimals: int | None) -> pyarrow.Array:
         case Epochs():
             return date_texts(column[rows])
         case Labels():
-            return label_texts(column.codes[rows], column.texts)
+            return _label_texts(column.codes[rows], column.texts)
     part = column[rows]
-    return texts(part if decimals is None else [f"{value:.{decimals}f}" for value in part.tolist()])
+    if decimals is not None:
+        return _texts([f"{value:.{decimals}f}" for value in part.tolist()])
+    if isinstance(part, np.ndarray) and part.dtype.kind != "U":
+        return pyarrow.array(part, from_pandas=True)
+    return _texts(part)
 
 
-def texts(values: ArrayLike) -> pyarrow.Array:
+def _texts(values: ArrayLike) -> pyarrow.Array:
     """Texts as they are."""
     return pyarrow.array(np.asarray(values, dtype=np.str_).tolist(), pyarrow.string())
 
 
-def label_texts(codes: NDArray[Any], labels: Sequence[str]) -> pyarrow.Array:
+def _label_texts(codes: NDArray[Any], labels: Sequence[str]) -> pyarrow.Array:
     """Texts of which few differ, from an index into them."""
-    return pyarrow.DictionaryArray.from_arrays(pyarrow.array(codes), texts(labels or [""]))
+    return pyarrow.DictionaryArray.from_arrays(pyarrow.array(codes), _texts(labels or [""]))
 
 
 def date_texts(utc: Epochs) -> pyarrow.Array:
@@ -80,4 +99,4 @@ def date_texts(utc: Epochs) -> pyarrow.Array:
     # Observations of one instant stand one after another in dense data.
     new = np.ones(len(utc), dtype=bool)
     new[1:] = (utc.jd[1:] != utc.jd[:-1]) | (utc.fraction[1:] != utc.fraction[:-1])
-    return label_texts(np.cumsum(new) - 1, utc_to_text(utc[new]).tolist())
+    return _label_texts(np.cumsum(new) - 1, utc_to_text(utc[new]).tolist())

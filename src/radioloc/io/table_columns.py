@@ -34,9 +34,9 @@ import pyarrow
 from numpy.typing import NDArray
 from pyarrow import compute, types
 
-from radioloc._version import __version__
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
+from radioloc.estimation.labels import Labels
 from radioloc.io.checks import (
     FLIGHT_TIME_LIMITS_S,
     Catalogue,
@@ -44,7 +44,7 @@ from radioloc.io.checks import (
     refuse_duplicates,
     require_lunar_flight_time,
 )
-from radioloc.io.csv_file import date_texts, label_texts
+from radioloc.io.csv_file import batches_of
 from radioloc.io.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
@@ -101,36 +101,21 @@ def record_batches(
     Columns of radio are there only if there is something in them; what was not recorded is null.
     """
     unit = C_M_S if light_time else 1.0
-    recorded = [
-        name for name in OPTIONAL if name in WEATHER_LIMITS or not np.isnan(getattr(observations, name)).all()
-    ]
-    paths = [link.path for link in observations.links]
-    for start in range(0, max(len(observations), 1), _ROWS_AT_ONCE):
-        part = observations.select(slice(start, start + _ROWS_AT_ONCE))
-        columns: dict[str, Any] = {}
-        if split_epoch:
-            days, picoseconds = utc_to_picoseconds(part.epoch)
-            columns |= {"utc_date": days.astype("datetime64[D]"), "utc_ps": picoseconds}
-        else:
-            columns["epoch_utc"] = date_texts(part.epoch)
-        columns |= {
-            "type": label_texts(part.kind, KINDS),
-            "path": label_texts(part.link, paths),
-            VALUE[light_time]: part.value_m / unit,
-            SIGMA[light_time]: part.sigma_m / unit,
-            "time_tag": label_texts(part.tag, TIME_TAGS),
-        }
-        columns |= {name: getattr(part, name) for name in recorded}
-        arrays = {
-            name: pyarrow.array(column, from_pandas=True) if isinstance(column, np.ndarray) else column
-            for name, column in columns.items()
-        }
-        fields = [
-            pyarrow.field(name, array.type, metadata={"unit": _UNITS[name]} if name in _UNITS else None)
-            for name, array in arrays.items()
-        ]
-        schema = pyarrow.schema(fields, metadata={"radioloc": __version__})
-        yield pyarrow.RecordBatch.from_arrays(list(arrays.values()), schema=schema)
+    columns: dict[str, Any] = {"epoch_utc": observations.epoch}
+    if split_epoch:
+        days, picoseconds = utc_to_picoseconds(observations.epoch)
+        columns = {"utc_date": days.astype("datetime64[D]"), "utc_ps": picoseconds}
+    columns |= {
+        "type": Labels(observations.kind.astype(np.int32), KINDS),
+        "path": Labels(observations.link, tuple(link.path for link in observations.links)),
+        VALUE[light_time]: observations.value_m / unit,
+        SIGMA[light_time]: observations.sigma_m / unit,
+        "time_tag": Labels(observations.tag.astype(np.int32), TIME_TAGS),
+    }
+    for name in OPTIONAL:
+        if name in WEATHER_LIMITS or not np.isnan(getattr(observations, name)).all():
+            columns[name] = getattr(observations, name)
+    return batches_of(columns, units=_UNITS, rows_at_once=_ROWS_AT_ONCE)
 
 
 class ColumnReader:

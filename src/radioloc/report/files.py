@@ -236,15 +236,9 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
 
 def _write_trials(study: MonteCarlo, path: Path) -> None:
     """One row for each trial and arc, numbers to the last bit; what is not a number is left empty."""
-    import pyarrow
+    from radioloc.io.csv_file import batches_of, write_csv
 
-    from radioloc.io.csv_file import write_csv
-
-    arcs = len(study.hours)
-    columns = {"trial": np.repeat(np.arange(study.trials), arcs), "hours": np.tile(study.hours, study.trials)}
-    columns |= dict(zip(study.columns, study.values.reshape(-1, len(study.columns)).T, strict=True))
-    arrays = {name: pyarrow.array(column, from_pandas=True) for name, column in columns.items()}
-    write_csv(path, [pyarrow.record_batch(arrays)])
+    write_csv(path, batches_of(study.columns_of_trials()))
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:

@@ -124,13 +124,17 @@ class MonteCarlo:
             ],
         }
 
+    def columns_of_trials(self) -> dict[str, NDArray[Any]]:
+        """All that is known of the trials by name, one row for each trial and arc."""
+        n, arcs, _ = self.values.shape
+        columns = {"trial": np.repeat(np.arange(n), arcs), "hours": np.tile(self.hours, n)}
+        return columns | dict(zip(self.columns, self.values.reshape(n * arcs, -1).T, strict=True))
+
     def to_table(self) -> Any:
         """All trials as an ``astropy.table.Table``, one row for each trial and arc."""
         from astropy.table import Table
 
-        n, arcs, _ = self.values.shape
-        columns = {"trial": np.repeat(np.arange(n), arcs), "hours": np.tile(self.hours, n)}
-        return Table(columns | dict(zip(self.columns, self.values.reshape(n * arcs, -1).T, strict=True)))
+        return Table(self.columns_of_trials())
 
     def card(self) -> Card:
         """Card of the study."""

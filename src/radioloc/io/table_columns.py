@@ -106,7 +106,7 @@ def record_batches(
         days, picoseconds = utc_to_picoseconds(observations.epoch)
         columns = {"utc_date": days.astype("datetime64[D]"), "utc_ps": picoseconds}
     columns |= {
-        "type": Labels(observations.kind.astype(np.int32), KINDS),
+        "type": Labels(observations.kind.astype(np.int32), tuple(KINDS)),
         "path": Labels(observations.link, tuple(link.path for link in observations.links)),
         VALUE[light_time]: observations.value_m / unit,
         SIGMA[light_time]: observations.sigma_m / unit,

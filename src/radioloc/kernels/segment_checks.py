@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -85,16 +86,12 @@ def _epochs(table: _Words, count: int, n_directory: int, strictly: bool = True) 
     return epochs
 
 
-def _chebyshev(fixed: int, rows: int) -> Callable[[_Words, float, float], None]:
+def _chebyshev(words: _Words, start_s: float, end_s: float, fixed: int, rows: int) -> None:
     """Types 2 and 3: records of one length in time, each of middle and half length and some series."""
-
-    def check(words: _Words, start_s: float, end_s: float) -> None:
-        first_s, length_s, size, count = _tail(words, 4)
-        n = _records(words, size, count, fixed, rows, 4)
-        _require(length_s > 0, f"has a directory with records of {length_s:g} s")
-        _require_covered(start_s, end_s, first_s, first_s + n * length_s)
-
-    return check
+    first_s, length_s, size, count = _tail(words, 4)
+    n = _records(words, size, count, fixed, rows, 4)
+    _require(length_s > 0, f"has a directory with records of {length_s:g} s")
+    _require_covered(start_s, end_s, first_s, first_s + n * length_s)
 
 
 def _chebyshev_velocity(words: _Words, start_s: float, end_s: float) -> None:
@@ -121,30 +118,22 @@ def _two_body(words: _Words, start_s: float, end_s: float) -> None:
     _epochs(words[6 * n :], n, n // _DIRECTORY_STEP)
 
 
-def _equal_steps(hermite: bool) -> Callable[[_Words, float, float], None]:
+def _equal_steps(words: _Words, start_s: float, end_s: float, hermite: bool) -> None:
     """Types 8 and 12: states at equal steps, interpolated."""
-
-    def check(words: _Words, start_s: float, end_s: float) -> None:
-        first_s, step_s, window_less_1, count = _tail(words, 4)
-        n = _count(count, 1, len(words), "the number of states")
-        _window(window_less_1 + 1, n, hermite)
-        _require_length(words, 6 * n + 4)
-        _require(step_s > 0, f"has steps of {step_s:g} s")
-        _require_covered(start_s, end_s, first_s, first_s + (n - 1) * step_s, slack_s=1e-6 * step_s)
-
-    return check
+    first_s, step_s, window_less_1, count = _tail(words, 4)
+    n = _count(count, 1, len(words), "the number of states")
+    _window(window_less_1 + 1, n, hermite)
+    _require_length(words, 6 * n + 4)
+    _require(step_s > 0, f"has steps of {step_s:g} s")
+    _require_covered(start_s, end_s, first_s, first_s + (n - 1) * step_s, slack_s=1e-6 * step_s)
 
 
-def _unequal_steps(hermite: bool) -> Callable[[_Words, float, float], None]:
+def _unequal_steps(words: _Words, start_s: float, end_s: float, hermite: bool) -> None:
     """Types 9 and 13: states and their epochs, interpolated."""
-
-    def check(words: _Words, start_s: float, end_s: float) -> None:
-        window_less_1, count = _tail(words, 2)
-        n = _count(count, 1, len(words), "the number of states")
-        _window(window_less_1 + 1, n, hermite)
-        _interpolated(words, n, 6, 2, start_s, end_s)
-
-    return check
+    window_less_1, count = _tail(words, 2)
+    n = _count(count, 1, len(words), "the number of states")
+    _window(window_less_1 + 1, n, hermite)
+    _interpolated(words, n, 6, 2, start_s, end_s)
 
 
 def _window(states: float, n: int, hermite: bool) -> None:
@@ -187,38 +176,30 @@ def _esoc_piecewise(words: _Words, start_s: float, end_s: float) -> None:
         _esoc(words[first - 1 : after - 1], float(bounds_s[k]), float(bounds_s[k + 1]))
 
 
-def _difference_arrays(extended: bool) -> Callable[[_Words, float, float], None]:
+def _difference_arrays(words: _Words, start_s: float, end_s: float, extended: bool) -> None:
     """Types 1 and 21: modified difference arrays, each with the orders to which it is summed."""
-
-    def check(words: _Words, start_s: float, end_s: float) -> None:
-        directory = 2 if extended else 1
-        *size, count = _tail(words, directory)
-        terms = _count(size[0], 1, _MAX_MDA_TERMS, "the number of differences") if extended else 15
-        record = 4 * terms + 11
-        n = _count(count, 1, len(words), "the number of records")
-        _require_length(words, n * (record + 1) + n // _DIRECTORY_STEP + directory)
-        epochs = _epochs(words[n * record :], n, n // _DIRECTORY_STEP, strictly=False)
-        _require(end_s <= epochs[-1], "claims to reach beyond its last record")
-        records = words[: n * record].reshape(n, record)
-        orders, highest = records[:, -3:], records[:, -4]
-        sound = (orders == np.round(orders)) & (orders >= 0) & (orders <= terms)
-        _require(bool(sound.all()), "has an order of integration that does not fit its differences")
-        sound_highest = (highest == np.round(highest)) & (highest >= 2) & (highest <= terms + 1)
-        _require(bool(sound_highest.all()), "has an order of integration that does not fit its differences")
-        steps = records[:, 1 : 1 + terms]
-        used = np.arange(terms) < highest[:, None] - 2
-        _require(not (used & (steps == 0)).any(), "has a step of no length")
-
-    return check
+    directory = 2 if extended else 1
+    *size, count = _tail(words, directory)
+    terms = _count(size[0], 1, _MAX_MDA_TERMS, "the number of differences") if extended else 15
+    record = 4 * terms + 11
+    n = _count(count, 1, len(words), "the number of records")
+    _require_length(words, n * (record + 1) + n // _DIRECTORY_STEP + directory)
+    epochs = _epochs(words[n * record :], n, n // _DIRECTORY_STEP, strictly=False)
+    _require(end_s <= epochs[-1], "claims to reach beyond its last record")
+    records = words[: n * record].reshape(n, record)
+    orders, highest = records[:, -3:], records[:, -4]
+    sound = (orders == np.round(orders)) & (orders >= 0) & (orders <= terms)
+    _require(bool(sound.all()), "has an order of integration that does not fit its differences")
+    sound_highest = (highest == np.round(highest)) & (highest >= 2) & (highest <= terms + 1)
+    _require(bool(sound_highest.all()), "has an order of integration that does not fit its differences")
+    steps = records[:, 1 : 1 + terms]
+    used = np.arange(terms) < highest[:, None] - 2
+    _require(not (used & (steps == 0)).any(), "has a step of no length")
 
 
-def _elements(length: int) -> Callable[[_Words, float, float], None]:
+def _elements(words: _Words, start_s: float, end_s: float, length: int) -> None:
     """Types 15 and 17: one set of orbital elements."""
-
-    def check(words: _Words, start_s: float, end_s: float) -> None:
-        _require_length(words, length)
-
-    return check
+    _require_length(words, length)
 
 
 def _generic(words: _Words, start_s: float, end_s: float) -> None:
@@ -248,19 +229,19 @@ def _generic(words: _Words, start_s: float, end_s: float) -> None:
 
 
 _CHECKS: dict[int, Callable[[_Words, float, float], None]] = {
-    1: _difference_arrays(extended=False),
-    2: _chebyshev(2, 3),
-    3: _chebyshev(2, 6),
+    1: partial(_difference_arrays, extended=False),
+    2: partial(_chebyshev, fixed=2, rows=3),
+    3: partial(_chebyshev, fixed=2, rows=6),
     5: _two_body,
-    8: _equal_steps(hermite=False),
-    9: _unequal_steps(hermite=False),
-    12: _equal_steps(hermite=True),
-    13: _unequal_steps(hermite=True),
+    8: partial(_equal_steps, hermite=False),
+    9: partial(_unequal_steps, hermite=False),
+    12: partial(_equal_steps, hermite=True),
+    13: partial(_unequal_steps, hermite=True),
     14: _generic,
-    15: _elements(16),
-    17: _elements(12),
+    15: partial(_elements, length=16),
+    17: partial(_elements, length=12),
     18: _esoc,
     19: _esoc_piecewise,
     20: _chebyshev_velocity,
-    21: _difference_arrays(extended=True),
+    21: partial(_difference_arrays, extended=True),
 }

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.ephemeris import Trajectory
-from radioloc.measurements.gravitational_delay import delay_of_distances_m
+from radioloc.measurements.gravitational_delay import gravitational_delay_m
 from radioloc.measurements.light_path import (
     BOUNCE,
     RECEIVE,
@@ -474,7 +474,7 @@ class ExactPredictor:
                 to_point_m = length(point_m - body_m)
                 for leg, end_m in enumerate(ends_m):
                     to_end_m = length(end_m - body_m)
-                    total_m[leg] += delay_of_distances_m(to_end_m, to_point_m, between_m[leg], gm(body))
+                    total_m[leg] += gravitational_delay_m(to_end_m, to_point_m, between_m[leg], gm(body))
         return total_m[0], total_m[1]
 
     def _lines_of_sight(self, path: LightPath, relay: MovingPoint) -> tuple[LineOfSight, LineOfSight]:

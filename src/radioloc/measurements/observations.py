@@ -183,15 +183,12 @@ class Observations:
             raise InputError("no observations to join; give at least one table")
         links, link_codes = _unique([link for part in parts for link in part.links])
         files, file_codes = _unique([file for part in parts for file in part.files])
-        columns: dict[str, Any] = {
-            "epoch": Epochs.concatenate([p.epoch for p in parts]),
-            "links": links,
-            "files": files,
-        }
-        link_codes_by_part = np.split(link_codes, np.cumsum([len(p.links) for p in parts])[:-1])
-        file_codes_by_part = np.split(file_codes, np.cumsum([len(p.files) for p in parts])[:-1])
-        columns["link"] = np.concatenate([c[p.link] for p, c in zip(parts, link_codes_by_part, strict=True)])
-        columns["file"] = np.concatenate([c[p.file] for p, c in zip(parts, file_codes_by_part, strict=True)])
+        columns: dict[str, Any] = {"links": links, "files": files}
+        columns["epoch"] = Epochs.concatenate([p.epoch for p in parts])
+        for name, codes in (("link", link_codes), ("file", file_codes)):
+            ends = np.cumsum([len(getattr(p, f"{name}s")) for p in parts])[:-1]
+            own = zip(parts, np.split(codes, ends), strict=True)
+            columns[name] = np.concatenate([of_part[getattr(p, name)] for p, of_part in own])
         for field in fields(Observations):
             if field.name not in columns:
                 columns[field.name] = np.concatenate([getattr(p, field.name) for p in parts])
@@ -234,24 +231,9 @@ class Observations:
         """Everything as an ``astropy.table.Table``, one column per measured or recorded quantity."""
         from astropy.table import Table
 
-        return Table(
-            {
-                "epoch_utc": utc_strings(self.epoch),
-                "type": self.types(),
-                "path": self.paths(),
-                "time_tag": self.tags(),
-                "value_m": self.value_m,
-                "sigma_m": self.sigma_m,
-                "pressure_hpa": self.pressure_hpa,
-                "temperature_k": self.temperature_k,
-                "relative_humidity": self.relative_humidity,
-                "wavelength_um": self.wavelength_um,
-                "uplink_hz": self.uplink_hz,
-                "count_s": self.count_s,
-                "file": np.array(self.files, dtype=np.str_)[self.file],
-                "line": self.line,
-            }
-        )
+        columns = {"epoch_utc": utc_strings(self.epoch), "type": self.types(), "path": self.paths()}
+        columns |= {"time_tag": self.tags()} | {name: getattr(self, name) for name in _UNITS}
+        return Table(columns | {"file": np.array(self.files, dtype=np.str_)[self.file], "line": self.line})
 
     def summary(self) -> str:
         """Text for people: how many observations, from when to when, by path and kind."""

@@ -21,7 +21,7 @@ from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, requ
 from radioloc.media.text_numbers import ENCODING, fixed_numbers
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs, epochs_from_strings
-from radioloc.time.scales import utc_of
+from radioloc.time.scales import to_scale
 
 _ROUNDING = 1e-9
 _MISSING = 9999
@@ -62,7 +62,9 @@ class IonexMaps:
         Raises :class:`CoverageError` for an epoch before the first map, after the last, or in a gap between them, and
         :class:`InputError` for a place outside the maps, or where a value that is needed is missing in them.
         """
-        latitude, longitude, mjd = np.broadcast_arrays(latitude_rad, longitude_rad, utc_of(epochs).mjd)
+        latitude, longitude, mjd = np.broadcast_arrays(
+            latitude_rad, longitude_rad, to_scale(epochs, "UTC").mjd
+        )
         # 1 % over the step between maps is rounding of their epochs.
         before, after, share = epochs_around(
             self.mjd_utc, mjd, 1.01 * self.longest_gap_s / SECONDS_PER_DAY, self.source

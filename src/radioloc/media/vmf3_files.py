@@ -30,7 +30,7 @@ from radioloc.media.optical_troposphere import column_gravity
 from radioloc.media.text_numbers import ENCODING, numbers_of, table_of
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs, epochs_from_strings
-from radioloc.time.scales import utc_of
+from radioloc.time.scales import to_scale
 
 _LONGEST_GAP_D = 0.2501
 """Epochs are six hours apart."""
@@ -266,4 +266,4 @@ def _require_weather(path: Path, line: int, *weather: float) -> None:
 def _around(
     mjd_utc: NDArray[np.float64], epochs: Epochs, source: str
 ) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    return epochs_around(mjd_utc, utc_of(epochs).mjd, _LONGEST_GAP_D, source)
+    return epochs_around(mjd_utc, to_scale(epochs, "UTC").mjd, _LONGEST_GAP_D, source)

@@ -223,11 +223,6 @@ def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
     return np.array(out, dtype=np.str_)
 
 
-def utc_of(epochs: Epochs) -> Epochs:
-    """Epochs of UTC, TAI, TT or TDB as UTC; see :func:`to_scale`."""
-    return to_scale(epochs, "UTC")
-
-
 def to_scale(epochs: Epochs, scale: str) -> Epochs:
     """Epochs in another scale: UTC (from 1972 on), TAI, TT or TDB (at the geocentre); UT1 needs Earth orientation."""
     if scale == epochs.scale:

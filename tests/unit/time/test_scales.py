@@ -17,7 +17,7 @@ from radioloc.time import (
     utc_to_tai,
     utc_to_tt,
 )
-from radioloc.time.scales import calendar_to_jd, utc_of
+from radioloc.time.scales import calendar_to_jd
 
 # Last place of a fraction of a day, and one rounding more.
 RESOLUTION_S = 2e-11
@@ -144,12 +144,12 @@ def test_epochs_of_another_scale_are_refused(convert, wrong):
 def test_any_scale_as_utc(scale):
     utc = epochs_from_strings("2006-01-01T00:00:10")
     chain = {"UTC": utc, "TAI": utc_to_tai(utc), "TT": utc_to_tt(utc), "TDB": tt_to_tdb(utc_to_tt(utc))}
-    assert utc_strings(utc_of(chain[scale]), 9).tolist() == ["2006-01-01T00:00:10.000000000"]
+    assert utc_strings(to_scale(chain[scale], "UTC"), 9).tolist() == ["2006-01-01T00:00:10.000000000"]
 
 
 def test_ut1_cannot_become_utc_without_earth_orientation():
     with pytest.raises(InputError, match="without Earth orientation"):
-        utc_of(Epochs.from_jd(2459185.5, 0.0, "UT1"))
+        to_scale(Epochs.from_jd(2459185.5, 0.0, "UT1"), "UTC")
 
 
 def test_decimals_are_rounded_and_bounded():

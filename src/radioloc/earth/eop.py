@@ -55,22 +55,7 @@ class EopValues:
 
 @dataclass(frozen=True, slots=True, eq=False, repr=False)
 class EopTable:
-    """Earth orientation at 0h UTC of successive days.
-
-    Parameters
-    ----------
-    mjd_utc : array_like, shape (n,)
-        Modified Julian dates, rising, from 1972-01-01 on; at least four.
-    xp_rad, yp_rad : array_like, shape (n,)
-        Pole, rad.
-    ut1_minus_utc_s : array_like, shape (n,)
-        UT1 - UTC, s, with its leap steps.
-    dx_rad, dy_rad : array_like, shape (n,)
-        Celestial pole offsets from IAU 2006/2000A, rad; NaN where not given.
-    predicted : array_like of bool, shape (n,)
-        Whether any value of the day is a prediction.
-    sources : sequence of str
-        Where the values come from, for the record of a result.
+    """Earth orientation at 0h UTC of successive days, at least four, from 1972-01-01 on.
 
     Raises
     ------
@@ -78,14 +63,14 @@ class EopTable:
         The columns differ in length, dates do not rise, or UT1 - UTC does not go with the known leap seconds.
     """
 
-    mjd_utc: NDArray[np.float64]
-    xp_rad: NDArray[np.float64]
+    mjd_utc: NDArray[np.float64]  # rising
+    xp_rad: NDArray[np.float64]  # pole
     yp_rad: NDArray[np.float64]
-    ut1_minus_utc_s: NDArray[np.float64]
-    dx_rad: NDArray[np.float64]
+    ut1_minus_utc_s: NDArray[np.float64]  # with its leap steps
+    dx_rad: NDArray[np.float64]  # celestial pole offsets from IAU 2006/2000A; NaN where not given
     dy_rad: NDArray[np.float64]
-    predicted: NDArray[np.bool_]
-    sources: tuple[str, ...] = ()
+    predicted: NDArray[np.bool_]  # whether any value of the day is a prediction
+    sources: tuple[str, ...] = ()  # where the values come from, for the record of a result
     _nodes_tt: Epochs = field(init=False)
     _values: NDArray[np.float64] = field(init=False)
 

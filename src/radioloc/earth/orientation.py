@@ -13,7 +13,7 @@ the daily tables leave out: diurnal and semidiurnal ocean tides and libration
 from __future__ import annotations
 
 import warnings
-from dataclasses import dataclass
+from dataclasses import KW_ONLY, dataclass
 
 import erfa
 import numpy as np
@@ -52,33 +52,15 @@ class EarthRotation:
     predicted: NDArray[np.bool_]  # whether any of the daily values used is a prediction
 
 
+@dataclass(frozen=True, eq=False, repr=False)
 class EarthOrientation:
-    """Model of the Earth's orientation: a table and the terms added to it.
+    """Model of the Earth's orientation: a table and the terms added to it."""
 
-    Parameters
-    ----------
-    table : EopTable
-        Daily polar motion, UT1 and celestial pole offsets.
-    subdaily_tides : bool
-        Diurnal and semidiurnal ocean tides; up to 3 cm on the ground by the pole, 4 cm by UT1.
-    libration : bool
-        Diurnal libration of the pole, semidiurnal libration of UT1; up to 2 mm on the ground each.
-    zonal_tides : bool
-        Interpolate UT1 between days without zonal tides and put them back; up to 1.2 mm on the ground.
-    """
-
-    def __init__(
-        self,
-        table: EopTable,
-        *,
-        subdaily_tides: bool = True,
-        libration: bool = True,
-        zonal_tides: bool = True,
-    ) -> None:
-        self.table = table
-        self.subdaily_tides = subdaily_tides
-        self.libration = libration
-        self.zonal_tides = zonal_tides
+    table: EopTable
+    _: KW_ONLY
+    subdaily_tides: bool = True  # of the oceans; up to 3 cm on the ground by the pole, 4 cm by UT1
+    libration: bool = True  # diurnal of the pole, semidiurnal of UT1; up to 2 mm on the ground each
+    zonal_tides: bool = True  # taken out of UT1 between days and put back; up to 1.2 mm on the ground
 
     @classmethod
     def default(cls) -> EarthOrientation:

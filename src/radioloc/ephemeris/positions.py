@@ -76,10 +76,12 @@ class Ephemeris:
     @property
     def bodies(self) -> tuple[str, ...]:
         """Names of the bodies that the kernel holds."""
+        held = {(segment.target, segment.center) for segment in self.spk.segments}
+        centers = {_MOON: _EARTH_MOON_BARYCENTRE}
         return tuple(
             name
             for name, code in BODIES.items()
-            if self.spk.has(code, _EARTH_MOON_BARYCENTRE if code == _MOON else _SOLAR_SYSTEM_BARYCENTRE)
+            if (code, centers.get(code, _SOLAR_SYSTEM_BARYCENTRE)) in held
         )
 
     def earth(self, tdb: Epochs) -> EarthState:

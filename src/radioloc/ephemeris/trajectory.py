@@ -41,21 +41,11 @@ class TrajectorySegment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """The trajectory of a body, as an SPK of any type has it; make one with :meth:`open`.
+    """The trajectory of a body, as an SPK of any type has it; make one with :meth:`open`."""
 
-    Parameters
-    ----------
-    kernel : KernelFile
-        Path, SHA-256 and span of the file, from the body's first epoch to its last, gaps or not.
-    body : int
-        NAIF code.
-    segments : tuple of TrajectorySegment
-        The body's segments, in the file's order.
-    """
-
-    kernel: KernelFile
-    body: int
-    segments: tuple[TrajectorySegment, ...]
+    kernel: KernelFile  # its span is from the body's first epoch to its last, gaps or not
+    body: int  # NAIF code
+    segments: tuple[TrajectorySegment, ...]  # in the file's order
 
     @classmethod
     def open(cls, path: str | Path, body: int) -> Trajectory:

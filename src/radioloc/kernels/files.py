@@ -60,10 +60,6 @@ class Kernel:
     file: KernelFile
     segments: tuple[Segment, ...] = field(repr=False)
 
-    def has(self, target: int, center: int) -> bool:
-        """Whether there is a segment of this target and center."""
-        return any((s.target, s.center) == (target, center) for s in self.segments)
-
     def segment(self, target: int, center: int) -> Segment:
         """Find the segment of this target and center: where there are several, the last, as in SPICE."""
         for candidate in reversed(self.segments):

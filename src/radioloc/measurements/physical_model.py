@@ -25,39 +25,17 @@ from radioloc.media.troposphere import Troposphere
 
 @dataclass(frozen=True, slots=True)
 class PhysicalModel:
-    """Everything a measurement model needs besides the observations and the position.
-
-    Parameters
-    ----------
-    ephemeris : Ephemeris
-        Positions of the Earth, the Moon, the Sun and planets.
-    libration : LunarOrientation
-        Orientation of the Moon's principal axes, of the same ephemeris.
-    earth : EarthOrientation
-        Orientation of the Earth.
-    catalogue : StationCatalogue
-        Stations by name.
-    terms : frozenset of str
-        Active terms, from :data:`~radioloc.measurements.terms.TERMS`.
-    ionosphere : ElectronContent or None
-        Source of electron content along the rays of radio signals.
-    delays : EquipmentDelays
-        Delays of equipment that are in the data, under the catalogue's names of stations.
-    radio_atmosphere : RadioAtmosphere or None
-        Files of VMF3 and GPT3 for the troposphere of radio signals; weather and a standard atmosphere without.
-    added_media : tuple of Medium
-        Media besides those of the registry, or in place of those of the same names.
-    """
+    """Everything a measurement model needs besides the observations and the position; make one with :meth:`build`."""
 
     ephemeris: Ephemeris
-    libration: LunarOrientation
+    libration: LunarOrientation  # of the same ephemeris
     earth: EarthOrientation
     catalogue: StationCatalogue
-    terms: frozenset[str]
-    ionosphere: ElectronContent | None = None
-    delays: EquipmentDelays = field(default_factory=EquipmentDelays)
-    radio_atmosphere: RadioAtmosphere | None = None
-    added_media: tuple[Medium, ...] = ()
+    terms: frozenset[str]  # that are active, of TERMS
+    ionosphere: ElectronContent | None = None  # along the rays of radio signals
+    delays: EquipmentDelays = field(default_factory=EquipmentDelays)  # by the catalogue's names of stations
+    radio_atmosphere: RadioAtmosphere | None = None  # VMF3 and GPT3 files
+    added_media: tuple[Medium, ...] = ()  # besides those of the registry, or in place of them
 
     @classmethod
     def build(

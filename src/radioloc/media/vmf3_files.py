@@ -37,10 +37,11 @@ _LONGEST_GAP_D = 0.2501
 
 _SITE_COLUMNS = (8, 12)
 _GRID_COLUMNS = {"VMF3": 6, "V3GR": 10}
-_POSSIBLE_WEATHER = ((300.0, 1100.0), (-100.0, 70.0), (0.0, 100.0))
-"""Pressure, hPa, temperature, degrees Celsius, and vapour pressure, hPa."""
+_POSSIBLE = np.array(
+    [(1e-5, 2e-3), (1e-5, 2e-3), (0.5, 2.7), (-0.01, 1.0), (300.0, 1100.0), (-100.0, 70.0), (0.0, 100.0)]
+)
+"""Both a, zenith delays (m), pressure (hPa), temperature (degrees Celsius), vapour pressure (hPa)."""
 _WET_SCALE_HEIGHT_M = 2000.0
-_LARGEST_A = 2e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,8 +141,7 @@ def read_vmf3_sites(paths: Sequence[str | Path]) -> dict[str, Vmf3Site]:
                 )
                 raise FileFormatError(path, problem, number)
             numbers = numbers_of(path, number, words[1:], "a value of VMF3")
-            _require_coefficients(path, number, np.array(numbers[1:5]))
-            _require_weather(path, number, *numbers[5:8])
+            _require_possible(path, [number], np.array([numbers[1:8]]))
             rows.setdefault(words[0], []).append((path, number, numbers))
         if not rows:
             raise FileFormatError(path, "there is no line of a station")
@@ -218,9 +218,7 @@ def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
     table = table_of(path, rows, _GRID_COLUMNS[kind], f"a map {content}")[:, :6]
     if not len(table):
         raise FileFormatError(path, "there is no point")
-    bad = np.flatnonzero(~_possible(table[:, 2:]))
-    if len(bad):
-        _require_coefficients(path, rows[bad[0]][0], table[bad[0], 2:])
+    _require_possible(path, [number for number, _ in rows], table[:, 2:])
     return mjd, table
 
 
@@ -237,30 +235,25 @@ def _read_orography(path: str | Path, order: NDArray[np.int64]) -> NDArray[np.fl
     return np.array(heights)[order]
 
 
-def _possible(values: NDArray[np.float64]) -> NDArray[np.bool_]:
-    a, delays = values[..., :2], values[..., 2:4]
-    return (
-        ((a > 0.0) & (a < _LARGEST_A)).all(axis=-1)
-        & (delays[..., 0] > 0.5)
-        & (delays[..., 0] < 2.7)
-        & (delays[..., 1] >= -0.01)
-        & (delays[..., 1] < 1.0)
-    )
+def _require_possible(path: Path, lines: Sequence[int], table: NDArray[np.float64]) -> None:
+    """Refuse rows of coefficients, zenith delays and, of sites, weather that cannot be.
 
-
-def _require_coefficients(path: Path, line: int, values: NDArray[np.float64]) -> None:
-    if not _possible(values):
-        shown = ", ".join(f"{value:g}" for value in values[:4])
-        problem = f"ah, aw, zhd, zwd are {shown}; near 0.0012, 0.0005, 2.3 m and 0.1 m are possible"
-        raise FileFormatError(path, problem, line)
-
-
-def _require_weather(path: Path, line: int, *weather: float) -> None:
-    """The weather is not used, but other units of it tell that the file is of another kind."""
-    if not all(low <= value <= high for value, (low, high) in zip(weather, _POSSIBLE_WEATHER, strict=True)):
-        shown = ", ".join(f"{value:g}" for value in weather)
-        problem = f"p, T, e are {shown}; hPa, degrees Celsius and hPa are wanted, near 1000, 15 and 10"
-        raise FileFormatError(path, problem, line)
+    The weather is not used, but other units of it tell that the file is of another kind.
+    """
+    least, most = _POSSIBLE[: table.shape[1]].T
+    wrong = ~((table >= least) & (table <= most))
+    if not wrong.any():
+        return
+    row = int(np.argmax(wrong.any(axis=1)))
+    shown = [f"{value:g}" for value in table[row]]
+    if wrong[row, :4].any():
+        problem = (
+            f"ah, aw, zhd, zwd are {', '.join(shown[:4])}; near 0.0012, 0.0005, 2.3 m and 0.1 m are possible"
+        )
+    else:
+        units = "hPa, degrees Celsius and hPa are wanted, near 1000, 15 and 10"
+        problem = f"p, T, e are {', '.join(shown[4:])}; {units}"
+    raise FileFormatError(path, problem, lines[row])
 
 
 def _around(

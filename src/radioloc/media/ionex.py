@@ -109,10 +109,18 @@ class IonexMaps:
 
 
 def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
-    """Read the maps of one or more IONEX files of one grid; of two maps of one epoch, as at midnight, the later named.
+    """Read the maps of one or more IONEX files.
 
-    Raises :class:`FileFormatError` where a file cannot be read or is not IONEX of two dimensions, maps are cut short or
-    missing, a content or the shell is impossible, or the files' grids or shells differ.
+    Parameters
+    ----------
+    paths : path-like or sequence of path-like
+        The files, of one grid; where two have a map of one epoch, as at midnight, that of the file named later is used.
+
+    Raises
+    ------
+    FileFormatError
+        A file cannot be read or is not IONEX of two dimensions, maps are cut short or missing, a content or the shell
+        is impossible, or the files' grids or shells differ.
     """
     files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
     if not files:

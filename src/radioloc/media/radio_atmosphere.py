@@ -186,10 +186,23 @@ def read_radio_atmosphere(
     vmf3_orography: str | Path | None = None,
     gpt3: str | Path | None = None,
 ) -> RadioAtmosphere:
-    """Read files of VMF3, of sites or of maps with the file of their heights, and of GPT3.
+    """Read files of VMF3, of sites or maps, and of GPT3.
 
-    Raises :class:`FileFormatError` as the readers of the files, and :class:`InputError` where neither is given, or maps
-    without their heights or heights without maps.
+    Parameters
+    ----------
+    vmf3 : sequence of path-like
+        Files of sites, or maps of several epochs.
+    vmf3_orography : path-like, optional
+        With maps the file of their heights, ``orography_ell_1x1`` or ``orography_ell_5x5``.
+    gpt3 : path-like, optional
+        ``gpt3_5.grd`` or ``gpt3_1.grd``.
+
+    Raises
+    ------
+    FileFormatError
+        A file cannot be read, is of another kind, or holds what cannot be.
+    InputError
+        Neither is given, or maps without their heights or heights without maps.
     """
     files = tuple(map(Path, vmf3))
     if not files and gpt3 is None:

@@ -7,7 +7,7 @@ fits, simulates or plots asks for a :class:`Predictor` and need not know which i
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -201,6 +201,13 @@ def reasons(
     """
     ends = np.stack([predictor.transmitters[which], predictor.receivers[which]], axis=-1)
     return describe(computed.status, computed.elevation_rad, predictor.stations, ends)
+
+
+def blocks(predictor: Predictor) -> Iterator[NDArray[np.intp]]:
+    """Rows of a predictor, some ten thousand at a time."""
+    n = len(predictor.observations)
+    for start in range(0, n, ROWS_AT_ONCE):
+        yield np.arange(start, min(start + ROWS_AT_ONCE, n))
 
 
 def table_of_terms(

@@ -16,9 +16,9 @@ import numpy as np
 
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.link import Link
-from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.targets import canonical_target
-from radioloc.parameters.columns import PASS_GAP_H, Columns, Member, blocks, columns_of, members
+from radioloc.parameters.columns import PASS_GAP_H, Columns, Member, columns_of, members
 from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.measurements.predictor import ROWS_AT_ONCE, Predictor
+from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.rows import ObservationRows, middle_of
 from radioloc.time import Epochs, utc_strings
@@ -85,13 +85,6 @@ class Columns:
         if self.scope is Scope.TARGET:
             return np.asarray(self.code[rows.target][:, None])
         return np.zeros((len(rows), 1), dtype=np.int32)
-
-
-def blocks(predictor: Predictor) -> Iterator[NDArray[np.intp]]:
-    """Rows of a predictor, some ten thousand at a time."""
-    n = len(predictor.observations)
-    for start in range(0, n, ROWS_AT_ONCE):
-        yield np.arange(start, min(start + ROWS_AT_ONCE, n))
 
 
 def members(kind: ParameterKind, scope: Scope, predictor: Predictor) -> list[Member]:

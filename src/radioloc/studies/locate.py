@@ -2,20 +2,14 @@
 
 from __future__ import annotations
 
-import math
-import platform
-from collections.abc import Callable, Iterator, Mapping
-from dataclasses import asdict, replace
-from functools import partial
-from pathlib import Path
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc._version import __version__
-from radioloc.constants import C_M_S, SECONDS_PER_DAY
-from radioloc.ephemeris import EphemerisConstants, Trajectory
+from radioloc.constants import C_M_S
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import build_solution, seconds_since_midnight
 from radioloc.estimation.correlated_weights import SeriesWeight, fit_with_correlated_weights
@@ -26,39 +20,32 @@ from radioloc.estimation.solution import Solution, TargetPosition
 from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm.agreement import LightTime
-from radioloc.kernels import sha256_of
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
-from radioloc.lunar.visibility import earth_elevation_rad
-from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel, kernel_record
-from radioloc.measurements.predictor import ROWS_AT_ONCE, Predictor, reasons
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.registry import KINDS, kind_of
-from radioloc.measurements.targets import canonical_target
 from radioloc.measurements.terms import TERMS
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import ElectronContent, UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
-from radioloc.media.status import Status
-from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.studies.notes import notes_of
 from radioloc.studies.one_thread import on_one_blas_thread
-from radioloc.studies.problem import observation_model
+from radioloc.studies.problem import observation_model, position_in_pa, start_pa_m, targets_in_pa
+from radioloc.studies.provenance import evaluation_record, provenance
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
-from radioloc.studies.study import EstimateChoice, ModelChoice, Study, TerrainPrior
+from radioloc.studies.study import EstimateChoice, ModelChoice, Study
+from radioloc.studies.usable import status_of
 from radioloc.studies.weights import require_stations, weighted_observations
-from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
-
-_LOWEST_EARTH_DEG = -8.0
-"""The highest terrain, 10.8 km, sees 6.4 deg below the horizontal; an a-priori position 50 km off is 1.6 deg off."""
+from radioloc.time import Epochs
 
 
 def locate(study: Study, observations: Observations | None = None) -> Solution:
@@ -115,7 +102,7 @@ def arc_of(study: Study, observations: Observations | None = None) -> tuple[Pred
     (153, 3)
     """
     arc, _ = prepared_arc(study, observations)
-    return arc, _start_pa_m(targets_in_pa(study, arc.model.ephemeris.constants))
+    return arc, start_pa_m(targets_in_pa(study, arc.model.ephemeris.constants))
 
 
 @on_one_blas_thread
@@ -207,8 +194,8 @@ def fit_arc(
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
         notes=notes_of(study, arc, left_out, estimate, fitted, lander_pa_m),
-        provenance=_provenance(study, model, observations, left_out, estimate)
-        | {"evaluation": _evaluation_record(arc, problem.all_positions_pa_m(x))},
+        provenance=provenance(study, model, observations, left_out, estimate)
+        | {"evaluation": evaluation_record(arc, problem.all_positions_pa_m(x))},
         trajectory=None if arc.trajectory is None else str(arc.trajectory),
         targets=several,
     )
@@ -246,34 +233,8 @@ def _radio_atmosphere(choice: ModelChoice) -> RadioAtmosphere | None:
         raise InputError(f"[model] {error}") from None
 
 
-def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, LunarPosition]:
-    """The a-priori positions in principal axes by name; none where the target is a trajectory."""
-    if isinstance(study.target, Trajectory):
-        return {}
-    if study.targets:
-        return {
-            canonical_target(name): position_in_pa(f"[targets.{name}]", position, constants)
-            for name, position in study.targets.items()
-        }
-    return {"": position_in_pa("[target]", study.target, constants)}
-
-
-def _start_pa_m(targets_pa: Mapping[str, LunarPosition]) -> NDArray[np.float64]:
-    """Where an arc is prepared: at the a-priori positions, or at no offset from the trajectory."""
-    places = [position.xyz_m for position in targets_pa.values()]
-    return np.zeros(3) if not places else places[0] if len(places) == 1 else np.array(places)
-
-
 def _trajectory(study: Study) -> Trajectory | None:
     return study.target if isinstance(study.target, Trajectory) else None
-
-
-def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
-    """A position of the study in principal axes; an error names its table."""
-    try:
-        return position.to_axes("PA", constants)
-    except InputError as error:
-        raise InputError(f"{table} frame: {error}") from None
 
 
 def _observations(
@@ -311,9 +272,9 @@ def _light_time_to(study: Study, model: PhysicalModel, targets: Mapping[str, Lun
         asked = Observations.from_columns(
             epoch=epoch, links=[link], kind=kind, tag=TIME_TAGS.index(tag), value_m=1.0, sigma_m=1.0
         )
-        start_pa_m = _start_pa_m(targets)
-        found = ExactPredictor(model, asked, start_pa_m, _trajectory(study), _names(targets))
-        return found.compute(start_pa_m).value_m / C_M_S
+        start_m = start_pa_m(targets)
+        found = ExactPredictor(model, asked, start_m, _trajectory(study), _names(targets))
+        return found.compute(start_m).value_m / C_M_S
 
     return light_time_s
 
@@ -321,19 +282,19 @@ def _light_time_to(study: Study, model: PhysicalModel, targets: Mapping[str, Lun
 def _arc(
     study: Study, model: PhysicalModel, observations: Observations, targets: Mapping[str, LunarPosition]
 ) -> Predictor:
-    start_pa_m, trajectory = _start_pa_m(targets), _trajectory(study)
+    start_m, trajectory = start_pa_m(targets), _trajectory(study)
     names = _names(targets)
     more = any(PARAMETERS[name].more_partials for name in (*study.estimate.parameters, *study.consider))
     try:
         return prepare_predictor(
-            model, observations, start_pa_m, study.model.evaluation, trajectory, names, more
+            model, observations, start_m, study.model.evaluation, trajectory, names, more
         )
     except CoverageError:
         # The kernel or table does not know the files: say which observation lies outside, the first or the last.
         order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
         for row in (int(order[0]), int(order[-1])):
             try:
-                prepare_predictor(model, observations.select([row]), start_pa_m, "exact", trajectory, names)
+                prepare_predictor(model, observations.select([row]), start_m, "exact", trajectory, names)
             except CoverageError as error:
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
@@ -345,74 +306,14 @@ def _names(targets: Mapping[str, LunarPosition]) -> tuple[str, ...]:
     return tuple(targets) if len(targets) > 1 else ()
 
 
-def _blocks(arc: Predictor) -> Iterator[NDArray[np.intp]]:
-    """Rows of an arc, some ten thousand at a time."""
-    n = len(arc.observations)
-    for start in range(0, n, ROWS_AT_ONCE):
-        yield np.arange(start, min(start + ROWS_AT_ONCE, n))
-
-
 def _elevation_deg(arc: Predictor, lander_pa_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Lower of the stations' elevations, deg, shape (n,)."""
     at = arc.at(lander_pa_m)
     elevation_deg = np.empty(len(arc.observations))
-    for rows in _blocks(arc):
+    for rows in blocks(arc):
         elevation_deg[rows] = np.degrees(at.rows(rows).elevation_rad.min(axis=-1))
     elevation_deg.flags.writeable = False
     return elevation_deg
-
-
-def status_of(arc: Predictor, targets: Mapping[str, LunarPosition]) -> tuple[Labels, NDArray[np.int8]]:
-    """Which observations can be used at all, seen from the a-priori position, or why not, in words and by code."""
-    at, model = arc.at(_start_pa_m(targets)), arc.model
-    earth_deg = [partial(_earth_deg, model, position_pa_m=position.xyz_m) for position in targets.values()]
-    # Of a spacecraft the arc itself knows what the Moon hides.
-    may_set = [_lowest(above, arc.observations.epoch) < _LOWEST_EARTH_DEG + 1.0 for above in earth_deg]
-    reason = np.zeros(len(arc.observations), dtype=np.int8)
-    labels = np.zeros(len(arc.observations), dtype=np.int32)
-    places = {USED: 0}
-    for rows in _blocks(arc):
-        computed = at.rows(rows)
-        bad = np.flatnonzero(~computed.usable)
-        reason[rows[bad]], sentences = reasons(arc, computed.rows(bad), rows[bad])
-        texts, which = np.unique(sentences, return_inverse=True)
-        new = [places.setdefault(str(text), len(places)) for text in texts]
-        labels[rows[bad]] = np.array(new, dtype=np.int32)[which]
-        for target in np.flatnonzero(may_set):
-            mine = rows[(arc.target[rows] == target) & (reason[rows] == Status.OK)]
-            # The Earth moves in the lander's sky with the librations, in days.
-            tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch[mine]))
-            above_deg = evaluate_smooth(earth_deg[target], tdb)
-            for k in np.flatnonzero(above_deg < _LOWEST_EARTH_DEG):
-                text = Status.EARTH_BELOW_HORIZON.text(above_deg[k])
-                reason[mine[k]] = Status.EARTH_BELOW_HORIZON
-                labels[mine[k]] = places.setdefault(text, len(places))
-    return Labels(labels, tuple(places)), reason
-
-
-def _earth_deg(
-    model: PhysicalModel, epochs: Epochs, position_pa_m: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Elevation of the Earth above a place's horizon, deg, shape (n,)."""
-    return np.degrees(earth_elevation_rad(model.ephemeris, model.libration, epochs, position_pa_m))
-
-
-def _lowest(earth_deg: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epochs) -> float:
-    """Lowest elevation of the Earth in the span of epochs, every six hours, in which it moves half a degree.
-
-    Minus infinity if the epochs themselves are fewer.
-    """
-    if not len(epoch_utc):
-        return math.inf
-    ends = epoch_utc[[int(epoch_utc.mjd.argmin()), int(epoch_utc.mjd.argmax())]]
-    first, last = (tt_to_tdb(utc_to_tt(ends))[[k]] for k in (0, 1))
-    span_d = last.seconds_since(first)[0] / SECONDS_PER_DAY
-    count = int(4.0 * span_d) + 2
-    if count > len(epoch_utc):
-        return -math.inf
-    return float(
-        earth_deg(Epochs.from_jd(first.jd, first.fraction + np.linspace(0.0, span_d, count), "TDB")).min()
-    )
 
 
 def _reasons(status: Labels, reason: NDArray[np.int8], observations: Observations) -> str:
@@ -453,77 +354,3 @@ def _fit(
         status=status,
         editing=EditingSettings(threshold=estimate.rejection_sigma),
     )
-
-
-def _provenance(
-    study: Study,
-    model: PhysicalModel,
-    observations: Observations,
-    left_out: dict[str, int],
-    estimate: EstimateChoice | None,
-) -> dict[str, Any]:
-    return {
-        "radioloc": __version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
-        "files": [Path(name).name for name in observations.files],
-        "not_selected": left_out,
-        "extra_sigma_m": study.observations.extra_sigma_m,
-        "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,
-        "vlbi_station_rate_sigma_m": study.observations.vlbi_station_rate_sigma_m,
-        "weights": [weight.record() for weight in study.observations.weights],
-        "estimate": None if estimate is None else _estimate_record(estimate),
-        **_target_record(study.target),
-        "ionosphere": {"ionex": [path.name for path in study.model.ionex], "tec_tecu": study.model.tec_tecu},
-        "troposphere": _troposphere_record(study.model),
-        "delays": {
-            "transponder_s": model.delays.transponder_s,
-            "stations": {name: asdict(delay) for name, delay in model.delays.stations.items()},
-        },
-        **model.provenance(),
-    }
-
-
-def _evaluation_record(arc: Predictor, lander_pa_m: NDArray[np.float64]) -> dict[str, Any]:
-    """How the observations were computed and, where they were interpolated, how well that agrees with the model."""
-    if isinstance(arc, ChebyshevPredictor):
-        return {"kind": "interpolated", **asdict(arc.check(lander_pa_m))}
-    return {"kind": "exact"}
-
-
-def _troposphere_record(choice: ModelChoice) -> dict[str, Any]:
-    orography = () if choice.vmf3_orography is None else (choice.vmf3_orography,)
-    gpt3 = () if choice.gpt3 is None else (choice.gpt3,)
-    return {
-        key: [{"name": path.name, "sha256": sha256_of(path)} for path in paths]
-        for key, paths in (("vmf3", choice.vmf3), ("vmf3_orography", orography), ("gpt3", gpt3))
-    }
-
-
-def _target_record(target: LunarPosition | Trajectory) -> dict[str, Any]:
-    if isinstance(target, Trajectory):
-        return {
-            "a_priori": None,
-            "trajectory": {"body": target.body, **kernel_record(target.kernel, target.name)},
-        }
-    return {"a_priori": {"frame": target.frame, "xyz_m": target.xyz_m.tolist()}, "trajectory": None}
-
-
-def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
-    """What was estimated; of a terrain map its files, not its heights."""
-    prior: Any = estimate.height_prior
-    if isinstance(prior, TerrainPrior):
-        map_files = [{"name": file.path.name, "sha256": file.sha256} for file in prior.terrain.metadata.files]
-        prior = {"dem": map_files, "interpolation": prior.terrain.interpolation, "sigma_m": prior.sigma_m}
-    elif prior is not None:
-        prior = asdict(prior)
-    return {
-        "position": estimate.position,
-        "height_prior": prior,
-        "ephemeris_sigma_m": estimate.ephemeris_sigma_m,
-        "rejection_sigma": estimate.rejection_sigma,
-        "weights": estimate.weights,
-        "pass_gap_h": estimate.pass_gap_h,
-        **dict.fromkeys(PARAMETERS, "none"),
-        **chosen_keys(estimate.parameters),
-    }

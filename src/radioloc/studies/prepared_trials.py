@@ -32,13 +32,14 @@ from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.responses import responses
 from radioloc.studies.arc_parts import arc_parts
 from radioloc.studies.linear_trials import LinearArc, LinearTrials
-from radioloc.studies.locate import fit_arc, model_of, position_in_pa, status_of
-from radioloc.studies.problem import observation_model
+from radioloc.studies.locate import fit_arc, model_of
+from radioloc.studies.problem import observation_model, position_in_pa
 from radioloc.studies.selection import selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, Study
 from radioloc.studies.trial_rows import COLUMNS, row_of, station_of, trial_seed, true_biases_m
+from radioloc.studies.usable import status_of
 from radioloc.studies.weights import weighted_observations
 
 _Floats = NDArray[np.float64]

@@ -5,16 +5,19 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
+from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.targets import canonical_target
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.design import ObservationModel, simple_predictor
 from radioloc.parameters.parameter import Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.studies.study import EstimateChoice, TerrainPrior
+from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
 
 
 def observation_model(
@@ -88,3 +91,29 @@ def _position(
         constants = predictor.model.ephemeris.constants
         return on_terrain(target_pa.xyz_m, prior.terrain, prior.sigma_m, constants, name)
     return on_sphere(target_pa.xyz_m, None if prior is None else (prior.height_m, prior.sigma_m), name)
+
+
+def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, LunarPosition]:
+    """The a-priori positions in principal axes by name; none where the target is a trajectory."""
+    if isinstance(study.target, Trajectory):
+        return {}
+    if study.targets:
+        return {
+            canonical_target(name): position_in_pa(f"[targets.{name}]", position, constants)
+            for name, position in study.targets.items()
+        }
+    return {"": position_in_pa("[target]", study.target, constants)}
+
+
+def start_pa_m(targets_pa: Mapping[str, LunarPosition]) -> NDArray[np.float64]:
+    """Where an arc is prepared: at the a-priori positions, or at no offset from the trajectory."""
+    places = [position.xyz_m for position in targets_pa.values()]
+    return np.zeros(3) if not places else places[0] if len(places) == 1 else np.array(places)
+
+
+def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
+    """A position of the study in principal axes; an error names its table."""
+    try:
+        return position.to_axes("PA", constants)
+    except InputError as error:
+        raise InputError(f"{table} frame: {error}") from None

@@ -133,20 +133,66 @@ def whiten(step_s: Floats, tau_s: float, ratio: float, columns: Floats, adjoint:
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def correlated(step_s: Floats, tau_s: Floats, variance: Floats, columns: Floats) -> Floats:
-    """Columns times the strictly lower triangle of the sum of variance exp(-|dt| / tau), transposed; shape (n, m)."""
+def products(step_s: Floats, tau_s: Floats, variance: Floats, columns: Floats) -> Floats:
+    """Columns (n, m) times the covariance matrix, the sum of variance exp(-|dt| / tau), times columns; shape (m, m)."""
     n, m = columns.shape
     taus = len(tau_s)
-    out, before, decay = np.zeros((n, m)), np.zeros((taus, m)), np.zeros(taus)
+    out, before, decay = np.zeros((m, m)), np.zeros((taus, m)), np.zeros(taus)
+    earlier, total = np.empty(m), variance.sum()
     last_s = -1.0
     for i in range(n):
         if step_s[i] != last_s:
             last_s = step_s[i]
             for t in range(taus):
                 decay[t] = math.exp(-last_s / tau_s[t])
+        for j in range(m):
+            earlier[j] = 0.5 * total * columns[i, j]
         for t in range(taus):
             for j in range(m):
                 before[t, j] *= decay[t]
-                out[i, j] += before[t, j]
+                earlier[j] += before[t, j]
                 before[t, j] += variance[t] * columns[i, j]
-    return out
+        for j in range(m):
+            for k in range(m):
+                out[j, k] += columns[i, j] * earlier[k]
+    return out + out.T
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def bins(time_s: Floats, most: int) -> tuple[NDArray[np.int64], float]:
+    """Bin of each of some times in order, from zero up, none empty, and its duration, s; gaps take no bins."""
+    n = len(time_s)
+    step_s = np.diff(time_s)
+    longest_s = 10.0 * np.median(step_s)
+    span_s = 0.0
+    for k in range(n - 1):
+        span_s += min(step_s[k], longest_s)
+    width_s = span_s / most
+    place = np.zeros(n, dtype=np.int64)
+    if width_s <= 0.0:  # all at one instant
+        return np.arange(n) * most // n, 0.0
+    clock_s, cell = 0.0, 0.0
+    for k in range(1, n):
+        clock_s += min(step_s[k - 1], longest_s)
+        now = math.floor(clock_s / width_s)
+        place[k] = place[k - 1] + (1 if now > cell else 0)
+        cell = now
+    return place, width_s
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def add_to_bins(
+    place: NDArray[np.int64], whitening: Floats, values: Floats, sums: Floats, squares: Floats
+) -> None:
+    """Add whitened values (b, k, c) to the sums (m, k, c) of their bins, and squares of the first column to (k,)."""
+    b, k, c = values.shape
+    for i in range(b):
+        for j in range(k):
+            into = sums[place[i], j]
+            first = 0.0
+            for other in range(k):
+                weight, from_other = whitening[i, j, other], values[i, other]
+                first += weight * from_other[0]
+                for column in range(c):
+                    into[column] += weight * from_other[column]
+            squares[j] += first * first

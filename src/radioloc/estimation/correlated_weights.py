@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
-from radioloc.estimation.factorization import covariance_of
+from radioloc.estimation.factorization import covariance_of, gram
 from radioloc.estimation.gauss_markov import SeriesNoise
 from radioloc.estimation.least_squares import (
     FitResult,
@@ -159,7 +159,7 @@ def _formal_covariance(
     unit = np.eye(root.shape[1])
     for batch in batches:
         for one in weighted_series(batch, fit, root, weight_noise):
-            unit += np.einsum("ni,nj->ij", one.unit, one.unit)
+            unit += gram(one.unit, one.unit)
             unit -= weight_noise[one.key].products(one.step_s, one.gain, one.unit)
     return covariance_of(fit.factor, fit.parameters, unit)
 

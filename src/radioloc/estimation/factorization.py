@@ -178,8 +178,8 @@ class LinearProblem:
         Values that residuals belong to.
     basis : ndarray, shape (n, q)
         Partials by the orthonormal coordinates.
-    from_free : ndarray, shape (q, q)
-        From changes of the free parameters to coordinates.
+    from_free, to_free : ndarray, shape (q, q)
+        From changes of the free parameters to coordinates and back.
     start_rows : ndarray of int, shape (m,)
         Usable observations that make the robust start.
     """
@@ -188,6 +188,7 @@ class LinearProblem:
     x: NDArray[np.float64]
     basis: NDArray[np.float64]
     from_free: NDArray[np.float64]
+    to_free: NDArray[np.float64]
     start_rows: NDArray[np.intp]
 
     def of(
@@ -230,6 +231,8 @@ def gram(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
     columns, others = a.shape[1], b.shape[1]
     width = max(columns, others, 1)
     slab = max(32, min(_LEAF_ELEMENTS // width, 20 * _LEAF_ELEMENTS // width**2))
+    if len(a) <= slab:
+        return np.asarray(a.T @ b)
     count = len(a) // slab
     whole = count * slab
     left = np.swapaxes(a[:whole].reshape(count, slab, columns), 1, 2)

@@ -22,6 +22,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.estimation.factorization import gram
 from radioloc.estimation.statistics import SCALING_PROBABILITY
 
 _Floats = NDArray[np.float64]
@@ -79,16 +80,6 @@ class Points:
     squares: float
     width_s: float = 0.0
 
-    def with_absorbed(self, absorbed: float) -> _Floats:
-        """Columns that the parameters can absorb, orthonormal, and the residuals; shape (n, d + 1).
-
-        Those are absorbed that the parameters move by more than one sigma where they are off by `absorbed` of theirs.
-        """
-        squares, axes = np.linalg.eigh(self.unit.T @ self.unit)
-        kept = squares * absorbed**2 > 1.0
-        columns = self.unit @ (axes[:, kept] / np.sqrt(squares[kept]))
-        return np.ascontiguousarray(np.column_stack([columns, self.residual]))
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeriesNoise:
@@ -124,14 +115,13 @@ class SeriesNoise:
 
     def products(self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0) -> _Floats:
         """Columns (n, m) times the covariance of points, of some gain (n,), times columns, shape (m, m)."""
-        from radioloc.estimation._kernels import correlated
+        from radioloc.estimation._kernels import products
 
         coloured = self.coloured * _mean_correlation(width_s, self.tau_s)
+        matters = coloured > 1e-6 * coloured.sum()
         lasting = np.ascontiguousarray(gain[:, None] * columns)
-        before = np.einsum("ni,nj->ij", lasting, correlated(step_s, self.tau_s, coloured, lasting))
-        white = self.white * np.einsum("ni,nj->ij", columns, columns)
-        at_once = float(coloured.sum()) * np.einsum("ni,nj->ij", lasting, lasting)
-        return np.asarray(white + at_once + before + before.T)
+        process = products(step_s, self.tau_s[matters], coloured[matters], lasting)
+        return np.asarray(self.white * gram(columns, columns) + process)
 
     def whitened(self, step_s: _Floats, columns: _Floats) -> _Floats:
         """Columns (n, m) by the root of the inverse covariance: innovations over their standard deviations."""
@@ -162,7 +152,7 @@ def noise_of_series(series: Sequence[Points], absorbed: float) -> dict[str, Seri
     absorbed : float
         Sigmas that the estimate may be off by: what it then takes out of a series is projected out.
     """
-    columns = [one.with_absorbed(absorbed) for one in series]
+    columns = _with_absorbed(series, absorbed)
     enough = [
         k for k, one in enumerate(columns) if len(one) - one.shape[1] + 1 >= FEWEST and one[:, -1].any()
     ]
@@ -174,6 +164,24 @@ def noise_of_series(series: Sequence[Points], absorbed: float) -> dict[str, Seri
         fitted = _fitted([series[k] for k in mine], [columns[k] for k in mine], threshold, len(enough))
         found |= {series[k].key: noise for k, noise in zip(mine, fitted, strict=False)}
     return found | _taken_over(series, columns, found)
+
+
+def _with_absorbed(series: Sequence[Points], absorbed: float) -> list[_Floats]:
+    """Columns that the parameters can absorb, orthonormal, and the residuals of each series; shape (n, d + 1).
+
+    Those are absorbed that the parameters move by more than one sigma where they are off by `absorbed` of theirs.
+    """
+    if not series:
+        return []
+    squares, axes = np.linalg.eigh(np.array([gram(one.unit, one.unit) for one in series]))
+    out = []
+    for one, square, axis in zip(series, squares, axes, strict=True):
+        kept = square * absorbed**2 > 1.0
+        both = np.empty((len(one.residual), int(kept.sum()) + 1))
+        both[:, :-1] = one.unit @ (axis[:, kept] / np.sqrt(square[kept]))
+        both[:, -1] = one.residual
+        out.append(both)
+    return out
 
 
 def _taken_over(
@@ -193,7 +201,7 @@ def _taken_over(
             if one.kind != kind or one.key in found:
                 continue
             short = len(absorbing) - absorbing.shape[1] + 1 < FEWEST or not one.residual.any()
-            if short or restricted_likelihood(one, absorbing, tau_s, np.array([mean.ratio]))[0] > -_TOLD:
+            if short or restricted_likelihood([one], [absorbing], tau_s, np.array([mean.ratio]))[0] > -_TOLD:
                 more[one.key] = mean
     return more
 
@@ -205,16 +213,16 @@ def _fitted(
     tau_s = _tried_taus_s(series)
 
     def likelihood(taus: slice, ratios: slice) -> tuple[_Floats, _Floats]:
-        each = [
-            restricted_likelihood(one, c, tau_s[taus], RATIOS[ratios])
-            for one, c in zip(series, columns, strict=True)
-        ]
-        return np.array([log for log, _ in each]), np.array([white for _, white in each])
+        return restricted_likelihood(series, columns, tau_s[taus], RATIOS[ratios])
 
     coarse, _ = likelihood(slice(None, None, _EACH_TAU), slice(None, None, _EACH_RATIO))
-    if coarse.sum(axis=0).max() < 0.5 * threshold - 1.0:
+    together = coarse.sum(axis=0)
+    if together.max() < 0.5 * threshold - 1.0:
         return []
-    near = [one > one.max() - _NEAR for one in (*coarse, coarse.sum(axis=0))]
+    differing = -math.log((1.0 - SCALING_PROBABILITY) / n_series)
+    best = np.unravel_index(int(together.argmax()), together.shape)
+    alone = [one for one in coarse if one.max() - one[best] > differing - 1.0]
+    near = [one > one.max() - _NEAR for one in (together, *alone)]
     at_tau, at_ratio = np.nonzero(np.any(near, axis=0))
     taus, ratios = (
         slice(max(0, int(at.min() - 1) * each), int(at.max() + 1) * each + 1)
@@ -226,7 +234,6 @@ def _fitted(
     if together.max() < threshold:
         return []
     best = np.unravel_index(int(together.argmax()), together.shape)
-    differing = -math.log((1.0 - SCALING_PROBABILITY) / n_series)
     found = []
     for k, one in enumerate(series):
         chosen = log[k] if log[k].max() - log[k][best] > differing else together
@@ -241,35 +248,35 @@ def _fitted(
 
 
 def restricted_likelihood(
-    series: Points, columns: _Floats, tau_s: _Floats, ratio: _Floats
+    series: Sequence[Points], columns: Sequence[_Floats], tau_s: _Floats, ratio: _Floats
 ) -> tuple[_Floats, _Floats]:
-    """Logarithm of the restricted likelihood over that of white noise, and the most likely variance w.
+    """Logarithm of the restricted likelihood over that of white noise, and the variance w; (series, taus, ratios).
 
-    Parameters
-    ----------
-    series : Points
-        Exact where points are single observations. The mean of a bin has less of the process by the mean correlation
-        within it, and the deviations from that mean, taken as white, have the rest.
-    columns : ndarray, shape (n, d + 1)
-        What parameters absorb, orthonormal, and the residuals last.
-    tau_s, ratio : ndarray, shape (taus,), (ratios,)
-
-    Returns
-    -------
-    log, white : ndarray, shape (taus, ratios)
+    `columns` (n, d + 1) are what parameters absorb, orthonormal, and the residuals last. Exact where points are single
+    observations. The mean of a bin has less of the process by the mean correlation within it, and the deviations from
+    that mean, taken as white, have the rest.
     """
     from radioloc.estimation._kernels import filter_grid
 
-    inside = max(series.squares - float(columns[:, -1] @ columns[:, -1]), 0.0)
-    inside_dof = series.count - len(columns)
-    dof = series.count - (columns.shape[1] - 1)
-    mean = _mean_correlation(series.width_s, tau_s)[:, None]
-    log_determinant, squares = filter_grid(series.step_s, series.gain, columns, tau_s, mean * ratio)
-    deviation = 1.0 + ratio * (1.0 - mean)
+    shape = (len(series), len(tau_s), len(ratio))
+    log_determinant, squares = np.empty(shape), np.empty(shape)
+    numbers = np.empty((4, len(series), 1, 1))
+    mean = np.array([_mean_correlation(one.width_s, tau_s) for one in series])[:, :, None]
+    of_points, deviation = mean * ratio, 1.0 + ratio * (1.0 - mean)
+    for k, (one, both) in enumerate(zip(series, columns, strict=True)):
+        log_determinant[k], squares[k] = filter_grid(one.step_s, one.gain, both, tau_s, of_points[k])
+        products = both.T @ both[:, -1]
+        inside, absorbed = one.squares - products[-1], products[:-1] @ products[:-1]
+        points, parameters = both.shape[0], both.shape[1] - 1
+        numbers[:, k, 0, 0] = (
+            max(inside, 0.0),
+            one.count - points,
+            one.count - parameters,
+            one.squares - absorbed,
+        )
+    inside, inside_dof, dof, null = numbers
     white = (squares + inside / deviation) / dof
-    absorbed = columns[:, :-1].T @ columns[:, -1]
-    null = (series.squares - float(absorbed @ absorbed)) / dof
-    log = -0.5 * (dof * np.log(white / null) + log_determinant + inside_dof * np.log(deviation))
+    log = -0.5 * (dof * np.log(white * dof / null) + log_determinant + inside_dof * np.log(deviation))
     log[np.isnan(log)] = -np.inf
     return log, white
 
@@ -282,6 +289,8 @@ def _mean_correlation(width_s: float, tau_s: _Floats) -> _Floats:
 
 def _tried_taus_s(series: Sequence[Points]) -> _Floats:
     """Correlation times that are tried for a group, s, from a step to half the longest span."""
-    least_s = min(float(np.median(one.step_s[one.step_s > 0.0])) for one in series if one.step_s.any())
+    least_s = min(
+        one.width_s or float(np.median(one.step_s[one.step_s > 0.0])) for one in series if one.step_s.any()
+    )
     most_s = max(0.5 * max(float(one.step_s.sum()) for one in series), 2.0 * least_s)
     return np.geomspace(least_s, most_s, 1 + math.ceil(math.log10(most_s / least_s) / _TAU_STEP))

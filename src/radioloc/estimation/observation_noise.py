@@ -275,6 +275,9 @@ class Combinations:
 
     def combined(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Independent combinations of values (n,), such as residuals, and their standard deviations, m, both (m,)."""
+        if self.noise.shared is None:
+            rows = slice(None) if self.used is None else self.used
+            return values[rows], self.noise.own_m[rows]
         parts = list(self.parts(lambda rows: values[rows, None]))
         columns = [np.concatenate(column, axis=None) for column in zip(*parts, strict=True)]
         return (columns[0], columns[1]) if columns else (np.zeros(0), np.zeros(0))

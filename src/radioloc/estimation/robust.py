@@ -104,18 +104,27 @@ def robust_start(
     free = np.flatnonzero(parameters.free)
     whole = evaluate(residual_function, x) if at_start is None else at_start
     check_residuals(whole, usable)
-    if isinstance(whole, OrthonormalLinearization):
-        rows = whole.problem.start_rows
-    else:
-        rows = sample(whole, sigma_m, usable, parameters)
+    prepared = whole.problem if isinstance(whole, OrthonormalLinearization) else None
+    rows = sample(whole, sigma_m, usable, parameters) if prepared is None else prepared.start_rows
     sigma_m = sigma_m[rows]
     residual_m, partials = whole.residual_m[rows], whole.partials(rows)
     check_finite(DenseLinearization(residual_m, partials), np.ones(len(rows), dtype=bool), parameters)
     loss = _huber_loss(residual_m / sigma_m, parameters, x)
     for _ in range(_MAX_LINEARIZATIONS):
-        step = _huber_step(residual_m, partials, sigma_m, parameters, x, settings)
-        if step is None:
-            break
+        if prepared is None:
+            factor = factorize(
+                DenseLinearization(residual_m, partials),
+                ObservationNoise(sigma_m).among(),
+                parameters,
+                x,
+                settings,
+            )
+            if factor is None:
+                break
+            root = factor.root_covariance()
+        else:
+            root = prepared.to_free
+        step = _huber_step(residual_m, partials, sigma_m, parameters, x, root)
         moved = np.abs(partials[:, free] @ step) / sigma_m
         spread = robust_scale(residual_m / sigma_m, len(free))
         if moved.max(initial=0.0) < _SETTLED * max(1.0, spread):
@@ -138,6 +147,8 @@ def robust_start(
             trial_whole.partials(rows),
             trial_loss,
         )
+        if prepared is not None:  # linear: another step would be none
+            break
     return x, whole
 
 
@@ -153,10 +164,11 @@ def linear_problem(
     factor = factorize(dense, ObservationNoise(noise.sigma_m).among(usable), parameters, x, FitSettings())
     if factor is None or not parameters.free.any() or not factor.determined.all():
         return None
-    basis = partials[:, parameters.free] @ factor.root_covariance()
+    to_free = factor.root_covariance()
+    basis = partials[:, parameters.free] @ to_free
     from_free = factor.singular_values[:, None] * factor.vectors.T * factor.column_norms
     start_rows = sample(dense, noise.sigma_m, usable, parameters, _REPEATED_ROWS)
-    return LinearProblem(partials, x, basis, from_free, start_rows)
+    return LinearProblem(partials, x, basis, from_free, to_free, start_rows)
 
 
 def sample(
@@ -213,18 +225,13 @@ def _huber_step(
     sigma_m: NDArray[np.float64],
     parameters: ParameterSet,
     x: NDArray[np.float64],
-    settings: FitSettings,
-) -> NDArray[np.float64] | None:
+    root: NDArray[np.float64],
+) -> NDArray[np.float64]:
     """Change of the free parameters that minimizes Huber's loss of the linearized residuals, shape (q,).
 
-    Weights are changed in coordinates in which the problem is orthonormal without them, where normal equations serve.
-    None where a partial is not finite.
+    Weights are changed in coordinates in which the problem is orthonormal without them, where normal equations serve;
+    `root` leads from these to the parameters.
     """
-    linearization = DenseLinearization(residual_m, partials)
-    factor = factorize(linearization, ObservationNoise(sigma_m).among(), parameters, x, settings)
-    if factor is None:
-        return None
-    root = factor.root_covariance()
     basis = partials[:, parameters.free] @ root / sigma_m[:, None]
     prior_sigmas = parameters.prior_sigmas[parameters.free]
     prior_rows = root / prior_sigmas[:, None]

@@ -13,6 +13,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.estimation.gauss_markov import Points
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.linearization import Rows
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise
@@ -64,29 +65,6 @@ class SeriesOrder:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class BinnedBatch:
-    """Whitened numbers of a batch, averaged over bins.
-
-    Parameters
-    ----------
-    time_s, gain : ndarray, shape (m,)
-        Mean time of each point, s, and the root of how many observations it has.
-    values : ndarray, shape (m, k, c)
-        Sums over the gain: of unit variance where observations are independent.
-    squares : ndarray, shape (k,)
-        Sum of squares of the first column before averaging.
-    width_s : float
-        Duration of a bin; zero where nothing was averaged.
-    """
-
-    time_s: _Floats
-    gain: _Floats
-    values: _Floats
-    squares: _Floats
-    width_s: float
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Batch:
     """Series that are whitened together: one of single observations, or the k combinations of k baselines.
 
@@ -118,39 +96,53 @@ class Batch:
 
     def whitened(self, rows_of: Callable[[Rows], _Floats]) -> _Floats:
         """Combinations of numbers that belong to observations, from rows (m,) to (m, c); shape (b, k, c)."""
-        return np.concatenate([part for _, part in self._parts(rows_of)])
+        return np.concatenate([self.whitening[part] @ values for part, values in self._parts(rows_of)])
 
-    def points(self, rows_of: Callable[[Rows], _Floats]) -> BinnedBatch:
-        """The same, averaged where there are many."""
-        if len(self.rows) <= MOST_POINTS:
-            values = self.whitened(rows_of)
-            return BinnedBatch(
-                self.time_s, np.ones(len(values)), values, (values[:, :, 0] ** 2).sum(axis=0), 0.0
-            )
-        place, width_s = _bins(self.time_s)
+    def points(
+        self, rows_of: Callable[[Rows], _Floats], root: _Floats, most: int = MOST_POINTS
+    ) -> list[Points]:
+        """Each series, averaged where there are more than `most`, with partials by the parameters times `root`.
+
+        `rows_of` gives residuals and partials side by side. Sums of bins are over the root of their count, so they are
+        of unit variance where observations are independent.
+        """
+        from radioloc.estimation._kernels import add_to_bins, bins
+
+        n, k = self.rows.shape
+        place, width_s = bins(self.time_s, most) if n > most else (np.arange(n), 0.0)
         count = np.bincount(place)
-        squares = np.zeros(self.rows.shape[1])
-        sums: _Floats | None = None
-        for begin, part in self._parts(rows_of):
-            mine = place[begin : begin + len(part)]
-            first = np.flatnonzero(np.diff(mine, prepend=-1))
-            if sums is None:
-                sums = np.zeros((len(count), *part.shape[1:]))
-            sums[mine[first]] += np.add.reduceat(part, first, axis=0)
-            squares += (part[:, :, 0] ** 2).sum(axis=0)
-        assert sums is not None
+        sums, squares = np.zeros((len(count), k, 1 + len(root))), np.zeros(k)
+        for part, values in self._parts(rows_of):
+            add_to_bins(place[part], self.whitening[part], values, sums, squares)
         gain = np.sqrt(count)
-        mean_s = np.bincount(place, self.time_s) / count
-        return BinnedBatch(mean_s, gain, sums / gain[:, None, None], squares, width_s)
+        sums /= gain[:, None, None]
+        step_s = np.diff(np.bincount(place, self.time_s) / count, prepend=self.time_s[0])
+        step_s[0] = 0.0
+        return [
+            Points(
+                key=self.keys[j],
+                name=self.names[j],
+                group=self.groups[j],
+                kind=self.kind,
+                count=n,
+                step_s=step_s,
+                gain=gain,
+                residual=sums[:, j, 0],
+                unit=sums[:, j, 1:] @ root,
+                squares=float(squares[j]),
+                width_s=width_s,
+            )
+            for j in range(k)
+        ]
 
-    def _parts(self, rows_of: Callable[[Rows], _Floats]) -> Iterator[tuple[int, _Floats]]:
+    def _parts(self, rows_of: Callable[[Rows], _Floats]) -> Iterator[tuple[slice, _Floats]]:
+        """Some instants after others, and the numbers of their observations (b, k, c)."""
         k = self.rows.shape[1]
         at_once = max(1, ROWS_AT_ONCE // k)
         for begin in range(0, len(self.rows), at_once):
-            rows = self.rows[begin : begin + at_once]
-            whitening = self.whitening[begin : begin + at_once]
-            values = rows_of(rows.ravel()).reshape(len(rows), k, -1)
-            yield begin, whitening * values if k == 1 else whitening @ values
+            part = slice(begin, begin + at_once)
+            rows = self.rows[part]
+            yield part, rows_of(rows.ravel()).reshape(len(rows), k, -1)
 
 
 def series_of(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Batch]:
@@ -204,14 +196,3 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
             )
         )
     return batches
-
-
-def _bins(time_s: _Floats) -> tuple[NDArray[np.intp], float]:
-    """Bin of each of some times in order, from zero up, none empty, and its duration, s; gaps take no bins."""
-    step_s = np.diff(time_s)
-    clock_s = np.concatenate([[0.0], np.cumsum(np.minimum(step_s, 10.0 * np.median(step_s)))])
-    width_s = float(clock_s[-1]) / MOST_POINTS
-    if width_s <= 0.0:  # all at one instant
-        return np.arange(len(time_s)) * MOST_POINTS // len(time_s), 0.0
-    cells = np.floor(clock_s / width_s)
-    return np.cumsum(np.diff(cells, prepend=0.0) > 0.0), width_s

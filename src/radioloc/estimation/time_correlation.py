@@ -17,11 +17,12 @@ of stations are brought to independent combinations first (:mod:`~radioloc.estim
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.estimation.factorization import gram
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Rows
@@ -111,7 +112,7 @@ def assess_time_correlation(fit: FitResult, order: SeriesOrder) -> TimeCorrelati
     root = fit.factor.root_covariance()
     batches = series_of(order, fit.noise, fit.used)
     if fit.series_noise is None:
-        series = [one for batch in batches for one in _points(batch, fit, root)]
+        series = [one for batch in batches for one in batch.points(_rows_of(fit), root)]
         noise = noise_of_series(series, ABSORBED)
     else:
         noise = dict(fit.series_noise)
@@ -127,7 +128,7 @@ def assess_time_correlation(fit: FitResult, order: SeriesOrder) -> TimeCorrelati
         if errors is None:
             continue
         products = errors.products(one.step_s, one.gain, np.column_stack([one.unit, one.gain]), one.width_s)
-        added += products[:-1, :-1] - np.einsum("ni,nj->ij", one.unit, one.unit)
+        added += products[:-1, :-1] - gram(one.unit, one.unit)
         effective = one.count**2 * (errors.white + float(errors.coloured.sum())) / float(products[-1, -1])
         found[one.key] = SeriesCorrelation(
             one.name, one.count, effective, errors.correlation_time_s, errors.share
@@ -137,37 +138,18 @@ def assess_time_correlation(fit: FitResult, order: SeriesOrder) -> TimeCorrelati
     return TimeCorrelation(tuple(found.values()), added, tuple(found), noise)
 
 
-def _rows_of(fit: FitResult, root: _Floats) -> Callable[[Rows], _Floats]:
-    """Residuals and partials by the parameters of unit covariance, side by side, of rows (m,), shape (m, 1 + q)."""
-    free = np.flatnonzero(fit.parameters.free)
+def _rows_of(fit: FitResult) -> Callable[[Rows], _Floats]:
+    """Residuals and partials by the free parameters side by side, of rows (m,), shape (m, 1 + q)."""
+    free = fit.parameters.free
 
     def rows_of(rows: Rows) -> _Floats:
-        unit = fit.linearization.partials(rows)[:, free] @ root
-        return np.concatenate([fit.residual_m[rows, None], unit], axis=1)
+        partials = fit.linearization.partials(rows)
+        out = np.empty((len(rows), 1 + int(free.sum())))
+        out[:, 0] = fit.residual_m[rows]
+        out[:, 1:] = partials if free.all() else partials[:, free]
+        return out
 
     return rows_of
-
-
-def _points(batch: Batch, fit: FitResult, root: _Floats) -> list[Points]:
-    """Series of a batch, averaged where they are very long."""
-    binned = batch.points(_rows_of(fit, root))
-    step_s = np.diff(binned.time_s, prepend=binned.time_s[0])
-    return [
-        Points(
-            key,
-            name,
-            group,
-            batch.kind,
-            len(batch.rows),
-            step_s,
-            binned.gain,
-            binned.values[:, k, 0],
-            binned.values[:, k, 1:],
-            float(binned.squares[k]),
-            binned.width_s,
-        )
-        for k, (key, name, group) in enumerate(zip(batch.keys, batch.names, batch.groups, strict=True))
-    ]
 
 
 def weighted_series(
@@ -176,16 +158,10 @@ def weighted_series(
     """Series of a batch that are weighted by the inverse of their covariance, with W A in place of A."""
     if not any(key in noise for key in batch.keys):
         return []
-    values = batch.whitened(_rows_of(fit, root))
-    step_s, one = np.diff(batch.time_s, prepend=batch.time_s[0]), np.ones(len(batch.rows))
-    found = []
-    for k, (key, name, group) in enumerate(zip(batch.keys, batch.names, batch.groups, strict=True)):
-        if key in noise:
-            unit = noise[key].weighted(step_s, values[:, k, 1:])
-            residual = values[:, k, 0]
-            squares = float(residual @ residual)
-            found.append(Points(key, name, group, batch.kind, len(one), step_s, one, residual, unit, squares))
-    return found
+    series = batch.points(_rows_of(fit), root, len(batch.rows))
+    return [
+        replace(one, unit=noise[one.key].weighted(one.step_s, one.unit)) for one in series if one.key in noise
+    ]
 
 
 def _in_parameters(

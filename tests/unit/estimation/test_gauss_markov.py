@@ -48,7 +48,7 @@ def test_restricted_likelihood_is_that_of_dense_algebra(case):
     step_s, gain, columns = case
     residual = columns[:, 2]
     series = Points("a", "a", "g", "range", 150, step_s, gain, residual, columns[:, :2], residual @ residual)
-    log, white = restricted_likelihood(series, columns, TAU_S, RATIO)
+    (log,), (white,) = restricted_likelihood([series], [columns], TAU_S, RATIO)
     left = np.linalg.svd(columns[:, :2])[0][:, 2:]  # contrasts that no parameter moves
     contrasts = left.T @ columns[:, 2]
 

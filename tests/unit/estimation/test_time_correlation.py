@@ -104,15 +104,16 @@ def test_long_series_are_averaged_and_gaps_take_no_bins():
     fit, types, path, time_s = line(n=3000, series=1)
     time_s = time_s + np.where(time_s > time_s.mean(), 1e7, 0.0)
     (batch,) = series_of(SeriesOrder.of(types, path, time_s), fit.noise, fit.used)
-    binned = batch.points(lambda rows: fit.residual_m[rows, None])
-    assert len(binned.time_s) == pytest.approx(MOST_POINTS, abs=5)
+    (binned,) = batch.points(lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
+    assert len(binned.step_s) == pytest.approx(MOST_POINTS, abs=5)
     assert (binned.gain**2).sum() == 3000
-    assert (np.diff(binned.time_s) > 0.0).all()
+    assert (binned.step_s[1:] > 0.0).all()
     assert binned.width_s == pytest.approx(3000 * STEP_S / MOST_POINTS, rel=0.01)
-    sums = binned.gain * binned.values[:, 0, 0]
-    assert sums.sum() == pytest.approx(fit.residual_m.sum(), abs=1e-6)
-    assert binned.squares[0] == pytest.approx(fit.residual_m @ fit.residual_m)
-    assert not ((binned.time_s > 2e5) & (binned.time_s < 1e7)).any()  # no bin across the gap
+    assert (binned.gain * binned.residual).sum() == pytest.approx(fit.residual_m.sum(), abs=1e-6)
+    assert binned.squares == pytest.approx(fit.residual_m @ fit.residual_m)
+    # No bin across the gap.
+    assert (binned.step_s > 2.0 * binned.width_s).sum() == 1
+    assert binned.step_s.max() == pytest.approx(1e7, rel=1e-3)
 
 
 @pytest.mark.parametrize(("stated_m", "station_m"), [(0.4, 0.4), (0.01, 0.05)])

@@ -139,7 +139,7 @@ def test_a_circle_ends_at_its_largest_excess():
     partials, observed_m, stated_m = circling()
     found = fit(partials, observed_m, stated_m)
     assert found.edited.converged
-    assert found.edited.message.startswith("the excess noise and the outliers depend on each other")
+    assert found.edited.message.startswith("variance components and outliers depend on each other")
     assert found.additive_sigma_m["all"] > 0.0
     assert found.edited.fit.sigma_m == pytest.approx(np.hypot(stated_m, found.additive_sigma_m["all"]))
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import re
 import shlex
 import tomllib
@@ -140,6 +141,46 @@ def test_formulas_are_closed(page):
 
 
 # What the code has against what the pages say.
+
+
+def found(name: str) -> bool:
+    """Whether radioloc, or a package in which the page is at that place, has a module, class or function."""
+    for home in ("measurements.", "parameters.design.", "measurements.predictor.", "media.medium.", ""):
+        words = f"radioloc.{home}{name}".split(".")
+        for k in range(len(words), 0, -1):
+            try:
+                value = importlib.import_module(".".join(words[:k]))
+            except ImportError:
+                continue
+            for word in words[k:]:
+                value = getattr(value, word, None)
+            if value is not None:
+                return True
+            break
+    return False
+
+
+def test_the_architecture_names_what_there_is():
+    page = DOCS / "architecture.md"
+    [stack] = [block.text for block in blocks(page) if block.text.startswith("cli.main")]
+    names = [name for line in stack.splitlines() for name in re.findall(r"\b[\w]+(?:\.\w+)+", line)]
+    names = [name for name in names if not re.search(r"\.(json|csv)$", name)]
+    names += [name for row in rows_of_table(page, "in the paper") for name in quoted(row[1])]
+    names += [name for row in rows_of_table(page, "package") for name in quoted(row[0])]
+    assert len(names) > 60
+    assert [name for name in names if not found(name)] == []
+    prose_names = [name for name in quoted(prose(page)) if re.fullmatch(r"[a-z_]+(\.\w+)+", name)]
+    files = re.compile(r"\.(json|py|md)$|^radioloc_toys")
+    assert [name for name in prose_names if not files.search(name) and not found(name)] == []
+
+
+def test_what_the_architecture_adds_is_the_package_that_is_tested():
+    page, package = (DOCS / "architecture.md").read_text(), ROOT / "tests" / "data" / "plugin_package"
+    modules = [file for file in sorted((package / "radioloc_toys").glob("*.py")) if file.stem != "__init__"]
+    shown = [block.text for block in blocks(DOCS / "architecture.md") if block.language == "python"]
+    assert sorted(shown) == sorted(file.read_text() for file in modules)
+    project = (package / "pyproject.toml").read_text()
+    assert project[project.index("[project.entry-points") :] in page
 
 
 def test_every_term_has_its_row_in_order():

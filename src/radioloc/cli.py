@@ -8,6 +8,7 @@ from __future__ import annotations
 import argparse
 import os
 import sys
+import textwrap
 import warnings
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -51,11 +52,56 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 class _Parser(argparse.ArgumentParser):
-    """A parser whose errors are one line, as all others."""
+    """A parser whose errors are one line, as all others, and whose help ends with what registries hold."""
+
+    more: Callable[[], dict[str, dict[str, str]]] | None = None
+    """Titles, and under each names with what they are; asked only when help is."""
 
     def error(self, message: str) -> NoReturn:
         _complain(f"{message}; see {self.prog} --help")
         self.exit(EXIT_BAD_INPUT)
+
+    def format_help(self) -> str:
+        lists = self.more() if self.more else {}
+        return super().format_help() + "".join(
+            f"\n{title}:\n" + "".join(map(_listed, rows, rows.values())) for title, rows in lists.items()
+        )
+
+
+def _listed(name: str, text: str) -> str:
+    return textwrap.fill(text, 80, initial_indent=f"  {name:<24}  ", subsequent_indent=" " * 28) + "\n"
+
+
+def _keys_of_a_study() -> dict[str, dict[str, str]]:
+    from radioloc.parameters.registry import PARAMETERS
+    from radioloc.studies.schema import keys_of
+    from radioloc.studies.study import PARAMETER_KEYS
+    from radioloc.studies.study_file import TABLES
+
+    tables = {
+        f"[{table}]": ", ".join(
+            key for key in keys_of(record) if table != "estimate" or key not in PARAMETER_KEYS
+        )
+        for table, record in TABLES.items()
+    }
+    parameters = {f"{name} ({kind.unit})": kind.description for name, kind in PARAMETERS.items()}
+    return {
+        "tables of a study file": tables,
+        "parameters, each with NAME_UNIT, NAME_sigma_UNIT and NAME_per, in [estimate] or [consider]": parameters,
+    } | _measurement_types()
+
+
+def _measurement_types() -> dict[str, dict[str, str]]:
+    from radioloc.measurements.registry import MEASUREMENTS
+
+    return {"types of measurement": {name: kind.description for name, kind in MEASUREMENTS.items()}}
+
+
+def _formats() -> dict[str, dict[str, str]]:
+    from radioloc.io.detect import READERS
+
+    formats = {reader.name: reader.description for reader in READERS.values()}
+    return {"formats that are read, told by how a file begins": formats} | _measurement_types()
 
 
 def _complain(message: str) -> None:
@@ -75,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     locate = commands.add_parser("locate", help="fit a position and print a result card")
     residuals = commands.add_parser("residuals", help="observed minus computed at the given position, no fit")
     for command, run in ((locate, _locate), (residuals, _residuals)):
-        command.add_argument("study", type=Path, metavar="STUDY.toml", help="the study file")
+        _add_study(command)
         command.add_argument(
             "--out", type=Path, metavar="DIR", help="write solution.json, residuals.csv and plots there"
         )
@@ -85,13 +131,13 @@ def _parser() -> argparse.ArgumentParser:
         )
         command.set_defaults(run=run, parser=command)
     arcs = commands.add_parser("arcs", help="fit the first hours only, for several lengths, and compare")
-    arcs.add_argument("study", type=Path, metavar="STUDY.toml", help="the study file")
+    _add_study(arcs)
     _add_hours(arcs)
     arcs.add_argument("--out", type=Path, metavar="DIR", help="write tables, figure and all solutions there")
     _add_quiet(arcs)
     arcs.set_defaults(run=_arcs)
     simulate = commands.add_parser("simulate", help="simulate the tracking that a study describes")
-    simulate.add_argument("study", type=Path, metavar="STUDY.toml", help="a study file with [simulation]")
+    _add_study(simulate, "a study file with [simulation]")
     simulate.add_argument(
         "--out",
         type=Path,
@@ -123,13 +169,14 @@ def _parser() -> argparse.ArgumentParser:
         help="sigmas of observations in Tracking Data Messages, which state none, such as range=1.0; one for each type",
     )
     convert.add_argument("--originator", metavar="NAME", help=_ORIGINATOR_HELP)
+    convert.more = _formats
     _add_quiet(convert)
     convert.set_defaults(run=_convert)
     trials = commands.add_parser(
         "montecarlo",
         help="simulate the tracking that a study describes many times, and fit it, for several arcs",
     )
-    trials.add_argument("study", type=Path, metavar="STUDY.toml", help="a study file with [simulation]")
+    _add_study(trials, "a study file with [simulation]")
     trials.add_argument("--trials", type=int, default=1000, metavar="N", help="how many (default: 1000)")
     _add_hours(trials)
     trials.add_argument("--seed", type=int, metavar="N", help="of all that is drawn (default: the study's)")
@@ -142,6 +189,11 @@ def _parser() -> argparse.ArgumentParser:
     stations = commands.add_parser("stations", help="list the stations that are known by name")
     stations.set_defaults(run=_stations)
     return parser
+
+
+def _add_study(command: _Parser, text: str = "the study file") -> None:
+    command.add_argument("study", type=Path, metavar="STUDY.toml", help=text)
+    command.more = _keys_of_a_study
 
 
 def _add_hours(command: argparse.ArgumentParser) -> None:

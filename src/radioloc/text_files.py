@@ -84,9 +84,9 @@ def require_file(path: str | Path) -> None:
     next(_raw_pieces(path, 1), b"")
 
 
-def starts_with(path: str | Path, magic: bytes) -> bool:
-    """Whether a file begins with these bytes; errors as :func:`read_text`."""
-    return next(_raw_pieces(path, len(magic)), b"") == magic
+def head_of(path: str | Path, size: int) -> bytes:
+    """First bytes of a file of any kind, unpacked and without a byte order mark; errors as :func:`read_text`."""
+    return next(_pieces(path, size))
 
 
 def _pieces(path: str | Path, size: int) -> Iterator[bytes]:

@@ -15,7 +15,11 @@ import pytest
 import radioloc
 from radioloc import cli
 from radioloc.errors import ConvergenceError, DataQualityWarning
+from radioloc.io import READERS
+from radioloc.measurements.registry import MEASUREMENTS
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.studies import locate
+from radioloc.studies.study_file import TABLES
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TABLE = EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv"
@@ -452,3 +456,17 @@ def test_convert_says_in_one_line_what_is_wrong(tmp_path, capsys, arguments, wor
     assert words in told
     assert told.count("\n") == 1
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("command", ["locate", "residuals", "arcs", "simulate", "montecarlo", "convert"])
+def test_help_lists_what_the_registries_hold(command, capsys):
+    with pytest.raises(SystemExit) as ended:
+        cli.main([command, "--help"])
+    assert ended.value.code == 0
+    told = capsys.readouterr().out
+    listed = {line.split()[0] for line in told.splitlines() if line.startswith("  ")}
+    assert set(MEASUREMENTS) <= listed
+    if command == "convert":
+        assert all(f"  {name}  " in told for name in READERS)
+    else:
+        assert set(PARAMETERS) | {f"[{table}]" for table in TABLES} <= listed

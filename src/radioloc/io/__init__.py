@@ -4,7 +4,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 from radioloc.io.crd import read_crd
-from radioloc.io.detect import read_observations
+from radioloc.io.detect import READERS, Reader, ReadSettings, read_observations
 from radioloc.io.mini import read_mini
 from radioloc.io.tdm import TdmAgreement, read_tdm, write_tdm
 from radioloc.io.write import write_observations
@@ -14,6 +14,9 @@ if TYPE_CHECKING:
     from radioloc.io.table import read_table, write_table
 
 __all__ = [
+    "READERS",
+    "ReadSettings",
+    "Reader",
     "TdmAgreement",
     "read_crd",
     "read_mini",

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from radioloc.earth.stations import StationCatalogue
@@ -11,15 +11,129 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.io.checks import Catalogue, refuse_duplicates
 from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.mini import looks_like_mini, read_mini
-from radioloc.io.tdm import TdmAgreement, TdmFile, looks_like_tdm, read_tdm_file, tdm_observations
+from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm_file, tdm_observations
 from radioloc.measurements.observations import Observations
-from radioloc.text_files import read_blocks, read_lines, starts_with
+from radioloc.plugins import with_plugins
+from radioloc.text_files import head_of, read_text
 
-_KNOWN = (
-    "CRD normal points (first record: H1 CRD); MINI normal points (lines start with 51 and a date); "
-    "table of observations (first line names columns: epoch_utc,type,path,...); "
-    "CCSDS Tracking Data Message (CCSDS_TDM_VERS = 2.0, or XML with <tdm>); Parquet"
+_HEAD_BYTES = 65536
+
+
+@dataclass(frozen=True, slots=True)
+class ReadSettings:
+    """What a file may leave open.
+
+    Parameters
+    ----------
+    catalogue : Catalogue
+        Gives stations their catalogue names.
+    tdm : TdmAgreement
+        What Tracking Data Messages do not say.
+    lunar : bool
+        Whether the target is at the Moon.
+    """
+
+    catalogue: Catalogue
+    tdm: TdmAgreement
+    lunar: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Reader:
+    """A file format of observations, as the registry holds it.
+
+    Parameters
+    ----------
+    name : str
+        Unique name of the format.
+    description : str
+        How a file of it begins, for messages.
+    looks_like : callable
+        From the first bytes of a file (unpacked, without a byte order mark) to whether it is of this format.
+    read : callable
+        From paths and settings to observations. There is one path, unless all files of the format are read `together`.
+    together : bool
+        Whether files of the format are read as one, since one says what holds for others.
+    """
+
+    name: str
+    description: str
+    looks_like: Callable[[bytes], bool]
+    read: Callable[[Sequence[str | Path], ReadSettings], Observations]
+    together: bool = False
+
+
+def _lines(head: bytes) -> list[str]:
+    return head.decode(errors="replace").splitlines()
+
+
+# Arrow takes a fifth of a second to import: tables and Parquet are imported when there is a file.
+def _looks_like_table(head: bytes) -> bool:
+    from radioloc.io.table import looks_like_table
+
+    return looks_like_table(_lines(head))
+
+
+def _read_table(paths: Sequence[str | Path], settings: ReadSettings) -> Observations:
+    from radioloc.io.table import read_table
+
+    return read_table(paths[0], catalogue=settings.catalogue, lunar=settings.lunar)
+
+
+def _looks_like_parquet(head: bytes) -> bool:
+    from radioloc.io.parquet import MAGIC
+
+    return head.startswith(MAGIC)
+
+
+def _read_parquet(paths: Sequence[str | Path], settings: ReadSettings) -> Observations:
+    from radioloc.io.parquet import read_parquet
+
+    return read_parquet(paths[0], catalogue=settings.catalogue, lunar=settings.lunar)
+
+
+def _read_tdm(paths: Sequence[str | Path], settings: ReadSettings) -> Observations:
+    agreement = replace(settings.tdm, lunar=settings.lunar and settings.tdm.lunar)
+    messages = [read_tdm_file(path) for path in paths]
+    return tdm_observations(messages, agreement, catalogue=settings.catalogue).observations
+
+
+READERS: dict[str, Reader] = with_plugins(
+    "radioloc.readers",
+    Reader,
+    [
+        Reader(
+            "Tracking Data Message",
+            "of CCSDS: CCSDS_TDM_VERS = 2.0, or XML with <tdm>",
+            lambda head: looks_like_tdm(_lines(head)),
+            _read_tdm,
+            together=True,
+        ),
+        Reader(
+            "CRD normal points",
+            "first record: H1 CRD",
+            lambda head: looks_like_crd(_lines(head)),
+            lambda paths, settings: read_crd(paths[0], catalogue=settings.catalogue),
+        ),
+        Reader(
+            "MINI normal points",
+            "lines start with 51 and a date",
+            lambda head: looks_like_mini(_lines(head)),
+            lambda paths, settings: read_mini(paths[0], catalogue=settings.catalogue),
+        ),
+        Reader(
+            "table of observations",
+            "first line names columns: epoch_utc,type,path,...",
+            _looks_like_table,
+            _read_table,
+        ),
+        Reader("Parquet", "first bytes: PAR1", _looks_like_parquet, _read_parquet),
+    ],
 )
+"""File formats of observations by name: those of the package, and those of other packages.
+
+A package adds its own by an entry point of the group ``radioloc.readers`` that names a :class:`Reader`.
+"""
 
 
 def read_observations(
@@ -61,22 +175,16 @@ def read_observations(
     files = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not files:
         raise InputError("no file of observations was given; give at least one")
-    if catalogue is None:
-        catalogue = StationCatalogue.default()
-    parts: list[Observations] = []
-    messages: list[TdmFile] = []
-    place = 0
+    settings = ReadSettings(catalogue or StationCatalogue.default(), tdm or TdmAgreement(), lunar)
+    groups: list[tuple[Reader, list[str | Path]]] = []
     for file in files:
-        read = _reader(file, catalogue, lunar)
-        if read is None:
-            place = place if messages else len(parts)
-            messages.append(read_tdm_file(file))
+        reader = _reader_of(file)
+        same = next((group for known, group in groups if known is reader and reader.together), None)
+        if same is None:
+            groups.append((reader, [file]))
         else:
-            parts.append(read())
-    if messages:
-        agreement = tdm or TdmAgreement()
-        agreement = replace(agreement, lunar=lunar and agreement.lunar)
-        parts.insert(place, tdm_observations(messages, agreement, catalogue=catalogue).observations)
+            same.append(file)
+    parts = [reader.read(group, settings) for reader, group in groups]
     if len(parts) == 1:
         return parts[0]
     observations = Observations.concatenate(parts)
@@ -84,30 +192,16 @@ def read_observations(
     return observations
 
 
-def _reader(path: str | Path, catalogue: Catalogue, lunar: bool) -> Callable[[], Observations] | None:
-    """What reads a file of this format, None for a Tracking Data Message."""
-    # Arrow takes a fifth of a second to import.
-    from radioloc.io.parquet import MAGIC, read_parquet
-    from radioloc.io.table import looks_like_table, read_table
-
-    if starts_with(path, MAGIC):
-        return lambda: read_parquet(path, catalogue=catalogue, lunar=lunar)
-    # The start is enough, unless it holds nothing but comments.
-    for lines in _starts(path):
-        if looks_like_tdm(lines):
-            return None
-        if looks_like_crd(lines):
-            return lambda: read_crd(path, catalogue=catalogue)
-        if looks_like_mini(lines):
-            return lambda: read_mini(path, catalogue=catalogue)
-        if looks_like_table(lines):
-            return lambda: read_table(path, catalogue=catalogue, lunar=lunar)
-    first = next(line for line in lines if line.strip())
-    raise FileFormatError(path, f"starts with {first[:40]!r}, which is none of the known formats: {_KNOWN}")
-
-
-def _starts(path: str | Path) -> Iterator[list[str]]:
-    """Lines at the start of a file, then all of them."""
-    _, start = next(read_blocks(path))
-    yield start.decode().split("\n")
-    yield list(read_lines(path))
+def _reader_of(path: str | Path) -> Reader:
+    head = head_of(path, _HEAD_BYTES)
+    for reader in READERS.values():
+        if reader.looks_like(head):
+            return reader
+    text = read_text(path)  # or the error of what is no text
+    content = text.encode()
+    for reader in READERS.values():  # the start may hold nothing but comments
+        if reader.looks_like(content):
+            return reader
+    first = next(line for line in text.splitlines() if line.strip())
+    known = "; ".join(f"{reader.name} ({reader.description})" for reader in READERS.values())
+    raise FileFormatError(path, f"starts with {first[:40]!r}, which is none of the known formats: {known}")

@@ -13,7 +13,7 @@ from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.mini import looks_like_mini, read_mini
 from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm_file, tdm_observations
 from radioloc.measurements.observations import Observations
-from radioloc.plugins import with_plugins
+from radioloc.plugins import registry
 from radioloc.text_files import head_of, read_text
 
 _HEAD_BYTES = 65536
@@ -98,7 +98,7 @@ def _read_tdm(paths: Sequence[str | Path], settings: ReadSettings) -> Observatio
     return tdm_observations(messages, agreement, catalogue=settings.catalogue).observations
 
 
-READERS: dict[str, Reader] = with_plugins(
+READERS = registry(
     "radioloc.readers",
     Reader,
     [

@@ -28,6 +28,7 @@ from radioloc.parameters.choice import ParameterChoice, of_part, parameter_choic
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.design import simple_predictor
 from radioloc.parameters.registry import PARAMETERS
+from radioloc.plugins import LazyNames
 from radioloc.simulation.scenario import Scenario
 from radioloc.studies.schema import check, entry, names_of
 from radioloc.studies.toml_table import TomlTable
@@ -50,8 +51,12 @@ TDM_KEYS = {
     "tdm_apply_clocks": "apply_clocks",
 }
 """Keys of ``[observations]`` that are fields of :class:`~radioloc.io.tdm.TdmAgreement`."""
-PARAMETER_KEYS = tuple(
-    key for kind in PARAMETERS.values() for key in (kind.name, kind.value_key, kind.sigma_key, kind.per_key)
+PARAMETER_KEYS = LazyNames(
+    lambda: [
+        key
+        for kind in PARAMETERS.values()
+        for key in (kind.name, kind.value_key, kind.sigma_key, kind.per_key)
+    ]
 )
 """Keys of the kinds of parameter in ``[estimate]`` and ``[consider]``."""
 

@@ -113,31 +113,34 @@ _SIMULATED = {
 }
 """What the simulated world has, and the key of ``[estimate]`` that lists for which stations a fit solves for it."""
 
-_HINTS = Hints(
-    {table: keys_of(TABLES[table]) for table in ("observations", "estimate", "model")},
-    {
-        (table, field.name): field.metadata["advice"]
-        for table, record in TABLES.items()
-        for field in dataclasses.fields(record)
-        if "advice" in field.metadata
-    }
-    | {
-        (
-            table,
-            key,
-        ): "it is what the simulated world has, one number or a table by station; for which stations a fit "
-        f"solves for it is said in [estimate] {listed}"
-        for table in ("simulation.truth", "simulation.truth_sigma")
-        for key, listed in _SIMULATED.items()
-    }
-    | {
-        (
-            "observations",
-            "sigma_m",
-        ): "it is a table by type, such as { range = 1.0 }, for files that state no sigma; a "
-        "sigma in place of stated ones belongs to [[observations.weights]]"
-    },
-)
+
+def _hints() -> Hints:
+    """Made when a study is read: the kinds of parameter of other packages have keys, too."""
+    return Hints(
+        {table: keys_of(TABLES[table]) for table in ("observations", "estimate", "model")},
+        {
+            (table, field.name): field.metadata["advice"]
+            for table, record in TABLES.items()
+            for field in dataclasses.fields(record)
+            if "advice" in field.metadata
+        }
+        | {
+            (
+                table,
+                key,
+            ): "it is what the simulated world has, one number or a table by station; for which stations a fit "
+            f"solves for it is said in [estimate] {listed}"
+            for table in ("simulation.truth", "simulation.truth_sigma")
+            for key, listed in _SIMULATED.items()
+        }
+        | {
+            (
+                "observations",
+                "sigma_m",
+            ): "it is a table by type, such as { range = 1.0 }, for files that state no sigma; a "
+            "sigma in place of stated ones belongs to [[observations.weights]]"
+        },
+    )
 
 
 def read_study(path: str | Path) -> Study:
@@ -161,7 +164,7 @@ def read_study(path: str | Path) -> Study:
     'ME_DE421'
     """
     path = Path(path)
-    top = TomlTable(path, "", _content(path), _HINTS)
+    top = TomlTable(path, "", _content(path), _hints())
     tables = {key: top.table(key) for key in _TABLES_OF_A_STUDY}
     top.finish()  # before anything else, so that a misspelt table is not called missing
 

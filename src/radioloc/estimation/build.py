@@ -89,7 +89,7 @@ def build_solution(
         Series that the fit weighs as fewer observations.
     scale_covariance : bool
         Scale the observation noise to what the residuals show, where that is significantly more than stated, and
-        allow for residuals of a link that stay alike (:mod:`~radioloc.estimation.time_correlation`).
+        allow for residuals of a link that are correlated in time (:mod:`~radioloc.estimation.time_correlation`).
     reference_pa_m : array_like, shape (3,), optional
         A known position in the same principal axes, m.
     reference_name : str

@@ -113,7 +113,7 @@ class Solution:
 
     Made by :func:`~radioloc.estimation.build.build_solution`. Three levels of uncertainty are kept:
     ``"formal"`` from the stated sigmas, ``"scaled"`` with the observation noise scaled up to what the
-    residuals show where that is significantly more, and with residuals that stay alike for a while,
+    residuals show where that is significantly more, and for residuals that are correlated in time,
     ``"total"`` with the errors of considered parameters, and with the assumed error of the ephemeris added to the
     position. What is called sigma without a
     further word is the total.
@@ -153,9 +153,9 @@ class Solution:
     observability : Observability
         What is determined poorly or not at all.
     time_correlation : TimeCorrelation or None
-        Series whose residuals stay alike, and what that adds to the scaled covariance.
+        Series whose residuals are correlated in time, and what that adds to the scaled covariance.
     series_weights : tuple of SeriesWeight
-        Series that the estimate weighs as fewer observations, since their residuals stay alike.
+        Series that the estimate weighs as fewer observations, since their residuals are correlated in time.
     iterations : tuple of Iteration
         History of the last fit.
     passes : int
@@ -360,15 +360,15 @@ class Solution:
         noise = float(np.trace(root @ conditional @ root.T))
         formal = float(np.trace(self.position_covariance("enu", "formal")))
         scaled = float(np.trace(self.position_covariance("enu", "scaled")))
-        alike = self._correlation_variance_m2()
+        correlated = self._correlation_variance_m2()
         total = float(np.trace(self.position_covariance("enu", "total")))
         sensitivity = None if self.consider is None else self.enu_by_parameters @ self.consider.sensitivity
         considered = 0.0 if sensitivity is None else float((sensitivity**2).sum())
         shares = {
             "noise": noise / total,
             "other parameters": (formal - noise) / total,
-            "misfit": (scaled - alike - formal) / total,
-            "correlation": alike / total,
+            "misfit": (scaled - correlated - formal) / total,
+            "correlation": correlated / total,
             **({} if self.consider is None else {"considered": considered / total}),
             "ephemeris": (total - scaled - considered) / total,
         }
@@ -376,12 +376,12 @@ class Solution:
 
     @property
     def correlation_factor(self) -> float:
-        """Factor by which the position's scaled sigma grows as residuals stay alike; 1 where they do not."""
-        alike = self._correlation_variance_m2()
-        if not (alike > 0.0 and self.position_determined):
+        """Factor by which the position's scaled sigma grows by the time correlation of residuals; 1 without."""
+        correlated = self._correlation_variance_m2()
+        if not (correlated > 0.0 and self.position_determined):
             return 1.0
         scaled = float(np.trace(self.position_covariance("enu", "scaled")))
-        return math.sqrt(scaled / (scaled - alike))
+        return math.sqrt(scaled / (scaled - correlated))
 
     def _correlation_variance_m2(self) -> float:
         if self.time_correlation is None:

@@ -56,8 +56,12 @@ _PASSED_OVER = frozenset(
     + [f"C{k}" for k in range(1, 8)]
     + [f"9{k}" for k in range(10)]
 )
-_HEADERS = ("H1", "H2", "H3", "H4", "C0", "H9")
-_DATA = ("11", "20", "50", "H8")
+# Least number of fields in versions 1 and 2 of the records that are read.
+_LEAST_FIELDS = {
+    "H1": (3, 3), "H2": (1, 1), "H3": (7, 8), "H4": (22, 22), "H8": (1, 1), "H9": (1, 1),
+    "C0": (4, 4), "11": (12, 13), "20": (5, 5), "50": (3, 3),
+}  # fmt: skip
+_DATA = ("C0", "11", "20", "50", "H8")
 _WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity")
 _EVENT_TAGS = {0: TIME_TAGS.index("receive"), 1: TIME_TAGS.index("bounce"), 2: TIME_TAGS.index("transmit")}
 _UTC_TIME_SCALES = (3, 4, 7)
@@ -136,11 +140,6 @@ class _Record:
     def fail(self, problem: str) -> NoReturn:
         """Raise :class:`FileFormatError` about this record."""
         raise FileFormatError(self.path, f"record {self.text[:2].upper()}: {problem}", self.line)
-
-    def need(self, count: int) -> None:
-        """Raise unless the record has so many fields."""
-        if len(self.fields) < count:
-            self.fail(f"has {len(self.fields)} of at least {count} fields: it was cut; fetch the file again")
 
     def number(self, place: int, what: str) -> float:
         """Finite number in a field."""
@@ -257,13 +256,16 @@ class _File:
 
     def take(self, record: _Record) -> None:
         code, current = record.text[:2].upper(), self._pass
-        if code not in (*_HEADERS, *_DATA):
+        if code not in _LEAST_FIELDS:
             full_rate = "full-rate ranges are not read; give normal points"
             record.fail(full_rate if code == "10" else "is not known in CRD; correct or remove it")
         if code != "H1" and (self._version == 0 or self.ended):
             record.fail("stands outside the file's header (H1) and end (H9)")
-        if code in _HEADERS and code != "C0" and current is not None:
+        if code not in _DATA and current is not None:
             record.fail(f"the pass that starts at line {current.line} has no end (H8): the file was cut")
+        least, count = _LEAST_FIELDS[code][self._version == 2], len(record.fields)
+        if count < least:
+            record.fail(f"has {count} of at least {least} fields: it was cut; fetch the file again")
         match code:
             case "H1":
                 self._begin(record)
@@ -284,14 +286,12 @@ class _File:
             case "20":
                 self._take_weather(record, current)
             case "50":
-                record.need(3)
                 current.rms_ps[record.fields[1]] = record.optional(2, "session RMS (ps)")
             case "H8":
                 self.columns.append(current.columns(record.path))
                 self._pass = None
 
     def _begin(self, record: _Record) -> None:
-        record.need(3)
         version = record.integer(2, "format version")
         if record.fields[1].upper() != "CRD" or version not in (1, 2):
             record.fail(f"{' '.join(record.fields[1:3])!r} is not CRD version 1 or 2")
@@ -310,7 +310,6 @@ class _File:
         return station_name((match[2], match[1]), self._catalogue)
 
     def _target_of(self, record: _Record) -> str:
-        record.need(7 if self._version == 1 else 8)
         if record.integer(6, "target class") in _TRANSPONDERS:
             record.fail("the target is a transponder; only reflectors are modelled")
         name = canonical_target(record.fields[1])
@@ -324,7 +323,6 @@ class _File:
         """The pass that begins, once what H4 says of the data has been found usable."""
         if not self._station or not self._target:
             record.fail("comes before the station (H2) and the target (H3) are named")
-        record.need(22)
         if record.integer(1, "data type") != 1:
             record.fail(f"data type {record.fields[1]} is not normal points (1); give normal points")
         for place, (name, wanted) in enumerate(_H4_FLAGS.items(), start=15):
@@ -355,14 +353,12 @@ class _File:
         return _Pass(record.line, number, self._wavelengths_um, jd, start_s, latest_s)
 
     def _take_wavelength(self, record: _Record) -> None:
-        record.need(4)
         wavelength_nm = record.number(2, "wavelength (nm)")
         if not 200.0 <= wavelength_nm <= 20000.0:
             record.fail(f"the wavelength is {wavelength_nm:g} nm, which is not that of a laser")
         self._wavelengths_um[record.fields[3]] = wavelength_nm / 1000.0
 
     def _take_point(self, record: _Record, current: _Pass) -> None:
-        record.need(12 if self._version == 1 else 13)
         second = record.second_of_day()
         flight_s = record.number(2, "time of flight (s)")
         require_lunar_flight_time(record.path, record.line, flight_s)
@@ -377,7 +373,6 @@ class _File:
         current.configurations.append(record.fields[3])
 
     def _take_weather(self, record: _Record, current: _Pass) -> None:
-        record.need(5)
         second = record.second_of_day()
         pressure, temperature, percent = (record.optional(2 + k, name) for k, name in enumerate(_WEATHER))
         weather = (pressure, temperature, percent / 100.0)

@@ -124,7 +124,7 @@ class ColumnReader:
     def __init__(self, path: str | Path, catalogue: Catalogue | None, *, as_text: bool = False) -> None:
         self._path, self._catalogue, self._as_text = path, catalogue, as_text
         self._links: dict[Link, int] = {}
-        self._columns: dict[str, _GrowingColumn] = {}
+        self._columns: dict[str, list[NDArray[Any]]] = {}
         self._line: NDArray[np.int32] = np.empty(0, dtype=np.int32)
 
     def read(self, columns: Mapping[str, pyarrow.Array], line: NDArray[np.int32]) -> None:
@@ -138,16 +138,16 @@ class ColumnReader:
             if name not in (*_TEXTS, *SPLIT_EPOCH, "epoch_utc"):
                 taken[name] = self._numbers(name, columns[name])
         for name, part in taken.items():
-            if name not in self._columns:
-                self._columns[name] = _GrowingColumn(part.dtype)
-            self._columns[name].extend(part)
+            self._columns.setdefault(name, []).append(part)
 
     def observations(self, *, lunar: bool = True) -> Observations:
         """All that was read; the reader then is empty."""
         if not self._columns:
             raise FileFormatError(self._path, "has columns, but no observations")
-        columns: dict[str, Any] = {name: column.whole() for name, column in self._columns.items()}
-        self._columns.clear()
+        columns: dict[str, Any] = {}
+        for name in list(self._columns):  # parts that are joined are let go
+            columns[name] = np.concatenate(self._columns.pop(name))
+            columns[name].flags.writeable = False  # what nobody can write to is not copied again
         columns["epoch"] = Epochs(columns.pop("jd"), columns.pop("fraction"), "UTC")
         for (metres, seconds), key in ((VALUE, "value_m"), (SIGMA, "sigma_m")):
             columns[key] = columns.pop(metres) if metres in columns else C_M_S * columns.pop(seconds)
@@ -275,27 +275,6 @@ class ColumnReader:
                 except InputError as error:
                     self._fail(name, row, str(error))
             raise
-
-
-class _GrowingColumn:
-    """An array that grows in place: parts joined at the end would be in memory twice."""
-
-    def __init__(self, dtype: np.dtype[Any]) -> None:
-        self._array: NDArray[Any] = np.empty(_ROWS_AT_ONCE, dtype=dtype)
-        self._count = 0
-
-    def extend(self, part: NDArray[Any]) -> None:
-        count = self._count + len(part)
-        if count > len(self._array):
-            self._array.resize(count + count // 8, refcheck=False)
-        self._array[self._count : count] = part
-        self._count = count
-
-    def whole(self) -> NDArray[Any]:
-        """The array, read-only: one that nobody else can write to is not copied again."""
-        self._array.resize(self._count, refcheck=False)
-        self._array.flags.writeable = False
-        return self._array
 
 
 def _as_float(text: str) -> float:

@@ -206,10 +206,12 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     >>> [path.name for path in radioloc.report.write_monte_carlo(found, "out")][:2]
     ['montecarlo.json', 'trials.csv']
     """
+    from radioloc.io.csv_file import batches_of, write_csv
+
     folder = made_folder(folder)
     numbers, table = folder / "montecarlo.json", folder / "trials.csv"
     write_json(numbers, study.to_dict())
-    _write_trials(study, table)
+    write_csv(table, batches_of(study.columns_of_trials()))
     written = [numbers, table]
     good = study["converged"] == 1.0
     shown = [k for k in range(len(study.hours)) if good[:, k].any()]
@@ -232,13 +234,6 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
         *write_figure(scatter, folder, "trials"),
         *write_figure(by_length, folder, "error_by_length"),
     ]
-
-
-def _write_trials(study: MonteCarlo, path: Path) -> None:
-    """One row for each trial and arc, numbers to the last bit; what is not a number is left empty."""
-    from radioloc.io.csv_file import batches_of, write_csv
-
-    write_csv(path, batches_of(study.columns_of_trials()))
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:

@@ -172,6 +172,8 @@ def _grid(
     places = list(figure.subplots(n_rows, n_columns, sharex=True, squeeze=False).flat)
     dates = utc_dates(residuals.epoch_utc)
     for k, (panel, half_height_m) in enumerate(zip(panels, _half_heights(residuals, panels), strict=True)):
+        style_axes(places[k])
+        places[k].axhline(0.0, color="0.4", linewidth=0.8)
         draw = _draw_links if panel.like else _draw_station
         draw(places[k], residuals, dates, panel, half_height_m, COLORS[k % len(COLORS)])
     for axes in places[len(panels) :]:
@@ -231,9 +233,9 @@ def _half_heights(residuals: Residuals, panels: Sequence[_Panel]) -> list[float]
         )
     out = []
     for panel, mine_m in zip(panels, alone_m, strict=True):
-        alike_m = [m for other, m in zip(panels, alone_m, strict=True) if other.like == panel.like]
-        squeezed = max(alike_m) > _MAX_HEIGHT_RATIO * min(alike_m)
-        out.append(mine_m if squeezed else max(alike_m))
+        like_m = [m for other, m in zip(panels, alone_m, strict=True) if other.like == panel.like]
+        squeezed = max(like_m) > _MAX_HEIGHT_RATIO * min(like_m)
+        out.append(mine_m if squeezed else max(like_m))
     return out
 
 
@@ -244,8 +246,6 @@ def _draw_station(
     used, out = rows[residuals.used[rows]], rows[~residuals.used[rows]]
     factor, unit = length_unit(half_height_m)
     y, limit, limits = factor * residuals.residual_m, factor * half_height_m, (dates.min(), dates.max())
-    style_axes(axes)
-    axes.axhline(0.0, color="0.4", linewidth=0.8)
     statistics = group_statistics(
         panel.title, residuals.residual_m[rows], residuals.sigma_m[rows], residuals.used[rows]
     )
@@ -289,8 +289,6 @@ def _draw_links(
     factor, unit = length_unit(half_height_m)
     y, used, limit = factor * residuals.residual_m, residuals.used, factor * half_height_m
     limits, crowded = (dates.min(), dates.max()), _crowded(residuals, panel)
-    style_axes(axes)
-    axes.axhline(0.0, color="0.4", linewidth=0.8)
     handles: list[Any] = []
     for k, (name, rows) in enumerate(panel.rows.items()):
         kept = rows[used[rows]]

@@ -57,7 +57,7 @@ class InterpolationAccuracy:
 
     range_m: float  # of ranges
     delay_s: float  # of VLBI delays
-    growth_m: float  # of integrated Doppler and delay rates
+    integrated_m: float  # of integrated Doppler and delay rates
     by_position: float  # of a partial by position, m/m
     interpolated: int  # observations
     exact: int  # observations that are computed one by one
@@ -103,8 +103,8 @@ class ChebyshevPredictor:
         out = np.zeros(len(self.observations), dtype=bool)
         smooth = self._segment >= 0
         # A segment was refused whose nodes do not all agree in this.
-        if self._net is not None:
-            out[smooth] = self._net.predicted_eop[self._segment[smooth]]
+        if self._piecewise is not None:
+            out[smooth] = self._piecewise.predicted_eop[self._segment[smooth]]
         if self._computed is not None:
             of_exact = self._computed.predicted_eop[len(self._computed.observations) - self._n_exact :]
             out[~smooth] = of_exact[-1 - self._segment[~smooth]]
@@ -115,26 +115,26 @@ class ChebyshevPredictor:
         """Agreement with the model at the check points, at the position at which it was checked last."""
         exact = self._n_exact
         interpolated = len(self.observations) - exact
-        if self._net is None:
+        if self._piecewise is None:
             return InterpolationAccuracy(0.0, 0.0, 0.0, 0.0, interpolated, exact, 0, 0)
-        kind = self._net.checks.observations.kind[::CHECK_POINTS]
-        differenced, counted = is_differenced(kind), is_integrated(kind)
+        kind = self._piecewise.checks.observations.kind[::CHECK_POINTS]
+        differenced, integrated = is_differenced(kind), is_integrated(kind)
         value_m = self._deviation[:, 0]
         return InterpolationAccuracy(
-            range_m=float(value_m[~differenced & ~counted].max(initial=0.0)),
-            delay_s=float(value_m[differenced & ~counted].max(initial=0.0)) / C_M_S,
-            growth_m=float(value_m[counted].max(initial=0.0)),
+            range_m=float(value_m[~differenced & ~integrated].max(initial=0.0)),
+            delay_s=float(value_m[differenced & ~integrated].max(initial=0.0)) / C_M_S,
+            integrated_m=float(value_m[integrated].max(initial=0.0)),
             by_position=float(self._deviation[:, 1:4].max(initial=0.0)),
             interpolated=interpolated,
             exact=exact,
             segments=len(kind),
-            nodes=len(self._net.nodes.observations),
+            nodes=len(self._piecewise.nodes.observations),
         )
 
     def check(self, lander_pa_m: NDArray[np.float64]) -> InterpolationAccuracy:
         """Compare with the model at the check points for another position, and divide anew if that asks for it."""
-        if self._net is not None:
-            found = self._net.compare(lander_pa_m)
+        if self._piecewise is not None:
+            found = self._piecewise.compare(lander_pa_m)
             if not found.good.all():
                 with _predictions_told_once():
                     self._plan(lander_pa_m)
@@ -156,8 +156,8 @@ class ChebyshevPredictor:
             computed = self._computed.compute(lander_pa_m)
             n_nodes = len(computed.value_m) - self._n_exact
             exact = computed.rows(slice(n_nodes, None))
-            if self._net is not None:
-                coefficients, status = self._net.polynomials(computed.rows(slice(0, n_nodes)))
+            if self._piecewise is not None:
+                coefficients, status = self._piecewise.polynomials(computed.rows(slice(0, n_nodes)))
         return ChebyshevPrediction(self._segment, self._x, coefficients, status, exact, self.more_partials)
 
     def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
@@ -174,13 +174,13 @@ class ChebyshevPredictor:
         part._x = np.atleast_1d(self._x[which])
         part._segment = segment.copy()
         nodes = np.zeros(0, dtype=np.intp)
-        if self._net is not None:
+        if self._piecewise is not None:
             kept = np.unique(segment[segment >= 0])
-            nodes = self._net.nodes_of(kept)
-            number = np.zeros(len(self._net), dtype=np.int32)
+            nodes = self._piecewise.nodes_of(kept)
+            number = np.zeros(len(self._piecewise), dtype=np.int32)
             number[kept] = np.arange(len(kept))
             part._segment[segment >= 0] = number[segment[segment >= 0]]
-            part._net = self._net.select(kept) if len(kept) else None
+            part._piecewise = self._piecewise.select(kept) if len(kept) else None
             part._deviation = self._deviation[kept]
         rows = -1 - segment[segment < 0]
         part._segment[segment < 0] = -1 - np.arange(len(rows))
@@ -211,23 +211,23 @@ class ChebyshevPredictor:
         if series is None:
             series = DenseSeries(self.model, self.observations, self.more_partials)
         pending = series.segments()
-        nets: list[PiecewiseChebyshev] = []
+        fits: list[PiecewiseChebyshev] = []
         accepted: list[Segments] = []
         while len(pending):
-            net = PiecewiseChebyshev.prepare(
+            fit = PiecewiseChebyshev.prepare(
                 self.model, self.observations, pending, lander_pa_m, self.targets, self.more_partials
             )
-            good = net.compare(lander_pa_m).good
+            good = fit.compare(lander_pa_m).good
             if good.any():
-                nets.append(net.select(np.flatnonzero(good)))
+                fits.append(fit.select(np.flatnonzero(good)))
                 accepted.append(pending[good])
             pending = series.divided(pending[~good])
-        self._net = PiecewiseChebyshev.concatenate(nets) if nets else None
+        self._piecewise = PiecewiseChebyshev.concatenate(fits) if fits else None
         self._segment, self._x = series.place(accepted)
         rest = np.flatnonzero(self._segment < 0)
         self._segment[rest] = -1 - np.arange(len(rest), dtype=np.int32)
         # What is computed for each position, at once: the nodes, then what is not interpolated.
-        parts = [] if self._net is None else [self._net.nodes]
+        parts = [] if self._piecewise is None else [self._piecewise.nodes]
         if len(rest):
             parts.append(
                 ExactPredictor(
@@ -241,8 +241,8 @@ class ChebyshevPredictor:
         self._n_exact = len(rest)
         self._computed = ExactPredictor.concatenate(parts) if parts else None
         self._deviation = np.zeros((0, width(self.more_partials)))
-        if self._net is not None:
-            self._deviation = self._net.compare(lander_pa_m).deviation
+        if self._piecewise is not None:
+            self._deviation = self._piecewise.compare(lander_pa_m).deviation
         self._checked_pa_m = np.array(lander_pa_m)
 
 
@@ -269,7 +269,7 @@ class ChebyshevPrediction:
 
     @cached_property
     def value_m(self) -> NDArray[np.float64]:
-        """Range, delay or growth of the range of every observation, m, shape (n,)."""
+        """Computed value of every observation, m, shape (n,)."""
         out = np.empty((1, len(self._segment)))
         _in_threads(self._segment, self._x, np.ascontiguousarray(self._coefficients[:, :1]), out)
         if self._exact is not None:

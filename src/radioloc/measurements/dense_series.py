@@ -85,7 +85,7 @@ class DenseSeries:
         self._code, self._elapsed_s = code[self.order], elapsed_s[self.order]
 
     def segments(self) -> Segments:
-        """Segments of all stretches that hold enough observations; what they leave out is sparse."""
+        """Segments of all pieces that hold enough observations; what they leave out is sparse."""
         return self._made(list(self._pieces()))
 
     def divided(self, segments: Segments) -> Segments:
@@ -115,7 +115,7 @@ class DenseSeries:
         return segment, x
 
     def _pieces(self) -> Iterator[tuple[int, int]]:
-        """Stretches without a gap in one quarter of a day, divided evenly."""
+        """Pieces without a gap in one quarter of a day, divided evenly."""
         if not len(self.order):
             return
         longest_s = DEGREES[-1][0]

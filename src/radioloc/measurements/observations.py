@@ -1,6 +1,6 @@
 """The table of observations: one row per measurement, one array per column.
 
-Every value is in metres. A range is the whole light path from the transmitter over the point on the Moon to the
+Every value is in metres. A range is the length of the light path from the transmitter over the point on the Moon to the
 receiver, as the speed of light times the time of flight in the station's clock (UTC rate): a round trip, not its half.
 The epoch is UTC and belongs to the event that the time tag names. Millions of rows are meant to fit: no Python object
 is kept per row.
@@ -74,7 +74,7 @@ class Observations:
     links : tuple of Link
         The different paths, each once.
     value_m : ndarray, shape (n,)
-        What was measured, m: of a range the whole light path, the speed of light times the time of flight; of other
+        What was measured, m: of a range the speed of light times the whole time of flight; of other
         kinds as :data:`KINDS` says.
     sigma_m : ndarray, shape (n,)
         Its standard deviation, m.

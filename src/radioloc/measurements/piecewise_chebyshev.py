@@ -122,12 +122,12 @@ class PiecewiseChebyshev:
         return cls(segments.degree, arc.select(~is_check), arc.select(is_check))
 
     @staticmethod
-    def concatenate(nets: list[PiecewiseChebyshev]) -> PiecewiseChebyshev:
+    def concatenate(fits: list[PiecewiseChebyshev]) -> PiecewiseChebyshev:
         """Join, in order."""
         return PiecewiseChebyshev(
-            np.concatenate([net.degree for net in nets]),
-            ExactPredictor.concatenate([net.nodes for net in nets]),
-            ExactPredictor.concatenate([net.checks for net in nets]),
+            np.concatenate([fit.degree for fit in fits]),
+            ExactPredictor.concatenate([fit.nodes for fit in fits]),
+            ExactPredictor.concatenate([fit.checks for fit in fits]),
         )
 
     def __len__(self) -> int:
@@ -202,7 +202,7 @@ class PiecewiseChebyshev:
         return sorted({0.0}.union(*(medium.limits_rad for medium in self.nodes.model.media)))
 
     def _margins_rad(self) -> NDArray[np.float64]:
-        """How far elevations have to stay from limits; what is counted ends elsewhere than its tag says."""
+        """How far elevations have to stay from limits; integrated types end elsewhere than their tag says."""
         count_s = self.checks.observations.count_s[::CHECK_POINTS]
         return _MARGIN_RAD + _SPIN_RAD_S * np.where(np.isnan(count_s), 0.0, count_s)
 

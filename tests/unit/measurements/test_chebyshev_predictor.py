@@ -102,7 +102,7 @@ def test_dense_series_agree_with_the_exact_arc(model, longitude_deg, latitude_de
     # In fact interpolation is lost in the rounding of the ranges.
     assert found.range_m < 1e-5
     assert found.delay_s < 1e-14
-    assert found.growth_m < 1e-5
+    assert found.integrated_m < 1e-5
     assert 10 * found.nodes < found.interpolated
 
 

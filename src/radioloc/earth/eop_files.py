@@ -25,40 +25,37 @@ _LARGEST_POLE_OFFSET_ARCSEC = 0.03
 
 
 class _Layout(NamedTuple):
-    """Columns of a file, counted from 1 as the formats' descriptions do."""
+    """Places of the columns in a row, counted from 1 as the formats' descriptions do."""
 
     series: str
     row: re.Pattern[bytes]
     width: int
     places: dict[str, tuple[int, int]]
-    flags: tuple[int, ...]  # where a P marks a prediction; the rows after the last one hold a date alone
     pole_offset_arcsec: float  # unit of dX, dY
 
+    def columns(self, rows: list[bytes]) -> NDArray[np.void]:
+        """Texts of the columns of rows of fixed width."""
+        formats = [f"S{last - first + 1}" for first, last in self.places.values()]
+        offsets = [first - 1 for first, _ in self.places.values()]
+        layout = {"names": list(self.places), "formats": formats, "offsets": offsets, "itemsize": self.width}
+        return np.array(rows, dtype=f"S{self.width}").view(np.dtype(layout))  # type: ignore[call-overload]
 
-_LAYOUTS = (
-    _Layout(
-        "C04",
-        re.compile(rb"\d{4}[ \d]{4}[ \d]{4}[ \d]{4} *\d{5}\.\d\d "),
-        218,
-        {"MJD": (17, 26), "x": (27, 38), "y": (39, 50), "UT1-UTC": (51, 62), "dX": (63, 74), "dY": (75, 86)},
-        (),
-        1.0,
-    ),
-    _Layout(
-        "Bulletin A",
-        re.compile(rb"[ \d]{6} \d{5}\.\d\d [IP ]"),
-        187,
-        {
-            "MJD": (8, 15),
-            "x": (19, 27),
-            "y": (38, 46),
-            "UT1-UTC": (59, 68),
-            "dX": (98, 106),
-            "dY": (117, 125),
-        },
-        (17, 58, 96),
-        1e-3,
-    ),
+
+_C04 = _Layout(
+    "C04",
+    re.compile(rb"\d{4}[ \d]{4}[ \d]{4}[ \d]{4} *\d{5}\.\d\d "),
+    218,
+    {"MJD": (17, 26), "x": (27, 38), "y": (39, 50), "UT1-UTC": (51, 62), "dX": (63, 74), "dY": (75, 86)},
+    1.0,
+)
+_FLAGS = {"flag of x, y": (17, 17), "flag of UT1": (58, 58), "flag of dX, dY": (96, 96)}  # P is a prediction
+_BULLETIN_A = _Layout(
+    "Bulletin A",
+    re.compile(rb"[ \d]{6} \d{5}\.\d\d [IP ]"),
+    187,
+    {"MJD": (8, 15), "x": (19, 27), "y": (38, 46), "UT1-UTC": (59, 68), "dX": (98, 106), "dY": (117, 125)}
+    | _FLAGS,
+    1e-3,
 )
 
 
@@ -83,7 +80,7 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
         raise FileFormatError(path, "has no rows; fetch or write it again")
     if len(texts) > 1 and 0 < len(texts[-1]) < len(texts[-2]):
         raise FileFormatError(path, "the last row was cut; fetch or write the file again", len(texts))
-    layout = next((one for one in _LAYOUTS if one.row.match(texts[line_numbers[0]])), None)
+    layout = next((one for one in (_C04, _BULLETIN_A) if one.row.match(texts[line_numbers[0]])), None)
     if layout is None:
         raise FileFormatError(
             path,
@@ -91,22 +88,23 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
             "nor finals2000A; download eopc04.1962-now or finals2000A.all",
             line_numbers[0] + 1,
         )
-    rows = np.array([texts[k] for k in line_numbers], dtype=f"S{layout.width}")
-    columns = _Columns(path, layout, rows, np.array(line_numbers) + 1)
+    columns = _Columns(
+        path, layout, layout.columns([texts[k] for k in line_numbers]), np.array(line_numbers) + 1
+    )
     columns = columns.select(columns.numbers("MJD") >= first_mjd_utc)
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     return EopRows(path, sha256, layout.series, _values(columns))
 
 
 def _values(columns: _Columns) -> dict[str, NDArray]:
-    layout = columns.layout
-    if layout.flags:
-        filled = np.flatnonzero(columns.present("UT1-UTC"))
+    is_a = columns.layout is _BULLETIN_A
+    if is_a:  # its rows after the last prediction hold a date alone
+        filled = np.flatnonzero(np.char.strip(columns.texts["UT1-UTC"]) != b"")
         columns = columns.select(slice(0, filled[-1] + 1 if len(filled) else 0))
     mjd, x, y, ut1 = (columns.numbers(name) for name in ("MJD", "x", "y", "UT1-UTC"))
     predicted = np.zeros(len(mjd), dtype=np.bool_)
-    for column in layout.flags:
-        predicted |= columns.text(column, column) == b"P"
+    for flag in _FLAGS if is_a else ():
+        predicted |= columns.texts[flag] == b"P"
     skipped = np.flatnonzero(np.diff(mjd) != 1.0)
     if len(skipped):
         k = skipped[0]
@@ -115,10 +113,8 @@ def _values(columns: _Columns) -> dict[str, NDArray]:
             f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed",
             columns.lines[k + 1],
         )
-    dx, dy = (
-        layout.pole_offset_arcsec * columns.numbers(name, blank_allowed=bool(layout.flags))
-        for name in ("dX", "dY")
-    )
+    unit = columns.layout.pole_offset_arcsec
+    dx, dy = (unit * columns.numbers(name, blank_allowed=is_a) for name in ("dX", "dY"))
     too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
     if len(too_large):
         raise FileFormatError(
@@ -134,28 +130,20 @@ def _values(columns: _Columns) -> dict[str, NDArray]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Columns:
-    """Rows of fixed width and the lines that they are from."""
+    """Columns of a file as texts, and the lines that they are from."""
 
     path: Path
     layout: _Layout
-    rows: NDArray[np.bytes_]
+    texts: NDArray[np.void]
     lines: NDArray[np.int64]
 
     def select(self, index: NDArray[np.bool_] | slice) -> _Columns:
-        return _Columns(self.path, self.layout, self.rows[index], self.lines[index])
-
-    def text(self, first: int, last: int) -> NDArray[np.bytes_]:
-        letters = self.rows.view("S1").reshape(len(self.rows), self.rows.itemsize)
-        return np.ascontiguousarray(letters[:, first - 1 : last]).view(f"S{last - first + 1}").ravel()
-
-    def present(self, name: str) -> NDArray[np.bool_]:
-        return np.char.strip(self.text(*self.layout.places[name])) != b""
+        return _Columns(self.path, self.layout, self.texts[index], self.lines[index])
 
     def numbers(self, name: str, blank_allowed: bool = False) -> NDArray[np.float64]:
-        first, last = self.layout.places[name]
-        text = self.text(first, last)
+        text = self.texts[name]
         if blank_allowed:
-            text = np.where(self.present(name), text, b"nan")
+            text = np.where(np.char.strip(text) != b"", text, b"nan")
         try:
             values = text.astype(np.float64)
         except ValueError:
@@ -163,6 +151,7 @@ class _Columns:
         if values is None or (not blank_allowed and not np.isfinite(values).all()):
             bad = next(k for k, item in enumerate(text) if not _is_number(item, blank_allowed))
             shown = text[bad].decode("ascii", "replace")
+            first, last = self.layout.places[name]
             problem = f"columns {first} to {last} should hold {name}, but hold {shown!r}"
             raise FileFormatError(self.path, problem, int(self.lines[bad]))
         return values

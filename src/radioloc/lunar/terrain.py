@@ -101,11 +101,7 @@ class TerrainModel:
 
         Parameters and errors as :meth:`height_and_slope`.
         """
-        longitude, latitude = _checked(longitude_rad, latitude_rad)
-        row, column = self._grid.cells(longitude.ravel(), latitude.ravel())
-        heights, t_row, t_column = self._stencil(longitude.ravel(), latitude.ravel(), row, column)
-        weights = [_weights(self.interpolation, t)[0] for t in (t_row, t_column)]
-        return np.einsum("nij,ni,nj->n", heights, *weights).reshape(longitude.shape)[()]
+        return self.height_and_slope(longitude_rad, latitude_rad)[0]
 
     def height_and_slope(
         self, longitude_rad: ArrayLike, latitude_rad: ArrayLike

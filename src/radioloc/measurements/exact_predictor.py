@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -42,6 +42,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.participants import stations_of, targets_of
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, table_of_terms
+from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
@@ -50,7 +51,7 @@ from radioloc.media.ionosphere import delay_by_content_m
 from radioloc.media.medium import Leg, LegEnd
 from radioloc.media.status import first_of
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
-from radioloc.vectors import by_component, dot, length, rotated
+from radioloc.vectors import dot, length, rotated
 
 _SHORTEST_RADIO_UM = 1000.0
 """From this wavelength on (300 GHz), the signal is radio."""
@@ -106,13 +107,13 @@ class ExactPredictor:
         self.targets, self.more_partials = tuple(targets), more_partials
         self.trajectory = trajectory
         self.observations = observations
-        # One path per observation; one that is counted is the difference of two, at the ends of its count interval.
-        counted = is_integrated(observations.kind)
-        self._counted = np.flatnonzero(counted)
+        # One path per observation; one with a count interval is the difference of two, at its ends.
+        integrated = is_integrated(observations.kind)
+        self._integrated = np.flatnonzero(integrated)
         rows = self._find_stations()
         tt = utc_to_tt(observations.epoch)
-        half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
-        half_s = np.concatenate([half_s, -half_s[self._counted]])
+        half_s = np.where(integrated, 0.5 * observations.count_s, 0.0)
+        half_s = np.concatenate([half_s, -half_s[self._integrated]])
         self._tt = tt = tt[rows].shifted(half_s)
         self._paths = observations.select(rows)
         differenced = is_differenced(self._paths.kind)
@@ -145,7 +146,7 @@ class ExactPredictor:
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
         predicted = self._up.predicted_eop | self._down.predicted_eop
         out = predicted[: len(self.observations)].copy()
-        out[self._counted] |= predicted[len(self.observations) :]
+        out[self._integrated] |= predicted[len(self.observations) :]
         return out
 
     def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
@@ -192,10 +193,10 @@ class ExactPredictor:
         up_rad, down_rad = up.leg.elevation.angle_rad, down.leg.elevation.angle_rad
         elevation_rad = np.stack([np.where(one_way, down_rad, up_rad), down_rad], axis=-1)
         status = np.stack([np.where(one_way, 0, up.status), down.status], axis=-1).astype(np.int8)
-        if len(self._counted):
-            late, early = elevation_rad[self._counted], elevation_rad[n:]
-            elevation_rad[self._counted] = np.where((late >= 0.0) & (early < 0.0), early, late)
-            status[self._counted] = first_of(status[self._counted], status[n:])
+        if len(self._integrated):
+            late, early = elevation_rad[self._integrated], elevation_rad[n:]
+            elevation_rad[self._integrated] = np.where((late >= 0.0) & (early < 0.0), early, late)
+            status[self._integrated] = first_of(status[self._integrated], status[n:])
         return Computed(
             value_m=self._observed(length_m),
             by_position_pa=self._observed(by_position_pa),
@@ -256,14 +257,14 @@ class ExactPredictor:
         n = len(self.observations)
         rows = np.arange(n)[which]
         second = np.full(n, -1)
-        second[self._counted] = n + np.arange(len(self._counted))
+        second[self._integrated] = n + np.arange(len(self._integrated))
         paths = np.concatenate([rows, second[rows][second[rows] >= 0]])
         part = copy.copy(self)
         part.observations = self.observations.select(rows)
-        part._counted = np.flatnonzero(second[rows] >= 0)
+        part._integrated = np.flatnonzero(second[rows] >= 0)
         part._find_stations()
         for name in _PER_PATH:
-            setattr(part, name, _rows_of(getattr(self, name), paths))
+            setattr(part, name, rows_of(getattr(self, name), paths))
         return part
 
     @staticmethod
@@ -271,13 +272,13 @@ class ExactPredictor:
         """Join prepared arcs of one model, in order; at least one."""
         whole = copy.copy(arcs[0])
         whole.observations = Observations.concatenate([arc.observations for arc in arcs])
-        whole._counted = np.flatnonzero(is_integrated(whole.observations.kind))
+        whole._integrated = np.flatnonzero(is_integrated(whole.observations.kind))
         whole._find_stations()
         # The paths of each arc are its observations and then the second paths of what is counted; so are the whole's.
         second = np.concatenate([np.arange(len(arc._paths)) >= len(arc.observations) for arc in arcs])
         order = np.argsort(second, kind="stable")
         for name in _PER_PATH:
-            setattr(whole, name, _rows_of(_joined([getattr(arc, name) for arc in arcs]), order))
+            setattr(whole, name, rows_of(joined([getattr(arc, name) for arc in arcs]), order))
         return whole
 
     def with_values(self, value_m: NDArray[np.float64]) -> ExactPredictor:
@@ -302,23 +303,23 @@ class ExactPredictor:
             self.model, self.observations
         )
         self.target = targets_of(self.observations, self.targets)
-        rows = np.concatenate([np.arange(len(self.observations)), self._counted])
+        rows = np.concatenate([np.arange(len(self.observations)), self._integrated])
         self._transmitter, self._receiver = self.transmitters[rows], self.receivers[rows]
         self._target = self.target[rows]
         return rows
 
     def _observed(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """From paths to observations: the path itself, or the difference of two where it is counted."""
+        """From paths to observations: the path itself, or the difference of two where there is a count interval."""
         n = len(self.observations)
         out = of_paths[:n].copy()
-        out[self._counted] -= of_paths[n:]
+        out[self._integrated] -= of_paths[n:]
         return out
 
     def _mean(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:
         """From paths to observations: the path itself, or the mean of two where there is a count interval."""
         n = len(self.observations)
         out = of_paths[:n].copy()
-        out[self._counted] = 0.5 * (out[self._counted] + of_paths[n:])
+        out[self._integrated] = 0.5 * (out[self._integrated] + of_paths[n:])
         return out
 
     def _prepare(self, lander_pa_m: NDArray[np.float64]) -> None:
@@ -334,7 +335,7 @@ class ExactPredictor:
         self._down = self._moved(self._down, self._receiver, path.receive_s)
         self._meet(path.bounce_s)
         for name in ("_up", "_down", "_moon", "_craft"):
-            setattr(self, name, _rows_of(getattr(self, name), slice(None)))
+            setattr(self, name, rows_of(getattr(self, name), slice(None)))
 
     def _meet(self, offset_s: NDArray[np.float64]) -> None:
         """Place the Moon, and the spacecraft if there is one, where the signals meet them."""
@@ -389,6 +390,7 @@ class ExactPredictor:
 
         The views are those along the path without delays, in which elevations are off by 1e-10 rad.
         """
+        lander_pa_m = np.asarray(lander_pa_m, dtype=np.float64)
         if lander_pa_m.ndim == 2:
             lander_pa_m = lander_pa_m[self._target]
         relay = (
@@ -511,38 +513,3 @@ _PER_PATH = (
     "_craft",
 )
 """What an arc holds for each light path."""
-
-
-def _joined(parts: list[Any]) -> Any:
-    """Arrays, or records of them, joined row after row."""
-    first = parts[0]
-    if first is None:
-        return None
-    if isinstance(first, tuple):
-        return tuple(_joined([part[i] for part in parts]) for i in range(len(first)))
-    if isinstance(first, Observations | Epochs):
-        return type(first).concatenate(parts)
-    if is_dataclass(first):
-        joined = {f.name: _joined([getattr(part, f.name) for part in parts]) for f in fields(first)}
-        return replace(first, **joined)  # type: ignore[type-var]
-    if isinstance(first, dict):
-        return {key: _joined([part[key] for part in parts]) for key in first}
-    return np.concatenate(parts)
-
-
-def _rows_of(value: Any, rows: NDArray[np.intp] | slice) -> Any:
-    """Some rows of an array, or of all arrays of a record, which have one row per path; laid out by component."""
-    if value is None:
-        return None
-    if isinstance(value, tuple):
-        return tuple(_rows_of(item, rows) for item in value)
-    if isinstance(value, Observations):
-        return value.select(rows)
-    if isinstance(value, Epochs):
-        return value[rows]
-    if is_dataclass(value):
-        parts = {field.name: _rows_of(getattr(value, field.name), rows) for field in fields(value)}
-        return replace(value, **parts)  # type: ignore[type-var]
-    if isinstance(value, dict):
-        return {key: _rows_of(item, rows) for key, item in value.items()}
-    return by_component(value[rows])

@@ -33,20 +33,7 @@ def notes_of(
     fitted: NoisyFit,
     lander_pa_m: NDArray[np.float64],
 ) -> list[str]:
-    """All notes of a result, warnings first.
-
-    Parameters
-    ----------
-    study : Study
-    arc : Predictor
-    left_out : dict of str to int
-        How many observations the arc leaves out, by reason.
-    estimate : EstimateChoice or None
-        What was estimated; nothing where ``None``.
-    fitted : NoisyFit
-    lander_pa_m : ndarray, shape (3,)
-        Where the point was found, principal axes, m.
-    """
+    """All notes of a result, warnings first."""
     return [
         *_doubts(fitted, arc.observations),
         *(_height_doubt(lander_pa_m) if arc.trajectory is None else []),

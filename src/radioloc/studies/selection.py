@@ -12,6 +12,7 @@ from radioloc.errors import InputError, StationError
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.targets import canonical_target
 from radioloc.studies.study import ObservationChoice
+from radioloc.studies.weights import ends_of
 from radioloc.time import Epochs, utc_to_tai
 
 _ROUNDING_S = 1e-9
@@ -103,9 +104,7 @@ def _of_stations(
         wanted = {catalogue.get(name).name for name in stations}
     except StationError as error:
         raise StationError(f"[observations] stations: {error}") from None
-    ends = [
-        {_name(catalogue, link.transmitter), _name(catalogue, link.receiver)} for link in observations.links
-    ]
+    ends = ends_of(observations.links, catalogue)
     present = set().union(*ends)
     missing = sorted(wanted - present)
     if missing:
@@ -115,13 +114,6 @@ def _of_stations(
         )
     of_link = np.array([names <= wanted for names in ends], dtype=bool)
     return of_link[observations.link]
-
-
-def _name(catalogue: StationCatalogue, name: str) -> str:
-    try:
-        return catalogue.get(name).name
-    except StationError:
-        return name
 
 
 def _within_time(

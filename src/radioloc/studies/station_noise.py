@@ -25,20 +25,7 @@ time through the Earth; epochs 0.1 s apart or more can be told from each other."
 
 
 def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
-    """Noise of an arc's observations before the residuals are asked.
-
-    Parameters
-    ----------
-    arc : Predictor
-    choice : ObservationChoice
-        The error beyond the stated sigmas, and that of the VLBI stations.
-
-    Raises
-    ------
-    InputError
-        Stations are given a noise, and delays follow each other too fast to tell one epoch from the next; or a
-        station that is given one is not known.
-    """
+    """Noise of an arc's observations: what the files state, what the study adds, what VLBI stations share."""
     own_m = np.hypot(arc.observations.sigma_m, choice.extra_sigma_m)
     group = np.full(len(own_m), ALONE)
     effect_m = np.zeros((len(own_m), 2))
@@ -74,17 +61,9 @@ def _ends_m(
 
 
 def same_epoch(epoch: Epochs) -> NDArray[np.intp]:
-    """Number of the epoch that each time tag belongs to, in order of time, shape (n,).
+    """Number of the epoch that each time tag (UTC) of delays belongs to, in order of time, shape (n,).
 
-    Parameters
-    ----------
-    epoch : Epochs
-        Time tags of delays, UTC; one or more.
-
-    Raises
-    ------
-    InputError
-        A row of tags, each within :data:`SAME_EPOCH_S` of the next, is longer than that.
+    A row of tags, each within :data:`SAME_EPOCH_S` of the next, is an error where it is longer than that.
     """
     tai = utc_to_tai(epoch)
     elapsed_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])

@@ -82,21 +82,7 @@ class Weight:
 def weighted_observations(
     observations: Observations, weights: Iterable[Weight], catalogue: StationCatalogue
 ) -> Observations:
-    """Observations with changed sigmas; each weight, in order, changes what those before it have made.
-
-    Parameters
-    ----------
-    observations : Observations
-    weights : iterable of Weight
-    catalogue : StationCatalogue
-        Resolves station names and their aliases.
-
-    Raises
-    ------
-    InputError
-        A station is not known, a weight holds for no observation, or a sigma becomes too large or too small for a
-        float.
-    """
+    """Observations with changed sigmas; each weight, in order, changes what those before it have made."""
     sigma_m = observations.sigma_m.copy()
     changed = False
     for number, weight in enumerate(weights, start=1):
@@ -125,13 +111,18 @@ def weighted_observations(
     return replace(observations, sigma_m=sigma_m)
 
 
+def ends_of(links: Iterable[Link], catalogue: StationCatalogue) -> list[set[str]]:
+    """The stations of each link by their names in the catalogue; those that it does not know by their own."""
+    return [
+        {catalogue.get(name).name if name in catalogue else name for name in link.stations} for link in links
+    ]
+
+
 def require_stations(
     observations: Observations, key: str, names: Iterable[str], catalogue: StationCatalogue
 ) -> None:
     """Raise :class:`InputError` where a station that a key gives a noise is unknown or in no observation."""
-    present = {
-        _name(catalogue, name) for link in _links(observations) for name in (link.transmitter, link.receiver)
-    }
+    present = set().union(*ends_of(_links(observations), catalogue))
     for name in names:
         try:
             known = catalogue.get(name).name
@@ -149,24 +140,17 @@ def _rows(observations: Observations, weight: Weight, catalogue: StationCatalogu
         rows &= np.isin(observations.kind, [KINDS.index(kind) for kind in weight.type])
     if weight.stations is not None:
         wanted = {catalogue.get(name).name for name in weight.stations}
-        ends = [
-            {_name(catalogue, link.transmitter), _name(catalogue, link.receiver)}
-            for link in observations.links
-        ]
-        rows &= np.array([bool(names & wanted) for names in ends])[observations.link]
+        of_link = [bool(names & wanted) for names in ends_of(observations.links, catalogue)]
+        rows &= np.array(of_link)[observations.link]
     if weight.files is not None:
         matches = [any(PurePath(file).match(glob) for glob in weight.files) for file in observations.files]
         rows &= np.array(matches)[observations.file]
     return rows
 
 
-def _name(catalogue: StationCatalogue, name: str) -> str:
-    return catalogue.get(name).name if name in catalogue else name
-
-
 def _present(observations: Observations) -> str:
     kinds = ", ".join(KINDS[k] for k in np.unique(observations.kind))
-    stations = sorted({name for link in _links(observations) for name in (link.transmitter, link.receiver)})
+    stations = sorted({name for link in _links(observations) for name in link.stations})
     return f"{kinds} by {', '.join(stations)}"
 
 

@@ -106,6 +106,20 @@ def test_stations_take_part_only_with_both_ends():
         kept(ObservationChoice(**fifteen, stations="NOPE"))
 
 
+def test_one_way_links_have_one_station():
+    given = Observations.from_columns(
+        epoch=epochs_from_strings(["2024-05-03", "2024-05-04"]),
+        links=[Link("", "lander", "KASHI"), Link("", "lander", "JIAMUSI")],
+        link=[0, 1],
+        kind=KINDS.index("one_way_range"),
+        tag=TIME_TAGS.index("receive"),
+        value_m=[3.8e8, 3.9e8],
+        sigma_m=0.01,
+    )
+    chosen, left_out = select_observations(given, ObservationChoice(stations="KASHI"), CATALOGUE)
+    assert (chosen.value_m.tolist(), left_out) == ([3.8e8], {"other station": 1})
+
+
 def test_span_includes_its_ends():
     span = ObservationChoice(
         targets="apollo15", start=epochs_from_strings("2024-05-02"), stop=epochs_from_strings("2024-05-04")

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterable
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.labels import Labels
@@ -111,10 +110,8 @@ def _position(solution: Solution) -> tuple[str, ...]:
     lines = [
         f"{solution.me_frame}  {longitude_deg:.8f} deg E, {latitude_deg:+.8f} deg N, height {height_m:.3f} m"
     ]
-    for frame, (x, y, z) in (
-        (solution.me_frame, solution.position_me_m),
-        (solution.pa_frame, solution.position_pa_m),
-    ):
+    vectors = {solution.me_frame: solution.position_me_m, solution.pa_frame: solution.position_pa_m}
+    for frame, (x, y, z) in vectors.items():
         lines.append(f"{frame}  x {x:.3f}  y {y:.3f}  z {z:.3f} m")
     return tuple(lines if solution.position_estimated else [*lines, "held at its a-priori value"])
 
@@ -172,8 +169,7 @@ def _considered(solution: Solution) -> tuple[str, ...]:
             for word, x in zip(("east", "north", "up"), record.get("position_enu_m", ()), strict=False)
         )
         lines.append(f"{record['name']} +- {record['sigma']:.3g} {record['unit']}{moved}{' m' * bool(moved)}")
-    more = len(records) - _MAX_PARAMETERS
-    return (*lines, *((f"and {more} more",) if more > 0 else ()))
+    return (*lines, *more(len(records), _MAX_PARAMETERS))
 
 
 def _variance_sources(solution: Solution) -> tuple[str, ...]:
@@ -350,33 +346,34 @@ def _have_paths(rows: Residuals) -> bool:
     return all(">" in path for path in rows.paths.present())
 
 
-def _groups(solution: Solution) -> list[Field]:
-    """Statistics by station; where types differ, or a station has part in several paths, by type and by path."""
-    rows, fit = solution.residuals, solution.fit
-    if not _have_paths(rows) or len(fit.by_path) == len(fit.by_station) == len(_ends(rows)):
-        return [_statistics("stations", fit.by_station, _MAX_ROWS)]
-    several = len(fit.by_type) > 1
+def _links(rows: Residuals) -> Labels:
+    """What the station or link of each observation is called, with the type where those differ."""
+    if not _have_paths(rows):
+        return rows.stations
     # Of several types a station has no one rms: metres of range and of range difference are not alike.
+    several = len(rows.types.present()) > 1
     names = [
         f"{place} {kind}" if several else place
         for place in short_names([Link.from_path(path) for path in rows.paths.texts])
         for kind in rows.types.texts
     ]
-    links = Labels.coded(names, rows.paths.codes * len(rows.types.texts) + rows.types.codes)
-    by_link = statistics_by(links, rows.residual_m, rows.sigma_m, rows.used)
-    fields = [_statistics("types", fit.by_type, _MAX_ROWS)] if several else []
+    return Labels.coded(names, rows.paths.codes * len(rows.types.texts) + rows.types.codes)
+
+
+def _groups(solution: Solution) -> list[Field]:
+    """Statistics by station; where types differ, or a station has part in several paths, by type and by path."""
+    rows, fit = solution.residuals, solution.fit
+    if not _have_paths(rows) or len(fit.by_path) == len(fit.by_station) == len(_ends(rows)):
+        return [_statistics("stations", fit.by_station, _MAX_ROWS)]
+    by_link = statistics_by(_links(rows), rows.residual_m, rows.sigma_m, rows.used)
+    fields = [_statistics("types", fit.by_type, _MAX_ROWS)] if len(fit.by_type) > 1 else []
     return [*fields, _statistics("links", by_link, _MAX_LINKS)]
 
 
 def _statistics(label: str, groups: tuple[GroupStatistics, ...], most: int) -> Field:
     def cells(group: GroupStatistics) -> tuple[str, ...]:
-        values = (group.mean_m, group.rms_m, group.wrms_m)
-        return (
-            group.label,
-            str(group.used),
-            str(group.rejected),
-            *("-" if value is None else metres(value) for value in values),
-        )
+        values = ("-" if x is None else metres(x) for x in (group.mean_m, group.rms_m, group.wrms_m))
+        return (group.label, str(group.used), str(group.rejected), *values)
 
     heading = ("residuals, m", "used", "left out", "mean", "rms", "wrms")
     return Field(label, (), heading, tuple(cells(group) for group in groups[:most]), more(len(groups), most))
@@ -389,20 +386,6 @@ def _left_out(solution: Solution) -> tuple[str, ...]:
     out = out[np.argsort(-np.abs(rows.residual_m[out] / rows.sigma_m[out]), kind="stable")]
     shown = out[:_MAX_OUTLIERS]
     epochs = utc_strings(rows.epoch_utc[shown], decimals=0)
-    told = zip(epochs, _names(rows, shown), rows.outcome[shown], strict=True)
+    told = zip(epochs, _links(rows)[shown], rows.outcome[shown], strict=True)
     lines = [f"{epoch} {name}: {reason}" for epoch, name, reason in told]
     return (*lines, *more(len(out), len(shown)))
-
-
-def _names(rows: Residuals, shown: NDArray[np.intp]) -> list[str]:
-    """What some observations are called in a line: their station or link, and where needed their type."""
-    if not _have_paths(rows):
-        return [str(station) for station in rows.stations[shown]]
-    names = dict(
-        zip(rows.paths.texts, short_names([Link.from_path(path) for path in rows.paths.texts]), strict=True)
-    )
-    several = len(rows.types.present()) > 1
-    return [
-        f"{names[str(path)]} {kind}" if several else names[str(path)]
-        for path, kind in zip(rows.paths[shown], rows.types[shown], strict=True)
-    ]

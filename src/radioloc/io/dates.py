@@ -9,7 +9,7 @@ here they stand for dates and for times of day.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,7 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import InputError
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai
 
-_FULL_DATE = (
-    r"^(?P<day>\d{4}-\d\d-\d\d)[T ](?P<hour>\d\d):(?P<minute>\d\d):(?P<second>\d\d)(?P<part>\.\d*)?Z?$"
-)
+_FULL_DATE = r"^\d{4}-\d\d-\d\d[T ](?:[01]\d|2[0-3]):[0-5]\d:(?:[0-5]\d|60)(?:\.\d{0,18})?Z?$"
 _JD_1972 = 2441317.5
 _JD_1970 = 2440587.5
 _JD_9999 = 5373119.5
@@ -59,24 +57,70 @@ def utc_from_text(texts: Sequence[str] | Any) -> Epochs:
     from pyarrow import compute
 
     array = texts if isinstance(texts, pyarrow.Array) else pyarrow.array(texts, pyarrow.string())
-    found = compute.extract_regex(array, _FULL_DATE)
-    if found.null_count == 0:
-        try:
-            days = found.field("day").cast("date32").cast("int32").to_numpy()
-        except pyarrow.ArrowInvalid:
-            return _one_by_one(array.to_pylist())
-        hour, minute, second = (
-            found.field(name).cast("int64").to_numpy() for name in ("hour", "minute", "second")
-        )
-        part_s = compute.binary_join_element_wise("0", found.field("part"), "").cast("float64").to_numpy()
-        jd = _JD_1970 + days
-        length_s = day_lengths_s(jd)
-        # The last minute of a day may have a leap second.
-        last = np.where((hour == 23) & (minute == 59), length_s - SECONDS_PER_DAY + 59.0, 59.0)
-        if ((hour <= 23) & (minute <= 59) & (second <= last)).all():
-            whole_s = 3600 * hour + 60 * minute + second
-            return Epochs.from_jd(jd, day_fraction(whole_s, part_s, length_s), "UTC")
+    if len(array) and compute.match_substring_regex(array, _FULL_DATE).to_numpy(zero_copy_only=False).all():
+        found = civil_times(array)
+        if found.exists.all():
+            length_s = day_lengths_s(found.jd)
+            if not found.no_leap_second(length_s).any():
+                return Epochs.from_jd(found.jd, day_fraction(found.whole_s, found.part_s, length_s), "UTC")
     return _one_by_one(array.to_pylist())
+
+
+class CivilTimes(NamedTuple):
+    """Julian dates of midnights, whole seconds since then and parts of a second; which dates exist and end in :60."""
+
+    exists: NDArray[np.bool_]
+    jd: NDArray[np.float64]
+    whole_s: NDArray[np.int64]
+    part_s: NDArray[np.float64]
+    sixty: NDArray[np.bool_]
+
+    def no_leap_second(self, length_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Which have a second 60 that there is not: only a day that is longer has a second 86400."""
+        return self.sixty & ((self.whole_s != SECONDS_PER_DAY) | (length_s == SECONDS_PER_DAY))
+
+
+def civil_times(texts: Any) -> CivilTimes:
+    """Take dates yyyy-mm-dd or yyyy-ddd with time hh:mm:ss and up to 18 decimals apart, a million in a second."""
+    # Two characters more than needed, for dates by day of year.
+    dates = np.array(texts.to_numpy(zero_copy_only=False), dtype=np.bytes_)
+    dates = dates.astype(f"S{max(dates.itemsize, 20) + 2}")
+    characters = dates.view(np.uint8).reshape(len(dates), -1)
+
+    def number(*places: int) -> NDArray[np.int64]:
+        out = np.zeros(len(dates), dtype=np.int64)
+        for place in places:
+            out = 10 * out + (characters[:, place] - np.uint8(ord("0")))
+        return out
+
+    by_day = characters[:, 8] == ord("T")
+    year = (number(0, 1, 2, 3) - 1970).astype("datetime64[Y]")
+    in_year = number(5, 6)
+    month = year.astype("datetime64[M]") + np.where(by_day, 0, in_year - 1)
+    day = np.where(by_day, number(5, 6, 7), number(8, 9))
+    midnight = month.astype("datetime64[D]") + day - 1
+    exists = np.where(
+        by_day,
+        midnight.astype("datetime64[Y]") == year,
+        (midnight.astype("datetime64[M]") == month) & (in_year >= 1) & (in_year <= 12),
+    )
+    # From the hour on both forms are alike.
+    if by_day.any():
+        characters[by_day, 11:] = characters[by_day, 9:-2]
+    decimals, scale = np.zeros(len(dates), dtype=np.int64), np.ones(len(dates))
+    for column in characters[:, 20:].T:
+        inside = (column >= ord("0")) & (column <= ord("9"))
+        decimals = np.where(inside, 10 * decimals + (column - np.uint8(ord("0"))), decimals)
+        scale = np.where(inside, 10.0 * scale, scale)
+    # Up to 15 digits decimals and scale are whole numbers that a float holds: the quotient is the nearest float.
+    second = number(17, 18)
+    return CivilTimes(
+        exists,
+        _JD_1970 + midnight.astype(np.float64),
+        3600 * number(11, 12) + 60 * number(14, 15) + second,
+        decimals / scale,
+        second == 60,
+    )
 
 
 def _one_by_one(texts: list[str]) -> Epochs:

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import FileFormatError
-from radioloc.io.dates import day_fraction, day_lengths_s
+from radioloc.io.dates import civil_times, day_fraction, day_lengths_s
 from radioloc.io.tdm.message import DATA, NUMBER, Records, exponent_of
 from radioloc.time import Epochs, to_scale
 
@@ -23,7 +23,6 @@ _EPOCH = (
     r"^(?:19(?:7[3-9]|[89]\d)|20\d\d|2100)-(?:(?:0[1-9]|1[0-2])-(?:0[1-9]|[12]\d|3[01])|\d{3})"
     r"T(?:[01]\d|2[0-3]):[0-5]\d:(?:[0-5]\d|60)(?:\.\d{1,18})?Z?$"
 )
-_JD_1970 = 2440587.5
 
 
 class _RecordError(Exception):
@@ -102,48 +101,15 @@ def _utc(texts: Any, time_system: str) -> Epochs:
     form = "written as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss with up to 18 decimals"
     none_such = f" is not a date that exists in the years 1973 to 2100, {form}"
     refuse(~pc.match_substring_regex(texts, _EPOCH).to_numpy(zero_copy_only=False), none_such)
-    # Two characters more than needed, for dates by day of year.
-    dates = np.array(texts.to_numpy(zero_copy_only=False), dtype=np.bytes_)
-    dates = dates.astype(f"S{dates.itemsize + 2}")
-    characters = dates.view(np.uint8).reshape(len(dates), -1)
-
-    def number(*places: int) -> NDArray[np.int64]:
-        out = np.zeros(len(dates), dtype=np.int64)
-        for place in places:
-            out = 10 * out + (characters[:, place] - np.uint8(ord("0")))
-        return out
-
-    by_day = characters[:, 8] == ord("T")
-    month = (number(0, 1, 2, 3) - 1970).astype("datetime64[Y]").astype("datetime64[M]")
-    if by_day.any():
-        month = np.where(by_day, month, month + number(5, 6) - 1)
-        midnight = month.astype("datetime64[D]") + np.where(by_day, number(5, 6, 7), number(8, 9)) - 1
-        characters[by_day, 11:] = characters[by_day, 9:-2]
-    else:
-        month += number(5, 6) - 1
-        midnight = month.astype("datetime64[D]") + number(8, 9) - 1
-    same = np.where(
-        by_day,
-        midnight.astype("datetime64[Y]") == month.astype("datetime64[Y]"),
-        midnight.astype("datetime64[M]") == month,
-    )
-    refuse(~same, none_such)
-    whole_s = 3600 * number(11, 12) + 60 * number(14, 15) + number(17, 18)
-    decimals, scale = np.zeros(len(dates), dtype=np.int64), np.ones(len(dates))
-    zulu = (characters[:, 19:] == ord("Z")).any(axis=1)
-    for column in characters[:, 20:].T:
-        inside = (column >= ord("0")) & (column <= ord("9"))
-        decimals = np.where(inside, 10 * decimals + (column - np.uint8(ord("0"))), decimals)
-        scale = np.where(inside, 10.0 * scale, scale)
+    found = civil_times(texts)
+    refuse(~found.exists, none_such)
     if time_system != "UTC":
+        zulu = pc.ends_with(texts, "Z").to_numpy(zero_copy_only=False)
         refuse(zulu, f" ends in Z, which says UTC, but TIME_SYSTEM is {time_system}")
-    jd = _JD_1970 + midnight.astype(np.float64)
+    jd = found.jd
     length_s = day_lengths_s(jd) if time_system == "UTC" else np.full(len(jd), SECONDS_PER_DAY)
-    # Only a day that is longer has a second 86400: any other second 60 is wrong.
-    late = (number(17, 18) == 60) & ((whole_s != SECONDS_PER_DAY) | (length_s == SECONDS_PER_DAY))
-    refuse(late, f": there is no leap second then in {time_system}")
-    # Up to 15 digits decimals and scale are whole numbers that a float holds: the quotient is the nearest float.
-    fraction = day_fraction(whole_s, decimals / scale, length_s)
+    refuse(found.no_leap_second(length_s), f": there is no leap second then in {time_system}")
+    fraction = day_fraction(found.whole_s, found.part_s, length_s)
     if time_system == "GPS":
         return to_scale(Epochs.from_jd(jd, fraction, "TAI").shifted(-_GPS_MINUS_TAI_S), "UTC")
     return to_scale(Epochs.from_jd(jd, fraction, time_system), "UTC")

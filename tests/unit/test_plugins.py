@@ -27,7 +27,7 @@ latitude_deg = 43.05
 height_m = -2500.0
 
 [observations]
-files = "half_ranges.csv"
+files = ["kashi.csv", "jiamusi.log"]
 
 [estimate]
 zenith_angle_bias = "all"
@@ -70,8 +70,11 @@ def toys(tmp_path):
     return installed(tmp_path / "site", project["entry-points"])
 
 
-def write_half_ranges(file: Path) -> None:
-    """Half of the round trips that the model gives, with the bias and the delay by the radome in them."""
+def write_half_ranges(folder: Path) -> None:
+    """Half of the round trips that the model gives, with the bias and the delay by the radome in them.
+
+    Those of one station are a table, those of the other a file of the format that the package adds.
+    """
     epochs = [f"2020-12-{1 + hour // 24:02d}T{hour % 24:02d}:30:00" for hour in range(12, 60)]
     stations = ["KASHI", "JIAMUSI"]
     plan = radioloc.Observations.from_columns(
@@ -85,19 +88,26 @@ def write_half_ranges(file: Path) -> None:
     model = radioloc.measurements.PhysicalModel.build()
     lander_pa_m = LANDER.to_axes("PA", model.ephemeris.constants).xyz_m
     computed = radioloc.measurements.ExactPredictor(model, plan, lander_pa_m).compute(lander_pa_m)
-    lines = ["epoch_utc,time_tag,type,path,observed_m,sigma_m"]
+    lines = {
+        "KASHI": ["epoch_utc,time_tag,type,path,observed_m,sigma_m"],
+        "JIAMUSI": ["HALF RANGES OF JIAMUSI"],
+    }
     for row in np.flatnonzero(computed.usable):
         name = plan.links[plan.link[row]].receiver
         zenith_angle_rad = 0.5 * np.pi - computed.elevation_rad[row, 1]
         added_m = BIAS_M_RAD[name] * zenith_angle_rad + (2.0 * RADOME_M if name == "KASHI" else 0.0)
         half_m = 0.5 * (computed.value_m[row] + added_m)
         epoch = radioloc.time.utc_strings(plan.epoch[[row]], decimals=3)[0]
-        lines.append(f"{epoch},receive,half_range,{name}>lander>{name},{half_m:.4f},0.5")
-    file.write_text("\n".join(lines) + "\n")
+        if name == "KASHI":
+            lines[name].append(f"{epoch},receive,half_range,{name}>lander>{name},{half_m:.4f},0.5")
+        else:
+            lines[name].append(f"{epoch} {half_m:.4f} 0.5")
+    (folder / "kashi.csv").write_text("\n".join(lines["KASHI"]) + "\n")
+    (folder / "jiamusi.log").write_text("\n".join(lines["JIAMUSI"]) + "\n")
 
 
-def test_a_study_with_a_measurement_a_parameter_and_a_medium_of_another_package(toys, tmp_path):
-    write_half_ranges(tmp_path / "half_ranges.csv")
+def test_a_study_with_what_another_package_adds(toys, tmp_path):
+    write_half_ranges(tmp_path)
     (tmp_path / "toys.toml").write_text(STUDY)
     done = python(toys, "-m", "radioloc.cli", "locate", "toys.toml", "--out", "out", "--terms", cwd=tmp_path)
     assert done.returncode == 0, done.stderr

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from enum import Enum
 from typing import Any
 
@@ -103,6 +103,7 @@ class ParameterSet:
     """
 
     parameters: tuple[Parameter, ...]
+    _columns: dict[str, NDArray[Any]] = field(compare=False, repr=False)  # a fit asks for them again and again
 
     def __init__(self, parameters: Iterable[Parameter]) -> None:
         items = tuple(parameters)
@@ -114,7 +115,16 @@ class ParameterSet:
             raise InputError(
                 f"parameter names occur more than once: {', '.join(doubled)}; each must be unique"
             )
+        columns: dict[str, NDArray[Any]] = {
+            "free": np.array([not item.fixed for item in items], dtype=bool),
+            "prior_values": np.array([item.prior_value for item in items], dtype=np.float64),
+            "prior_sigmas": np.array([item.prior_sigma for item in items], dtype=np.float64),
+            "scales": np.array([item.scale for item in items], dtype=np.float64),
+        }
+        for column in columns.values():
+            column.flags.writeable = False
         object.__setattr__(self, "parameters", items)
+        object.__setattr__(self, "_columns", columns)
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -136,7 +146,7 @@ class ParameterSet:
     @property
     def free(self) -> NDArray[np.bool_]:
         """Which parameters are not fixed, shape (p,)."""
-        return np.array([not item.fixed for item in self.parameters], dtype=bool)
+        return self._columns["free"]
 
     @property
     def considered(self) -> NDArray[np.bool_]:
@@ -146,17 +156,17 @@ class ParameterSet:
     @property
     def prior_values(self) -> NDArray[np.float64]:
         """A-priori values, each in its unit, shape (p,)."""
-        return np.array([item.prior_value for item in self.parameters], dtype=np.float64)
+        return self._columns["prior_values"]
 
     @property
     def prior_sigmas(self) -> NDArray[np.float64]:
         """A-priori standard deviations, each in its unit, infinite where free, shape (p,)."""
-        return np.array([item.prior_sigma for item in self.parameters], dtype=np.float64)
+        return self._columns["prior_sigmas"]
 
     @property
     def scales(self) -> NDArray[np.float64]:
         """Changes worth about one metre of observation, shape (p,)."""
-        return np.array([item.scale for item in self.parameters], dtype=np.float64)
+        return self._columns["scales"]
 
     def index(self, name: str) -> int:
         """Position of a parameter in the order.

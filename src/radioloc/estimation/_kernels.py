@@ -21,23 +21,7 @@ _EVERY = 16
 def filter_grid(
     step_s: Floats, gain: Floats, columns: Floats, tau_s: Floats, ratio: Floats
 ) -> tuple[Floats, Floats]:
-    """Log-determinants, and squares that are left of the last column, for every correlation time and ratio.
-
-    Parameters
-    ----------
-    step_s, gain : ndarray, shape (n,)
-    columns : ndarray, shape (n, m)
-        What parameters absorb, A (n, m - 1), and residuals r.
-    tau_s : ndarray, shape (taus,)
-    ratio : ndarray, shape (taus, ratios)
-
-    Returns
-    -------
-    log_determinant : ndarray, shape (taus, ratios)
-        Of the covariance V, plus that of A^T V^-1 A.
-    squares : ndarray, shape (taus, ratios)
-        Weighted sum of squares of r less what A absorbs; NaN where rounding leaves A^T V^-1 A singular.
-    """
+    """Log-determinants, and squares that are left of the last column, for every correlation time and ratio."""
     n, m = columns.shape
     taus, ratios = ratio.shape
     size = taus * ratios

@@ -44,26 +44,14 @@ class Factor:
     """The whitened linear problem reduced to its singular values.
 
     The free parameters are multiplied by ``column_norms`` so that every column has length one.
-
-    Parameters
-    ----------
-    column_norms : ndarray, shape (q,)
-        Length of each whitened column with its a-priori row; 1/scale for a column of zeros.
-    singular_values : ndarray, shape (q,)
-        Of the matrix with columns of length one, descending.
-    vectors : ndarray, shape (q, q)
-        Right singular vectors in columns.
-    right_side : ndarray, shape (q,)
-        Whitened residuals in the singular basis.
-    determined : ndarray of bool, shape (q,)
-        Which singular directions the data and the a-priori rows determine.
     """
 
+    # (q,), length of each whitened column with its a-priori row; 1/scale for a column of zeros
     column_norms: NDArray[np.float64]
-    singular_values: NDArray[np.float64]
-    vectors: NDArray[np.float64]
-    right_side: NDArray[np.float64]
-    determined: NDArray[np.bool_]
+    singular_values: NDArray[np.float64]  # (q,), of the matrix with columns of length one, descending
+    vectors: NDArray[np.float64]  # (q, q), right singular vectors in columns
+    right_side: NDArray[np.float64]  # (q,), whitened residuals in the singular basis
+    determined: NDArray[np.bool_]  # (q,), which singular directions the data and the a-priori rows determine
 
     @property
     def step_sigmas(self) -> float:
@@ -94,26 +82,7 @@ def factorize(
     x: NDArray[np.float64],
     limits: RankLimits,
 ) -> Factor | None:
-    """Reduce one linearized problem, a-priori rows included, to its singular values.
-
-    Parameters
-    ----------
-    linearization : Linearization
-        Of all observations.
-    combinations : Whitening
-        The observations to use, with their noise.
-    parameters : ParameterSet
-        Gives the a-priori rows and which columns are free.
-    x : ndarray, shape (p,)
-        Where the problem was linearized.
-    limits : RankLimits
-        Which directions are determined.
-
-    Returns
-    -------
-    Factor or None
-        None where a residual or a partial is not finite.
-    """
+    """Reduce one linearized problem, a-priori rows included, to its singular values."""
     free = np.flatnonzero(parameters.free)
     q = len(free)
     with_prior = np.flatnonzero(np.isfinite(parameters.prior_sigmas[free]))
@@ -122,14 +91,14 @@ def factorize(
     triangle[np.arange(len(with_prior)), with_prior] = 1.0 / prior_sigmas
     triangle[:, q] = (parameters.prior_values - x)[free][with_prior] / prior_sigmas
 
-    # The triangle carries over from part to part, so no copy of all whitened rows is made.
+    # The triangle carries over from part to part, so no copy of all whitened rows is made
     for whitened in _whitened_rows(linearization, combinations, free) if q else ():
         triangle = reduced(triangle, whitened)
     if not np.isfinite(triangle).all():
         return None
 
     # Fewer rows than columns leave a trapezoid; rows of zeros complete it and show up as zero singular
-    # values.
+    # values
     matrix = np.zeros((q, q))
     right_side = np.zeros(q)
     height = min(q, len(triangle))
@@ -170,26 +139,14 @@ class LinearProblem:
 
     The partials are turned once to coordinates in which the problem, weighed as stated, is orthonormal: there normal
     equations lose no digits, and a fit takes no orthogonal factorization of all rows.
-
-    Parameters
-    ----------
-    partials : ndarray, shape (n, p)
-    x : ndarray, shape (p,)
-        Values that residuals belong to.
-    basis : ndarray, shape (n, q)
-        Partials by the orthonormal coordinates.
-    from_free, to_free : ndarray, shape (q, q)
-        From changes of the free parameters to coordinates and back.
-    start_rows : ndarray of int, shape (m,)
-        Usable observations that make the robust start.
     """
 
-    partials: NDArray[np.float64]
-    x: NDArray[np.float64]
-    basis: NDArray[np.float64]
-    from_free: NDArray[np.float64]
+    partials: NDArray[np.float64]  # (n, p)
+    x: NDArray[np.float64]  # (p,), values that residuals belong to
+    basis: NDArray[np.float64]  # (n, q), partials by the orthonormal coordinates
+    from_free: NDArray[np.float64]  # (q, q), from changes of the free parameters to coordinates and back
     to_free: NDArray[np.float64]
-    start_rows: NDArray[np.intp]
+    start_rows: NDArray[np.intp]  # (m,), usable observations that make the robust start
 
     def of(
         self, residual_m: NDArray[np.float64]
@@ -197,7 +154,7 @@ class LinearProblem:
         """Residual function of residuals (n,) at the values `x`, m."""
 
         def linearized(x: NDArray[np.float64]) -> OrthonormalLinearization:
-            # Summed by numpy itself: the result does not depend on the number of threads.
+            # Summed by numpy itself: the result does not depend on the number of threads
             left_m = residual_m - np.einsum("np,p->n", self.partials, x - self.x)
             return OrthonormalLinearization(self, left_m)
 
@@ -249,8 +206,6 @@ def refreshed(
 ) -> Factor:
     """Factor of a neighbouring point: its right side from the gradient here, its triangle as it was there.
 
-    Notes
-    -----
     Corrected seminormal equations (Bjorck 1987): with the triangle R of an orthogonal factorization, R^-T A^T r is the
     right side but for rounding of the condition number, not of its square, times that of the residuals. It tells
     whether another step is worth taking, at a third of the cost of another factorization.
@@ -258,7 +213,7 @@ def refreshed(
     free = np.flatnonzero(parameters.free)
     gradient = (parameters.prior_values - x)[free] / parameters.prior_sigmas[free] ** 2
     for rows in _whitened_rows(linearization, combinations, free):
-        # Summed by numpy itself: the result does not depend on the number of threads.
+        # Summed by numpy itself: the result does not depend on the number of threads
         gradient += np.einsum("nq,n->q", rows[:, :-1], rows[:, -1])
     along = factor.vectors.T @ (gradient / factor.column_norms)
     s = factor.singular_values
@@ -280,20 +235,11 @@ def reduced(triangle: NDArray[np.float64], rows: NDArray[np.float64]) -> NDArray
 def covariance_of(
     factor: Factor, parameters: ParameterSet, unit: NDArray[np.float64] | None = None
 ) -> NDArray[np.float64]:
-    """Covariance over all parameters, shape (p, p).
-
-    Parameters
-    ----------
-    factor : Factor
-        Of the free ones.
-    parameters : ParameterSet
-    unit : ndarray, shape (r, r), optional
-        Covariance along the determined directions in units of their sigmas, where it is not the identity.
-    """
+    """Covariance over all parameters, shape (p, p)."""
     root = factor.root_covariance()
     covariance_free = root @ root.T if unit is None else root @ unit @ root.T
     # A parameter takes part in an undetermined direction if its share, in units of its scale, is more than
-    # rounding.
+    # rounding
     directions = factor.undetermined_directions() / parameters.scales[parameters.free]
     if len(directions):
         directions /= np.linalg.norm(directions, axis=1, keepdims=True)

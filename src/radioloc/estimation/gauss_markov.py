@@ -46,56 +46,28 @@ one that is not there costs little."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Points:
-    """A series whose noise is sought.
+    """A series whose noise is sought."""
 
-    Parameters
-    ----------
-    key, name, group : str
-        Series of the same group have one tau and one c / w, unless a series says otherwise; no key occurs twice.
-    kind : str
-        Kind of measurement.
-    count : int
-        Observations.
-    step_s, gain : ndarray, shape (n,)
-        Time since the point before, s; root of the number of observations that a point is the mean of.
-    residual : ndarray, shape (n,)
-        Whitened by the stated noise.
-    unit : ndarray, shape (n, q)
-        Partials, whitened likewise, by parameters of unit formal covariance.
-    squares : float
-        Sum of squares of the whitened residuals of all observations.
-    width_s : float
-        Duration of the bins that points are the means of, s; zero where they are single observations.
-    """
-
-    key: str
+    key: str  # no key occurs twice
     name: str
-    group: str
-    kind: str
-    count: int
-    step_s: _Floats
-    gain: _Floats
-    residual: _Floats
-    unit: _Floats
-    squares: float
-    width_s: float = 0.0
+    group: str  # series of a group have one tau and one c / w, unless a series says otherwise
+    kind: str  # of measurement
+    count: int  # observations
+    step_s: _Floats  # (n,), time since the point before, s
+    gain: _Floats  # (n,), root of the number of observations that a point is the mean of
+    residual: _Floats  # (n,), whitened by the stated noise
+    unit: _Floats  # (n, q), partials, whitened likewise, by parameters of unit formal covariance
+    squares: float  # sum of squares of the whitened residuals of all observations
+    width_s: float = 0.0  # duration of the bins, s; zero where points are single observations
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeriesNoise:
-    """Noise of a series in units of the stated one.
+    """Noise of a series in units of the stated one."""
 
-    Parameters
-    ----------
-    white : float
-        Variance w.
-    tau_s, coloured : ndarray, shape (taus,)
-        Variances c of Gauss-Markov processes by correlation time, s; their sum is the whole.
-    """
-
-    white: float
-    tau_s: _Floats
-    coloured: _Floats
+    white: float  # w
+    tau_s: _Floats  # (taus,), s
+    coloured: _Floats  # (taus,), variances c of processes of these correlation times; their sum is the whole
 
     @property
     def share(self) -> float:
@@ -145,12 +117,6 @@ def noise_of_series(series: Sequence[Points], absorbed: float) -> dict[str, Seri
 
     It is averaged over the likelihood, so it holds how badly it is known. A c far beyond the variance of the
     residuals, which then would all have been absorbed by the parameters, counts for as much less (Gelman 2006).
-
-    Parameters
-    ----------
-    series : sequence of Points
-    absorbed : float
-        Sigmas that the estimate may be off by: what it then takes out of a series is projected out.
     """
     columns = _with_absorbed(series, absorbed)
     enough = [

@@ -171,13 +171,7 @@ class ObservationNoise:
         return ObservationNoise(own_m, self.shared, tuple(blocks))
 
     def among(self, used: NDArray[np.bool_] | None = None) -> Combinations:
-        """Independent combinations of the observations in use, all of them by default.
-
-        Parameters
-        ----------
-        used : ndarray of bool, shape (n,), optional
-            Those left out drop out of their blocks.
-        """
+        """Independent combinations of the observations in use, all of them by default."""
         if self.shared is None or used is None:
             return Combinations(self, used, self.blocks)
         blocks: list[_Block] = []
@@ -207,21 +201,11 @@ class Whitening(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Combinations:
-    """Independent combinations of those observations that are in use; made by :meth:`ObservationNoise.among`.
+    """Independent combinations of those observations that are in use; made by :meth:`ObservationNoise.among`."""
 
-    Parameters
-    ----------
-    noise : ObservationNoise
-        Of all observations.
-    used : ndarray of bool, shape (n,), or None
-        Those in use; all where ``None``.
-    blocks : tuple of _Block
-        Those that share errors with others in use, and what is left of their blocks.
-    """
-
-    noise: ObservationNoise
-    used: NDArray[np.bool_] | None
-    blocks: tuple[_Block, ...]
+    noise: ObservationNoise  # of all observations
+    used: NDArray[np.bool_] | None  # (n,), those in use; all where None
+    blocks: tuple[_Block, ...]  # those that share errors with others in use, and what is left of their blocks
 
     def weights(self) -> NDArray[np.float64] | None:
         """Weights (n,), zero of those not in use; none where observations share errors."""
@@ -250,21 +234,7 @@ class Combinations:
     def parts(
         self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
     ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Independent combinations, part by part, in an order of their own.
-
-        Parameters
-        ----------
-        rows_of : callable
-            From indices of observations (m,) to numbers that belong to them, shape (m, k), such as partials and
-            residuals side by side; a new array, which is used up.
-
-        Yields
-        ------
-        combined : ndarray, shape (m, k)
-            Of an observation that shares no error, its own row.
-        sigma_m : ndarray, shape (m,)
-            Their standard deviations, m.
-        """
+        """Independent combinations, part by part, in an order of their own."""
         for rows, block in self.rows():
             values = rows_of(rows.ravel())
             if block is None:
@@ -296,21 +266,11 @@ class Combinations:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Block:
-    """Blocks of one size.
+    """Blocks of one size."""
 
-    Parameters
-    ----------
-    rows : ndarray of int, shape (b, k)
-        Observations of each block.
-    axes : ndarray, shape (b, k, k)
-        Principal axes of their covariance in columns.
-    combined_m : ndarray, shape (b, k)
-        Standard deviations along the axes.
-    """
-
-    rows: NDArray[np.intp]
-    axes: NDArray[np.float64]
-    combined_m: NDArray[np.float64]
+    rows: NDArray[np.intp]  # (b, k), observations of each block
+    axes: NDArray[np.float64]  # (b, k, k), principal axes of their covariance in columns
+    combined_m: NDArray[np.float64]  # (b, k), standard deviations along the axes
 
     def select(self, which: NDArray[np.bool_] | slice) -> _Block:
         """Some of the blocks."""

@@ -35,16 +35,6 @@ _SETTLED = 0.1  # the fitted values have settled when none moves by more than th
 def robust_scale(normalized: NDArray[np.float64], n_parameters: int) -> float:
     """Spread of normalized residuals, 1 where the stated sigmas are right, by the median absolute deviation.
 
-    Parameters
-    ----------
-    normalized : ndarray, shape (n,)
-        Residuals over their stated sigmas; up to half of them may be gross errors.
-    n_parameters : int
-        Number of parameters estimated. A robust fit passes through that many observations, whose residuals of
-        zero say nothing and are left out (DuMouchel and O'Brien 1989).
-
-    Notes
-    -----
     The deviation is taken from zero, where the residuals of a fit should be centred. Zero if there are no
     residuals.
     """
@@ -72,33 +62,6 @@ def robust_start(
     the sum of absolute residuals, by iteratively reweighted least squares on each linearization. The loss
     is convex: far from the solution there is no false minimum of a linear model to fall into, and no scale
     has to be guessed. Of more than :data:`_MOST_ROWS` observations a sample makes the start (:func:`sample`).
-
-    Parameters
-    ----------
-    residual_function : callable
-        As for :func:`~radioloc.estimation.least_squares.fit_least_squares`.
-    parameters : ParameterSet
-        What is solved for; starts at the a-priori values.
-    sigma_m : ndarray, shape (n,)
-        Stated standard deviations, m. Errors that observations share count in each as if it were alone with them: a
-        start need not weigh the last bit.
-    usable : ndarray of bool, shape (n,)
-        Observations that may take part.
-    settings : FitSettings
-        Tolerances of rank.
-    at_start : Linearization, optional
-        The one at the a-priori values, where it is known already.
-
-    Returns
-    -------
-    x : ndarray, shape (p,)
-    linearization : Linearization
-        At x, of all observations.
-
-    Raises
-    ------
-    InputError
-        Residuals or partials at the start are not finite.
     """
     x = parameters.prior_values
     free = np.flatnonzero(parameters.free)
@@ -180,8 +143,6 @@ def sample(
 ) -> NDArray[np.intp]:
     """Rows that stand for all usable ones, in order, about as many as `most` or fewer.
 
-    Notes
-    -----
     Each free parameter has the same number of draws. Half the chance of an observation is the same for all that the
     parameter acts on, so a bias of one rare station has its observations in the sample; half is in proportion to
     (partial / sigma)^2, so those that say most are in it (Drineas, Mahoney and Muthukrishnan 2006). The draws are

@@ -29,25 +29,13 @@ _ONE_SIGMA = 1e-6
 
 @dataclass(frozen=True, slots=True, eq=False)
 class SeriesOrder:
-    """Rows in order of series and time; the same for all fits of the same observations.
+    """Rows in order of series and time; the same for all fits of the same observations."""
 
-    Parameters
-    ----------
-    types, paths : Labels
-        Kind and light path of the n observations; those of one kind and path are a series.
-    time_s : ndarray, shape (n,)
-        When each was made, s from any instant.
-    code : ndarray of int, shape (n,)
-        Series of each observation.
-    order : ndarray of int, shape (n,)
-        Rows, sorted by series and time.
-    """
-
-    types: Labels
+    types: Labels  # kind and light path of the n observations; those of one kind and path are a series
     paths: Labels
-    time_s: _Floats
-    code: NDArray[np.intp]
-    order: NDArray[np.intp]
+    time_s: _Floats  # (n,), when each was made, s from any instant
+    code: NDArray[np.intp]  # (n,), series of each observation
+    order: NDArray[np.intp]  # (n,), rows, sorted by series and time
 
     @classmethod
     def of(cls, types: Labels, paths: Labels, time_s: _Floats) -> SeriesOrder:
@@ -66,33 +54,16 @@ class SeriesOrder:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Batch:
-    """Series that are whitened together: one of single observations, or the k combinations of k baselines.
+    """Series that are whitened together: one of single observations, or the k combinations of k baselines."""
 
-    Parameters
-    ----------
-    keys, names : tuple of str
-        Of the k series; no key occurs twice, and names are for the reader.
-    groups : tuple of str
-        Series of the same group may have the same noise model.
-    rows : ndarray of int, shape (b, k)
-        In order of time.
-    time_s : ndarray, shape (b,)
-    whitening : ndarray, shape (b, k, k)
-        From observations to independent combinations of unit variance.
-    kind : str
-        Kind of measurement.
-    shared : str
-        What the combinations are called together; empty for a series of single observations.
-    """
-
-    keys: tuple[str, ...]
+    keys: tuple[str, ...]  # of the k series; no key occurs twice, and names are for the reader
     names: tuple[str, ...]
-    groups: tuple[str, ...]
-    rows: NDArray[np.intp]
-    time_s: _Floats
-    whitening: _Floats
-    kind: str
-    shared: str = ""
+    groups: tuple[str, ...]  # series of the same group may have the same noise model
+    rows: NDArray[np.intp]  # (b, k), in order of time
+    time_s: _Floats  # (b,)
+    whitening: _Floats  # (b, k, k), from observations to independent combinations of unit variance
+    kind: str  # kind of measurement
+    shared: str = ""  # what the combinations are called together; empty for a series of single observations
 
     def whitened(self, rows_of: Callable[[Rows], _Floats]) -> _Floats:
         """Combinations of numbers that belong to observations, from rows (m,) to (m, c); shape (b, k, c)."""
@@ -179,7 +150,7 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
         sort = np.argsort(order.time_s[rows[:, 0]], kind="stable")
         first, kind = sort[0], order.type_of(key[0])
         # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
-        # in time and the other not, however near their sigmas are.
+        # in time and the other not, however near their sigmas are
         part = np.cumsum(np.diff(combined_m[first], prepend=-np.inf) > _ONE_SIGMA * combined_m[first])
         batches.append(
             Batch(

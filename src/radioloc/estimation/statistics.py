@@ -109,15 +109,7 @@ def finite_or_none(value: float) -> float | None:
 
 
 def chi2_quantile(probability: float, dof: int) -> float:
-    """Value that chi-square of some degrees of freedom stays below with a probability.
-
-    Parameters
-    ----------
-    probability : float
-        Between 0 and 1, both excluded.
-    dof : int
-        Degrees of freedom, 1 or more.
-    """
+    """Value that chi-square of some degrees of freedom stays below with a probability."""
     from scipy.special import gammaincinv
 
     return 2.0 * float(gammaincinv(0.5 * dof, probability))

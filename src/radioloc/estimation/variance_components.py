@@ -150,28 +150,7 @@ def additive_sigma_m(
     dof: int,
     probability: float | None = SCALING_PROBABILITY,
 ) -> float:
-    """Noise to add in quadrature so that the residuals have a reduced chi-square of one, m.
-
-    Parameters
-    ----------
-    residual_m, sigma_m : ndarray, shape (n,)
-        Residuals that were fitted, or independent combinations of them, and their stated sigmas.
-    dof : int
-        Degrees of freedom; none or fewer give none.
-    probability : float or None
-        A component is called for when chi-square is above what chance alone stays below with this probability;
-        with ``None`` when it is above one per degree of freedom.
-
-    Returns
-    -------
-    float
-        Zero where the stated sigmas explain the residuals.
-
-    Raises
-    ------
-    InputError
-        The shapes differ.
-    """
+    """Noise to add in quadrature so that the residuals have a reduced chi-square of one, m."""
     if residual_m.shape != sigma_m.shape:
         raise InputError(f"{residual_m.shape} residuals do not fit {sigma_m.shape} sigmas")
     if dof < 1:

@@ -103,7 +103,8 @@ class ParameterSet:
     """
 
     parameters: tuple[Parameter, ...]
-    _columns: dict[str, NDArray[Any]] = field(compare=False, repr=False)  # a fit asks for them again and again
+    # A fit asks for them again and again.
+    _columns: dict[str, NDArray[Any]] = field(compare=False, repr=False)
 
     def __init__(self, parameters: Iterable[Parameter]) -> None:
         items = tuple(parameters)

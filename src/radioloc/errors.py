@@ -88,5 +88,9 @@ class DataQualityWarning(RadiolocWarning):
     """A file marks its own data as suspect or poor."""
 
 
+class RenamedKeyWarning(RadiolocWarning):
+    """A study file has a key by its earlier name."""
+
+
 class PluginWarning(RadiolocWarning):
     """An entry point of another package cannot be used and is left out."""

@@ -11,6 +11,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from offset_moon import OffsetEphemeris, OffsetOrientation
 
 from radioloc import LunarPosition
 from radioloc.constants import C_M_S
@@ -30,7 +31,6 @@ from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.position import cartesian
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import middle_of
-from radioloc.simulation.offset_moon import OffsetEphemeris, OffsetOrientation
 from radioloc.studies.problem import observation_model
 from radioloc.studies.study import EstimateChoice, TerrainPrior
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai

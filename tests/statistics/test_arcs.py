@@ -12,7 +12,7 @@ from change5_case import LANDER, NOISE, RANGING, START, VLBI
 
 import radioloc
 from radioloc import Study
-from radioloc.simulation import Scenario, Schedule, Session, Spread, Truth, all_ranges, baselines
+from radioloc.simulation import Scenario, Schedule, Session, Truth, TruthSigma, all_ranges, baselines
 from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice
 
 pytestmark = pytest.mark.slow
@@ -35,7 +35,7 @@ def matched():
         Session("range", all_ranges(*RANGING), START, STOP, 240.0, sigma_m=1.0, one_uplink=True),
         Session("vlbi_delay", baselines(*VLBI), START, STOP, 240.0, sigma_m=0.3),
     ]
-    spread = Spread(
+    truth_sigma = TruthSigma(
         position_enu_m=(0.0, 0.0, HEIGHT_SIGMA_M), range_bias_m=dict.fromkeys(RANGING, BIAS_SIGMA_M)
     )
     study = Study(
@@ -46,7 +46,7 @@ def matched():
             height_prior=HeightPrior(-2550.4, HEIGHT_SIGMA_M),
         ),
         model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
-        simulation=Scenario(Schedule(sessions), LANDER, Truth(), NOISE, spread, seed=20201201),
+        simulation=Scenario(Schedule(sessions), LANDER, Truth(), NOISE, truth_sigma, seed=20201201),
     )
     found = radioloc.monte_carlo(study, TRIALS, HOURS, workers=2)
     assert found.linear
@@ -82,17 +82,17 @@ def test_differences_between_arcs_are_as_large_as_they_should_be(matched):
         assert 1.505 < squares.mean() < 2.586
 
 
-REALISTIC = Spread(
-    moon_m=(0.05, 0.4, 0.3),
+REALISTIC = TruthSigma(
+    moon_position_m=(0.05, 0.4, 0.3),
     libration_rad=(5e-8, 5e-8, 5e-8),
-    station_enu_m=dict.fromkeys(RANGING, (0.1, 0.1, 0.1)) | dict.fromkeys(VLBI, (0.03, 0.03, 0.04)),
+    station_position_m=dict.fromkeys(RANGING, (0.1, 0.1, 0.1)) | dict.fromkeys(VLBI, (0.03, 0.03, 0.04)),
     ut1_s=2e-5,
     pole_rad=(5e-10, 5e-10),
     clock_s=dict.fromkeys(RANGING, 7e-9) | dict.fromkeys(VLBI, 1.3e-10),
-    clock_rate=dict.fromkeys(VLBI, 3e-15),
+    clock_rate_s_s=dict.fromkeys(VLBI, 3e-15),
     range_bias_m=dict.fromkeys(RANGING, 5.0),
     zenith_delay_m=dict.fromkeys(RANGING, 0.03) | dict.fromkeys(VLBI, 0.015),
-    tec_tecu=dict.fromkeys(RANGING, 3.0) | dict.fromkeys(VLBI, 2.0),
+    electron_content_tecu=dict.fromkeys(RANGING, 3.0) | dict.fromkeys(VLBI, 2.0),
     clock_epoch_utc=START,
 )
 """Departures of the size of those that the example has, drawn anew in every trial."""
@@ -103,7 +103,7 @@ def lasting(request):
     """The example's tracking: departures from the model, and noise that lasts for hours."""
     study = radioloc.read_study(EXAMPLE)
     if request.param == "departures drawn":
-        study = replace(study, simulation=replace(study.simulation, truth=Truth(), spread=REALISTIC))
+        study = replace(study, simulation=replace(study.simulation, truth=Truth(), truth_sigma=REALISTIC))
     found = radioloc.monte_carlo(study, 200, HOURS, workers=2)
     assert found.linear
     assert found.converged

@@ -15,8 +15,8 @@ from radioloc.simulation import (
     Scenario,
     Schedule,
     Session,
-    Spread,
     Truth,
+    TruthSigma,
     all_ranges,
     baselines,
 )
@@ -50,7 +50,7 @@ def trials(step_s, noise, weights, station_sigma_m=0.18):
         Session("range", all_ranges(*RANGING), START, STOP, step_s, sigma_m=2.0, one_uplink=True),
         Session("vlbi_delay", baselines(*VLBI), START, STOP, step_s, sigma_m=0.38),
     ]
-    spread = Spread(position_enu_m=(0.0, 0.0, 5.0), range_bias_m=dict.fromkeys(RANGING, 10.0))
+    truth_sigma = TruthSigma(position_enu_m=(0.0, 0.0, 5.0), range_bias_m=dict.fromkeys(RANGING, 10.0))
     study = Study(
         target=NEAR,
         estimate=EstimateChoice(
@@ -61,7 +61,7 @@ def trials(step_s, noise, weights, station_sigma_m=0.18):
         ),
         observations=ObservationChoice(vlbi_station_sigma_m=station_sigma_m),
         model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
-        simulation=Scenario(Schedule(sessions), LANDER, Truth(), noise, spread, seed=20201201),
+        simulation=Scenario(Schedule(sessions), LANDER, Truth(), noise, truth_sigma, seed=20201201),
         name="plan",
     )
     found = radioloc.monte_carlo(study, TRIALS, (24.0,))

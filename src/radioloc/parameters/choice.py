@@ -18,7 +18,7 @@ from radioloc.errors import InputError, StationError
 from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.targets import canonical_target
-from radioloc.parameters.columns import PASS_GAP_H, Columns, Member, columns_of, members
+from radioloc.parameters.columns import PASS_GAP_H, Columns, Member, columns_of, everyone, members
 from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
@@ -97,7 +97,8 @@ def chosen_parameters(
     predictor : Predictor
         Of observations none of which is combined.
     role : Role
-        Of what is listed.
+        Of what is listed; fixed for the errors of a simulated world, where a value may be of anybody who takes part,
+        also where it could not be estimated.
     gap_h : float
         A new pass begins after so many hours without an observation.
 
@@ -111,7 +112,7 @@ def chosen_parameters(
     if not choice.is_given:
         return None
     scope = choice.scope(kind)
-    present = members(kind, scope, predictor)
+    present = everyone(scope, predictor) if role is Role.FIXED else members(kind, scope, predictor)
     listed = _listed(kind, choice, scope, predictor, present, role)
     values = _by_member(kind, kind.value_key, choice.value, scope, predictor, present, present)
     sigmas = _by_member(kind, kind.sigma_key, choice.sigma, scope, predictor, present, listed)
@@ -205,7 +206,7 @@ def _amounts(kind: ParameterKind, key: str, given: Any, *, positive: bool) -> An
     try:
         return _amount(kind, key, given, positive)
     except InputError as error:
-        if isinstance(given, (str, Sequence)):
+        if isinstance(given, str) or (isinstance(given, Sequence) and any(isinstance(v, str) for v in given)):
             raise InputError(f"{error}; {kind.name} says whose it is") from None
         raise
 
@@ -222,9 +223,13 @@ def _amount(kind: ParameterKind, key: str, given: Any, positive: bool) -> Amount
 def _number(key: str, value: Any, positive: bool) -> float:
     if isinstance(value, bool) or not isinstance(value, (int, float, np.integer, np.floating)):
         raise InputError(f"{key} must be a number, not {value!r}")
-    if positive and not (math.isfinite(value) and value > 0.0):
+    try:
+        finite = math.isfinite(value)
+    except OverflowError:  # of a whole number
+        finite = False
+    if positive and not (finite and value > 0.0):
         raise InputError(f"{key} must be above zero, not {value!r}")
-    if not math.isfinite(value):
+    if not finite:
         raise InputError(f"{key} must be a finite number, not {value!r}")
     return float(value)
 

@@ -108,6 +108,17 @@ def members(kind: ParameterKind, scope: Scope, predictor: Predictor) -> list[Mem
     return [Member(k, name(k)) for k in sorted(found)]
 
 
+def everyone(scope: Scope, predictor: Predictor) -> list[Member]:
+    """Whom parameters can belong to, whether or not they can be estimated from the observations."""
+    count = {
+        Scope.STATION: len(predictor.stations),
+        Scope.LINK: len(predictor.observations.links),
+        Scope.TARGET: max(1, len(predictor.targets)),
+    }
+    name = _namer(scope, predictor)
+    return [Member(k, name(k)) for k in range(count.get(scope, 1))]
+
+
 def _namer(scope: Scope, predictor: Predictor) -> Callable[[int], str]:
     if scope in (Scope.STATION, Scope.PASS):
         return lambda k: predictor.stations[k]

@@ -1,9 +1,7 @@
-"""Simulated tracking: what can be seen, what is measured when, how the world departs from the model, noise."""
+"""Simulated tracking: what can be seen, what is measured when, in what the world differs from the model, and noise."""
 
 from radioloc.lunar.visibility import hidden_by_moon
-from radioloc.simulation.departures import Departure, Spread, departed
 from radioloc.simulation.noise import Noise, NoiseModel
-from radioloc.simulation.scenario import Scenario
 from radioloc.simulation.schedule import (
     Plan,
     Schedule,
@@ -13,13 +11,11 @@ from radioloc.simulation.schedule import (
     three_way,
     two_way,
 )
-from radioloc.simulation.simulate import Simulated, World, simulate
-from radioloc.simulation.truth import Clock, Truth
+from radioloc.simulation.simulate import Scenario, Simulated, World, simulate
+from radioloc.simulation.truth import Truth, TruthSigma
 from radioloc.simulation.visibility import Elevations, Masks, Window, elevations, windows
 
 __all__ = [
-    "Clock",
-    "Departure",
     "Elevations",
     "Masks",
     "Noise",
@@ -29,13 +25,12 @@ __all__ = [
     "Schedule",
     "Session",
     "Simulated",
-    "Spread",
     "Truth",
+    "TruthSigma",
     "Window",
     "World",
     "all_ranges",
     "baselines",
-    "departed",
     "elevations",
     "hidden_by_moon",
     "simulate",

@@ -23,8 +23,7 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import BASELINE_KINDS, Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
-from radioloc.simulation.dense_visibility import seen
-from radioloc.simulation.visibility import Masks, Target
+from radioloc.simulation.visibility import Masks, Target, seen
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 
 Pair = tuple[str, str]

@@ -3,27 +3,34 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, field, fields, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
+from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
-from radioloc.measurements.observations import RANGE, Observations
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.predictor import reasons
+from radioloc.measurements.predictor import Prediction, Predictor, reasons
 from radioloc.measurements.registry import KINDS
+from radioloc.parameters.columns import blocks
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.noise import NoiseModel
 from radioloc.simulation.schedule import Plan, Schedule
-from radioloc.simulation.truth import Truth
-from radioloc.simulation.visibility import Target
-
-_ROWS_AT_ONCE = 65536
+from radioloc.simulation.truth import (
+    DrawnErrors,
+    Truth,
+    TruthSigma,
+    drawn_errors,
+    fixed_errors,
+    needs_more_partials,
+)
+from radioloc.time import epochs_from_strings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,13 +44,13 @@ class Simulated:
     target_pa_m : ndarray, shape (3,)
         Where the point truly is, principal axes, m; of a spacecraft the offset from its trajectory, zeros.
     truth : Truth
-        In what the world departs from the nominal model.
+        In what the world differs from the nominal model.
     noise : NoiseModel
     seed : int
     error_free_m : ndarray, shape (n,)
-        What instruments without errors would have measured in that world, m.
+        What the nominal model, with the world's terms, makes of it, m.
     added_m : dict of str to ndarray, shape (n,)
-        What clocks, biases and media added, m.
+        What the truth's errors add, m, by kind of parameter.
     noise_m : ndarray, shape (n,)
         Random error, m.
     is_outlier : ndarray of bool, shape (n,)
@@ -72,7 +79,7 @@ class Simulated:
             self.observations.summary(),
             where if self.trajectory is None else f"true trajectory: {self.trajectory}",
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
-            *(f"{name}: {_shown(value)}" for name, value in _departures(self.truth)),
+            *(f"{name}: {_shown(value)}" for name, value in _differences(self.truth)),
             f"noise of station arrivals (VLBI): {_shown(self.noise.vlbi_station)}",
             *(
                 [f"noise of the growth of station arrivals (VLBI): {_shown(self.noise.vlbi_station_rate)}"]
@@ -98,6 +105,10 @@ class World:
     error_free_m : ndarray, shape (n,)
     added_m : dict of str to ndarray, shape (n,)
         As in :class:`Simulated`.
+    errors : dict of str to float
+        Errors of the truth by parameter, such as ``"range_bias.KASHI"``.
+    drawn : DrawnErrors
+        Errors that a trial of a Monte Carlo study draws; no part of :meth:`draw`.
     trajectory : Trajectory or None
         Of a spacecraft; the position then is an offset from it, zeros.
     """
@@ -107,6 +118,8 @@ class World:
     truth: Truth
     error_free_m: NDArray[np.float64]
     added_m: dict[str, NDArray[np.float64]]
+    errors: dict[str, float]
+    drawn: DrawnErrors
     trajectory: Trajectory | None = None
 
     @classmethod
@@ -115,40 +128,45 @@ class World:
         schedule: Schedule,
         target: LunarPosition | Trajectory,
         truth: Truth | None = None,
+        truth_sigma: TruthSigma | None = None,
         *,
         model: PhysicalModel,
         name: str = "lander",
-        plan: Plan | None = None,
     ) -> World:
-        """Compute all but the noise; parameters and errors as :func:`simulate`.
-
-        With a `plan`, that is measured, and the schedule is not planned again.
-        """
-        truth = truth or Truth()
+        """Compute all but the noise; parameters and errors as :func:`simulate`."""
+        truth, truth_sigma = truth or Truth(), truth_sigma or TruthSigma()
         trajectory = target if isinstance(target, Trajectory) else None
         target_pa_m = (
             np.zeros(3)
             if isinstance(target, Trajectory)
             else target.to_axes("PA", model.ephemeris.constants).xyz_m
         )
-        place: Target = target_pa_m if trajectory is None else trajectory
-        world = truth.model(model)
-        # What the stations believe is what they plan with.
-        plan = plan or schedule.plan(model, place, name)
-        happened = replace(plan.observations, epoch=truth.true_epochs(plan.observations, model.catalogue))
-        error_free_m = _computed_m(world, happened, target_pa_m, trajectory)
-        ranges = plan.observations.kind == RANGE
-        light_time_s = np.where(ranges, error_free_m / C_M_S, 0.0)
-        added_m = truth.added_m(world, plan.observations, place, light_time_s)
-        return cls(plan, target_pa_m, truth, error_free_m, added_m, trajectory)
+        plan = schedule.plan(model, target_pa_m if trajectory is None else trajectory, name)
+        predictor = prepare_predictor(
+            truth.model(model),
+            plan.observations,
+            target_pa_m,
+            trajectory=trajectory,
+            more_partials=needs_more_partials(truth, truth_sigma),
+        )
+        at = predictor.at(target_pa_m)
+        _require_usable(predictor, at)
+        start = min(schedule.sessions, key=lambda s: epochs_from_strings(s.start_utc, "UTC").mjd[0]).start_utc
+        added_m, errors = fixed_errors(truth, predictor, at, target_pa_m, start)
+        enu_pa = np.eye(3) if trajectory else rot_pa_to_enu(target_pa_m, model)
+        drawn = drawn_errors(truth_sigma, predictor, at, target_pa_m, enu_pa, start)
+        return cls(plan, target_pa_m, truth, at.value_m, added_m, errors, drawn, trajectory)
+
+    @property
+    def value_m(self) -> NDArray[np.float64]:
+        """Observed values without noise and drawn errors, m, shape (n,)."""
+        return np.asarray(self.error_free_m + sum(self.added_m.values(), start=0.0))
 
     def draw(self, noise: NoiseModel | None = None, *, seed: int = 0) -> Simulated:
         """Observations with one realization of the noise; parameters and errors as :func:`simulate`."""
         noise = noise or NoiseModel()
         noise_m, is_outlier = noise.draw(self.plan, seed)
-        value_m = self.error_free_m + noise_m
-        for added_m in self.added_m.values():
-            value_m += added_m
+        value_m = self.value_m + noise_m
         value_m.flags.writeable = False
         return Simulated(
             observations=replace(self.plan.observations, value_m=value_m),
@@ -162,6 +180,50 @@ class World:
             is_outlier=is_outlier,
             trajectory=self.trajectory,
         )
+
+
+@dataclass(frozen=True, slots=True)
+class Scenario:
+    """All that a simulation needs besides the nominal model.
+
+    Parameters
+    ----------
+    schedule : Schedule
+        What is measured and when.
+    position : LunarPosition
+        Where the point stands.
+    truth : Truth
+        In what the world differs from the nominal model.
+    noise : NoiseModel
+        Random errors.
+    truth_sigma : TruthSigma
+        Errors that are drawn anew in every trial, about those of the truth.
+    seed : int
+        Not negative.
+    name : str
+        Name of the point in the observations.
+    """
+
+    schedule: Schedule
+    position: LunarPosition
+    truth: Truth = field(default_factory=Truth)
+    noise: NoiseModel = field(default_factory=NoiseModel)
+    truth_sigma: TruthSigma = field(default_factory=TruthSigma)
+    seed: int = 0
+    name: str = "lander"
+
+    def world(self, model: PhysicalModel) -> World:
+        """The simulated world about a nominal model; errors as :func:`simulate`."""
+        return World.prepare(
+            self.schedule, self.position, self.truth, self.truth_sigma, model=model, name=self.name
+        )
+
+
+def rot_pa_to_enu(target_pa_m: NDArray[np.float64], model: PhysicalModel) -> NDArray[np.float64]:
+    """East, north and up (selenocentric) at a point, in principal axes, as rows, shape (3, 3)."""
+    rot = rot_pa_to_me(model.ephemeris.constants)
+    longitude_rad, latitude_rad, _ = cartesian_to_selenographic(rot @ target_pa_m)
+    return np.asarray(east_north_up(longitude_rad, latitude_rad) @ rot)
 
 
 def simulate(
@@ -183,7 +245,7 @@ def simulate(
     target : LunarPosition or Trajectory
         Where the point truly is.
     truth : Truth, optional
-        In what the world departs from the nominal model; in nothing where not given.
+        In what the world differs from the nominal model; in nothing where not given.
     noise : NoiseModel, optional
         Random errors; none where not given.
     model : PhysicalModel
@@ -210,21 +272,15 @@ def simulate(
     return World.prepare(schedule, target, truth, model=model, name=name).draw(noise, seed=seed)
 
 
-def _computed_m(
-    world: PhysicalModel,
-    observations: Observations,
-    target_pa_m: NDArray[np.float64],
-    trajectory: Trajectory | None,
-) -> NDArray[np.float64]:
-    """Prediction of the observations, refused where the model does not hold."""
-    predictor = prepare_predictor(world, observations, target_pa_m, trajectory=trajectory)
-    predicted = predictor.at(target_pa_m)
+def _require_usable(predictor: Predictor, at: Prediction) -> None:
+    """Refuse observations for which the model does not hold."""
+    observations = predictor.observations
     wrong, problem = 0, ""
-    for start in range(0, len(observations), _ROWS_AT_ONCE):
-        computed = predicted.rows(slice(start, start + _ROWS_AT_ONCE))
+    for rows in blocks(predictor):
+        computed = at.rows(rows)
         found = np.flatnonzero(~computed.usable)
         if len(found) and not wrong:
-            row = start + int(found[0])
+            row = int(rows[found[0]])
             problem = reasons(predictor, computed.rows(found[:1]), [row])[1][0]
         wrong += len(found)
     if wrong:
@@ -234,14 +290,13 @@ def _computed_m(
             f"{wrong} of {len(observations)} observations cannot be simulated; the first, a {kind} of {link}: "
             f"{problem}; raise the elevation mask, or leave the term out of the model"
         )
-    return predicted.value_m
 
 
-def _departures(truth: Truth) -> list[tuple[str, Any]]:
+def _differences(truth: Truth) -> list[tuple[str, Any]]:
     """Names and values of what a truth sets."""
-    plain = Truth()
-    found = [(f.name, getattr(truth, f.name)) for f in fields(truth)]
-    return [(name, value) for name, value in found if value != getattr(plain, name)]
+    found = [(PARAMETERS[name].value_key, choice.value) for name, choice in truth.values.items()]
+    others = [(name, getattr(truth, name)) for name in ("terms_on", "terms_off", "clock_epoch_utc")]
+    return found + [(name, value) for name, value in others if value]
 
 
 def _shown(value: Any) -> str:
@@ -253,6 +308,4 @@ def _shown(value: Any) -> str:
         return "; ".join(f"{key} {_shown(v)}" for key, v in value.items())
     if isinstance(value, tuple):
         return f"({', '.join(_shown(v) for v in value)})"
-    if isinstance(value, float):
-        return f"{value:.10g}"
-    return f"{getattr(value, '__name__', value)}"
+    return f"{value:.10g}" if isinstance(value, float) else str(value)

@@ -1,274 +1,301 @@
-"""What the world of a simulation has that the model used to fit it has not.
+"""What the simulated world has that the model of the fit has not: terms, and errors of parameters, known and drawn.
 
-A truth is a list of departures from a nominal model, real minus modelled. Those of places and orientations make another
-:class:`~radioloc.measurements.physical_model.PhysicalModel` (:meth:`Truth.model`); those of instruments and air are
-added to the observations by name (:meth:`Truth.added_m`).
+The parameters are those of the registry (:data:`~radioloc.parameters.registry.PARAMETERS`). Their errors act to first
+order, by the design matrix; what that leaves out is below 0.2 mm for errors up to the limits that are allowed here.
 """
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from typing import TypeVar
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S
-from radioloc.earth.eop import EopTable
-from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.orientation import EarthOrientation
-from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
-from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import RANGE, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.registry import is_differenced, is_integrated
+from radioloc.measurements.predictor import Prediction, Predictor
 from radioloc.measurements.terms import active_terms
-from radioloc.simulation.media import MappingFunction, black_eisner, media_error_m, thin_shell
-from radioloc.simulation.model_errors import ModelErrors
-from radioloc.simulation.offset_moon import OffsetEphemeris, OffsetOrientation
-from radioloc.simulation.visibility import Target
-from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, utc_to_tai
+from radioloc.parameters.choice import ParameterChoice, chosen_parameters
+from radioloc.parameters.columns import blocks
+from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
+from radioloc.parameters.kind import ParameterKind, Scope
+from radioloc.parameters.parameter import Parameter, Role
+from radioloc.parameters.position import PositionParameters, cartesian
+from radioloc.parameters.registry import PARAMETERS
+from radioloc.simulation.noise import generator
+from radioloc.time import epochs_from_strings, utc_to_tai
 
-_Value = TypeVar("_Value")
+_LARGEST = {
+    "clock": (0.01, "the curvature of a range then is below 4 micrometres"),
+    "time_bias": (0.01, "the curvature of a range then is below 4 micrometres"),
+    "clock_rate": (1e-8, "its clock then stays within 0.01 s for days"),
+    "station_position": (200.0, "the square of it over the distance then is below 0.2 mm"),
+    "moon_position": (200.0, "the square of it over the distance then is below 0.2 mm"),
+    "libration": (1e-5, "the square of it times the radius then is below 0.2 mm"),
+    "pole": (5e-6, "the square of it times the radius then is below 0.2 mm"),
+    "ut1": (0.07, "the square of the angle times the radius then is below 0.2 mm"),
+}
+"""Errors up to which first order is enough, and why."""
 
 
-@dataclass(frozen=True, slots=True)
-class Clock:
-    """Error of a station's clock.
+@dataclass(frozen=True, slots=True, init=False)
+class Truth:
+    """In what the simulated world differs from the nominal model, real minus modelled.
 
     Parameters
     ----------
-    offset_s : float
-        What it reads minus what it should, s.
-    rate : float
-        Growth of that, s/s.
-    epoch_utc : str, optional
-        When the offset holds; needed with a rate.
+    terms_on, terms_off : iterable of str
+        Terms (:data:`radioloc.measurements.terms.TERMS`) that the world has and the model not, and the reverse.
+    clock_epoch_utc : str, optional
+        When the offsets of clocks and frequencies hold that have a rate; the start of the first session if not given.
+    **values
+        Errors of parameters by the keys that their a-priori values have in a study file, such as ``range_bias_m``: a
+        number, or one for each component, of everybody or in a mapping by name. Names of stations are those of the
+        catalogue or aliases; those that observe nothing do not matter.
 
     Raises
     ------
     InputError
-        A rate without an epoch, or the offset is longer than a second.
+        A key or a term is not known, or an error is larger than first order is good for.
     """
 
-    offset_s: float = 0.0
-    rate: float = 0.0
-    epoch_utc: str | None = None
+    values: Mapping[str, ParameterChoice]
+    terms_on: tuple[str, ...]
+    terms_off: tuple[str, ...]
+    clock_epoch_utc: str | None
 
-    def __post_init__(self) -> None:
-        if not (abs(self.offset_s) < 1.0 and abs(self.rate) < 1e-6):
-            raise InputError(
-                f"a clock {self.offset_s!r} s and {self.rate!r} s/s off is not one that tracks; below 1 s and 1e-6"
-            )
-        if self.rate and self.epoch_utc is None:
-            raise InputError("a clock's rate needs the epoch_utc at which its offset holds")
+    def __init__(
+        self,
+        *,
+        terms_on: Iterable[str] = (),
+        terms_off: Iterable[str] = (),
+        clock_epoch_utc: str | None = None,
+        **values: Any,
+    ) -> None:
+        object.__setattr__(self, "values", _choices(values))
+        object.__setattr__(self, "terms_on", tuple(terms_on))
+        object.__setattr__(self, "terms_off", tuple(terms_off))
+        object.__setattr__(self, "clock_epoch_utc", clock_epoch_utc)
+        active_terms((*self.terms_on, *self.terms_off))  # knows every name, or says which it does not
 
-    def error_s(self, tai: Epochs) -> NDArray[np.float64]:
-        """Reading minus right time, s, shape (n,)."""
-        if self.epoch_utc is None:
-            return np.full(len(tai), self.offset_s)
-        origin = utc_to_tai(epochs_from_strings([self.epoch_utc], "UTC"))
-        since_s = tai.seconds_since(origin[np.zeros(len(tai), dtype=np.int64)])
-        return self.offset_s + self.rate * since_s
+    def model(self, nominal: PhysicalModel) -> PhysicalModel:
+        """The nominal model with the world's terms."""
+        terms = (nominal.terms | set(self.terms_on)) - set(self.terms_off)
+        if terms == nominal.terms:
+            return nominal
+        subdaily = "subdaily_eop" in terms
+        earth = EarthOrientation(
+            nominal.earth.table,
+            subdaily_tides=subdaily,
+            libration=subdaily,
+            zonal_tides=nominal.earth.zonal_tides,
+        )
+        return replace(nominal, earth=earth, terms=frozenset(terms))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Truth(ModelErrors):
-    """Departures of the simulated world from the nominal model.
+@dataclass(frozen=True, slots=True, init=False)
+class TruthSigma:
+    """Standard deviations of errors that are drawn anew in every trial, about those of the truth.
 
     Parameters
     ----------
-    moon_m, libration_rad, station_enu_m, ut1_s, pole_rad, range_bias_m, zenith_delay_m, tec_tecu
-        As in :class:`~radioloc.simulation.model_errors.ModelErrors`.
-    clock : mapping of str to Clock
-        Stations' clocks. A clock that is ahead tags observations late and makes the arrivals that it times late.
-    terms_on, terms_off : collection of str
-        Terms (:data:`radioloc.measurements.terms.TERMS`) that the world has and the model not, and the reverse.
-    troposphere_mapping, ionosphere_mapping : callable
-        From elevation (rad) to the two delays over those in the zenith.
+    position_enu_m : tuple of float
+        Of the point itself about its nominal place, to the east, to the north and up (selenocentric), m: how far a
+        terrain map's height may be wrong, where the study has a prior on the height.
+    clock_epoch_utc : str, optional
+        As of :class:`Truth`.
+    **sigmas
+        Standard deviations of the errors of parameters, by the keys of :class:`Truth`.
 
-    Notes
-    -----
-    Names of stations are those of the catalogue or aliases.
+    Raises
+    ------
+    InputError
+        A key is not known, a number is negative, or larger than first order is good for.
     """
 
-    clock: Mapping[str, Clock] = field(default_factory=dict)
-    terms_on: Iterable[str] = ()
-    terms_off: Iterable[str] = ()
-    troposphere_mapping: MappingFunction = black_eisner
-    ionosphere_mapping: MappingFunction = thin_shell
+    sigmas: Mapping[str, ParameterChoice]
+    position_enu_m: tuple[float, float, float]
+    clock_epoch_utc: str | None
 
-    def __post_init__(self) -> None:
-        for name in ("terms_on", "terms_off"):
-            object.__setattr__(self, name, tuple(getattr(self, name)))
-
-    def model(self, nominal: PhysicalModel) -> PhysicalModel:
-        """The physical model of the simulated world.
-
-        Parameters
-        ----------
-        nominal : PhysicalModel
-            What the observations will be fitted with.
-
-        Raises
-        ------
-        InputError
-            A term is not known.
-        StationError
-            A station is not in the catalogue.
-        """
-        active_terms((*self.terms_on, *self.terms_off))
-        terms = (nominal.terms | set(self.terms_on)) - set(self.terms_off)
-        ephemeris, libration = nominal.ephemeris, nominal.libration
-        if any(self.moon_m):
-            ephemeris = OffsetEphemeris.of(ephemeris, self.moon_m)
-        if any(self.libration_rad):
-            libration = OffsetOrientation.of(libration, self.libration_rad)
-        return replace(
-            nominal,
-            ephemeris=ephemeris,
-            libration=libration,
-            earth=self._earth(nominal.earth, "subdaily_eop" in terms),
-            catalogue=self._catalogue(nominal.catalogue),
-            terms=frozenset(terms),
-        )
-
-    def true_epochs(self, observations: Observations, catalogue: StationCatalogue) -> Epochs:
-        """When the tagged events happened; the tags are what the stations' clocks read then, UTC.
-
-        Raises
-        ------
-        StationError
-            A station is not in the catalogue.
-        """
-        if not self.clock:
-            return observations.epoch
-        tai = utc_to_tai(observations.epoch)
-        first_s, second_s = self._clock_errors_s(observations, catalogue, tai, tai)
-        transmit, receive = (TIME_TAGS.index(name) for name in ("transmit", "receive"))
-        by_first = is_differenced(observations.kind) | (observations.tag == transmit)
-        error_s = np.where(by_first, first_s, np.where(observations.tag == receive, second_s, 0.0))
-        moved = tai_to_utc(tai.shifted(-error_s))
-        # Clocks that are right leave the tag as it was, to the last bit.
-        return Epochs(
-            np.where(error_s == 0.0, observations.epoch.jd, moved.jd),
-            np.where(error_s == 0.0, observations.epoch.fraction, moved.fraction),
-            "UTC",
-        )
-
-    def added_m(
+    def __init__(
         self,
-        world: PhysicalModel,
-        observations: Observations,
-        target_pa_m: Target,
-        light_time_s: NDArray[np.float64],
-    ) -> dict[str, NDArray[np.float64]]:
-        """What clocks, biases and media add to each observation, by name, m.
-
-        Parameters
-        ----------
-        world : PhysicalModel
-            From :meth:`model`.
-        observations : Observations
-        target_pa_m : ndarray, shape (3,), or Trajectory
-            Principal axes, m, or a spacecraft.
-        light_time_s : ndarray, shape (n,)
-            From the first sending to the last reception; used for ranges.
-
-        Returns
-        -------
-        dict of str to ndarray, shape (n,)
-            ``clock`` (beyond the tag's shift), ``range_bias``, ``troposphere``, ``ionosphere``; those that are given.
-
-        Raises
-        ------
-        StationError
-            A station is not in the catalogue.
-        InputError
-            As :func:`radioloc.simulation.media.media_error_m`.
-        """
-        catalogue = world.catalogue
-        added: dict[str, NDArray[np.float64]] = {}
-        if self.clock:
-            added["clock"] = self._clock_m(observations, catalogue, light_time_s)
-        if self.range_bias_m:
-            by_name = _canonical(self.range_bias_m, catalogue)
-            bias_m = np.array([by_name.get(link.receiver, 0.0) for link in observations.links])
-            added["range_bias"] = np.where(observations.kind == RANGE, bias_m[observations.link], 0.0)
-        if self.zenith_delay_m or self.tec_tecu:
-            media = media_error_m(
-                world,
-                observations,
-                target_pa_m,
-                _canonical(self.zenith_delay_m, catalogue),
-                _canonical(self.tec_tecu, catalogue),
-                self.troposphere_mapping,
-                self.ionosphere_mapping,
+        *,
+        position_enu_m: Iterable[float] = (0.0, 0.0, 0.0),
+        clock_epoch_utc: str | None = None,
+        **sigmas: Any,
+    ) -> None:
+        east, north, up = (float(sigma) for sigma in position_enu_m)
+        if not (min(east, north, up) >= 0.0 and max(east, north, up) <= 200.0):
+            raise InputError(
+                f"position_enu_m is {(east, north, up)!r}; give sigmas that are not negative and up to 200 m"
             )
-            given = (("troposphere", self.zenith_delay_m), ("ionosphere", self.tec_tecu))
-            added |= {name: media[name] for name, errors in given if errors}
-        return added
+        object.__setattr__(self, "sigmas", _choices(sigmas, sigma=True))
+        object.__setattr__(self, "position_enu_m", (east, north, up))
+        object.__setattr__(self, "clock_epoch_utc", clock_epoch_utc)
 
-    def _clock_m(
-        self, observations: Observations, catalogue: StationCatalogue, light_time_s: NDArray[np.float64]
-    ) -> NDArray[np.float64]:
-        """By how much the clocks at both ends make a time of flight or a delay longer."""
-        tai = utc_to_tai(observations.epoch)
-        ranges = observations.kind == RANGE
-        # How much of the flight lies before the tag: all of it, none, or half.
-        before = np.array([{"receive": 1.0, "transmit": 0.0, "bounce": 0.5}[name] for name in TIME_TAGS])
-        before_s = np.where(ranges, light_time_s * before[observations.tag], 0.0)
-        after_s = np.where(ranges, light_time_s, 0.0) - before_s
-        sent, received = tai.shifted(-before_s), tai.shifted(after_s)
-        first_s, second_s = self._clock_errors_s(observations, catalogue, sent, received)
-        counted = is_integrated(observations.kind)
-        half_s = np.where(counted, 0.5 * observations.count_s, 0.0)
-        early = self._clock_errors_s(observations, catalogue, tai.shifted(-half_s), tai.shifted(-half_s))
-        late = self._clock_errors_s(observations, catalogue, tai.shifted(half_s), tai.shifted(half_s))
-        grown_s = (late[1] - late[0]) - (early[1] - early[0])
-        return C_M_S * np.where(counted, grown_s, second_s - first_s)
-
-    def _clock_errors_s(
-        self, observations: Observations, catalogue: StationCatalogue, at_first: Epochs, at_second: Epochs
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Errors of the clocks of each observation's first and second station at given epochs, TAI."""
-        clocks = _canonical(self.clock, catalogue)
-        out = np.zeros((2, len(observations)))
-        for i, link in enumerate(observations.links):
-            rows = np.flatnonzero(observations.link == i)
-            ends = (link.transmitter, at_first), (link.receiver, at_second)
-            for end, (name, epochs) in enumerate(ends):
-                if name in clocks and len(rows):
-                    out[end, rows] = clocks[name].error_s(epochs[rows])
-        return out[0], out[1]
-
-    def _earth(self, earth: EarthOrientation, subdaily: bool) -> EarthOrientation:
-        table = earth.table
-        if self.ut1_s or any(self.pole_rad):
-            table = EopTable(
-                table.mjd_utc,
-                table.xp_rad + self.pole_rad[0],
-                table.yp_rad + self.pole_rad[1],
-                table.ut1_minus_utc_s + self.ut1_s,
-                table.dx_rad,
-                table.dy_rad,
-                table.predicted,
-                (*table.sources, "with simulated errors"),
-            )
-        return EarthOrientation(
-            table, subdaily_tides=subdaily, libration=subdaily, zonal_tides=earth.zonal_tides
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """What is drawn, by the keys."""
+        position = ("position_enu_m",) if any(self.position_enu_m) else ()
+        return (
+            *position,
+            *(PARAMETERS[k].value_key for k, choice in self.sigmas.items() if any(_numbers(choice.value))),
         )
 
-    def _catalogue(self, catalogue: StationCatalogue) -> StationCatalogue:
-        for name, enu_m in self.station_enu_m.items():
-            station = catalogue.get(name)
-            moved_m = station.itrf_m + np.array(enu_m) @ rot_itrf_to_enu(station.itrf_m)
-            catalogue = catalogue.with_station(replace(station, itrf_m=moved_m))
-        return catalogue
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DrawnErrors:
+    """Errors that are drawn: one standard normal number for each parameter.
+
+    Parameters
+    ----------
+    names : tuple of str
+        Of the k parameters.
+    sigmas : ndarray, shape (k,)
+    partials : ndarray, shape (k, n)
+        Of the observed values by the parameters.
+    """
+
+    names: tuple[str, ...]
+    sigmas: NDArray[np.float64]
+    partials: NDArray[np.float64]
+
+    def draw(self, seed: int) -> NDArray[np.float64]:
+        """Errors of one trial's seed, shape (k,); one parameter more does not change those of others."""
+        normal = [generator(seed, f"truth_sigma {name}").standard_normal() for name in self.names]
+        return self.sigmas * np.array(normal)
+
+    def rows(self, rows: NDArray[np.intp]) -> DrawnErrors:
+        """Of some of the observations."""
+        return replace(self, partials=self.partials[:, rows])
+
+    def by_name(self, errors: NDArray[np.float64]) -> dict[str, float]:
+        """What was drawn, by parameter."""
+        return dict(zip(self.names, errors.tolist(), strict=True))
 
 
-def _canonical(by_name: Mapping[str, _Value], catalogue: StationCatalogue) -> dict[str, _Value]:
-    """The same by the catalogue's names of the stations."""
-    return {catalogue.get(name).name: value for name, value in by_name.items()}
+def position_error_m(drawn: Mapping[str, float]) -> NDArray[np.float64]:
+    """By how much the point stands off its nominal place, east, north and up, m, shape (3,)."""
+    return np.array([drawn.get(f"position.{axis}", 0.0) for axis in ("east", "north", "up")])
+
+
+def fixed_errors(
+    truth: Truth, predictor: Predictor, at: Prediction, target_pa_m: NDArray[np.float64], start_utc: str
+) -> tuple[dict[str, NDArray[np.float64]], dict[str, float]]:
+    """What the truth adds to each observation, m, by kind of parameter, and its errors by parameter.
+
+    Rates refer to `start_utc` where the truth has no epoch.
+    """
+    where = cartesian(target_pa_m, role=Role.FIXED)
+    design = _design(truth.values, predictor, at, where, truth.clock_epoch_utc or start_utc)
+    parameters = design.model.parameters
+    added = {columns.kind.name: np.zeros(len(predictor.observations)) for columns in design.model.columns}
+    if added:
+        for rows in blocks(predictor):
+            partials = design.partials(rows)
+            for name, added_m in added.items():
+                mine = list(parameters.of_kind(name))
+                added_m[rows] = partials[:, mine] @ design.x[mine]
+    return added, {p.name: p.prior_value for p in parameters if p.kind != "position"}
+
+
+def drawn_errors(
+    sigma: TruthSigma,
+    predictor: Predictor,
+    at: Prediction,
+    target_pa_m: NDArray[np.float64],
+    enu_pa: NDArray[np.float64],
+    start_utc: str,
+) -> DrawnErrors:
+    """What is drawn, with its partials at a position; `enu_pa` are the directions there, rows."""
+    place = [
+        Parameter(f"position.{axis}", "m", "position", size, role=Role.FIXED)
+        for axis, size in zip(("east", "north", "up"), sigma.position_enu_m, strict=True)
+    ]
+    where = place, lambda _: (target_pa_m, enu_pa.T)
+    design = _design(sigma.sigmas, predictor, at, where, sigma.clock_epoch_utc or start_utc)
+    drawn = np.flatnonzero(design.x)
+    partials = np.zeros((len(drawn), len(predictor.observations)))
+    if len(drawn):
+        for rows in blocks(predictor):
+            partials[:, rows] = design.partials(rows)[:, drawn].T
+    names = design.model.parameters.names
+    return DrawnErrors(tuple(names[k] for k in drawn), design.x[drawn], partials)
+
+
+def needs_more_partials(truth: Truth, sigma: TruthSigma) -> bool:
+    """Whether the errors need partials that predictors compute on request only."""
+    return any(PARAMETERS[name].more_partials for name in (*truth.values, *sigma.sigmas))
+
+
+def _design(
+    choices: Mapping[str, ParameterChoice],
+    predictor: Predictor,
+    at: Prediction,
+    position: PositionParameters,
+    epoch_utc: str,
+) -> DesignMatrix:
+    """The design matrix of the position and of the parameters that have a value, which is their error or its sigma."""
+    if "zenith_delay" in choices and not predictor.model.has("troposphere"):
+        raise InputError(
+            "zenith_delay_m acts by the troposphere's mapping function; switch the term troposphere on, in the model "
+            "or by terms_on of the truth"
+        )
+    simple = simple_predictor(predictor)
+    kinds = []
+    for name, choice in choices.items():
+        found = chosen_parameters(PARAMETERS[name], _observing(name, choice, simple), simple, Role.FIXED)
+        if found is not None:
+            kinds.append(found)
+    # Offsets hold where their rates begin to count.
+    epoch = utc_to_tai(epochs_from_strings([epoch_utc], "UTC"))
+    model = replace(ObservationModel.of(predictor, [position], kinds), reference=epoch)
+    x = model.parameters.prior_values
+    return DesignMatrix(model, at, model.position_pa_m(x), x, predictor.observations.value_m)
+
+
+def _observing(name: str, choice: ParameterChoice, predictor: Predictor) -> ParameterChoice:
+    """Without stations that see nothing."""
+    if choice.scope(PARAMETERS[name]) is not Scope.STATION or not isinstance(choice.value, Mapping):
+        return choice
+    catalogue = predictor.model.catalogue
+    kept = {n: value for n, value in choice.value.items() if catalogue.get(n).name in predictor.stations}
+    return replace(choice, value=kept)
+
+
+def _choices(given: Mapping[str, Any], *, sigma: bool = False) -> dict[str, ParameterChoice]:
+    kinds = {kind.value_key: kind for kind in PARAMETERS.values()}
+    for key in given:
+        if key not in kinds:
+            near = difflib.get_close_matches(key, kinds, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(kinds)}"
+            raise InputError(f"{key!r} is no error of a parameter{hint}")
+    choices = {
+        kind.name: ParameterChoice.of(kind, value=given[key]) for key, kind in kinds.items() if key in given
+    }
+    for name, choice in choices.items():
+        _require_small(PARAMETERS[name], choice, sigma)
+    return choices
+
+
+def _require_small(kind: ParameterKind, choice: ParameterChoice, sigma: bool) -> None:
+    largest, why = _LARGEST.get(kind.name, (np.inf, ""))
+    for value in _numbers(choice.value):
+        if sigma and value < 0.0:
+            raise InputError(f"{kind.value_key}: the sigma is {value!r}; give a number that is not negative")
+        if abs(value) > largest:
+            raise InputError(
+                f"{kind.value_key}: {value!r} is too large for errors that act to first order; at most {largest:g} "
+                f"{kind.unit}: {why}"
+            )
+
+
+def _numbers(value: Any) -> list[float]:
+    """All numbers of an error."""
+    if isinstance(value, Mapping):
+        return [number for item in value.values() for number in _numbers(item)]
+    return list(value) if isinstance(value, tuple) else [] if value is None else [value]

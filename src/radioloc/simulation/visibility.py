@@ -33,6 +33,12 @@ from radioloc.time import (
 Target = NDArray[np.float64] | Trajectory
 """Principal-axes position of a point on the Moon, shape (3,), m; or the trajectory of a spacecraft."""
 
+_COARSE_S = 60.0
+"""Apart are the epochs at which dense series are computed first."""
+_FASTEST_RAD_S = 9e-5
+"""No elevation of a point on the Moon above a station's horizon changes faster, nor that of a station above the
+point's: the Earth turns by 7.3e-5 rad/s, the Moon goes round it by up to 3.3e-6, a station passes by it at 1.3e-6."""
+_EPOCHS_AT_ONCE = 32768
 _SEARCH_STEP_S = 300.0
 _SECONDS_TO = 0.1
 """Rise and set are found to this before they are rounded to whole seconds."""
@@ -132,18 +138,44 @@ def elevations(model: PhysicalModel, target_pa_m: Target, stations: Sequence[str
     return _elevations(model, stations, tt, target_gcrs_m, above_horizon_rad)
 
 
-def directions_itrf(
-    model: PhysicalModel, target_pa_m: NDArray[np.float64], stations: Sequence[str], tt: Epochs
-) -> NDArray[np.float64]:
-    """Unit vectors from stations to a point on the Moon, ITRF, shape (n, k, 3).
+def seen(
+    model: PhysicalModel, target_pa_m: Target, stations: Sequence[str], tt: Epochs, masks: Masks
+) -> NDArray[np.bool_]:
+    """Whether target and stations see each other, above the masks, shape (n, k).
 
-    Parameters and errors as :func:`elevations`.
+    Parameters and errors as :func:`elevations`; the epochs in order.
+
+    Notes
+    -----
+    Of dense epochs one a minute is computed. Between two of them a margin that is a and b there, of one sign, cannot
+    have changed it if |a| + |b| is more than it can change in that time; where it can, all epochs between are computed.
+    A spacecraft's elevations have no such bound.
     """
-    target_gcrs_m, _ = _lander(model, target_pa_m, tt_to_tdb(tt))
-    target_itrf_m = np.einsum("nij,ni->nj", model.earth.evaluate(tt).rot_itrf_to_gcrs, target_gcrs_m)
-    found = [model.catalogue.get(name) for name in stations]
-    away_m = np.stack([target_itrf_m - station.position_at(tt) for station in found], axis=1)
-    return np.asarray(away_m / np.linalg.norm(away_m, axis=-1)[..., None])
+    n = len(tt)
+    length_s = float(tt[-1].seconds_since(tt[0])[0]) if n else 0.0
+    every = 1
+    if length_s > 0.0 and not isinstance(target_pa_m, Trajectory):
+        every = max(1, int(_COARSE_S * (n - 1) / length_s))
+
+    def margin_rad(rows: NDArray[np.intp]) -> NDArray[np.float64]:
+        parts = np.split(rows, range(_EPOCHS_AT_ONCE, len(rows), _EPOCHS_AT_ONCE))
+        return np.concatenate(
+            [elevations(model, target_pa_m, stations, tt[part]).margin_rad(masks) for part in parts]
+        )
+
+    coarse = np.unique(np.append(np.arange(0, n, every), n - 1)) if n else np.arange(0)
+    margin = margin_rad(coarse)
+    if every == 1:
+        return margin >= 0.0
+    between = np.diff(coarse)
+    out = np.append(np.repeat(margin[:-1] >= 0.0, between, axis=0), margin[-1:] >= 0.0, axis=0)
+    apart_s = tt[coarse[1:]].seconds_since(tt[coarse[:-1]])
+    same = (margin[1:] >= 0.0) == (margin[:-1] >= 0.0)
+    far = np.abs(margin[1:]) + np.abs(margin[:-1]) > _FASTEST_RAD_S * apart_s[:, None]
+    doubtful = np.flatnonzero(np.repeat(~(same & far).all(axis=1), between))
+    if len(doubtful):
+        out[doubtful] = margin_rad(doubtful) >= 0.0
+    return out
 
 
 def _lander(

@@ -1,6 +1,6 @@
 """Trials by the linear model: what is prepared once, values and partials at the truth, serves all of them.
 
-A trial is a sum of vectors (noise, and responses to what departs) and a linear fit: milliseconds.
+A trial is a sum of vectors (noise, and partials times drawn errors) and a linear fit: milliseconds.
 """
 
 from __future__ import annotations
@@ -21,10 +21,9 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.time_correlation import assess_time_correlation
 from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
 from radioloc.parameters.parameter import ParameterSet
-from radioloc.simulation import Departure, Spread
-from radioloc.simulation.departures import position_departure_m
 from radioloc.simulation.noise import NoiseDraws
-from radioloc.studies.trial_rows import row_of, trial_seed, true_biases_m
+from radioloc.simulation.truth import DrawnErrors, position_error_m
+from radioloc.studies.trial_rows import row_of, trial_seed, true_values
 
 _Floats = NDArray[np.float64]
 
@@ -103,25 +102,23 @@ class LinearTrials:
     rows : ndarray of int, shape (n,)
         Rows of the plan that take part.
     constant_m : ndarray, shape (n,)
-        Observed less computed at the true position, without noise and drawn departures, m.
-    spread : Spread
-    responses : dict of Departure to ndarray, shape (n,)
-        What a unit of each drawn departure adds.
+        Observed less computed at the true position, without noise and drawn errors, m.
+    drawn : DrawnErrors
+        Of the rows.
     arcs : tuple of LinearArc
         The longest first.
     columns : tuple of str
-    range_bias_m : dict of str to float
-        Fixed biases of ranges that are put in, by station, m.
+    errors : dict of str to float
+        Errors of the truth by parameter.
     """
 
     draws: NoiseDraws
     rows: NDArray[np.intp]
     constant_m: _Floats
-    spread: Spread
-    responses: dict[Departure, _Floats] = field(repr=False)
+    drawn: DrawnErrors
     arcs: tuple[LinearArc, ...]
     columns: tuple[str, ...]
-    range_bias_m: dict[str, float]
+    errors: dict[str, float]
 
     def run(self, seed: int, trials: Sequence[int]) -> _Floats:
         """Some trials of a study's seed, shape (trials, arcs, columns).
@@ -131,23 +128,18 @@ class LinearTrials:
         seeds = [trial_seed(seed, trial) for trial in trials]
         noise_m, _ = self.draws.draw(seeds)
         out = np.full((len(seeds), len(self.arcs), len(self.columns)), np.nan)
-        drawn = [self.spread.draw(one) for one in seeds]
+        drawn = [self.drawn.draw(one) for one in seeds]
         residual_m = self.constant_m + noise_m[:, self.rows]
-        for k, departures in enumerate(drawn):
-            for departure, value in departures.items():
-                residual_m[k] += value * self.responses[departure]
-        # Predictor by arc, as what an arc's fits have in common then stays in the processor's cache.
+        for k, errors in enumerate(drawn):
+            residual_m[k] += errors @ self.drawn.partials
+        # Arc by arc, as what an arc's fits have in common then stays in the processor's cache.
         for i, arc in enumerate(self.arcs):
-            for k, departures in enumerate(drawn):
+            for k, errors in enumerate(drawn):
                 found = arc.fit(residual_m[k, arc.part] - arc.held_m)
-                off_m, biases_m = (
-                    position_departure_m(departures),
-                    true_biases_m(self.range_bias_m, departures),
-                )
-                out[k, i] = self._row(arc, found, off_m, biases_m)
+                out[k, i] = self._row(arc, found, self.drawn.by_name(errors))
         return out
 
-    def _row(self, arc: LinearArc, found: NoisyFit, off_m: _Floats, biases_m: dict[str, float]) -> _Floats:
+    def _row(self, arc: LinearArc, found: NoisyFit, drawn: dict[str, float]) -> _Floats:
         fit = found.edited.fit
         covariance = arc.covariance(found.edited)
         x, sigmas = fit.x, np.sqrt(np.diag(covariance))
@@ -156,11 +148,11 @@ class LinearTrials:
             converged=found.edited.converged,
             used=int(fit.used.sum()),
             rejected=int((~fit.used).sum()),
-            error_m=arc.enu_by_parameters @ (x - arc.problem.x) - off_m,
+            error_m=arc.enu_by_parameters @ (x - arc.problem.x) - position_error_m(drawn),
             covariance_m2=arc.enu_by_parameters @ covariance @ arc.enu_by_parameters.T
             + np.diag(arc.ephemeris_sigma_m**2),
             noise_scale=fit.noise_scale,
             excess_noise_m=found.additive_sigma_m,
             parameters={p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
-            biases_m=biases_m,
+            true=true_values(self.errors, drawn),
         )

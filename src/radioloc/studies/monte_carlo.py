@@ -142,7 +142,6 @@ def monte_carlo(
         if values is None:
             linear = None
             values = run.all("full", in_full)
-    drawn = [d.quantity for d, sigma in ready.scenario.spread.sigmas().items() if sigma > 0.0]
     return MonteCarlo(
         name=study.name,
         seed=int(seed),
@@ -152,7 +151,7 @@ def monte_carlo(
         values=values,
         linear=linear is not None,
         proof=proof,
-        drawn=tuple(dict.fromkeys(drawn)),
+        drawn=ready.scenario.truth_sigma.keys,
     )
 
 

@@ -20,16 +20,19 @@ from radioloc.estimation.labels import Labels
 from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution
-from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
+from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.kind import Scope
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation import Scenario, World
 from radioloc.simulation.noise import NoiseDraws
-from radioloc.simulation.responses import responses
+from radioloc.simulation.simulate import rot_pa_to_enu
+from radioloc.simulation.truth import position_error_m
 from radioloc.studies.arc_parts import arc_parts
 from radioloc.studies.linear_trials import LinearArc, LinearTrials
 from radioloc.studies.locate import fit_arc, model_of
@@ -38,7 +41,7 @@ from radioloc.studies.selection import selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, Study
-from radioloc.studies.trial_rows import COLUMNS, row_of, station_of, trial_seed, true_biases_m
+from radioloc.studies.trial_rows import COLUMNS, row_of, trial_seed, true_values
 from radioloc.studies.usable import status_of
 from radioloc.studies.weights import weighted_observations
 
@@ -56,7 +59,7 @@ class Prepared:
     model : PhysicalModel
         The nominal one.
     world : World
-        With the fixed departures, none drawn.
+        With the errors of the truth, none drawn.
     rows : ndarray of int
         Those of the plan that the study asks for.
     arcs : tuple of Predictor
@@ -123,9 +126,10 @@ class Prepared:
             for p in observation_model(arc, target, estimate).parameters
             if p.kind != "position" and not p.fixed
         )
+        biases = study.estimate.parameters.get("range_bias", ParameterChoice())
+        by_station = biases.scope(PARAMETERS["range_bias"]) in (Scope.STATION, Scope.PASS)
+        has_error = [name for name in names if by_station and name.startswith("range_bias.")]
         kinds = [KINDS[k] for k in np.unique(longest.observations.kind)]
-        rot = rot_pa_to_me(constants)
-        longitude_rad, latitude_rad, _ = cartesian_to_selenographic(rot @ world.target_pa_m)
         return cls(
             study=study,
             scenario=scenario,
@@ -137,26 +141,22 @@ class Prepared:
             hours=tuple(length for length, _, _ in parts),
             span_h=tuple(span for _, span, _ in parts),
             estimates=tuple(estimates),
-            rot_pa_to_enu=east_north_up(longitude_rad, latitude_rad) @ rot,
+            rot_pa_to_enu=rot_pa_to_enu(world.target_pa_m, model),
             columns=(
                 *COLUMNS,
                 *(f"excess_noise_m.{kind}" for kind in kinds),
                 *(
                     column
                     for name in names
-                    for column in (name, f"{name}.sigma", *([f"{name}.error"] if station_of(name) else []))
+                    for column in (name, f"{name}.sigma", *([f"{name}.error"] if name in has_error else []))
                 ),
             ),
         )
 
     def linear(self) -> LinearTrials | None:
         """The trials by the linear model; none where it cannot stand for the fit of every arc."""
-        spread = self.scenario.spread
-        departures = tuple(departure for departure, sigma in spread.sigmas().items() if sigma > 0.0)
-        target_pa_m = self.world.target_pa_m
         longest = self.arcs[0]
-        computed = longest.compute(target_pa_m)
-        world_m = self.world.error_free_m + sum(self.world.added_m.values(), start=0.0)
+        computed_m = longest.at(self.world.target_pa_m).value_m
         usable = status_of(longest, {"": self._target_pa})[0].are(USED)
         arcs = []
         for arc, part, estimate in zip(self.arcs, self.parts, self.estimates, strict=True):
@@ -167,33 +167,12 @@ class Prepared:
         return LinearTrials(
             draws=NoiseDraws.of(self.scenario.noise, self.world.plan),
             rows=self.rows,
-            constant_m=world_m[self.rows] - computed.value_m,
-            spread=spread,
-            responses=dict(
-                zip(
-                    departures,
-                    responses(
-                        self.model,
-                        longest.observations,
-                        target_pa_m,
-                        computed,
-                        departures,
-                        truth=self.scenario.truth,
-                        clock_epoch_utc=spread.clock_epoch_utc,
-                    ),
-                    strict=True,
-                )
-            ),
+            constant_m=self.world.value_m[self.rows] - computed_m,
+            drawn=self.world.drawn.rows(self.rows),
             arcs=tuple(arcs),
             columns=self.columns,
-            range_bias_m=self.range_bias_m,
+            errors=self.world.errors,
         )
-
-    @property
-    def range_bias_m(self) -> dict[str, float]:
-        """Fixed biases of ranges that are put in, by the catalogue's name of the station, m."""
-        given = self.scenario.truth.range_bias_m
-        return {self.model.catalogue.get(name).name: bias_m for name, bias_m in given.items()}
 
     @property
     def _target_pa(self) -> LunarPosition:
@@ -262,34 +241,30 @@ class FullTrials:
 
 
 def _full_trial(ready: Prepared, seed: int) -> _Floats:
-    drawn = ready.scenario.spread.draw(seed)
-    world = ready.scenario.world(ready.model, drawn, ready.world.plan) if drawn else ready.world
-    value_m = world.error_free_m + ready.scenario.noise.draw(ready.world.plan, seed)[0]
-    for added_m in world.added_m.values():
-        value_m = value_m + added_m
+    world = ready.world
+    errors = world.drawn.draw(seed)
+    value_m = world.value_m + errors @ world.drawn.partials + ready.scenario.noise.draw(world.plan, seed)[0]
     value_m = value_m[ready.rows]
     study = replace(ready.study, reference=None)
     found = []
     for arc, part, estimate in zip(ready.arcs, ready.parts, ready.estimates, strict=True):
         solution = fit_arc(study, arc.with_values(value_m[part]), {}, estimate)
-        biases_m = true_biases_m(ready.range_bias_m, drawn)
-        found.append(_solution_row(ready, solution, world.target_pa_m, biases_m))
+        found.append(_solution_row(ready, solution, world.drawn.by_name(errors)))
     return np.array(found)
 
 
-def _solution_row(
-    ready: Prepared, solution: Solution, target_pa_m: _Floats, biases_m: dict[str, float]
-) -> _Floats:
+def _solution_row(ready: Prepared, solution: Solution, drawn: dict[str, float]) -> _Floats:
     sigmas = solution.sigmas()
     return row_of(
         ready.columns,
         converged=solution.converged,
         used=solution.fit.total.used,
         rejected=solution.fit.total.rejected,
-        error_m=ready.rot_pa_to_enu @ (solution.position_pa_m - target_pa_m),
+        error_m=ready.rot_pa_to_enu @ (solution.position_pa_m - ready.world.target_pa_m)
+        - position_error_m(drawn),
         covariance_m2=solution.position_covariance("enu"),
         noise_scale=solution.noise_scale,
         excess_noise_m=dict(solution.fit.excess_noise_m),
         parameters={p.name: (solution.values[j], sigmas[j]) for j, p in enumerate(solution.parameters)},
-        biases_m=biases_m,
+        true=true_values(ready.world.errors, drawn),
     )

@@ -23,7 +23,7 @@ def simulate(study: Study, seed: int | None = None) -> Simulated:
     Returns
     -------
     Simulated
-        ``.observations`` to be fitted, and what was put into them; of departures those of the truth, none drawn.
+        ``.observations`` to be fitted, and what was put into them; of the errors those of the truth, none drawn.
 
     Raises
     ------
@@ -37,7 +37,8 @@ def simulate(study: Study, seed: int | None = None) -> Simulated:
     >>> sorted(set(made.observations.types().tolist()))
     ['range', 'vlbi_delay']
     """
-    return scenario_of(study).simulate(model_of(study), seed)
+    scenario = scenario_of(study)
+    return scenario.world(model_of(study)).draw(scenario.noise, seed=scenario.seed if seed is None else seed)
 
 
 def scenario_of(study: Study) -> Scenario:

@@ -1,25 +1,27 @@
-"""Reading the ``[simulation]`` tables of a study file: what is tracked when, how the world departs, and the noise."""
+"""Reading the ``[simulation]`` tables of a study file: what is tracked when, what the world is like, and the noise."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+import warnings
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import StationError
+from radioloc.errors import RenamedKeyWarning, StationError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.observations import BASELINE_KINDS
 from radioloc.measurements.registry import KINDS
+from radioloc.parameters.kind import Scope
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation import (
-    Clock,
     Masks,
     Noise,
     NoiseModel,
     Scenario,
     Schedule,
     Session,
-    Spread,
     Truth,
+    TruthSigma,
     all_ranges,
     baselines,
     three_way,
@@ -27,7 +29,7 @@ from radioloc.simulation import (
 )
 from radioloc.simulation.schedule import Pair
 from radioloc.studies.toml_table import TomlTable
-from radioloc.time import epochs_from_strings, utc_strings
+from radioloc.time import utc_strings
 
 LINKS: dict[str, Callable[..., tuple[Pair, ...]]] = {
     "two_way": two_way,
@@ -38,8 +40,13 @@ LINKS: dict[str, Callable[..., tuple[Pair, ...]]] = {
 """How the stations of a session are paired."""
 
 _VLBI_STATION = ("vlbi_station", "vlbi_station_rate")
-_VECTORS = {"moon_m": 3, "libration_rad": 3, "pole_rad": 2}
-_OF_STATIONS = ("range_bias_m", "zenith_delay_m", "tec_tecu", "clock_s", "clock_rate")
+_RENAMED = {
+    "moon_m": "moon_position_m",
+    "station_enu_m": "station_position_m",
+    "tec_tecu": "electron_content_tecu",
+    "clock_rate": "clock_rate_s_s",
+}
+"""Earlier names of errors, which are still read."""
 
 
 def scenario(
@@ -67,7 +74,7 @@ def scenario(
     if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int) or seed < 0):
         table.fail("seed", f"must be a whole number from zero up, not {seed!r}")
     name = table.text("name")
-    sessions, truth, spread, noise = (
+    sessions, truth, truth_sigma, noise = (
         table.table(key) for key in ("sessions", "truth", "truth_sigma", "noise")
     )
     masks = _masks(table, catalogue)
@@ -77,26 +84,35 @@ def scenario(
         table.fail("sessions", "is missing; give at least one [simulation.sessions.NAME]")
     planned = [_session(entry, catalogue) for entry in entries]
     stations = tuple(dict.fromkeys(end for session in planned for pair in session.pairs for end in pair))
-    first = min(planned, key=lambda session: epochs_from_strings(session.start_utc, "UTC").mjd[0]).start_utc
     return table.build(
         Scenario,
         schedule=Schedule(planned, masks),
         position=target if position is None else position,
-        truth=None if truth is None else _truth(truth, stations, catalogue, first),
+        truth=None if truth is None else _truth(truth, stations, catalogue),
         noise=None if noise is None else _noise(noise),
-        spread=None if spread is None else _spread(spread, stations, catalogue, first),
+        truth_sigma=None if truth_sigma is None else _truth_sigma(truth_sigma, stations, catalogue),
         seed=seed,
         name=name,
     )
 
 
 def _masks(table: TomlTable, catalogue: StationCatalogue) -> Masks:
-    by_station = _by_station(table, "station_masks_deg", (), catalogue, 1)
+    by_station = table.take("station_masks_deg")
+    if by_station is not None and not isinstance(by_station, Mapping):
+        table.fail(
+            "station_masks_deg", f"must be a table by station, such as {{ KASHI = 10.0 }}, not {by_station!r}"
+        )
+    masks_deg = {
+        _station(table, "station_masks_deg", name, catalogue): table.as_number("station_masks_deg", mask_deg)
+        for name, mask_deg in (by_station or {}).items()
+    }
+    if len(masks_deg) < len(by_station or {}):
+        table.fail("station_masks_deg", "names a station twice")
     return table.build(
         Masks,
         station_deg=table.number("mask_deg"),
         target_deg=table.number("target_mask_deg"),
-        by_station_deg=by_station,
+        by_station_deg=masks_deg,
     )
 
 
@@ -148,62 +164,55 @@ def _one_noise(table: TomlTable) -> Noise:
     return table.build(Noise, **fields)
 
 
-def _truth(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue, start: str) -> Truth:
-    fields = _departures(table, stations, catalogue)
+def _truth(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue) -> Truth:
+    given = _errors(table, stations, catalogue)
     terms = {key: table.texts(key) for key in ("terms_on", "terms_off")}
-    epoch = _utc(table, "clock_epoch") or start
     table.finish()
-    offsets, rates = fields.pop("clock_s") or {}, fields.pop("clock_rate") or {}
-    clocks = {
-        name: table.build(
-            Clock,
-            offset_s=offsets.get(name, 0.0),
-            rate=rates.get(name, 0.0),
-            epoch_utc=epoch if rates.get(name) else None,
-        )
-        for name in dict.fromkeys([*offsets, *rates])
-    }
-    return table.build(Truth, clock=clocks, **fields, **terms)
+    return table.build(Truth, **given, **terms)
 
 
-def _spread(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue, start: str) -> Spread:
-    fields = _departures(table, stations, catalogue)
+def _truth_sigma(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue) -> TruthSigma:
+    given = _errors(table, stations, catalogue)
     position = table.vector("position_enu_m")
-    epoch = _utc(table, "clock_epoch") or start
     table.finish()
-    return table.build(Spread, position_enu_m=position, clock_epoch_utc=epoch, **fields)
+    return table.build(TruthSigma, position_enu_m=position, **given)
 
 
-def _departures(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue) -> dict[str, Any]:
-    """What a truth and its sigmas have in common, by field; ``None`` where not given."""
-    fields: dict[str, Any] = {key: table.numbers(key, length) for key, length in _VECTORS.items()}
-    fields["ut1_s"] = table.number("ut1_s")
-    fields["station_enu_m"] = _by_station(table, "station_enu_m", stations, catalogue, 3)
-    for key in _OF_STATIONS:
-        fields[key] = _by_station(table, key, stations, catalogue, 1)
-    return fields
+def _errors(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue) -> dict[str, Any]:
+    """Errors of parameters, or their sigmas, by key; those that are not given left out."""
+    found: dict[str, Any] = {}
+    for kind in PARAMETERS.values():
+        key = kind.value_key
+        value = table.take(key)
+        for old in (old for old, new in _RENAMED.items() if new == key and old in table):
+            if value is not None:
+                table.fail(old, f"is the earlier name of {key}, which is there, too; leave it out")
+            value = table.take(old)
+            warnings.warn(
+                RenamedKeyWarning(f"[{table.name}] {old} is called {key} now; rename it"), stacklevel=2
+            )
+        if kind.scopes[0] is Scope.STATION and isinstance(value, Mapping):
+            _require_stations(table, key, value, stations, catalogue)
+        if value is not None:
+            found[key] = value
+    found["clock_epoch_utc"] = _utc(table, "clock_epoch")
+    return found
 
 
-def _by_station(
-    table: TomlTable, key: str, stations: tuple[str, ...], catalogue: StationCatalogue, length: int
-) -> dict[str, Any] | None:
-    """Take a table of values by station; where `stations` are given, a single value is that of each of them."""
-    value = table.take(key)
-    if value is None:
-        return None
-    if not isinstance(value, Mapping):
-        if not stations:
-            table.fail(key, f"must be a table by station, such as {{ KASHI = 10.0 }}, not {value!r}")
-        value = dict.fromkeys(stations, value)
-    out: dict[str, Any] = {}
-    for name, item in value.items():
-        station = _station(table, key, name, catalogue)
-        if stations and station not in stations:
+def _require_stations(
+    table: TomlTable,
+    key: str,
+    names: Iterable[str],
+    stations: tuple[str, ...],
+    catalogue: StationCatalogue,
+) -> None:
+    """Refuse what is not a station of the sessions, and one that is there by two names."""
+    found = [_station(table, key, name, catalogue) for name in names]
+    for station in found:
+        if station not in stations:
             table.fail(key, f"{station} is in no session; the stations are {', '.join(stations)}")
-        if station in out:
+        if found.count(station) > 1:
             table.fail(key, f"{station} is named twice")
-        out[station] = table.as_number(key, item) if length == 1 else table.as_numbers(key, item, length)
-    return out
 
 
 def _station(table: TomlTable, key: str, name: str, catalogue: StationCatalogue) -> str:

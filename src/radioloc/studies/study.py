@@ -29,7 +29,7 @@ from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.parameters.design import simple_predictor
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.plugins import LazyNames
-from radioloc.simulation.scenario import Scenario
+from radioloc.simulation.simulate import Scenario
 from radioloc.studies.schema import check, entry, names_of
 from radioloc.studies.toml_table import TomlTable
 from radioloc.studies.weights import Weight

@@ -7,8 +7,6 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.simulation import Departure
-
 _Floats = NDArray[np.float64]
 
 COLUMNS = (
@@ -31,24 +29,14 @@ range bias, its error: the estimate less what was put in."""
 
 
 def trial_seed(seed: int, trial: int) -> int:
-    """Seed of one trial's noise and departures, as ``SeedSequence(seed).spawn`` gives to its child of that number."""
+    """Seed of one trial's noise and drawn errors, as ``SeedSequence(seed).spawn`` gives to its child of that number."""
     words = np.random.SeedSequence(seed, spawn_key=(trial,)).generate_state(4)
     return sum(int(word) << (32 * k) for k, word in enumerate(words))
 
 
-def true_biases_m(fixed_m: dict[str, float], drawn: dict[Departure, float]) -> dict[str, float]:
-    """Biases of ranges that are in a trial, by station, m."""
-    biases_m = dict(fixed_m)
-    for departure, value in drawn.items():
-        if departure.quantity == "range_bias_m":
-            biases_m[departure.station] = biases_m.get(departure.station, 0.0) + value
-    return biases_m
-
-
-def station_of(name: str) -> str | None:
-    """Station of a range bias, by the name of the parameter; none of other parameters."""
-    kind, _, station = name.partition(".")
-    return station if kind == "range_bias" else None
+def true_values(fixed: dict[str, float], drawn: dict[str, float]) -> dict[str, float]:
+    """Errors of parameters that are in a trial."""
+    return fixed | {name: fixed.get(name, 0.0) + value for name, value in drawn.items()}
 
 
 def row_of(
@@ -62,7 +50,7 @@ def row_of(
     noise_scale: float,
     excess_noise_m: dict[str, float],
     parameters: dict[str, tuple[float, float]],
-    biases_m: dict[str, float],
+    true: dict[str, float],
 ) -> _Floats:
     """One row of results in the order of the columns; NaN where an arc has no such number."""
     sigma_m = np.sqrt(np.diag(covariance_m2))
@@ -81,7 +69,6 @@ def row_of(
     known |= {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
     for name, (value, sigma) in parameters.items():
         known[name], known[f"{name}.sigma"] = value, sigma
-        station = station_of(name)
-        if station is not None:
-            known[f"{name}.error"] = value - biases_m.get(station, 0.0)
+        # A bias of a pass is the station's.
+        known[f"{name}.error"] = value - true.get(name, true.get(name.rpartition(" ")[0], 0.0))
     return np.array([float(known.get(column, np.nan)) for column in columns])

@@ -5,7 +5,7 @@ import pytest
 
 from radioloc.errors import InputError
 from radioloc.simulation import Masks, Noise, NoiseModel, Schedule, Session, baselines, two_way
-from radioloc.simulation.noise import gauss_markov, generator
+from radioloc.simulation.noise import NoiseDraws, gauss_markov, generator
 
 START, STOP = "2020-12-01T15:11", "2020-12-01T21:00"
 VLBI = ("SESHAN25", "MIYUN50", "KUNMING", "URUMQI")
@@ -153,3 +153,25 @@ def test_kinds_and_seeds_that_cannot_be():
     for seed in (-1, 1.0, True, None):
         with pytest.raises(InputError, match="whole number"):
             generator(seed, "a")
+
+
+def test_noise_of_a_seed_is_the_same_in_any_company(lander_pa_m, model):
+    start, stop = "2020-12-01T15:11", "2020-12-03T15:10"
+    plan = Schedule(
+        [
+            Session("range", two_way("JIAMUSI", "KASHI"), start, stop, 7200.0, 1.0),
+            Session("vlbi_delay", baselines("SESHAN25", "URUMQI"), start, stop, 7200.0, 0.5),
+            Session("doppler", two_way("NEUQUEN"), start, stop, 7200.0, 0.01, count_s=60.0),
+        ]
+    ).plan(model, lander_pa_m)
+    noise = NoiseModel(
+        {"range": Noise(1.0, 2.0, 9000.0, 0.01, 0.1, 50.0), "doppler": Noise(white_m=0.01)},
+        vlbi_station=Noise(white_m=0.1, coloured_m=0.2, correlation_s=3600.0),
+    )
+    draws = NoiseDraws.of(noise, plan)
+    many_m, wild = draws.draw([3, 8, 2**100])
+    for seed, noise_m, is_outlier in zip([3, 8, 2**100], many_m, wild, strict=True):
+        alone_m, alone = noise.draw(plan, seed)
+        assert (alone_m == noise_m).all()
+        assert (alone == is_outlier).all()
+    assert not (many_m[0] == many_m[1]).any()

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from offset_moon import OffsetEphemeris, OffsetOrientation
 
 from radioloc.lunar import rot_icrf_to_pa
-from radioloc.simulation.offset_moon import OffsetEphemeris, OffsetOrientation
 from radioloc.time import Epochs
 
 TDB = Epochs.from_jd(2459184.5, np.linspace(0.0, 30.0, 61), "TDB")

@@ -26,7 +26,7 @@ SCHEDULE = Schedule(
     ]
 )
 TRUTH = Truth(
-    range_bias_m={"KASHI": 4.0}, zenith_delay_m={"KUNMING": 0.1}, station_enu_m={"KS": (1.0, 0.0, 0.0)}
+    range_bias_m={"KASHI": 4.0}, station_delay_s={"KUNMING": 1e-9}, station_position_m={"KS": (1.0, 0.0, 0.0)}
 )
 NOISE = NoiseModel({"range": Noise(white_m=1.0, outlier_fraction=0.2, outlier_m=40.0)}, Noise(white_m=0.1))
 
@@ -35,7 +35,7 @@ def test_the_record_adds_up(lander, lander_pa_m, model):
     made = simulate(SCHEDULE, lander, TRUTH, NOISE, model=model, seed=4, name="ce5")
     parts = made.error_free_m + made.noise_m + sum(made.added_m.values())
     np.testing.assert_allclose(made.observations.value_m, parts, rtol=0.0, atol=3e-7)
-    assert set(made.added_m) == {"range_bias", "troposphere"}
+    assert set(made.added_m) == {"range_bias", "station_delay", "station_position"}
     assert (made.target_pa_m == lander_pa_m).all()
     assert (made.truth, made.noise, made.seed) == (TRUTH, NOISE, 4)
     assert {link.target for link in made.observations.links} == {"ce5"}
@@ -74,8 +74,8 @@ def test_the_summary_says_what_was_put_in(lander, model):
         "seed 4",
         "KASHI>lander>KASHI",
         "range_bias_m: KASHI 4",
-        "zenith_delay_m: KUNMING 0.1",
-        "station_enu_m: KS (1, 0, 0)",
+        "station_delay_s: KUNMING 1e-09",
+        "station_position_m: KS (1, 0, 0)",
         "noise of range: white_m 1, outlier_fraction 0.2, outlier_m 40",
         "noise of station arrivals (VLBI): white_m 0.1",
         "781081.77",

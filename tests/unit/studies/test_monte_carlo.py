@@ -27,8 +27,8 @@ from radioloc.simulation import (
     Scenario,
     Schedule,
     Session,
-    Spread,
     Truth,
+    TruthSigma,
     all_ranges,
     baselines,
 )
@@ -46,22 +46,22 @@ NOISE = NoiseModel(
     },
     vlbi_station=Noise(white_m=0.1),
 )
-SPREAD = Spread(
+TRUTH_SIGMA = TruthSigma(
     position_enu_m=(0.0, 0.0, 5.0),
-    moon_m=(0.1, 0.5, 0.3),
+    moon_position_m=(0.1, 0.5, 0.3),
     libration_rad=(1e-7, 1e-7, 1e-7),
-    station_enu_m=dict.fromkeys((*RANGING, *VLBI), (0.05, 0.05, 0.1)),
+    station_position_m=dict.fromkeys((*RANGING, *VLBI), (0.05, 0.05, 0.1)),
     ut1_s=2e-5,
     pole_rad=(5e-10, 5e-10),
     clock_s=dict.fromkeys(VLBI, 1e-10),
-    clock_rate=dict.fromkeys(VLBI, 2e-15),
+    clock_rate_s_s=dict.fromkeys(VLBI, 2e-15),
     range_bias_m=dict.fromkeys(RANGING, 10.0),
     zenith_delay_m=dict.fromkeys((*RANGING, *VLBI), 0.02),
     clock_epoch_utc=START,
 )
 
 
-def study_of(step_s=3600.0, *, spread=SPREAD, observations=None, **estimate):
+def study_of(step_s=3600.0, *, truth_sigma=TRUTH_SIGMA, observations=None, **estimate):
     """Ranges and delays of a day; a-priori position 10 km off."""
     stop = "2020-12-02T15:10:00"
     sessions = [
@@ -79,7 +79,9 @@ def study_of(step_s=3600.0, *, spread=SPREAD, observations=None, **estimate):
         estimate=EstimateChoice(**(choice | estimate)),
         model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
         observations=observations or ObservationChoice(),
-        simulation=Scenario(Schedule(sessions), LANDER, Truth(range_bias_m=BIAS_M), NOISE, spread, seed=5),
+        simulation=Scenario(
+            Schedule(sessions), LANDER, Truth(range_bias_m=BIAS_M), NOISE, truth_sigma, seed=5
+        ),
         name="plan",
     )
 
@@ -137,7 +139,7 @@ def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
 
 
 def test_a_full_trial_is_what_locate_gives(study, ready):
-    quiet = replace(study.simulation, spread=Spread())
+    quiet = replace(study.simulation, truth_sigma=TruthSigma())
     one = replace(study, simulation=quiet)
     seed = trial_seed(5, 3)
     made = radioloc.simulate(one, seed=seed)
@@ -253,7 +255,7 @@ def test_where_not_everything_is_determined_all_is_fitted_in_full():
     stop = "2020-12-01T15:21:00"
     alone = [Session("range", (("KASHI", "KASHI"),), START, stop, 600.0, sigma_m=1.0)]
     one = study_of(height_prior=None, range_bias="none")
-    one = replace(one, simulation=replace(one.simulation, schedule=Schedule(alone), spread=Spread()))
+    one = replace(one, simulation=replace(one.simulation, schedule=Schedule(alone), truth_sigma=TruthSigma()))
     result = radioloc.monte_carlo(one, 2, [1.0])
     assert not result.linear
     assert result.proof is None

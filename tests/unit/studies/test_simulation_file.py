@@ -8,9 +8,10 @@ import pytest
 
 import radioloc
 import radioloc.cli
-from radioloc.errors import InputError
+from radioloc.errors import InputError, RenamedKeyWarning
 from radioloc.measurements.registry import KINDS
-from radioloc.simulation import Clock, Departure, Noise, Spread, Truth, baselines, departed
+from radioloc.parameters.registry import PARAMETERS
+from radioloc.simulation import Noise, baselines
 from radioloc.studies.toml_table import TomlTable
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "simulation.md"
@@ -33,12 +34,21 @@ def test_what_is_read(tmp_path):
     assert scenario.schedule.masks.of("KASHI") == 7.0
     assert scenario.schedule.masks.of("JIAMUSI") == 10.0
     assert scenario.noise.link["range"] == Noise(0.8, 0.5, 3600.0, 0.001, 0.01, 50.0)
-    assert scenario.truth.clock["KASHI"] == Clock(-5e-9, 1e-14, "2020-12-01T15:11:00")
+    assert scenario.truth.values["clock"].value == {"KASHI": -5e-9}
+    assert scenario.truth.values["clock_rate"].value == {"KASHI": 1e-14}
+    assert scenario.truth.clock_epoch_utc == "2020-12-01T15:11:00"
     assert scenario.truth.terms_off == ("pole_tide",)
-    sigmas = scenario.spread.sigmas()
-    assert sigmas[Departure("range_bias_m", "JIAMUSI")] == 10.0
-    assert sigmas[Departure("station_enu_m", "KASHI", 2)] == 0.1
-    assert sigmas[Departure("position_enu_m", axis=2)] == 5.0
+    sigmas = scenario.truth_sigma.sigmas
+    assert sigmas["range_bias"].value == 10.0
+    assert sigmas["station_position"].value == (0.05, 0.05, 0.1)
+    assert scenario.truth_sigma.position_enu_m == (0.0, 0.0, 5.0)
+    world = scenario.world(radioloc.PhysicalModel.build())
+    sigma = dict(zip(world.drawn.names, world.drawn.sigmas, strict=True))
+    assert sigma["range_bias.JIAMUSI"] == sigma["range_bias.KASHI"] == 10.0
+    assert sigma["station_position.KASHI.up"] == 0.1
+    assert sigma["position.up"] == 5.0
+    assert "position.east" not in sigma
+    assert world.errors["clock.KASHI"] == -5e-9
 
 
 def test_every_key_is_on_the_page(tmp_path, monkeypatch):
@@ -62,6 +72,7 @@ def test_every_key_is_on_the_page(tmp_path, monkeypatch):
     of_tables = {"sessions", "noise", "truth", "truth_sigma", "position"}
     assert asked["simulation"] - of_tables == documented["simulation"]
     both = documented["simulation.truth"]
+    assert {kind.value_key for kind in PARAMETERS.values()} < both
     assert asked["simulation.truth"] == both - {"position_enu_m"}
     assert asked["simulation.truth_sigma"] == both - {"terms_on", "terms_off"}
     kinds = {*KINDS, "vlbi_station", "vlbi_station_rate"}
@@ -88,8 +99,18 @@ def test_every_key_is_on_the_page(tmp_path, monkeypatch):
         ("white_m = 0.8", "white_m = -0.8", r"\[simulation.noise.range\] noise: white_m is -0.8"),
         ("{ KASHI = 4.2 }", "{ NEUQUEN = 4.2 }", r"range_bias_m: NEUQUEN is in no session"),
         ("{ KASHI = 7.0 }", "7.0", r"station_masks_deg: must be a table by station"),
-        ("moon_m = [0.1, 0.5, 0.3]", "moon_m = [0.1, 0.5]", r"truth_sigma\] moon_m: .* three numbers"),
-        ("tec_tecu = 3.0\n", "tec_tecu = -3.0\n", r"truth_sigma\] the sigma of tec_tecu JIAMUSI is -3.0"),
+        (
+            "moon_position_m = [0.1, 0.5, 0.3]",
+            "moon_position_m = [0.1, 0.5]",
+            r"truth_sigma\] moon_position_m must be 3 numbers \(radial, along, normal\), not \[0.1, 0.5\]$",
+        ),
+        (
+            "electron_content_tecu = 3.0\n",
+            "electron_content_tecu = -3.0\n",
+            r"truth_sigma\] electron_content_tecu: the sigma is -3.0",
+        ),
+        ("clock_s = 5e-9", "clock_s = 0.1", r"clock_s: 0.1 is too large for .* at most 0.01 s"),
+        ("ut1_s = 2e-5", "ut1 = 2e-5", r"\[simulation.truth\] 'ut1' is not known; did you mean 'ut1_s'"),
         ("one_uplink = true", "one_uplink = 1.5", r"one_uplink: must be true or false"),
     ],
 )
@@ -118,44 +139,38 @@ def test_without_files_there_is_nothing_to_locate(tmp_path):
         radioloc.locate(read(tmp_path))
 
 
-def test_departures_add_to_the_truth():
-    truth = Truth(moon_m=(1.0, 2.0, 3.0), clock={"KASHI": Clock(1e-9)}, range_bias_m={"KASHI": 1.0})
-    found = departed(
-        truth,
-        {
-            Departure("moon_m", axis=1): 0.5,
-            Departure("moon_m", axis=2): -1.0,
-            Departure("ut1_s"): 1e-5,
-            Departure("clock_s", "KASHI"): 2e-9,
-            Departure("clock_rate", "KASHI"): 1e-14,
-            Departure("station_enu_m", "JIAMUSI", 2): 0.1,
-            Departure("range_bias_m", "JIAMUSI"): 4.0,
-            Departure("position_enu_m", axis=0): 7.0,
-        },
-        "2020-12-01",
+OLD = {
+    "moon_position_m": "moon_m",
+    "station_position_m": "station_enu_m",
+    "electron_content_tecu": "tec_tecu",
+    "clock_rate_s_s": "clock_rate",
+}
+
+
+@pytest.mark.parametrize("new", OLD)
+def test_earlier_names_are_read_with_a_warning(tmp_path, new):
+    assert EXAMPLE.count(f"{new} =") == 2
+    text = EXAMPLE.replace(f"{new} =", f"{OLD[new]} =", 1)
+    with pytest.warns(RenamedKeyWarning, match=rf"truth\] {OLD[new]} is called {new} now") as told:
+        found = read(tmp_path, text).simulation
+    assert len(told) == 1
+    assert found.truth == read(tmp_path).simulation.truth
+    with pytest.raises(InputError, match=f"{OLD[new]}: is the earlier name of {new}, which is there, too"):
+        read(tmp_path, EXAMPLE.replace(f"{new} =", f"{OLD[new]} = 1.0\n{new} =", 1))
+
+
+def test_any_parameter_of_the_registry_can_be_wrong(tmp_path):
+    """A frequency offset by link, and one drawn for all of them."""
+    text = EXAMPLE.replace(
+        "terms_on = []", 'terms_on = []\nfrequency_offset_value = { "KASHI>lander>KASHI" = 1e-13 }'
     )
-    assert found.moon_m == (1.0, 2.5, 2.0)
-    assert found.ut1_s == 1e-5
-    assert found.clock == {"KASHI": Clock(1e-9 + 2e-9, 1e-14, "2020-12-01")}
-    assert found.station_enu_m == {"JIAMUSI": (0.0, 0.0, 0.1)}
-    assert found.range_bias_m == {"KASHI": 1.0, "JIAMUSI": 4.0}
-    assert departed(truth, {}) == truth
-
-
-def test_one_departure_more_leaves_the_others():
-    few = Spread(ut1_s=1.0, range_bias_m={"KASHI": 1.0}).draw(3)
-    more = Spread(ut1_s=2.0, moon_m=(0.0, 1.0, 0.0), range_bias_m={"JIAMUSI": 1.0, "KASHI": 1.0}).draw(3)
-    assert set(more) - set(few) == {Departure("moon_m", axis=1), Departure("range_bias_m", "JIAMUSI")}
-    assert more[Departure("ut1_s")] == 2.0 * few[Departure("ut1_s")]
-    assert more[Departure("range_bias_m", "KASHI")] == few[Departure("range_bias_m", "KASHI")]
-
-
-def test_drawn_departures_have_their_sigma():
-    spread = Spread(position_enu_m=(0.0, 2.0, 5.0))
-    drawn = np.array([list(spread.draw(seed).values()) for seed in range(400)])
-    # The standard deviation of 400 unit normals lies in 1 +- 0.16 but for 1e-5.
-    np.testing.assert_allclose(drawn.std(axis=0) / [2.0, 5.0], 1.0, atol=0.16)
-    assert abs(np.corrcoef(drawn.T)[0, 1]) < 0.22
+    text += "frequency_offset_value = 1e-12\n"
+    found = radioloc.simulate(read(tmp_path, text))
+    doppler = found.observations.types() == "doppler"
+    np.testing.assert_allclose(
+        found.added_m["frequency_offset"], np.where(doppler, 1e-13 * 299792458.0 * 60.0, 0.0), rtol=1e-12
+    )
+    assert "frequency_offset_value" in read(tmp_path, text).simulation.truth_sigma.keys
 
 
 def test_the_command_writes_what_python_simulates(tmp_path, capsys):

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.earth.eop import EopTable
+from radioloc.earth.geodesy import rot_itrf_to_enu
+from radioloc.earth.orientation import EarthOrientation
 from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.time import Epochs
 
 _Vectors = NDArray[np.float64]
@@ -97,3 +101,37 @@ class OffsetOrientation(LunarOrientation):
             phi_change * sin_theta * theta_rate - phi_change_rate * np.cos(theta),
         ]
         return angles_rad + np.stack(change, axis=-1), rates_rad_s + np.stack(change_rate, axis=-1)
+
+
+def changed_model(
+    model: PhysicalModel,
+    moon_position_m: tuple[float, ...] = (0.0, 0.0, 0.0),
+    libration_rad: tuple[float, ...] = (0.0, 0.0, 0.0),
+    station_position_m: dict[str, tuple[float, ...]] | None = None,
+    ut1_s: float = 0.0,
+    pole_rad: tuple[float, ...] = (0.0, 0.0),
+) -> PhysicalModel:
+    """A model in which Moon, stations and the Earth's orientation are elsewhere: no partials are used."""
+    table = model.earth.table
+    moved = EopTable(
+        table.mjd_utc,
+        table.xp_rad + pole_rad[0],
+        table.yp_rad + pole_rad[1],
+        table.ut1_minus_utc_s + ut1_s,
+        table.dx_rad,
+        table.dy_rad,
+        table.predicted,
+        table.sources,
+    )
+    catalogue = model.catalogue
+    for name, enu_m in (station_position_m or {}).items():
+        station = catalogue.get(name)
+        itrf_m = station.itrf_m + np.array(enu_m) @ rot_itrf_to_enu(station.itrf_m)
+        catalogue = catalogue.with_station(replace(station, itrf_m=itrf_m))
+    return replace(
+        model,
+        ephemeris=OffsetEphemeris.of(model.ephemeris, moon_position_m),
+        libration=OffsetOrientation.of(model.libration, libration_rad),
+        earth=EarthOrientation(moved),
+        catalogue=catalogue,
+    )

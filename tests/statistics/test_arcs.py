@@ -95,14 +95,14 @@ REALISTIC = TruthSigma(
     electron_content_tecu=dict.fromkeys(RANGING, 3.0) | dict.fromkeys(VLBI, 2.0),
     clock_epoch_utc=START,
 )
-"""Departures of the size of those that the example has, drawn anew in every trial."""
+"""Errors of the size of those that the example has, drawn anew in every trial."""
 
 
-@pytest.fixture(scope="module", params=["the example's departures", "departures drawn"])
+@pytest.fixture(scope="module", params=["the example's errors", "errors drawn"])
 def lasting(request):
-    """The example's tracking: departures from the model, and noise that lasts for hours."""
+    """The example's tracking: errors of the model, and noise that lasts for hours."""
     study = radioloc.read_study(EXAMPLE)
-    if request.param == "departures drawn":
+    if request.param == "errors drawn":
         study = replace(study, simulation=replace(study.simulation, truth=Truth(), truth_sigma=REALISTIC))
     found = radioloc.monte_carlo(study, 200, HOURS, workers=2)
     assert found.linear

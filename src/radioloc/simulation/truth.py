@@ -274,11 +274,17 @@ def _choices(given: Mapping[str, Any], *, sigma: bool = False) -> dict[str, Para
             near = difflib.get_close_matches(key, kinds, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(kinds)}"
             raise InputError(f"{key!r} is no error of a parameter{hint}")
-    choices = {
-        kind.name: ParameterChoice.of(kind, value=given[key]) for key, kind in kinds.items() if key in given
-    }
-    for name, choice in choices.items():
-        _require_small(PARAMETERS[name], choice, sigma)
+    choices = {}
+    for key, kind in kinds.items():
+        if key not in given:
+            continue
+        try:
+            choices[kind.name] = ParameterChoice.of(kind, value=given[key])
+        except InputError as error:
+            text, names, _ = str(error).partition(f"; {kind.name} says whose it is")
+            where = f"; whose the fit solves for is said in [estimate] {kind.name}" if names else ""
+            raise InputError(text + where) from None
+        _require_small(kind, choices[kind.name], sigma)
     return choices
 
 

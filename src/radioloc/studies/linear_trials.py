@@ -6,7 +6,7 @@ A trial is a sum of vectors (noise, and partials times drawn errors) and a linea
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray

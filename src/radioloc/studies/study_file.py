@@ -105,14 +105,6 @@ _TABLES_OF_A_STUDY = (
     "simulation",
 )
 
-_SIMULATED = {
-    "range_bias_m": "range_bias",
-    "clock_s": "clock",
-    "clock_rate": "clock_rate",
-    "zenith_delay_m": "zenith_delay",
-}
-"""What the simulated world has, and the key of ``[estimate]`` that lists for which stations a fit solves for it."""
-
 
 def _hints() -> Hints:
     """Made when a study is read: the kinds of parameter of other packages have keys, too."""
@@ -123,15 +115,6 @@ def _hints() -> Hints:
             for table, record in TABLES.items()
             for field in dataclasses.fields(record)
             if "advice" in field.metadata
-        }
-        | {
-            (
-                table,
-                key,
-            ): "it is what the simulated world has, one number or a table by station; for which stations a fit "
-            f"solves for it is said in [estimate] {listed}"
-            for table in ("simulation.truth", "simulation.truth_sigma")
-            for key, listed in _SIMULATED.items()
         }
         | {
             (

@@ -10,7 +10,7 @@ from radioloc.errors import InputError, StationError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.media.mapping_functions import day_of_year, niell
+from radioloc.media.mapping_functions import day_of_year, mapping_factors, niell_coefficients
 from radioloc.simulation import (
     Masks,
     Schedule,
@@ -225,7 +225,7 @@ def test_air_lengthens_ranges_and_delays_the_later_station(schedule, lander, lan
         place = geodetic_from_itrf(model.catalogue.get(name).itrf_m)
         day = day_of_year(observations.epoch)
         seen_rad = np.maximum(elevation_rad, np.radians(5.0))
-        return niell(seen_rad, place.latitude_rad, place.height_m, day).wet
+        return mapping_factors(seen_rad, place.height_m, *niell_coefficients(place.latitude_rad, day)).wet
 
     def shell(name, elevation_rad):
         # Dach et al. (2015), chapter 12: sin z' = 6371 / 6877.7 sin(0.9782 z).

@@ -42,7 +42,7 @@ def test_what_is_read(tmp_path):
     assert sigmas["range_bias"].value == 10.0
     assert sigmas["station_position"].value == (0.05, 0.05, 0.1)
     assert scenario.truth_sigma.position_enu_m == (0.0, 0.0, 5.0)
-    world = scenario.world(radioloc.PhysicalModel.build())
+    world = scenario.world(radioloc.measurements.PhysicalModel.build())
     sigma = dict(zip(world.drawn.names, world.drawn.sigmas, strict=True))
     assert sigma["range_bias.JIAMUSI"] == sigma["range_bias.KASHI"] == 10.0
     assert sigma["station_position.KASHI.up"] == 0.1

@@ -484,7 +484,7 @@ itrf_m = [-1281152.0, 5640864.0, 2682653.0]
         (FILES + "extra_sigma_m = { range = 1.0 }", "station or file belongs to [[observations.weights]]"),
         (FILES + 'weights = "correlated"', "is in [estimate] weights"),
         (FILES + "[[observations.weights]]\nsigma_m = { range = 1.0 }", "belong to [observations] sigma_m"),
-        ('[simulation.truth]\nclock_rate = ["APOLLO"]', "is said in [estimate] clock_rate"),
+        ('[simulation.truth]\nclock_rate_s_s = ["APOLLO"]', "is said in [estimate] clock_rate"),
         ('[simulation.truth]\nrange_bias_m = "all"', "is said in [estimate] range_bias"),
         ('[simulation.truth_sigma]\nclock_s = ["APOLLO"]', "is said in [estimate] clock"),
     ],

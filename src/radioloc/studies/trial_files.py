@@ -12,6 +12,7 @@ import math
 import zlib
 from collections.abc import Mapping, Sequence
 from dataclasses import fields, is_dataclass
+from enum import Enum
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -63,6 +64,8 @@ def _plain(value: Any) -> Any:
         return {"file": value.name, "sha256": _sha256(value.read_bytes()) if value.is_file() else None}
     if is_dataclass(value):
         return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+    if isinstance(value, Enum):
+        return _plain(value.value)
     if isinstance(value, np.ndarray):
         return _plain(value.tolist())
     if isinstance(value, Mapping):

@@ -1,12 +1,15 @@
 """Results of trials on disk: damaged ones are told, whatever the damage."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
+from radioloc import LunarPosition, Study
 from radioloc.errors import InputError
-from radioloc.studies.trial_files import TrialFolder, refuse_other_study
+from radioloc.studies import EstimateChoice
+from radioloc.studies.trial_files import TrialFolder, refuse_other_study, study_record
 
 
 @pytest.fixture
@@ -60,3 +63,18 @@ def test_damaged_record_of_the_study(files, tmp_path, content):
     (tmp_path / "study.json").write_bytes(content)
     with pytest.raises(InputError, match=r"study\.json: is damaged; start anew"):
         refuse_other_study(tmp_path, {"seed": 1})
+
+
+def test_the_record_of_a_study_is_json_also_with_a_scope(tmp_path):
+    """Whom a parameter belongs to is a word there, and another one is another study."""
+    study = Study(target=LunarPosition.from_selenographic(-51.9, 43.0, -2550.0))
+    records = [
+        study_record(replace(study, estimate=EstimateChoice(range_bias="all", range_bias_per=per)), [6.0], 1)
+        for per in ("station", "link")
+    ]
+    TrialFolder(tmp_path, records[1], ["east_m"], [6.0]).start()
+    stored = json.loads((tmp_path / "study.json").read_text())
+    assert stored["estimate"]["parameters"]["range_bias"]["per"] == "link"
+    assert refuse_other_study(tmp_path, records[1])
+    with pytest.raises(InputError, match="what differs: estimate"):
+        refuse_other_study(tmp_path, records[0])

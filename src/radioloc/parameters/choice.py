@@ -107,10 +107,16 @@ def chosen_parameters(
     StationError
         A station is not in the catalogue.
     InputError
-        A name has no observation that such a parameter acts on, or a sigma and no parameter.
+        A name has no observation that such a parameter acts on, a sigma no parameter, or the term by which the
+        parameter acts is switched off.
     """
     if not choice.is_given:
         return None
+    if kind.term and not predictor.model.has(kind.term):
+        raise InputError(
+            f"{kind.name}: it acts by the term {kind.term}, which is switched off; switch the term on "
+            f"([model] off), or leave {kind.name} out"
+        )
     scope = choice.scope(kind)
     present = everyone(scope, predictor) if role is Role.FIXED else members(kind, scope, predictor)
     listed = _listed(kind, choice, scope, predictor, present, role)

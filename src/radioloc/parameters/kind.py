@@ -63,6 +63,8 @@ class ParameterKind:
     more_partials : bool
         Whether it needs the partials that predictors compute on request only: by the stations' places, by the electron
         content above them, and what moves the target in a count interval.
+    term : str
+        Term of the model by whose partials it acts, and without which it cannot be.
 
     Raises
     ------
@@ -79,6 +81,7 @@ class ParameterKind:
     components: tuple[str, ...] = ("",)
     scale: float = 1.0
     more_partials: bool = False
+    term: str = ""
 
     def __post_init__(self) -> None:
         if not (self.name.isidentifier() and self.scopes and self.components and self.scale > 0.0):

@@ -35,6 +35,7 @@ ZENITH_DELAY = ParameterKind(
     partials=_zenith_delay,
     acts_on=both_stations,
     scale=0.3,
+    term="troposphere",
 )
 ELECTRON_CONTENT = ParameterKind(
     name="electron_content",

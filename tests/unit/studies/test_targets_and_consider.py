@@ -131,3 +131,15 @@ def test_a_clock_that_is_wrong_by_its_sigma_moves_the_estimate_as_considered(fol
     [moved] = before.consider.position_m(before.enu_by_parameters).values()
     shift_m = before.rot_pa_to_enu @ (after.position_pa_m - before.position_pa_m)
     np.testing.assert_allclose(shift_m, moved, atol=1e-4 + 1e-3 * np.abs(moved).max())
+
+
+@pytest.mark.parametrize("table", ["estimate", "consider"])
+def test_a_zenith_delay_without_a_troposphere_is_an_error(folder, table):
+    text = STUDY.replace('off = ["ionosphere"]', 'off = ["ionosphere", "troposphere"]')
+    keys = 'zenith_delay = ["KASHI"]\nzenith_delay_sigma_m = 0.1\n'
+    text += keys if table == "estimate" else f"[consider]\n{keys}"
+    with pytest.raises(
+        InputError,
+        match=rf"^\[{table}\] zenith_delay: it acts by the term troposphere, which is switched off",
+    ):
+        radioloc.locate(study(folder, text))

@@ -197,8 +197,8 @@ def _weights(batches: Sequence[Batch], found: TimeCorrelation) -> tuple[SeriesWe
     weights = []
     for name, found_in in mine.items():
         # Combinations in which the errors of stations cancel, around triangles, need not be correlated.
-        growth = sum(item.count**2 / item.effective_count for item in found_in)
-        factor = math.sqrt(max(1.0, growth / max(sum(item.count for item in found_in), 1)))
+        enlarged = sum(item.count**2 / item.effective_count for item in found_in)
+        factor = math.sqrt(max(1.0, enlarged / max(sum(item.count for item in found_in), 1)))
         if factor > 1.0:
             weights.append(SeriesWeight(name, counts[name], factor))
     return tuple(weights)

@@ -76,7 +76,7 @@ class MeasurementType:
     positive : bool
         Whether the value must be above zero.
     largest_m, fastest_m_s : float or None
-        Largest magnitude of the value, and of its growth over a second of the count interval.
+        Largest magnitude of the value, and of its change in a second of the count interval.
     limit : str
         Sentence that says why, for messages.
 

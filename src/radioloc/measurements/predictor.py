@@ -31,7 +31,7 @@ class Computed:
     Parameters
     ----------
     value_m : ndarray, shape (n,)
-        Range, delay or growth of the range, m.
+        Range, delay or range difference over the count interval, m.
     by_position_pa : ndarray, shape (n, 3)
         Partial derivatives with respect to the principal-axes coordinates of the observation's target, m/m.
     by_time_m_s : ndarray, shape (n,)
@@ -94,7 +94,7 @@ class Prediction(Protocol):
 
     @property
     def value_m(self) -> NDArray[np.float64]:
-        """Range, delay or growth of the range of every observation, m, shape (n,)."""
+        """Range, delay or range difference over the count interval of every observation, m, shape (n,)."""
         ...
 
     def rows(self, which: Any) -> Computed:

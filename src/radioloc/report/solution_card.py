@@ -311,14 +311,14 @@ def _time_correlation(solution: Solution) -> list[str]:
     ]
     if len(series) > _MAX_SERIES:
         lines[-1] += f"; likewise {len(series) - _MAX_SERIES} more series"
-    growth = (
+    enlarged = (
         f"the time correlation enlarges the position sigma by a factor of {solution.correlation_factor:.2g}"
     )
     if solution.series_weights:
-        return [*lines, *_weights(solution), growth]
+        return [*lines, *_weights(solution), enlarged]
     if solution.correlation_factor > _MUCH_LARGER:
-        growth += '; [estimate] weights = "correlated" allows for it in the weights too'
-    return [*lines, growth]
+        enlarged += '; [estimate] weights = "correlated" allows for it in the weights too'
+    return [*lines, enlarged]
 
 
 def _weights(solution: Solution) -> list[str]:

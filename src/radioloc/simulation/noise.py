@@ -32,9 +32,10 @@ class Noise:
         Standard deviation, m, and correlation time, s, of a stationary first-order Gauss-Markov process, whose
         autocovariance is coloured_m^2 exp(-|dt| / correlation_s).
     walk_m_sqrt_s : float
-        Growth of a random walk that starts at zero with the session, m per square root of a second.
+        Standard deviation of a random walk that starts at zero with the session, m per square root of a second.
     outlier_fraction, outlier_m : float
-        How many epochs get a wild error, and its size, m: even between half and one and a half of it, of either sign.
+        Fraction of the epochs that get an outlier, and its size, m: even between half and one and a half of it, of
+        either sign.
 
     Raises
     ------
@@ -159,7 +160,7 @@ class NoiseModel:
         -------
         noise_m : ndarray, shape (n,)
         is_outlier : ndarray of bool, shape (n,)
-            Whether a wild error of the link or of one of its stations is in it.
+            Whether an outlier of the link or of one of its stations is in it.
 
         Raises
         ------

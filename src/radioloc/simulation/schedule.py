@@ -55,7 +55,7 @@ def baselines(*stations: str) -> tuple[Pair, ...]:
 
 @dataclass(frozen=True, slots=True)
 class Session:
-    """Links measured alike at regular epochs.
+    """Links measured in the same way at regular epochs.
 
     Parameters
     ----------

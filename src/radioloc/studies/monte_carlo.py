@@ -36,7 +36,7 @@ _RANDOM_PROOFS = 2
 _ALLOWED_M, _ALLOWED_SIGMAS = 1e-3, 0.01
 """How far a position by the linear model may be from that of the full fit: the larger of both."""
 _ALLOWED_OF_SIGMAS = 0.02
-"""By how much sigmas may differ: the stretches of time in which residuals are looked at for being alike begin elsewhere
+"""By how much sigmas may differ: the bins in which residuals are examined for time correlation begin elsewhere
 when outliers are left out, and that alone moves sigmas by up to 1 %."""
 
 

@@ -24,8 +24,8 @@ COLUMNS = (
     "nees_horizontal",
     "noise_scale",
 )
-"""What is kept of each trial and arc; then the excess noise by type, then each nuisance parameter, its sigma and, of a
-range bias, its error: the estimate less what was put in."""
+"""What is kept of each trial and arc; then the additive variance component of each type, as a sigma in metres, then
+each parameter but the position, its sigma and, of a range bias, its error: the estimate less what was put in."""
 
 
 def trial_seed(seed: int, trial: int) -> int:

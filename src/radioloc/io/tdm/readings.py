@@ -186,7 +186,7 @@ def _range_difference_m(
     sent: Series,
     ratio: tuple[int, int],
 ) -> NDArray[np.float64]:
-    """Growth of the light path over the count interval from mean received frequencies, m, shape (n,)."""
+    """Change of the light path over the count interval from mean received frequencies, m, shape (n,)."""
     (up, down), base_hz = ratio, float(sent.value[0])
     # Differences of nearly equal frequencies first: the digits that cancel are then gone without loss.
     change_s = count_s * (((up * base_hz - down * offset_hz) - down * value_hz) / (up * base_hz))

@@ -508,6 +508,7 @@ def test_toml_is_a_study_or_part_of_one(page, workspace):
             "target",
             "observations",
             "estimate",
+            "consider",
             "model",
             "stations",
             "reference",

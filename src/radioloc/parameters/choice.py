@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -344,8 +344,12 @@ def _canonical(key: str, name: str, scope: Scope, predictor: Predictor) -> str:
     return canonical_target(name) if scope is Scope.TARGET else name
 
 
-def parameter_choices(given: Mapping[str, Any]) -> dict[str, ParameterChoice]:
+def parameter_choices(
+    given: Mapping[str, Any], before: Mapping[str, ParameterChoice] | None = None
+) -> dict[str, ParameterChoice]:
     """Sort keys such as ``range_bias``, ``range_bias_sigma_m`` and ``range_bias_per`` by kind of parameter.
+
+    What was chosen before stays but for the keys that are given.
 
     Raises
     ------
@@ -370,9 +374,15 @@ def parameter_choices(given: Mapping[str, Any]) -> dict[str, ParameterChoice]:
             raise InputError(f"{key} is no parameter's{hint}; the parameters are {', '.join(PARAMETERS)}")
         kind, field = keys[key]
         fields.setdefault(kind.name, {})[field] = value
-    return {
-        name: ParameterChoice.of(kind, **fields[name]) for name, kind in PARAMETERS.items() if name in fields
-    }
+    choices = dict(before or {})
+    for name, kind in PARAMETERS.items():
+        if name in fields:
+            old = choices.get(name)
+            names = {} if old is None else {"names": old.names}
+            made = ParameterChoice.of(kind, **(names | fields[name]))
+            changed = {field: getattr(made, field) for field in fields[name]}
+            choices[name] = made if old is None else replace(old, **changed)
+    return choices
 
 
 def chosen_keys(choices: Mapping[str, ParameterChoice]) -> dict[str, Any]:

@@ -236,7 +236,7 @@ class EstimateChoice:
     pass_gap_h : float
         A new pass begins when a station has not observed for longer.
     parameters : mapping of str to ParameterChoice, optional
-        Kinds of parameter by name; or, instead of it, any of the keys that follow.
+        Kinds of parameter by name; keys that follow change them.
     **keys
         For each kind NAME of :data:`~radioloc.parameters.registry.PARAMETERS`: ``NAME``, whose parameter is estimated
         (a list of names, ``"all"`` or ``"none"``; true or false where there is only one); ``NAME_m`` (or another
@@ -287,7 +287,7 @@ class EstimateChoice:
             ("rejection_sigma", rejection_sigma),
             ("weights", weights),
             ("pass_gap_h", pass_gap_h),
-            ("parameters", dict(parameters or {}) | parameter_choices(keys)),
+            ("parameters", parameter_choices(keys, parameters)),
         ):
             object.__setattr__(self, name, value)
         check(self)

@@ -1,6 +1,7 @@
 """The records of a study refuse what makes no sense, and take what is plainly meant."""
 
 import math
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,17 @@ def test_single_names_and_files_stand_for_lists_of_one():
     assert choice.stations == ("7045",)
     assert ObservationChoice(files=["a", Path("b")], targets=["x"]).files == (Path("a"), Path("b"))
     assert EstimateChoice(range_bias=["A", "B"]).parameters["range_bias"].names == ("A", "B")
+
+
+def test_a_key_of_a_parameter_can_be_replaced():
+    """`dataclasses.replace` changes one key, and what else was chosen stays."""
+    choice = EstimateChoice(range_bias="all", range_bias_sigma_m=10.0, range_bias_per="link", clock=["A"])
+    looser = replace(choice, range_bias_sigma_m=20.0)
+    assert looser == EstimateChoice(
+        range_bias="all", range_bias_sigma_m=20.0, range_bias_per="link", clock=["A"]
+    )
+    free = replace(choice, range_bias_sigma_m=None)
+    assert free == EstimateChoice(range_bias="all", range_bias_per="link", clock=["A"])
 
 
 @pytest.mark.parametrize(

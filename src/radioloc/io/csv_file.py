@@ -78,7 +78,10 @@ def _cells(column: Any, rows: slice, decimals: int | None) -> pyarrow.Array:
             return _label_texts(column.codes[rows], column.texts)
     part = column[rows]
     if decimals is not None:
-        return _texts([f"{value:.{decimals}f}" for value in part.tolist()])
+        # Python's formatting is exact; one operation for many numbers is twice as fast as one for each.
+        values = part.tolist()
+        text = (f"%.{decimals}f\n" * len(values)) % tuple(values)
+        return pyarrow.array(text.split("\n")[:-1], pyarrow.string())
     if isinstance(part, np.ndarray) and part.dtype.kind != "U":
         return pyarrow.array(part, from_pandas=True)
     return _texts(part)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +92,7 @@ class ObservationModel:
         if x[first:].any():
             for start in range(0, len(residual_m), ROWS_AT_ONCE):
                 rows = np.arange(start, min(start + ROWS_AT_ONCE, len(residual_m)))
-                residual_m[rows] -= here.partials(rows)[:, first:] @ x[first:]
+                residual_m[rows] -= here.partials(rows, of_kinds_only=True) @ x[first:]
         residual_m.flags.writeable = False
         return here
 
@@ -122,25 +123,31 @@ class DesignMatrix:
     x: NDArray[np.float64]
     residual_m: NDArray[np.float64]
 
-    def partials(self, rows: Rows) -> NDArray[np.float64]:
-        """d(computed)/d(parameter) of some observations, shape (m, p)."""
+    def partials(self, rows: Rows, *, of_kinds_only: bool = False) -> NDArray[np.float64]:
+        """d(computed)/d(parameter) of some observations, shape (m, p); or those by all but the positions."""
+        columns = partial(self._simple, first=0 if of_kinds_only else len(self.model.positions))
         if isinstance(self.at, CombinedPrediction):
-            return self.at.combine(rows, self._simple)
-        return self._simple(rows, self.at)
+            return self.at.combine(rows, columns)
+        return columns(rows, self.at)
 
-    def _simple(self, rows: Rows, at: Prediction) -> NDArray[np.float64]:
+    def _simple(self, rows: Rows, at: Prediction, first: int) -> NDArray[np.float64]:
+        """Partials of observations that are not combined, by the first positions and all kinds of parameter."""
         model = self.model
         assert model.reference is not None  # there are observations
         part = ObservationRows(
             simple_predictor(model.predictor), rows, model.reference, self.positions_pa_m, at.rows
         )
         assert part.computed is not None
-        columns = []
-        for target, function in enumerate(model.positions):
-            _, by_parameters = function(self.x[3 * target : 3 * target + 3])
-            by_position = part.computed.by_position_pa @ by_parameters
+        # Column by column in memory, as the factorization reads them.
+        out = np.empty((3 * first + sum(map(len, model.columns)), len(rows))).T
+        for target, function in enumerate(model.positions[:first]):
+            mine = slice(3 * target, 3 * target + 3)
+            _, by_parameters = function(self.x[mine])
+            out[:, mine] = part.computed.by_position_pa @ by_parameters
             if len(model.positions) > 1:
-                by_position *= (part.target == target)[:, None]
-            columns.append(by_position)
-        columns += [columns_of_kind.design(part) for columns_of_kind in model.columns]
-        return np.hstack(columns)
+                out[:, mine] *= (part.target == target)[:, None]
+        start = 3 * first
+        for columns in model.columns:
+            out[:, start : start + len(columns)] = columns.design(part)
+            start += len(columns)
+        return out

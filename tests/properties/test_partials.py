@@ -143,6 +143,11 @@ def value_m(arc):
 
 
 every_case = pytest.mark.parametrize("case", CASES)
+# One of each geometry in seconds; all of them with the slow studies.
+FEW = {"three-way, receive", "VLBI delay", "two-way Doppler", "one-way, transmit", "differenced Doppler"}
+few_cases = pytest.mark.parametrize(
+    "case", [pytest.param(case, marks=() if case in FEW else pytest.mark.slow) for case in CASES]
+)
 FORMS = {
     "geographic": {},
     "cartesian": {"position": "cartesian"},
@@ -281,7 +286,7 @@ def test_transponder_delay(model, case):
         assert_same(column, numeric)
 
 
-@every_case
+@few_cases
 @pytest.mark.parametrize("component", range(3))
 def test_station_position(airless, case, component):
     model = airless
@@ -309,20 +314,20 @@ def turned(model, **shifts):
     return dataclasses.replace(model, earth=EarthOrientation(shifted))
 
 
-@every_case
+@few_cases
 def test_ut1(airless, case):
     numeric = slope(lambda d: value_m(arc_of(turned(airless, ut1_minus_utc_s=d), case)), 0.05)
     assert_same(column_of(arc_of(airless, case), "ut1", ut1=True), numeric, BY_STATION, 700.0)
 
 
-@every_case
+@few_cases
 @pytest.mark.parametrize("axis", ["x", "y"])
 def test_pole(airless, case, axis):
     numeric = slope(lambda d: value_m(arc_of(turned(airless, **{f"{axis}p_rad": d}), case)), 5e-6)
     assert_same(column_of(arc_of(airless, case), f"pole.{axis}", pole=True), numeric, BY_STATION, 1e7)
 
 
-@every_case
+@few_cases
 @pytest.mark.parametrize("component", range(3))
 def test_moon_position(model, case, component):
     def moved(d):
@@ -334,7 +339,7 @@ def test_moon_position(model, case, component):
     assert_same(column, slope(moved, 1e4), BY_MOON, 2.0)
 
 
-@every_case
+@few_cases
 @pytest.mark.parametrize("component", range(3))
 def test_libration(model, case, component):
     def moved(d):
@@ -345,7 +350,7 @@ def test_libration(model, case, component):
     assert_same(column, slope(moved, 1e-5), BY_MOON, 2.4e6)
 
 
-@every_case
+@few_cases
 @pytest.mark.parametrize("number", ["h2", "l2"])
 def test_love_numbers(model, case, number):
     constants = model.ephemeris.constants
@@ -359,7 +364,7 @@ def test_love_numbers(model, case, number):
     assert_same(column, slope(other, 500.0), BY_MOON, 27.0)
 
 
-@every_case
+@few_cases
 def test_lunar_lengths(model, case):
     arc = arc_of(model, case)
     site_pa_m = SITE.to_axes("PA", model.ephemeris.constants).xyz_m
@@ -367,7 +372,7 @@ def test_lunar_lengths(model, case):
     assert_same(column_of(arc, "lunar_lengths", lunar_lengths=True), numeric)
 
 
-@every_case
+@few_cases
 def test_electron_content(model, case):
     """The same content above all stations."""
     arc = arc_of(model, case)

@@ -80,13 +80,6 @@ class FitStatistics:
     robust_scale: float
     excess_noise_m: Mapping[str, float] = field(default_factory=dict)
 
-    @property
-    def noise_scale(self) -> float:
-        """Factor from stated sigmas to those that the residuals show; 1 unless significantly more."""
-        if self.chi2_per_dof is None or self.chi2_per_dof_bound is None:
-            return 1.0
-        return math.sqrt(self.chi2_per_dof) if self.chi2_per_dof > self.chi2_per_dof_bound else 1.0
-
     def to_dict(self) -> dict[str, Any]:
         """All numbers, in types that JSON has."""
         total = self.total.to_dict()

@@ -261,7 +261,7 @@ def _listed(
     if choice.names == "none":
         return []
     if choice.names == "all":
-        if kind.name in ("clock", "clock_rate") and role is Role.ESTIMATED:
+        if kind.relative and role is Role.ESTIMATED:
             return _without_references(kind, predictor, present)
         return present
     found = {_member(kind, kind.name, name, scope, predictor, present) for name in choice.names}
@@ -269,7 +269,7 @@ def _listed(
 
 
 def _without_references(kind: ParameterKind, predictor: Predictor, present: list[Member]) -> list[Member]:
-    """Only differences of clocks show: the first station of those that observe together keeps the time for all."""
+    """Only differences show, as of clocks: the first station of those that observe together is the reference."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 

@@ -80,6 +80,7 @@ CLOCK = ParameterKind(
     partials=_offset,
     acts_on=_offset_shows,
     scale=1.0 / C_M_S,
+    relative=True,
 )
 CLOCK_RATE = ParameterKind(
     name="clock_rate",
@@ -89,6 +90,7 @@ CLOCK_RATE = ParameterKind(
     partials=_rate,
     acts_on=_rate_shows,
     scale=1e-5 / C_M_S,
+    relative=True,
 )
 TARGET_CLOCK = ParameterKind(
     name="target_clock",

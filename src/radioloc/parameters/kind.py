@@ -65,6 +65,9 @@ class ParameterKind:
         content above them, and what moves the target in a count interval.
     term : str
         Term of the model by whose partials it acts, and without which it cannot be.
+    relative : bool
+        Whether only differences between stations show; ``"all"`` then estimates all but one reference station of each
+        network.
 
     Raises
     ------
@@ -82,6 +85,7 @@ class ParameterKind:
     scale: float = 1.0
     more_partials: bool = False
     term: str = ""
+    relative: bool = False
 
     def __post_init__(self) -> None:
         if not (self.name.isidentifier() and self.scopes and self.components and self.scale > 0.0):

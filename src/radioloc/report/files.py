@@ -58,7 +58,15 @@ def write_report(solution: Solution, folder: str | Path) -> list[Path]:
     ['solution.json', 'residuals.csv']
     """
     written = write_numbers(solution, folder)
-    return [*written, *_write_plots(solution, Path(folder))]
+    rows = solution.residuals
+    # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
+    apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
+    written += write_figure(
+        plot_links(solution) if apart else plot_residuals(solution), Path(folder), "residuals"
+    )
+    if solution.position_estimated and solution.position_determined:
+        written += write_figure(plot_position(solution), Path(folder), "position")
+    return written
 
 
 def write_numbers(solution: Solution, folder: str | Path) -> list[Path]:
@@ -101,12 +109,7 @@ def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) ->
     solution : Solution
         Where the terms are evaluated.
     folder : path-like
-        Made where it does not exist.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be made or written to.
+        As of :func:`write_report`, errors too.
 
     Examples
     --------
@@ -129,37 +132,11 @@ def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) ->
     return path
 
 
-def _write_plots(solution: Solution, folder: Path) -> list[Path]:
-    rows = solution.residuals
-    # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
-    apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
-    figures = {"residuals": plot_links(solution) if apart else plot_residuals(solution)}
-    if solution.position_estimated and solution.position_determined:
-        figures["position"] = plot_position(solution)
-    return [path for name, figure in figures.items() for path in write_figure(figure, folder, name)]
-
-
 def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
     """Write ``arcs.json``, ``table1.csv``, ``table1.md``, ``figure2.png``, ``figure2.svg`` and a folder for each arc.
 
     Table and figure are what table 1 and figure 2 of Wang et al. (2021) show. Each arc's folder, such as ``12h``, has
-    its ``solution.json`` and ``residuals.csv``.
-
-    Parameters
-    ----------
-    study : ArcStudy
-    folder : path-like
-        Made where it does not exist; files of the same names are replaced.
-
-    Returns
-    -------
-    list of Path
-        What was written.
-
-    Raises
-    ------
-    InputError
-        A folder cannot be made or written to.
+    its ``solution.json`` and ``residuals.csv``. Parameters and errors are as of :func:`write_report`.
 
     Examples
     --------
@@ -169,11 +146,10 @@ def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
     ['.csv', '.json', '.md', '.png', '.svg']
     """
     folder = made_folder(folder)
-    table, markdown, numbers = (folder / name for name in ("table1.csv", "table1.md", "arcs.json"))
-    write_text(table, study.to_csv())
-    write_text(markdown, study.to_markdown())
-    write_json(numbers, study.to_dict())
-    written = [table, markdown, numbers]
+    written = [folder / name for name in ("table1.csv", "table1.md", "arcs.json")]
+    write_text(written[0], study.to_csv())
+    write_text(written[1], study.to_markdown())
+    write_json(written[2], study.to_dict())
     for arc in study.arcs:
         written += write_numbers(arc.solution, folder / f"{arc.hours:g}h")
     return written + write_figure(plot_links(study.longest), folder, "figure2")
@@ -182,21 +158,8 @@ def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
 def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     """Write ``montecarlo.json``, ``trials.csv``, ``trials.png``, ``trials.svg``, ``error_by_length.png`` and ``.svg``.
 
-    Parameters
-    ----------
-    study : MonteCarlo
-    folder : path-like
-        Made where it does not exist; files of the same names are replaced.
-
-    Returns
-    -------
-    list of Path
-        What was written; no figures where no trial has converged.
-
-    Raises
-    ------
-    InputError
-        The folder cannot be made or written to, or there are more arcs than panels fit on a page.
+    There are no figures where no trial has converged, and more than twelve arcs are an error, as they do not fit on a
+    page. All else is as of :func:`write_report`.
 
     Examples
     --------
@@ -209,31 +172,13 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     from radioloc.io.csv_file import batches_of, write_csv
 
     folder = made_folder(folder)
-    numbers, table = folder / "montecarlo.json", folder / "trials.csv"
-    write_json(numbers, study.to_dict())
-    write_csv(table, batches_of(study.columns_of_trials()))
-    written = [numbers, table]
-    good = study["converged"] == 1.0
-    shown = [k for k in range(len(study.hours)) if good[:, k].any()]
-    if not shown:
-        return written
-    error_m, sigma_m = study.errors_m, study.sigmas_m
-    errors = [error_m[good[:, k], k] for k in shown]
-    sigmas = [sigma_m[good[:, k], k] for k in shown]
-    hours = [study.hours[k] for k in shown]
-    claimed = []
-    for k, sigmas_of_arc in zip(shown, sigmas, strict=True):
-        correlation = float(np.median(study["correlation_east_north"][good[:, k], k]))
-        root_m = np.median(sigmas_of_arc[:, :2], axis=0)
-        claimed.append(np.outer(root_m, root_m) * [[1.0, correlation], [correlation, 1.0]])
-    title = f"{study.name}: {study.trials} trials"
-    scatter = plot_trial_scatter([f"{h:g} h" for h in hours], [e[:, :2] for e in errors], claimed, title)
-    by_length = plot_error_by_length(hours, errors, sigmas, title)
-    return [
-        *written,
-        *write_figure(scatter, folder, "trials"),
-        *write_figure(by_length, folder, "error_by_length"),
-    ]
+    written = [folder / "montecarlo.json", folder / "trials.csv"]
+    write_json(written[0], study.to_dict())
+    write_csv(written[1], batches_of(study.columns_of_trials()))
+    if (study["converged"] == 1.0).any():
+        written += write_figure(plot_trial_scatter(study), folder, "trials")
+        written += write_figure(plot_error_by_length(study), folder, "error_by_length")
+    return written
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:

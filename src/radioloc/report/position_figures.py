@@ -13,6 +13,8 @@ from radioloc.errors import InputError
 from radioloc.estimation.build import compare_with
 from radioloc.estimation.solution import Solution
 from radioloc.report.figures import COLORS, axes_for, length_unit, new_figure, style_axes
+from radioloc.report.monte_carlo import MonteCarlo
+from radioloc.report.trial_statistics import SIDES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -113,48 +115,47 @@ def _caption(solution: Solution, compared: bool, east_m: float, north_m: float) 
     return text
 
 
-def plot_trial_scatter(
-    names: Sequence[str], errors_m: Sequence[_Floats], claimed_m2: Sequence[_Floats], title: str
-) -> Figure:
+def plot_trial_scatter(study: MonteCarlo) -> Figure:
     """Draw the horizontal errors of each arc's trials with the 95 % ellipses that are claimed and that are found.
 
-    Of each arc: its name, errors east and north of the truth of shape (n, 2), and the covariance of shape (2, 2) that a
-    typical fit claims.
+    The claimed one has the medians of the trials' sigmas and of their correlation.
     """
-    if not 0 < len(names) <= _MOST_PANELS:
-        raise InputError(f"{len(names)} arcs; a figure has room for 1 to {_MOST_PANELS}")
+    good = study["converged"] == 1.0
+    arcs = np.flatnonzero(good.any(axis=0)).tolist()
+    if not 0 < len(arcs) <= _MOST_PANELS:
+        raise InputError(f"{len(arcs)} arcs; a figure has room for 1 to {_MOST_PANELS}")
+    errors_m = [study.errors_m[good[:, k], k, :2] for k in arcs]
+    claimed_m2 = []
+    for k in arcs:
+        correlation = float(np.median(study["correlation_east_north"][good[:, k], k]))
+        root_m = np.median(study.sigmas_m[good[:, k], k, :2], axis=0)
+        claimed_m2.append(np.outer(root_m, root_m) * [[1.0, correlation], [correlation, 1.0]])
     reach_m = max(_reach_m(e, c) for e, c in zip(errors_m, claimed_m2, strict=True))
     factor, unit = length_unit(reach_m)
-    columns = min(len(names), 4)
-    rows = -(-len(names) // columns)
-    figure = new_figure(3.1 * columns + 0.5, 3.4 * rows + 0.9, title)
+    columns = min(len(arcs), 4)
+    rows = -(-len(arcs) // columns)
+    figure = new_figure(3.1 * columns + 0.5, 3.4 * rows + 0.9, f"{study.name}: {study.trials} trials")
     panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for axes in panels.ravel()[len(names) :]:
+    for axes in panels.ravel()[len(arcs) :]:
         axes.set_visible(False)
-    shown = panels.ravel()[: len(names)]
-    for axes, name, error_m, covariance_m2 in zip(shown, names, errors_m, claimed_m2, strict=True):
+    shown = panels.ravel()[: len(arcs)]
+    for axes, k, error_m, covariance_m2 in zip(shown, arcs, errors_m, claimed_m2, strict=True):
         style_axes(axes)
         axes.set_aspect("equal")
-        axes.scatter(
-            factor * error_m[:, 0],
-            factor * error_m[:, 1],
-            s=6,
-            color=COLORS[0],
-            alpha=max(0.15, min(0.7, 60.0 / len(error_m))),
-            linewidths=0,
-            label="trials",
-        )
+        opacity = max(0.15, min(0.7, 60.0 / len(error_m)))
+        style = {"s": 6, "color": COLORS[0], "alpha": opacity, "linewidths": 0}
+        axes.scatter(*(factor * error_m.T), label="trials", **style)
         lines = [(np.zeros(2), covariance_m2, COLORS[6], "--", "95 % claimed")]
         if len(error_m) > 2:
             lines.append((error_m.mean(axis=0), np.cov(error_m.T), COLORS[1], "-", "95 % found"))
-        for centre_m, spread_m2, color, style, label in reversed(lines):
+        for centre_m, spread_m2, color, dashes, label in reversed(lines):
             ellipse = _ellipse(centre_m, spread_m2, _SCALE_95, factor)
-            ellipse.set(fill=False, edgecolor=color, linestyle=style, linewidth=1.3, label=label)
+            ellipse.set(fill=False, edgecolor=color, linestyle=dashes, linewidth=1.3, label=label)
             axes.add_patch(ellipse)
         axes.plot(0.0, 0.0, "+", color=COLORS[6], markersize=9, markeredgewidth=1.2, label="truth")
         axes.set_xlim(-factor * reach_m, factor * reach_m)
         axes.set_ylim(-factor * reach_m, factor * reach_m)
-        axes.set_title(name, fontsize=9)
+        axes.set_title(f"{study.hours[k]:g} h", fontsize=9)
     for axes in panels[-1]:
         axes.set_xlabel(f"east of the truth ({unit})")
     for axes in panels[:, 0]:
@@ -164,27 +165,17 @@ def plot_trial_scatter(
     return figure
 
 
-def plot_error_by_length(
-    hours: Sequence[float],
-    errors_m: Sequence[_Floats],
-    sigmas_m: Sequence[_Floats],
-    title: str,
-    ax: Axes | None = None,
-) -> Figure:
-    """Draw how the errors fall with the length of the arc in h, beside the sigmas claimed.
-
-    Errors and sigmas of each arc's trials are east, north, up, shape (n, 3).
-    """
+def plot_error_by_length(study: MonteCarlo) -> Figure:
+    """Draw how the errors fall with the length of the arc in h, beside the sigmas claimed."""
     from matplotlib.ticker import LogLocator, NullLocator
 
-    order = np.argsort(hours)
-    length = np.array(hours)[order]
-    rms_m = np.array([np.sqrt((errors_m[k] ** 2).mean(axis=0)) for k in order])
-    sigma_m = np.array([np.median(sigmas_m[k], axis=0) for k in order])
-    far_m = np.array([np.quantile(np.hypot(errors_m[k][:, 0], errors_m[k][:, 1]), 0.95) for k in order])
+    arcs = sorted((arc for arc in study.arcs if arc is not None), key=lambda arc: arc.hours)
+    length = [arc.hours for arc in arcs]
+    rms_m, sigma_m = np.array([arc.rms_m for arc in arcs]), np.array([arc.sigma_m for arc in arcs])
+    far_m = np.array([arc.radius_95_m for arc in arcs])
     factor, unit = length_unit(float(max(rms_m.max(), sigma_m.max(), far_m.max())))
-    axes = axes_for(ax, 6.2, 4.4, title)
-    for k, name in enumerate(("east", "north", "up")):
+    axes = axes_for(None, 6.2, 4.4, f"{study.name}: {study.trials} trials")
+    for k, name in enumerate(SIDES):
         axes.plot(length, factor * rms_m[:, k], "o-", color=COLORS[k], markersize=4, label=f"{name}, rms")
         axes.plot(length, factor * sigma_m[:, k], "--", color=COLORS[k], lw=1.0, label=f"{name}, claimed")
     axes.plot(length, factor * far_m, "s-", color=COLORS[6], markersize=4, label="horizontal, 95 %")
@@ -196,10 +187,7 @@ def plot_error_by_length(
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_locator(NullLocator())
     figure: Figure = axes.get_figure()  # type: ignore[assignment]
-    if ax is None:
-        figure.legend(loc="outside right center", fontsize=8, frameon=False)
-    else:
-        axes.legend(fontsize=8, frameon=False)
+    figure.legend(loc="outside right center", fontsize=8, frameon=False)
     return figure
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _Rows = NDArray[np.intp]
-_Dates = NDArray[np.datetime64]
 MOST_LINKS = 30
 _MAX_HEIGHT_RATIO = 4.0  # panels share a scale unless one would be squeezed by more than this
 _LEGEND_STRIP = 1.3  # where a panel with a legend ends below, in half heights
@@ -56,17 +55,24 @@ _LINKS = _Layout(
 )
 
 
-@dataclass(frozen=True, slots=True)
 class _Panel:
-    """What one panel shows: its title, which panels share its scale, and which rows by the name of their link."""
+    """What one panel shows: its title, which panels share its scale, which rows by the name of their link.
 
-    title: str
-    like: str
-    rows: dict[str, _Rows]
+    A panel of a station, in which bars must find room, shares its scale with all others and has but one nameless link.
+    """
 
-    @property
-    def all_rows(self) -> _Rows:
-        return np.concatenate(list(self.rows.values()))
+    def __init__(self, residuals: Residuals, title: str, like: str, links: dict[str, _Rows]) -> None:
+        self.title, self.like, self.links = title, like, links
+        self.rows = np.concatenate(list(links.values()))
+        used = residuals.used[self.rows]
+        self.used, self.out = self.rows[used], self.rows[~used]
+        self.crowded = len(self.used) > MOST_POINTS
+        shown = self.used if len(self.used) else self.rows
+        size_m, sigma_m = np.abs(residuals.residual_m[shown]), residuals.sigma_m[shown]
+        highest_m = max(size_m.max(), np.median(sigma_m)) if like else (size_m + sigma_m).max()
+        self.half_height_m = 1.15 * float(highest_m)
+        of_rows = residuals.residual_m[self.rows], residuals.sigma_m[self.rows]
+        self.statistics = group_statistics(title, *of_rows, used)
 
 
 def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> Figure:
@@ -104,33 +110,17 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
     """
     residuals = _residuals_of(solution)
     stations = residuals.stations
-    panels = [_Panel(name, "", {"": np.flatnonzero(stations.are(name))}) for name in stations.present()]
+    panels = [
+        _Panel(residuals, name, "", {"": np.flatnonzero(stations.are(name))}) for name in stations.present()
+    ]
     return _grid(solution, title, panels, _STATIONS)
 
 
 def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figure:
     """Draw residuals over time, a panel for each VLBI baseline and for each station that receives ranges or Doppler.
 
-    Two- and three-way ranges of a station have colours of their own. Observations left out are red crosses, or
-    triangles at the edge where they are beyond a panel, which is scaled to the used ones. Panels of a kind share a
-    scale. Of more than thirty links those with the most observations are drawn, as a line below then says.
-
-    Parameters
-    ----------
-    solution : Solution or Residuals
-        What to draw.
-    title : str, optional
-        Title; the solution's name by default.
-
-    Returns
-    -------
-    matplotlib.figure.Figure
-        Shows itself in a notebook; save it with :func:`~radioloc.report.save_figure`.
-
-    Raises
-    ------
-    InputError
-        There are no observations.
+    Two- and three-way ranges of a station have colours of their own. Panels of a kind share a scale. Of more than
+    thirty links those with the most observations are drawn. All else is as in :func:`plot_residuals`.
 
     Examples
     --------
@@ -150,52 +140,6 @@ def _residuals_of(solution: Solution | Residuals) -> Residuals:
     return residuals
 
 
-def _grid(
-    solution: Solution | Residuals, title: str | None, panels: Sequence[_Panel], layout: _Layout
-) -> Figure:
-    """A grid of panels over one axis of dates, and below it what is not said in them."""
-    residuals = _residuals_of(solution)
-    if title is None:
-        name = f"{solution.name}: " if isinstance(solution, Solution) else ""
-        title = f"{name}observed \N{MINUS SIGN} computed"
-    notes = []
-    if len(panels) > layout.most:
-        notes = [f"{layout.most} of {len(panels)} {layout.noun}, those with the most observations"]
-        largest = np.argsort([-len(panel.all_rows) for panel in panels], kind="stable")[: layout.most]
-        panels = [panels[k] for k in sorted(largest.tolist())]
-    n_columns = min(layout.columns, len(panels))
-    n_rows = -(-len(panels) // n_columns)
-    width_in, height_in = layout.panel_in
-    figure = new_figure(
-        width_in * n_columns + layout.margin_in[0], height_in * n_rows + layout.margin_in[1], title
-    )
-    places = list(figure.subplots(n_rows, n_columns, sharex=True, squeeze=False).flat)
-    dates = utc_dates(residuals.epoch_utc)
-    for k, (panel, half_height_m) in enumerate(zip(panels, _half_heights(residuals, panels), strict=True)):
-        style_axes(places[k])
-        places[k].axhline(0.0, color="0.4", linewidth=0.8)
-        draw = _draw_links if panel.like else _draw_station
-        draw(places[k], residuals, dates, panel, half_height_m, COLORS[k % len(COLORS)])
-    for axes in places[len(panels) :]:
-        axes.set_visible(False)
-    for column in range(n_columns):
-        lowest = places[(len(panels) - 1 - column) // n_columns * n_columns + column]
-        date_axis(lowest, dates, *layout.ticks)
-        lowest.tick_params(labelbottom=True)
-    if any(_crowded(residuals, panel) for panel in panels):
-        notes.append(ENVELOPE_NOTE)
-    color = "0.4" if notes else REJECTED_COLOR
-    if layout.left_out and not residuals.used.all():
-        notes.append(layout.left_out)
-    if notes:
-        figure.supxlabel("; ".join(notes), fontsize=7, color=color)
-    return figure
-
-
-def _crowded(residuals: Residuals, panel: _Panel) -> bool:
-    return int(residuals.used[panel.all_rows].sum()) > MOST_POINTS
-
-
 def _link_panels(residuals: Residuals) -> list[_Panel]:
     """Group observations by type and by baseline or receiver, baselines first."""
     found: dict[tuple[bool, int, str], dict[str, _Rows]] = {}
@@ -209,7 +153,9 @@ def _link_panels(residuals: Residuals) -> list[_Panel]:
         place = not links[k].differenced, KINDS.index(kind), links[k].place
         found.setdefault(place, {})[ways(links)[k]] = np.flatnonzero(keys == key)
     return [
-        _Panel(f"{_word(KINDS[kind])} {place}", KINDS[kind], dict(sorted(rows.items(), reverse=True)))
+        _Panel(
+            residuals, f"{_word(KINDS[kind])} {place}", KINDS[kind], dict(sorted(rows.items(), reverse=True))
+        )
         for (_, kind, place), rows in sorted(found.items(), key=lambda item: item[0])
     ]
 
@@ -219,100 +165,101 @@ def _word(kind: str) -> str:
     return words.replace("_", " ").replace("doppler", "Doppler")
 
 
-def _half_heights(residuals: Residuals, panels: Sequence[_Panel]) -> list[float]:
-    """Half the height of each panel, m: what holds its used residuals, or all of them if none was used."""
-    alone_m = []
-    for panel in panels:
-        rows = panel.all_rows
-        used = rows[residuals.used[rows]]
-        shown = used if len(used) else rows
-        size_m, sigma_m = np.abs(residuals.residual_m[shown]), residuals.sigma_m[shown]
-        # Of a station the bars must find room as well.
-        alone_m.append(
-            1.15 * float(max(size_m.max(), np.median(sigma_m)) if panel.like else (size_m + sigma_m).max())
-        )
-    out = []
-    for panel, mine_m in zip(panels, alone_m, strict=True):
-        like_m = [m for other, m in zip(panels, alone_m, strict=True) if other.like == panel.like]
+def _grid(
+    solution: Solution | Residuals, title: str | None, panels: Sequence[_Panel], layout: _Layout
+) -> Figure:
+    """A grid of panels over one axis of dates, and below it what is not said in them."""
+    residuals = _residuals_of(solution)
+    if title is None:
+        name = f"{solution.name}: " if isinstance(solution, Solution) else ""
+        title = f"{name}observed \N{MINUS SIGN} computed"
+    notes = []
+    if len(panels) > layout.most:
+        notes = [f"{layout.most} of {len(panels)} {layout.noun}, those with the most observations"]
+        largest = np.argsort([-len(panel.rows) for panel in panels], kind="stable")[: layout.most]
+        panels = [panels[k] for k in sorted(largest.tolist())]
+    n_columns = min(layout.columns, len(panels))
+    n_rows = -(-len(panels) // n_columns)
+    width_in, height_in = np.multiply(layout.panel_in, (n_columns, n_rows)) + layout.margin_in
+    figure = new_figure(width_in, height_in, title)
+    places = list(figure.subplots(n_rows, n_columns, sharex=True, squeeze=False).flat)
+    dates = utc_dates(residuals.epoch_utc)
+    for k, panel in enumerate(panels):
+        like_m = [other.half_height_m for other in panels if other.like == panel.like]
         squeezed = max(like_m) > _MAX_HEIGHT_RATIO * min(like_m)
-        out.append(mine_m if squeezed else max(like_m))
-    return out
+        half_height_m = panel.half_height_m if squeezed else max(like_m)
+        _draw(places[k], residuals, dates, panel, half_height_m, COLORS[k % len(COLORS)])
+    for axes in places[len(panels) :]:
+        axes.set_visible(False)
+    for column in range(n_columns):
+        lowest = places[(len(panels) - 1 - column) // n_columns * n_columns + column]
+        date_axis(lowest, dates, *layout.ticks)
+        lowest.tick_params(labelbottom=True)
+    if any(panel.crowded for panel in panels):
+        notes.append(ENVELOPE_NOTE)
+    color = "0.4" if notes else REJECTED_COLOR
+    if layout.left_out and not residuals.used.all():
+        notes.append(layout.left_out)
+    if notes:
+        figure.supxlabel("; ".join(notes), fontsize=7, color=color)
+    return figure
 
 
-def _draw_station(
-    axes: Axes, residuals: Residuals, dates: _Dates, panel: _Panel, half_height_m: float, color: str
+def _draw(
+    axes: Axes,
+    residuals: Residuals,
+    dates: NDArray[np.datetime64],
+    panel: _Panel,
+    half_height_m: float,
+    color: str,
 ) -> None:
-    rows = panel.all_rows
-    used, out = rows[residuals.used[rows]], rows[~residuals.used[rows]]
+    """Residuals of one panel: of a station in its colour, with bars; of each link in a colour of its own."""
+    style_axes(axes)
+    axes.axhline(0.0, color="0.4", linewidth=0.8)
     factor, unit = length_unit(half_height_m)
     y, limit, limits = factor * residuals.residual_m, factor * half_height_m, (dates.min(), dates.max())
-    statistics = group_statistics(
-        panel.title, residuals.residual_m[rows], residuals.sigma_m[rows], residuals.used[rows]
-    )
-    label = f"{statistics.used} used"
-    if statistics.wrms_m is not None:
-        label += f", wrms {factor * statistics.wrms_m:.3g} {unit}"
-    style: dict[str, Any] = {"color": color, "label": label}
-    if _crowded(residuals, panel):
-        handles = [draw_envelope(axes, dates[used], y[used], limits, **style)]
-    else:
-        style |= {"fmt": "o", "markersize": 3.2, "markeredgecolor": "white", "markeredgewidth": 0.3}
-        sigma = factor * residuals.sigma_m[used]
-        handles = [axes.errorbar(dates[used], y[used], sigma, elinewidth=0.7, alpha=0.85, **style)]
-    handles += draw_left_out(axes, dates[out], y[out], limits, limit, 5)
-    axes.set_ylim(-limit, limit)
-    if residuals.types.are("range")[rows].all():
-        axes.set_ylabel(f"round trip ({unit})", fontsize=8)
-        one_way = axes.secondary_yaxis("right", functions=(_halved, _doubled))
-        one_way.set_ylabel(f"one way ({unit})", fontsize=8, color="0.4")
-        one_way.tick_params(labelsize=8, color="0.4", labelcolor="0.4")
-        one_way.spines["right"].set_visible(False)
-    else:
-        axes.set_ylabel(f"residual ({unit})", fontsize=8)
-    panel_title(axes, panel.title, "left", fontsize=9, fontweight="bold", color=color)
-    style = {"frameon": False, "borderpad": 0.0, "bbox_to_anchor": (1.0, 0.98), "handletextpad": 0.3}
-    axes.legend(handles=handles, loc="lower right", ncols=len(handles), fontsize=8, **style)
-
-
-def _halved(values: Any) -> Any:
-    return np.asarray(values) * 0.5
-
-
-def _doubled(values: Any) -> Any:
-    return np.asarray(values) * 2.0
-
-
-def _draw_links(
-    axes: Axes, residuals: Residuals, dates: _Dates, panel: _Panel, half_height_m: float, _: str
-) -> None:
-    """A colour for each link; the legend has a strip of its own below, where it hides nothing."""
-    factor, unit = length_unit(half_height_m)
-    y, used, limit = factor * residuals.residual_m, residuals.used, factor * half_height_m
-    limits, crowded = (dates.min(), dates.max()), _crowded(residuals, panel)
+    found = panel.statistics
+    size_m = found.rms_m if panel.like else found.wrms_m
+    statement = f"{found.used} used"
+    if size_m is not None:
+        text = f"{factor * size_m:#.3g}" if panel.like else f"{factor * size_m:.3g}"
+        statement += f", {'rms' if panel.like else 'wrms'} {text} {unit}"
     handles: list[Any] = []
-    for k, (name, rows) in enumerate(panel.rows.items()):
-        kept = rows[used[rows]]
-        style: dict[str, Any] = {"color": COLORS[k % len(COLORS)], "label": name}
-        if crowded:
+    for k, (name, rows) in enumerate(panel.links.items()):
+        kept = rows[residuals.used[rows]]
+        style: dict[str, Any] = {"color": COLORS[k % len(COLORS)] if panel.like else color}
+        style["label"] = name if panel.like else statement
+        if panel.crowded:
             handles.append(draw_envelope(axes, dates[kept], y[kept], limits, **style))
-        else:
+        elif panel.like:
             # Thousands of dots are an image within a vector file, or no viewer opens it.
             handles += axes.plot(dates[kept], y[kept], ".", markersize=2.5, rasterized=True, **style)
-    rows = panel.all_rows
-    kept, out = rows[used[rows]], rows[~used[rows]]
-    draw_left_out(axes, dates[out], y[out], limits, limit, 4)
-    axes.set_ylim(-limit * (_LEGEND_STRIP if any(panel.rows) else 1.0), limit)
+        else:
+            style |= {"fmt": "o", "markersize": 3.2, "markeredgecolor": "white", "markeredgewidth": 0.3}
+            sigma = factor * residuals.sigma_m[kept]
+            handles.append(axes.errorbar(dates[kept], y[kept], sigma, elinewidth=0.7, alpha=0.85, **style))
+    marks = draw_left_out(axes, dates[panel.out], y[panel.out], limits, limit, 4 if panel.like else 5)
+    axes.set_ylim(-limit * (_LEGEND_STRIP if any(panel.links) else 1.0), limit)
     axes.set_ylabel(f"residual ({unit})", fontsize=8)
-    panel_title(axes, panel.title, "left", fontsize=7.5, fontweight="bold")
-    statement = f"{len(kept)} used"
-    if len(kept):
-        statement += f", rms {np.sqrt(np.mean(y[kept] ** 2)):#.3g} {unit}"
-    if len(out):
-        statement += f", {len(out)} left out"
-    size = 6.5 if len(panel.title) + len(statement) < _LONGEST_TITLES else 5.2
-    panel_title(axes, statement, "right", fontsize=size)
-    if any(panel.rows):
+    if panel.like:
+        if found.rejected:
+            statement += f", {found.rejected} left out"
+        panel_title(axes, panel.title, "left", fontsize=7.5, fontweight="bold")
+        size = 6.5 if len(panel.title) + len(statement) < _LONGEST_TITLES else 5.2
+        panel_title(axes, statement, "right", fontsize=size)
         style = {"framealpha": 0.85, "edgecolor": "none", "borderpad": 0.2, "handletextpad": 0.1}
-        axes.legend(
-            handles=handles, loc="lower right", fontsize=7, ncols=len(handles), markerscale=2.5, **style
-        )
+        style |= {"fontsize": 7, "markerscale": 2.5}
+    else:
+        handles += marks
+        panel_title(axes, panel.title, "left", fontsize=9, fontweight="bold", color=color)
+        if residuals.types.are("range")[panel.rows].all():
+            axes.set_ylabel(f"round trip ({unit})", fontsize=8)
+            halved, doubled = partial(np.multiply, 0.5), partial(np.multiply, 2.0)
+            one_way = axes.secondary_yaxis("right", functions=(halved, doubled))
+            one_way.set_ylabel(f"one way ({unit})", fontsize=8, color="0.4")
+            one_way.tick_params(labelsize=8, color="0.4", labelcolor="0.4")
+            one_way.spines["right"].set_visible(False)
+        style = {"frameon": False, "borderpad": 0.0, "bbox_to_anchor": (1.0, 0.98), "handletextpad": 0.3}
+        style["fontsize"] = 8
+    if any(panel.links) or not panel.like:
+        axes.legend(handles=handles, loc="lower right", ncols=len(handles), **style)

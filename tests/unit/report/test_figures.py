@@ -10,7 +10,6 @@ from radioloc.errors import InputError
 from radioloc.estimation import Labels
 from radioloc.report import plot_links, plot_position, plot_residuals, save_figure
 from radioloc.report.figures import length_unit, new_figure
-from radioloc.report.position_figures import plot_error_by_length
 
 
 @pytest.fixture(scope="module")
@@ -172,13 +171,10 @@ def test_figures_do_not_import_pyplot():
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
 
 
-def test_figures_of_one_panel_are_drawn_in_axes_given(solution):
+def test_position_is_drawn_in_axes_given(solution):
     figure = new_figure(8.0, 4.0)
-    left, right = figure.subplots(1, 2)
+    left, _ = figure.subplots(1, 2)
     assert plot_position(solution, ax=left) is figure
     assert left.get_xlabel() == "east of truth (m)"
     assert len(left.patches) == 2
-    errors = [np.random.default_rng(1).normal(0.0, size, (50, 3)) for size in (1.0, 2.0)]
-    assert plot_error_by_length([24.0, 12.0], errors, errors, "", ax=right) is figure
-    assert len(right.get_legend().get_texts()) == 7
     assert figure._repr_png_()[:4] == b"\x89PNG"

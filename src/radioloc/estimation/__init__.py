@@ -11,15 +11,9 @@ from radioloc.estimation.correlated_weights import (
     SeriesWeight,
     fit_with_correlated_weights,
 )
-from radioloc.estimation.editing import USED, EditedFit, EditingSettings, Outcome, fit_with_editing
-from radioloc.estimation.labels import Labels
-from radioloc.estimation.least_squares import (
-    FitResult,
-    FitSettings,
-    FitStatus,
-    Iteration,
-    fit_least_squares,
-)
+from radioloc.estimation.editing import EditedFit, fit_with_editing
+from radioloc.estimation.labels import USED, Labels
+from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
 from radioloc.estimation.linearization import DenseLinearization, Linearization, ResidualFunction
 from radioloc.estimation.observability import Correlation, Direction, Observability, assess_observability
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
@@ -41,20 +35,16 @@ __all__ = [
     "DenseLinearization",
     "Direction",
     "EditedFit",
-    "EditingSettings",
     "Ellipse",
     "FitResult",
-    "FitSettings",
     "FitStatistics",
     "FitStatus",
     "GroupStatistics",
-    "Iteration",
     "Labels",
     "Linearization",
     "NoisyFit",
     "Observability",
     "ObservationNoise",
-    "Outcome",
     "Parameter",
     "ParameterSet",
     "ReferenceComparison",

@@ -113,17 +113,16 @@ def build_solution(
     fit = edited.fit
     n, p = len(fit.residual_m), len(fit.parameters)
     stations = _labels("station", station, n)
-    residual_m, sigma_m = _array("residual_m", fit.residual_m, (n,)), _array("sigma_m", fit.sigma_m, (n,))
     residuals = Residuals(
         epoch_utc=epoch_utc,
         stations=stations,
         types=_labels("type", type, n),
         paths=stations if path is None else _labels("path", path, n),
         observed_m=_array("observed_m", observed_m, (n,)),
-        residual_m=residual_m,
-        sigma_m=sigma_m,
+        residual_m=_array("residual_m", fit.residual_m, (n,)),
+        sigma_m=_array("sigma_m", fit.sigma_m, (n,)),
         elevation_deg=None if elevation_deg is None else _array("elevation_deg", elevation_deg, (n,)),
-        outcome=replace(edited.outcome, residual_m=residual_m, sigma_m=sigma_m),
+        statuses=edited.status,
     )
     if len(epoch_utc) != n:
         raise InputError(f"there are {len(epoch_utc)} epochs for {n} observations")

@@ -72,7 +72,7 @@ def consider(fit: FitResult) -> Consider | None:
     def rows_of(rows: NDArray[np.intp]) -> NDArray[np.float64]:
         return fit.linearization.partials(rows)
 
-    for whitened in (fit.whitening or fit.noise.among(fit.used)).whitened(rows_of):
+    for whitened in fit.whitening.whitened(rows_of):
         normal += np.einsum("nf,nc->fc", whitened[:, free], whitened[:, considered])
     root = fit.factor.root_covariance()
     sigmas = parameters.prior_sigmas[considered]

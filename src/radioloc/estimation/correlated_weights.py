@@ -25,13 +25,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import covariance_of, gram
 from radioloc.estimation.gauss_markov import SeriesNoise
-from radioloc.estimation.least_squares import (
-    FitResult,
-    FitSettings,
-    FitStatus,
-    fit_least_squares,
-    sum_of_squares,
-)
+from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares, sum_of_squares
 from radioloc.estimation.linearization import ResidualFunction, Rows
 from radioloc.estimation.series import Batch, SeriesOrder, series_of
 from radioloc.estimation.time_correlation import (
@@ -102,10 +96,7 @@ class _Whitening:
 
 
 def fit_with_correlated_weights(
-    residual_function: ResidualFunction,
-    edited: EditedFit,
-    order: SeriesOrder,
-    settings: FitSettings | None = None,
+    residual_function: ResidualFunction, edited: EditedFit, order: SeriesOrder
 ) -> CorrelatedFit:
     """Fit again, each series with time-correlated residuals weighed by the inverse of their covariance.
 
@@ -118,8 +109,6 @@ def fit_with_correlated_weights(
         sigmas.
     order : SeriesOrder
         Types, paths and times of the observations.
-    settings : FitSettings, optional
-        Limits and tolerances of the fit.
     """
     stated = edited.fit
     # A fit that did not come to its end says itself what is wrong with it.
@@ -138,7 +127,6 @@ def fit_with_correlated_weights(
         used=stated.used,
         start=stated.x,
         linearization=stated.linearization,
-        settings=settings,
         whitening=_Whitening(batches, weight_noise),
     )
     fit = replace(

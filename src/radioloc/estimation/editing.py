@@ -2,120 +2,29 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.labels import Labels
-from radioloc.estimation.least_squares import FitResult, FitSettings, FitStatus, fit_least_squares
+from radioloc.estimation.labels import USED, Labels
+from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
 from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.robust import robust_scale, robust_start
 from radioloc.parameters.parameter import ParameterSet
 
-USED = "used"
-"""Status of an observation that takes part in the fit; every other status is the reason why it does not."""
+THRESHOLD = 5.0
+"""Expected sigmas beyond which a residual is an outlier: of normal ones one in 1.7 million."""
 
+_LOWEST_THRESHOLD = 2.0
 
-@dataclass(frozen=True, slots=True)
-class EditingSettings:
-    """What counts as an outlier.
+_MOST_REJECTED = 0.3
+"""No more than this part of the usable observations is left out: so many outliers mean that the model, a station or the
+sigmas are wrong, not the data."""
 
-    Parameters
-    ----------
-    enabled : bool
-        Whether to edit at all.
-    threshold : float
-        An observation is left out when its residual exceeds this many expected sigmas. Expected is the
-        stated sigma, or more where the residuals as a whole spread more than stated. Of normal residuals
-        one in 1.7 million exceeds 5.
-    max_rejected_fraction : float
-        Refuse to leave out more than this part of the usable observations: so many outliers mean that the
-        model, a station or the sigmas are wrong, not the data.
-    max_passes : int
-        Limit of fits.
-    """
-
-    enabled: bool = True
-    threshold: float = 5.0
-    max_rejected_fraction: float = 0.3
-    max_passes: int = 20
-
-    def __post_init__(self) -> None:
-        if not self.threshold >= 2.0:
-            raise InputError(
-                f"an outlier threshold of {self.threshold} sigmas cuts good data; give 2 or more"
-            )
-        if not 0.0 <= self.max_rejected_fraction <= 0.5:
-            raise InputError(
-                f"max_rejected_fraction = {self.max_rejected_fraction} is not between 0 and 0.5; "
-                "when most data are wrong nothing tells which"
-            )
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Outcome:
-    """What became of each observation: used, or the reason why not; an index gives an array of str.
-
-    The reasons of outliers, each with its numbers, are put in words when they are asked for.
-
-    Parameters
-    ----------
-    used : ndarray of bool, shape (n,)
-        Which observations took part.
-    given : Labels
-        What was said before the fit: :data:`USED` or a reason.
-    residual_m : ndarray, shape (n,)
-        Observed - computed, m.
-    sigma_m : ndarray, shape (n,)
-        Stated standard deviations, m.
-    scale : float
-        Factor from stated to expected standard deviations.
-    """
-
-    used: NDArray[np.bool_]
-    given: Labels
-    residual_m: NDArray[np.float64]
-    sigma_m: NDArray[np.float64]
-    scale: float
-
-    def __len__(self) -> int:
-        return len(self.used)
-
-    def __getitem__(self, rows: Any) -> NDArray[np.str_]:
-        """Texts of a slice, a mask or indices of rows."""
-        texts = self.given[rows]
-        outliers, reasons = self.outliers(rows)
-        if not len(outliers):
-            return texts
-        wide = texts.astype(np.result_type(texts.dtype, reasons.dtype))
-        wide[outliers] = reasons
-        return wide
-
-    def outliers(self, rows: Any) -> tuple[NDArray[np.intp], NDArray[np.str_]]:
-        """Which of a slice, a mask or indices of rows were left out by the fit, and why."""
-        found = np.flatnonzero(self.given.select(rows).are(USED) & ~self.used[rows])
-        residual_m, expected_m = self.residual_m[rows][found], self.sigma_m[rows][found] * self.scale
-        reasons = [
-            outlier_reason(r, e) for r, e in zip(residual_m.tolist(), expected_m.tolist(), strict=True)
-        ]
-        return found, np.array(reasons, dtype=np.str_)
-
-    def select(self, rows: Any) -> Outcome:
-        """Some rows."""
-        return Outcome(
-            self.used[rows], self.given.select(rows), self.residual_m[rows], self.sigma_m[rows], self.scale
-        )
-
-    def array(self) -> NDArray[np.str_]:
-        """Texts of all rows, shape (n,); read-only."""
-        out = self[:]
-        out.flags.writeable = False
-        return out
+_MAX_PASSES = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -142,25 +51,20 @@ class EditedFit:
     fit: FitResult
     given: Labels
     robust_scale: float
-    passes: int
-    complete: bool
-    message: str
+    passes: int = 1
+    complete: bool = True
+    message: str = ""
 
     @property
-    def outcome(self) -> Outcome:
-        """What became of each observation."""
-        return Outcome(
-            self.fit.used,
-            self.given,
-            self.fit.residual_m,
-            self.fit.sigma_m,
-            max(1.0, self.robust_scale),
-        )
-
-    @property
-    def status(self) -> NDArray[np.str_]:
-        """:data:`USED` or the reason why an observation was left out, shape (n,)."""
-        return self.outcome.array()
+    def status(self) -> Labels:
+        """:data:`USED` or the reason why an observation was left out, of length n."""
+        out = np.flatnonzero(self.given.are(USED) & ~self.fit.used)
+        residual_m = self.fit.residual_m[out]
+        expected_m = self.fit.sigma_m[out] * max(1.0, self.robust_scale)
+        reasons = map(outlier_reason, residual_m.tolist(), expected_m.tolist())
+        codes = self.given.codes.copy()
+        codes[out] = len(self.given.texts) + np.arange(len(out))
+        return Labels.coded((*self.given.texts, *reasons), codes)
 
     @property
     def converged(self) -> bool:
@@ -174,8 +78,7 @@ def fit_with_editing(
     sigma_m: ArrayLike | ObservationNoise,
     *,
     status: ArrayLike | Labels | None = None,
-    editing: EditingSettings | None = None,
-    settings: FitSettings | None = None,
+    threshold: float | None = THRESHOLD,
     previous: EditedFit | None = None,
 ) -> EditedFit:
     """Fit, leaving out gross errors.
@@ -198,10 +101,9 @@ def fit_with_editing(
     status : array_like of str, shape (n,), or Labels, optional
         Observations to leave out from the beginning have the reason here, such as ``"below the horizon"``;
         the others :data:`USED` or an empty text.
-    editing : EditingSettings, optional
-        What counts as an outlier.
-    settings : FitSettings, optional
-        Limits and tolerances of the fit.
+    threshold : float or None
+        An observation is left out when its residual exceeds this many expected sigmas. Expected is the stated sigma,
+        or more where the residuals as a whole spread more than stated. None are left out where ``None``.
     previous : EditedFit, optional
         A fit of the same observations with other sigmas, from which to start in place of a robust start.
 
@@ -212,10 +114,10 @@ def fit_with_editing(
     Raises
     ------
     InputError
-        As for :func:`~radioloc.estimation.least_squares.fit_least_squares`.
+        The threshold is below 2; others as for :func:`~radioloc.estimation.least_squares.fit_least_squares`.
     """
-    editing = editing or EditingSettings()
-    settings = settings or FitSettings()
+    if threshold is not None and not threshold >= _LOWEST_THRESHOLD:
+        raise InputError(f"an outlier threshold of {threshold} sigmas cuts good data; give 2 or more")
     if previous is None:
         x = parameters.prior_values
         at_x = evaluate(residual_function, x)
@@ -223,78 +125,51 @@ def fit_with_editing(
         x, at_x = previous.fit.x, previous.fit.linearization
     n = len(at_x.residual_m)
     noise = ObservationNoise.of(sigma_m, n)
-    sigma = noise.sigma_m
     given = _given(status, n) if previous is None or status is not None else previous.given
     usable = given.are(USED)
     n_usable, n_free = int(usable.sum()), int(parameters.free.sum())
 
     def fit(used: NDArray[np.bool_], start: NDArray[np.float64], at_start: Linearization) -> FitResult:
         return fit_least_squares(
-            residual_function,
-            parameters,
-            noise,
-            used=used,
-            start=start,
-            linearization=at_start,
-            settings=settings,
+            residual_function, parameters, noise, used=used, start=start, linearization=at_start
         )
 
+    def spread(residual_m: NDArray[np.float64]) -> float:
+        return robust_scale(residual_m[usable] / noise.sigma_m[usable], n_free)
+
     # An outlier can be told from the rest only if at least one observation is left over without it.
-    limit = min(int(editing.max_rejected_fraction * n_usable), n_usable - n_free - 1)
-    if not editing.enabled or limit < 1:
+    most = min(int(_MOST_REJECTED * n_usable), n_usable - n_free - 1)
+    if threshold is None or most < 1:
         result = fit(usable, x, at_x)
-        scale = robust_scale(_normalized(result.residual_m, sigma, usable), n_free)
-        return EditedFit(result, given, scale, 1, True, "")
+        return EditedFit(result, given, spread(result.residual_m))
 
     if previous is None:
-        x, at_x = robust_start(residual_function, parameters, sigma, usable, settings, at_x)
-    return _settled(fit, given, sigma, n_free, limit, editing, x, at_x)
-
-
-_Fit = Callable[[NDArray[np.bool_], NDArray[np.float64], Linearization], FitResult]
-"""A fit of the chosen observations, from where to start and the linearization there."""
-
-
-def _settled(
-    fit: _Fit,
-    given: Labels,
-    sigma_m: NDArray[np.float64],
-    n_free: int,
-    limit: int,
-    editing: EditingSettings,
-    x: NDArray[np.float64],
-    at_x: Linearization,
-) -> EditedFit:
-    """Fit and select by turns from some start on, at most `limit` left out, until the selection stays."""
-    usable = given.are(USED)
-    n_usable = int(usable.sum())
-    scale = robust_scale(_normalized(at_x.residual_m, sigma_m, usable), n_free)
+        x, at_x = robust_start(residual_function, parameters, noise.sigma_m, usable, at_x)
+    scale = spread(at_x.residual_m)
     seen: list[NDArray[np.bool_]] = []
-    found: EditedFit | None = None
     while True:
-        limit_sigmas = editing.threshold * max(1.0, scale)
-        used = usable & (np.abs(at_x.residual_m) <= limit_sigmas * sigma_m)
-        if found is not None and np.array_equal(used, found.fit.used):
-            return found
+        limit_m = threshold * max(1.0, scale) * noise.sigma_m
+        used = usable & (np.abs(at_x.residual_m) <= limit_m)
+        if seen and np.array_equal(used, seen[-1]):
+            return EditedFit(result, given, scale, len(seen))
         used, message = _without_wavering(used, seen)
         last, complete = bool(message), True
         n_rejected = n_usable - int(used.sum())
-        if n_rejected > limit:
+        if n_rejected > most:
             last, complete = True, False
             used = usable
             message = (
-                f"{n_rejected} of {n_usable} observations exceed {editing.threshold:g} sigmas, more than the "
-                f"{limit} that may be left out, so none was: check stations, sigmas and model"
+                f"{n_rejected} of {n_usable} observations exceed {threshold:g} sigmas, more than the "
+                f"{most} that may be left out, so none was: check stations, sigmas and model"
             )
-        elif len(seen) >= editing.max_passes:
+        elif len(seen) >= _MAX_PASSES:
             last, complete = True, False
-            message = f"the editing did not settle in {editing.max_passes} passes"
+            message = f"the editing did not settle in {_MAX_PASSES} passes"
         result = fit(used, x, at_x)
-        scale = robust_scale(_normalized(result.residual_m, sigma_m, usable), n_free)
+        scale = spread(result.residual_m)
         seen.append(used)
-        found = EditedFit(result, given, scale, len(seen), complete, message)
         if last or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
-            return found
+            return EditedFit(result, given, scale, len(seen), complete, message)
         x, at_x = result.x, result.linearization
 
 
@@ -319,13 +194,6 @@ def _given(status: ArrayLike | Labels | None, n: int) -> Labels:
     if given.codes.shape != (n,):
         raise InputError(f"status has shape {given.codes.shape}; {n} observations need ({n},)")
     return Labels.coded([text or USED for text in given.texts], given.codes)
-
-
-def _normalized(
-    residual_m: NDArray[np.float64], sigma_m: NDArray[np.float64], which: NDArray[np.bool_]
-) -> NDArray[np.float64]:
-    """Residuals of some observations over their sigmas."""
-    return np.asarray(residual_m[which] / sigma_m[which])
 
 
 def outlier_reason(residual_m: float, expected_m: float) -> str:

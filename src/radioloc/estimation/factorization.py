@@ -10,7 +10,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,17 +25,14 @@ algebra libraries to share them out, so the result does not depend on the number
 _NOTHING = 1e-13
 """Information along an orthonormal coordinate that is rounding."""
 
+_RANK_TOLERANCE = 1e-10
+"""Least singular value of a determined combination of parameters, in parts of the largest, with all columns scaled to
+length one. Partials carry rounding of about 1e-13 and light-time cut-offs of 1e-11; what they tell beneath 1e-10 is not
+information."""
 
-class RankLimits(Protocol):
-    """What counts as determined; :class:`~radioloc.estimation.least_squares.FitSettings` says it."""
-
-    @property
-    def rank_tolerance(self) -> float:
-        """Least singular value of a determined direction, in parts of the largest."""
-
-    @property
-    def max_sigma(self) -> float:
-        """Largest standard deviation of a determined direction, in parameter scales."""
+_MAX_SIGMA = 1e6
+"""Largest standard deviation of a determined combination, in parameter scales (metres): beyond about the Moon's radius
+the linear model that the figure rests on means nothing."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +54,12 @@ class Factor:
         """Length of the undamped step in formal standard deviations."""
         return float(np.linalg.norm(self.right_side[self.determined]))
 
-    def step(self, damping: float = 0.0) -> NDArray[np.float64]:
+    @property
+    def least_damping(self) -> float:
+        """The first damping that is tried: the least singular value of a determined direction."""
+        return float(self.singular_values[self.determined].min(initial=1.0))
+
+    def step(self, damping: float) -> NDArray[np.float64]:
         """Change of the free parameters, none of it along undetermined directions, shape (q,)."""
         s = self.singular_values[self.determined]
         along = s * self.right_side[self.determined] / (s**2 + damping**2)
@@ -76,13 +77,9 @@ class Factor:
 
 
 def factorize(
-    linearization: Linearization,
-    combinations: Whitening,
-    parameters: ParameterSet,
-    x: NDArray[np.float64],
-    limits: RankLimits,
+    linearization: Linearization, whitening: Whitening, parameters: ParameterSet, x: NDArray[np.float64]
 ) -> Factor | None:
-    """Reduce one linearized problem, a-priori rows included, to its singular values."""
+    """Reduce one linearized problem, a-priori rows included, to its singular values; none where it is not finite."""
     free = np.flatnonzero(parameters.free)
     q = len(free)
     with_prior = np.flatnonzero(np.isfinite(parameters.prior_sigmas[free]))
@@ -92,7 +89,7 @@ def factorize(
     triangle[:, q] = (parameters.prior_values - x)[free][with_prior] / prior_sigmas
 
     # The triangle carries over from part to part, so no copy of all whitened rows is made
-    for whitened in _whitened_rows(linearization, combinations, free) if q else ():
+    for whitened in _whitened_rows(linearization, whitening, free) if q else ():
         triangle = reduced(triangle, whitened)
     if not np.isfinite(triangle).all():
         return None
@@ -109,16 +106,16 @@ def factorize(
     norms = np.where(norms > 0.0, norms, 1.0 / scales)
     left, s, right = np.linalg.svd(matrix / norms)
     sizes = np.linalg.norm(right / norms / scales, axis=1)
-    determined = (s > limits.rank_tolerance * s.max(initial=0.0)) & (s * limits.max_sigma > sizes)
+    determined = (s > _RANK_TOLERANCE * s.max(initial=0.0)) & (s * _MAX_SIGMA > sizes)
     return Factor(norms, s, right.T, left.T @ right_side, determined)
 
 
 def _whitened_rows(
-    linearization: Linearization, combinations: Whitening, free: NDArray[np.intp]
+    linearization: Linearization, whitening: Whitening, free: NDArray[np.intp]
 ) -> Iterator[NDArray[np.float64]]:
     """Whitened partials by the free parameters with the residuals as last column, part by part."""
-    if isinstance(linearization, OrthonormalLinearization) and isinstance(combinations, Combinations):
-        weight = combinations.weights()
+    if isinstance(linearization, OrthonormalLinearization) and isinstance(whitening, Combinations):
+        weight = whitening.weights()
         if weight is not None:
             return iter((linearization.condensed(weight),))
     q = len(free)
@@ -130,7 +127,7 @@ def _whitened_rows(
         out[:, q] = linearization.residual_m[rows]
         return out
 
-    return combinations.whitened(rows_of)
+    return whitening.whitened(rows_of)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -200,7 +197,7 @@ def gram(a: NDArray[np.float64], b: NDArray[np.float64]) -> NDArray[np.float64]:
 def refreshed(
     factor: Factor,
     linearization: Linearization,
-    combinations: Whitening,
+    whitening: Whitening,
     parameters: ParameterSet,
     x: NDArray[np.float64],
 ) -> Factor:
@@ -212,7 +209,7 @@ def refreshed(
     """
     free = np.flatnonzero(parameters.free)
     gradient = (parameters.prior_values - x)[free] / parameters.prior_sigmas[free] ** 2
-    for rows in _whitened_rows(linearization, combinations, free):
+    for rows in _whitened_rows(linearization, whitening, free):
         # Summed by numpy itself: the result does not depend on the number of threads
         gradient += np.einsum("nq,n->q", rows[:, :-1], rows[:, -1])
     along = factor.vectors.T @ (gradient / factor.column_norms)

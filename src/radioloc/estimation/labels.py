@@ -9,6 +9,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+USED = "used"
+"""Status of an observation that takes part in the fit; every other status is the reason why it does not."""
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Labels:
@@ -48,20 +51,13 @@ class Labels:
     def __len__(self) -> int:
         return len(self.codes)
 
-    def __getitem__(self, rows: Any) -> NDArray[np.str_]:
-        """Texts of a slice, a mask or indices of rows."""
-        texts = np.array(self.texts, dtype=np.str_) if self.texts else np.array([""])
-        return np.asarray(texts[self.codes[rows]])
+    def __getitem__(self, rows: Any) -> Any:
+        """Text of a row, or array of the texts of a slice, a mask or indices of rows."""
+        return np.array(self.texts or ("",), dtype=np.str_)[self.codes[rows]]
 
     def select(self, rows: Any) -> Labels:
         """Some rows."""
         return Labels(self.codes[rows], self.texts)
-
-    def array(self) -> NDArray[np.str_]:
-        """Texts of all rows, shape (n,); read-only."""
-        out = self[:]
-        out.flags.writeable = False
-        return out
 
     def are(self, text: str) -> NDArray[np.bool_]:
         """Which rows have a text, shape (n,)."""

@@ -22,13 +22,22 @@ from radioloc.estimation.gauss_markov import SeriesNoise
 from radioloc.estimation.linearization import (
     Linearization,
     ResidualFunction,
-    check_finite,
+    check_partials,
     check_residuals,
     evaluate,
 )
 from radioloc.estimation.observation_noise import ObservationNoise, Whitening
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.parameters.parameter import ParameterSet
+
+_MAX_ITERATIONS = 30
+
+_STEP_TOLERANCE = 1e-3
+"""A fit has converged when a step is shorter, in standard deviations over all parameters together (formal ones, or
+scaled up to what the residuals show). Such a step lowers the sum of squares by its square, so this bounds that too."""
+
+_NEGLIGIBLE = 1e-3
+"""A next step below this part of the tolerance is not taken any more."""
 
 # Damping given up at, in largest singular values: the step is then a millionth of the plain one.
 _MAX_DAMPING = 1e3
@@ -42,9 +51,6 @@ _NEAR = 1.0
 """A step of so many parameter scales (metres) changes the partials by less than 1e-6 of themselves: their triangle
 stays."""
 
-_NEGLIGIBLE = 1e-3
-"""A next step below this part of the tolerance is not taken any more."""
-
 
 class FitStatus(enum.Enum):
     """How a fit ended."""
@@ -53,53 +59,6 @@ class FitStatus(enum.Enum):
     MAX_ITERATIONS = "not converged: iteration limit reached"
     DIVERGED = "not converged: no step lowers the sum of squares"
     UNOBSERVABLE = "not observable: the data do not determine every parameter"
-
-
-@dataclass(frozen=True, slots=True)
-class FitSettings:
-    """When to stop and what counts as determined.
-
-    Parameters
-    ----------
-    max_iterations : int
-        Limit of Gauss-Newton iterations.
-    step_tolerance : float
-        Converged when a step is shorter, in standard deviations over all parameters together (formal ones,
-        or scaled up to what the residuals show). Such a step lowers the sum of squares by its square, so
-        this bounds that too.
-    rank_tolerance : float
-        A combination of parameters is undetermined when its singular value, with all columns scaled to
-        length one, is below this part of the largest. Partials carry rounding of about 1e-13 and light-time
-        cut-offs of 1e-11; what they tell beneath 1e-10 is not information.
-    max_sigma : float
-        A combination is undetermined too when its standard deviation exceeds this many parameter scales
-        (metres): beyond about the Moon's radius the linear model that the figure rests on means nothing.
-    """
-
-    max_iterations: int = 30
-    step_tolerance: float = 1e-3
-    rank_tolerance: float = 1e-10
-    max_sigma: float = 1e6
-
-
-@dataclass(frozen=True, slots=True)
-class Iteration:
-    """One Gauss-Newton iteration: what the step was and what it did.
-
-    Parameters
-    ----------
-    chi2_before, chi2_after : float
-        Weighted sum of squares, a-priori rows included.
-    step_sigmas : float
-        Length of the undamped step in formal standard deviations.
-    damping : float
-        Levenberg-Marquardt parameter of the step taken; 0 is a plain Gauss-Newton step.
-    """
-
-    chi2_before: float
-    chi2_after: float
-    step_sigmas: float
-    damping: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,16 +87,16 @@ class FitResult:
         Used observations plus a-priori values less estimated parameters (or determined directions, if fewer).
     status : FitStatus
         How it ended.
-    iterations : tuple of Iteration
-        History.
+    iterations : int
+        Gauss-Newton steps that were taken.
     factor : Factor
         Singular values and directions over the free parameters, at `x` or less than a last, converged step from it; of
         the problem as it was weighed.
     series_noise, weight_noise : mapping of str to SeriesNoise, or None
         With correlated weights, the noise of series that are correlated in time, and that by whose inverse covariance
         series were weighed; by key.
-    whitening : Whitening or None
-        How the used observations were brought to independent ones; by their noise where ``None``.
+    whitening : Whitening
+        How the used observations were brought to independent ones.
     """
 
     parameters: ParameterSet
@@ -149,11 +108,11 @@ class FitResult:
     chi2: float
     dof: int
     status: FitStatus
-    iterations: tuple[Iteration, ...]
+    iterations: int
     factor: Factor
+    whitening: Whitening
     series_noise: Mapping[str, SeriesNoise] | None = None
     weight_noise: Mapping[str, SeriesNoise] | None = None
-    whitening: Whitening | None = None
 
     @property
     def converged(self) -> bool:
@@ -198,7 +157,6 @@ def fit_least_squares(
     used: ArrayLike | None = None,
     start: ArrayLike | None = None,
     linearization: Linearization | None = None,
-    settings: FitSettings | None = None,
     whitening: Whitening | None = None,
 ) -> FitResult:
     """Fit parameters to observations.
@@ -218,8 +176,6 @@ def fit_least_squares(
         Where to start; the a-priori values by default. Fixed parameters stay at their a-priori values.
     linearization : Linearization, optional
         The one at `start`, where it is known already.
-    settings : FitSettings, optional
-        Limits and tolerances.
     whitening : Whitening, optional
         How the used observations are brought to independent ones of unit variance; by their noise if not given.
 
@@ -234,7 +190,6 @@ def fit_least_squares(
         Shapes do not agree, a sigma is not positive and finite, or the residuals or partials at the start
         are not finite.
     """
-    settings = settings or FitSettings()
     x = parameters.prior_values if start is None else np.array(start, dtype=np.float64)
     if x.shape != (len(parameters),):
         raise InputError(f"start has shape {x.shape}; {len(parameters)} parameters need ({len(parameters)},)")
@@ -248,13 +203,13 @@ def fit_least_squares(
         raise InputError(f"used has shape {mask.shape}; {n} observations need ({n},)")
     check_residuals(at_start, mask)
     n_used = int(mask.sum())
-    problem = _Problem(residual_function, parameters, whitening or noise.among(mask), n_used, settings)
+    problem = _Problem(residual_function, parameters, whitening or noise.among(mask), n_used)
     here = problem.point(x, at_start)
     first = problem.factor(here)
     if first is None:
-        check_finite(at_start, mask, parameters)
+        check_partials(at_start, mask, parameters)
         raise InputError("the whitened partials overflow at the start; check the sigmas")
-    here, factor, status, iterations = _iterated(problem, here, first)
+    here, factor, status, iterations = problem.iterated(here, first)
     if not factor.determined.all() and status is FitStatus.CONVERGED:
         status = FitStatus.UNOBSERVABLE
     n_prior = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
@@ -270,7 +225,7 @@ def fit_least_squares(
         status=status,
         iterations=iterations,
         factor=factor,
-        whitening=whitening,
+        whitening=problem.whitening,
     )
 
 
@@ -289,16 +244,16 @@ class _Problem:
 
     residual_function: ResidualFunction
     parameters: ParameterSet
-    combinations: Whitening
+    whitening: Whitening
     n_used: int
-    settings: FitSettings
 
     def point(self, x: NDArray[np.float64], linearization: Linearization) -> _Point:
-        chi2 = sum_of_squares(linearization.residual_m, self.combinations, self.parameters, x)
-        return _Point(x, linearization, chi2)
+        return _Point(
+            x, linearization, sum_of_squares(linearization.residual_m, self.whitening, self.parameters, x)
+        )
 
     def factor(self, at: _Point) -> Factor | None:
-        return factorize(at.linearization, self.combinations, self.parameters, at.x, self.settings)
+        return factorize(at.linearization, self.whitening, self.parameters, at.x)
 
     def stepped(self, at: _Point, factor: Factor, damping: float) -> _Point:
         x = at.x.copy()
@@ -309,14 +264,14 @@ class _Problem:
         """That of the point a step led to: at the end of a fit the one it has serves on."""
         moved = np.abs(trial.x - here.x) / self.parameters.scales
         if moved.max() <= _NEAR:
-            near = refreshed(factor, trial.linearization, self.combinations, self.parameters, trial.x)
+            near = refreshed(factor, trial.linearization, self.whitening, self.parameters, trial.x)
             if near.step_sigmas < self.tolerance(trial):
                 return near
         return self.factor(trial)
 
     def tolerance(self, at: _Point) -> float:
         """Length of a step at which a fit has converged, in formal standard deviations."""
-        return self.settings.step_tolerance * max(1.0, float(np.sqrt(at.chi2 / max(1, self.n_used))))
+        return _STEP_TOLERANCE * max(1.0, float(np.sqrt(at.chi2 / max(1, self.n_used))))
 
     def descend(self, here: _Point, factor: Factor, damping: float) -> tuple[_Point, Factor, float] | None:
         """Point and factor after a step, and its damping: the least from the one given on with which the sum falls.
@@ -341,53 +296,39 @@ class _Problem:
                 after = self.factor(trial) if trial.chi2 <= here.chi2 else None
                 if after is not None:
                     return trial, after, damping
-            damping = 3.0 * damping if damping > 0.0 else _least_damping(factor)
+            damping = 3.0 * damping if damping > 0.0 else factor.least_damping
         return None
 
-
-def _least_damping(factor: Factor) -> float:
-    return float(factor.singular_values[factor.determined].min(initial=1.0))
-
-
-def _iterated(
-    problem: _Problem, here: _Point, factor: Factor
-) -> tuple[_Point, Factor, FitStatus, tuple[Iteration, ...]]:
-    """Where the iterations end, the factor there, why, and their history."""
-    iterations: list[Iteration] = []
-    # With every parameter fixed there is nothing to do but to report the residuals.
-    if not problem.parameters.free.any():
-        return here, factor, FitStatus.CONVERGED, ()
-    damping = 0.0
-    while len(iterations) < problem.settings.max_iterations:
-        length, tolerance = factor.step_sigmas, problem.tolerance(here)
-        if iterations and length < _NEGLIGIBLE * tolerance:
-            return here, factor, FitStatus.CONVERGED, tuple(iterations)
-        found = problem.descend(here, factor, damping)
-        if found is None:
-            # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m),
-            # or the partials point the wrong way.
-            at_floor = length <= max(_SHORT, 1e-3 * np.sqrt(here.chi2))
-            status = FitStatus.CONVERGED if at_floor else FitStatus.DIVERGED
-            return here, factor, status, tuple(iterations)
-        least = _least_damping(factor)
-        chi2_before = here.chi2
-        here, factor, damping = found
-        iterations.append(Iteration(chi2_before, here.chi2, length, damping))
-        damping = 0.0 if damping <= least else damping / 3.0
-        if length < tolerance:
-            return here, factor, FitStatus.CONVERGED, tuple(iterations)
-    return here, factor, FitStatus.MAX_ITERATIONS, tuple(iterations)
+    def iterated(self, here: _Point, factor: Factor) -> tuple[_Point, Factor, FitStatus, int]:
+        """Where the iterations end, the factor there, why, and how many they were."""
+        # With every parameter fixed there is nothing to do but to report the residuals.
+        if not self.parameters.free.any():
+            return here, factor, FitStatus.CONVERGED, 0
+        damping = 0.0
+        for count in range(_MAX_ITERATIONS):
+            length, tolerance = factor.step_sigmas, self.tolerance(here)
+            if count and length < _NEGLIGIBLE * tolerance:
+                return here, factor, FitStatus.CONVERGED, count
+            found = self.descend(here, factor, damping)
+            if found is None:
+                # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m),
+                # or the partials point the wrong way.
+                at_floor = length <= max(_SHORT, 1e-3 * np.sqrt(here.chi2))
+                return here, factor, FitStatus.CONVERGED if at_floor else FitStatus.DIVERGED, count
+            least = factor.least_damping
+            here, factor, damping = found
+            damping = 0.0 if damping <= least else damping / 3.0
+            if length < tolerance:
+                return here, factor, FitStatus.CONVERGED, count + 1
+        return here, factor, FitStatus.MAX_ITERATIONS, _MAX_ITERATIONS
 
 
 def sum_of_squares(
-    residual_m: NDArray[np.float64],
-    combinations: Whitening,
-    parameters: ParameterSet,
-    x: NDArray[np.float64],
+    residual_m: NDArray[np.float64], whitening: Whitening, parameters: ParameterSet, x: NDArray[np.float64]
 ) -> float:
     """Weighted sum of squares with the a-priori rows; infinite where the model gives no finite number."""
     prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
     total = float((prior * prior).sum())
-    for part in combinations.whitened(lambda rows: residual_m[rows, None]):
+    for part in whitening.whitened(lambda rows: residual_m[rows, None]):
         total += float(np.square(part, out=part).sum())
     return total if np.isfinite(total) else np.inf

@@ -39,16 +39,10 @@ computed (n,), m, and partials d(computed)/d(parameter) (n, p)."""
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DenseLinearization:
-    """A linearization that holds all its partials.
+    """A linearization that holds all its partials."""
 
-    Parameters
-    ----------
-    residual_m : ndarray, shape (n,)
-    matrix : ndarray, shape (n, p)
-    """
-
-    residual_m: NDArray[np.float64]
-    matrix: NDArray[np.float64]
+    residual_m: NDArray[np.float64]  # (n,)
+    matrix: NDArray[np.float64]  # (n, p)
 
     def partials(self, rows: Rows) -> NDArray[np.float64]:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
@@ -56,13 +50,7 @@ class DenseLinearization:
 
 
 def evaluate(residual_function: ResidualFunction, x: NDArray[np.float64]) -> Linearization:
-    """Linearization at x.
-
-    Raises
-    ------
-    InputError
-        Shapes do not agree.
-    """
+    """Linearization at x; :class:`InputError` if its shapes do not agree."""
     given = residual_function(x)
     if not isinstance(given, tuple):
         if given.residual_m.ndim != 1:
@@ -78,9 +66,8 @@ def evaluate(residual_function: ResidualFunction, x: NDArray[np.float64]) -> Lin
     return DenseLinearization(residual_m, partials)
 
 
-def check_finite(linearization: Linearization, used: NDArray[np.bool_], parameters: ParameterSet) -> None:
-    """Raise :class:`InputError` if residuals or partials of the used observations are not finite."""
-    check_residuals(linearization, used)
+def check_partials(linearization: Linearization, used: NDArray[np.bool_], parameters: ParameterSet) -> None:
+    """Raise :class:`InputError` if partials of the used observations are not finite."""
     rows = np.flatnonzero(used)
     for start in range(0, len(rows), ROWS_AT_ONCE):
         finite = np.isfinite(linearization.partials(rows[start : start + ROWS_AT_ONCE])).all(axis=0)

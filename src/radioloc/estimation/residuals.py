@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.editing import Outcome
-from radioloc.estimation.labels import Labels
+from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.time import Epochs, utc_strings
 
@@ -29,7 +28,7 @@ class Residuals:
         for ranges).
     elevation_deg : ndarray or None
         Lower of the stations' elevations of the Moon, deg.
-    outcome : Outcome
+    statuses : Labels
         ``"used"`` or the reason why the observation was left out.
     """
 
@@ -41,7 +40,7 @@ class Residuals:
     residual_m: NDArray[np.float64]
     sigma_m: NDArray[np.float64]
     elevation_deg: NDArray[np.float64] | None
-    outcome: Outcome
+    statuses: Labels
 
     def __len__(self) -> int:
         return len(self.residual_m)
@@ -57,28 +56,28 @@ class Residuals:
             self.residual_m[rows],
             self.sigma_m[rows],
             None if self.elevation_deg is None else self.elevation_deg[rows],
-            self.outcome.select(rows),
+            self.statuses.select(rows),
         )
 
     @property
     def station(self) -> NDArray[np.str_]:
         """:attr:`stations` as texts, shape (n,)."""
-        return self.stations.array()
+        return self.stations[:]
 
     @property
     def type(self) -> NDArray[np.str_]:
         """:attr:`types` as texts, shape (n,)."""
-        return self.types.array()
+        return self.types[:]
 
     @property
     def path(self) -> NDArray[np.str_]:
         """:attr:`paths` as texts, shape (n,)."""
-        return self.paths.array()
+        return self.paths[:]
 
     @property
     def status(self) -> NDArray[np.str_]:
-        """:attr:`outcome` as texts, shape (n,)."""
-        return self.outcome.array()
+        """:attr:`statuses` as texts, shape (n,)."""
+        return self.statuses[:]
 
     @property
     def series(self) -> Labels:
@@ -90,7 +89,7 @@ class Residuals:
     @property
     def used(self) -> NDArray[np.bool_]:
         """Which observations took part in the fit, shape (n,)."""
-        return self.outcome.used
+        return self.statuses.are(USED)
 
     @property
     def computed_m(self) -> NDArray[np.float64]:
@@ -107,7 +106,7 @@ class Residuals:
             "station": self.stations[out].tolist(),
             "path": self.paths[out].tolist(),
             "residual_m": [finite_or_none(value) for value in self.residual_m[out]],
-            "reason": self.outcome[out].tolist(),
+            "reason": self.statuses[out].tolist(),
         }
         return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 

@@ -6,12 +6,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.factorization import LinearProblem, OrthonormalLinearization, factorize, gram
-from radioloc.estimation.least_squares import FitSettings
 from radioloc.estimation.linearization import (
     DenseLinearization,
     Linearization,
     ResidualFunction,
-    check_finite,
     check_residuals,
     evaluate,
 )
@@ -53,35 +51,28 @@ def robust_start(
     parameters: ParameterSet,
     sigma_m: NDArray[np.float64],
     usable: NDArray[np.bool_],
-    settings: FitSettings,
-    at_start: Linearization | None = None,
+    whole: Linearization,
 ) -> tuple[NDArray[np.float64], Linearization]:
-    """Estimate that gross errors in a minority of the observations move by little.
+    """Estimate that gross errors in a minority of the observations move by little, from the a-priori values on.
 
     Minimizes Huber's loss (1964) with its corner at one stated sigma, so that far from the solution it is
     the sum of absolute residuals, by iteratively reweighted least squares on each linearization. The loss
     is convex: far from the solution there is no false minimum of a linear model to fall into, and no scale
     has to be guessed. Of more than :data:`_MOST_ROWS` observations a sample makes the start (:func:`sample`).
+    `whole` is the linearization at the a-priori values; returned is that at the estimate.
     """
     x = parameters.prior_values
     free = np.flatnonzero(parameters.free)
-    whole = evaluate(residual_function, x) if at_start is None else at_start
     check_residuals(whole, usable)
     prepared = whole.problem if isinstance(whole, OrthonormalLinearization) else None
     rows = sample(whole, sigma_m, usable, parameters) if prepared is None else prepared.start_rows
     sigma_m = sigma_m[rows]
     residual_m, partials = whole.residual_m[rows], whole.partials(rows)
-    check_finite(DenseLinearization(residual_m, partials), np.ones(len(rows), dtype=bool), parameters)
     loss = _huber_loss(residual_m / sigma_m, parameters, x)
     for _ in range(_MAX_LINEARIZATIONS):
         if prepared is None:
-            factor = factorize(
-                DenseLinearization(residual_m, partials),
-                ObservationNoise(sigma_m).among(),
-                parameters,
-                x,
-                settings,
-            )
+            dense = DenseLinearization(residual_m, partials)
+            factor = factorize(dense, ObservationNoise(sigma_m).among(), parameters, x)
             if factor is None:
                 break
             root = factor.root_covariance()
@@ -103,13 +94,8 @@ def robust_start(
             step = 0.5 * step
         else:
             break
-        x, whole, residual_m, partials, loss = (
-            trial,
-            trial_whole,
-            trial_residual_m,
-            trial_whole.partials(rows),
-            trial_loss,
-        )
+        x, whole, loss = trial, trial_whole, trial_loss
+        residual_m, partials = trial_residual_m, whole.partials(rows)
         if prepared is not None:  # linear: another step would be none
             break
     return x, whole
@@ -124,7 +110,7 @@ def linear_problem(
 ) -> LinearProblem | None:
     """Linear problem with partials (n, p) at x; none where the usable observations do not determine every parameter."""
     dense = DenseLinearization(np.zeros(len(partials)), partials)
-    factor = factorize(dense, ObservationNoise(noise.sigma_m).among(usable), parameters, x, FitSettings())
+    factor = factorize(dense, ObservationNoise(noise.sigma_m).among(usable), parameters, x)
     if factor is None or not parameters.free.any() or not factor.determined.all():
         return None
     to_free = factor.root_covariance()
@@ -160,8 +146,6 @@ def sample(
     counts, sums = np.zeros(len(free)), np.zeros(len(free))
     for rows in parts:
         found = squares(rows)
-        if not np.isfinite(found).all():
-            check_finite(whole, usable, parameters)
         counts += (found > 0.0).sum(axis=0)
         sums += found.sum(axis=0)
     counts, sums = np.maximum(counts, 1.0), np.where(sums > 0.0, sums, 1.0)

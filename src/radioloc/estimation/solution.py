@@ -15,7 +15,6 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.consider import Consider
 from radioloc.estimation.correlated_weights import SeriesWeight
-from radioloc.estimation.least_squares import Iteration
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.residuals import Residuals
 from radioloc.estimation.statistics import FitStatistics, finite_or_none
@@ -156,8 +155,8 @@ class Solution:
         Series whose residuals are correlated in time, and what that adds to the scaled covariance.
     series_weights : tuple of SeriesWeight
         Series that the estimate weighs as fewer observations, since their residuals are correlated in time.
-    iterations : tuple of Iteration
-        History of the last fit.
+    iterations : int
+        Gauss-Newton steps of the last fit.
     passes : int
         Fits made while editing.
     reference : ReferenceComparison or None
@@ -196,7 +195,7 @@ class Solution:
     observability: Observability
     time_correlation: TimeCorrelation | None = None
     series_weights: tuple[SeriesWeight, ...] = ()
-    iterations: tuple[Iteration, ...] = ()
+    iterations: int = 0
     passes: int = 1
     reference: ReferenceComparison | None = None
     notes: tuple[str, ...] = ()
@@ -411,7 +410,7 @@ class Solution:
                 "series_weights": [
                     asdict(item) | {"weighed_as": item.weighed_as} for item in self.series_weights
                 ],
-                "iterations": len(self.iterations),
+                "iterations": self.iterations,
                 "passes": self.passes,
             },
             **(

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.editing import EditedFit, EditingSettings, fit_with_editing
+from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.least_squares import FitSettings
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
@@ -52,8 +51,7 @@ def fit_with_variance_components(
     *,
     groups: ArrayLike | Labels | None = None,
     status: ArrayLike | Labels | None = None,
-    editing: EditingSettings | None = None,
-    settings: FitSettings | None = None,
+    threshold: float | None = THRESHOLD,
 ) -> NoisyFit:
     """Fit with editing, adding noise to the stated sigmas where the residuals ask for it.
 
@@ -66,9 +64,7 @@ def fit_with_variance_components(
     excess alternate until the components settle; observations left out take no part in it and may come back.
     Where components and selection drive each other in a circle, the largest components of the circle are taken.
     """
-    edited = fit_with_editing(
-        residual_function, parameters, sigma_m, status=status, editing=editing, settings=settings
-    )
+    edited = fit_with_editing(residual_function, parameters, sigma_m, status=status, threshold=threshold)
     stated = edited.fit.noise
     named = Labels(np.zeros(len(stated), dtype=np.int32), ("all",)) if groups is None else Labels.of(groups)
     labels, group = named.texts, named.codes
@@ -80,8 +76,7 @@ def fit_with_variance_components(
             parameters,
             stated.with_added(added_m[group]),
             status=edited.given,
-            editing=editing,
-            settings=settings,
+            threshold=threshold,
             previous=previous if previous.converged else None,
         )
 

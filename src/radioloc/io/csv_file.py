@@ -94,7 +94,8 @@ def _texts(values: ArrayLike) -> pyarrow.Array:
 
 def _label_texts(codes: NDArray[Any], labels: Sequence[str]) -> pyarrow.Array:
     """Texts of which few differ, from an index into them."""
-    return pyarrow.DictionaryArray.from_arrays(pyarrow.array(codes), _texts(labels or [""]))
+    texts = pyarrow.array(labels or [""], pyarrow.string())
+    return pyarrow.DictionaryArray.from_arrays(pyarrow.array(codes), texts)
 
 
 def date_texts(utc: Epochs) -> pyarrow.Array:

@@ -87,7 +87,7 @@ def write_residuals(path: Path, rows: Residuals) -> None:
             "the solution has no elevations, which residuals.csv lists; give them to build_solution"
         )
     columns: dict[str, Any] = {"epoch_utc": rows.epoch_utc, "type": rows.types, "path": rows.paths}
-    columns |= {name: getattr(rows, name) for name in _DECIMALS} | {"status": rows.outcome}
+    columns |= {name: getattr(rows, name) for name in _DECIMALS} | {"status": rows.statuses}
     for name, column in columns.items():
         if len(column) != len(rows.epoch_utc):
             raise InputError(

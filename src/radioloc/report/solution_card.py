@@ -94,7 +94,7 @@ def _status(solution: Solution) -> tuple[str, ...]:
         where = "at the given position" if solution.trajectory is None else "along the given trajectory"
         return (f"NO FIT: observed minus computed {where}",)
     state = "CONVERGED" if solution.converged else solution.status.upper()
-    iterations = plural(len(solution.iterations), "iteration")
+    iterations = plural(solution.iterations, "iteration")
     count = f" ({iterations}, {plural(solution.passes, 'editing pass', 'es')})"
     return (state + count, *((solution.message,) if solution.message else ()))
 
@@ -386,6 +386,6 @@ def _left_out(solution: Solution) -> tuple[str, ...]:
     out = out[np.argsort(-np.abs(rows.residual_m[out] / rows.sigma_m[out]), kind="stable")]
     shown = out[:_MAX_OUTLIERS]
     epochs = utc_strings(rows.epoch_utc[shown], decimals=0)
-    told = zip(epochs, _links(rows)[shown], rows.outcome[shown], strict=True)
+    told = zip(epochs, _links(rows)[shown], rows.statuses[shown], strict=True)
     lines = [f"{epoch} {name}: {reason}" for epoch, name, reason in told]
     return (*lines, *more(len(out), len(shown)))

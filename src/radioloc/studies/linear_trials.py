@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.build import scaled_covariance
 from radioloc.estimation.correlated_weights import fit_with_correlated_weights
-from radioloc.estimation.editing import EditedFit, EditingSettings
+from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import LinearProblem
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.observation_noise import ObservationNoise
@@ -48,7 +48,8 @@ class LinearArc:
         As stated.
     status : Labels
         Of the observations, before the fit.
-    editing : EditingSettings
+    threshold : float
+        Expected sigmas beyond which a residual is an outlier.
     order : SeriesOrder
         Types, paths and times of the observations.
     correlated : bool
@@ -63,7 +64,7 @@ class LinearArc:
     ephemeris_sigma_m: _Floats
     noise: ObservationNoise
     status: Labels
-    editing: EditingSettings
+    threshold: float
     order: SeriesOrder
     correlated: bool
 
@@ -76,7 +77,7 @@ class LinearArc:
             self.noise,
             groups=self.order.types,
             status=self.status,
-            editing=self.editing,
+            threshold=self.threshold,
         )
         if not self.correlated:
             return found

@@ -13,8 +13,8 @@ from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import build_solution, seconds_since_midnight
 from radioloc.estimation.correlated_weights import SeriesWeight, fit_with_correlated_weights
-from radioloc.estimation.editing import USED, EditingSettings, fit_with_editing
-from radioloc.estimation.labels import Labels
+from radioloc.estimation.editing import fit_with_editing
+from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, TargetPosition
 from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
@@ -335,10 +335,7 @@ def _fit(
 ) -> NoisyFit:
     noise = stated_noise(problem.predictor, study.observations)
     if estimate is None:
-        as_given = EditingSettings(enabled=False)
-        edited = fit_with_editing(
-            problem.linearize, problem.parameters, noise, status=status, editing=as_given
-        )
+        edited = fit_with_editing(problem.linearize, problem.parameters, noise, status=status, threshold=None)
         return NoisyFit(edited, {})
     if not status.are(USED).any():
         raise InputError(
@@ -352,5 +349,5 @@ def _fit(
         noise,
         groups=Labels.coded(KINDS, problem.predictor.observations.kind),
         status=status,
-        editing=EditingSettings(threshold=estimate.rejection_sigma),
+        threshold=estimate.rejection_sigma,
     )

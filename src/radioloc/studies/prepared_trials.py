@@ -15,8 +15,7 @@ from numpy.typing import NDArray
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.build import seconds_since_midnight
-from radioloc.estimation.editing import USED, EditingSettings
-from radioloc.estimation.labels import Labels
+from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution
@@ -203,7 +202,7 @@ class Prepared:
             ephemeris_sigma_m=np.array(estimate.ephemeris_sigma_m),
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
-            editing=EditingSettings(threshold=study.estimate.rejection_sigma),
+            threshold=study.estimate.rejection_sigma,
             order=SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch)),
             correlated=study.estimate.weights == "correlated",
         )

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.estimation.editing import USED
-from radioloc.estimation.labels import Labels
+from radioloc.estimation.labels import USED, Labels
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.physical_model import PhysicalModel

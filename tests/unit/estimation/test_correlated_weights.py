@@ -27,10 +27,8 @@ def assessed(fit, types, paths, time_s):
     return assess_time_correlation(fit, SeriesOrder.of(types, paths, time_s))
 
 
-def weighed(residual_function, edited, types, paths, time_s, settings=None):
-    return fit_with_correlated_weights(
-        residual_function, edited, SeriesOrder.of(types, paths, time_s), settings
-    )
+def weighed(residual_function, edited, types, paths, time_s):
+    return fit_with_correlated_weights(residual_function, edited, SeriesOrder.of(types, paths, time_s))
 
 
 def labels(n, text):

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 
 from radioloc.estimation import Parameter, ParameterSet, fit_with_variance_components
-from radioloc.estimation.editing import EditingSettings
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.robust import linear_problem
 from radioloc.parameters.parameter import Role
@@ -38,7 +37,6 @@ def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
     residual_m[rng.choice(n, outliers, replace=False)] += 40.0
     usable = np.ones(n, dtype=bool)
     usable[:unusable] = False
-    editing = EditingSettings()
     made = linear_problem(partials, parameters, x, ObservationNoise(sigma_m), usable)
 
     def fit(linear):
@@ -48,7 +46,6 @@ def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
             sigma_m,
             groups=np.array(["range", "vlbi_delay"])[group],
             status=np.where(usable, "used", "below the horizon"),
-            editing=editing,
         )
 
     return fit(made.of(residual_m)), fit(lambda at: (residual_m - partials @ (at - x), partials))

@@ -128,7 +128,7 @@ def test_a_blunder_is_taken_out_of_its_block(network):
     kept = ~np.isin(np.arange(len(observed_m)), [7, 33])
     edited = fit_with_editing(network.residual_function(observed_m), network.parameters(), network.noise)
     assert edited.converged
-    np.testing.assert_array_equal(edited.status == USED, kept)
+    np.testing.assert_array_equal(edited.status.are(USED), kept)
     x, covariance, chi2 = network.select(kept).generalized(observed_m[kept])
     sigmas = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(edited.fit.x, x, rtol=0.0, atol=SAME_ANSWER_SIGMAS * sigmas.min())

@@ -8,7 +8,6 @@ import pytest
 from radioloc.errors import InputError
 from radioloc.estimation import (
     USED,
-    EditingSettings,
     Parameter,
     ParameterSet,
     fit_with_editing,
@@ -76,7 +75,7 @@ def test_outliers_are_not_taken_for_noise():
     observed_m[[3, 77, 140]] += [19.0, -2.0, 400.0]
     found = fit(partials, observed_m, stated_m)
     assert found.additive_sigma_m["all"] == pytest.approx(0.04, rel=0.2)
-    assert np.flatnonzero(found.edited.status != USED).tolist() == [3, 77, 140]
+    assert np.flatnonzero(~found.edited.status.are(USED)).tolist() == [3, 77, 140]
 
 
 def test_observations_left_out_from_the_beginning_stay_out():
@@ -92,8 +91,8 @@ def test_observations_left_out_from_the_beginning_stay_out():
 def test_editing_settings_are_handed_on():
     partials, observed_m, stated_m = line(60, 0.01, 0.0, 6)
     observed_m[7] += 0.5
-    found = fit(partials, observed_m, stated_m, editing=EditingSettings(enabled=False))
-    assert (found.edited.status == USED).all()
+    found = fit(partials, observed_m, stated_m, threshold=None)
+    assert found.edited.status.are(USED).all()
     assert found.additive_sigma_m["all"] > 0.03
 
 

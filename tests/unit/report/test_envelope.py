@@ -6,7 +6,6 @@ import warnings
 import numpy as np
 import pytest
 
-from radioloc.estimation.editing import Outcome
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Residuals
 from radioloc.measurements.registry import KINDS
@@ -24,7 +23,6 @@ def residuals(count, left_out=0.01):
     residual_m, sigma_m = rng.normal(0.0, 1.0, count), np.ones(count)
     used = rng.random(count) > left_out
     residual_m[~used] *= 40.0
-    given = Labels.coded(["used"], np.zeros(count, dtype=int))
     return Residuals(
         Epochs.from_jd(2459185.5, np.sort(rng.random(count)), "UTC"),
         Labels.coded(["KASHI"], np.zeros(count, dtype=int)),
@@ -34,7 +32,7 @@ def residuals(count, left_out=0.01):
         residual_m,
         sigma_m,
         np.full(count, 30.0),
-        Outcome(used, given, residual_m, sigma_m, 1.0),
+        Labels.coded(["used", "outlier"], ~used * 1),
     )
 
 

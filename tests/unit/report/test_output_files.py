@@ -9,19 +9,12 @@ import numpy as np
 import pytest
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.estimation.editing import Outcome
+from radioloc.estimation.editing import outlier_reason
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.residuals import Residuals
 from radioloc.io.dates import utc_to_text
 from radioloc.report.files import write_json, write_residuals
 from radioloc.time import Epochs, epochs_from_strings
-
-
-def outcome(*texts):
-    given = Labels.of(list(texts))
-    return Outcome(
-        np.array([text == "used" for text in texts]), given, np.zeros(len(texts)), np.ones(len(texts)), 1.0
-    )
 
 
 def two_rows(**changes):
@@ -34,7 +27,7 @@ def two_rows(**changes):
         "residual_m": np.array([0.0234567, -0.0]),
         "sigma_m": np.array([0.016, 1.0]),
         "elevation_deg": np.array([45.0, -1.25]),
-        "outcome": outcome("used", "rejected"),
+        "statuses": Labels.of(["used", "rejected"]),
     }
     return Residuals(**columns | changes)
 
@@ -68,7 +61,10 @@ def many(count, rng):
     residual_m, sigma_m = rng.normal(0.0, 1.0, count), rng.uniform(0.1, 2.0, count)
     used = rng.random(count) > 0.01
     residual_m[~used] *= 1e3
-    given = Labels.coded(["used", "JIAMUSI's elevation is -1.2 deg"], (rng.random(count) < 0.01).astype(int))
+    reasons = list(map(outlier_reason, residual_m[~used].tolist(), sigma_m[~used].tolist()))
+    codes = np.where(rng.random(count) < 0.01, 1, 0)
+    codes[~used] = 2 + np.arange(len(reasons))
+    statuses = Labels.coded(["used", "JIAMUSI's elevation is -1.2 deg", *reasons], codes)
     second = np.repeat(np.arange(-(-count // 3)), 3)[:count]
     observed_m = rng.uniform(-1.0, 1.0, count) * 10.0 ** rng.integers(0, 9, count)
     return Residuals(
@@ -80,7 +76,7 @@ def many(count, rng):
         residual_m=residual_m,
         sigma_m=sigma_m,
         elevation_deg=rng.uniform(-3.0, 90.0, count),
-        outcome=Outcome(used, given, residual_m, sigma_m, 1.5),
+        statuses=statuses,
     )
 
 
@@ -118,7 +114,7 @@ def test_residuals_are_written_block_by_block(tmp_path):
     [
         ({"observed_m": np.array([np.nan, 7.7e8])}, "observed_m of observation 1 is nan"),
         ({"sigma_m": np.array([1.0, np.inf])}, "sigma_m of observation 2 is inf"),
-        ({"outcome": outcome("used")}, "status has 1 values, but there are 2"),
+        ({"statuses": Labels.of(["used"])}, "status has 1 values, but there are 2"),
         ({"sigma_m": np.array([1.0])}, "sigma_m has 1 values, but there are 2"),
         ({"elevation_deg": None}, "no elevations"),
     ],

@@ -7,7 +7,7 @@ import pytest
 from toy_moon import ToyMoon, toy_solution
 
 from radioloc.errors import InputError
-from radioloc.estimation import Labels, Outcome
+from radioloc.estimation import Labels
 from radioloc.measurements.link import Link
 from radioloc.report import plot_links, plot_residuals, save_figure
 from radioloc.report.link_names import short_names
@@ -39,7 +39,7 @@ def rows():
         stations=Labels.of([p.split(">")[-1] for p in path]),
         residual_m=residual_m,
         sigma_m=np.full(90, 0.05),
-        outcome=Outcome(status == "used", Labels.of(status), residual_m, np.full(90, 0.05), 1.0),
+        statuses=Labels.of(status),
     )
 
 

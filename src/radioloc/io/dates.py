@@ -57,31 +57,25 @@ def utc_from_text(texts: Sequence[str] | Any) -> Epochs:
     from pyarrow import compute
 
     array = texts if isinstance(texts, pyarrow.Array) else pyarrow.array(texts, pyarrow.string())
-    if len(array) and compute.match_substring_regex(array, _FULL_DATE).to_numpy(zero_copy_only=False).all():
-        found = civil_times(array)
-        if found.exists.all():
-            length_s = day_lengths_s(found.jd)
-            if not found.no_leap_second(length_s).any():
-                return Epochs.from_jd(found.jd, day_fraction(found.whole_s, found.part_s, length_s), "UTC")
-    return _one_by_one(array.to_pylist())
+    if len(array) and np.all(compute.match_substring_regex(array, _FULL_DATE)):
+        found = read_dates(array, "UTC")
+        if found.exists.all() and not found.no_leap_second.any():
+            return found.epoch
+    utc = epochs_from_strings(array.to_pylist(), "UTC")
+    day_lengths_s(utc.jd)
+    return utc
 
 
-class CivilTimes(NamedTuple):
-    """Julian dates of midnights, whole seconds since then and parts of a second; which dates exist and end in :60."""
+class ReadDates(NamedTuple):
+    """Which dates exist, which have a second 60 that there is not, and the epochs of those that are right."""
 
     exists: NDArray[np.bool_]
-    jd: NDArray[np.float64]
-    whole_s: NDArray[np.int64]
-    part_s: NDArray[np.float64]
-    sixty: NDArray[np.bool_]
-
-    def no_leap_second(self, length_s: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Which have a second 60 that there is not: only a day that is longer has a second 86400."""
-        return self.sixty & ((self.whole_s != SECONDS_PER_DAY) | (length_s == SECONDS_PER_DAY))
+    no_leap_second: NDArray[np.bool_]
+    epoch: Epochs
 
 
-def civil_times(texts: Any) -> CivilTimes:
-    """Take dates yyyy-mm-dd or yyyy-ddd with time hh:mm:ss and up to 18 decimals apart, a million in a second."""
+def read_dates(texts: Any, scale: str) -> ReadDates:
+    """Read dates yyyy-mm-dd or yyyy-ddd with time hh:mm:ss and up to 18 decimals, a million in a second."""
     # Two characters more than needed, for dates by day of year.
     dates = np.array(texts.to_numpy(zero_copy_only=False), dtype=np.bytes_)
     dates = dates.astype(f"S{max(dates.itemsize, 20) + 2}")
@@ -107,26 +101,20 @@ def civil_times(texts: Any) -> CivilTimes:
     # From the hour on both forms are alike.
     if by_day.any():
         characters[by_day, 11:] = characters[by_day, 9:-2]
-    decimals, scale = np.zeros(len(dates), dtype=np.int64), np.ones(len(dates))
+    decimals, power = np.zeros(len(dates), dtype=np.int64), np.ones(len(dates))
     for column in characters[:, 20:].T:
         inside = (column >= ord("0")) & (column <= ord("9"))
         decimals = np.where(inside, 10 * decimals + (column - np.uint8(ord("0"))), decimals)
-        scale = np.where(inside, 10.0 * scale, scale)
-    # Up to 15 digits decimals and scale are whole numbers that a float holds: the quotient is the nearest float.
+        power = np.where(inside, 10.0 * power, power)
     second = number(17, 18)
-    return CivilTimes(
-        exists,
-        _JD_1970 + midnight.astype(np.float64),
-        3600 * number(11, 12) + 60 * number(14, 15) + second,
-        decimals / scale,
-        second == 60,
-    )
-
-
-def _one_by_one(texts: list[str]) -> Epochs:
-    utc = epochs_from_strings(texts, "UTC")
-    day_lengths_s(utc.jd)
-    return utc
+    whole_s = 3600 * number(11, 12) + 60 * number(14, 15) + second
+    jd = np.where(exists, _JD_1970 + midnight.astype(np.float64), _JD_1972)
+    length_s = day_lengths_s(jd) if scale == "UTC" else np.full(len(jd), SECONDS_PER_DAY)
+    # Only a day that is longer has a second 86400.
+    no_leap_second = (second == 60) & ((whole_s != SECONDS_PER_DAY) | (length_s == SECONDS_PER_DAY))
+    # Up to 15 digits decimals and power are whole numbers that a float holds: the quotient is the nearest float.
+    epoch = Epochs.from_jd(jd, day_fraction(whole_s, decimals / power, length_s), scale)
+    return ReadDates(exists, no_leap_second, epoch)
 
 
 def day_fraction(

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 
 from radioloc.errors import FileFormatError
 from radioloc.io.dates import utc_from_text
-from radioloc.io.tdm.records import read_records
+from radioloc.io.tdm.message import read_records
 from radioloc.time import epochs_from_strings, tai_to_utc, to_scale, utc_to_tai
 
 # A float of the day's fraction resolves 1e-11 s; a change of scale adds a few of these.
@@ -21,7 +21,7 @@ def utc(texts, time_system="UTC"):
     n = len(texts)
     line = np.arange(1, n + 1, dtype=np.int32)
     keywords = ["RANGE"] * n
-    return read_records("a", keywords, texts, ["1"] * n, line, time_system=time_system, range_units="s").epoch
+    return read_records("a", keywords, texts, ["1"] * n, line, time_system=time_system, range_units="s")[1]
 
 
 def seconds_apart(first, second):

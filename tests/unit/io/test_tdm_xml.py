@@ -116,7 +116,7 @@ def test_comments_are_kept():
             "<data><observation/></data></segment>",
             "an <observation> holds an EPOCH and one value",
         ),
-        ("</header>", "</header><header></header>", "header has no CREATION_DATE|a second <header>"),
+        ("</header>", "</header><header></header>", "header has no CREATION_DATE|<header> is there twice"),
         ("<EPOCH>2021-03-28T14:01:00</EPOCH>", "", "holds an EPOCH and one value; here it is RANGE"),
         ("<RANGE>768801.5</RANGE>", "<RANGE>1</RANGE><DOR>1</DOR>", "here it is EPOCH, RANGE, DOR"),
         ("<RANGE>768801.5</RANGE>", "<RANGE>1</RANGE><RANGE>1</RANGE>", "<RANGE> is there twice"),
@@ -140,7 +140,7 @@ def test_wrong_messages(old, new, problem):
 def test_no_segment_and_no_observation():
     with pytest.raises(FileFormatError, match="no header or no segment"):
         parse_xml("a.xml", '<tdm id="CCSDS_TDM_VERS" version="2.0"><body></body></tdm>')
-    with pytest.raises(FileFormatError, match="has no observation"):
+    with pytest.raises(FileFormatError, match="has no record"):
         parse_xml("a.xml", xml((TWO_WAY, [])))
 
 

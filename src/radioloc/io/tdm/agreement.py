@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.io.tdm.message import LONGEST_S, TYPES
+from radioloc.io.tdm.keywords import LONGEST_S, TYPES
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.link import Link
 from radioloc.time import Epochs

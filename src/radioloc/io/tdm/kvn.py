@@ -6,7 +6,7 @@ Source: CCSDS 503.0-B-2 (2020), chapter 4.
 from __future__ import annotations
 
 import operator
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator
 from functools import partial
 from itertools import chain, islice, takewhile
 from pathlib import Path
@@ -14,15 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from radioloc.errors import FileFormatError
-from radioloc.io.tdm.message import (
-    Records,
-    TdmFile,
-    TdmSegment,
-    checked_header,
-    checked_metadata,
-    checked_segment,
-)
-from radioloc.io.tdm.records import read_records
+from radioloc.io.tdm.message import MessageBuilder, TdmFile
 
 _HEADER = ("CCSDS_TDM_VERS", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
 _RECORD = r"^(?P<keyword>[!-<>-~]+)[ \t]*=[ \t]*(?P<epoch>[!-<>-~]+)[ \t]+(?P<value>[!-<>-~]+)$"
@@ -39,14 +31,24 @@ def looks_like_kvn(lines: Iterable[str]) -> bool:
 
 def parse_kvn(path: str | Path, lines: Iterable[str]) -> TdmFile:
     """Read a message from the lines of a KVN file; :class:`FileFormatError` names the line that is wrong."""
-    return _KvnReader(str(path), lines).read()
+    reader = _KvnReader(str(path), lines)
+    fields, _, comments = reader.assignments("META_START", _HEADER)
+    reader.made.header(fields.pop("CCSDS_TDM_VERS", ""), fields, comments)
+    while True:
+        reader.made.metadata(*reader.assignments("META_STOP"))
+        reader.require(reader.next_not_blank(), "DATA_START")
+        reader.data()
+        line = reader.next_not_blank()
+        if line is None:
+            return reader.made.message()
+        reader.require(line, "META_START")
 
 
 class _KvnReader:
     """Goes through the lines of one file, section by section, with some of them in memory."""
 
     def __init__(self, path: str, lines: Iterable[str]) -> None:
-        self.path = path
+        self.made = MessageBuilder(path)
         # None is the end of the file.
         self.rest: Iterator[str | None] = chain(map(str.strip, lines), [None])
         # Of the line that was read last.
@@ -54,25 +56,14 @@ class _KvnReader:
 
     def fail(self, problem: str, number: int | None = None) -> FileFormatError:
         """Error that names a line, the one that was read last by default."""
-        return FileFormatError(self.path, problem, max(1, number or self.number))
-
-    def read(self) -> TdmFile:
-        fields, _, comments = self.assignments("META_START", _HEADER)
-        header = checked_header(self.path, fields.pop("CCSDS_TDM_VERS", ""), fields, comments)
-        segments = [self.segment([])]
-        while (line := self.next_not_blank()) is not None:
-            self.require(line, "META_START")
-            segments.append(self.segment(segments))
-        return TdmFile(self.path, header, tuple(segments))
+        return self.made.fail(problem, max(1, number or self.number))
 
     def next_line(self) -> str | None:
-        """The next line, None at the end."""
-        line = next(self.rest, None)
+        line = next(self.rest)
         self.number += line is not None
         return line
 
     def next_not_blank(self) -> str | None:
-        """The next line that is not blank, None at the end."""
         while (line := self.next_line()) == "":
             pass
         return line
@@ -85,7 +76,7 @@ class _KvnReader:
             raise self.fail(f"{line[:40]!r} stands where {marker} must come")
 
     def assignments(
-        self, end: str, allowed: Sequence[str] | None = None
+        self, end: str, allowed: tuple[str, ...] = ()
     ) -> tuple[dict[str, str], dict[str, int], list[str]]:
         """Keywords, their values and lines, and comments up to the marker that ends a section."""
         values: dict[str, str] = {}
@@ -104,35 +95,27 @@ class _KvnReader:
                 raise self.fail(f"{line[:40]!r} is not a line keyword = value, nor {end}")
             if keyword in values:
                 raise self.fail(f"{keyword} is there twice, first in line {where[keyword]}")
-            if allowed is not None and keyword not in allowed:
+            if allowed and keyword not in allowed:
                 raise self.fail(f"{keyword!r} is not a keyword of the header; use {', '.join(allowed)}")
             values[keyword], where[keyword] = value, self.number
         return values, where, comments
 
-    def segment(self, before: Sequence[TdmSegment]) -> TdmSegment:
-        """Segment of which the line META_START has just been read."""
-        fields, where, comments = self.assignments("META_STOP")
-        metadata = checked_metadata(self.path, fields, where, before)
-        self.require(self.next_not_blank(), "DATA_START")
-        data_comments: list[str] = []
-        parts = []
+    def data(self) -> None:
+        """Take a data section of which the line DATA_START has just been read."""
+        comments: list[str] = []
         section = takewhile(partial(operator.ne, "DATA_STOP"), self.rest)
         while lines := list(islice(section, _CHUNK)):
             # The last line of a file that was cut is not read as a record.
             if lines[-1] is None:
                 self.number += len(lines) - 1
                 raise self.fail("the file ends before DATA_STOP: it was cut; fetch it again")
-            parts += self.records([line for line in lines if line is not None], metadata, data_comments)
+            self.records([line for line in lines if line is not None], comments)
             self.number += len(lines)
         self.number += 1
-        if not parts:
-            raise self.fail("the data section has no record; leave the segment out")
-        return checked_segment(
-            self.path, parts, metadata, where, comments=tuple(comments), data_comments=tuple(data_comments)
-        )
+        self.made.segment(self.number, comments)
 
-    def records(self, lines: list[str], metadata: Mapping[str, str], comments: list[str]) -> list[Records]:
-        """Records of the next lines of a data section, if there are any."""
+    def records(self, lines: list[str], comments: list[str]) -> None:
+        """Take the next lines of a data section."""
         import pyarrow as pa
         import pyarrow.compute as pc
 
@@ -142,20 +125,17 @@ class _KvnReader:
         if pc.any(passed).as_py():
             comments += [line[len("COMMENT") :].strip() for line in texts.filter(passed).to_pylist() if line]
             kept = pc.invert(passed)
-            texts, number = texts.filter(kept), number[kept.to_numpy(zero_copy_only=False)]
+            texts, number = texts.filter(kept), number[np.asarray(kept)]
         if not len(texts):
-            return []
+            return
         found = pc.extract_regex(texts, _RECORD)
         if found.null_count:
-            wrong = int(np.argmax(found.is_null().to_numpy(zero_copy_only=False)))
+            wrong = int(np.argmax(np.asarray(found.is_null())))
             line = texts[wrong].as_py()
             self.require_printable(line, int(number[wrong]))
             raise self.fail(f"{line[:60]!r} is not a record keyword = epoch value", int(number[wrong]))
-        system, units = metadata["TIME_SYSTEM"], metadata.get("RANGE_UNITS", "km")
         keywords, epochs, values = found.flatten()
-        return [
-            read_records(self.path, keywords, epochs, values, number, time_system=system, range_units=units)
-        ]
+        self.made.records(keywords, epochs, values, number)
 
     def require_printable(self, line: str, number: int) -> None:
         """Refuse a line with what is not printable ASCII."""

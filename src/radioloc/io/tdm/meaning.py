@@ -21,10 +21,11 @@ import numpy as np
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.checks import Catalogue, refuse_duplicates
 from radioloc.io.tdm.agreement import TdmAgreement
-from radioloc.io.tdm.message import MEASURED, NOT_MODELLED, RANGE_RATES, RECEIVED, TYPES, WEATHER, TdmFile
-from radioloc.io.tdm.readings import READINGS
-from radioloc.io.tdm.segment import SegmentReader, Shared
-from radioloc.io.tdm.series import Names, Placed, clocks_of, sent_frequencies
+from radioloc.io.tdm.keywords import MEASURED, NOT_MODELLED, RANGE_RATES, RECEIVED, TYPES, WEATHER
+from radioloc.io.tdm.message import TdmFile, TdmSegment
+from radioloc.io.tdm.reading import Reading
+from radioloc.io.tdm.segment import SegmentReader
+from radioloc.io.tdm.values import VALUES
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
@@ -88,34 +89,31 @@ def tdm_observations(
     messages = [files] if isinstance(files, TdmFile) else list(files)
     if not messages:
         raise InputError("no TDM was given; give at least one")
-    parts = [(file, segment) for file in messages for segment in file.segments]
-    segments = [Placed(file, segment, place) for place, (file, segment) in enumerate(parts)]
-    names = Names(catalogue)
-    clocks = clocks_of(segments if agreement.apply_clocks else [], names)
-    shared = Shared(segments, agreement, names, sent_frequencies(segments, names), clocks)
+    segments = [segment for message in messages for segment in message.segments]
+    reading = Reading(segments, agreement, catalogue)
     # What overflows becomes infinite and is refused with its line.
     with np.errstate(over="ignore", invalid="ignore"):
-        for placed in segments:
-            _read_segment(shared, placed)
-    readout = _readout(shared)
+        for segment in segments:
+            _read_segment(reading, segment)
+    readout = _readout(reading)
     _log.info("%s\n%s", ", ".join(readout.observations.files), readout.summary())
     return readout
 
 
-def _read_segment(shared: Shared, placed: Placed) -> None:
+def _read_segment(reading: Reading, segment: TdmSegment) -> None:
     """Add the observations of one segment."""
-    metadata, held = placed.segment.metadata, [k for k in placed.segment.counts() if k in MEASURED]
+    metadata, held = segment.metadata, [k for k in segment.counts() if k in MEASURED]
     # Beside range rates, or beside ranges and without a count interval, a received frequency is no measurement.
     beside = {*RANGE_RATES, *(["RANGE"] if "INTEGRATION_INTERVAL" not in metadata else [])}
     measured = [keyword for keyword in held if keyword not in RECEIVED or not beside & set(held)]
     if not measured:
         return
-    part = SegmentReader(shared, placed)
+    part = SegmentReader(reading, segment)
     if metadata.get("DATA_QUALITY") == "DEGRADED":
-        where = f"{placed.file.path}, line {placed.segment.line_of('DATA_QUALITY')}"
+        where = f"{segment.path}, line {segment.line_of('DATA_QUALITY')}"
         warnings.warn(f"{where}: DATA_QUALITY is DEGRADED", DataQualityWarning, stacklevel=4)
     for keyword in measured:
-        shared.used.add((placed.place, keyword))
+        reading.used.add((segment, keyword))
         _read(part, keyword)
 
 
@@ -144,42 +142,42 @@ def _read(part: SegmentReader, keyword: str) -> None:
     columns: dict[str, Any] = dict.fromkeys(
         ("uplink_hz", "wavelength_um", "count_s", *WEATHER.values()), np.nan
     )
-    columns |= part.weather(part.epochs(keyword)) | READINGS[keyword](part, keyword)
+    columns |= part.weather(keyword) | VALUES[keyword](part, keyword)
     columns |= {
         "sigma_m": float(part.agreement.sigma_m[kind]),
         "kind": KINDS.index(kind),
         "tag": TIME_TAGS.index(part.tag),
-        "link": part.shared.links.setdefault(part.link, len(part.shared.links)),
+        "link": part.reading.links.setdefault(part.link, len(part.reading.links)),
         "line": part.segment.line[rows],
     }
-    epoch, path = columns.pop("epoch"), part.placed.file.path
-    part.shared.columns.append(
+    epoch, path = columns.pop("epoch"), part.segment.path
+    part.reading.columns.append(
         {"epoch": epoch, "path": path}
         | {name: np.broadcast_to(column, (len(rows),)) for name, column in columns.items()}
     )
 
 
-def _readout(shared: Shared) -> TdmReadout:
-    counts = [placed.segment.counts() for placed in shared.segments]
-    files = tuple(dict.fromkeys(placed.file.path for placed in shared.segments))
-    if not shared.columns:
+def _readout(reading: Reading) -> TdmReadout:
+    counts = [segment.counts() for segment in reading.segments]
+    files = tuple(dict.fromkeys(segment.path for segment in reading.segments))
+    if not reading.columns:
         held = ", ".join(sorted({keyword for count in counts for keyword in count}))
         raise FileFormatError(files[0], f"holds no range, Doppler or VLBI delay, only {held}")
-    epoch = Epochs.concatenate([part.pop("epoch") for part in shared.columns])
+    epoch = Epochs.concatenate([part.pop("epoch") for part in reading.columns])
     file = np.concatenate(
-        [np.full(len(part["line"]), files.index(part.pop("path"))) for part in shared.columns]
+        [np.full(len(part["line"]), files.index(part.pop("path"))) for part in reading.columns]
     )
     # A column that is joined is let go; one that need not be joined may be a single number for all of its rows.
     joined: dict[str, Any] = {
         name: np.concatenate(parts) if len(parts) > 1 else parts[0]
-        for name in list(shared.columns[0])
-        for parts in [[part.pop(name) for part in shared.columns]]
+        for name in list(reading.columns[0])
+        for parts in [[part.pop(name) for part in reading.columns]]
     }
     observations = Observations.from_columns(
-        epoch=epoch, links=tuple(shared.links), files=files, file=file, **joined
+        epoch=epoch, links=tuple(reading.links), files=files, file=file, **joined
     )
     refuse_duplicates(observations)
     ignored: Counter[str] = Counter()
-    for placed, count in zip(shared.segments, counts, strict=True):
-        ignored.update({k: n for k, n in count.items() if (placed.place, k) not in shared.used})
-    return TdmReadout(observations, dict(ignored), tuple(dict.fromkeys(shared.notes)))
+    for segment, count in zip(reading.segments, counts, strict=True):
+        ignored.update({k: n for k, n in count.items() if (segment, k) not in reading.used})
+    return TdmReadout(observations, dict(ignored), tuple(dict.fromkeys(reading.notes)))

@@ -1,181 +1,32 @@
 """Content of a Tracking Data Message: header, and segments of metadata and columns of data.
 
-Nothing here says what the data mean for a model; it is the content of a file, KVN or XML, with what the standard
-demands of it checked.
+Nothing here says what the data mean for a model. KVN and XML readers hand texts to one :class:`MessageBuilder`, which
+checks what the standard demands and turns columns of text into numbers, a million in a second.
 
-Source: CCSDS 503.0-B-2 (2020), sections 3.2 to 3.4, tables 3-2, 3-3 and 3-5.
+Source: CCSDS 503.0-B-2 (2020), sections 3.2 to 3.4 and 4.3.9.
 """
 
 from __future__ import annotations
 
-import math
-import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import FileFormatError, InputError
-from radioloc.time import Epochs, epochs_from_strings
+from radioloc.errors import FileFormatError
+from radioloc.io.dates import read_dates
+from radioloc.io.tdm.keywords import CODE, DATA, METADATA, NUMBER, ORDERED, date, exponent_of
+from radioloc.time import Epochs, to_scale
 
-LONGEST_S = 86400.0
-"""Longest delay, count interval, light time or clock difference that is believed, s."""
 _VERSIONS = ("1.0", "2.0")
-_TIME_SYSTEMS = ("UTC", "TAI", "TT", "TDB", "GPS")
-NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
-
-
-def each(prefix: str) -> tuple[str, ...]:
-    """Keywords that have the number of a participant at their end."""
-    return tuple(f"{prefix}_{n}" for n in range(1, 6))
-
-
-# Rules of metadata: value as the file gives it to value in the standard's spelling; ValueError says what is wrong.
-_Rule = Callable[[str], str]
-
-
-def _text(value: str) -> str:
-    return " ".join(value.split())
-
-
-def _one_of(*words: str) -> _Rule:
-    def rule(value: str) -> str:
-        spelled = {word.upper(): word for word in words}
-        word = value.upper().replace(" ", "_")
-        if word not in spelled:
-            raise ValueError(f"{value!r} is not one of {', '.join(words)}")
-        return spelled[word]
-
-    return rule
-
-
-def _number(
-    *, above: float = -math.inf, least: float = -math.inf, most: float = math.inf, whole: bool = False
-) -> _Rule:
-    def rule(value: str) -> str:
-        if re.fullmatch(NUMBER, value, re.ASCII) is None or not math.isfinite(float(value)):
-            raise ValueError(f"{value!r} is not a finite number")
-        number = float(value)
-        if whole and not number.is_integer():
-            raise ValueError(f"{value!r} is not a whole number")
-        if not number > above:
-            raise ValueError(f"{value} must be above zero")
-        if number < least:
-            raise ValueError(f"{value} must not be negative")
-        if number > most:
-            raise ValueError(f"{value} must not be longer than a day, in seconds")
-        return value
-
-    return rule
-
-
-def _path(value: str) -> str:
-    path = value.replace(" ", "")
-    if re.fullmatch(r"[1-5](,[1-5])+", path) is None:
-        raise ValueError(f"{value!r} is not a list of participants' numbers such as 1,2,1")
-    return path
-
-
-def _time_system(value: str) -> str:
-    if value.upper() not in _TIME_SYSTEMS:
-        raise ValueError(f"{value!r} cannot be read; use one of {', '.join(_TIME_SYSTEMS)}")
-    return value.upper()
-
-
-def _date(value: str) -> str:
-    try:
-        epochs_from_strings(value)
-    except InputError as error:
-        raise ValueError(str(error)) from None
-    return _text(value)
-
-
-_RATIO = _number(above=0.0, whole=True)
-_DELAY = _number(least=0.0, most=LONGEST_S)
-METADATA: Mapping[str, _Rule] = {
-    "TRACK_ID": _text,
-    "DATA_TYPES": _text,
-    "TIME_SYSTEM": _time_system,
-    "START_TIME": _date,
-    "STOP_TIME": _date,
-    **dict.fromkeys(each("PARTICIPANT"), _text),
-    "MODE": _one_of("SEQUENTIAL", "SINGLE_DIFF"),
-    **dict.fromkeys(("PATH", "PATH_1", "PATH_2"), _path),
-    # Figure E-17 of the standard itself writes it without a number.
-    **dict.fromkeys(("EPHEMERIS_NAME", *each("EPHEMERIS_NAME"), "TRANSMIT_BAND", "RECEIVE_BAND"), _text),
-    "TURNAROUND_NUMERATOR": _RATIO,
-    "TURNAROUND_DENOMINATOR": _RATIO,
-    "TIMETAG_REF": _one_of("TRANSMIT", "RECEIVE"),
-    "INTEGRATION_INTERVAL": _number(above=0.0, most=LONGEST_S),
-    "INTEGRATION_REF": _one_of("START", "MIDDLE", "END"),
-    "FREQ_OFFSET": _number(),
-    "RANGE_MODE": _one_of("COHERENT", "CONSTANT", "ONE_WAY"),
-    "RANGE_MODULUS": _number(least=0.0),
-    "RANGE_UNITS": _one_of("km", "s", "RU"),
-    **dict.fromkeys(("ANGLE_TYPE", "REFERENCE_FRAME", "INTERPOLATION", "INTERPOLATION_DEGREE"), _text),
-    **dict.fromkeys(("DOPPLER_COUNT_BIAS", "DOPPLER_COUNT_SCALE"), _text),
-    "DOPPLER_COUNT_ROLLOVER": _one_of("YES", "NO"),
-    **{f"{way}_DELAY_{n}": _DELAY for n in range(1, 6) for way in ("TRANSMIT", "RECEIVE")},
-    "DATA_QUALITY": _one_of("RAW", "VALIDATED", "DEGRADED"),
-    **{
-        f"CORRECTION_{of}": _number()
-        for of in (
-            *("ANGLE_1", "ANGLE_2", "DOPPLER", "MAG", "RANGE", "RCS", "RECEIVE", "TRANSMIT"),
-            *("ABERRATION_YEARLY", "ABERRATION_DIURNAL"),
-        )
-    },
-    "CORRECTIONS_APPLIED": _one_of("YES", "NO"),
-}
-"""What each keyword of a metadata section may say, in the standard's order."""
-
-WEATHER = {"TEMPERATURE": "temperature_k", "PRESSURE": "pressure_hpa", "RHUMIDITY": "relative_humidity"}
-"""Columns of observations by the keyword that fills them."""
-CLOCKS = ("CLOCK_BIAS", "CLOCK_DRIFT")
-RECEIVED = ("RECEIVE_FREQ", *each("RECEIVE_FREQ"))
-SENT, SENT_RATE = each("TRANSMIT_FREQ"), each("TRANSMIT_FREQ_RATE")
-NOT_MODELLED = ("DOPPLER_COUNT", *each("RECEIVE_PHASE_CT"), *each("TRANSMIT_PHASE_CT"))
-"""Measurements of the path that no observation can be made of."""
-RANGE_RATES = ("DOPPLER_INTEGRATED", "DOPPLER_INSTANTANEOUS")
-MEASURED = ("RANGE", *RANGE_RATES, *RECEIVED, "VLBI_DELAY", "DOR", *NOT_MODELLED)
-"""Measurements of the path."""
-_ORDERED = (*MEASURED[: -len(NOT_MODELLED)], *SENT, *SENT_RATE, *CLOCKS, *WEATHER)
-_PASSED_OVER = (
-    *("ANGLE_1", "ANGLE_2", "CARRIER_POWER", "MAG", "PC_N0"),
-    *("PR_N0", "RCS", "STEC", "TROPO_DRY", "TROPO_WET"),
+_GPS_MINUS_TAI_S = -19.0  # exact (IS-GPS-200)
+# A time tag that is corrected stays in the years that are known: UTC began in 1972.
+_EPOCH = (
+    r"^(?:19(?:7[3-9]|[89]\d)|20\d\d|2100)-(?:(?:0[1-9]|1[0-2])-(?:0[1-9]|[12]\d|3[01])|\d{3})"
+    r"T(?:[01]\d|2[0-3]):[0-5]\d:(?:[0-5]\d|60)(?:\.\d{1,18})?Z?$"
 )
-DATA = (*_ORDERED, *NOT_MODELLED, *_PASSED_OVER)
-"""Keywords of a data section; :attr:`TdmSegment.keyword` holds indices into this."""
-CODE = {keyword: code for code, keyword in enumerate(DATA)}
-
-
-class TdmType(NamedTuple):
-    """How a message holds observations of one type, on a path of that type's form.
-
-    ``keywords`` are the data keywords that are read as this type, of which the first is written; ``tags`` are the
-    events that TIMETAG_REF may name.
-    """
-
-    keywords: tuple[str, ...]
-    tags: tuple[str, ...] = ("receive",)
-
-
-TYPES: Mapping[str, TdmType] = {
-    "range": TdmType(("RANGE",), ("transmit", "receive")),
-    "doppler": TdmType((*RANGE_RATES, *RECEIVED)),
-    "vlbi_delay": TdmType(("VLBI_DELAY", "DOR")),
-    "one_way_range": TdmType(("RANGE",), ("transmit", "receive")),
-    "one_way_doppler": TdmType((*RANGE_RATES, *RECEIVED)),
-}
-"""Types of measurement that a message can hold, by name: of delay rates the standard knows nothing."""
-
-
-def exponent_of(keyword: str, range_units: str) -> int:
-    """Power of ten from the standard's unit to ours: km and km/s to m and m/s, percent to parts of one."""
-    if keyword == "RANGE":
-        return 3 if range_units == "km" else 0
-    return {"DOPPLER_INTEGRATED": 3, "DOPPLER_INSTANTANEOUS": 3, "RHUMIDITY": -2}.get(keyword, 0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,10 +46,11 @@ class TdmSegment:
     Words of the metadata that the standard lists are in its spelling; ``keyword``, shape (n,), holds indices into
     :data:`DATA`. Time tags are UTC, whatever the file's time system. Values are in the standard's units, except that
     kilometres are metres here (RANGE where its unit is km, DOPPLER_*), percent are parts of one: the float nearest
-    to the file's decimal number. Lines are those of the file, counted from 1, of metadata keywords by name (``""`` is
-    the section's start) and of the records.
+    to the file's decimal number. Lines are those of the file at ``path``, counted from 1, of metadata keywords by name
+    (``""`` is the section's start) and of the records.
     """
 
+    path: str
     metadata: Mapping[str, str]
     keyword: NDArray[np.int8]
     epoch: Epochs
@@ -212,10 +64,26 @@ class TdmSegment:
         """Rows that hold a keyword's data."""
         return np.flatnonzero(self.keyword == CODE[keyword])
 
+    def values(self, keyword: str) -> NDArray[np.float64]:
+        """Values of a keyword's records."""
+        return self.value[self.rows(keyword)]
+
+    def epochs(self, keyword: str) -> Epochs:
+        """Time tags of a keyword's records."""
+        return self.epoch[self.rows(keyword)]
+
     def counts(self) -> dict[str, int]:
         """How many records of each data keyword there are, in the order of :data:`DATA`."""
         counts = np.bincount(self.keyword, minlength=len(DATA)).tolist()
         return {keyword: count for keyword, count in zip(DATA, counts, strict=True) if count}
+
+    def participant(self, number: int) -> str:
+        """Name of a participant as the file gives it."""
+        return self.metadata[f"PARTICIPANT_{number}"]
+
+    def legs(self, keyword: str = "PATH") -> list[int]:
+        """Participants of a path, in order; empty where the segment has no such path."""
+        return [int(number) for number in self.metadata.get(keyword, "").split(",") if number]
 
     def number(self, keyword: str) -> float:
         """Number that a metadata keyword gives, zero where it is not there."""
@@ -231,6 +99,10 @@ class TdmSegment:
         if keyword in CODE and len(rows := self.rows(keyword)):
             return int(self.line[rows[row]])
         return self.lines.get(keyword, self.lines.get("", 1))
+
+    def fail(self, keyword: str, problem: str, row: int = 0) -> FileFormatError:
+        """Error at the line of :meth:`line_of`."""
+        return FileFormatError(self.path, problem, self.line_of(keyword, row))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -248,105 +120,182 @@ class TdmFile:
         return f"<TdmFile {self.path}: {len(self.segments)} segment(s), {len(self)} records>"
 
 
-class Records(NamedTuple):
-    """Columns of records, as in :class:`TdmSegment`."""
+class MessageBuilder:
+    """Takes the texts of a file in its order; :class:`FileFormatError` names the line that is wrong."""
 
-    keyword: NDArray[np.int8]
-    epoch: Epochs
-    value: NDArray[np.float64]
-    line: NDArray[np.int32]
+    def __init__(self, path: str) -> None:
+        self.path = path
+        self._header: TdmHeader | None = None
+        self._segments: list[TdmSegment] = []
+        self._metadata: dict[str, str] = {}
+        self._lines: Mapping[str, int] = {}
+        self._comments: tuple[str, ...] = ()
+        self._columns: list[tuple[Any, ...]] = []
 
+    def fail(self, problem: str, line: int) -> FileFormatError:
+        """Error that names a line."""
+        return FileFormatError(self.path, problem, line)
 
-def checked_header(path: str, version: str, fields: Mapping[str, str], comments: Sequence[str]) -> TdmHeader:
-    """Header from its fields; :class:`FileFormatError` where one is missing or wrong."""
-    if version not in _VERSIONS:
-        known = " and ".join(_VERSIONS)
-        raise FileFormatError(path, f"CCSDS_TDM_VERS is {version!r}; versions {known} are read", 1)
-    for keyword in ("CREATION_DATE", "ORIGINATOR"):
-        if not fields.get(keyword):
-            raise FileFormatError(path, f"the header has no {keyword}; add it", 1)
-    try:
-        _date(fields["CREATION_DATE"])
-    except ValueError as error:
-        raise FileFormatError(path, f"CREATION_DATE: {error}", 1) from None
-    return TdmHeader(
-        fields["CREATION_DATE"], fields["ORIGINATOR"], fields.get("MESSAGE_ID", ""), tuple(comments)
-    )
-
-
-def checked_metadata(
-    path: str, metadata: Mapping[str, str], lines: Mapping[str, int], before: Sequence[TdmSegment]
-) -> dict[str, str]:
-    """Metadata of a file in the standard's spelling, after the segments ``before``.
-
-    A :class:`FileFormatError` where a keyword is unknown or missing, a word or number is none that the standard allows,
-    a path names a participant that there is not, or the time system is not one that can be read or not the others'.
-    """
-
-    def fail(keyword: str, problem: str) -> FileFormatError:
-        return FileFormatError(path, problem, lines[keyword])
-
-    made = {}
-    for keyword, value in metadata.items():
-        if keyword not in METADATA:
-            problem = "is not a metadata keyword of the standard; correct or remove it"
-            raise fail(keyword, f"{keyword}: {problem}")
-        if not value:
-            raise fail(keyword, f"{keyword}: has no value; give one or leave the line out")
+    def header(self, version: str, fields: Mapping[str, str], comments: Sequence[str]) -> None:
+        """Take the header."""
+        if version not in _VERSIONS:
+            raise self.fail(f"CCSDS_TDM_VERS is {version!r}; versions {' and '.join(_VERSIONS)} are read", 1)
+        for keyword in ("CREATION_DATE", "ORIGINATOR"):
+            if not fields.get(keyword):
+                raise self.fail(f"the header has no {keyword}; add it", 1)
         try:
-            made[keyword] = METADATA[keyword](value)
+            date(fields["CREATION_DATE"])
         except ValueError as error:
-            raise fail(keyword, f"{keyword}: {error}") from None
-    participants = [keyword for keyword in made if keyword.startswith("PARTICIPANT_")]
-    missing = ["TIME_SYSTEM"] * ("TIME_SYSTEM" not in made) + ["PARTICIPANT_1"] * (not participants)
-    if missing:
-        raise fail("", f"the metadata have no {missing[0]}; add it")
-    if before and made["TIME_SYSTEM"] != (first := before[0].metadata["TIME_SYSTEM"]):
-        problem = f"TIME_SYSTEM is {made['TIME_SYSTEM']}, but {first} in the segments before"
-        raise fail("TIME_SYSTEM", f"{problem}; mixed time systems are not read: write all of them in one")
-    for keyword in ("PATH", "PATH_1", "PATH_2"):
-        for index in made[keyword].split(",") if keyword in made else ():
-            if f"PARTICIPANT_{index}" not in made:
-                problem = f"{keyword} = {made[keyword]} names participant {index}"
-                there = f"there are only {', '.join(participants)}"
-                raise fail(keyword, f"{problem}, but {there}; correct it or add the participant")
-    corrections = [keyword for keyword in made if keyword.startswith("CORRECTION_")]
-    if corrections and "CORRECTIONS_APPLIED" not in made:
-        raise fail(corrections[0], f"{corrections[0]} without CORRECTIONS_APPLIED: say YES or NO")
-    return made
+            raise self.fail(f"CREATION_DATE: {error}", 1) from None
+        message_id = fields.get("MESSAGE_ID", "")
+        self._header = TdmHeader(fields["CREATION_DATE"], fields["ORIGINATOR"], message_id, tuple(comments))
+
+    def metadata(self, fields: Mapping[str, str], lines: Mapping[str, int], comments: Sequence[str]) -> None:
+        """Take the metadata of the segment that begins, and bring them into the standard's spelling."""
+        made: dict[str, str] = {}
+        for keyword, value in fields.items():
+            if keyword not in METADATA:
+                problem = f"{keyword}: is not a metadata keyword of the standard; correct or remove it"
+                raise self.fail(problem, lines[keyword])
+            if not value:
+                raise self.fail(f"{keyword}: has no value; give one or leave the line out", lines[keyword])
+            try:
+                made[keyword] = METADATA[keyword](value)
+            except ValueError as error:
+                raise self.fail(f"{keyword}: {error}", lines[keyword]) from None
+        participants = [keyword for keyword in made if keyword.startswith("PARTICIPANT_")]
+        missing = ["TIME_SYSTEM"] * ("TIME_SYSTEM" not in made) + ["PARTICIPANT_1"] * (not participants)
+        if missing:
+            raise self.fail(f"the metadata have no {missing[0]}; add it", lines[""])
+        first = self._segments[0].metadata["TIME_SYSTEM"] if self._segments else made["TIME_SYSTEM"]
+        if made["TIME_SYSTEM"] != first:
+            problem = f"TIME_SYSTEM is {made['TIME_SYSTEM']}, but {first} in the segments before"
+            advice = "mixed time systems are not read: write all of them in one"
+            raise self.fail(f"{problem}; {advice}", lines["TIME_SYSTEM"])
+        for keyword in ("PATH", "PATH_1", "PATH_2"):
+            for index in made[keyword].split(",") if keyword in made else ():
+                if f"PARTICIPANT_{index}" not in made:
+                    problem = f"{keyword} = {made[keyword]} names participant {index}"
+                    there = f"there are only {', '.join(participants)}"
+                    advice = "correct it or add the participant"
+                    raise self.fail(f"{problem}, but {there}; {advice}", lines[keyword])
+        corrections = [keyword for keyword in made if keyword.startswith("CORRECTION_")]
+        if corrections and "CORRECTIONS_APPLIED" not in made:
+            problem = f"{corrections[0]} without CORRECTIONS_APPLIED: say YES or NO"
+            raise self.fail(problem, lines[corrections[0]])
+        self._metadata, self._lines, self._comments = made, lines, tuple(comments)
+
+    def records(self, keywords: Any, epochs: Any, values: Any, line: NDArray[np.int32]) -> None:
+        """Take records, columns of ASCII text (Arrow arrays or sequences of str) from some lines."""
+        system, units = self._metadata["TIME_SYSTEM"], self._metadata.get("RANGE_UNITS", "km")
+        columns = read_records(
+            self.path, keywords, epochs, values, line, time_system=system, range_units=units
+        )
+        self._columns.append((*columns, line))
+
+    def segment(self, line: int, data_comments: Sequence[str]) -> None:
+        """End the segment; data that are needed must be in order of time, each epoch once (3.4.10, 3.4.11)."""
+        if not self._columns:
+            raise self.fail("the data section has no record; leave the segment out", line)
+        keyword, epoch, value, lines = zip(*self._columns, strict=True)
+        made = TdmSegment(
+            self.path,
+            self._metadata,
+            np.concatenate(keyword),
+            Epochs.concatenate(list(epoch)),
+            np.concatenate(value),
+            self._lines,
+            np.concatenate(lines),
+            self._comments,
+            tuple(data_comments),
+        )
+        self._columns = []
+        for name in made.counts():
+            if name in ORDERED:
+                _require_order(made, name)
+        self._segments.append(made)
+
+    def message(self) -> TdmFile:
+        """All that was taken."""
+        if self._header is None or not self._segments:
+            raise FileFormatError(
+                self.path, "the message has no header or no segment; add what is missing", 1
+            )
+        return TdmFile(self.path, self._header, tuple(self._segments))
 
 
-def checked_segment(
+def _require_order(segment: TdmSegment, keyword: str) -> None:
+    epoch = segment.epochs(keyword)
+    day = np.diff(epoch.jd)
+    step = np.where(day == 0.0, np.diff(epoch.fraction), day)
+    if (step > 0.0).all():
+        return
+    place = int(np.argmin(step > 0.0))
+    first = segment.line_of(keyword, place)
+    if step[place] == 0.0:
+        problem = f"is there twice at one epoch, first in line {first}; leave one of them out"
+    else:
+        problem = f"is earlier than that of line {first}; put the records in order of time"
+    raise segment.fail(keyword, f"{keyword} {problem}", place + 1)
+
+
+def read_records(
     path: str,
-    parts: Sequence[Records],
-    metadata: Mapping[str, str],
-    lines: Mapping[str, int],
-    **comments: Any,
-) -> TdmSegment:
-    """Segment from its records; data that are needed must be in order of time, each epoch once (3.4.10, 3.4.11)."""
-    segment = TdmSegment(
-        metadata=metadata,
-        keyword=np.concatenate([part.keyword for part in parts]),
-        epoch=Epochs.concatenate([part.epoch for part in parts]),
-        value=np.concatenate([part.value for part in parts]),
-        lines=lines,
-        line=np.concatenate([part.line for part in parts]),
-        **comments,
-    )
-    for keyword in segment.counts():
-        if keyword not in _ORDERED:
-            continue
-        rows = segment.rows(keyword)
-        jd, fraction, line = segment.epoch.jd[rows], segment.epoch.fraction[rows], segment.line[rows]
-        day = np.diff(jd)
-        step = np.where(day == 0.0, np.diff(fraction), day)
-        if (step > 0.0).all():
-            continue
-        place = int(np.argmin(step > 0.0))
-        first, second = int(line[place]), int(line[place + 1])
-        if step[place] == 0.0:
-            problem = f"is there twice at one epoch, first in line {first}; leave one of them out"
-        else:
-            problem = f"is earlier than that of line {first}; put the records in order of time"
-        raise FileFormatError(path, f"{keyword} {problem}", second)
-    return segment
+    keywords: Any,
+    epochs: Any,
+    values: Any,
+    line: NDArray[np.int32],
+    *,
+    time_system: str,
+    range_units: str,
+) -> tuple[NDArray[np.int8], Epochs, NDArray[np.float64]]:
+    """Codes of keywords, epochs (UTC) and values, each the float nearest to its decimal number times a power of ten."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    def refuse(wrong: Any, texts: Any, problem: str) -> None:
+        wrong = np.asarray(wrong)
+        if wrong.any():
+            row = int(np.argmax(wrong))
+            raise FileFormatError(path, f"{texts[row].as_py()!r}{problem}", int(line[row]))
+
+    keywords, epochs, values = (pa.array(column, pa.string()) for column in (keywords, epochs, values))
+    code = pc.index_in(keywords, value_set=pa.array(DATA))
+    refuse(code.is_null(), keywords, " is not a data keyword of the standard; correct or remove it")
+    codes = code.to_numpy().astype(np.int8)
+
+    form = "written as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss with up to 18 decimals"
+    none_such = f" is not a date that exists in the years 1973 to 2100, {form}"
+    refuse(pc.invert(pc.match_substring_regex(epochs, _EPOCH)), epochs, none_such)
+    found = read_dates(epochs, "TAI" if time_system == "GPS" else time_system)
+    refuse(~found.exists, epochs, none_such)
+    if time_system != "UTC":
+        says_utc = f" ends in Z, which says UTC, but TIME_SYSTEM is {time_system}"
+        refuse(pc.ends_with(epochs, "Z"), epochs, says_utc)
+    refuse(found.no_leap_second, epochs, f": there is no leap second then in {time_system}")
+    epoch = found.epoch.shifted(-_GPS_MINUS_TAI_S) if time_system == "GPS" else found.epoch
+
+    not_finite = " is not a finite number; correct it or leave the record out"
+    refuse(pc.invert(pc.match_substring_regex(values, f"^{NUMBER}$")), values, not_finite)
+    exponent = np.array([exponent_of(keyword, range_units) for keyword in DATA])[codes]
+    numbers = _scaled(values, exponent)
+    refuse(~np.isfinite(numbers), values, not_finite)
+    return codes, to_scale(epoch, "UTC"), numbers
+
+
+def _scaled(texts: Any, exponent: NDArray[np.int64]) -> NDArray[np.float64]:
+    """Decimal numbers times powers of ten."""
+    import pyarrow as pa
+    import pyarrow.compute as pc
+
+    own = np.asarray(pc.match_substring_regex(texts, "[eE]"))
+    if (own & (exponent != 0)).any():
+        parts = (text.upper().partition("E") for text in texts.to_pylist())
+        texts = pa.array(
+            [f"{m}E{int(e or 0) + k}" for (m, _, e), k in zip(parts, exponent.tolist(), strict=True)]
+        )
+    elif exponent.any():
+        suffixes = pa.array([f"E{k}" if k else "" for k in range(-2, 4)])
+        texts = pc.binary_join_element_wise(texts, suffixes.take(pa.array(exponent + 2)), "")
+    numbers: NDArray[np.float64] = pc.cast(texts, pa.float64()).to_numpy()
+    return numbers

@@ -28,17 +28,8 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.io.dates import utc_to_text
-from radioloc.io.tdm.message import (
-    CODE,
-    DATA,
-    METADATA,
-    TYPES,
-    WEATHER,
-    TdmFile,
-    TdmHeader,
-    TdmSegment,
-    exponent_of,
-)
+from radioloc.io.tdm.keywords import CODE, DATA, METADATA, TYPES, WEATHER, exponent_of
+from radioloc.io.tdm.message import TdmFile, TdmHeader, TdmSegment
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
@@ -46,6 +37,7 @@ from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.text_files import write_blocks
 from radioloc.time import Epochs
 
+_IN_MEMORY = "in memory"
 _MICROMETRES = 1e6
 # Light is not radio: laser ranging has its own format, and the standard leaves it out (3.5.2.7, note).
 _SHORTEST_UM = 100.0
@@ -109,7 +101,7 @@ def tdm_of(observations: Observations, header: TdmHeader) -> TdmFile:
         raise InputError("there are no observations to write")
     _require_writable(observations)
     segments = [_segment(observations.select(rows)) for rows in _groups(observations)]
-    return TdmFile("in memory", header, tuple(segments))
+    return TdmFile(_IN_MEMORY, header, tuple(segments))
 
 
 def _require_writable(observations: Observations) -> None:
@@ -213,7 +205,7 @@ def _segment(part: Observations) -> TdmSegment:
     code, place, value = (np.concatenate(column) for column in zip(*records, strict=True))
     order = np.lexsort((code, place))
     line = np.zeros(len(order), dtype=np.int32)
-    return TdmSegment(metadata, code[order], part.epoch[place[order]], value[order], {}, line)
+    return TdmSegment(_IN_MEMORY, metadata, code[order], part.epoch[place[order]], value[order], {}, line)
 
 
 def _places(keyword: str, column: NDArray[np.float64]) -> NDArray[np.intp]:

@@ -18,16 +18,7 @@ from xml.parsers import expat
 import numpy as np
 
 from radioloc.errors import FileFormatError
-from radioloc.io.tdm.message import (
-    Records,
-    TdmFile,
-    TdmHeader,
-    TdmSegment,
-    checked_header,
-    checked_metadata,
-    checked_segment,
-)
-from radioloc.io.tdm.records import read_records
+from radioloc.io.tdm.message import MessageBuilder, TdmFile
 
 _CHILDREN = {
     "": ("tdm",),
@@ -38,6 +29,7 @@ _CHILDREN = {
     "header": ("CREATION_DATE", "ORIGINATOR", "MESSAGE_ID", "COMMENT"),
 }
 _BRANCHES = ("tdm", "header", "body", "segment", "metadata", "data", "observation")
+_REPEATED = ("segment", "observation")
 # What follows <EPOCH> of an observation that holds nothing but an epoch and a value; PREFIX is that of its names.
 _PLAIN = (
     r"^(?P<epoch>VALUE+)</PREFIXEPOCH>\s*<PREFIX(?P<keyword>\w+)>(?P<value>VALUE*)</PREFIX(?P<close>\w+)>"
@@ -81,7 +73,7 @@ class _XmlReader:
     """Handlers of an XML parser that build a message."""
 
     def __init__(self, path: str) -> None:
-        self.path = path
+        self.made = MessageBuilder(path)
         self.parser = expat.ParserCreate(encoding="utf-8")
         self.parser.buffer_text = True
         self.parser.StartElementHandler = self.start
@@ -90,23 +82,20 @@ class _XmlReader:
         self.parser.StartDoctypeDeclHandler = self.doctype
         self.open: list[_Open] = [_Open("", 1)]
         self.version = ""
-        self.header: TdmHeader | None = None
-        self.metadata: _Open | None = None
-        self.checked: dict[str, str] = {}
+        # Keyword, epoch, value and line of what is not read in bulk.
         self.observations: list[tuple[str, str, str, int]] = []
-        self.records: list[Records] = []
-        self.segments: list[TdmSegment] = []
 
     def fail(self, problem: str, line: int | None = None) -> FileFormatError:
-        return FileFormatError(self.path, problem, line or self.parser.CurrentLineNumber)
+        return self.made.fail(problem, line or self.parser.CurrentLineNumber)
 
     def read(self, text: str, *, bulk: bool) -> TdmFile:
         done, line = 0, 1
         try:
             for start, end, prefix in _observations(text) if bulk else ():
                 self.parser.Parse(text[done:start].encode(), False)
-                if self.open[-1].name != "data" or self.records:
+                if self.open[-1].name != "data":
                     raise _NotPlainError
+                self.take_observations()
                 line += text.count("\n", done, start)
                 self.plain_records(text, start, end, prefix, line)
                 # The parser keeps count of the lines.
@@ -116,10 +105,8 @@ class _XmlReader:
             self.parser.Parse(text[done:].encode(), True)
         except expat.ExpatError as error:
             problem = f"is not whole XML: {expat.ErrorString(error.code)}; fetch it again"
-            raise FileFormatError(self.path, problem, error.lineno) from None
-        if self.header is None or not self.segments:
-            raise self.fail("the message has no header or no segment; add what is missing")
-        return TdmFile(self.path, self.header, tuple(self.segments))
+            raise self.fail(problem, error.lineno) from None
+        return self.made.message()
 
     def doctype(self, *_: object) -> None:
         raise self.fail("a document type is not part of a TDM; remove the line <!DOCTYPE ...>")
@@ -139,9 +126,7 @@ class _XmlReader:
             self.version = attributes.get("version", "")
         elif attributes:
             raise self.fail(f"<{name}> has attributes ({', '.join(attributes)}); a TDM has none there")
-        if name == "segment":
-            self.metadata = None
-        if name == "data" and self.metadata is None:
+        if name == "data" and "metadata" not in self.open[-1].values:
             raise self.fail("<data> comes before <metadata>; put the metadata first")
         self.open.append(_Open(name, line, lines={"": line}))
 
@@ -151,25 +136,22 @@ class _XmlReader:
         parent = self.open[-1]
         if done.name == "COMMENT":
             parent.comments.append(text)
-        elif done.name not in _BRANCHES:
-            if done.name in parent.values:
-                raise self.fail(f"<{done.name}> is there twice, first in line {parent.lines[done.name]}")
-            parent.values[done.name], parent.lines[done.name] = text, done.line
-        elif text:
+            return
+        if done.name in _BRANCHES and text:
             raise self.fail(f"{text[:40]!r} stands between the elements of <{done.name}>; remove it")
-        elif done.name == "header":
-            if self.header is not None:
-                raise self.fail("a second <header>; leave one out", done.line)
-            self.header = checked_header(self.path, self.version, done.values, done.comments)
-        elif done.name == "metadata":
-            if self.metadata is not None:
-                raise self.fail("a second <metadata> in one segment; leave one out", done.line)
-            self.metadata = done
-            self.checked = checked_metadata(self.path, done.values, done.lines, self.segments)
-        elif done.name == "observation":
-            self.observation(done)
-        elif done.name == "data":
-            self.data(done)
+        if done.name in parent.values and done.name not in _REPEATED:
+            raise self.fail(f"<{done.name}> is there twice, first in line {parent.lines[done.name]}")
+        parent.values[done.name], parent.lines[done.name] = text, done.line
+        match done.name:
+            case "header":
+                self.made.header(self.version, done.values, done.comments)
+            case "metadata":
+                self.made.metadata(done.values, done.lines, done.comments)
+            case "observation":
+                self.observation(done)
+            case "data":
+                self.take_observations()
+                self.made.segment(done.line, done.comments)
 
     def observation(self, done: _Open) -> None:
         """Keep an observation that is not read in bulk."""
@@ -183,28 +165,12 @@ class _XmlReader:
                 raise self.fail(f"{text[:40]!r} is not printable ASCII; correct it", done.lines["EPOCH"])
         self.observations.append((*texts, done.lines["EPOCH"]))
 
-    def data(self, done: _Open) -> None:
-        """Make the segment of a data section that ends here."""
-        assert self.metadata is not None  # seen to where the section began
-        if self.segments and self.segments[-1].lines is self.metadata.lines:
-            raise self.fail("a second <data> in one segment; leave one out", done.line)
-        if self.records and self.observations:
-            raise _NotPlainError
+    def take_observations(self) -> None:
+        """Hand on the observations that were kept."""
         if self.observations:
-            keywords, epochs, values, lines = (list(x) for x in zip(*self.observations, strict=True))
-            self.read_records(keywords, epochs, values, np.array(lines, dtype=np.int32))
-        if not self.records:
-            raise self.fail("the data section has no observation; leave the segment out", done.line)
-        comments = {"comments": tuple(self.metadata.comments), "data_comments": tuple(done.comments)}
-        self.segments.append(
-            checked_segment(self.path, self.records, self.checked, self.metadata.lines, **comments)
-        )
-        self.observations, self.records = [], []
-
-    def read_records(self, keywords: object, epochs: object, values: object, lines: np.ndarray) -> None:
-        system, units = self.checked["TIME_SYSTEM"], self.checked.get("RANGE_UNITS", "km")
-        part = read_records(self.path, keywords, epochs, values, lines, time_system=system, range_units=units)
-        self.records.append(part)
+            keywords, epochs, values, lines = zip(*self.observations, strict=True)
+            self.made.records(keywords, epochs, values, np.array(lines, dtype=np.int32))
+            self.observations = []
 
     def plain_records(self, text: str, start: int, end: int, prefix: str, line: int) -> None:
         """Records of observations <observation><EPOCH>t</EPOCH><KEY>v</KEY></observation>, the first in a line."""
@@ -217,17 +183,15 @@ class _XmlReader:
             before, *pieces = f"{text[start:stop]}{opening}".split(f"<{prefix}EPOCH>")
             texts = pa.array(pieces, pa.string())
             found = pc.extract_regex(texts, _PLAIN.replace("PREFIX", re.escape(prefix)))
-            keywords, closed = found.field("keyword"), found.field("close")
-            if (
-                before.strip() != opening
-                or found.null_count
-                or not pc.all(pc.equal(keywords, closed)).as_py()
-            ):
+            if before.strip() != opening or found.null_count:
+                raise _NotPlainError
+            epochs, keywords, values, closed = found.flatten()
+            if not pc.all(pc.equal(keywords, closed)).as_py():
                 raise _NotPlainError
             newlines = pc.count_substring(texts, "\n").to_numpy()
             line += before.count("\n")
             lines = line + np.cumsum(newlines) - newlines
-            self.read_records(keywords, found.field("epoch"), found.field("value"), lines.astype(np.int32))
+            self.made.records(keywords, epochs, values, lines.astype(np.int32))
             line += int(newlines.sum())
             start = stop
 
@@ -237,13 +201,14 @@ def _observations(text: str) -> Iterator[tuple[int, int, str]]:
     # What a comment, a CDATA section or an instruction holds may look like elements but is none.
     quoted = "<!" in text or text.count("<?") > 1
     root = None if quoted else re.search(r"<([\w.-]+:)?tdm[\s>]", text)
-    prefix = (root[1] or "") if root else ""
-    section = 0 if root else -1
-    while section >= 0 and (section := text.find(f"<{prefix}data>", section)) >= 0:
+    if root is None:
+        return
+    prefix = root[1] or ""
+    end, end_tag = 0, f"</{prefix}observation>"
+    while (section := text.find(f"<{prefix}data>", end)) >= 0:
         stop = text.find(f"</{prefix}data>", section)
-        start, end_tag = text.find(f"<{prefix}observation>", section, stop), f"</{prefix}observation>"
+        start = text.find(f"<{prefix}observation>", section, stop)
         end = text.rfind(end_tag, section, stop) + len(end_tag)
         if stop < 0 or start < 0 or end < start:
             return
         yield start, end, prefix
-        section = end

@@ -26,9 +26,9 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.io.checks import FLIGHT_TIME_LIMITS_S
-from radioloc.io.tdm.message import RANGE_RATES, RECEIVED, SENT, exponent_of
+from radioloc.io.tdm.keywords import RANGE_RATES, RECEIVED, SENT, exponent_of
+from radioloc.io.tdm.reading import Series, seconds_from
 from radioloc.io.tdm.segment import MICROMETRES, SegmentReader
-from radioloc.io.tdm.series import Series, seconds_from
 from radioloc.time import Epochs
 
 INSTANTANEOUS_COUNT_S = 1.0
@@ -56,7 +56,7 @@ def _ranges(part: SegmentReader, keyword: str) -> dict[str, Any]:
     if not part.one_way:
         ends[1:1] = [("RECEIVE", part.target), ("TRANSMIT", part.target)]
     delay_s = part.delay_s(*(f"{way}_DELAY_{n}" for way, n in ends))
-    value_m = unit_m * part.values(keyword)
+    value_m = unit_m * part.segment.values(keyword)
     value_m = part.less_delays(keyword, value_m, delay_s, correction_m)
     if modulus_m:
         value_m = _without_ambiguity(part, value_m, modulus_m, part.light_time_s(epoch))
@@ -127,10 +127,21 @@ def _require_plausible(part: SegmentReader, value_m: NDArray[np.float64]) -> Non
         path = f"RANGE gives a light path of {value_m[row] / 1000.0:.6g} km {way}, taken as {convention!r}"
         advice = f'off by a factor of two: set tdm_range = "{other}"'
         raise part.fail("RANGE", f"{path}; {limits}, {advice}", row)
-    if part.shared.names.catalogue is not None and not fits.all():
+    if part.reading.catalogue is not None and not fits.all():
         row = int(np.argmin(fits))
         problem = f"RANGE is {value_m[row] / 1000.0:.6g} km {way}, but {limits}"
         raise part.fail("RANGE", f"{problem}; correct it or leave it out", row)
+
+
+def _count_interval(part: SegmentReader, keyword: str) -> tuple[float, float]:
+    """Count interval, s, and how far its middle is after the time tag."""
+    for name in ("INTEGRATION_INTERVAL", "INTEGRATION_REF"):
+        if name not in part.segment.metadata:
+            problem = f"{keyword} needs {name}, which has no default; add it to the metadata"
+            raise part.fail(keyword, problem)
+    count_s = part.segment.number("INTEGRATION_INTERVAL")
+    after = {"START": 0.5, "MIDDLE": 0.0, "END": -0.5}[part.segment.metadata["INTEGRATION_REF"]]
+    return count_s, after * count_s
 
 
 def _range_rates(part: SegmentReader, keyword: str) -> dict[str, Any]:
@@ -139,9 +150,9 @@ def _range_rates(part: SegmentReader, keyword: str) -> dict[str, Any]:
         problem = "mean and instantaneous range rates of one signal; leave one of them out"
         raise part.fail(keyword, problem)
     integrated = keyword == "DOPPLER_INTEGRATED"
-    count_s, middle_s = part.count_interval(keyword) if integrated else (INSTANTANEOUS_COUNT_S, 0.0)
+    count_s, middle_s = _count_interval(part, keyword) if integrated else (INSTANTANEOUS_COUNT_S, 0.0)
     halves = 2.0 if part.agreement.doppler_convention == "half" and not part.one_way else 1.0
-    rate_m_s = part.values(keyword) + 1000.0 * part.segment.correction("DOPPLER")
+    rate_m_s = part.segment.values(keyword) + 1000.0 * part.segment.correction("DOPPLER")
     return {
         "epoch": part.tagged(keyword, middle_s),
         "value_m": halves * count_s * rate_m_s,
@@ -154,9 +165,9 @@ def _received(part: SegmentReader, keyword: str) -> dict[str, Any]:
     if keyword not in ("RECEIVE_FREQ", f"RECEIVE_FREQ_{part.receiver}"):
         problem = f"is there, but PATH ends at participant {part.receiver}; correct one of them"
         raise part.fail(keyword, f"{keyword} {problem}")
-    count_s, middle_s = part.count_interval(keyword)
+    count_s, middle_s = _count_interval(part, keyword)
     if part.sent is None:
-        sender = part.placed.participant(part.sender)
+        sender = part.segment.participant(part.sender)
         problem = f"{keyword} needs TRANSMIT_FREQ_{part.sender} of {sender}; add it, in any segment"
         raise part.fail(keyword, problem)
     ratio = part.turnaround()
@@ -165,7 +176,7 @@ def _received(part: SegmentReader, keyword: str) -> dict[str, Any]:
         raise part.fail(keyword, f"{keyword} {problem} (in a study file tdm_turnaround)")
     epoch = part.tagged(keyword, middle_s)
     offset_hz = part.segment.number("FREQ_OFFSET")
-    value_hz = part.values(keyword) + part.segment.correction("RECEIVE")
+    value_hz = part.segment.values(keyword) + part.segment.correction("RECEIVE")
     value_m = _range_difference_m(part, keyword, epoch, count_s, offset_hz, value_hz, part.sent, ratio)
     received_hz = offset_hz + value_hz
     wavelength_um = MICROMETRES * C_M_S / np.where(received_hz > 0.0, received_hz, np.nan)
@@ -223,19 +234,18 @@ def _delays(part: SegmentReader, keyword: str) -> dict[str, Any]:
             problem = f"is not applied, and how it is to be applied to {keyword} is not said; apply it"
             raise part.fail(name, f"{name} {problem}")
     second_s, first_s = (part.delay_s(f"RECEIVE_DELAY_{n}") for n in (part.receiver, part.sender))
-    value_m = C_M_S * part.values(keyword)
+    value_m = C_M_S * part.segment.values(keyword)
     value_m = part.less_delays(keyword, value_m, second_s - first_s)
     if part.segment.number("RANGE_MODULUS"):
-        problem = f"RANGE_MODULUS is that of ranges, not applied to {keyword}"
-        part.shared.notes.append(f"{part.link.path}: {problem}")
+        part.note(f"RANGE_MODULUS is that of ranges, not applied to {keyword}")
     wavelength_um, beacon = np.nan, SENT[part.target - 1]
-    if len(sent := part.values(beacon)) and (sent == sent[0]).all() and sent[0] > 0.0:
+    if len(sent := part.segment.values(beacon)) and (sent == sent[0]).all() and sent[0] > 0.0:
         wavelength_um = MICROMETRES * C_M_S / sent[0]
-        part.shared.used.add((part.placed.place, beacon))
+        part.reading.used.add((part.segment, beacon))
     return {"epoch": part.tagged(keyword), "value_m": value_m, "wavelength_um": wavelength_um}
 
 
-READINGS: Mapping[str, Callable[[SegmentReader, str], dict[str, Any]]] = {
+VALUES: Mapping[str, Callable[[SegmentReader, str], dict[str, Any]]] = {
     "RANGE": _ranges,
     **dict.fromkeys(RANGE_RATES, _range_rates),
     **dict.fromkeys(RECEIVED, _received),

@@ -16,7 +16,7 @@ from radioloc.estimation import (
     fit_with_editing,
     observability,
 )
-from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.series import SeriesOrder, series_of
 from radioloc.simulation.noise import gauss_markov
 
 STEP_S, TAU_S, N = 60.0, 3600.0, 1200
@@ -201,19 +201,44 @@ def test_observations_that_share_errors_are_weighed_together():
     assert weight.sigma_factor > 5.0
     fit = found.edited.fit
     assert len(fit.series_noise) == 3
-    # The dense covariance of what was simulated: the estimate is nearly the best, and says so.
+    # One factor on all sigmas: the estimate is that of the stated covariance, dense.
+    x, covariance, _ = case.generalized(observed)
+    np.testing.assert_allclose(fit.x, x, rtol=0.0, atol=ROUNDING)
+    np.testing.assert_allclose(fit.covariance, covariance, rtol=ROUNDING)
+    # With the covariance of what was simulated it is nearly the best.
     epochs = case.epoch.max() + 1
     station = case.incidence.reshape(n, epochs, -1)
     lag_s = STEP_S * np.abs(np.arange(epochs)[:, None] - np.arange(epochs))
     between = np.einsum("iak,ab,jbk->ij", station, np.exp(-lag_s / TAU_S), station, optimize=True)
-    covariance = np.diag(case.own_m**2) + case.station_m**2 * between
-    best = np.sqrt(np.diag(np.linalg.inv(case.design.T @ np.linalg.solve(covariance, case.design))))
-    added = assessed(fit, labels(n, "delay"), paths, time_s).added_covariance
-    claimed = np.sqrt(np.diag(fit.covariance + added))
-    # Seven correlation times of noise tell its size within a factor of two.
-    assert (claimed > 0.5 * best).all()
-    assert (claimed < 2.0 * best).all()
-    assert (np.abs(fit.x) < 4.0 * best).all()
+    simulated = np.diag(case.own_m**2) + case.station_m**2 * between
+    best = np.linalg.inv(case.design.T @ np.linalg.solve(simulated, case.design))
+    gain = np.linalg.solve(case.covariance, case.design @ covariance).T
+    true = gain @ simulated @ gain.T
+    assert np.linalg.eigvalsh(true - best).min() > -ROUNDING  # Aitken
+    assert (np.diag(true) < 1.1**2 * np.diag(best)).all()
+    # What it says of itself is the sandwich with the noise that was found, dense.
+    order = SeriesOrder.of(labels(n, "delay"), paths, time_s)
+    [batch] = series_of(order, fit.noise, fit.used)
+    one = batch.whitening[0]
+    np.testing.assert_allclose(one @ case.covariance[:6, :6] @ one.T, np.eye(6), atol=ROUNDING)
+    independent = np.einsum("bij,bjp->bip", batch.whitening, case.design[batch.rows])
+    middle = np.zeros((3, 3))
+    for k, key in enumerate(batch.keys):
+        columns = independent[:, k]
+        middle += columns.T @ columns
+        if key in fit.series_noise:
+            noise = fit.series_noise[key]
+            process = sum(
+                c * np.exp(-lag_s / tau) for c, tau in zip(noise.coloured, noise.tau_s, strict=True)
+            )
+            middle += columns.T @ (process + (noise.white - 1.0) * np.eye(epochs)) @ columns
+    claimed = fit.covariance + assess_time_correlation(fit, order).added_covariance
+    np.testing.assert_allclose(claimed, covariance @ middle @ covariance, rtol=1e-4)
+    # Seven correlation times of noise tell its size within a factor of two, with the larger ones as likely as not.
+    ratio = np.sqrt(np.diag(claimed) / np.diag(true))
+    assert (ratio > 1.0).all()
+    assert (ratio < 1.8).all()
+    assert (np.abs(fit.x) < 3.0 * np.sqrt(np.diag(true))).all()
 
 
 def test_weighed_as():

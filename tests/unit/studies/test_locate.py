@@ -328,12 +328,29 @@ def test_weights_of_a_correlated_series(apollo15, near15, solution):
     (item,) = found.time_correlation.series
     assert weight.name == item.name == "range APOLLO>apollo15>APOLLO"
     assert weight.weighed_as == pytest.approx(item.effective_count, rel=0.05)
-    # The best estimate is no worse known than another, and neither is far from the other in its own sigmas.
-    sigma_m, other_m = found.sigma_enu_m("scaled"), solution.sigma_enu_m("scaled")
-    assert (sigma_m < 1.05 * other_m).all()
-    assert apart_m(found, solution) < np.linalg.norm(other_m)
-    # Were errors as stated, other weights than theirs could only be worse.
-    assert (found.sigma_enu_m("formal") > 0.999 * solution.sigma_enu_m("formal")).all()
+    # Generalized least squares from the dense covariance: nothing is left to correct, and the sigmas are these.
+    arc, _ = radioloc.studies.arc_of(Study(target=near15), apollo15)
+    used, computed = found.residuals.used, arc.compute(found.position_pa_m)
+    residual_m, design = (apollo15.value_m - computed.value_m)[used], computed.by_position_pa[used]
+    time_s = 86400.0 * (apollo15.epoch.jd - apollo15.epoch.jd[0] + apollo15.epoch.fraction)[used]
+    stated = np.diag(found.residuals.sigma_m[used])
+    lasting = np.exp(-np.abs(time_s[:, None] - time_s) / item.correlation_time_s)
+    covariance = stated @ (np.eye(len(time_s)) + item.share / (1.0 - item.share) * lasting) @ stated
+    inverse = np.linalg.inv(design.T @ np.linalg.solve(covariance, design))
+    gain = np.linalg.solve(covariance, design @ inverse).T
+    assert np.linalg.norm(gain @ residual_m) < SAME_M
+    white = residual_m @ np.linalg.solve(covariance, residual_m) / (len(residual_m) - 3)
+
+    def sigma_enu_m(position):
+        return np.sqrt(np.diag(found.rot_pa_to_enu @ position @ found.rot_pa_to_enu.T))
+
+    assert found.sigma_enu_m("formal") == pytest.approx(sigma_enu_m(gain @ stated**2 @ gain.T), rel=1e-6)
+    # Those of the card are the mean over the noise models that are as likely.
+    assert found.sigma_enu_m("scaled") == pytest.approx(sigma_enu_m(white * inverse), rel=0.03)
+    # The best estimate is better known than another, and were errors as stated, it would be worse.
+    assert (found.sigma_enu_m("scaled") < 0.95 * solution.sigma_enu_m("scaled")).all()
+    assert (found.sigma_enu_m("formal") > 1.05 * solution.sigma_enu_m("formal")).all()
+    assert apart_m(found, solution) < 0.05
     np.testing.assert_allclose(found.residuals.sigma_m, solution.residuals.sigma_m, rtol=0.0, atol=0.0)
     assert solution.fit.chi2 <= found.fit.chi2 < 1.1 * solution.fit.chi2
     assert "weight of range APOLLO>apollo15>APOLLO: that of 34 independent observations" in " ".join(

@@ -7,9 +7,9 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from hypothesis import HealthCheck, settings
 
-# `make test` searches a little each time, `make test-all` ten times as long (--hypothesis-profile=thorough). No test
+# `make test` searches a little each time, `make test-all` much longer (--hypothesis-profile=thorough). No test
 # is late because other processes keep the machine busy, and fixtures of a test are made to serve all its examples.
-for name, examples in {"fast": 40, "thorough": 400}.items():
+for name, examples in {"fast": 25, "thorough": 400}.items():
     settings.register_profile(
         name,
         max_examples=examples,

@@ -12,6 +12,7 @@ import dataclasses
 import numpy as np
 import pytest
 from offset_moon import OffsetEphemeris, OffsetOrientation
+from quick import each_with_one, some
 
 from radioloc import LunarPosition
 from radioloc.constants import C_M_S
@@ -142,12 +143,18 @@ def value_m(arc):
     return arc.compute(SITE.to_axes("PA", arc.model.ephemeris.constants).xyz_m).value_m
 
 
-every_case = pytest.mark.parametrize("case", CASES)
-# One of each geometry in seconds; all of them with the slow studies.
-FEW = {"three-way, receive", "VLBI delay", "two-way Doppler", "one-way, transmit", "differenced Doppler"}
-few_cases = pytest.mark.parametrize(
-    "case", [pytest.param(case, marks=() if case in FEW else pytest.mark.slow) for case in CASES]
+# One of each geometry in seconds, with one component each; all of them with the slow studies.
+FEW = ("three-way, receive", "VLBI delay", "two-way Doppler", "one-way, transmit", "differenced Doppler")
+few_cases = pytest.mark.parametrize("case", some(CASES, FEW))
+few_cases_undifferenced = pytest.mark.parametrize(
+    "case", some([case for case in CASES if case not in DIFFERENCES], FEW)
 )
+
+
+def few_cases_with(name, values):
+    return pytest.mark.parametrize(("case", name), each_with_one(CASES, FEW, values))
+
+
 FORMS = {
     "geographic": {},
     "cartesian": {"position": "cartesian"},
@@ -155,8 +162,7 @@ FORMS = {
 }
 
 
-@every_case
-@pytest.mark.parametrize("form", FORMS)
+@few_cases_with("form", FORMS)
 def test_position(model, case, form):
     arc = arc_of(model, case)
     problem = problem_of(arc, **FORMS[form])
@@ -178,7 +184,7 @@ def stations_of(case):
     return dict.fromkeys(link.stations)
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case not in DIFFERENCES])
+@few_cases_undifferenced
 def test_time_bias(model, case):
     """All epochs are tags of one station, which a bias moves."""
     _, path, tag = CASES[case]
@@ -247,7 +253,7 @@ def test_clock_rate(model, case, station):
     assert_same(column, slope(read, 1e-4))
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case not in DIFFERENCES])
+@few_cases_undifferenced
 def test_zenith_delay(model, case):
     """More wet air above one station."""
     arc = arc_of(model, case)
@@ -272,7 +278,7 @@ def test_zenith_delay(model, case):
         assert_same(column, slope(with_more, 10.0))
 
 
-@pytest.mark.parametrize("case", [case for case in CASES if case[:5] in ("two-w", "three")])
+@pytest.mark.parametrize("case", some([case for case in CASES if case[:5] in ("two-w", "three")], FEW))
 def test_transponder_delay(model, case):
     def held(d):
         delays = dataclasses.replace(DELAYS, transponder_s=5e-4 + d)
@@ -286,8 +292,7 @@ def test_transponder_delay(model, case):
         assert_same(column, numeric)
 
 
-@few_cases
-@pytest.mark.parametrize("component", range(3))
+@few_cases_with("component", range(3))
 def test_station_position(airless, case, component):
     model = airless
     for station in stations_of(case):
@@ -320,15 +325,13 @@ def test_ut1(airless, case):
     assert_same(column_of(arc_of(airless, case), "ut1", ut1=True), numeric, BY_STATION, 700.0)
 
 
-@few_cases
-@pytest.mark.parametrize("axis", ["x", "y"])
+@few_cases_with("axis", ["x", "y"])
 def test_pole(airless, case, axis):
     numeric = slope(lambda d: value_m(arc_of(turned(airless, **{f"{axis}p_rad": d}), case)), 5e-6)
     assert_same(column_of(arc_of(airless, case), f"pole.{axis}", pole=True), numeric, BY_STATION, 1e7)
 
 
-@few_cases
-@pytest.mark.parametrize("component", range(3))
+@few_cases_with("component", range(3))
 def test_moon_position(model, case, component):
     def moved(d):
         ephemeris = OffsetEphemeris.of(model.ephemeris, tuple(d * np.eye(3)[component]))
@@ -339,8 +342,7 @@ def test_moon_position(model, case, component):
     assert_same(column, slope(moved, 1e4), BY_MOON, 2.0)
 
 
-@few_cases
-@pytest.mark.parametrize("component", range(3))
+@few_cases_with("component", range(3))
 def test_libration(model, case, component):
     def moved(d):
         libration = OffsetOrientation.of(model.libration, tuple(d * np.eye(3)[component]))
@@ -350,8 +352,7 @@ def test_libration(model, case, component):
     assert_same(column, slope(moved, 1e-5), BY_MOON, 2.4e6)
 
 
-@few_cases
-@pytest.mark.parametrize("number", ["h2", "l2"])
+@few_cases_with("number", ["h2", "l2"])
 def test_love_numbers(model, case, number):
     constants = model.ephemeris.constants
 

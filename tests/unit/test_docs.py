@@ -336,6 +336,7 @@ def assert_sizes(row, columns, added_m):
     np.testing.assert_allclose(stated_mm, size_mm, rtol=0.0, atol=ROUNDED_MM, err_msg=row[0])
 
 
+@pytest.mark.slow
 def test_two_way_sizes_of_all_terms(model):
     added: dict[str, list] = {}
     for observed, where in laser_ranges().values():
@@ -345,6 +346,7 @@ def test_two_way_sizes_of_all_terms(model):
         assert_sizes(row, (1, 2), np.concatenate(added[row[0].strip("`")]))
 
 
+@pytest.mark.slow
 def test_three_way_sizes_of_all_terms(model):
     added = three_way_terms(model)
     assert len(added["shapiro"]) == 280
@@ -372,6 +374,7 @@ def test_residuals_of_real_data_with_nothing_fitted(model):
         )
 
 
+@pytest.mark.slow
 def test_means_with_other_choices(model):
     ephemeris = model.ephemeris
     other = replace(ephemeris, constants=replace(ephemeris.constants, h2=0.0424, l2=0.0107))

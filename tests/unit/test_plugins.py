@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from quick import some
 
 import radioloc
 
@@ -125,52 +126,67 @@ def test_a_study_with_what_another_package_adds(toys, tmp_path):
             assert float(row["wet_radome_m"]) == pytest.approx(expected_m, abs=1e-5)
 
 
-def test_plugins_are_loaded_when_they_are_looked_for(toys, tmp_path):
-    """So their modules import what they need of radioloc, whichever is imported first."""
-    for first in ("radioloc", "radioloc_toys.zenith_angle_bias", "radioloc_toys.wet_radome"):
-        code = (
-            f"import sys, {first}, radioloc\n"
-            "toys = [name for name in sys.modules if name.startswith('radioloc_toys.')]\n"
-            f"print(toys == [name for name in [{first!r}] if 'toys' in name])\n"
-            "print('half_range' in radioloc.measurements.MEASUREMENTS)\n"
-            "print('zenith_angle_bias' in radioloc.parameters.PARAMETERS, 'wet_radome' in radioloc.media.MEDIA)\n"
-            "print('wet_radome' in radioloc.measurements.TERMS)\n"
-        )
-        done = python(toys, "-W", "error", "-c", code, cwd=tmp_path)
-        assert done.returncode == 0, done.stderr
-        assert set(done.stdout.split()) == {"True"}
-
-
 @pytest.mark.parametrize(
-    ("group", "value", "problem"),
-    [
-        ("measurements", "no_such_module:THING", r"cannot be loaded \(No module named 'no_such_module'\)"),
-        ("measurements", "radioloc_toys.half_range:NOTHING", "cannot be loaded .*NOTHING"),
-        (
-            "measurements",
-            "radioloc_toys.zenith_angle_bias:ZENITH_ANGLE_BIAS",
-            "is a ParameterKind, not a Measu",
-        ),
-        (
-            "parameters",
-            "radioloc.parameters.range_bias:RANGE_BIAS",
-            "has the name 'range_bias', which is taken",
-        ),
-        ("media", "radioloc_toys.half_range:HALF_RANGE", "is a MeasurementType, not a Medium"),
-    ],
+    "first",
+    some(
+        ["radioloc", "radioloc_toys.zenith_angle_bias", "radioloc_toys.wet_radome"],
+        ["radioloc_toys.zenith_angle_bias"],
+    ),
 )
-def test_a_broken_plugin_gives_one_warning_and_is_left_out(group, value, problem, tmp_path):
-    site = installed(tmp_path / "site", {f"radioloc.{group}": {"broken": value}})
+def test_plugins_are_loaded_when_they_are_looked_for(first, toys, tmp_path):
+    """So their modules import what they need of radioloc, whichever is imported first."""
     code = (
-        f"import radioloc; from radioloc.{group}.registry import {group.upper()} as found\n"
-        "print(*found); print(*found); print(*radioloc.measurements.TERMS)"
+        f"import sys, {first}, radioloc\n"
+        "toys = [name for name in sys.modules if name.startswith('radioloc_toys.')]\n"
+        f"print(toys == [name for name in [{first!r}] if 'toys' in name])\n"
+        "print('half_range' in radioloc.measurements.MEASUREMENTS)\n"
+        "print('zenith_angle_bias' in radioloc.parameters.PARAMETERS, 'wet_radome' in radioloc.media.MEDIA)\n"
+        "print('wet_radome' in radioloc.measurements.TERMS)\n"
     )
-    done = python(site, "-c", code, cwd=tmp_path)
+    done = python(toys, "-W", "error", "-c", code, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
-    [warning] = re.findall(r"PluginWarning: (.*)", done.stderr)
-    assert re.match(f"{re.escape(value)} of the entry points radioloc.{group} {problem}", warning)
-    assert warning.endswith("it is left out")
-    own = {"measurements": "range", "parameters": "range_bias", "media": "ionosphere"}[group]
-    first, second, _ = done.stdout.splitlines()
-    assert own in first.split()
-    assert first == second
+    assert set(done.stdout.split()) == {"True"}
+
+
+BROKEN = {
+    "measurements": {
+        "no_such_module:THING": r"cannot be loaded \(No module named 'no_such_module'\)",
+        "radioloc_toys.half_range:NOTHING": "cannot be loaded .*NOTHING",
+        "radioloc_toys.zenith_angle_bias:ZENITH_ANGLE_BIAS": "is a ParameterKind, not a Measu",
+    },
+    "parameters": {"radioloc.parameters.range_bias:RANGE_BIAS": "has the name 'range_bias', which is taken"},
+    "media": {"radioloc_toys.half_range:HALF_RANGE": "is a MeasurementType, not a Medium"},
+}
+"""Entry points that cannot be used, by group, and what is said of each."""
+
+
+def test_broken_plugins_give_one_warning_each_and_are_left_out(tmp_path):
+    named = {
+        f"radioloc.{group}": {f"broken_{k}": value for k, value in enumerate(values)}
+        for group, values in BROKEN.items()
+    }
+    code = (
+        "import radioloc\n"
+        "faces = radioloc.measurements.MEASUREMENTS, radioloc.parameters.PARAMETERS, radioloc.media.MEDIA\n"
+        "for found in faces: print(*found); print(*found)\n"
+        "print(*radioloc.measurements.TERMS)"
+    )
+    done = python(installed(tmp_path / "site", named), "-c", code, cwd=tmp_path)
+    assert done.returncode == 0, done.stderr
+    expected = {
+        f"{value} of the entry points radioloc.{group} ": problem
+        for group, values in BROKEN.items()
+        for value, problem in values.items()
+    }
+    warnings = re.findall(r"PluginWarning: (.*)", done.stderr)
+    assert len(warnings) == len(expected)
+    for begin, problem in expected.items():
+        [warning] = [text for text in warnings if text.startswith(begin)]
+        assert re.match(problem, warning.removeprefix(begin))
+        assert warning.endswith("it is left out")
+    lines = done.stdout.splitlines()
+    for first, second, own in zip(
+        lines[:6:2], lines[1:6:2], ("range", "range_bias", "ionosphere"), strict=True
+    ):
+        assert own in first.split()
+        assert first == second

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from delay_network import DelayNetwork
+from quick import some
 
 from radioloc.estimation import (
     Labels,
@@ -84,7 +85,7 @@ class TwoSeries:
         return inverse, inverse @ (weighted.T @ errors @ weighted + self.prior) @ inverse
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", some(range(4), [0]))
 def test_nearly_generalized_least_squares(seed):
     case = TwoSeries(seed=seed)
     edited, found = case.fits()

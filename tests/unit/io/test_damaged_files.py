@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from quick import some
 
 from radioloc.errors import DataQualityWarning, InputError
 from radioloc.io.detect import read_observations
@@ -72,14 +73,15 @@ def test_any_bytes(tmp_path, content, start):
     read_or_refuse(tmp_path / "damaged", start + content)
 
 
-def test_cut_anywhere(any_text, tmp_path):
+@pytest.mark.parametrize("step", some([1, 7], [7]))
+def test_cut_anywhere(any_text, tmp_path, step):
     content = any_text.encode()
     whole = read_or_refuse(tmp_path / "whole", content)
-    for end in range(len(content)):
+    for end in range(0, len(content), step):
         part = read_or_refuse(tmp_path / "cut", content[:end])
         assert part is None or len(part) <= len(whole)
         # Of these formats only CRD has an end mark.
         assert part is None or not any_text.startswith("H1") or len(part) == len(whole)
     zipped = gzip.compress(content)
-    for end in range(0, len(zipped), 7):
+    for end in range(0, len(zipped), 7 * step):
         assert read_or_refuse(tmp_path / "cut", zipped[:end]) is None

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from quick import some
 from tdm_messages import DELAY, RANGES, THREE_WAY, TWO_WAY, kvn, xml
 
 from radioloc.errors import DataQualityWarning, InputError
@@ -121,9 +122,10 @@ def test_any_bytes(tmp_path, content, start):
     assert read_or_refuse(tmp_path / "damaged", start + content) is None
 
 
-def test_cut_anywhere(any_text, tmp_path):
+@pytest.mark.parametrize("step", some([1, 17], [17]))
+def test_cut_anywhere(any_text, tmp_path, step):
     content = any_text.encode()
-    for end in range(len(content)):
+    for end in range(0, len(content), step):
         part = read_or_refuse(tmp_path / "cut", content[:end])
         # KVN has no end of its own: whole segments are a message.
         assert part is None or content[:end].rstrip().endswith((b"DATA_STOP", b"</tdm>"))

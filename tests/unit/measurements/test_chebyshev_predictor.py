@@ -7,6 +7,7 @@ from dataclasses import fields, replace
 import numpy as np
 import pytest
 from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
+from quick import some
 
 from radioloc.constants import C_M_S
 from radioloc.earth.eop import EopTable
@@ -91,7 +92,8 @@ def assert_agree(arc, pa_m, count=150, seed=1, model=None):
 
 
 @pytest.mark.parametrize(
-    ("longitude_deg", "latitude_deg"), [(3.6, 26.1), (88.0, -5.0), (-51.9, 43.1), (0.0, -89.5)]
+    ("longitude_deg", "latitude_deg"),
+    some([(3.6, 26.1), (88.0, -5.0), (-51.9, 43.1), (0.0, -89.5)], [(3.6, 26.1), (0.0, -89.5)]),
 )
 def test_dense_series_agree_with_the_exact_arc(model, longitude_deg, latitude_deg):
     point_pa_m = selenographic_to_cartesian(np.radians(longitude_deg), np.radians(latitude_deg), 0.0)

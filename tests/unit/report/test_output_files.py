@@ -97,6 +97,7 @@ def test_many_residuals_are_what_python_writes_one_by_one(tmp_path):
     assert any("is 1" in line and "outlier" in line for line in written)
 
 
+@pytest.mark.slow
 def test_residuals_are_written_block_by_block(tmp_path):
     """What writing needs beside the columns does not grow with them: some ten megabytes."""
     rows = many(200_000, np.random.default_rng(8))

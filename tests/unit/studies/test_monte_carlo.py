@@ -272,6 +272,7 @@ with workers_of(2) as workers:
 """
 
 
+@pytest.mark.slow
 def test_a_script_without_a_guard_is_told(tmp_path):
     script = tmp_path / "script.py"
     script.write_text(UNGUARDED)

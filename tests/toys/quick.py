@@ -1,0 +1,22 @@
+"""Which cases of a parametrized test are run each time; the others are slow, for `make test-all`."""
+
+import pytest
+
+
+def some(cases, quick):
+    """Cases as parameters, those that are not among the quick ones marked as slow."""
+    quick = list(quick)
+    return [pytest.param(*_values(case), marks=() if case in quick else pytest.mark.slow) for case in cases]
+
+
+def each_with_one(cases, quick, others):
+    """Pairs of all cases with all others; of the quick ones each with one of the others, in turn."""
+    others = list(others)
+    return some(
+        [(case, other) for case in cases for other in others],
+        [(case, others[k % len(others)]) for k, case in enumerate(quick)],
+    )
+
+
+def _values(case):
+    return case if isinstance(case, tuple) else (case,)

@@ -42,14 +42,6 @@ class OffsetEphemeris(Ephemeris):
             return position_m + moved_m, velocity_m_s + moved_m_s
         return position_m, velocity_m_s
 
-    def barycentric(self, body: str, tdb: Epochs) -> tuple[_Vectors, _Vectors]:
-        """As :meth:`radioloc.ephemeris.Ephemeris.barycentric`."""
-        position_m, velocity_m_s = Ephemeris.barycentric(self, body, tdb)
-        if body == "moon":
-            moved_m, moved_m_s = self._offset(*Ephemeris.geocentric(self, body, tdb))
-            return position_m + moved_m, velocity_m_s + moved_m_s
-        return position_m, velocity_m_s
-
     def _offset(self, position_m: _Vectors, velocity_m_s: _Vectors) -> tuple[_Vectors, _Vectors]:
         momentum = np.cross(position_m, velocity_m_s)
         radial = position_m / np.linalg.norm(position_m, axis=-1)[:, None]

@@ -22,7 +22,15 @@ def evaluate(
     tdb.require("TDB")
     midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY  # exact: a whole number of half days
     rest_s = tdb.fraction * SECONDS_PER_DAY
-    _require_covered(kernel, segment, tdb, midnight_s, rest_s)
+    outside = ((midnight_s - segment.start_s) + rest_s < 0) | ((midnight_s - segment.end_s) + rest_s > 0)
+    if outside.any():
+        first, last = utc_strings(tdb[np.lexsort((rest_s, midnight_s))[[0, -1]]], 3)
+        raise CoverageError(
+            f"{kernel.file.path} (NAIF code {segment.target})",
+            segment.span,
+            (f"{first} TDB", f"{last} TDB"),
+            "open a kernel that covers these epochs, or leave them out",
+        )
     length_s = segment.record_length_s
     index, offset_s = np.divmod(midnight_s - segment.first_record_s, length_s)
     carry, offset_s = np.divmod(offset_s + rest_s, length_s)
@@ -49,23 +57,3 @@ def evaluate(
         return values.T, rates.T
     accelerations = (2.0 * db + s * ddb - ddb_next) * per_second**2
     return values.T, rates.T, accelerations.T
-
-
-def _require_covered(
-    kernel: Kernel,
-    segment: Segment,
-    tdb: Epochs,
-    midnight_s: NDArray[np.float64],
-    rest_s: NDArray[np.float64],
-) -> None:
-    outside = ((midnight_s - segment.start_s) + rest_s < 0) | ((midnight_s - segment.end_s) + rest_s > 0)
-    if not outside.any():
-        return
-    order = np.lexsort((rest_s, midnight_s))
-    first, last = utc_strings(tdb[order[[0, -1]]], 3)
-    raise CoverageError(
-        f"{kernel.file.path} (NAIF code {segment.target})",
-        segment.span,
-        (f"{first} TDB", f"{last} TDB"),
-        "open a kernel that covers these epochs, or leave them out",
-    )

@@ -89,8 +89,8 @@ class Ephemeris:
 
         Round-off of the position is some 1e-5 m. The acceleration is the second derivative of the Chebyshev series.
         """
-        barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb, derivatives=2)
-        earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb, derivatives=2)
+        barycentre = self._relative(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb, derivatives=2)
+        earth = self._relative(_EARTH, _EARTH_MOON_BARYCENTRE, tdb, derivatives=2)
         return EarthState(*((b + e) * _M_PER_KM for b, e in zip(barycentre, earth, strict=True)))
 
     def geocentric(self, body: str, tdb: Epochs) -> _State:
@@ -117,44 +117,33 @@ class Ephemeris:
         >>> bool(3.5e8 < (position_m**2).sum() ** 0.5 < 4.1e8)
         True
         """
-        code = _code(body)
-        if code != _MOON:
-            return self.geocentric_center(code, tdb)
-        earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
-        moon = self._evaluate(_MOON, _EARTH_MOON_BARYCENTRE, tdb)
-        return (moon[0] - earth[0]) * _M_PER_KM, (moon[1] - earth[1]) * _M_PER_KM
+        return self.geocentric_center(_code(body), tdb)
 
     def geocentric_center(self, code: int, tdb: Epochs) -> _State:
         """Geocentric position and velocity of a trajectory's centre by NAIF code; as :meth:`geocentric`."""
-        if code == _MOON:
-            return self.geocentric("moon", tdb)
         if code == _EARTH:
             return np.zeros((len(tdb), 3)), np.zeros((len(tdb), 3))
-        earth = self._evaluate(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
-        if code == _EARTH_MOON_BARYCENTRE:
-            return -earth[0] * _M_PER_KM, -earth[1] * _M_PER_KM
-        barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
-        other: tuple[NDArray[np.float64], ...] = (np.zeros(3), np.zeros(3))
-        if code != _SOLAR_SYSTEM_BARYCENTRE:
-            other = self._evaluate(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
-        return (
-            ((other[0] - barycentre[0]) - earth[0]) * _M_PER_KM,
-            ((other[1] - barycentre[1]) - earth[1]) * _M_PER_KM,
-        )
+        earth = self._relative(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
+        if code in (_MOON, _EARTH_MOON_BARYCENTRE):
+            other = self._relative(code, _EARTH_MOON_BARYCENTRE, tdb)
+        else:
+            other = self._relative(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+            barycentre = self._relative(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+            other = other[0] - barycentre[0], other[1] - barycentre[1]
+        return (other[0] - earth[0]) * _M_PER_KM, (other[1] - earth[1]) * _M_PER_KM
 
     def barycentric(self, body: str, tdb: Epochs) -> _State:
-        """Barycentric position and velocity of a body; as :meth:`geocentric`."""
-        code = _code(body)
-        if code == _MOON:
-            barycentre = self._evaluate(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
-            moon = self._evaluate(_MOON, _EARTH_MOON_BARYCENTRE, tdb)
-            return (barycentre[0] + moon[0]) * _M_PER_KM, (barycentre[1] + moon[1]) * _M_PER_KM
-        position_km, velocity_km_s = self._evaluate(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
-        return position_km * _M_PER_KM, velocity_km_s * _M_PER_KM
+        """Barycentric position and velocity of a body; as :meth:`geocentric`, with the rounding of :meth:`earth`."""
+        earth = self.earth(tdb)
+        position_m, velocity_m_s = self.geocentric(body, tdb)
+        return earth.position_m + position_m, earth.velocity_m_s + velocity_m_s
 
-    def _evaluate(
+    def _relative(
         self, target: int, center: int, tdb: Epochs, derivatives: int = 1
     ) -> tuple[NDArray[np.float64], ...]:
+        """Position, velocity and as many derivatives of one NAIF code relative to another, km and s."""
+        if target == center:
+            return (np.zeros((len(tdb), 3)),) * (derivatives + 1)
         return evaluate(self.spk, self.spk.segment(target, center), tdb, derivatives)
 
 

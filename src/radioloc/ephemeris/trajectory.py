@@ -7,7 +7,7 @@ kernels, so what a program has loaded there neither matters here nor changes.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -118,7 +118,8 @@ class Trajectory:
         et_s = midnight_s + of_day_s
         rest_s = (midnight_s - et_s) + of_day_s
         which = self.segment_at(et_s)
-        self._require_covered(et_s, which)
+        if (which < 0).any():
+            raise self._not_covered(et_s[which < 0])
         states = self.states(et_s, which) * _M_PER_KM
         position_m, velocity_m_s = states[:, :3] + states[:, 3:] * rest_s[:, None], states[:, 3:]
         for center in sorted({segment.center for segment in self.segments}):
@@ -139,6 +140,19 @@ class Trajectory:
                 spans.append((start_s, end_s))
         return spans
 
+    def _not_covered(self, outside_s: NDArray[np.float64]) -> CoverageError:
+        spans = [f"{tdb_date(start_s)} to {tdb_date(end_s)}" for start_s, end_s in self.spans_s()]
+        gaps = ""
+        if len(spans) > 1:
+            more = f" and {len(spans) - _MAX_SPANS} more" if len(spans) > _MAX_SPANS else ""
+            gaps = f" with gaps ({', '.join(spans[:_MAX_SPANS])}{more})"
+        return CoverageError(
+            f"{self.kernel.path} (NAIF code {self.body})",
+            (self.kernel.start_tdb, f"{self.kernel.end_tdb} TDB{gaps}"),
+            (f"{tdb_date(outside_s.min())} TDB", f"{tdb_date(outside_s.max())} TDB"),
+            "use a trajectory that covers these epochs, or leave them out (start, stop, hours)",
+        )
+
     def segment_at(self, et_s: NDArray[np.float64]) -> NDArray[np.intp]:
         """Index of the segment for each epoch: of several the last, as in SPICE; -1 where there is none."""
         which = np.full(len(et_s), -1)
@@ -151,7 +165,9 @@ class Trajectory:
         import spiceypy
 
         out = np.empty((len(et_s), 6))
-        with _spice_errors(self.kernel.path), _handle(self.kernel.path) as handle:
+        with _spice_errors(self.kernel.path), ExitStack() as stack:
+            handle = spiceypy.dafopr(str(self.kernel.path))
+            stack.callback(spiceypy.dafcls, handle)
             for i, (et, k) in enumerate(zip(et_s.tolist(), which.tolist(), strict=True)):
                 out[i] = spiceypy.spkpvn(handle, self.segments[k].descriptor, et)[1]
         rot = np.array([segment.rot_to_icrf for segment in self.segments])[which]
@@ -160,38 +176,11 @@ class Trajectory:
             raise KernelError(f"{self.kernel.path} is damaged: a state is not a number; fetch the file again")
         return np.asarray(halves)
 
-    def _require_covered(self, et_s: NDArray[np.float64], which: NDArray[np.intp]) -> None:
-        outside = et_s[which < 0]
-        if not len(outside):
-            return
-        spans = [f"{tdb_date(start_s)} to {tdb_date(end_s)}" for start_s, end_s in self.spans_s()]
-        gaps = ""
-        if len(spans) > 1:
-            more = f" and {len(spans) - _MAX_SPANS} more" if len(spans) > _MAX_SPANS else ""
-            gaps = f" with gaps ({', '.join(spans[:_MAX_SPANS])}{more})"
-        raise CoverageError(
-            f"{self.kernel.path} (NAIF code {self.body})",
-            (self.kernel.start_tdb, f"{self.kernel.end_tdb} TDB{gaps}"),
-            (f"{tdb_date(outside.min())} TDB", f"{tdb_date(outside.max())} TDB"),
-            "use a trajectory that covers these epochs, or leave them out (start, stop, hours)",
-        )
-
 
 def _trajectory_segment(path: Path, segment: DafSegment) -> TrajectorySegment:
     import spiceypy
 
     body, center, frame, _ = segment.integers
-    packed = spiceypy.dafps(2, 6, [segment.start_s, segment.end_s], [*segment.integers, *segment.addresses])
-    # Six integers are packed in three floats; spiceypy leaves room for more.
-    descriptor = np.asarray(packed)[:5]
-    rot = _rotation(path, body, frame)
-    return TrajectorySegment(center, segment.start_s, segment.end_s, descriptor, rot)
-
-
-def _rotation(path: Path, body: int, frame: int) -> NDArray[np.float64]:
-    """From a segment's frame to the ICRF."""
-    import spiceypy
-
     try:
         inertial = spiceypy.frinfo(frame)[1] == _INERTIAL_CLASS
         name = spiceypy.frmnam(frame)
@@ -202,18 +191,10 @@ def _rotation(path: Path, body: int, frame: int) -> NDArray[np.float64]:
             f"{path} gives body {body} in the frame {name or 'of NAIF code'} {f'({frame})' if name else frame}, which "
             f"turns or is not known; write the trajectory in an inertial frame such as {_ICRF}"
         )
-    return np.asarray(spiceypy.pxform(name, _ICRF, 0.0))
-
-
-@contextmanager
-def _handle(path: Path) -> Iterator[int]:
-    import spiceypy
-
-    handle = spiceypy.dafopr(str(path))
-    try:
-        yield handle
-    finally:
-        spiceypy.dafcls(handle)
+    rot = np.asarray(spiceypy.pxform(name, _ICRF, 0.0))
+    packed = spiceypy.dafps(2, 6, [segment.start_s, segment.end_s], [*segment.integers, *segment.addresses])
+    # Six integers are packed in three floats; spiceypy leaves room for more.
+    return TrajectorySegment(center, segment.start_s, segment.end_s, np.asarray(packed)[:5], rot)
 
 
 @contextmanager

@@ -18,6 +18,8 @@ from radioloc.errors import KernelError
 
 _WORD_BYTES, _RECORD_BYTES = 8, 1024
 _N_INTEGERS = {"SPK": 6, "PCK": 5}
+_UNREADABLE = (ValueError, TypeError, struct.error, OverflowError, AssertionError, IndexError, OSError)
+"""What jplephem and numpy raise."""
 _KIND_NAMES = {"SPK": "SPK (positions)", "PCK": "binary PCK (orientation)"}
 
 
@@ -40,7 +42,7 @@ def read_segments(path: Path, kind: str) -> list[DafSegment]:
             daf = DAF(file)
             _check_extent(daf, path)
             return [_segment(daf, path, name, summary) for name, summary in daf.summaries()]
-    except (ValueError, TypeError, struct.error, OverflowError, AssertionError, IndexError, OSError) as error:
+    except _UNREADABLE as error:
         raise KernelError(f"{path} is damaged: {error}; fetch or make the file again") from error
 
 
@@ -93,7 +95,7 @@ def _announced_span(daf: DAF) -> str:
     try:
         spans = [values[:2] for _, values in daf.summaries()]
         return f" (spanning {tdb_date(max(s[0] for s in spans))} to {tdb_date(min(s[1] for s in spans))})"
-    except (ValueError, TypeError, struct.error, OverflowError, AssertionError, IndexError, OSError):
+    except _UNREADABLE:
         return ""
 
 

@@ -6,16 +6,16 @@ needs second derivatives and refuses epochs outside a segment's own span, where 
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import KernelError
 from radioloc.kernels.daf import read_segments, tdb_date
-from radioloc.kernels.registry import find_kernel, registered, registered_as, sha256_of
+from radioloc.kernels.registry import find_kernel, registered, sha256_of
 from radioloc.kernels.segment_checks import segment_damage
 
 _INERTIAL_FRAME = 1  # NAIF's J2000, which the JPL ephemerides use as the name of the ICRF.
@@ -89,14 +89,14 @@ def open_pck(name_or_path: str | Path) -> Kernel:
 def _open(name_or_path: str | Path, kind: str) -> Kernel:
     path = find_kernel(name_or_path, kind)
     sha256 = sha256_of(path)
-    entry = registered_as(path)
+    entry = next((one for one in registered() if one.name == path.name), None)
     if entry is not None and entry.sha256 != sha256:
         raise KernelError(
             f"{path} (spanning {entry.start_tdb} to {entry.end_tdb}) is damaged: its SHA-256 is {sha256}, "
             f"but {entry.name} ships with {entry.sha256}; install the package again, or rename the file if "
             "it is your own"
         )
-    segments = _read_segments(path, kind)
+    segments = tuple(_read_segments(path, kind))
     if not segments:
         raise KernelError(
             f"{path} has no segment of Chebyshev type 2 in the ICRF; use a JPL planetary ephemeris (SPK) or "
@@ -115,30 +115,22 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
     return Kernel(description, segments)
 
 
-def _read_segments(path: Path, kind: str) -> tuple[Segment, ...]:
-    segments = []
+def _read_segments(path: Path, kind: str) -> Iterator[Segment]:
+    """Segments of Chebyshev type 2 in the ICRF, each checked against its directory."""
     for text, start_s, end_s, (target, *others), _, words in read_segments(path, kind):
         center, frame, data_type = others if kind == "SPK" else (others[0], others[0], others[1])
-        if data_type == _CHEBYSHEV_TYPE and frame == _INERTIAL_FRAME:
-            records = _read_records(words, path, (start_s, end_s), f"{target} ({text})")
-            segments.append(Segment(target, center, text, start_s, end_s, *records))
-    return tuple(segments)
-
-
-def _read_records(
-    words: NDArray[np.float64], path: Path, span_s: tuple[float, float], label: str
-) -> tuple[float, float, NDArray[Any]]:
-    """First record's start, record length and coefficients of one segment, checked against its directory."""
-    problem = f"{path} is damaged: segment {label} "
-    damage = segment_damage(_CHEBYSHEV_TYPE, words, *span_s)
-    if damage:
-        raise KernelError(f"{problem}{damage}; fetch the file again")
-    init_s, length_s, words_per_record, count = words[-4:].tolist()
-    n_records = int(count)
-    records = words[:-4].reshape(n_records, int(words_per_record))
-    middles_s = init_s + (np.arange(n_records) + 0.5) * length_s
-    rounding_s = 1e-6 * length_s
-    in_place = np.abs(records[:, 0] - middles_s) <= rounding_s
-    if not (in_place & (np.abs(records[:, 1] - length_s / 2) <= rounding_s)).all():
-        raise KernelError(problem + "has a record whose epoch is not where it belongs; fetch the file again")
-    return init_s, length_s, records[:, 2:].reshape(n_records, 3, -1)
+        if data_type != _CHEBYSHEV_TYPE or frame != _INERTIAL_FRAME:
+            continue
+        damage = segment_damage(_CHEBYSHEV_TYPE, words, start_s, end_s)
+        if not damage:
+            first_s, length_s, _, count = words[-4:].tolist()
+            records = words[:-4].reshape(int(count), -1)
+            expected_s = np.stack(
+                [first_s + (np.arange(count) + 0.5) * length_s, np.full(int(count), length_s / 2)]
+            )
+            if not (np.abs(records[:, :2].T - expected_s) <= 1e-6 * length_s).all():
+                damage = "has a record whose epoch is not where it belongs"
+        if damage:
+            raise KernelError(f"{path} is damaged: segment {target} ({text}) {damage}; fetch the file again")
+        coefficients = records[:, 2:].reshape(len(records), 3, -1)
+        yield Segment(target, center, text, start_s, end_s, first_s, length_s, coefficients)

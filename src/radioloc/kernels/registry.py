@@ -75,11 +75,6 @@ def find_kernel(name_or_path: str | Path, kind: str | None = None) -> Path:
     )
 
 
-def registered_as(path: Path) -> RegisteredKernel | None:
-    """Find the registry's entry for a file of this name, if there is one."""
-    return next((entry for entry in registered() if entry.name == path.name), None)
-
-
 def sha256_of(path: Path) -> str:
     """SHA-256 of a file, as 64 hexadecimal digits."""
     try:

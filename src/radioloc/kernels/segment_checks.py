@@ -87,28 +87,19 @@ def _epochs(table: _Words, count: int, n_directory: int, strictly: bool = True) 
 
 
 def _chebyshev(words: _Words, start_s: float, end_s: float, fixed: int, rows: int) -> None:
-    """Types 2 and 3: records of one length in time, each of middle and half length and some series."""
-    first_s, length_s, size, count = _tail(words, 4)
-    n = _records(words, size, count, fixed, rows, 4)
-    _require(length_s > 0, f"has a directory with records of {length_s:g} s")
-    _require_covered(start_s, end_s, first_s, first_s + n * length_s)
-
-
-def _chebyshev_velocity(words: _Words, start_s: float, end_s: float) -> None:
-    """Type 20, whose directory is in days."""
-    _, _, day, fraction, length_d, size, count = _tail(words, 7)
-    n = _records(words, size, count, 0, 3, 7)
-    _require(length_d > 0, f"has records of {length_d:g} days")
-    first_s = ((day - J2000_JD) + fraction) * SECONDS_PER_DAY
-    _require_covered(start_s, end_s, first_s, first_s + n * length_d * SECONDS_PER_DAY, slack_s=1e-4)
-
-
-def _records(words: _Words, size: float, count: float, fixed: int, rows: int, directory: int) -> int:
+    """Types 2 and 3: records of one length in time, each of middle and half length and some series; 20, in days."""
+    in_days = fixed == 0
+    *first, length, size, count = _tail(words, 7 if in_days else 4)
     n_words = _count(size, fixed + rows, _MAX_RECORD_WORDS, "the length of a record")
     _require((n_words - fixed) % rows == 0, f"has a directory with records of {n_words} words")
     n = _count(count, 1, len(words), "the number of records")
-    _require_length(words, n * n_words + directory)
-    return n
+    _require_length(words, n * n_words + len(first) + 3)
+    _require(length > 0, f"has a directory with records of {length:g} {'days' if in_days else 's'}")
+    if in_days:
+        first_s, length_s = ((first[2] - J2000_JD) + first[3]) * SECONDS_PER_DAY, length * SECONDS_PER_DAY
+        _require_covered(start_s, end_s, first_s, first_s + n * length_s, slack_s=1e-4)
+    else:
+        _require_covered(start_s, end_s, first[0], first[0] + n * length)
 
 
 def _two_body(words: _Words, start_s: float, end_s: float) -> None:
@@ -118,43 +109,36 @@ def _two_body(words: _Words, start_s: float, end_s: float) -> None:
     _epochs(words[6 * n :], n, n // _DIRECTORY_STEP)
 
 
+def _states(words: _Words, count: float, window: float, hermite: bool) -> int:
+    n = _count(count, 1, len(words), "the number of states")
+    most = _MAX_STATES_HERMITE if hermite else _MAX_STATES_LAGRANGE
+    _count(window, 1, min(n, most), "the number of states to interpolate between")
+    return n
+
+
 def _equal_steps(words: _Words, start_s: float, end_s: float, hermite: bool) -> None:
     """Types 8 and 12: states at equal steps, interpolated."""
     first_s, step_s, window_less_1, count = _tail(words, 4)
-    n = _count(count, 1, len(words), "the number of states")
-    _window(window_less_1 + 1, n, hermite)
+    n = _states(words, count, window_less_1 + 1, hermite)
     _require_length(words, 6 * n + 4)
     _require(step_s > 0, f"has steps of {step_s:g} s")
     _require_covered(start_s, end_s, first_s, first_s + (n - 1) * step_s, slack_s=1e-6 * step_s)
 
 
-def _unequal_steps(words: _Words, start_s: float, end_s: float, hermite: bool) -> None:
-    """Types 9 and 13: states and their epochs, interpolated."""
-    window_less_1, count = _tail(words, 2)
-    n = _count(count, 1, len(words), "the number of states")
-    _window(window_less_1 + 1, n, hermite)
-    _interpolated(words, n, 6, 2, start_s, end_s)
-
-
-def _window(states: float, n: int, hermite: bool) -> None:
-    most = _MAX_STATES_HERMITE if hermite else _MAX_STATES_LAGRANGE
-    _count(states, 1, min(n, most), "the number of states to interpolate between")
-
-
-def _interpolated(words: _Words, n: int, packet: int, directory: int, start_s: float, end_s: float) -> None:
+def _unequal_steps(words: _Words, start_s: float, end_s: float, hermite: bool | None = None) -> None:
+    """Types 9 and 13: states and their epochs, interpolated; 18 and mini-segments of 19, which say themselves how."""
+    packet, directory = 6, 2
+    *_, window, count = _tail(words, 2)
+    if hermite is None:  # with rates of its own, Lagrange, or Hermite
+        subtype = _count(_tail(words, 3)[0], 0, 2, "its subtype")
+        packet, directory, hermite = 12 if subtype == 0 else 6, 3, subtype != 1
+    else:
+        window += 1
+    n = _states(words, count, window, hermite)
     n_directory = (n - 1) // _DIRECTORY_STEP
     _require_length(words, (packet + 1) * n + n_directory + directory)
     epochs = _epochs(words[packet * n :], n, n_directory)
     _require_covered(start_s, end_s, epochs[0], epochs[-1])
-
-
-def _esoc(words: _Words, start_s: float, end_s: float) -> None:
-    """Type 18, and the mini-segments of type 19: Hermite with rates of its own, Lagrange, or Hermite."""
-    subtype, window, count = _tail(words, 3)
-    kind = _count(subtype, 0, 2, "its subtype")
-    n = _count(count, 1, len(words), "the number of states")
-    _window(window, n, hermite=kind != 1)
-    _interpolated(words, n, 12 if kind == 0 else 6, 3, start_s, end_s)
 
 
 def _esoc_piecewise(words: _Words, start_s: float, end_s: float) -> None:
@@ -173,28 +157,25 @@ def _esoc_piecewise(words: _Words, start_s: float, end_s: float) -> None:
         whole and pointers[0] == 1 and pointers[-1] == table + 1, "points to parts that are not where it says"
     )
     for k, (first, after) in enumerate(itertools.pairwise(pointers.astype(int).tolist())):
-        _esoc(words[first - 1 : after - 1], float(bounds_s[k]), float(bounds_s[k + 1]))
+        _unequal_steps(words[first - 1 : after - 1], float(bounds_s[k]), float(bounds_s[k + 1]))
 
 
 def _difference_arrays(words: _Words, start_s: float, end_s: float, extended: bool) -> None:
     """Types 1 and 21: modified difference arrays, each with the orders to which it is summed."""
-    directory = 2 if extended else 1
-    *size, count = _tail(words, directory)
+    *size, count = _tail(words, 2 if extended else 1)
     terms = _count(size[0], 1, _MAX_MDA_TERMS, "the number of differences") if extended else 15
     record = 4 * terms + 11
     n = _count(count, 1, len(words), "the number of records")
-    _require_length(words, n * (record + 1) + n // _DIRECTORY_STEP + directory)
+    _require_length(words, n * (record + 1) + n // _DIRECTORY_STEP + len(size) + 1)
     epochs = _epochs(words[n * record :], n, n // _DIRECTORY_STEP, strictly=False)
     _require(end_s <= epochs[-1], "claims to reach beyond its last record")
     records = words[: n * record].reshape(n, record)
-    orders, highest = records[:, -3:], records[:, -4]
-    sound = (orders == np.round(orders)) & (orders >= 0) & (orders <= terms)
+    highest, orders = records[:, -4:-3], records[:, -4:]
+    least, most = np.array([2, 0, 0, 0]), terms + np.array([1, 0, 0, 0])
+    sound = (orders == np.round(orders)) & (orders >= least) & (orders <= most)
     _require(bool(sound.all()), "has an order of integration that does not fit its differences")
-    sound_highest = (highest == np.round(highest)) & (highest >= 2) & (highest <= terms + 1)
-    _require(bool(sound_highest.all()), "has an order of integration that does not fit its differences")
-    steps = records[:, 1 : 1 + terms]
-    used = np.arange(terms) < highest[:, None] - 2
-    _require(not (used & (steps == 0)).any(), "has a step of no length")
+    used = np.arange(terms) < highest - 2
+    _require(not (used & (records[:, 1 : 1 + terms] == 0)).any(), "has a step of no length")
 
 
 def _elements(words: _Words, start_s: float, end_s: float, length: int) -> None:
@@ -240,8 +221,8 @@ _CHECKS: dict[int, Callable[[_Words, float, float], None]] = {
     14: _generic,
     15: partial(_elements, length=16),
     17: partial(_elements, length=12),
-    18: _esoc,
+    18: _unequal_steps,
     19: _esoc_piecewise,
-    20: _chebyshev_velocity,
+    20: partial(_chebyshev, fixed=0, rows=3),
     21: partial(_difference_arrays, extended=True),
 }

@@ -11,17 +11,28 @@ import sys
 import textwrap
 import warnings
 from collections.abc import Callable, Sequence
+from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, NoReturn, TextIO
+from typing import Any, NoReturn, TextIO
 
 from radioloc._version import __version__
+from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import ConvergenceError, InputError, RadiolocError, RadiolocWarning
+from radioloc.io.detect import READERS, read_observations
+from radioloc.io.tdm import TdmAgreement
+from radioloc.io.write import require_writable, write_observations
+from radioloc.measurements.registry import MEASUREMENTS
+from radioloc.parameters.registry import PARAMETERS
+from radioloc.report.files import write_arcs, write_monte_carlo, write_report, write_terms
+from radioloc.studies import locate
 from radioloc.studies.arc_parts import DEFAULT_HOURS
+from radioloc.studies.arcs import arcs
+from radioloc.studies.monte_carlo import monte_carlo
+from radioloc.studies.schema import keys_of
+from radioloc.studies.simulate import simulate
+from radioloc.studies.study import PARAMETER_KEYS
+from radioloc.studies.study_file import TABLES, read_study
 
-if TYPE_CHECKING:
-    from radioloc.estimation.solution import Solution
-
-_ORIGINATOR_HELP = "agency that makes a Tracking Data Message, which must be named"
 EXIT_DONE, EXIT_BAD_INPUT, EXIT_NOT_CONVERGED = 0, 2, 3
 
 
@@ -54,7 +65,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 class _Parser(argparse.ArgumentParser):
     """A parser whose errors are one line, as all others, and whose help ends with what registries hold."""
 
-    more: Callable[[], dict[str, dict[str, str]]] | None = None
+    more: Callable[[], dict[str, dict[str, str]]] = dict
     """Titles, and under each names with what they are; asked only when help is."""
 
     def error(self, message: str) -> NoReturn:
@@ -62,22 +73,18 @@ class _Parser(argparse.ArgumentParser):
         self.exit(EXIT_BAD_INPUT)
 
     def format_help(self) -> str:
-        lists = self.more() if self.more else {}
-        return super().format_help() + "".join(
-            f"\n{title}:\n" + "".join(map(_listed, rows, rows.values())) for title, rows in lists.items()
-        )
-
-
-def _listed(name: str, text: str) -> str:
-    return textwrap.fill(text, 80, initial_indent=f"  {name:<24}  ", subsequent_indent=" " * 28) + "\n"
+        text = super().format_help()
+        for title, rows in self.more().items():
+            text += f"\n{title}:\n"
+            for name, what in rows.items():
+                text += (
+                    textwrap.fill(what, 80, initial_indent=f"  {name:<24}  ", subsequent_indent=" " * 28)
+                    + "\n"
+                )
+        return text
 
 
 def _keys_of_a_study() -> dict[str, dict[str, str]]:
-    from radioloc.parameters.registry import PARAMETERS
-    from radioloc.studies.schema import keys_of
-    from radioloc.studies.study import PARAMETER_KEYS
-    from radioloc.studies.study_file import TABLES
-
     tables = {
         f"[{table}]": ", ".join(
             key for key in keys_of(record) if table != "estimate" or key not in PARAMETER_KEYS
@@ -92,24 +99,16 @@ def _keys_of_a_study() -> dict[str, dict[str, str]]:
 
 
 def _measurement_types() -> dict[str, dict[str, str]]:
-    from radioloc.measurements.registry import MEASUREMENTS
-
     return {"types of measurement": {name: kind.description for name, kind in MEASUREMENTS.items()}}
 
 
 def _formats() -> dict[str, dict[str, str]]:
-    from radioloc.io.detect import READERS
-
     formats = {reader.name: reader.description for reader in READERS.values()}
     return {"formats that are read, told by how a file begins": formats} | _measurement_types()
 
 
 def _complain(message: str) -> None:
-    print(f"radioloc: {_one_line(message)}", file=sys.stderr)
-
-
-def _one_line(message: str) -> str:
-    return " ".join(message.split())
+    print(f"radioloc: {' '.join(message.split())}", file=sys.stderr)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -118,49 +117,55 @@ def _parser() -> argparse.ArgumentParser:
     )
     parser.add_argument("--version", action="version", version=f"radioloc {__version__}")
     commands = parser.add_subparsers(required=True, metavar="COMMAND")
-    locate = commands.add_parser("locate", help="fit a position and print a result card")
-    residuals = commands.add_parser("residuals", help="observed minus computed at the given position, no fit")
-    for command, run in ((locate, _locate), (residuals, _residuals)):
-        _add_study(command)
-        command.add_argument(
-            "--out", type=Path, metavar="DIR", help="write solution.json, residuals.csv and plots there"
+
+    flag: dict[str, Any] = {"action": "store_true"}
+    folder: dict[str, Any] = {"type": Path, "metavar": "DIR"}
+    number: dict[str, Any] = {"type": int, "metavar": "N"}
+    hours: dict[str, Any] = {"type": float, "nargs": "+", "default": list(DEFAULT_HOURS), "metavar": "H"}
+    hours["help"] = f"lengths of the arcs (default: {' '.join(f'{length:g}' for length in DEFAULT_HOURS)})"
+    file: dict[str, Any] = {
+        "type": Path,
+        "help": "file to write, by its ending: .csv, .parquet, .tdm, .kvn or .xml",
+    }
+    agency: dict[str, Any] = {
+        "metavar": "NAME",
+        "help": "agency that makes a Tracking Data Message, which must be named",
+    }
+
+    def command(name: str, run: Callable[..., int], text: str, study: str = "the study file") -> _Parser:
+        made: _Parser = commands.add_parser(name, help=text)
+        made.set_defaults(run=run, parser=made)
+        if study:
+            made.add_argument("study", type=Path, metavar="STUDY.toml", help=study)
+            made.more = _keys_of_a_study
+        made.add_argument("--quiet", **flag, help="print nothing but errors")
+        return made
+
+    for name, fitted, text in (
+        ("locate", True, "fit a position and print a result card"),
+        ("residuals", False, "observed minus computed at the given position, no fit"),
+    ):
+        of_a_fit = command(name, partial(_locate, fitted=fitted), text)
+        of_a_fit.add_argument("--out", **folder, help="write solution.json, residuals.csv and plots there")
+        of_a_fit.add_argument(
+            "--terms", **flag, help="with --out, also write terms.csv: what each model term adds"
         )
-        _add_quiet(command)
-        command.add_argument(
-            "--terms", action="store_true", help="with --out, also write terms.csv: what each model term adds"
-        )
-        command.set_defaults(run=run, parser=command)
-    arcs = commands.add_parser("arcs", help="fit the first hours only, for several lengths, and compare")
-    _add_study(arcs)
-    _add_hours(arcs)
-    arcs.add_argument("--out", type=Path, metavar="DIR", help="write tables, figure and all solutions there")
-    _add_quiet(arcs)
-    arcs.set_defaults(run=_arcs)
-    simulate = commands.add_parser("simulate", help="simulate the tracking that a study describes")
-    _add_study(simulate, "a study file with [simulation]")
-    simulate.add_argument(
-        "--out",
-        type=Path,
-        metavar="FILE",
-        required=True,
-        help="write the observations there, by its ending: .csv, .parquet, .tdm, .kvn or .xml",
-    )
-    simulate.add_argument("--originator", metavar="NAME", help=_ORIGINATOR_HELP)
-    simulate.add_argument("--seed", type=int, metavar="N", help="of the noise (default: the study's)")
-    _add_quiet(simulate)
-    simulate.set_defaults(run=_simulate)
-    convert = commands.add_parser(
-        "convert", help="read observations of any format and write them as one file"
-    )
+
+    of_arcs = command("arcs", _arcs, "fit the first hours only, for several lengths, and compare")
+    of_arcs.add_argument("--hours", **hours)
+    of_arcs.add_argument("--out", **folder, help="write tables, figure and all solutions there")
+
+    simulated = "a study file with [simulation]"
+    made = command("simulate", _simulate, "simulate the tracking that a study describes", simulated)
+    made.add_argument("--out", **file, metavar="FILE", required=True)
+    made.add_argument("--originator", **agency)
+    made.add_argument("--seed", **number, help="of the noise (default: the study's)")
+
+    convert = command("convert", _convert, "read observations of any format and write them as one file", "")
     convert.add_argument(
         "files", type=Path, nargs="+", metavar="IN", help="files to read, each of any format"
     )
-    convert.add_argument(
-        "out",
-        type=Path,
-        metavar="OUT",
-        help="file to write, by its ending: .csv, .parquet, .tdm, .kvn or .xml",
-    )
+    convert.add_argument("out", **file, metavar="OUT")
     convert.add_argument(
         "--sigma",
         action="append",
@@ -168,48 +173,22 @@ def _parser() -> argparse.ArgumentParser:
         metavar="TYPE=METRES",
         help="sigmas of observations in Tracking Data Messages, which state none, such as range=1.0; one for each type",
     )
-    convert.add_argument("--originator", metavar="NAME", help=_ORIGINATOR_HELP)
+    convert.add_argument("--originator", **agency)
     convert.more = _formats
-    _add_quiet(convert)
-    convert.set_defaults(run=_convert)
-    trials = commands.add_parser(
-        "montecarlo",
-        help="simulate the tracking that a study describes many times, and fit it, for several arcs",
-    )
-    _add_study(trials, "a study file with [simulation]")
-    trials.add_argument("--trials", type=int, default=1000, metavar="N", help="how many (default: 1000)")
-    _add_hours(trials)
-    trials.add_argument("--seed", type=int, metavar="N", help="of all that is drawn (default: the study's)")
-    trials.add_argument("--workers", type=int, default=1, metavar="N", help="processes (default: 1)")
-    trials.add_argument("--out", type=Path, metavar="DIR", help="write trials, summary and figures there")
-    trials.add_argument("--resume", action="store_true", help="take over the trials that are in DIR already")
-    trials.add_argument("--full", action="store_true", help="fit every trial with the whole model")
-    _add_quiet(trials)
-    trials.set_defaults(run=_monte_carlo, parser=trials)
+
+    text = "simulate the tracking that a study describes many times, and fit it, for several arcs"
+    trials = command("montecarlo", _monte_carlo, text, simulated)
+    trials.add_argument("--trials", **number, default=1000, help="how many (default: 1000)")
+    trials.add_argument("--hours", **hours)
+    trials.add_argument("--seed", **number, help="of all that is drawn (default: the study's)")
+    trials.add_argument("--workers", **number, default=1, help="processes (default: 1)")
+    trials.add_argument("--out", **folder, help="write trials, summary and figures there")
+    trials.add_argument("--resume", **flag, help="take over the trials that are in DIR already")
+    trials.add_argument("--full", **flag, help="fit every trial with the whole model")
+
     stations = commands.add_parser("stations", help="list the stations that are known by name")
     stations.set_defaults(run=_stations)
     return parser
-
-
-def _add_study(command: _Parser, text: str = "the study file") -> None:
-    command.add_argument("study", type=Path, metavar="STUDY.toml", help=text)
-    command.more = _keys_of_a_study
-
-
-def _add_hours(command: argparse.ArgumentParser) -> None:
-    lengths = " ".join(f"{hours:g}" for hours in DEFAULT_HOURS)
-    command.add_argument(
-        "--hours",
-        type=float,
-        nargs="+",
-        default=list(DEFAULT_HOURS),
-        metavar="H",
-        help=f"lengths of the arcs (default: {lengths})",
-    )
-
-
-def _add_quiet(command: argparse.ArgumentParser) -> None:
-    command.add_argument("--quiet", action="store_true", help="print nothing but errors")
 
 
 def _tell(options: argparse.Namespace, card: object) -> None:
@@ -221,21 +200,22 @@ def _tell(options: argparse.Namespace, card: object) -> None:
         print(f"\nwritten to {options.out}")
 
 
-def _locate(options: argparse.Namespace) -> int:
-    solution = _run(options, fitted=True)
-    return EXIT_DONE if solution.converged else EXIT_NOT_CONVERGED
-
-
-def _residuals(options: argparse.Namespace) -> int:
-    _run(options, fitted=False)
-    return EXIT_DONE
+def _locate(options: argparse.Namespace, *, fitted: bool) -> int:
+    """Do a study, write its files and print its card."""
+    if options.terms and options.out is None:
+        options.parser.error("--terms needs --out DIR, where to write terms.csv")
+    study = read_study(options.study)
+    arc, left_out = locate.prepared_arc(study)
+    solution = locate.fit_arc(study, arc, left_out, study.estimate if fitted else None)
+    if options.out is not None:
+        write_report(solution, options.out)
+        if options.terms:
+            write_terms(arc, solution, options.out)
+    _tell(options, solution)
+    return EXIT_DONE if solution.converged or not fitted else EXIT_NOT_CONVERGED
 
 
 def _arcs(options: argparse.Namespace) -> int:
-    from radioloc.report.files import write_arcs
-    from radioloc.studies.arcs import arcs
-    from radioloc.studies.study_file import read_study
-
     found = arcs(read_study(options.study), options.hours)
     if options.out is not None:
         write_arcs(found, options.out)
@@ -244,10 +224,6 @@ def _arcs(options: argparse.Namespace) -> int:
 
 
 def _simulate(options: argparse.Namespace) -> int:
-    from radioloc.io.write import require_writable, write_observations
-    from radioloc.studies.simulate import simulate
-    from radioloc.studies.study_file import read_study
-
     require_writable(options.out, options.originator)  # before the work, which may take long
     made = simulate(read_study(options.study), options.seed)
     comments = [made.summary()]
@@ -257,10 +233,6 @@ def _simulate(options: argparse.Namespace) -> int:
 
 
 def _convert(options: argparse.Namespace) -> int:
-    from radioloc.io.detect import read_observations
-    from radioloc.io.tdm import TdmAgreement
-    from radioloc.io.write import require_writable, write_observations
-
     require_writable(options.out, options.originator)  # before the reading, which may take long
     tdm = TdmAgreement(sigma_m=_sigmas(options.sigma)) if options.sigma else None
     observations = read_observations(options.files, tdm=tdm)
@@ -282,10 +254,6 @@ def _sigmas(texts: Sequence[str]) -> dict[str, float]:
 
 
 def _monte_carlo(options: argparse.Namespace) -> int:
-    from radioloc.report.files import write_monte_carlo
-    from radioloc.studies.monte_carlo import monte_carlo
-    from radioloc.studies.study_file import read_study
-
     if options.resume and options.out is None:
         options.parser.error("--resume needs --out DIR, where the trials are")
     found = monte_carlo(
@@ -305,28 +273,7 @@ def _monte_carlo(options: argparse.Namespace) -> int:
     return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
 
 
-def _run(options: argparse.Namespace, *, fitted: bool) -> Solution:
-    """Do a study, write its files and print its card."""
-    from radioloc.report.files import write_report, write_terms
-    from radioloc.studies.locate import fit_arc, prepared_arc
-    from radioloc.studies.study_file import read_study
-
-    if options.terms and options.out is None:
-        options.parser.error("--terms needs --out DIR, where to write terms.csv")
-    study = read_study(options.study)
-    arc, left_out = prepared_arc(study)
-    solution = fit_arc(study, arc, left_out, study.estimate if fitted else None)
-    if options.out is not None:
-        write_report(solution, options.out)
-        if options.terms:
-            write_terms(arc, solution, options.out)
-    _tell(options, solution)
-    return solution
-
-
 def _stations(options: argparse.Namespace) -> int:
-    from radioloc.earth.stations import StationCatalogue
-
     for station in StationCatalogue.default():
         x, y, z = station.itrf_m
         print(

@@ -10,7 +10,7 @@ import pytest
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.simulation import Noise, NoiseModel, Schedule, Session, World, all_ranges, baselines
+from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, all_ranges, baselines
 
 RUNS = 400
 # Chi-square of 400 * 3 degrees of freedom over 400: 1e-5 and 1 - 1e-5 quantiles are 2.506 and 3.551.
@@ -27,7 +27,7 @@ def model():
 
 def prepared(model, *sessions):
     lander = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
-    return World.prepare(Schedule(sessions), lander, model=model)
+    return Scenario(Schedule(sessions), lander).world(model)
 
 
 def nees(world, model, noise):
@@ -89,7 +89,7 @@ def test_covariance_between_baselines(model):
 
 def test_coloured_noise_has_its_variance_and_correlation_time():
     noise, step_s = Noise(coloured_m=2.0, correlation_s=600.0), 60.0
-    runs = np.array([noise.series(41, step_s, seed, "a")[0] for seed in range(4000)])
+    runs = np.array([noise.series(41, step_s, [seed], "a")[0][0] for seed in range(4000)])
     # From the first epoch on: the process is stationary.
     for lag in (0, 1, 10, 40):
         expected = 4.0 * np.exp(-lag * step_s / 600.0)

@@ -4,7 +4,17 @@ from __future__ import annotations
 
 from radioloc import LunarPosition, Observations
 from radioloc.measurements import PhysicalModel
-from radioloc.simulation import Noise, NoiseModel, Schedule, Session, Truth, World, all_ranges, baselines
+from radioloc.simulation import (
+    Noise,
+    NoiseModel,
+    Scenario,
+    Schedule,
+    Session,
+    Truth,
+    World,
+    all_ranges,
+    baselines,
+)
 
 START = "2020-12-01T15:11:00"
 LANDER = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
@@ -49,7 +59,7 @@ def world(
     if vlbi:
         sessions.append(Session("vlbi_delay", baselines(*VLBI), START, stop, step_s, sigma_m=0.3))
     truth = Truth(range_bias_m=BIAS_M if bias_m is None else bias_m)
-    return World.prepare(Schedule(sessions), LANDER, truth, model=model)
+    return Scenario(Schedule(sessions), LANDER, truth).world(model)
 
 
 def observations(model: PhysicalModel, step_s: float, *, seed: int = 1, **options: object) -> Observations:

@@ -8,6 +8,7 @@ from radioloc.simulation.schedule import (
     Session,
     all_ranges,
     baselines,
+    one_way,
     three_way,
     two_way,
 )
@@ -33,6 +34,7 @@ __all__ = [
     "baselines",
     "elevations",
     "hidden_by_moon",
+    "one_way",
     "simulate",
     "three_way",
     "two_way",

@@ -22,33 +22,20 @@ from radioloc.simulation.schedule import Plan
 
 @dataclass(frozen=True, slots=True)
 class Noise:
-    """What one series of errors is made of; the parts add up.
-
-    Parameters
-    ----------
-    white_m : float
-        Standard deviation of the part that is independent from epoch to epoch, m.
-    coloured_m, correlation_s : float
-        Standard deviation, m, and correlation time, s, of a stationary first-order Gauss-Markov process, whose
-        autocovariance is coloured_m^2 exp(-|dt| / correlation_s).
-    walk_m_sqrt_s : float
-        Standard deviation of a random walk that starts at zero with the session, m per square root of a second.
-    outlier_fraction, outlier_m : float
-        Fraction of the epochs that get an outlier, and its size, m: even between half and one and a half of it, of
-        either sign.
-
-    Raises
-    ------
-    InputError
-        A number is negative or not finite, a fraction exceeds one, or coloured noise has no correlation time.
-    """
+    """What one series of errors is made of; the parts add up."""
 
     white_m: float = 0.0
+    """Standard deviation of the part that is independent from epoch to epoch."""
     coloured_m: float = 0.0
+    """Standard deviation of a stationary first-order Gauss-Markov process, whose autocovariance is
+    coloured_m^2 exp(-|dt| / correlation_s)."""
     correlation_s: float = 0.0
     walk_m_sqrt_s: float = 0.0
+    """Standard deviation of a random walk that starts at zero with the session, m per square root of a second."""
     outlier_fraction: float = 0.0
+    """Fraction of the epochs that get an outlier."""
     outlier_m: float = 0.0
+    """Its size: even between half and one and a half of it, of either sign."""
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -61,33 +48,12 @@ class Noise:
             raise InputError("noise: coloured_m needs a correlation_s; use white_m for none")
 
     def series(
-        self, n: int, step_s: float, seed: int, label: str
-    ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """One realization at n epochs of equal step.
-
-        Parameters
-        ----------
-        n : int
-            Number of epochs.
-        step_s : float
-            From epoch to epoch, s.
-        seed : int
-            Not negative.
-        label : str
-            What the series is for; another label gives an independent series.
-
-        Returns
-        -------
-        error_m : ndarray, shape (n,)
-        is_outlier : ndarray of bool, shape (n,)
-        """
-        error_m, is_outlier = self.many_series(n, step_s, [seed], label)
-        return error_m[0], is_outlier[0]
-
-    def many_series(
         self, n: int, step_s: float, seeds: Sequence[int], label: str
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """Realizations of several seeds, each as :meth:`series` gives it alone, shape (seeds, n)."""
+        """One realization for each seed at n epochs of equal step, and which are outliers, both (seeds, n).
+
+        Another label, which says what the series is for, gives an independent series.
+        """
         error_m = np.zeros((len(seeds), n))
         is_outlier = np.zeros((len(seeds), n), dtype=bool)
 
@@ -107,40 +73,25 @@ class Noise:
             for k, seed in enumerate(seeds):
                 random = generator(seed, f"{label} outliers")
                 is_outlier[k] = random.random(n) < self.outlier_fraction
-                wild, size, positive = (
-                    np.flatnonzero(is_outlier[k]),
-                    random.random(n),
-                    random.integers(0, 2, n),
-                )
+                wild = np.flatnonzero(is_outlier[k])
+                size, positive = random.random(n), random.integers(0, 2, n)
                 error_m[k, wild] += self.outlier_m * (0.5 + size[wild]) * (2.0 * positive[wild] - 1.0)
         return error_m, is_outlier
 
 
 @dataclass(frozen=True, slots=True)
 class NoiseModel:
-    """Random errors of all observations.
-
-    Parameters
-    ----------
-    link : mapping of str to Noise
-        By kind of measurement, the errors of each link, independent between links: of a baseline, the thermal noise of
-        its correlation.
-    vlbi_station : Noise
-        Errors of each VLBI station's arrival times (clock, instrument, air): a delay has its second station's less
-        its first one's, so that delays around a triangle add to nothing. Six baselines of four stations hold only
-        three independent delays of these.
-    vlbi_station_rate : Noise
-        Likewise errors of by how much each station's arrival time grows over a count interval, for delay rates.
-
-    Raises
-    ------
-    InputError
-        A kind is not known.
-    """
+    """Random errors of all observations."""
 
     link: Mapping[str, Noise] = field(default_factory=dict)
+    """By kind of measurement, the errors of each link, independent between links: of a baseline, the thermal noise of
+    its correlation."""
     vlbi_station: Noise = field(default_factory=Noise)
+    """Errors of each VLBI station's arrival times (clock, instrument, air): a delay has its second station's less its
+    first one's, so that delays around a triangle add to nothing. Six baselines of four stations hold only three
+    independent delays of these."""
     vlbi_station_rate: Noise = field(default_factory=Noise)
+    """Likewise errors of by how much each station's arrival time grows over a count interval, for delay rates."""
 
     def __post_init__(self) -> None:
         for kind in self.link:
@@ -148,48 +99,24 @@ class NoiseModel:
                 raise InputError(f"noise of kind {kind!r} is not known; use {', '.join(KINDS)}")
 
     def draw(self, plan: Plan, seed: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
-        """One realization for everything planned.
-
-        Parameters
-        ----------
-        plan : Plan
-        seed : int
-            Not negative.
-
-        Returns
-        -------
-        noise_m : ndarray, shape (n,)
-        is_outlier : ndarray of bool, shape (n,)
-            Whether an outlier of the link or of one of its stations is in it.
-
-        Raises
-        ------
-        InputError
-            The seed is not a whole number from zero up.
-        """
+        """One realization for everything planned, m, and in what an outlier of a link or station is, both (n,)."""
         noise_m, is_outlier = NoiseDraws.of(self, plan).draw([seed])
         return noise_m[0], is_outlier[0]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class NoiseDraws:
-    """The noise of a plan, ready to be drawn again and again.
-
-    Parameters
-    ----------
-    count : int
-        Number of observations, n.
-    series : tuple of _Series
-        In the order in which they add up.
-    """
+    """The noise of a plan of `count` observations, ready to be drawn again and again."""
 
     count: int
     series: tuple[_Series, ...]
+    """In the order in which they add up."""
 
     @classmethod
     def of(cls, model: NoiseModel, plan: Plan) -> NoiseDraws:
         """Find out which series of errors each observation has part in."""
         observations = plan.observations
+        of_stations = {"vlbi_delay": model.vlbi_station, "vlbi_delay_rate": model.vlbi_station_rate}
         found: dict[str, _Series] = {}
         group = plan.session * len(observations.links) + observations.link
         for number in np.unique(group).tolist():
@@ -197,8 +124,8 @@ class NoiseDraws:
             rows = np.flatnonzero(group == number)
             session, link = plan.sessions[session_index], observations.links[link_index]
             parts = [(1.0, model.link.get(session.kind, Noise()), link.path)]
-            if link.differenced:
-                of_station = model.vlbi_station if session.kind == "vlbi_delay" else model.vlbi_station_rate
+            of_station = of_stations.get(session.kind)
+            if of_station is not None:
                 parts += [(1.0, of_station, link.receiver), (-1.0, of_station, link.transmitter)]
             for sign, noise, name in parts:
                 if noise == Noise():
@@ -214,18 +141,13 @@ class NoiseDraws:
         """One realization for each seed, errors in m and which are wild, both of shape (seeds, n).
 
         That of a seed is the same whatever others are drawn with it.
-
-        Raises
-        ------
-        InputError
-            A seed is not a whole number from zero up.
         """
         for seed in seeds:
             require_seed(seed)
         noise_m = np.zeros((len(seeds), self.count))
         is_outlier = np.zeros((len(seeds), self.count), dtype=bool)
         for one in self.series:
-            error_m, wild = one.noise.many_series(one.epochs, one.step_s, seeds, one.label)
+            error_m, wild = one.noise.series(one.epochs, one.step_s, seeds, one.label)
             for sign, rows, slot in one.uses:
                 noise_m[:, rows] += sign * error_m[:, slot]
                 is_outlier[:, rows] |= wild[:, slot]
@@ -244,13 +166,7 @@ class _Series:
 
 
 def generator(seed: int, label: str) -> np.random.Generator:
-    """Stream of random numbers that depends on a seed and a label alone.
-
-    Raises
-    ------
-    InputError
-        The seed is not a whole number from zero up.
-    """
+    """Stream of random numbers that depends on a seed and a label alone."""
     require_seed(seed)
     seed = int(seed)
     of_seed = seed.to_bytes(4 * max(1, -(-seed.bit_length() // 32)), "little")
@@ -267,18 +183,10 @@ def require_seed(seed: int) -> None:
 
 
 def gauss_markov(drive: NDArray[np.float64], step_correlation: float) -> NDArray[np.float64]:
-    """Stationary first-order Gauss-Markov process of unit variance.
+    """Stationary first-order Gauss-Markov process of unit variance, from independent normal numbers, shape (..., n).
 
-    Parameters
-    ----------
-    drive : ndarray, shape (..., n)
-        Independent normal numbers of unit variance, for as many processes as wanted.
-    step_correlation : float
-        Correlation from one epoch to the next, exp(-step / correlation time).
-
-    Notes
-    -----
-    x_0 = w_0, x_k = f x_(k-1) + sqrt(1 - f^2) w_k (Gelb 1974, Applied Optimal Estimation, chapter 3).
+    x_0 = w_0, x_k = f x_(k-1) + sqrt(1 - f^2) w_k, with the correlation f = exp(-step / correlation time) from one epoch
+    to the next (Gelb 1974, Applied Optimal Estimation, chapter 3).
     """
     n = drive.shape[-1]
     length = math.isqrt(max(n - 1, 0)) + 1

@@ -1,14 +1,14 @@
 """What is to be measured and when: sessions of links at regular epochs, thinned to what can be seen.
 
-A pair of stations means, by kind of measurement, who sends and who receives (``range``, ``doppler``; two-way where they
-are the same) or the first and the second station of a baseline (``vlbi_delay``, ``vlbi_delay_rate``: second minus
+A pair of stations means, by the form of path of the kind of measurement, who sends and who receives (two-way where they
+are the same), nobody (an empty name) and who receives, or the first and the second station of a baseline (second minus
 first).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations
 
@@ -16,21 +16,24 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.observations import BASELINE_KINDS, Observations
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.simulation.visibility import Masks, Target, seen
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 
 Pair = tuple[str, str]
-"""Transmitter and receiver, or first and second station of a baseline."""
 
 _ROUND_TRIP_S = 2.6
 """Light time to the Moon and back; how long before its reception a signal was sent, or after its sending received."""
+
+
+def one_way(*stations: str) -> tuple[Pair, ...]:
+    """Pairs of stations that receive what the target sends by itself."""
+    return tuple(("", station) for station in stations)
 
 
 def two_way(*stations: str) -> tuple[Pair, ...]:
@@ -53,49 +56,42 @@ def baselines(*stations: str) -> tuple[Pair, ...]:
     return tuple(combinations(stations, 2))
 
 
+LINKS: dict[str, tuple[str, Callable[..., tuple[Pair, ...]]]] = {
+    "two_way": ("transmitter>target>receiver", two_way),
+    "three_way": ("transmitter>target>receiver", three_way),
+    "all": ("transmitter>target>receiver", all_ranges),
+    "one_way": ("target>receiver", one_way),
+    "baselines": ("station1<target>station2", baselines),
+}
+"""How stations of a session can be paired, with the form of path that this gives; of each form the default is first."""
+
+
 @dataclass(frozen=True, slots=True)
 class Session:
-    """Links measured in the same way at regular epochs.
-
-    Parameters
-    ----------
-    kind : {"range", "vlbi_delay", "doppler", "vlbi_delay_rate"}
-        As :data:`radioloc.measurements.registry.KINDS`.
-    pairs : sequence of (str, str)
-        Stations of each link (:func:`two_way`, :func:`three_way`, :func:`all_ranges`, :func:`baselines`).
-    start_utc, stop_utc : str
-        First epoch and the latest possible one. No leap second may lie on the days in between.
-    step_s : float
-        From epoch to epoch, s.
-    sigma_m : float
-        Standard deviation that the observations are to state, m.
-    one_uplink : bool
-        Only one station sends at a time: of those that see the target the one that comes first in `pairs`; the links of
-        the others wait.
-    time_tag : {"receive", "transmit", "bounce"}
-        Event that the epochs belong to; ``receive`` for delays, their rates and Doppler.
-    count_s : float
-        Count interval of Doppler and delay rates, s.
-    uplink_hz, wavelength_um : float
-        Of the signal on its way up (Hz) and down (micrometres); NaN where it does not matter.
-
-    Raises
-    ------
-    InputError
-        Something is not usable as it stands.
-    """
+    """Links measured in the same way at regular epochs."""
 
     kind: str
+    """Of :data:`radioloc.measurements.registry.KINDS`, but for those of two targets."""
     pairs: Sequence[Pair]
+    """Stations of each link: :func:`one_way`, :func:`two_way`, :func:`three_way`, :func:`all_ranges`,
+    :func:`baselines`."""
     start_utc: str
     stop_utc: str
+    """The latest possible epoch. No leap second may lie on the days from the first to it."""
     step_s: float
     sigma_m: float
+    """Standard deviation that the observations are to state."""
     one_uplink: bool = False
+    """Only one station sends at a time: of those that see the target the one that comes first in `pairs`; the links of
+    the others wait."""
     time_tag: str = "receive"
+    """Event that the epochs belong to, of :data:`~radioloc.measurements.measurement_type.TIME_TAGS`."""
     count_s: float = math.nan
+    """Count interval of Doppler and delay rates."""
     uplink_hz: float = math.nan
+    """Of the signal on its way up; NaN where it does not matter, as the next."""
     wavelength_um: float = math.nan
+    """Of the signal on its way down, micrometres."""
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pairs", tuple(self.pairs))
@@ -107,20 +103,21 @@ class Session:
             raise InputError(
                 f"pairs is {self.pairs!r}; a session needs at least one pair of stations, none twice"
             )
-        if self.kind in BASELINE_KINDS and any(first == second for first, second in self.pairs):
+        if MEASUREMENTS[self.kind].form not in {form for form, _ in LINKS.values()}:
+            raise InputError(f"kind {self.kind!r} is of two targets; only measurements of one are simulated")
+        if self.baseline and any(first == second for first, second in self.pairs):
             raise InputError("a baseline has two different stations")
         for name in ("step_s", "sigma_m"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise InputError(f"{name} is {getattr(self, name)!r}; give a positive number")
 
-    def epochs(self) -> Epochs:
-        """All epochs from start to stop, seen or not, UTC, to the nearest float.
+    @property
+    def baseline(self) -> bool:
+        """Whether two stations receive."""
+        return MEASUREMENTS[self.kind].on_baseline
 
-        Raises
-        ------
-        InputError
-            The stop is before the start, or a leap second lies on one of the days.
-        """
+    def epochs(self) -> Epochs:
+        """All epochs from start to stop, seen or not, UTC, to the nearest float."""
         limits = epochs_from_strings([self.start_utc, self.stop_utc], "UTC")
         # A start is meant to the nanosecond at most; a float of the fraction of a day is 0.01 ns wide.
         start_s, stop_s = np.round(limits.fraction * SECONDS_PER_DAY, 9)
@@ -139,36 +136,20 @@ class Session:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Plan:
-    """What is to be measured: observations without their values.
-
-    Parameters
-    ----------
-    observations : Observations
-        In the order of time; each value is one metre and means nothing.
-    sessions : tuple of Session
-        The sessions that they belong to.
-    session : ndarray of int, shape (n,)
-        Index into `sessions`.
-    slot : ndarray of int, shape (n,)
-        Index into the epochs of the session, seen or not.
-    """
+    """What is to be measured: n observations without their values."""
 
     observations: Observations
+    """In the order of time; each value is one metre and means nothing."""
     sessions: tuple[Session, ...]
     session: NDArray[np.int64]
+    """Index into `sessions`, shape (n,)."""
     slot: NDArray[np.int64]
+    """Index into the epochs of the session, seen or not, shape (n,)."""
 
 
 @dataclass(frozen=True, slots=True)
 class Schedule:
-    """Sessions and what limits them.
-
-    Parameters
-    ----------
-    sessions : sequence of Session
-    masks : Masks
-        Elevations below which nothing is measured.
-    """
+    """Sessions, and elevations below which nothing is measured."""
 
     sessions: Sequence[Session]
     masks: Masks = field(default_factory=Masks)
@@ -176,68 +157,54 @@ class Schedule:
     def plan(self, model: PhysicalModel, target_pa_m: Target, target: str = "lander") -> Plan:
         """Epochs and links of what can be seen.
 
-        A link is measured when both its stations see the target, from the sending of the measurement's first signal to
-        the reception of its last.
-
-        Parameters
-        ----------
-        model : PhysicalModel
-            Where everything is.
-        target_pa_m : ndarray, shape (3,), or Trajectory
-            The point on the Moon, principal axes, m, or a spacecraft no farther than the Moon.
-        target : str
-            Its name.
-
-        Raises
-        ------
-        InputError
-            There is no session, nothing can be seen, or two sessions hold the same link at the same time.
-        StationError, CoverageError
-            As :func:`radioloc.simulation.visibility.elevations`.
+        A link is measured when its stations see the target, from the sending of the measurement's first signal to the
+        reception of its last. A spacecraft is no farther than the Moon. `target` is the name in the observations. Errors
+        as of :func:`radioloc.simulation.visibility.elevations`, and where nothing can be seen.
         """
         if not self.sessions:
             raise InputError("a schedule needs at least one session")
-        rows = [self._rows(i, session, model, target_pa_m, target) for i, session in enumerate(self.sessions)]
+        rows = [self._rows(session, model, target_pa_m, target) for session in self.sessions]
         observations = Observations.concatenate([part for part, _, _ in rows])
         if len(observations) == 0:
             raise InputError("nothing can be seen in any session; check times, stations and masks")
-        session, slot, pair = (
-            np.concatenate(columns)
-            for columns in (
-                [np.full(len(part), i) for i, (part, _, _) in enumerate(rows)],
-                [slot for _, slot, _ in rows],
-                [pair for _, _, pair in rows],
-            )
-        )
+        session = np.repeat(np.arange(len(rows)), [len(part) for part, _, _ in rows])
+        slot, pair = (np.concatenate([part[k] for part in rows]) for k in (1, 2))
         order = np.lexsort((pair, session, observations.epoch.fraction, observations.epoch.jd))
         observations = observations.select(order)
         _refuse_overlaps(observations)
         return Plan(observations, tuple(self.sessions), session[order], slot[order])
 
     def _rows(
-        self,
-        index: int,
-        session: Session,
-        model: PhysicalModel,
-        target_pa_m: Target,
-        target: str,
+        self, session: Session, model: PhysicalModel, target_pa_m: Target, target: str
     ) -> tuple[Observations, NDArray[np.int64], NDArray[np.int64]]:
-        utc = session.epochs()
-        pairs = _canonical(session.pairs, model.catalogue)
-        stations = tuple(dict.fromkeys(name for pair in pairs for name in pair))
-        place = {name: k for k, name in enumerate(stations)}
-        ends = np.array([[place[first], place[second]] for first, second in pairs])
-        can_see = self._seen(session, model, target_pa_m, stations, utc)
+        """What can be seen of a session, with the epoch and the pair of each observation."""
+        utc, catalogue = session.epochs(), model.catalogue
+        links = [
+            Link(first and catalogue.get(first).name, target, catalogue.get(second).name, session.baseline)
+            for first, second in session.pairs
+        ]
+        stations = list(dict.fromkeys(name for link in links for name in link.stations))
+        ends = np.array([[stations.index(link.stations[k]) for k in (0, -1)] for link in links])
+        # From the sending of the measurement's first signal to the reception of its last.
+        before_s = after_s = 0.0 if math.isnan(session.count_s) else 0.5 * session.count_s
+        if not session.baseline:
+            before_s += 0.0 if session.time_tag == "transmit" else _ROUND_TRIP_S
+            after_s += 0.0 if session.time_tag == "receive" else _ROUND_TRIP_S
+        tt = utc_to_tt(utc)
+        first, last = (
+            seen(model, target_pa_m, stations, tt.shifted(shift_s), self.masks)
+            for shift_s in (-before_s, after_s)
+        )
+        can_see = first & last
         measured = can_see[:, ends[:, 0]] & can_see[:, ends[:, 1]]
         if session.one_uplink:
             senders = list(dict.fromkeys(ends[:, 0].tolist()))
             first_seen = np.array(senders)[np.argmax(can_see[:, senders], axis=1)]
             measured &= first_seen[:, None] == ends[:, 0]
         slot, pair = np.nonzero(measured)
-        differenced = session.kind in BASELINE_KINDS
         part = Observations.from_columns(
             epoch=utc[slot],
-            links=[Link(first, target, second, differenced) for first, second in pairs],
+            links=links,
             link=pair,
             value_m=1.0,
             sigma_m=session.sigma_m,
@@ -248,31 +215,6 @@ class Schedule:
             wavelength_um=session.wavelength_um,
         )
         return part, slot, pair
-
-    def _seen(
-        self,
-        session: Session,
-        model: PhysicalModel,
-        target_pa_m: Target,
-        stations: tuple[str, ...],
-        utc: Epochs,
-    ) -> NDArray[np.bool_]:
-        """Whether each station sees the target throughout the measurement at each epoch, shape (n, k)."""
-        half_s = 0.0 if math.isnan(session.count_s) else 0.5 * session.count_s
-        before_s = after_s = half_s
-        if session.kind not in BASELINE_KINDS:
-            before_s += 0.0 if session.time_tag == "transmit" else _ROUND_TRIP_S
-            after_s += 0.0 if session.time_tag == "receive" else _ROUND_TRIP_S
-        tt = utc_to_tt(utc)
-        first, last = (
-            seen(model, target_pa_m, stations, tt.shifted(shift_s), self.masks)
-            for shift_s in (-before_s, after_s)
-        )
-        return first & last
-
-
-def _canonical(pairs: Sequence[Pair], catalogue: StationCatalogue) -> list[Pair]:
-    return [(catalogue.get(first).name, catalogue.get(second).name) for first, second in pairs]
 
 
 def _refuse_overlaps(observations: Observations) -> None:

@@ -20,7 +20,7 @@ from radioloc.measurements.predictor import Prediction, Predictor, reasons
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.columns import blocks
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.simulation.noise import NoiseModel
+from radioloc.simulation.noise import NoiseModel, require_seed
 from radioloc.simulation.schedule import Plan, Schedule
 from radioloc.simulation.truth import (
     DrawnErrors,
@@ -35,40 +35,24 @@ from radioloc.time import epochs_from_strings
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Simulated:
-    """Observations of a simulated world.
-
-    Parameters
-    ----------
-    observations : Observations
-        As measured: with all errors; sigmas are those that the schedule states.
-    target_pa_m : ndarray, shape (3,)
-        Where the point truly is, principal axes, m; of a spacecraft the offset from its trajectory, zeros.
-    truth : Truth
-        In what the world differs from the nominal model.
-    noise : NoiseModel
-    seed : int
-    error_free_m : ndarray, shape (n,)
-        What the nominal model, with the world's terms, makes of it, m.
-    added_m : dict of str to ndarray, shape (n,)
-        What the truth's errors add, m, by kind of parameter.
-    noise_m : ndarray, shape (n,)
-        Random error, m.
-    is_outlier : ndarray of bool, shape (n,)
-        Whether the random error has a wild part.
-    trajectory : Trajectory or None
-        Where the spacecraft truly is, if the target is one.
-    """
+    """Observations of a simulated world; arrays are of shape (n,), m."""
 
     observations: Observations
+    """As measured: with all errors; sigmas are those that the schedule states."""
     target_pa_m: NDArray[np.float64]
+    """Where the point truly is, principal axes, shape (3,); of a spacecraft the offset from its trajectory, zeros."""
     truth: Truth
     noise: NoiseModel
     seed: int
     error_free_m: NDArray[np.float64]
+    """What the nominal model, with the world's terms, makes of it."""
     added_m: dict[str, NDArray[np.float64]]
+    """What the truth's errors add, by kind of parameter."""
     noise_m: NDArray[np.float64]
     is_outlier: NDArray[np.bool_]
+    """Whether the random error has a wild part."""
     trajectory: Trajectory | None = None
+    """Where the spacecraft truly is, if the target is one."""
 
     def summary(self) -> str:
         """Text for people and for the head of a file: what was measured, and what was put in."""
@@ -93,130 +77,91 @@ class Simulated:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class World:
-    """A simulated world made ready: what remains is to add noise, as often as wanted.
+    """A simulated world made ready: what remains is to add noise, as often as wanted."""
 
-    Parameters
-    ----------
-    plan : Plan
-        What is measured.
-    target_pa_m : ndarray, shape (3,)
-        Principal axes, m.
-    truth : Truth
-    error_free_m : ndarray, shape (n,)
-    added_m : dict of str to ndarray, shape (n,)
-        As in :class:`Simulated`.
-    errors : dict of str to float
-        Errors of the truth by parameter, such as ``"range_bias.KASHI"``.
-    drawn : DrawnErrors
-        Errors that a trial of a Monte Carlo study draws; no part of :meth:`draw`.
-    trajectory : Trajectory or None
-        Of a spacecraft; the position then is an offset from it, zeros.
-    """
-
+    scenario: Scenario
     plan: Plan
     target_pa_m: NDArray[np.float64]
-    truth: Truth
+    """As in :class:`Simulated`, as the next two."""
     error_free_m: NDArray[np.float64]
     added_m: dict[str, NDArray[np.float64]]
     errors: dict[str, float]
+    """Errors of the truth by parameter, such as ``"range_bias.KASHI"``."""
     drawn: DrawnErrors
-    trajectory: Trajectory | None = None
-
-    @classmethod
-    def prepare(
-        cls,
-        schedule: Schedule,
-        target: LunarPosition | Trajectory,
-        truth: Truth | None = None,
-        truth_sigma: TruthSigma | None = None,
-        *,
-        model: PhysicalModel,
-        name: str = "lander",
-    ) -> World:
-        """Compute all but the noise; parameters and errors as :func:`simulate`."""
-        truth, truth_sigma = truth or Truth(), truth_sigma or TruthSigma()
-        trajectory = target if isinstance(target, Trajectory) else None
-        target_pa_m = (
-            np.zeros(3)
-            if isinstance(target, Trajectory)
-            else target.to_axes("PA", model.ephemeris.constants).xyz_m
-        )
-        plan = schedule.plan(model, target_pa_m if trajectory is None else trajectory, name)
-        predictor = prepare_predictor(
-            truth.model(model),
-            plan.observations,
-            target_pa_m,
-            trajectory=trajectory,
-            more_partials=needs_more_partials(truth, truth_sigma),
-        )
-        at = predictor.at(target_pa_m)
-        _require_usable(predictor, at)
-        start = min(schedule.sessions, key=lambda s: epochs_from_strings(s.start_utc, "UTC").mjd[0]).start_utc
-        added_m, errors = fixed_errors(truth, predictor, at, target_pa_m, start)
-        enu_pa = np.eye(3) if trajectory else rot_pa_to_enu(target_pa_m, model)
-        drawn = drawn_errors(truth_sigma, predictor, at, target_pa_m, enu_pa, start)
-        return cls(plan, target_pa_m, truth, at.value_m, added_m, errors, drawn, trajectory)
+    """Errors that a trial of a Monte Carlo study draws; no part of :meth:`draw`."""
 
     @property
     def value_m(self) -> NDArray[np.float64]:
         """Observed values without noise and drawn errors, m, shape (n,)."""
         return np.asarray(self.error_free_m + sum(self.added_m.values(), start=0.0))
 
-    def draw(self, noise: NoiseModel | None = None, *, seed: int = 0) -> Simulated:
-        """Observations with one realization of the noise; parameters and errors as :func:`simulate`."""
-        noise = noise or NoiseModel()
+    def draw(self, noise: NoiseModel | None = None, *, seed: int | None = None) -> Simulated:
+        """Observations with one realization of the noise; noise and seed are the scenario's where not given."""
+        scenario = self.scenario
+        noise = scenario.noise if noise is None else noise
+        seed = scenario.seed if seed is None else seed
         noise_m, is_outlier = noise.draw(self.plan, seed)
         value_m = self.value_m + noise_m
         value_m.flags.writeable = False
         return Simulated(
             observations=replace(self.plan.observations, value_m=value_m),
             target_pa_m=self.target_pa_m,
-            truth=self.truth,
+            truth=scenario.truth,
             noise=noise,
             seed=seed,
             error_free_m=self.error_free_m,
             added_m=self.added_m,
             noise_m=noise_m,
             is_outlier=is_outlier,
-            trajectory=self.trajectory,
+            trajectory=scenario.position if isinstance(scenario.position, Trajectory) else None,
         )
 
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
-    """All that a simulation needs besides the nominal model.
-
-    Parameters
-    ----------
-    schedule : Schedule
-        What is measured and when.
-    position : LunarPosition
-        Where the point stands.
-    truth : Truth
-        In what the world differs from the nominal model.
-    noise : NoiseModel
-        Random errors.
-    truth_sigma : TruthSigma
-        Errors that are drawn anew in every trial, about those of the truth.
-    seed : int
-        Not negative.
-    name : str
-        Name of the point in the observations.
-    """
+    """All that a simulation needs besides the nominal model, with which the observations would be fitted."""
 
     schedule: Schedule
-    position: LunarPosition
+    """What is measured and when."""
+    position: LunarPosition | Trajectory
+    """Where the point or the spacecraft truly is."""
     truth: Truth = field(default_factory=Truth)
+    """In what the world differs from the nominal model."""
     noise: NoiseModel = field(default_factory=NoiseModel)
+    """Random errors."""
     truth_sigma: TruthSigma = field(default_factory=TruthSigma)
+    """Errors that are drawn anew in every trial, about those of the truth."""
     seed: int = 0
+    """Of the noise, a whole number from zero up; the same seed gives the same errors."""
     name: str = "lander"
+    """Name of the target in the observations."""
+
+    def __post_init__(self) -> None:
+        require_seed(self.seed)
 
     def world(self, model: PhysicalModel) -> World:
-        """The simulated world about a nominal model; errors as :func:`simulate`."""
-        return World.prepare(
-            self.schedule, self.position, self.truth, self.truth_sigma, model=model, name=self.name
+        """Compute all but the noise, about a nominal model; errors as :func:`simulate`."""
+        if isinstance(self.position, Trajectory):
+            trajectory, target_pa_m, enu_pa = self.position, np.zeros(3), np.eye(3)
+        else:
+            trajectory = None
+            target_pa_m = self.position.to_axes("PA", model.ephemeris.constants).xyz_m
+            enu_pa = rot_pa_to_enu(target_pa_m, model)
+        plan = self.schedule.plan(model, target_pa_m if trajectory is None else trajectory, self.name)
+        predictor = prepare_predictor(
+            self.truth.model(model),
+            plan.observations,
+            target_pa_m,
+            trajectory=trajectory,
+            more_partials=needs_more_partials(self.truth, self.truth_sigma),
         )
+        at = predictor.at(target_pa_m)
+        _require_usable(predictor, at)
+        starts = [session.start_utc for session in self.schedule.sessions]
+        start = min(starts, key=lambda date: epochs_from_strings(date, "UTC").mjd[0])
+        added_m, errors = fixed_errors(self.truth, predictor, at, target_pa_m, start)
+        drawn = drawn_errors(self.truth_sigma, predictor, at, target_pa_m, enu_pa, start)
+        return World(self, plan, target_pa_m, at.value_m, added_m, errors, drawn)
 
 
 def rot_pa_to_enu(target_pa_m: NDArray[np.float64], model: PhysicalModel) -> NDArray[np.float64]:
@@ -236,29 +181,7 @@ def simulate(
     seed: int = 0,
     name: str = "lander",
 ) -> Simulated:
-    """Simulate the tracking of a point on the Moon, or of a spacecraft.
-
-    Parameters
-    ----------
-    schedule : Schedule
-        What is measured and when.
-    target : LunarPosition or Trajectory
-        Where the point truly is.
-    truth : Truth, optional
-        In what the world differs from the nominal model; in nothing where not given.
-    noise : NoiseModel, optional
-        Random errors; none where not given.
-    model : PhysicalModel
-        The nominal model: the one with which the observations would be fitted.
-    seed : int
-        Of the noise; the same seed gives the same errors.
-    name : str
-        Name of the point in the observations.
-
-    Returns
-    -------
-    Simulated
-        ``.observations`` to be fitted, and what was put into them.
+    """Simulate the tracking of a point on the Moon, or of a spacecraft, whose fields are those of :class:`Scenario`.
 
     Raises
     ------
@@ -269,7 +192,8 @@ def simulate(
     CoverageError
         An epoch lies outside the kernels or the Earth orientation table.
     """
-    return World.prepare(schedule, target, truth, model=model, name=name).draw(noise, seed=seed)
+    scenario = Scenario(schedule, target, truth or Truth(), noise or NoiseModel(), seed=seed, name=name)
+    return scenario.world(model).draw()
 
 
 def _require_usable(predictor: Predictor, at: Prediction) -> None:

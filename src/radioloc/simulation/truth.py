@@ -46,27 +46,19 @@ _LARGEST = {
 class Truth:
     """In what the simulated world differs from the nominal model, real minus modelled.
 
-    Parameters
-    ----------
-    terms_on, terms_off : iterable of str
-        Terms (:data:`radioloc.measurements.terms.TERMS`) that the world has and the model not, and the reverse.
-    clock_epoch_utc : str, optional
-        When the offsets of clocks and frequencies hold that have a rate; the start of the first session if not given.
-    **values
-        Errors of parameters by the keys that their a-priori values have in a study file, such as ``range_bias_m``: a
-        number, or one for each component, of everybody or in a mapping by name. Names of stations are those of the
-        catalogue or aliases; those that observe nothing do not matter.
-
-    Raises
-    ------
-    InputError
-        A key or a term is not known, or an error is larger than first order is good for.
+    Keywords are errors of parameters by the keys that their a-priori values have in a study file, such as
+    ``range_bias_m``: a number, or one for each component, of everybody or in a mapping by name. Names of stations are
+    those of the catalogue or aliases; those that observe nothing do not matter.
     """
 
     values: Mapping[str, ParameterChoice]
+    """Errors by kind of parameter."""
     terms_on: tuple[str, ...]
+    """Terms (:data:`radioloc.measurements.terms.TERMS`) that the world has and the model not."""
     terms_off: tuple[str, ...]
+    """The reverse."""
     clock_epoch_utc: str | None
+    """When the offsets of clocks and frequencies hold that have a rate; the start of the first session where None."""
 
     def __init__(
         self,
@@ -99,26 +91,12 @@ class Truth:
 
 @dataclass(frozen=True, slots=True, init=False)
 class TruthSigma:
-    """Standard deviations of errors that are drawn anew in every trial, about those of the truth.
-
-    Parameters
-    ----------
-    position_enu_m : tuple of float
-        Of the point itself about its nominal place, to the east, to the north and up (selenocentric), m: how far a
-        terrain map's height may be wrong, where the study has a prior on the height.
-    clock_epoch_utc : str, optional
-        As of :class:`Truth`.
-    **sigmas
-        Standard deviations of the errors of parameters, by the keys of :class:`Truth`.
-
-    Raises
-    ------
-    InputError
-        A key is not known, a number is negative, or larger than first order is good for.
-    """
+    """Standard deviations of errors that are drawn anew in every trial, about those of the truth; keywords as there."""
 
     sigmas: Mapping[str, ParameterChoice]
     position_enu_m: tuple[float, float, float]
+    """Of the point itself about its nominal place, to the east, to the north and up (selenocentric): how far a terrain
+    map's height may be wrong, where the study has a prior on the height."""
     clock_epoch_utc: str | None
 
     def __init__(
@@ -149,20 +127,12 @@ class TruthSigma:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DrawnErrors:
-    """Errors that are drawn: one standard normal number for each parameter.
-
-    Parameters
-    ----------
-    names : tuple of str
-        Of the k parameters.
-    sigmas : ndarray, shape (k,)
-    partials : ndarray, shape (k, n)
-        Of the observed values by the parameters.
-    """
+    """Errors that are drawn: one standard normal number for each of k parameters."""
 
     names: tuple[str, ...]
     sigmas: NDArray[np.float64]
     partials: NDArray[np.float64]
+    """Of the observed values by the parameters, shape (k, n)."""
 
     def draw(self, seed: int) -> NDArray[np.float64]:
         """Errors of one trial's seed, shape (k,); one parameter more does not change those of others."""
@@ -240,11 +210,6 @@ def _design(
     epoch_utc: str,
 ) -> DesignMatrix:
     """The design matrix of the position and of the parameters that have a value, which is their error or its sigma."""
-    if "zenith_delay" in choices and not predictor.model.has("troposphere"):
-        raise InputError(
-            "zenith_delay_m acts by the troposphere's mapping function; switch the term troposphere on, in the model "
-            "or by terms_on of the truth"
-        )
     simple = simple_predictor(predictor)
     kinds = []
     for name, choice in choices.items():

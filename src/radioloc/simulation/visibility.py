@@ -8,7 +8,7 @@ Earth; for a spacecraft, the Moon's limb.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -46,26 +46,14 @@ _SECONDS_TO = 0.1
 
 @dataclass(frozen=True, slots=True)
 class Masks:
-    """Elevations below which nothing is tracked, deg.
-
-    Parameters
-    ----------
-    station_deg : float
-        Of the target above a station's horizon.
-    target_deg : float
-        Of a station above the target's horizon: what terrain or antenna at the target leaves free.
-    by_station_deg : mapping of str to float
-        Stations (by their catalogue names) with a mask of their own.
-
-    Raises
-    ------
-    InputError
-        A mask is not between -90 and 90.
-    """
+    """Elevations from -90 to 90 deg below which nothing is tracked."""
 
     station_deg: float = 10.0
+    """Of the target above a station's horizon."""
     target_deg: float = 0.0
+    """Of a station above the target's horizon: what terrain or antenna at the target leaves free."""
     by_station_deg: Mapping[str, float] = field(default_factory=dict)
+    """Stations (by their catalogue names) with a mask of their own."""
 
     def __post_init__(self) -> None:
         for mask_deg in (self.station_deg, self.target_deg, *self.by_station_deg.values()):
@@ -79,21 +67,14 @@ class Masks:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Elevations:
-    """Elevations at both ends of n signals at k stations.
-
-    Parameters
-    ----------
-    stations : tuple of str
-        Catalogue names.
-    at_station_rad : ndarray, shape (n, k)
-        Of the target above each station's horizon (the plane normal to the ellipsoid's vertical).
-    at_target_rad : ndarray, shape (n, k)
-        Of each station above the target's horizon (the plane normal to its radius; of a spacecraft, the Moon's limb).
-    """
+    """Elevations at both ends of n signals at k stations."""
 
     stations: tuple[str, ...]
+    """Catalogue names."""
     at_station_rad: NDArray[np.float64]
+    """Of the target above each station's horizon (the plane normal to the ellipsoid's vertical), shape (n, k)."""
     at_target_rad: NDArray[np.float64]
+    """Of each station above the target's horizon (the plane normal to its radius; of a spacecraft, the Moon's limb)."""
 
     def margin_rad(self, masks: Masks) -> NDArray[np.float64]:
         """How far the lower of both elevations is above its mask, shape (n, k); below zero is not seen."""
@@ -106,15 +87,12 @@ class Elevations:
 def elevations(model: PhysicalModel, target_pa_m: Target, stations: Sequence[str], tt: Epochs) -> Elevations:
     """Elevations of the target and of the stations above each other's horizons.
 
-    The horizon of a spacecraft is the Moon's limb, the sphere of 1737.4 km: it and a station see each other where the
-    station is above it.
-
     Parameters
     ----------
     model : PhysicalModel
         Where Earth, Moon and stations are; its terms (tides, media) do not matter here.
     target_pa_m : ndarray, shape (3,), or Trajectory
-        The point in principal axes, m, or a spacecraft.
+        The point in principal axes, m, or a spacecraft: its horizon is the Moon's limb, the sphere of 1737.4 km.
     stations : sequence of str
         Names or aliases.
     tt : Epochs
@@ -127,23 +105,57 @@ def elevations(model: PhysicalModel, target_pa_m: Target, stations: Sequence[str
     CoverageError
         An epoch lies outside the kernels, the trajectory or the Earth orientation table.
     """
-    tdb = tt_to_tdb(tt)
+    target_gcrs_m, from_moon_m, dip_rad = _target(model, target_pa_m, tt_to_tdb(tt))
+    moon_distance_m = np.linalg.norm(from_moon_m, axis=-1)
+    target_up = from_moon_m / moon_distance_m[:, None]
+    rot_itrf_to_gcrs = model.earth.evaluate(tt).rot_itrf_to_gcrs
+    found = [model.catalogue.get(name) for name in stations]
+    at_station, at_target = np.empty((len(tt), len(found))), np.empty((len(tt), len(found)))
+    for k, station in enumerate(found):
+        station_gcrs_m = np.einsum("nij,nj->ni", rot_itrf_to_gcrs, station.position_at(tt))
+        station_up = rot_itrf_to_gcrs @ rot_itrf_to_enu(station.itrf_m)[2]
+        to_target_m = target_gcrs_m - station_gcrs_m
+        at_station[:, k] = _elevation_rad(to_target_m, station_up)
+        # A Moon farther away than the station hides nothing.
+        before_moon = np.linalg.norm(to_target_m, axis=-1) > moon_distance_m
+        at_target[:, k] = np.where(
+            before_moon, _elevation_rad(-to_target_m, target_up) + dip_rad, 0.5 * np.pi
+        )
+    return Elevations(tuple(station.name for station in found), at_station, at_target)
+
+
+def _target(
+    model: PhysicalModel, target_pa_m: Target, tdb: Epochs
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64] | float]:
+    """Where the target is one light time earlier, from the geocentre and from the Moon's centre, GCRS, m, (n, 3).
+
+    Beside them the dip of its horizon, rad: of a spacecraft the limb's, of a point on the surface none.
+    """
+    ephemeris = model.ephemeris
     if isinstance(target_pa_m, Trajectory):
-        return _spacecraft_elevations(model, target_pa_m, stations, tt, tdb)
-    target_gcrs_m, target_up = _lander(model, target_pa_m, tdb)
+        distance_m = np.linalg.norm(target_pa_m.geocentric(ephemeris, tdb)[0], axis=-1)
+        left = tdb.shifted(-distance_m / C_M_S)
+        target_gcrs_m, _ = target_pa_m.geocentric(ephemeris, left)
+        from_moon_m = target_gcrs_m - ephemeris.geocentric("moon", left)[0]
+        ratio = MEAN_LUNAR_RADIUS_M / np.linalg.norm(from_moon_m, axis=-1)
+        return target_gcrs_m, from_moon_m, np.arccos(np.minimum(ratio, 1.0))
+    moon_m, velocity_m_s = ephemeris.geocentric("moon", tdb)
+    light_time_s = np.linalg.norm(moon_m, axis=-1) / C_M_S
+    rot_icrf_to_body = rot_icrf_to_pa(model.libration.angles(tdb.shifted(-light_time_s))[0])
+    from_moon_m = np.einsum("nji,j->ni", rot_icrf_to_body, target_pa_m)
+    return moon_m - velocity_m_s * light_time_s[:, None] + from_moon_m, from_moon_m, 0.0
 
-    def above_horizon_rad(to_station_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        return _elevation_rad(to_station_m, target_up)
 
-    return _elevations(model, stations, tt, target_gcrs_m, above_horizon_rad)
+def _elevation_rad(away_m: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
+    # arctan2 keeps its digits near the zenith, where arcsin loses half of them.
+    across = np.linalg.norm(np.cross(up, away_m), axis=-1)
+    return np.arctan2(np.einsum("ni,ni->n", up, away_m), across)
 
 
 def seen(
     model: PhysicalModel, target_pa_m: Target, stations: Sequence[str], tt: Epochs, masks: Masks
 ) -> NDArray[np.bool_]:
-    """Whether target and stations see each other, above the masks, shape (n, k).
-
-    Parameters and errors as :func:`elevations`; the epochs in order.
+    """Whether target and stations see each other, above the masks, at epochs in order, shape (n, k).
 
     Notes
     -----
@@ -178,73 +190,16 @@ def seen(
     return out
 
 
-def _lander(
-    model: PhysicalModel, target_pa_m: NDArray[np.float64], tdb: Epochs
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """A point on the Moon one light time earlier, GCRS, m, and the direction up there, both (n, 3)."""
-    moon_m, velocity_m_s = model.ephemeris.geocentric("moon", tdb)
-    light_time_s = np.linalg.norm(moon_m, axis=-1) / C_M_S
-    moon_m = moon_m - velocity_m_s * light_time_s[:, None]
-    rot_icrf_to_body = rot_icrf_to_pa(model.libration.angles(tdb.shifted(-light_time_s))[0])
-    from_moon_m = np.einsum("nji,j->ni", rot_icrf_to_body, target_pa_m)
-    return moon_m + from_moon_m, from_moon_m / np.linalg.norm(target_pa_m)
-
-
-def _spacecraft_elevations(
-    model: PhysicalModel, trajectory: Trajectory, stations: Sequence[str], tt: Epochs, tdb: Epochs
-) -> Elevations:
-    distance_m = np.linalg.norm(trajectory.geocentric(model.ephemeris, tdb)[0], axis=-1)
-    left = tdb.shifted(-distance_m / C_M_S)
-    target_gcrs_m, _ = trajectory.geocentric(model.ephemeris, left)
-    to_moon_m = model.ephemeris.geocentric("moon", left)[0] - target_gcrs_m
-    moon_m = np.linalg.norm(to_moon_m, axis=-1)
-    # As seen by the spacecraft; on the surface the limb is 90 degrees from the Moon's centre.
-    limb_rad = np.arcsin(np.minimum(MEAN_LUNAR_RADIUS_M / moon_m, 1.0))
-
-    def above_limb_rad(to_station_m: NDArray[np.float64]) -> NDArray[np.float64]:
-        from_centre_rad = 0.5 * np.pi - _elevation_rad(to_station_m, to_moon_m / moon_m[:, None])
-        # A Moon farther away than the station hides nothing.
-        return np.where(
-            moon_m < np.linalg.norm(to_station_m, axis=-1), from_centre_rad - limb_rad, 0.5 * np.pi
-        )
-
-    return _elevations(model, stations, tt, target_gcrs_m, above_limb_rad)
-
-
-def _elevations(
-    model: PhysicalModel,
-    stations: Sequence[str],
-    tt: Epochs,
-    target_gcrs_m: NDArray[np.float64],
-    at_target_rad: Callable[[NDArray[np.float64]], NDArray[np.float64]],
-) -> Elevations:
-    rot_itrf_to_gcrs = model.earth.evaluate(tt).rot_itrf_to_gcrs
-    found = [model.catalogue.get(name) for name in stations]
-    at_station, at_target = np.empty((len(tt), len(found))), np.empty((len(tt), len(found)))
-    for k, station in enumerate(found):
-        station_gcrs_m = np.einsum("nij,nj->ni", rot_itrf_to_gcrs, station.position_at(tt))
-        station_up = rot_itrf_to_gcrs @ rot_itrf_to_enu(station.itrf_m)[2]
-        at_station[:, k] = _elevation_rad(target_gcrs_m - station_gcrs_m, station_up)
-        at_target[:, k] = at_target_rad(station_gcrs_m - target_gcrs_m)
-    return Elevations(tuple(station.name for station in found), at_station, at_target)
-
-
 @dataclass(frozen=True, slots=True)
 class Window:
-    """A time in which all of some stations see the target.
-
-    Parameters
-    ----------
-    start_utc, stop_utc : str
-        First and last whole second in which all do.
-    rises, sets : bool
-        Whether it begins and ends by a rise and a set rather than by the limits of the search.
-    """
+    """A time in which all of some stations see the target, from the first to the last whole second."""
 
     start_utc: str
     stop_utc: str
     rises: bool
+    """Whether it begins by a rise rather than by the limit of the search."""
     sets: bool
+    """Likewise whether it ends by a set."""
 
 
 def windows(
@@ -261,22 +216,14 @@ def windows(
 
     Parameters
     ----------
-    model : PhysicalModel
-    target_pa_m : ndarray, shape (3,), or Trajectory
-        Principal axes, m, or a spacecraft.
+    model, target_pa_m
+        As of :func:`elevations`, with its errors.
     stations : sequence of str
         Names or aliases, at least one.
     start_utc, stop_utc : str
-        Limits of the search.
+        Limits of the search, in order.
     masks : Masks, optional
         10 deg at the stations and the horizon at the target where not given.
-
-    Raises
-    ------
-    InputError
-        No station, or the limits are not in order.
-    StationError, CoverageError
-        As :func:`elevations`.
     """
     masks = masks or Masks()
     if not stations:
@@ -314,9 +261,3 @@ def _text(origin_tai: Epochs, offset_s: float, *, up: bool) -> str:
     day_s = float(origin_tai.fraction[0]) * SECONDS_PER_DAY + offset_s
     rounded = np.ceil(day_s - _SECONDS_TO) if up else np.floor(day_s + _SECONDS_TO)
     return str(utc_strings(tai_to_utc(origin_tai.shifted(offset_s + rounded - day_s)), decimals=0)[0])
-
-
-def _elevation_rad(away_m: NDArray[np.float64], up: NDArray[np.float64]) -> NDArray[np.float64]:
-    # arctan2 keeps its digits near the zenith, where arcsin loses half of them.
-    across = np.linalg.norm(np.cross(up, away_m), axis=-1)
-    return np.arctan2(np.einsum("ni,ni->n", up, away_m), across)

@@ -97,7 +97,7 @@ class Prepared:
             The study has no simulation or estimates no position, or it cannot be simulated.
         """
         scenario = scenario_of(study)
-        if isinstance(study.target, Trajectory):
+        if isinstance(study.target, Trajectory) or isinstance(scenario.position, Trajectory):
             raise InputError(
                 f"{study.name}: a Monte Carlo study compares positions, but the target is a trajectory"
             )

@@ -38,7 +38,7 @@ def simulate(study: Study, seed: int | None = None) -> Simulated:
     ['range', 'vlbi_delay']
     """
     scenario = scenario_of(study)
-    return scenario.world(model_of(study)).draw(scenario.noise, seed=scenario.seed if seed is None else seed)
+    return scenario.world(model_of(study)).draw(seed=seed)
 
 
 def scenario_of(study: Study) -> Scenario:

@@ -84,7 +84,8 @@ def test_no_noise_is_nothing(model, lander_pa_m):
 
 
 def test_outliers_are_as_many_and_as_large_as_asked_for():
-    error_m, wild = Noise(white_m=1e-3, outlier_fraction=0.05, outlier_m=100.0).series(20000, 1.0, 1, "a")
+    error_m, wild = Noise(white_m=1e-3, outlier_fraction=0.05, outlier_m=100.0).series(20000, 1.0, [1], "a")
+    error_m, wild = error_m[0], wild[0]
     # Binomial of 20000 at 0.05: 1e-5 and 1 - 1e-5 quantiles.
     assert 872 <= wild.sum() <= 1133
     assert np.abs(error_m[wild]).min() > 49.9
@@ -92,8 +93,8 @@ def test_outliers_are_as_many_and_as_large_as_asked_for():
     assert 0.4 < (error_m[wild] > 0.0).mean() < 0.6
     assert np.abs(error_m[~wild]).max() < 0.01
     # The rest is what it is without them.
-    plain_m, _ = Noise(white_m=1e-3).series(20000, 1.0, 1, "a")
-    assert (error_m[~wild] == plain_m[~wild]).all()
+    plain_m, _ = Noise(white_m=1e-3).series(20000, 1.0, [1], "a")
+    assert (error_m[~wild] == plain_m[0, ~wild]).all()
 
 
 def test_gauss_markov_recursion_of_long_series():
@@ -117,7 +118,7 @@ def test_gauss_markov_recursion():
 
 
 def test_random_walk_starts_at_zero_and_grows_with_the_root_of_time():
-    ends = [Noise(walk_m_sqrt_s=0.5).series(101, 4.0, seed, "a")[0] for seed in range(400)]
+    ends = [Noise(walk_m_sqrt_s=0.5).series(101, 4.0, [seed], "a")[0][0] for seed in range(400)]
     assert all(walk[0] == 0.0 for walk in ends)
     # 0.5 m per root second over 400 s is 10 m; the standard deviation of 400 normals is within 16 % but for 1e-5.
     assert np.std([walk[-1] for walk in ends]) == pytest.approx(10.0, rel=0.16)

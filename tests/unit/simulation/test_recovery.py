@@ -13,7 +13,7 @@ from radioloc.measurements import EquipmentDelays, StationDelay
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import RANGE as RANGES
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.simulation import Masks, Schedule, Session, World, all_ranges, baselines, two_way
+from radioloc.simulation import Masks, Scenario, Schedule, Session, all_ranges, baselines, two_way
 from radioloc.studies.problem import observation_model
 from radioloc.studies.study import EstimateChoice
 from radioloc.time import utc_to_tai
@@ -60,7 +60,7 @@ def sites():
 
 def recovered_error_m(sessions, longitude_deg, latitude_deg, model, seed):
     target = LunarPosition.from_selenographic(longitude_deg, latitude_deg, -2000.0)
-    world = World.prepare(Schedule(sessions, MASKS), target, model=model)
+    world = Scenario(Schedule(sessions, MASKS), target).world(model)
     observations = world.draw().observations
     away = np.random.default_rng(seed).normal(size=3)
     start_m = world.target_pa_m + START_OFF_M * away / np.linalg.norm(away)
@@ -130,7 +130,7 @@ def recovered_with_equipment(sessions, longitude_deg, latitude_deg, model, seed)
     model = dataclasses.replace(model, delays=DELAYS)
     real = dataclasses.replace(model, delays=dataclasses.replace(DELAYS, transponder_s=1.2e-6 + HOLD_ERROR_S))
     target = LunarPosition.from_selenographic(longitude_deg, latitude_deg, -2000.0)
-    world = World.prepare(Schedule(sessions, MASKS), target, model=real)
+    world = Scenario(Schedule(sessions, MASKS), target).world(real)
     observations = world.draw().observations
     rng = np.random.default_rng(seed)
     away = rng.normal(size=3)

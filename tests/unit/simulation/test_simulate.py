@@ -9,10 +9,10 @@ from radioloc.simulation import (
     Masks,
     Noise,
     NoiseModel,
+    Scenario,
     Schedule,
     Session,
     Truth,
-    World,
     baselines,
     simulate,
     two_way,
@@ -47,7 +47,7 @@ def test_the_record_adds_up(lander, lander_pa_m, model):
 
 
 def test_a_prepared_world_gives_the_same_for_a_seed_and_another_for_another(lander, model):
-    world = World.prepare(SCHEDULE, lander, TRUTH, model=model)
+    world = Scenario(SCHEDULE, lander, TRUTH).world(model)
     one, two, other = (world.draw(NOISE, seed=seed) for seed in (4, 4, 5))
     direct = simulate(SCHEDULE, lander, TRUTH, NOISE, model=model, seed=4)
     assert (one.observations.value_m == two.observations.value_m).all()

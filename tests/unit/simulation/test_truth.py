@@ -13,11 +13,11 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.media.mapping_functions import day_of_year, mapping_factors, niell_coefficients
 from radioloc.simulation import (
     Masks,
+    Scenario,
     Schedule,
     Session,
     Truth,
     TruthSigma,
-    World,
     baselines,
     elevations,
     simulate,
@@ -312,7 +312,9 @@ def test_truths_that_cannot_be(schedule, lander, model):
     no_frequency = Schedule([Session("range", two_way("KASHI"), START, STOP, 3600, 1.0)])
     with pytest.raises(InputError, match="give uplink_hz and wavelength_um"):
         simulate(no_frequency, lander, Truth(electron_content_tecu={"KASHI": 1.0}), model=model)
-    with pytest.raises(InputError, match="zenith_delay_m acts by the troposphere's mapping function"):
+    with pytest.raises(
+        InputError, match="zenith_delay: it acts by the term troposphere, which is switched off"
+    ):
         simulate(schedule, lander, Truth(zenith_delay_m=0.1), model=model)
 
 
@@ -328,7 +330,7 @@ ALL = {
 @pytest.fixture(scope="module")
 def drawn(schedule, lander, model):
     sigma = TruthSigma(position_enu_m=(10.0, 10.0, 10.0), range_bias_m=5.0, clock_s=1e-8, **ALL)
-    return World.prepare(schedule, lander, truth_sigma=sigma, model=model).drawn
+    return Scenario(schedule, lander, truth_sigma=sigma).world(model).drawn
 
 
 @pytest.mark.parametrize("key", ALL)
@@ -363,9 +365,11 @@ def test_a_drawn_position(drawn, plain, lander, predict_m, model):
 
 
 def test_one_error_more_leaves_the_others(schedule, lander, model, drawn):
-    few = World.prepare(
-        schedule, lander, truth_sigma=TruthSigma(ut1_s=2e-4, range_bias_m={"KASHI": 5.0}), model=model
-    ).drawn
+    few = (
+        Scenario(schedule, lander, truth_sigma=TruthSigma(ut1_s=2e-4, range_bias_m={"KASHI": 5.0}))
+        .world(model)
+        .drawn
+    )
     one, other = few.by_name(few.draw(3)), drawn.by_name(drawn.draw(3))
     assert set(one) == {"ut1", "range_bias.KASHI"}
     assert one["ut1"] == pytest.approx(2.0 * other["ut1"], rel=1e-14)

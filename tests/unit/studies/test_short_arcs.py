@@ -6,7 +6,7 @@ from change5_case import LANDER, NOISE, START, observations, world
 
 import radioloc
 from radioloc import Study
-from radioloc.simulation import Schedule, Session, Truth, World, two_way
+from radioloc.simulation import Scenario, Schedule, Session, Truth, two_way
 from radioloc.studies import EstimateChoice, HeightPrior, Reference
 
 HEIGHT = HeightPrior(-2550.4, 5.0)
@@ -40,7 +40,7 @@ def test_a_height_makes_a_position_of_an_hour_of_ranges(first_hour):
 def test_two_uplinks_tell_directions_twice_as_well(first_hour, model):
     """What tells a direction is the difference of two distances, which two two-way ranges hold twice."""
     ranges = Session("range", two_way("JIAMUSI", "KASHI"), START, "2020-12-01T16:11:00", 60.0, sigma_m=1.0)
-    both = World.prepare(Schedule([ranges]), LANDER, Truth(), model=model).draw(NOISE, seed=1).observations
+    both = Scenario(Schedule([ranges]), LANDER, Truth()).world(model).draw(NOISE, seed=1).observations
     assert len(both) == len(first_hour)
     of_two_m, of_one_m = (
         float(np.hypot(*fit(tracked, range_bias_sigma_m=10.0).sigma_enu_m()[:2]))

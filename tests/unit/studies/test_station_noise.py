@@ -15,10 +15,10 @@ from radioloc.simulation import (
     Masks,
     Noise,
     NoiseModel,
+    Scenario,
     Schedule,
     Session,
     Truth,
-    World,
     all_ranges,
     baselines,
 )
@@ -107,7 +107,7 @@ def test_delay_rates_know_the_rates_of_the_clocks_but_not_their_offsets(site):
     truth = Truth(clock_s={"KUNMING": 1e-6, "URUMQI": -2e-6}, clock_rate_s_s=rates)
     model = radioloc.measurements.PhysicalModel.build()
     noise = NoiseModel({"vlbi_delay_rate": Noise(white_m=1e-4)}, vlbi_station_rate=Noise(white_m=1e-3))
-    made = World.prepare(schedule, site, truth, model=model).draw(noise, seed=3)
+    made = Scenario(schedule, site, truth).world(model).draw(noise, seed=3)
     assert "noise of the growth of station arrivals" in made.summary()
     study = Study(
         target=site,
@@ -148,7 +148,7 @@ def made(site):
     noise = NoiseModel(
         {"range": Noise(white_m=RANGE_M), "vlbi_delay": Noise(white_m=OWN_M)}, Noise(white_m=STATION_M)
     )
-    return World.prepare(schedule, site, model=model).draw(noise, seed=1)
+    return Scenario(schedule, site).world(model).draw(noise, seed=1)
 
 
 def locate(site, made, observations=None, **choice):

@@ -185,8 +185,8 @@ def require_seed(seed: int) -> None:
 def gauss_markov(drive: NDArray[np.float64], step_correlation: float) -> NDArray[np.float64]:
     """Stationary first-order Gauss-Markov process of unit variance, from independent normal numbers, shape (..., n).
 
-    x_0 = w_0, x_k = f x_(k-1) + sqrt(1 - f^2) w_k, with the correlation f = exp(-step / correlation time) from one epoch
-    to the next (Gelb 1974, Applied Optimal Estimation, chapter 3).
+    x_0 = w_0, x_k = f x_(k-1) + sqrt(1 - f^2) w_k, f = exp(-step / correlation time) (Gelb 1974, Applied Optimal
+    Estimation, chapter 3).
     """
     n = drive.shape[-1]
     length = math.isqrt(max(n - 1, 0)) + 1

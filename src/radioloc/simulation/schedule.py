@@ -158,8 +158,8 @@ class Schedule:
         """Epochs and links of what can be seen.
 
         A link is measured when its stations see the target, from the sending of the measurement's first signal to the
-        reception of its last. A spacecraft is no farther than the Moon. `target` is the name in the observations. Errors
-        as of :func:`radioloc.simulation.visibility.elevations`, and where nothing can be seen.
+        reception of its last. A spacecraft is no farther than the Moon. `target` is its name in the observations.
+        Errors as of :func:`radioloc.simulation.visibility.elevations`, and where nothing can be seen.
         """
         if not self.sessions:
             raise InputError("a schedule needs at least one session")

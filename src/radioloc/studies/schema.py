@@ -1,18 +1,27 @@
-"""Records that say what a table of a study file holds: fields are keys, types and rules are what each key takes.
+"""Tables of a study file as records: fields are keys, types and rules are what each key takes.
 
-A record built in Python is held to the same rules as one read from a file (:mod:`radioloc.studies.toml_table`).
+A record built in Python is held to the same rules as one read from a file. Every mistake in a file is one sentence that
+names the file, the table and the key.
 """
 
 from __future__ import annotations
 
 import dataclasses
+import difflib
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field
 from numbers import Real
-from typing import Any
+from pathlib import Path
+from types import UnionType
+from typing import Any, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
 
 from radioloc.errors import InputError
-from radioloc.time import Epochs
+from radioloc.time import Epochs, epochs_from_strings
+
+_Made = TypeVar("_Made")
+_LONGEST_SHOWN = 80
+_COUNTS = {2: "two", 3: "three"}
 
 
 def entry(default: Any = dataclasses.MISSING, *, factory: Any = dataclasses.MISSING, **rules: Any) -> Any:
@@ -27,25 +36,23 @@ def entry(default: Any = dataclasses.MISSING, *, factory: Any = dataclasses.MISS
 
 
 def check(record: Any) -> None:
-    """Hold a record to the rules of its fields; a single name becomes a tuple of one.
-
-    Raises
-    ------
-    InputError
-        The message begins with the key.
-    """
-    for field in dataclasses.fields(record):
-        value, rules = getattr(record, field.name), field.metadata
+    """Hold a record to the rules of its fields; a single name becomes a tuple of one."""
+    for f in dataclasses.fields(record):
+        value, rules = getattr(record, f.name), f.metadata
         if value is None:
             continue
         if rules.get("names"):
-            value = names_of(field.name, value)
-            object.__setattr__(record, field.name, value)
+            value = names_of(f.name, value)
+            object.__setattr__(record, f.name, value)
             if not value:
-                raise InputError(f"{field.name} names none; leave it out to take all")
+                raise InputError(f"{f.name} names none; leave it out to take all")
         if rules.get("moment"):
-            _require_moment(field.name, value)
-        for key, item in _items(field.name, value):
+            if not isinstance(value, Epochs) or len(value) != 1:
+                raise InputError(
+                    f'{f.name} must be one epoch, such as epochs_from_strings("2024-05-02"), not {value!r}'
+                )
+            value.require("UTC")
+        for key, item in _items(f.name, value):
             if item not in rules.get("choices", (item,)):
                 allowed = ", ".join(f'"{choice}"' for choice in rules["choices"])
                 raise InputError(f"{key} must be one of {allowed}, not {item!r}")
@@ -54,6 +61,15 @@ def check(record: Any) -> None:
                 raise InputError(f"{key} must be above zero, not {item!r}")
             if rules.get("not_negative") and not number >= 0.0:
                 raise InputError(f"{key} must not be negative, not {item!r}")
+
+
+def _items(key: str, value: Any) -> Iterator[tuple[str, Any]]:
+    if isinstance(value, Mapping):
+        yield from ((f"{key}.{name}", item) for name, item in value.items())
+    elif isinstance(value, tuple):
+        yield from ((key, item) for item in value)
+    else:
+        yield key, value
 
 
 def names_of(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:
@@ -67,21 +83,232 @@ def names_of(key: str, value: str | Iterable[Any]) -> tuple[str, ...]:
 
 def keys_of(record: type) -> tuple[str, ...]:
     """The keys that a file has for a record."""
-    return tuple(
-        key for field in dataclasses.fields(record) for key in field.metadata.get("keys", (field.name,))
-    )
+    return tuple(key for f in dataclasses.fields(record) for key in f.metadata.get("keys", (f.name,)))
 
 
-def _items(key: str, value: Any) -> Iterator[tuple[str, Any]]:
-    if isinstance(value, Mapping):
-        yield from ((f"{key}.{name}", item) for name, item in value.items())
-    elif isinstance(value, tuple):
-        yield from ((key, item) for item in value)
-    else:
-        yield key, value
+@dataclass(frozen=True, slots=True)
+class Hints:
+    """What to say of keys in a wrong place: the keys by table, and advice by table and key."""
+
+    keys: Mapping[str, Collection[str]] = field(default_factory=dict)
+    advice: Mapping[tuple[str, str], str] = field(default_factory=dict)
+
+    def table_of(self, key: str, besides: str) -> str:
+        """The one table that has a key which is unknown to another of them, or above all tables; else empty."""
+        found = [table for table, keys in self.keys.items() if key in keys]
+        return found[0] if len(found) == 1 and (not besides or besides in self.keys) else ""
 
 
-def _require_moment(key: str, value: Any) -> None:
-    if not isinstance(value, Epochs) or len(value) != 1:
-        raise InputError(f'{key} must be one epoch, such as epochs_from_strings("2024-05-02"), not {value!r}')
-    value.require("UTC")
+class TomlTable:
+    """One table of a study file; keys are taken from it one by one, and what is left over is an error."""
+
+    def __init__(self, path: Path, name: str, content: Any, hints: Hints | None = None) -> None:
+        self.path = path
+        self.name = name
+        self._hints = hints or Hints()
+        if not isinstance(content, Mapping):
+            table, _, key = name.rpartition(".")
+            raise InputError(
+                f"{path}: [{name}] must be a table, not {_shown(content)}{self._advice(table, key)}"
+            )
+        self._content = dict(content)
+        self._asked: list[str] = []
+
+    def fail(self, key: str, problem: str) -> NoReturn:
+        """Raise :class:`InputError` about one key."""
+        raise InputError(f"{self.path}: [{self.name}] {key}: {problem}")
+
+    def _refuse(self, key: str, wanted: str, value: Any) -> NoReturn:
+        advice = self._advice(self.name, key.partition(".")[0])
+        self.fail(key, f"must be {wanted}, not {_shown(value)}{advice}")
+
+    def _advice(self, table: str, key: str) -> str:
+        text = self._hints.advice.get((table, key))
+        return f"; {text}" if text else ""
+
+    def __contains__(self, key: str) -> bool:
+        return key in self._content
+
+    def take(self, key: str) -> Any:
+        """Value of a key, ``None`` where it is absent; the key then counts as known."""
+        self._asked.append(key)
+        return self._content.pop(key, None)
+
+    def get(self, key: str, kind: Any) -> Any:
+        """Take a value of a kind: a type, a tuple or mapping of types, a record, or a union of these.
+
+        A ``Path`` is the name of a file that exists; several may be given by names and globs.
+        """
+        value = self.take(key)
+        return None if value is None else self._convert(key, value, kind)
+
+    def read(
+        self, record: type[_Made], keys: Mapping[str, str] | None = None, whole: bool = True, **given: Any
+    ) -> _Made:
+        """Make a record of the keys, which are its fields; some may be given.
+
+        Of a record that is not made for study files, `keys` says which field each key is. It may be only a part of
+        the table, not the `whole`, of which no key may be left.
+        """
+        kinds = get_type_hints(record)
+        fields = {f.name: f for f in dataclasses.fields(record) if f.name not in given}  # type: ignore[arg-type]
+        for key, name in keys.items() if keys else zip(fields, fields, strict=True):
+            rules = fields[name].metadata
+            if "read" in rules:
+                given[name] = rules["read"](self, key)
+            else:
+                given[name] = self.get(key, rules.get("kind", kinds[name]))
+        if whole:
+            self.finish()
+        for name, f in fields.items():
+            needed = f.default is dataclasses.MISSING and f.default_factory is dataclasses.MISSING
+            if needed and given.get(name) is None:
+                self.fail(name, "is missing")
+        return self.build(record, **given)
+
+    def build(self, make: Callable[..., _Made], **fields: Any) -> _Made:
+        """Call with the fields that were given, so that others keep their defaults; errors name this table."""
+        try:
+            return make(**{key: value for key, value in fields.items() if value is not None})
+        except InputError as error:
+            where = f"[{self.name}] " if self.name else ""
+            raise InputError(f"{self.path}: {where}{error}") from None
+
+    def table(self, key: str) -> TomlTable | None:
+        """Take a table inside this one."""
+        value = self.take(key)
+        return None if value is None else self._child(key, value)
+
+    def named(self) -> dict[str, TomlTable]:
+        """Take all that is left, each a table of its own, by name."""
+        return {key: self._child(key, self.take(key)) for key in list(self._content)}
+
+    def _child(self, key: str, value: Any) -> TomlTable:
+        return TomlTable(self.path, f"{self.name}.{key}" if self.name else key, value, self._hints)
+
+    def finish(self) -> None:
+        """Raise :class:`InputError` if a key is left that nobody asked for."""
+        for key in self._content:
+            near = difflib.get_close_matches(key, self._asked, n=1)
+            hint = f"; did you mean {near[0]!r}?" if near else f"; the keys are {', '.join(self._asked)}"
+            if table := self._hints.table_of(key, self.name):
+                hint = f"; it belongs to [{table}]"
+            where = f"[{self.name}] " if self.name else ""
+            raise InputError(f"{self.path}: {where}{key!r} is not known{hint}")
+
+    def _convert(self, key: str, value: Any, kind: Any) -> Any:
+        origin, parts = get_origin(kind) or kind, get_args(kind)
+        if origin in (Union, UnionType):
+            return self._convert(key, value, _arm(value, [part for part in parts if part is not type(None)]))
+        if kind in _PLAIN:
+            wanted, is_one = _PLAIN[kind]
+            if not is_one(value):
+                self._refuse(key, wanted, value)
+            return self._finite(key, value) if kind is float else value
+        if kind is Epochs:
+            return self._epoch(key, value)
+        if kind is Path:
+            found = self.files(key, [self._convert(key, value, str)])
+            if len(found) > 1:
+                self.fail(key, f"one file is wanted, but there are {len(found)}")
+            return found[0]
+        if isinstance(origin, type) and issubclass(origin, Mapping):
+            content = self._child(key, value)._content
+            return {name: self._convert(f"{key}.{name}", item, parts[1]) for name, item in content.items()}
+        if origin is not tuple:
+            return self._child(key, value).read(kind)
+        if parts[-1] is not Ellipsis:
+            return self._numbers(key, value, parts)
+        if parts[0] in (str, Path):
+            texts = [value] if isinstance(value, str) else value
+            if not isinstance(texts, list) or not all(map(_is_text, texts)):
+                self._refuse(key, "a list of strings that are not empty", value)
+            return self.files(key, texts) if parts[0] is Path else tuple(texts)
+        if not isinstance(value, list):
+            self._refuse(key, f"a list of tables, [[{self.name}.{key}]]", value)
+        return tuple(self._child(key, item).read(parts[0]) for item in value)
+
+    def _finite(self, key: str, value: float) -> float:
+        try:
+            number = float(value)
+        except OverflowError:
+            number = math.inf
+        if not math.isfinite(number):
+            self.fail(key, f"must be a finite number, not {_shown(value)}")
+        return number
+
+    def _numbers(self, key: str, value: Any, kinds: tuple[type, ...]) -> tuple[Any, ...]:
+        if not isinstance(value, list) or len(value) != len(kinds):
+            count = _COUNTS.get(len(kinds), len(kinds))
+            what = "whole numbers" if kinds[0] is int else "numbers"
+            self.fail(key, f"must be a list of {count} {what}, not {_shown(value)}")
+        return tuple(self._convert(key, item, kind) for item, kind in zip(value, kinds, strict=True))
+
+    def _epoch(self, key: str, value: Any) -> Epochs:
+        """A UTC date, as text or as TOML has them: datetime objects, whose ISO form is what the text would be."""
+        try:
+            return epochs_from_strings(
+                value if isinstance(value, str) else value.isoformat().replace("+00:00", "")
+            )
+        except InputError as error:
+            self.fail(key, str(error))
+        except AttributeError:
+            self.fail(key, f"must be a UTC date, not {_shown(value)}")
+
+    def files(self, key: str, patterns: Collection[str], may_be_missing: bool = False) -> tuple[Path, ...]:
+        """Files of names and globs, relative to the study file; a name may be of one that is still to be made."""
+        folder = self.path.parent
+        files: dict[Path, None] = {}
+        for pattern in patterns:
+            found = _matches(folder, pattern)
+            if not found and (folder / pattern).is_dir():
+                self.fail(key, f"{pattern!r} is a directory; give the files in it, such as {pattern}/*.csv")
+            if not found and may_be_missing and not set(pattern) & set("*?["):
+                found = [folder / pattern]
+            if not found:
+                self.fail(key, f"{pattern!r} matches no file in {folder.resolve()}")
+            files |= dict.fromkeys(found)
+        return tuple(files)
+
+
+def _is_text(value: Any) -> bool:
+    return isinstance(value, str) and bool(value.strip())
+
+
+_PLAIN: dict[Any, tuple[str, Callable[[Any], bool]]] = {
+    float: ("a number", lambda value: type(value) in (int, float)),
+    int: ("a whole number", lambda value: type(value) is int),
+    bool: ("true or false", lambda value: type(value) is bool),
+    str: ("a string that is not empty", _is_text),
+}
+"""What messages call values of a type, and whether one of TOML is such a value."""
+
+
+def _arm(value: Any, arms: list[Any]) -> Any:
+    """The kind of a union that a value looks like: a table, a list or a single value; else the first."""
+    wanted = Mapping if isinstance(value, Mapping) else tuple if isinstance(value, list) else None
+    alike = [
+        arm
+        for arm in arms
+        if (isinstance(get_origin(arm), type) and wanted and issubclass(get_origin(arm), wanted))
+    ]
+    return (alike or arms)[0]
+
+
+def _matches(folder: Path, pattern: str) -> list[Path]:
+    """Files of a name or a glob, sorted; none also for what pathlib does not take as either."""
+    try:
+        plain = folder / pattern
+        if plain.is_file():
+            return [plain]
+        start = Path(plain.anchor) if Path(pattern).is_absolute() else folder
+        relative = str(Path(pattern).relative_to(start)) if Path(pattern).is_absolute() else pattern
+        return sorted(found for found in start.glob(relative) if found.is_file())
+    except (ValueError, IndexError, NotImplementedError):
+        return []
+
+
+def _shown(value: Any) -> str:
+    """What was given, short enough for a message of one line."""
+    text = repr(value)
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."

@@ -2,91 +2,81 @@
 
 from __future__ import annotations
 
+import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, replace
 from typing import Any
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import RenamedKeyWarning, StationError
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.observations import BASELINE_KINDS
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.simulation import (
-    Masks,
-    Noise,
-    NoiseModel,
-    Scenario,
-    Schedule,
-    Session,
-    Truth,
-    TruthSigma,
-    all_ranges,
-    baselines,
-    three_way,
-    two_way,
-)
-from radioloc.simulation.schedule import Pair
-from radioloc.studies.toml_table import TomlTable
-from radioloc.time import utc_strings
+from radioloc.simulation import Masks, Noise, NoiseModel, Scenario, Schedule, Session, Truth, TruthSigma
+from radioloc.simulation.schedule import LINKS
+from radioloc.studies.schema import TomlTable
+from radioloc.time import Epochs, utc_strings
 
-LINKS: dict[str, Callable[..., tuple[Pair, ...]]] = {
-    "two_way": two_way,
-    "three_way": three_way,
-    "all": all_ranges,
-    "baselines": baselines,
+_MASKS = {
+    "mask_deg": "station_deg",
+    "target_mask_deg": "target_deg",
+    "station_masks_deg": "by_station_deg",
 }
-"""How the stations of a session are paired."""
-
 _VLBI_STATION = ("vlbi_station", "vlbi_station_rate")
-_RENAMED = {
-    "moon_m": "moon_position_m",
-    "station_enu_m": "station_position_m",
-    "tec_tecu": "electron_content_tecu",
-    "clock_rate": "clock_rate_s_s",
+_EARLIER = {
+    "moon_position_m": "moon_m",
+    "station_position_m": "station_enu_m",
+    "electron_content_tecu": "tec_tecu",
+    "clock_rate_s_s": "clock_rate",
 }
 """Earlier names of errors, which are still read."""
+
+
+@dataclass(frozen=True, slots=True)
+class SessionKeys:
+    """Keys of ``[simulation.sessions.NAME]``."""
+
+    kind: str
+    stations: tuple[str, ...]
+    start: Epochs
+    stop: Epochs
+    step_s: float
+    sigma_m: float
+    links: str | None = None
+    one_uplink: bool = False
+    time_tag: str = "receive"
+    count_s: float = math.nan
+    uplink_hz: float = math.nan
+    wavelength_um: float = math.nan
 
 
 def scenario(
     table: TomlTable, target: LunarPosition, position: LunarPosition | None, catalogue: StationCatalogue
 ) -> Scenario:
-    """Read what is to be simulated.
+    """Read ``[simulation]``, of which `position`, where the point truly stands, has been taken.
 
-    Parameters
-    ----------
-    table : TomlTable
-        ``[simulation]``, of which ``position`` has been taken.
-    target : LunarPosition
-        A-priori position of the study.
-    position : LunarPosition or None
-        Where the point truly stands; at the a-priori position where ``None``.
-    catalogue : StationCatalogue
-        Resolves the names of stations.
-
-    Raises
-    ------
-    InputError
-        A key is not known or a value cannot be; the message names file, table and key.
+    It stands at the a-priori position of the study, `target`, where there is none.
     """
-    seed = table.take("seed")
-    if seed is not None and (isinstance(seed, bool) or not isinstance(seed, int) or seed < 0):
-        table.fail("seed", f"must be a whole number from zero up, not {seed!r}")
-    name = table.text("name")
+    seed, name = table.get("seed", int), table.get("name", str)
     sessions, truth, truth_sigma, noise = (
         table.table(key) for key in ("sessions", "truth", "truth_sigma", "noise")
     )
-    masks = _masks(table, catalogue)
-    table.finish()
-    entries = [] if sessions is None else sessions.tables()
-    if not entries:
+    masks = table.read(Masks, _MASKS)
+    by_station_deg = {
+        _station(table, "station_masks_deg", station, catalogue): mask_deg
+        for station, mask_deg in masks.by_station_deg.items()
+    }
+    if len(by_station_deg) < len(masks.by_station_deg):
+        table.fail("station_masks_deg", "names a station twice")
+    planned = [] if sessions is None else [_session(one, catalogue) for one in sessions.named().values()]
+    if not planned:
         table.fail("sessions", "is missing; give at least one [simulation.sessions.NAME]")
-    planned = [_session(entry, catalogue) for entry in entries]
     stations = tuple(dict.fromkeys(end for session in planned for pair in session.pairs for end in pair))
     return table.build(
         Scenario,
-        schedule=Schedule(planned, masks),
+        schedule=Schedule(planned, replace(masks, by_station_deg=by_station_deg)),
         position=target if position is None else position,
         truth=None if truth is None else _truth(truth, stations, catalogue),
         noise=None if noise is None else _noise(noise),
@@ -96,121 +86,80 @@ def scenario(
     )
 
 
-def _masks(table: TomlTable, catalogue: StationCatalogue) -> Masks:
-    by_station = table.take("station_masks_deg")
-    if by_station is not None and not isinstance(by_station, Mapping):
-        table.fail(
-            "station_masks_deg", f"must be a table by station, such as {{ KASHI = 10.0 }}, not {by_station!r}"
-        )
-    masks_deg = {
-        _station(table, "station_masks_deg", name, catalogue): table.as_number("station_masks_deg", mask_deg)
-        for name, mask_deg in (by_station or {}).items()
-    }
-    if len(masks_deg) < len(by_station or {}):
-        table.fail("station_masks_deg", "names a station twice")
+def _session(table: TomlTable, catalogue: StationCatalogue) -> Session:
+    given = table.read(SessionKeys)
+    form = MEASUREMENTS[given.kind].form if given.kind in KINDS else ""
+    possible = [name for name, (of_form, _) in LINKS.items() if of_form == form]
+    links = given.links or (possible or ["two_way"])[0]
+    if links not in LINKS:
+        table.fail("links", f"must be one of {', '.join(LINKS)}, not {links!r}")
+    if possible and links not in possible:
+        table.fail("links", f"{links!r} does not go with kind {given.kind!r}; use {' or '.join(possible)}")
+    stations = [_station(table, "stations", name, catalogue) for name in given.stations]
+    same = ("kind", "step_s", "sigma_m", "one_uplink", "time_tag", "count_s", "uplink_hz", "wavelength_um")
     return table.build(
-        Masks,
-        station_deg=table.number("mask_deg"),
-        target_deg=table.number("target_mask_deg"),
-        by_station_deg=masks_deg,
+        Session,
+        pairs=LINKS[links][1](*stations),
+        start_utc=_utc(given.start),
+        stop_utc=_utc(given.stop),
+        **{key: getattr(given, key) for key in same},
     )
 
 
-def _session(table: TomlTable, catalogue: StationCatalogue) -> Session:
-    kind, links = table.text("kind"), table.text("links")
-    names = table.texts("stations")
-    fields = {
-        "start_utc": _utc(table, "start"),
-        "stop_utc": _utc(table, "stop"),
-        **{key: table.number(key) for key in ("step_s", "sigma_m")},
-        "time_tag": table.text("time_tag"),
-        **{key: table.number(key) for key in ("count_s", "uplink_hz", "wavelength_um")},
-    }
-    one_uplink = table.take("one_uplink")
-    table.finish()
-    for key, value in {"kind": kind, "stations": names, **fields}.items():
-        if value is None and key not in ("time_tag", "count_s", "uplink_hz", "wavelength_um"):
-            table.fail(key.removesuffix("_utc"), "is missing")
-    if one_uplink not in (None, True, False):
-        table.fail("one_uplink", f"must be true or false, not {one_uplink!r}")
-    links = links or ("baselines" if kind in BASELINE_KINDS else "two_way")
-    if links not in LINKS:
-        table.fail("links", f"must be one of {', '.join(LINKS)}, not {links!r}")
-    if (links == "baselines") != (kind in BASELINE_KINDS):
-        table.fail(
-            "links",
-            f"{links!r} does not go with kind {kind!r}; baselines are of VLBI, all else of ranges",
-        )
-    stations = [_station(table, "stations", name, catalogue) for name in names or ()]
-    return table.build(Session, kind=kind, pairs=LINKS[links](*stations), one_uplink=one_uplink, **fields)
-
-
-def _utc(table: TomlTable, key: str) -> str | None:
-    epoch = table.epoch(key)
+def _utc(epoch: Epochs | None) -> str | None:
     return None if epoch is None else str(utc_strings(epoch, decimals=9)[0]).rstrip("0").rstrip(".")
 
 
 def _noise(table: TomlTable) -> NoiseModel:
-    found = {key: entry for key in (*KINDS, *_VLBI_STATION) if (entry := table.table(key)) is not None}
+    found = {key: one for key in (*KINDS, *_VLBI_STATION) if (one := table.get(key, Noise)) is not None}
     table.finish()
-    noises = {key: _one_noise(entry) for key, entry in found.items()}
-    of_stations = {key: noises.pop(key, Noise()) for key in _VLBI_STATION}
-    return NoiseModel(noises, **of_stations)
-
-
-def _one_noise(table: TomlTable) -> Noise:
-    fields = {name: table.number(name) for name in Noise.__slots__}
-    table.finish()
-    return table.build(Noise, **fields)
+    of_stations = {key: found.pop(key) for key in _VLBI_STATION if key in found}
+    return NoiseModel(found, **of_stations)
 
 
 def _truth(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue) -> Truth:
     given = _errors(table, stations, catalogue)
-    terms = {key: table.texts(key) for key in ("terms_on", "terms_off")}
+    terms = {key: table.get(key, tuple[str, ...]) for key in ("terms_on", "terms_off")}
     table.finish()
     return table.build(Truth, **given, **terms)
 
 
 def _truth_sigma(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue) -> TruthSigma:
     given = _errors(table, stations, catalogue)
-    position = table.vector("position_enu_m")
+    position_enu_m = table.get("position_enu_m", tuple[float, float, float])
     table.finish()
-    return table.build(TruthSigma, position_enu_m=position, **given)
+    return table.build(TruthSigma, position_enu_m=position_enu_m, **given)
 
 
 def _errors(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue) -> dict[str, Any]:
-    """Errors of parameters, or their sigmas, by key; those that are not given left out."""
-    found: dict[str, Any] = {}
+    """Errors of parameters, or their sigmas, by key; None where they are not given."""
+    found: dict[str, Any] = {"clock_epoch_utc": _utc(table.get("clock_epoch", Epochs))}
     for kind in PARAMETERS.values():
         key = kind.value_key
-        value = table.take(key)
-        for old in (old for old, new in _RENAMED.items() if new == key and old in table):
-            if value is not None:
+        found[key] = table.take(key)
+        old = _EARLIER.get(key, "")
+        if old in table:
+            if found[key] is not None:
                 table.fail(old, f"is the earlier name of {key}, which is there, too; leave it out")
-            value = table.take(old)
+            found[key] = table.take(old)
             warnings.warn(
                 RenamedKeyWarning(f"[{table.name}] {old} is called {key} now; rename it"), stacklevel=2
             )
-        if kind.scopes[0] is Scope.STATION and isinstance(value, Mapping):
-            _require_stations(table, key, value, stations, catalogue)
-        if value is not None:
-            found[key] = value
-    found["clock_epoch_utc"] = _utc(table, "clock_epoch")
+        if kind.scopes[0] is Scope.STATION and isinstance(found[key], Mapping):
+            _require_stations(table, key, found[key], stations, catalogue)
     return found
 
 
 def _require_stations(
-    table: TomlTable,
-    key: str,
-    names: Iterable[str],
-    stations: tuple[str, ...],
-    catalogue: StationCatalogue,
+    table: TomlTable, key: str, names: Iterable[str], stations: tuple[str, ...], catalogue: StationCatalogue
 ) -> None:
     """Refuse what is not a station of the sessions, and one that is there by two names."""
     found = [_station(table, key, name, catalogue) for name in names]
     for station in found:
         if station not in stations:
-            table.fail(key, f"{station} is in no session; the stations are {', '.join(stations)}")
+            table.fail(
+                key, f"{station} is in no session; the stations are {', '.join(filter(None, stations))}"
+            )
         if found.count(station) > 1:
             table.fail(key, f"{station} is named twice")
 

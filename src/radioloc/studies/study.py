@@ -1,7 +1,7 @@
 """What a study is: what to locate, from which observations, with which model.
 
 The records check themselves, so a study built in Python is held to the same rules as one read from a file
-(:mod:`radioloc.studies.study_file`).
+(:mod:`radioloc.studies.study_file`): what cannot be is an :class:`~radioloc.errors.InputError` that names the key.
 """
 
 from __future__ import annotations
@@ -30,8 +30,7 @@ from radioloc.parameters.design import simple_predictor
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.plugins import LazyNames
 from radioloc.simulation.simulate import Scenario
-from radioloc.studies.schema import check, entry, names_of
-from radioloc.studies.toml_table import TomlTable
+from radioloc.studies.schema import TomlTable, check, entry, names_of
 from radioloc.studies.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
 
@@ -75,7 +74,7 @@ def _height_prior(table: TomlTable, key: str) -> HeightPrior | TerrainPrior | No
     prior = table.table(key)
     if prior is None:
         return None
-    dem, interpolation = prior.get("dem", Path), prior.text("interpolation")
+    dem, interpolation = prior.get("dem", Path), prior.get("interpolation", str)
     if dem is None:
         if interpolation is not None:
             prior.fail("interpolation", "belongs to a terrain model; name one as dem")
@@ -88,14 +87,14 @@ def _height_prior(table: TomlTable, key: str) -> HeightPrior | TerrainPrior | No
 
 def _terms(table: TomlTable, _: str) -> frozenset[str]:
     try:
-        return active_terms(table.texts("off") or ())
+        return active_terms(table.get("off", tuple[str, ...]) or ())
     except InputError as error:
         table.fail("off", str(error))
 
 
 def _kernel(table: TomlTable, key: str) -> str | None:
     """A registered name as it is; anything that looks like a file relative to the study file."""
-    name = table.text(key)
+    name: str | None = table.get(key, str)
     return name if name is None or not Path(name).suffix else str(table.path.parent / name)
 
 
@@ -104,7 +103,8 @@ def _delays(table: TomlTable, _: str) -> EquipmentDelays:
     keys = {"transmit": "transmit_s", "receive": "receive_s"}
     stations = {} if by_station is None else by_station.named()
     delays = {name: delay.read(StationDelay, keys) for name, delay in stations.items()}
-    return table.build(EquipmentDelays, transponder_s=table.number("transponder_delay_s"), stations=delays)
+    hold_s = table.get("transponder_delay_s", float)
+    return table.build(EquipmentDelays, transponder_s=hold_s, stations=delays)
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,11 +133,6 @@ class ObservationChoice:
         Likewise the error of by how much each station's arrival time grows over the count interval, for delay rates.
     weights : iterable of Weight
         Changes of the stated sigmas by type, station and file, before the extra ones are added.
-
-    Raises
-    ------
-    InputError
-        A list is empty, a number is not above zero, or the start is not before the stop.
     """
 
     files: tuple[Path, ...] = ()
@@ -172,13 +167,7 @@ class ObservationChoice:
 
 @dataclass(frozen=True, slots=True)
 class HeightPrior:
-    """Prior on the height above the 1737.4 km sphere.
-
-    Raises
-    ------
-    InputError
-        A height that no terrain has, or a sigma that is not above zero.
-    """
+    """Prior on the height above the 1737.4 km sphere."""
 
     height_m: float
     sigma_m: float = entry(positive=True)
@@ -195,19 +184,9 @@ class HeightPrior:
 
 @dataclass(frozen=True, slots=True)
 class TerrainPrior:
-    """Prior on the height that follows a terrain model.
+    """Prior on the height that follows a terrain model in mean-Earth axes.
 
-    Parameters
-    ----------
-    terrain : TerrainModel
-        Heights in mean-Earth axes.
-    sigma_m : float
-        The model's own error, m; the roughness of the terrain about the a-priori position is added to it.
-
-    Raises
-    ------
-    InputError
-        The sigma is not above zero.
+    The sigma is the model's own error; the roughness of the terrain about the a-priori position is added to it.
     """
 
     terrain: TerrainModel
@@ -244,11 +223,6 @@ class EstimateChoice:
         not estimated are held; ``NAME_sigma_m``, its sigma, free where there is none; ``NAME_per``, whom it belongs
         to (``"station"``, ``"pass"``, ``"link"``, ``"link and pass"``). Such as ``range_bias="all",
         range_bias_sigma_m=10.0``.
-
-    Raises
-    ------
-    InputError
-        A value is not one of these.
     """
 
     position: str = entry("geographic", choices=POSITION_FORMS)
@@ -342,11 +316,6 @@ class ModelChoice:
         Delays of transponder and stations that the observations contain.
     evaluation : {"auto", "exact", "interpolated"}
         Whether dense series are interpolated: :func:`~radioloc.measurements.evaluation.prepare_predictor`.
-
-    Raises
-    ------
-    InputError
-        A term is not one of the model, or there is no such evaluation.
     """
 
     terms: frozenset[str] = entry(factory=active_terms, keys=("off",), read=_terms)
@@ -391,9 +360,7 @@ class Study:
     target : LunarPosition or Trajectory, optional
         A-priori position, where the fit starts (and stays, if the position is not estimated); or a known trajectory,
         of which no position is estimated (``position = "none"``). The first of `targets` where those are given.
-    observations : ObservationChoice
-    estimate : EstimateChoice
-    model : ModelChoice
+    observations, estimate, model
     catalogue : StationCatalogue
         The stations known to the study.
     reference : Reference or None
@@ -409,13 +376,7 @@ class Study:
         only `target`.
     consider : mapping of str to ParameterChoice
         Parameters that are not estimated, but whose a-priori errors count in the covariance, each with its sigma:
-        of :func:`~radioloc.parameters.choice.parameter_choices`.
-
-    Raises
-    ------
-    InputError
-        There is no target or two sorts of them; the target is a trajectory, and something is given that belongs to a
-        position on the Moon; a parameter is considered without a sigma, or estimated, too.
+        of :func:`~radioloc.parameters.choice.parameter_choices`. None is estimated, too.
     """
 
     target: LunarPosition | Trajectory = None  # type: ignore[assignment]  # of targets, then

@@ -18,7 +18,7 @@ from radioloc.errors import InputError, StationError
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.simulation import Scenario
-from radioloc.studies.schema import entry, keys_of
+from radioloc.studies.schema import Hints, TomlTable, entry, keys_of
 from radioloc.studies.simulation_file import scenario
 from radioloc.studies.study import (
     EstimateChoice,
@@ -28,7 +28,6 @@ from radioloc.studies.study import (
     Study,
     read_parameters,
 )
-from radioloc.studies.toml_table import Hints, TomlTable
 from radioloc.studies.weights import Weight
 
 _FASTEST_PLATE_M_YR = 1.0
@@ -90,19 +89,8 @@ TABLES: dict[str, type] = {
 }
 """The records of the tables of a study file; beside them ``[consider]`` and those of ``[simulation]``."""
 
-_TABLES_OF_A_STUDY = (
-    *(
-        "target",
-        "targets",
-        "observations",
-        "estimate",
-        "consider",
-        "model",
-        "stations",
-        "reference",
-        "references",
-    ),
-    "simulation",
+_TABLES_OF_A_STUDY = tuple(
+    dict.fromkeys([*(name.partition(".")[0] for name in TABLES), "consider", "simulation"])
 )
 
 
@@ -117,11 +105,11 @@ def _hints() -> Hints:
             if "advice" in field.metadata
         }
         | {
-            (
-                "observations",
-                "sigma_m",
-            ): "it is a table by type, such as { range = 1.0 }, for files that state no sigma; a "
-            "sigma in place of stated ones belongs to [[observations.weights]]"
+            ("observations", "sigma_m"): (
+                "it is a table by type, such as { range = 1.0 }, for files that state no sigma; a sigma in place of "
+                "stated ones belongs to [[observations.weights]]"
+            ),
+            ("simulation", "station_masks_deg"): "it is by station, such as { KASHI = 10.0 }",
         },
     )
 
@@ -263,7 +251,7 @@ def _simulation(
 
 
 def _observations(table: TomlTable, needs_files: bool) -> ObservationChoice:
-    patterns = table.texts("files") or ()
+    patterns = table.get("files", tuple[str, ...]) or ()
     found = table.read(
         ObservationChoice, files=table.files("files", patterns, may_be_missing=not needs_files)
     )

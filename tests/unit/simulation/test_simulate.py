@@ -14,6 +14,7 @@ from radioloc.simulation import (
     Session,
     Truth,
     baselines,
+    one_way,
     simulate,
     two_way,
 )
@@ -91,3 +92,22 @@ def test_what_the_model_does_not_hold_for_is_refused(lander, model):
         simulate(low, lander, model=model)
     with pytest.raises(InputError, match="PA_DE421 or ME_DE421"):
         simulate(SCHEDULE, LunarPosition("ME_DE440", lander.xyz_m), model=model)
+
+
+def test_one_way_and_differenced_measurements(lander, model):
+    sessions = [
+        Session("one_way_range", one_way("KASHI", "JIAMUSI"), START, STOP, 3600.0, 1.0),
+        Session("differenced_range", baselines("JIAMUSI", "KASHI"), START, STOP, 3600.0, 1.0),
+    ]
+    noise = NoiseModel({"one_way_range": Noise(white_m=1.0)}, Noise(white_m=0.1))
+    made = simulate(Schedule(sessions), lander, noise=noise, model=model, seed=2)
+    rows = {path: made.observations.paths() == path for path in set(made.observations.paths().tolist())}
+    assert set(rows) == {"lander>KASHI", "lander>JIAMUSI", "JIAMUSI<lander>KASHI"}
+    second, first, difference = (
+        made.error_free_m[rows[path]] for path in ("lander>KASHI", "lander>JIAMUSI", "JIAMUSI<lander>KASHI")
+    )
+    np.testing.assert_allclose(difference, second - first, rtol=0.0, atol=1e-6)
+    assert not made.noise_m[rows["JIAMUSI<lander>KASHI"]].any()
+    assert made.noise_m[rows["lander>KASHI"]].all()
+    with pytest.raises(InputError, match="'differenced_delay' is of two targets"):
+        Session("differenced_delay", baselines("JIAMUSI", "KASHI"), START, STOP, 3600.0, 1.0)

@@ -11,8 +11,8 @@ import radioloc.cli
 from radioloc.errors import InputError, RenamedKeyWarning
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.simulation import Noise, baselines
-from radioloc.studies.toml_table import TomlTable
+from radioloc.simulation import Noise, baselines, one_way
+from radioloc.studies.schema import TomlTable
 
 PAGE = Path(__file__).resolve().parents[3] / "docs" / "reference" / "simulation.md"
 EXAMPLE = re.search(r"```toml\n# simulated.toml\n(.*?)```", PAGE.read_text(), re.DOTALL)[1]
@@ -86,7 +86,7 @@ def test_every_key_is_on_the_page(tmp_path, monkeypatch):
     ("old", "new", "message"),
     [
         ("mask_deg = 10.0", "mask = 10.0", r"\[simulation\] 'mask' is not known; did you mean 'mask_deg'"),
-        ("seed = 1", "seed = -1", r"\[simulation\] seed: must be a whole number"),
+        ("seed = 1", "seed = -1", r"\[simulation\] seed is -1; give a whole number from zero up"),
         (
             'links = "all"',
             'links = "baselines"',
@@ -98,7 +98,11 @@ def test_every_key_is_on_the_page(tmp_path, monkeypatch):
         ("white_m = 0.8", "white = 0.8", r"\[simulation.noise.range\] 'white' is not known"),
         ("white_m = 0.8", "white_m = -0.8", r"\[simulation.noise.range\] noise: white_m is -0.8"),
         ("{ KASHI = 4.2 }", "{ NEUQUEN = 4.2 }", r"range_bias_m: NEUQUEN is in no session"),
-        ("{ KASHI = 7.0 }", "7.0", r"station_masks_deg: must be a table by station"),
+        (
+            "{ KASHI = 7.0 }",
+            "7.0",
+            r"station_masks_deg\] must be a table, not 7.0; it is by station, such as",
+        ),
         (
             "moon_position_m = [0.1, 0.5, 0.3]",
             "moon_position_m = [0.1, 0.5]",
@@ -132,6 +136,12 @@ def test_delay_rates_of_baselines(tmp_path):
     assert session.pairs == baselines("SESHAN25", "KUNMING", "URUMQI")
     assert scenario.noise.vlbi_station_rate == Noise(white_m=0.002)
     assert scenario.noise.vlbi_station == Noise()
+
+
+def test_links_follow_from_the_kind(tmp_path):
+    text = EXAMPLE.replace('kind = "doppler"', 'kind = "one_way_doppler"')
+    [session] = [s for s in read(tmp_path, text).simulation.schedule.sessions if s.kind == "one_way_doppler"]
+    assert session.pairs == one_way("KASHI")
 
 
 def test_without_files_there_is_nothing_to_locate(tmp_path):

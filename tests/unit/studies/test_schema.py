@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.studies.schema import check, entry, keys_of
-from radioloc.studies.toml_table import Hints, TomlTable
+from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of
 
 PATH = Path("a.toml")
 TEXTS, VECTOR = tuple[str, ...], tuple[float, float, float]

@@ -16,7 +16,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
 
@@ -24,25 +24,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.ephemeris import Trajectory
 from radioloc.errors import PredictedEopWarning
-from radioloc.measurements.dense_series import (
-    CHECK_POINTS,
-    DenseSeries,
-    Segments,
-)
+from radioloc.measurements.dense_series import CHECK_POINTS, DenseSeries, Segments, check_points, nodes
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.participants import stations_of, targets_of
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.piecewise_chebyshev import (
-    MOST,
-    PiecewiseChebyshev,
-    columns_of,
-    places,
-    width,
+    compare,
+    first_nodes,
+    layout,
+    polynomials,
+    stacked,
+    unstacked,
 )
-from radioloc.measurements.predictor import Computed, table_of_terms
+from radioloc.measurements.predictor import Computed, Predictor
+from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_differenced, is_integrated
 
 CHECKED_WITHIN_M = 1e4
@@ -65,7 +61,21 @@ class InterpolationAccuracy:
     nodes: int  # of all segments
 
 
-class ChebyshevPredictor:
+@contextmanager
+def _predictions_told_once() -> Iterator[None]:
+    """Let the first warning of predicted Earth orientation through, of the many of the levels of segments."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        yield
+    told = False
+    for warning in caught:
+        predicted = issubclass(warning.category, PredictedEopWarning)
+        if not (predicted and told):
+            warnings.warn(warning.message, stacklevel=4)
+        told |= predicted
+
+
+class ChebyshevPredictor(Predictor):
     """The observations of one arc, dense series of them interpolated.
 
     Parameters and errors are those of :class:`~radioloc.measurements.exact_predictor.ExactPredictor`; ``series`` is the
@@ -78,8 +88,6 @@ class ChebyshevPredictor:
     coefficients are as small; docs/architecture.md derives the bound.
     """
 
-    trajectory: Trajectory | None = None
-
     def __init__(
         self,
         model: PhysicalModel,
@@ -89,160 +97,114 @@ class ChebyshevPredictor:
         targets: Sequence[str] = (),
         more_partials: bool = False,
     ) -> None:
-        self.model = model
-        self.targets, self.more_partials = tuple(targets), more_partials
-        self.observations = observations
-        self.stations, self.transmitters, self.receivers, _ = stations_of(model, observations)
-        self.target = targets_of(observations, self.targets)
-        with _predictions_told_once():
-            self._plan(np.asarray(approximate_pa_m, dtype=np.float64), series)
+        super().__init__(model, observations, None, targets, more_partials)
+        self._plan(np.asarray(approximate_pa_m, dtype=np.float64), series)
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
-        out = np.zeros(len(self.observations), dtype=bool)
-        smooth = self._segment >= 0
+        first = first_nodes(self._degree)
         # A segment was refused whose nodes do not all agree in this.
-        if self._piecewise is not None:
-            out[smooth] = self._piecewise.predicted_eop[self._segment[smooth]]
-        if self._computed is not None:
-            of_exact = self._computed.predicted_eop[len(self._computed.observations) - self._n_exact :]
-            out[~smooth] = of_exact[-1 - self._segment[~smooth]]
-        return out
+        row = np.where(self._segment < 0, first[-1] - 1 - self._segment, first[np.maximum(self._segment, 0)])
+        return self._computed.predicted_eop[row]
 
     @property
     def accuracy(self) -> InterpolationAccuracy:
         """Agreement with the model at the check points, at the position at which it was checked last."""
-        exact = self._n_exact
-        interpolated = len(self.observations) - exact
-        if self._piecewise is None:
-            return InterpolationAccuracy(0.0, 0.0, 0.0, 0.0, interpolated, exact, 0, 0)
-        kind = self._piecewise.checks.observations.kind[::CHECK_POINTS]
+        kind = self._checks.observations.kind[::CHECK_POINTS]
         differenced, integrated = is_differenced(kind), is_integrated(kind)
         value_m = self._deviation[:, 0]
+        exact = int((self._segment < 0).sum())
         return InterpolationAccuracy(
             range_m=float(value_m[~differenced & ~integrated].max(initial=0.0)),
             delay_s=float(value_m[differenced & ~integrated].max(initial=0.0)) / C_M_S,
             integrated_m=float(value_m[integrated].max(initial=0.0)),
             by_position=float(self._deviation[:, 1:4].max(initial=0.0)),
-            interpolated=interpolated,
+            interpolated=len(self.observations) - exact,
             exact=exact,
-            segments=len(kind),
-            nodes=len(self._piecewise.nodes.observations),
+            segments=len(self._degree),
+            nodes=int(first_nodes(self._degree)[-1]),
         )
 
     def check(self, lander_pa_m: NDArray[np.float64]) -> InterpolationAccuracy:
         """Compare with the model at the check points for another position, and divide anew if that asks for it."""
-        if self._piecewise is not None:
-            found = self._piecewise.compare(lander_pa_m)
-            if not found.good.all():
-                with _predictions_told_once():
-                    self._plan(lander_pa_m)
-                return self.accuracy
-            self._deviation = found.deviation
-        self._checked_pa_m = np.array(lander_pa_m, dtype=np.float64)
+        good, deviation = compare(self._degree, self._computed, self._checks, lander_pa_m)
+        if good.all():
+            self._deviation, self._checked_pa_m = deviation, np.array(lander_pa_m, dtype=np.float64)
+        else:
+            self._plan(lander_pa_m)
         return self.accuracy
 
     def at(self, lander_pa_m: NDArray[np.float64]) -> ChebyshevPrediction:
         """Predict for a position in principal axes, m: all values at once, partials of the rows that are asked for."""
         if np.linalg.norm(lander_pa_m - self._checked_pa_m, axis=-1).max() > CHECKED_WITHIN_M:
             self.check(lander_pa_m)
-        coefficients, status, exact = (
-            np.zeros((0, width(self.more_partials), MOST)),
-            np.zeros((0, 2), dtype=np.int8),
-            None,
-        )
-        if self._computed is not None:
-            computed = self._computed.compute(lander_pa_m)
-            n_nodes = len(computed.value_m) - self._n_exact
-            exact = computed.rows(slice(n_nodes, None))
-            if self._piecewise is not None:
-                coefficients, status = self._piecewise.polynomials(computed.rows(slice(0, n_nodes)))
-        return ChebyshevPrediction(self._segment, self._x, coefficients, status, exact, self.more_partials)
-
-    def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
-        """Predict all observations for a position, with partials; parameters and errors as :meth:`at`."""
-        return self.at(lander_pa_m).rows(slice(None))
+        return ChebyshevPrediction(self._segment, self._x, self._degree, self._computed.compute(lander_pa_m))
 
     def select(self, which: Any) -> ChebyshevPredictor:
         """The arc of some of the observations (a mask, a slice or indices), already prepared."""
         part = copy.copy(self)
-        part.observations = self.observations.select(which)
-        part.stations, part.transmitters, part.receivers, _ = stations_of(self.model, part.observations)
-        part.target = targets_of(part.observations, self.targets)
-        segment = np.atleast_1d(self._segment[which])
-        part._x = np.atleast_1d(self._x[which])
-        part._segment = segment.copy()
-        nodes = np.zeros(0, dtype=np.intp)
-        if self._piecewise is not None:
-            kept = np.unique(segment[segment >= 0])
-            nodes = self._piecewise.nodes_of(kept)
-            number = np.zeros(len(self._piecewise), dtype=np.int32)
-            number[kept] = np.arange(len(kept))
-            part._segment[segment >= 0] = number[segment[segment >= 0]]
-            part._piecewise = self._piecewise.select(kept) if len(kept) else None
-            part._deviation = self._deviation[kept]
-        rows = -1 - segment[segment < 0]
-        part._segment[segment < 0] = -1 - np.arange(len(rows))
-        part._n_exact = len(rows)
-        if self._computed is not None:
-            first = len(self._computed.observations) - self._n_exact
-            part._computed = self._computed.select(np.concatenate([nodes, first + rows]))
+        part._take(self.observations.select(which))
+        segment, part._x = np.atleast_1d(self._segment[which]), np.atleast_1d(self._x[which])
+        few = segment < 0
+        kept = np.zeros(len(self._degree), dtype=bool)
+        kept[segment[~few]] = True
+        part._segment = np.empty_like(segment)
+        part._segment[~few] = (np.cumsum(kept) - 1)[segment[~few]]
+        part._segment[few] = -1 - np.arange(int(few.sum()))
+        part._degree, part._deviation = self._degree[kept], self._deviation[kept]
+        part._checks = self._checks.select(np.repeat(kept, CHECK_POINTS))
+        rows = np.flatnonzero(np.repeat(kept, self._degree + 1))
+        exact = first_nodes(self._degree)[-1] - 1 - segment[few]
+        part._computed = self._computed.select(np.concatenate([rows, exact]))
         return part
 
-    def with_values(self, value_m: NDArray[np.float64]) -> ChebyshevPredictor:
-        """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
-        other = copy.copy(self)
-        other.observations = replace(self.observations, value_m=value_m)
-        return other
+    def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> ChebyshevPredictor:
+        """The same observations prepared with another model, for values only."""
+        return ChebyshevPredictor(model, self.observations, lander_pa_m, targets=self.targets)
 
-    def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Table of terms at a position: :func:`~radioloc.measurements.predictor.table_of_terms`."""
-
-        def prepare(
-            model: PhysicalModel, observations: Observations, pa_m: NDArray[np.float64]
-        ) -> ChebyshevPredictor:
-            return ChebyshevPredictor(model, observations, pa_m, targets=self.targets)
-
-        return table_of_terms(self, lander_pa_m, prepare)
-
+    @_predictions_told_once()
     def _plan(self, lander_pa_m: NDArray[np.float64], series: DenseSeries | None = None) -> None:
         """Divide the series into segments that agree with the model, and prepare their nodes."""
+
+        def exact(observations: Observations) -> ExactPredictor:
+            return ExactPredictor(
+                self.model, observations, lander_pa_m, targets=self.targets, more_partials=self.more_partials
+            )
+
+        def points(degree: int) -> NDArray[np.float64]:
+            return np.concatenate([nodes(degree), check_points(degree)])
+
         if series is None:
             series = DenseSeries(self.model, self.observations, self.more_partials)
         pending = series.segments()
-        fits: list[PiecewiseChebyshev] = []
-        accepted: list[Segments] = []
-        while len(pending):
-            fit = PiecewiseChebyshev.prepare(
-                self.model, self.observations, pending, lander_pa_m, self.targets, self.more_partials
-            )
-            good = fit.compare(lander_pa_m).good
-            if good.any():
-                fits.append(fit.select(np.flatnonzero(good)))
-                accepted.append(pending[good])
-            pending = series.divided(pending[~good])
-        self._piecewise = PiecewiseChebyshev.concatenate(fits) if fits else None
+        segments: list[Segments] = []
+        of_nodes: list[ExactPredictor] = []
+        of_checks: list[ExactPredictor] = []
+        deviations: list[NDArray[np.float64]] = []
+        while len(pending) or not segments:
+            observations, of_point = series.observations_at(pending, points)
+            prepared = exact(observations)
+            last = np.cumsum(np.bincount(of_point, minlength=len(pending)))
+            is_check = np.zeros(len(of_point), dtype=bool)
+            is_check[last[:, None] - np.arange(1, CHECK_POINTS + 1)] = True
+            at_nodes, checks = prepared.select(~is_check), prepared.select(is_check)
+            good, deviation = compare(pending.degree, at_nodes, checks, lander_pa_m)
+            of_good = good[of_point]
+            segments.append(rows_of(pending, good))
+            of_nodes.append(at_nodes.select(of_good[~is_check]))
+            of_checks.append(checks.select(of_good[is_check]))
+            deviations.append(deviation[good])
+            pending = series.divided(rows_of(pending, ~good))
+        accepted = joined(segments)
+        self._degree = accepted.degree
         self._segment, self._x = series.place(accepted)
         rest = np.flatnonzero(self._segment < 0)
         self._segment[rest] = -1 - np.arange(len(rest), dtype=np.int32)
         # What is computed for each position, at once: the nodes, then what is not interpolated.
-        parts = [] if self._piecewise is None else [self._piecewise.nodes]
-        if len(rest):
-            parts.append(
-                ExactPredictor(
-                    self.model,
-                    self.observations.select(rest),
-                    lander_pa_m,
-                    targets=self.targets,
-                    more_partials=self.more_partials,
-                )
-            )
-        self._n_exact = len(rest)
-        self._computed = ExactPredictor.concatenate(parts) if parts else None
-        self._deviation = np.zeros((0, width(self.more_partials)))
-        if self._piecewise is not None:
-            self._deviation = self._piecewise.compare(lander_pa_m).deviation
+        self._computed = ExactPredictor.concatenate([*of_nodes, exact(self.observations.select(rest))])
+        self._checks = ExactPredictor.concatenate(of_checks)
+        self._deviation = np.concatenate(deviations)
         self._checked_pa_m = np.array(lander_pa_m)
 
 
@@ -250,29 +212,29 @@ class ChebyshevPrediction:
     """An interpolated arc's predictions for one position; a :class:`~radioloc.measurements.predictor.Prediction`.
 
     `segment` is that of each observation, or -1 - k for the k-th that is computed exactly, and `x` the place within it,
-    -1 to 1. `coefficients`, powers descending, have the shape (n_segments, n_quantities, n_coefficients).
+    -1 to 1; `computed` are the nodes of the segments, of this `degree`, and then what is computed exactly.
     """
 
     def __init__(
         self,
         segment: NDArray[np.int32],
         x: NDArray[np.float64],
-        coefficients: NDArray[np.float64],
-        status: NDArray[np.int8],
-        exact: Computed | None,
-        more_partials: bool = False,
+        degree: NDArray[np.intp],
+        computed: Computed,
     ) -> None:
         self._segment, self._x = segment, x
-        self._more_partials = more_partials
-        self._coefficients, self._status = coefficients, status
-        self._exact = exact if exact is not None and len(exact.value_m) else None
+        first = first_nodes(degree)
+        at_nodes, self._exact = computed.rows(slice(first[-1])), computed.rows(slice(first[-1], None))
+        # Powers descending, shape (n_segments, n_quantities, n_coefficients).
+        self._coefficients, _ = polynomials(degree, stacked(at_nodes))
+        self._layout, self._status = layout(at_nodes), at_nodes.status[first[:-1]]
 
     @cached_property
     def value_m(self) -> NDArray[np.float64]:
         """Computed value of every observation, m, shape (n,)."""
         out = np.empty((1, len(self._segment)))
         _in_threads(self._segment, self._x, np.ascontiguousarray(self._coefficients[:, :1]), out)
-        if self._exact is not None:
+        if len(self._exact.value_m):
             few = np.flatnonzero(self._segment < 0)
             out[0, few] = self._exact.value_m[-1 - self._segment[few]]
         return np.asarray(out[0])
@@ -280,17 +242,17 @@ class ChebyshevPrediction:
     def rows(self, which: Any) -> Computed:
         """Values and partials of the rows chosen by a mask, a slice or indices, in that order."""
         segment = np.ascontiguousarray(self._segment[which])
-        out = np.empty((width(self._more_partials), len(segment)))
+        out = np.empty((self._coefficients.shape[1], len(segment)))
         _in_threads(segment, np.ascontiguousarray(self._x[which]), self._coefficients, out)
         status = np.zeros((len(segment), 2), dtype=np.int8)
         if self._status.any():
             smooth = np.flatnonzero(segment >= 0)
             status[smooth] = self._status[segment[smooth]]
-        computed = Computed(**columns_of(out, self._more_partials), status=status)
-        if self._exact is not None:
+        computed = unstacked(out, self._layout, status)
+        if len(self._exact.value_m):
             few = np.flatnonzero(segment < 0)
             exact = self._exact.rows(-1 - segment[few])
-            for name in (*places(self._more_partials), "status"):
+            for name in (*self._layout, "status"):
                 getattr(computed, name)[few] = getattr(exact, name)
         return computed
 
@@ -318,17 +280,3 @@ def _in_threads(
         quantities(segment, x, coefficients, out, *mine)
         for other in others:
             other.result()
-
-
-@contextmanager
-def _predictions_told_once() -> Iterator[None]:
-    """Let the first warning of predicted Earth orientation through, of the many of the levels of segments."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        yield
-    told = False
-    for warning in caught:
-        predicted = issubclass(warning.category, PredictedEopWarning)
-        if not (predicted and told):
-            warnings.warn(warning.message, stacklevel=3)
-        told |= predicted

@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.ephemeris import Trajectory
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import Part
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.participants import stations_of, targets_of
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, kind_of
@@ -25,97 +23,54 @@ from radioloc.media.status import first_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Expanded:
-    """Observations as combinations of those of simpler types.
+class Combinations:
+    """Which simple observations belong to each combination: those that follow each other."""
 
-    Parameters
-    ----------
-    observations : Observations
-        Of simple types; those of one combination follow each other. The values are those of the combination.
-    first : ndarray of int, shape (n + 1,)
-        Where each combination begins, and the end of the last.
-    weight : ndarray, shape (k,)
-        Weight of each simple observation.
-    """
-
-    observations: Observations
-    first: NDArray[np.intp]
-    weight: NDArray[np.float64]
+    first: NDArray[np.intp]  # where each combination begins, and the end of the last, shape (n + 1,)
+    weight: NDArray[np.float64]  # of each simple observation
 
     def rows(self, which: NDArray[np.intp]) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
         """Simple observations of some combinations, shape (k,), and where each combination begins among them."""
         count = self.first[which + 1] - self.first[which]
         begin = np.cumsum(count) - count
-        place = np.arange(int(count.sum())) - np.repeat(begin, count)
-        return np.repeat(self.first[which], count) + place, begin
+        return np.repeat(self.first[which] - begin, count) + np.arange(int(count.sum())), begin
 
 
-def expanded(observations: Observations) -> Expanded:
-    """Write observations as combinations of those of simple types, which have one part: themselves."""
+def expanded(observations: Observations) -> tuple[Observations, Combinations]:
+    """Observations of simple types and how the given ones combine them; a simple one has one part, itself."""
+    links = observations.links
     pairs, pair = np.unique(
-        observations.kind.astype(np.int64) * len(observations.links) + observations.link, return_inverse=True
+        observations.kind.astype(np.int64) * len(links) + observations.link, return_inverse=True
     )
     parts: list[tuple[Part, ...]] = []
     for code in pairs.tolist():
-        kind, link = (
-            KINDS[code // len(observations.links)],
-            observations.links[code % len(observations.links)],
-        )
+        kind, link = KINDS[code // len(links)], links[code % len(links)]
         split = MEASUREMENTS[kind].parts
         parts.append((Part(1.0, kind, link),) if split is None else split(link))
     flat = [part for group in parts for part in group]
-    links: dict[Link, int] = {}
-    link_code = np.array([links.setdefault(part.link, len(links)) for part in flat], dtype=np.int32)
-    kind_code = np.array([kind_of(part.type) for part in flat], dtype=np.int8)
-    weight = np.array([part.weight for part in flat])
-    count = np.array([len(group) for group in parts], dtype=np.intp)
-    begin = np.cumsum(count) - count
-    of_row = count[pair]
-    first = np.concatenate([[0], np.cumsum(of_row)]).astype(np.intp)
-    row = np.repeat(np.arange(len(observations)), of_row)
-    flat_of = np.repeat(begin[pair], of_row) + (np.arange(len(row)) - np.repeat(first[:-1], of_row))
-    simple = replace(
-        observations.select(row), kind=kind_code[flat_of], link=link_code[flat_of], links=tuple(links)
+    simple_links: dict[Link, int] = {}
+    link_code = np.array(
+        [simple_links.setdefault(part.link, len(simple_links)) for part in flat], dtype=np.int32
     )
-    return Expanded(simple, first, weight[flat_of])
+    kind_code = np.array([kind_of(part.type) for part in flat], dtype=np.int8)
+    count = np.array([len(group) for group in parts], dtype=np.intp)
+    of_pairs = Combinations(np.concatenate([[0], np.cumsum(count)]), np.array([part.weight for part in flat]))
+    part, begin = of_pairs.rows(pair)
+    simple = replace(
+        observations.select(np.repeat(np.arange(len(observations)), count[pair])),
+        kind=kind_code[part],
+        link=link_code[part],
+        links=tuple(simple_links),
+    )
+    return simple, Combinations(np.append(begin, len(part)), of_pairs.weight[part])
 
 
-class CombinedPredictor:
-    """A :class:`~radioloc.measurements.predictor.Predictor` of observations some of which are combinations.
+class CombinedPredictor(Predictor):
+    """Predicts observations some of which are combinations of simple ones, which `inner` predicts."""
 
-    Parameters
-    ----------
-    observations : Observations
-    parts : Expanded
-        The same as combinations.
-    inner : Predictor
-        Predicts their simple observations.
-    """
-
-    def __init__(self, observations: Observations, parts: Expanded, inner: Predictor) -> None:
-        self.observations, self.parts, self.inner = observations, parts, inner
-        self.stations, self.transmitters, self.receivers, _ = stations_of(inner.model, observations)
-        self.target = targets_of(observations, inner.targets)
-
-    @property
-    def model(self) -> PhysicalModel:
-        """What the predictions rest on."""
-        return self.inner.model
-
-    @property
-    def trajectory(self) -> Trajectory | None:
-        """The target's, if it is a spacecraft."""
-        return self.inner.trajectory
-
-    @property
-    def targets(self) -> tuple[str, ...]:
-        """Names of the targets, where there are several."""
-        return self.inner.targets
-
-    @property
-    def more_partials(self) -> bool:
-        """Whether partials by the stations' places are computed."""
-        return self.inner.more_partials
+    def __init__(self, observations: Observations, parts: Combinations, inner: Predictor) -> None:
+        super().__init__(inner.model, observations, inner.trajectory, inner.targets, inner.more_partials)
+        self.parts, self.inner = parts, inner
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
@@ -126,33 +81,22 @@ class CombinedPredictor:
         """The predictions for a position."""
         return CombinedPrediction(self.parts, self.inner.at(lander_pa_m))
 
-    def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
-        """Predict all observations for a position, with partials."""
-        return self.at(lander_pa_m).rows(slice(None))
-
     def select(self, which: Any) -> CombinedPredictor:
         """The arc of some of the observations (a mask, a slice or indices), already prepared."""
         rows = np.arange(len(self.observations))[which]
         simple, begin = self.parts.rows(rows)
-        first = np.append(begin, len(simple))
-        part = Expanded(self.parts.observations.select(simple), first, self.parts.weight[simple])
-        return CombinedPredictor(self.observations.select(rows), part, self.inner.select(simple))
+        parts = Combinations(np.append(begin, len(simple)), self.parts.weight[simple])
+        return CombinedPredictor(self.observations.select(rows), parts, self.inner.select(simple))
 
-    def with_values(self, value_m: NDArray[np.float64]) -> CombinedPredictor:
-        """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
-        return CombinedPredictor(replace(self.observations, value_m=value_m), self.parts, self.inner)
-
-    def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Table of terms: by how much each active term changes each computed value, m."""
-        table = self.inner.terms(lander_pa_m)
-        first = self.parts.first[:-1]
-        return {name: np.add.reduceat(column * self.parts.weight, first) for name, column in table.items()}
+    def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> CombinedPredictor:
+        """The same observations prepared with another model, for values only."""
+        return CombinedPredictor(self.observations, self.parts, self.inner.with_model(model, lander_pa_m))
 
 
 class CombinedPrediction:
     """Predictions of combined observations for one position."""
 
-    def __init__(self, parts: Expanded, inner: Prediction) -> None:
+    def __init__(self, parts: Combinations, inner: Prediction) -> None:
         self._parts, self._inner = parts, inner
 
     @property

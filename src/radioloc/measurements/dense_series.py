@@ -9,7 +9,7 @@ length.
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, fields, replace
 from functools import cache
 from typing import Any
@@ -41,41 +41,21 @@ _WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity")
 class Segments:
     """Pieces of series."""
 
-    row: NDArray[np.intp]  # an observation of each segment, which stands for its series
-    middle: Epochs  # of each segment, TAI
-    degree: NDArray[np.intp]  # of its polynomial
-    half_s: NDArray[np.float64]  # half of its length: its first and last observation are this far away
-    begin: NDArray[np.intp]  # its observations' first place in the order of the series
+    begin: NDArray[np.intp]  # first place of its observations in the order of the series
     end: NDArray[np.intp]  # and the place after the last
+    degree: NDArray[np.intp]  # of its polynomial
+    middle: Epochs  # TAI
+    half_s: NDArray[np.float64]  # half of its length: its first and last observation are this far away
 
     def __len__(self) -> int:
-        return len(self.row)
-
-    def __getitem__(self, which: NDArray[np.bool_]) -> Segments:
-        return Segments(*(getattr(self, field.name)[which] for field in fields(Segments)))
-
-    @staticmethod
-    def concatenate(parts: list[Segments]) -> Segments:
-        """Join, in order."""
-        columns: dict[str, Any] = {
-            field.name: np.concatenate([getattr(part, field.name) for part in parts])
-            for field in fields(Segments)
-            if field.name != "middle"
-        }
-        return Segments(middle=Epochs.concatenate([part.middle for part in parts]), **columns)
-
-    def observations_at(self, observations: Observations, x: list[NDArray[np.float64]]) -> Observations:
-        """Observations of each segment's series at its own places x, -1 to 1, within it, segment by segment."""
-        segment = np.repeat(np.arange(len(self)), [len(places) for places in x])
-        shift_s = self.half_s[segment] * np.concatenate(x)
-        tai = self.middle[segment].shifted(shift_s)
-        return replace(observations.select(self.row[segment]), epoch=tai_to_utc(tai))
+        return len(self.begin)
 
 
 class DenseSeries:
     """The observations in order of series and time; conditions that the model does not use may vary within a series."""
 
     def __init__(self, model: PhysicalModel, observations: Observations, more_partials: bool = False) -> None:
+        self._observations = observations
         self._tai = utc_to_tai(observations.epoch)
         self._quarter = 4.0 * observations.epoch.jd + np.floor(4.0 * observations.epoch.fraction)
         code = series_codes(model, observations, more_partials)
@@ -97,13 +77,20 @@ class DenseSeries:
             pieces += self._even(begin, end, 4 if end - begin >= many else 2)
         return self._made(pieces)
 
-    def place(self, accepted: list[Segments]) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
+    def observations_at(
+        self, segments: Segments, points: Callable[[int], NDArray[np.float64]]
+    ) -> tuple[Observations, NDArray[np.intp]]:
+        """Observations of each segment's series at the `points` of its degree, -1 to 1, and the segment of each."""
+        at = [points(degree) for degree in segments.degree.tolist()]
+        of_point = np.repeat(np.arange(len(segments)), [len(x) for x in at])
+        shift_s = segments.half_s[of_point] * np.concatenate([[], *at])
+        series = self._observations.select(self.order[segments.begin[of_point]])
+        return replace(series, epoch=tai_to_utc(segments.middle[of_point].shifted(shift_s))), of_point
+
+    def place(self, segments: Segments) -> tuple[NDArray[np.int32], NDArray[np.float64]]:
         """Segment of each observation, -1 where there is none, and where it lies in it, -1 to 1; shapes (n,)."""
         n = len(self.order)
         segment, x = np.full(n, -1, dtype=np.int32), np.zeros(n)
-        if not accepted:
-            return segment, x
-        segments = Segments.concatenate(accepted)
         # Segment by segment: the time within it keeps its digits however long the arc is.
         for k in range(len(segments)):
             rows = self.order[segments.begin[k] : segments.end[k]]
@@ -148,7 +135,7 @@ class DenseSeries:
         begin, end, degree = begin[keep], end[keep], degree[keep]
         first, last = self._tai[self.order[begin]], self._tai[self.order[end - 1]]
         half_s = 0.5 * last.seconds_since(first)
-        return Segments(self.order[begin], first.shifted(half_s), degree, half_s, begin, end)
+        return Segments(begin, end, degree, first.shifted(half_s), half_s)
 
 
 @cache

@@ -82,9 +82,9 @@ def prepare_predictor(
     if trajectory is not None and evaluation == "interpolated":
         raise InputError('the tracking of a spacecraft is not interpolated; evaluation is "exact" or "auto"')
     if is_combined(observations.kind).any():
-        parts = expanded(observations)
+        simple, parts = expanded(observations)
         inner = prepare_predictor(
-            model, parts.observations, approximate_pa_m, evaluation, trajectory, targets, more_partials
+            model, simple, approximate_pa_m, evaluation, trajectory, targets, more_partials
         )
         return CombinedPredictor(observations, parts, inner)
 

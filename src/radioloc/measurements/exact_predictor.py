@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -39,9 +38,8 @@ from radioloc.measurements.light_path import (
 from radioloc.measurements.line_of_sight import LineOfSight, line_of_sight
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.participants import stations_of, targets_of
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.predictor import Computed, table_of_terms
+from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
 from radioloc.measurements.station_motion import StationMotion, station_motion
@@ -59,15 +57,10 @@ _STRAIGHT_FOR_S = 1e-3
 """How far from its instant a straight motion is used: the error is below 0.034 m/s^2 * (1e-3 s)^2 / 2 = 2e-8 m."""
 _ROUGHLY_S = 1e-9
 """Light times of the path without delays settle to 1e-13 s, in which nothing moves by more than 3e-9 m."""
-_OF_LANDERS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lorentz")
-"""Terms of a point fixed to the Moon, which have no part in a trajectory."""
 
 
-class ExactPredictor:
+class ExactPredictor(Predictor):
     """The observations of one arc, prepared for predictions from any position near an approximate one.
-
-    A :class:`~radioloc.measurements.predictor.Predictor`. With a trajectory, every position is an offset from it in
-    principal axes, constant in time: usually zeros.
 
     Parameters
     ----------
@@ -103,14 +96,10 @@ class ExactPredictor:
         targets: Sequence[str] = (),
         more_partials: bool = False,
     ) -> None:
-        self.model = model
-        self.targets, self.more_partials = tuple(targets), more_partials
-        self.trajectory = trajectory
-        self.observations = observations
+        super().__init__(model, observations, trajectory, targets, more_partials)
         # One path per observation; one with a count interval is the difference of two, at its ends.
         integrated = is_integrated(observations.kind)
-        self._integrated = np.flatnonzero(integrated)
-        rows = self._find_stations()
+        rows = self._path_rows
         tt = utc_to_tt(observations.epoch)
         half_s = np.where(integrated, 0.5 * observations.count_s, 0.0)
         half_s = np.concatenate([half_s, -half_s[self._integrated]])
@@ -149,19 +138,8 @@ class ExactPredictor:
         out[self._integrated] |= predicted[len(self.observations) :]
         return out
 
-    def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
-        """Predict all observations for a position.
-
-        Parameters
-        ----------
-        lander_pa_m : ndarray, shape (3,)
-            The point in principal axes of the model's ephemeris, m.
-
-        Raises
-        ------
-        ConvergenceError
-            The light times did not settle.
-        """
+    def at(self, lander_pa_m: NDArray[np.float64]) -> Computed:
+        """Predict all observations for a position; a ConvergenceError where the light times do not settle."""
         path, relay, (up, down) = self._solve(lander_pa_m)
         if self._too_far(path):
             self._prepare(lander_pa_m)
@@ -240,29 +218,15 @@ class ExactPredictor:
         ]
         return self._observed(np.stack(columns, axis=-1))
 
-    def at(self, lander_pa_m: NDArray[np.float64]) -> Computed:
-        """The same as :meth:`compute`, of which some rows can be taken."""
-        return self.compute(lander_pa_m)
-
     def select(self, which: Any) -> ExactPredictor:
-        """The arc of some of the observations, already prepared.
-
-        Preparing is nearly all the work of an arc: shorter arcs of the same observations are best parts of the longest.
-
-        Parameters
-        ----------
-        which : mask, slice or indices
-            As for :meth:`~radioloc.measurements.observations.Observations.select`.
-        """
+        """The arc of some of the observations (a mask, a slice or indices), already prepared."""
         n = len(self.observations)
         rows = np.arange(n)[which]
         second = np.full(n, -1)
         second[self._integrated] = n + np.arange(len(self._integrated))
         paths = np.concatenate([rows, second[rows][second[rows] >= 0]])
         part = copy.copy(self)
-        part.observations = self.observations.select(rows)
-        part._integrated = np.flatnonzero(second[rows] >= 0)
-        part._find_stations()
+        part._take(self.observations.select(rows))
         for name in _PER_PATH:
             setattr(part, name, rows_of(getattr(self, name), paths))
         return part
@@ -271,9 +235,7 @@ class ExactPredictor:
     def concatenate(arcs: Sequence[ExactPredictor]) -> ExactPredictor:
         """Join prepared arcs of one model, in order; at least one."""
         whole = copy.copy(arcs[0])
-        whole.observations = Observations.concatenate([arc.observations for arc in arcs])
-        whole._integrated = np.flatnonzero(is_integrated(whole.observations.kind))
-        whole._find_stations()
+        whole._take(Observations.concatenate([arc.observations for arc in arcs]))
         # The paths of each arc are its observations and then the second paths of what is counted; so are the whole's.
         second = np.concatenate([np.arange(len(arc._paths)) >= len(arc.observations) for arc in arcs])
         order = np.argsort(second, kind="stable")
@@ -281,32 +243,17 @@ class ExactPredictor:
             setattr(whole, name, rows_of(joined([getattr(arc, name) for arc in arcs]), order))
         return whole
 
-    def with_values(self, value_m: NDArray[np.float64]) -> ExactPredictor:
-        """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
-        other = copy.copy(self)
-        other.observations = replace(self.observations, value_m=value_m)
-        return other
+    def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> ExactPredictor:
+        """The same observations prepared with another model, for values only."""
+        return ExactPredictor(model, self.observations, lander_pa_m, self.trajectory, self.targets)
 
-    def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Table of terms at a position: :func:`~radioloc.measurements.predictor.table_of_terms`."""
-
-        def prepare(
-            model: PhysicalModel, observations: Observations, pa_m: NDArray[np.float64]
-        ) -> ExactPredictor:
-            return ExactPredictor(model, observations, pa_m, self.trajectory, self.targets)
-
-        return table_of_terms(self, lander_pa_m, prepare, skip=() if self.trajectory is None else _OF_LANDERS)
-
-    def _find_stations(self) -> NDArray[np.intp]:
-        """Whose ends the paths have; returns the observation of each path."""
-        self.stations, self.transmitters, self.receivers, self._stations = stations_of(
-            self.model, self.observations
-        )
-        self.target = targets_of(self.observations, self.targets)
-        rows = np.concatenate([np.arange(len(self.observations)), self._integrated])
+    def _take(self, observations: Observations) -> None:
+        super()._take(observations)
+        self._integrated = np.flatnonzero(is_integrated(observations.kind))
+        rows = np.concatenate([np.arange(len(observations)), self._integrated])
+        self._path_rows = rows
         self._transmitter, self._receiver = self.transmitters[rows], self.receivers[rows]
         self._target = self.target[rows]
-        return rows
 
     def _observed(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:
         """From paths to observations: the path itself, or the difference of two where there is a count interval."""

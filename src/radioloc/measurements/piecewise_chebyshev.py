@@ -1,29 +1,23 @@
-"""Polynomials of segments: the model at nodes, the coefficients that follow, and how well they agree with the model.
+"""Polynomials of segments: the coefficients that follow from the model at nodes, and how well they agree with it.
 
-The rule by which a segment is accepted is here; docs/architecture.md says what bound follows from it.
+The rule by which a segment is accepted is here; docs/architecture.md says what bound follows from it. The quantities
+that are interpolated are the columns of :class:`~radioloc.measurements.predictor.Computed` but the status, one below
+the other, shape (width, n).
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterator
+from dataclasses import fields
 from functools import cache
 
 import numpy as np
 from numpy.polynomial import chebyshev
 from numpy.typing import NDArray
 
-from radioloc.measurements.dense_series import (
-    CHECK_POINTS,
-    DEGREES,
-    Segments,
-    check_points,
-    nodes,
-)
+from radioloc.measurements.dense_series import CHECK_POINTS, DEGREES, check_points, nodes
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed
 
 SAFETY = 4.0
@@ -32,38 +26,8 @@ ALLOWED_M = 0.9e-4
 """Allowed deviation of a value from the model, m: 0.3 ps of delay."""
 ALLOWED_RELATIVE = 1e-6
 """Allowed deviation of partials, of the largest in the segment; of an elevation, in rad."""
-
-_SHAPES: dict[str, tuple[int, ...]] = {
-    "value_m": (),
-    "by_position_pa": (3,),
-    "by_time_m_s": (),
-    "by_transponder_delay_m_s": (),
-    "by_zenith_wet": (2,),
-    "elevation_rad": (2,),
-    "by_station_itrf": (2, 3),
-    "by_electron_content_m": (2,),
-    "mean_by_position_pa": (3,),
-}
-"""Columns of :class:`~radioloc.measurements.predictor.Computed` that are interpolated, and the shape of their rows."""
-_ON_REQUEST = ("by_station_itrf", "by_electron_content_m", "mean_by_position_pa")
 MOST = DEGREES[-1][1] + 1
 """Most coefficients of a quantity."""
-
-
-@cache
-def places(more_partials: bool) -> dict[str, slice]:
-    """Where each column lies among the quantities that are interpolated."""
-    names = [name for name in _SHAPES if more_partials or name not in _ON_REQUEST]
-    ends = np.cumsum([math.prod(_SHAPES[name]) for name in names]).tolist()
-    return {name: slice(end - math.prod(_SHAPES[name]), end) for name, end in zip(names, ends, strict=True)}
-
-
-def width(more_partials: bool) -> int:
-    """Numbers that are interpolated for each observation."""
-    return next(reversed(places(more_partials).values())).stop
-
-
-ELEVATION = places(False)["elevation_rad"]
 _ROUNDING = {
     "by_position_pa": 2e-12,
     "by_time_m_s": 1e-6,
@@ -80,169 +44,104 @@ _MARGIN_RAD = np.radians(0.05)
 """An elevation this near a limit may cross it between nodes, or for a point 10 km away."""
 _SPIN_RAD_S = 7.3e-5
 
-
-@dataclass(frozen=True, slots=True)
-class Comparison:
-    """Which segments agree with the model, and by how much each quantity deviates, shapes (m,) and (m, width)."""
-
-    good: NDArray[np.bool_]
-    deviation: NDArray[np.float64]
+Layout = dict[str, tuple[slice, tuple[int, ...]]]
+"""Where each column lies among the quantities, and the shape of its rows."""
 
 
-@dataclass(frozen=True, slots=True)
-class PiecewiseChebyshev:
-    """Nodes and check points of segments, as observations of the model, segment after segment."""
-
-    degree: NDArray[np.intp]  # of each segment's polynomial, which has one node more
-    nodes: ExactPredictor
-    checks: ExactPredictor
-
-    @classmethod
-    def prepare(
-        cls,
-        model: PhysicalModel,
-        observations: Observations,
-        segments: Segments,
-        lander_pa_m: NDArray[np.float64],
-        targets: Sequence[str] = (),
-        more_partials: bool = False,
-    ) -> PiecewiseChebyshev:
-        """Compute what does not depend on the position for nodes and check points of segments."""
-        at = [np.concatenate([nodes(d), check_points(d)]) for d in segments.degree.tolist()]
-        arc = ExactPredictor(
-            model,
-            segments.observations_at(observations, at),
-            lander_pa_m,
-            targets=targets,
-            more_partials=more_partials,
-        )
-        last = np.cumsum(segments.degree + 1 + CHECK_POINTS)
-        is_check = np.zeros(last[-1], dtype=bool)
-        is_check[last[:, None] - np.arange(1, CHECK_POINTS + 1)] = True
-        return cls(segments.degree, arc.select(~is_check), arc.select(is_check))
-
-    @staticmethod
-    def concatenate(fits: list[PiecewiseChebyshev]) -> PiecewiseChebyshev:
-        """Join, in order."""
-        return PiecewiseChebyshev(
-            np.concatenate([fit.degree for fit in fits]),
-            ExactPredictor.concatenate([fit.nodes for fit in fits]),
-            ExactPredictor.concatenate([fit.checks for fit in fits]),
-        )
-
-    def __len__(self) -> int:
-        return len(self.degree)
-
-    def select(self, which: NDArray[np.intp]) -> PiecewiseChebyshev:
-        """Some of the segments."""
-        checks = which[:, None] * CHECK_POINTS + np.arange(CHECK_POINTS)
-        return PiecewiseChebyshev(
-            self.degree[which], self.nodes.select(self.nodes_of(which)), self.checks.select(checks.ravel())
-        )
-
-    def nodes_of(self, which: NDArray[np.intp]) -> NDArray[np.intp]:
-        """Rows of the nodes of some segments."""
-        first = self._first_nodes()
-        rows = [np.arange(first[k], first[k] + self.degree[k] + 1) for k in which]
-        return np.concatenate([np.zeros(0, dtype=np.intp), *rows])
-
-    @property
-    def predicted_eop(self) -> NDArray[np.bool_]:
-        """Whether each segment rests on predicted Earth orientation, shape (m,)."""
-        return self.checks.predicted_eop[::CHECK_POINTS]
-
-    def polynomials(self, computed: Computed) -> tuple[NDArray[np.float64], NDArray[np.int8]]:
-        """Coefficients of all quantities, powers descending, and the status of each segment, of computed nodes."""
-        coefficients, _ = self._coefficients(computed)
-        return coefficients, computed.status[self._first_nodes()]
-
-    def _first_nodes(self) -> NDArray[np.intp]:
-        return np.cumsum(self.degree + 1) - (self.degree + 1)
-
-    def compare(self, lander_pa_m: NDArray[np.float64]) -> Comparison:
-        """Compare the polynomials with the model at the check points."""
-        at_nodes, at_checks = self.nodes.compute(lander_pa_m), self.checks.compute(lander_pa_m)
-        coefficients, tail = self._coefficients(at_nodes)
-        model = _stacked(at_checks, self.nodes.more_partials)
-        size = len(model)
-        model = model.reshape(size, len(self), CHECK_POINTS)
-        deviation = np.zeros((len(self), size))
-        good = np.ones(len(self), dtype=bool)
-        limits = self._limits_rad()
-        margin_rad = self._margins_rad()
-        for degree, of_degree, rows in self._groups():
-            values = _evaluate(coefficients[of_degree], check_points(degree))
-            here = np.abs(np.moveaxis(model[:, of_degree], 0, 1) - values).max(axis=-1)
-            deviation[of_degree] = here
-            scales = _stacked(at_nodes, self.nodes.more_partials)[:, rows].reshape(size, -1, degree + 1)
-            good[of_degree] &= (
-                np.maximum(here, tail[of_degree]) <= _allowed(scales, self.nodes.more_partials)
-            ).all(axis=-1)
-            # The elevations between the nodes stay on one side of every limit, so that the status is that of the nodes.
-            grid = np.linspace(-1.0, 1.0, 4 * degree + 1)
-            elevation_rad = _evaluate(coefficients[of_degree][:, ELEVATION], grid)
-            for limit_rad in limits:
-                clear = elevation_rad - limit_rad
-                side = np.sign(clear[:, :, :1])
-                good[of_degree] &= (clear * side > margin_rad[of_degree, None, None]).all(axis=(1, 2))
-        starts = self._first_nodes()
-        for of_nodes, of_checks in (
-            (at_nodes.status, at_checks.status),
-            (self.nodes.predicted_eop[:, None], self.checks.predicted_eop[:, None]),
-        ):
-            first = of_nodes[starts]
-            same = of_checks.reshape(-1, CHECK_POINTS, of_checks.shape[1]) == first[:, None]
-            good &= same.all(axis=(1, 2))
-            same = (of_nodes == np.repeat(first, self.degree + 1, axis=0)).all(axis=1)
-            good &= np.logical_and.reduceat(same, starts)
-        return Comparison(good, deviation)
-
-    def _limits_rad(self) -> list[float]:
-        """Elevations at which the model begins or ends to hold."""
-        return sorted({0.0}.union(*(medium.limits_rad for medium in self.nodes.model.media)))
-
-    def _margins_rad(self) -> NDArray[np.float64]:
-        """How far elevations have to stay from limits; integrated types end elsewhere than their tag says."""
-        count_s = self.checks.observations.count_s[::CHECK_POINTS]
-        return _MARGIN_RAD + _SPIN_RAD_S * np.where(np.isnan(count_s), 0.0, count_s)
-
-    def _groups(self) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
-        """Each degree, its segments and their nodes."""
-        of_node = np.repeat(self.degree, self.degree + 1)
-        for degree in np.unique(self.degree):
-            yield int(degree), np.flatnonzero(self.degree == degree), np.flatnonzero(of_node == degree)
-
-    def _coefficients(self, computed: Computed) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Powers descending, (m, width, MOST), and sizes of the last two Chebyshev coefficients, (m, width)."""
-        values = _stacked(computed, self.nodes.more_partials)
-        size = len(values)
-        coefficients, tail = np.zeros((len(self), size, MOST)), np.zeros((len(self), size))
-        for degree, of_degree, rows in self._groups():
-            at_nodes = np.moveaxis(values[:, rows].reshape(size, -1, degree + 1), 0, 1)
-            # Without its value in the middle, a range keeps its digits in the sums.
-            middle = at_nodes[..., degree // 2].copy()
-            series = (at_nodes - middle[..., None]) @ _to_chebyshev(degree)
-            tail[of_degree] = np.abs(series[..., -2:]).sum(axis=-1)
-            powers = series @ _to_powers(degree)
-            powers[..., -1] += middle
-            coefficients[of_degree, :, -(degree + 1) :] = powers
-        return coefficients, tail
+def layout(computed: Computed) -> Layout:
+    """How columns are laid out as quantities."""
+    places, end = {}, 0
+    for field in fields(Computed):
+        if field.name != "status":
+            shape = getattr(computed, field.name).shape[1:]
+            begin, end = end, end + math.prod(shape)
+            places[field.name] = slice(begin, end), shape
+    return places
 
 
-def columns_of(out: NDArray[np.float64], more_partials: bool) -> dict[str, NDArray[np.float64]]:
-    """Quantities (width, n) as columns, without copying."""
-    n = out.shape[1]
-    columns = {name: out[:0].T.reshape(n, 0, *_SHAPES[name][1:]) for name in _ON_REQUEST}
-    for name, place in places(more_partials).items():
-        columns[name] = out[place].T.reshape(n, *_SHAPES[name]) if _SHAPES[name] else out[place.start]
-    return columns
-
-
-def _stacked(computed: Computed, more_partials: bool) -> NDArray[np.float64]:
+def stacked(computed: Computed) -> NDArray[np.float64]:
     """Columns as quantities, shape (width, n)."""
     n = len(computed.value_m)
-    columns = (getattr(computed, name) for name in places(more_partials))
-    return np.concatenate([column.reshape(n, -1).T for column in columns])
+    columns = [(getattr(computed, name), shape) for name, (_, shape) in layout(computed).items()]
+    return np.concatenate([column.reshape(n, math.prod(shape)).T for column, shape in columns])
+
+
+def unstacked(quantities: NDArray[np.float64], places: Layout, status: NDArray[np.int8]) -> Computed:
+    """Quantities (width, n) as columns, without copying."""
+    n = quantities.shape[1]
+    columns = {name: quantities[place].T.reshape(n, *shape) for name, (place, shape) in places.items()}
+    return Computed(**columns, status=status)
+
+
+def first_nodes(degree: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Row of the first node of each segment; with that after the last of all."""
+    return np.concatenate([[0], np.cumsum(degree + 1)])
+
+
+def polynomials(
+    degree: NDArray[np.intp], at_nodes: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Powers descending, (m, width, MOST), and sizes of the last two Chebyshev coefficients, (m, width)."""
+    size = len(at_nodes)
+    coefficients, tail = np.zeros((len(degree), size, MOST)), np.zeros((len(degree), size))
+    for n, of_degree, rows in _by_degree(degree):
+        values = np.moveaxis(at_nodes[:, rows].reshape(size, -1, n + 1), 0, 1)
+        # Without its value in the middle, a range keeps its digits in the sums.
+        middle = values[..., n // 2].copy()
+        series = (values - middle[..., None]) @ _to_chebyshev(n)
+        tail[of_degree] = np.abs(series[..., -2:]).sum(axis=-1)
+        powers = series @ _to_powers(n)
+        powers[..., -1] += middle
+        coefficients[of_degree, :, -(n + 1) :] = powers
+    return coefficients, tail
+
+
+def compare(
+    degree: NDArray[np.intp], nodes: ExactPredictor, checks: ExactPredictor, lander_pa_m: NDArray[np.float64]
+) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Which segments agree with the model at their check points, (m,), and how far each quantity deviates, (m, width).
+
+    Nodes and check points follow segment after segment; what comes after the nodes is not looked at.
+    """
+    m, n_nodes = len(degree), int((degree + 1).sum())
+    at_nodes, at_checks = nodes.compute(lander_pa_m).rows(slice(n_nodes)), checks.compute(lander_pa_m)
+    values, places = stacked(at_nodes), layout(at_nodes)
+    size = len(values)
+    model = np.moveaxis(stacked(at_checks).reshape(size, m, CHECK_POINTS), 0, 1)
+    coefficients, tail = polynomials(degree, values)
+    good, deviation = np.ones(m, dtype=bool), np.zeros((m, size))
+    # Elevations have to stay away from limits; what is integrated ends elsewhere than its tag says.
+    limits_rad = {0.0}.union(*(medium.limits_rad for medium in nodes.model.media))
+    margin_rad = _MARGIN_RAD + _SPIN_RAD_S * np.nan_to_num(checks.observations.count_s[::CHECK_POINTS])
+    for n, of_degree, rows in _by_degree(degree):
+        mine = coefficients[of_degree]
+        here = np.abs(model[of_degree] - _evaluate(mine, check_points(n))).max(axis=-1)
+        deviation[of_degree] = here
+        largest = np.abs(values[:, rows].reshape(size, -1, n + 1)).max(axis=-1)
+        good[of_degree] &= (_allowed(largest, places) >= np.maximum(here, tail[of_degree]).T).all(axis=0)
+        # The elevations between the nodes stay on one side of every limit, so that the status is that of the nodes.
+        grid = np.linspace(-1.0, 1.0, 4 * n + 1)
+        elevation_rad = _evaluate(mine[:, places["elevation_rad"][0]], grid)
+        for limit_rad in limits_rad:
+            clear = elevation_rad - limit_rad
+            side = np.sign(clear[:, :, :1])
+            good[of_degree] &= (clear * side > margin_rad[of_degree, None, None]).all(axis=(1, 2))
+    # All points of a segment have the same status, and the same source of Earth orientation.
+    first = first_nodes(degree)[:-1]
+    predicted = nodes.predicted_eop[:n_nodes], checks.predicted_eop
+    of_node, of_check = np.repeat(np.arange(m), degree + 1), np.repeat(np.arange(m), CHECK_POINTS)
+    at_first = np.column_stack([at_nodes.status, predicted[0]])[first]
+    for at, points, of_point in ((at_nodes, predicted[0], of_node), (at_checks, predicted[1], of_check)):
+        differs = np.column_stack([at.status, points]) != at_first[of_point]
+        good[of_point[differs.any(axis=1)]] = False
+    return good, deviation
+
+
+def _by_degree(degree: NDArray[np.intp]) -> Iterator[tuple[int, NDArray[np.intp], NDArray[np.intp]]]:
+    """Each degree, its segments and their nodes."""
+    of_node = np.repeat(degree, degree + 1)
+    for n in np.unique(degree):
+        yield int(n), np.flatnonzero(degree == n), np.flatnonzero(of_node == n)
 
 
 @cache
@@ -271,15 +170,16 @@ def _evaluate(coefficients: NDArray[np.float64], x: NDArray[np.float64]) -> NDAr
     return total
 
 
-def _allowed(at_nodes: NDArray[np.float64], more_partials: bool) -> NDArray[np.float64]:
-    """Deviations allowed at check points, from the quantities' sizes at the nodes (width, m, k); shape (m, width)."""
-    size = np.abs(at_nodes).max(axis=-1)
-    allowed = np.empty_like(size)
-    where = places(more_partials)
-    for name, place in where.items():
-        largest = np.linalg.norm(size[place], axis=0) if name == "by_position_pa" else size[place].max(axis=0)
-        allowed[place] = np.maximum(ALLOWED_RELATIVE / SAFETY * largest, _ROUNDING.get(name, 0.0))
-    allowed[where["value_m"]] = ALLOWED_M / SAFETY
-    allowed[where["by_position_pa"]] = np.minimum(allowed[where["by_position_pa"]], _POSITION_MOST)
-    allowed[ELEVATION] = ALLOWED_RELATIVE / SAFETY
-    return allowed.T
+def _allowed(size: NDArray[np.float64], places: Layout) -> NDArray[np.float64]:
+    """Deviations allowed at check points, from the largest sizes of the quantities at the nodes; shapes (width, m)."""
+    allowed = np.full_like(size, ALLOWED_RELATIVE / SAFETY)
+    allowed[places["value_m"][0]] = ALLOWED_M / SAFETY
+    for name, rounding in _ROUNDING.items():
+        place, _ = places[name]
+        if name == "by_position_pa":
+            relative = ALLOWED_RELATIVE / SAFETY * np.linalg.norm(size[place], axis=0)
+            allowed[place] = np.clip(relative, rounding, _POSITION_MOST)
+        else:
+            relative = ALLOWED_RELATIVE / SAFETY * size[place].max(axis=0, initial=0.0)
+            allowed[place] = np.maximum(relative, rounding)
+    return allowed

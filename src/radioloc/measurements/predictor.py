@@ -1,27 +1,34 @@
 """What an arc offers, however it evaluates the model: predictions of all observations or of some rows.
 
 :class:`~radioloc.measurements.exact_predictor.ExactPredictor` computes each observation by itself;
-:class:`~radioloc.measurements.chebyshev_predictor.ChebyshevPredictor` interpolates dense series between nodes. Whoever
-fits, simulates or plots asks for a :class:`Predictor` and need not know which it is.
+:class:`~radioloc.measurements.chebyshev_predictor.ChebyshevPredictor` interpolates dense series between nodes;
+:class:`~radioloc.measurements.combined_predictor.CombinedPredictor` combines what they predict.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Iterator
-from dataclasses import dataclass
-from typing import Any, Protocol
+import copy
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import Any, Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
+from radioloc.errors import InputError, StationError
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.targets import canonical_target
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import describe
 
 ROWS_AT_ONCE = 65536
 """Rows of partials, or of what else belongs to observations, that are held together: 8 MB for 15 parameters."""
+_OF_LANDERS = ("lunar_tide", "lunar_tide_constant", "lunar_scale", "lunar_lorentz")
+"""Terms of a point fixed to the Moon, which have no part in a trajectory."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,18 +77,7 @@ class Computed:
 
     def rows(self, which: Any) -> Computed:
         """Some of the rows, chosen by a mask, a slice or indices."""
-        return Computed(
-            self.value_m[which],
-            self.by_position_pa[which],
-            self.by_time_m_s[which],
-            self.by_transponder_delay_m_s[which],
-            self.by_zenith_wet[which],
-            self.elevation_rad[which],
-            self.status[which],
-            self.by_station_itrf[which],
-            self.by_electron_content_m[which],
-            self.mean_by_position_pa[which],
-        )
+        return Computed(*(getattr(self, field.name)[which] for field in fields(self)))
 
     @property
     def usable(self) -> NDArray[np.bool_]:
@@ -102,102 +98,122 @@ class Prediction(Protocol):
         ...
 
 
-class Predictor(Protocol):
-    """The observations of one arc, prepared for predictions from any position near an approximate one."""
+class Predictor(ABC):
+    """The observations of one arc, prepared for predictions from any position near an approximate one.
+
+    Attributes
+    ----------
+    model : PhysicalModel
+        What the predictions rest on.
+    observations : Observations
+        What is predicted.
+    trajectory : Trajectory or None
+        The target's, if it is a spacecraft and no point fixed to the Moon. Positions are then offsets from it in
+        principal axes, constant in time: usually zeros.
+    targets : tuple of str
+        Names of the targets, in the order of the positions; empty where there is only one.
+    target : ndarray of int32, shape (n,)
+        Index of each observation's target among the positions.
+    stations : tuple of str
+        Names of the stations that take part, each once.
+    transmitters, receivers : ndarray of int32, shape (n,)
+        Index into ``stations`` of each observation's first and second station; without a first one it is the second.
+    more_partials : bool
+        Whether partials by the stations' places and by the electron content above them are computed.
+    """
+
+    def __init__(
+        self,
+        model: PhysicalModel,
+        observations: Observations,
+        trajectory: Trajectory | None = None,
+        targets: Sequence[str] = (),
+        more_partials: bool = False,
+    ) -> None:
+        self.model, self.trajectory = model, trajectory
+        self.targets, self.more_partials = tuple(targets), more_partials
+        self._take(observations)
+
+    def _take(self, observations: Observations) -> None:
+        """Find the stations and targets of observations, in the order of their links."""
+        self.observations = observations
+        found: dict[str, Station] = {}
+        position = {canonical_target(name): k for k, name in enumerate(self.targets)}
+        ends = np.zeros((len(observations.links), 3), dtype=np.int32)
+        for i in np.flatnonzero(np.bincount(observations.link, minlength=len(observations.links))):
+            link, origin = observations.links[i], observations.origin(int(np.argmax(observations.link == i)))
+            for end, name in enumerate((link.transmitter or link.receiver, link.receiver)):
+                try:
+                    station = self.model.catalogue.get(name)
+                except StationError as error:
+                    raise StationError(f"{origin}: {error}") from None
+                found.setdefault(station.name, station)
+                ends[i, end] = list(found).index(station.name)
+            if self.targets:
+                if canonical_target(link.target) not in position:
+                    raise InputError(
+                        f"{origin}: target {link.target!r} has no position; there are {', '.join(self.targets)}"
+                    )
+                ends[i, 2] = position[canonical_target(link.target)]
+        self.stations, self._stations = tuple(found), tuple(found.values())
+        self.transmitters, self.receivers, self.target = (column[observations.link] for column in ends.T)
 
     @property
-    def model(self) -> PhysicalModel:
-        """What the predictions rest on."""
-        ...
-
-    @property
-    def observations(self) -> Observations:
-        """What is predicted."""
-        ...
-
-    @property
-    def trajectory(self) -> Trajectory | None:
-        """The target's, if it is a spacecraft and no point fixed to the Moon."""
-        ...
-
-    @property
-    def stations(self) -> tuple[str, ...]:
-        """Names of the stations that take part, each once."""
-        ...
-
-    @property
-    def transmitters(self) -> NDArray[np.int32]:
-        """Index into :attr:`stations` of each observation's transmitter, shape (n,)."""
-        ...
-
-    @property
-    def receivers(self) -> NDArray[np.int32]:
-        """Index into :attr:`stations` of each observation's receiver, shape (n,)."""
-        ...
-
-    @property
-    def targets(self) -> tuple[str, ...]:
-        """Names of the targets, in the order of the positions; empty where there is only one."""
-        ...
-
-    @property
-    def more_partials(self) -> bool:
-        """Whether partials by the stations' places and by the electron content above them are computed."""
-        ...
-
-    @property
-    def target(self) -> NDArray[np.int32]:
-        """Index of each observation's target among the positions, shape (n,)."""
-        ...
-
-    @property
+    @abstractmethod
     def predicted_eop(self) -> NDArray[np.bool_]:
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
-        ...
+
+    @abstractmethod
+    def at(self, lander_pa_m: NDArray[np.float64]) -> Prediction:
+        """Predict for a position in principal axes, m, shape (3,), or (n_targets, 3) where there are several targets.
+
+        All values at once, partials of the rows that are asked for.
+        """
+
+    @abstractmethod
+    def select(self, which: Any) -> Predictor:
+        """The arc of some of the observations (a mask, a slice or indices), already prepared.
+
+        Preparing is nearly all the work of an arc: shorter arcs of the same observations are best parts of the longest.
+        """
+
+    @abstractmethod
+    def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> Predictor:
+        """The same observations prepared with another model, for values only."""
 
     def compute(self, lander_pa_m: NDArray[np.float64]) -> Computed:
-        """Predict all observations for a position, principal axes, m, shape (3,)."""
-        ...
+        """Predict all observations for a position, with partials."""
+        return self.at(lander_pa_m).rows(slice(None))
 
-    def at(self, lander_pa_m: NDArray[np.float64]) -> Prediction:
-        """The predictions for a position, whose partials are had in blocks of rows.
-
-        With several targets the positions are an array of shape (n_targets, 3).
-        """
-        ...
-
-    def select(self, which: Any) -> Predictor:
-        """The arc of some of the observations (a mask, a slice or indices), already prepared."""
-        ...
-
-    def with_values(self, value_m: NDArray[np.float64]) -> Predictor:
+    def with_values(self, value_m: NDArray[np.float64]) -> Self:
         """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
+        other = copy.copy(self)
+        other.observations = replace(self.observations, value_m=value_m)
+        return other
 
     def terms(self, lander_pa_m: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Table of terms: by how much each active term changes each computed value, m."""
-        ...
+        """Table of terms: by how much each active term changes each computed value, m, shape (n,).
+
+        Computed with everything minus computed without that term, in the order of
+        :data:`~radioloc.measurements.terms.TERMS`.
+        """
+        full_m = self.at(lander_pa_m).value_m
+        skip = () if self.trajectory is None else _OF_LANDERS
+        table = {}
+        for name in dict.fromkeys((*TERMS, *(medium.name for medium in self.model.added_media))):
+            if self.model.has(name) and name not in skip:
+                without = self.with_model(self.model.without(name), lander_pa_m)
+                table[name] = full_m - without.at(lander_pa_m).value_m
+        return table
 
 
 def reasons(
     predictor: Predictor, computed: Computed, which: Any = slice(None)
 ) -> tuple[NDArray[np.int8], NDArray[np.str_]]:
-    """Why observations cannot be used.
+    """Why observations cannot be used: :class:`~radioloc.media.status.Status`, and the same in words, shapes (n,).
 
-    Parameters
-    ----------
-    predictor : Predictor
-        Knows the stations.
-    computed : Computed
-        Its prediction of some rows.
-    which : mask, slice or indices
-        Those rows.
-
-    Returns
-    -------
-    code : ndarray of int8, shape (n,)
-        :class:`~radioloc.media.status.Status` at the first end where it is not OK.
-    text : ndarray of str, shape (n,)
-        The same in words; empty where nothing is wrong.
+    `computed` are predictions of the rows `which`. Codes are those of the first end where it is not OK; texts are empty
+    where nothing is wrong.
     """
     ends = np.stack([predictor.transmitters[which], predictor.receivers[which]], axis=-1)
     return describe(computed.status, computed.elevation_rad, predictor.stations, ends)
@@ -208,36 +224,3 @@ def blocks(predictor: Predictor) -> Iterator[NDArray[np.intp]]:
     n = len(predictor.observations)
     for start in range(0, n, ROWS_AT_ONCE):
         yield np.arange(start, min(start + ROWS_AT_ONCE, n))
-
-
-def table_of_terms(
-    arc: Predictor,
-    lander_pa_m: NDArray[np.float64],
-    prepare: Callable[[PhysicalModel, Observations, NDArray[np.float64]], Predictor],
-    skip: Collection[str] = (),
-) -> dict[str, NDArray[np.float64]]:
-    """By how much each active term changes each computed value, m.
-
-    Parameters
-    ----------
-    arc : Predictor
-    lander_pa_m : ndarray, shape (3,)
-        The point in principal axes, m.
-    prepare : callable
-        What prepares an arc for a model, observations and a position.
-    skip : collection of str
-        Terms that cannot matter.
-
-    Returns
-    -------
-    dict of str to ndarray, shape (n,)
-        Computed with everything minus computed without that term, in the order of
-        :data:`~radioloc.measurements.terms.TERMS`.
-    """
-    full_m = arc.at(lander_pa_m).value_m
-    table = {}
-    for name in (*TERMS, *(medium.name for medium in arc.model.added_media if medium.name not in TERMS)):
-        if arc.model.has(name) and name not in skip:
-            without = prepare(arc.model.without(name), arc.observations, lander_pa_m)
-            table[name] = full_m - without.at(lander_pa_m).value_m
-    return table

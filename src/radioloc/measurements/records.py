@@ -30,7 +30,7 @@ def joined(parts: list[Any]) -> Any:
     return np.concatenate(parts)
 
 
-def rows_of(value: Any, rows: NDArray[np.intp] | slice) -> Any:
+def rows_of(value: Any, rows: NDArray[np.intp] | NDArray[np.bool_] | slice) -> Any:
     """Some rows of an array, or of all arrays of a record, which have one row per path; laid out by component."""
     if value is None:
         return None

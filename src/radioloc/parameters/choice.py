@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import difflib
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -16,13 +16,13 @@ import numpy as np
 
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.link import Link
-from radioloc.measurements.predictor import Predictor, blocks
+from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.targets import canonical_target
-from radioloc.parameters.columns import PASS_GAP_H, Columns, Member, columns_of, everyone, members
+from radioloc.parameters.columns import PASS_GAP_H, Columns, Members, columns_of, everyone, members
 from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.parameters.rows import ObservationRows, middle_of
+from radioloc.parameters.rows import ObservationRows
 
 Amount = float | tuple[float, ...] | None
 """A number, or one for each component."""
@@ -66,7 +66,7 @@ class ParameterChoice:
             _amounts(kind, kind.sigma_key, sigma, positive=True),
             _scope(kind, per),
         )
-        for key, given in ((kind.sigma_key, sigma), (kind.per_key, per)):
+        for key, given in ((kind.sigma_key, sigma), (kind.keys["per"], per)):
             if names is None and given is not None:
                 raise InputError(f"{key} needs {kind.name}, which says whose it is")
         return choice
@@ -90,17 +90,9 @@ def chosen_parameters(
 ) -> tuple[Columns, list[Parameter]] | None:
     """Columns and parameters of a kind; None where there are none.
 
-    Parameters
-    ----------
-    kind : ParameterKind
-    choice : ParameterChoice
-    predictor : Predictor
-        Of observations none of which is combined.
-    role : Role
-        Of what is listed; fixed for the errors of a simulated world, where a value may be of anybody who takes part,
-        also where it could not be estimated.
-    gap_h : float
-        A new pass begins after so many hours without an observation.
+    No observation of `predictor` is combined. `role` is that of what is listed; fixed for the errors of a simulated
+    world, where a value may be of anybody who takes part, also where it could not be estimated. A new pass begins after
+    `gap_h` hours without an observation.
 
     Raises
     ------
@@ -119,36 +111,63 @@ def chosen_parameters(
         )
     scope = choice.scope(kind)
     present = everyone(scope, predictor) if role is Role.FIXED else members(kind, scope, predictor)
-    listed = _listed(kind, choice, scope, predictor, present, role)
-    values = _by_member(kind, kind.value_key, choice.value, scope, predictor, present, present)
-    sigmas = _by_member(kind, kind.sigma_key, choice.sigma, scope, predictor, present, listed)
+
+    def member_of(key: str, name: str) -> str:
+        canonical = _canonical(key, name, scope, predictor)
+        if canonical not in present:
+            what = {Scope.STATION: "stations", Scope.PASS: "stations", Scope.TARGET: "targets"}.get(
+                scope, "links"
+            )
+            there = ", ".join(present) or "none"
+            raise InputError(f"{key}: no observation of {canonical} that has one; the {what} are {there}")
+        return canonical
+
+    def by_member(key: str, given: Any, all_of_them: Collection[str]) -> dict[str, Any]:
+        """Amounts of a table, or one for all of them."""
+        if given is None or not isinstance(given, Mapping):
+            return {} if given is None else dict.fromkeys(all_of_them, given)
+        found: dict[str, Any] = {}
+        for name, amount in given.items():
+            member = member_of(key, name)
+            if member in found:
+                raise InputError(f"{key}: {member} is there twice, once as {name}")
+            found[member] = amount
+        return found
+
+    listed = set(present) if choice.names == "all" else set()
+    if choice.names == "all" and kind.relative and role is Role.ESTIMATED:
+        listed -= _references(kind, predictor, present)
+    elif not isinstance(choice.names, str):
+        listed = {member_of(kind.name, name) for name in choice.names}
+    values = by_member(kind.value_key, choice.value, present)
+    sigmas = by_member(kind.sigma_key, choice.sigma, listed)
     for member in sigmas:
         if member not in listed:
             raise InputError(
-                f"{kind.sigma_key}: {member.name} gets no {kind.name}; list it in {kind.name}, or leave its sigma out"
+                f"{kind.sigma_key}: {member} gets no {kind.name}; list it in {kind.name}, or leave its sigma out"
             )
     if choice.names == "all" and not present:
         if kind.scopes[0].named and scope is not Scope.TARGET:
             return None
         raise InputError(f"{kind.name}: there is no observation that it acts on")
-    chosen = [member for member in present if member in listed or member in values]
+    chosen = {name: k for name, k in present.items() if name in listed or name in values}
     if not chosen:
         return None
-    held = [member for member in chosen if member not in listed]
-    columns, owner = columns_of(kind, scope, predictor, chosen, gap_h, held)
+    columns = columns_of(kind, scope, predictor, chosen, gap_h, chosen.keys() - listed)
     count = len(kind.components)
     parameters = []
-    for name, span, place in zip(columns.names, columns.spans_utc, owner, strict=True):
-        member = chosen[place]
-        value, sigma = values.get(member, (0.0,) * count), sigmas.get(member, (math.inf,) * count)
-        for k, component in enumerate(kind.components):
+    for name, member, span in zip(columns.names, columns.members, columns.spans_utc, strict=True):
+        amounts = (
+            np.broadcast_to(of.get(member, none), count) for of, none in ((values, 0.0), (sigmas, math.inf))
+        )
+        for component, value, sigma in zip(kind.components, *amounts, strict=True):
             parameters.append(
                 Parameter(
                     ".".join(part for part in (kind.name, name, component) if part),
                     kind.unit,
                     kind.name,
-                    value[k],
-                    sigma[k],
+                    float(value),
+                    float(sigma),
                     role=role if member in listed else Role.FIXED,
                     scale=kind.scale,
                     span_utc=span,
@@ -165,7 +184,7 @@ def of_part(kind: ParameterKind, choice: ParameterChoice, part: Predictor) -> Pa
     if not choice.is_given:
         return choice
     scope = choice.scope(kind)
-    names = {member.name for member in members(kind, scope, part)}
+    names = members(kind, scope, part)
 
     def stays(name: str) -> bool:
         return _canonical(kind.name, name, scope, part) in names
@@ -246,87 +265,22 @@ def _scope(kind: ParameterKind, per: Any) -> Scope | None:
     allowed = {scope.value: scope for scope in kind.scopes}
     if per not in allowed:
         words = " or ".join(f'"{word}"' for word in allowed)
-        raise InputError(f"{kind.per_key} must be {words}, not {per!r}")
+        raise InputError(f"{kind.keys['per']} must be {words}, not {per!r}")
     return allowed[per]
 
 
-def _listed(
-    kind: ParameterKind,
-    choice: ParameterChoice,
-    scope: Scope,
-    predictor: Predictor,
-    present: list[Member],
-    role: Role,
-) -> list[Member]:
-    if choice.names == "none":
-        return []
-    if choice.names == "all":
-        if kind.relative and role is Role.ESTIMATED:
-            return _without_references(kind, predictor, present)
-        return present
-    found = {_member(kind, kind.name, name, scope, predictor, present) for name in choice.names}
-    return [member for member in present if member in found]
-
-
-def _without_references(kind: ParameterKind, predictor: Predictor, present: list[Member]) -> list[Member]:
+def _references(kind: ParameterKind, predictor: Predictor, present: Members) -> set[str]:
     """Only differences show, as of clocks: the first station of those that observe together is the reference."""
     from scipy.sparse import coo_array
     from scipy.sparse.csgraph import connected_components
 
+    rows = ObservationRows(predictor)
     count = len(predictor.stations)
     together = np.zeros((count, count))
-    reference = middle_of(predictor.observations)
-    for rows in blocks(predictor):
-        part = ObservationRows(predictor, rows, reference)
-        first, second = part.ends[kind.acts_on(part).all(axis=1)].T
-        together[first, second] = 1.0
+    together[tuple(rows.ends[kind.acts_on(rows).all(axis=1)].T)] = 1.0
     _, network = connected_components(coo_array(together), directed=False)
-    seen: set[int] = set()
-    kept = []
-    for member in present:
-        if network[member.index] in seen:
-            kept.append(member)
-        seen.add(int(network[member.index]))
-    return kept
-
-
-def _by_member(
-    kind: ParameterKind,
-    key: str,
-    given: Any,
-    scope: Scope,
-    predictor: Predictor,
-    present: list[Member],
-    everyone: list[Member],
-) -> dict[Member, tuple[float, ...]]:
-    """Amounts by member: those of a table, or one for everyone."""
-
-    def of_components(amount: Any) -> tuple[float, ...]:
-        return amount if isinstance(amount, tuple) else (amount,) * len(kind.components)
-
-    if given is None:
-        return {}
-    if not isinstance(given, Mapping):
-        return dict.fromkeys(everyone, of_components(given))
-    found: dict[Member, tuple[float, ...]] = {}
-    for name, amount in given.items():
-        member = _member(kind, key, name, scope, predictor, present)
-        if member in found:
-            raise InputError(f"{key}: {member.name} is there twice, once as {name}")
-        found[member] = of_components(amount)
-    return found
-
-
-def _member(
-    kind: ParameterKind, key: str, name: str, scope: Scope, predictor: Predictor, present: list[Member]
-) -> Member:
-    canonical = _canonical(key, name, scope, predictor)
-    for member in present:
-        if member.name == canonical:
-            return member
-    what = {Scope.STATION: "stations", Scope.PASS: "stations", Scope.TARGET: "targets"}.get(scope, "links")
-    names = ", ".join(member.name for member in present) or "none"
-    raise InputError(f"{key}: no observation of {canonical} that has one; the {what} are {names}")
+    first = {int(network[k]): name for name, k in reversed(present.items())}
+    return set(first.values())
 
 
 def _canonical(key: str, name: str, scope: Scope, predictor: Predictor) -> str:
@@ -356,16 +310,7 @@ def parameter_choices(
     InputError
         A key belongs to no kind, or a value cannot be.
     """
-    keys = {
-        key: (kind, field)
-        for kind in PARAMETERS.values()
-        for field, key in (
-            ("names", kind.name),
-            ("value", kind.value_key),
-            ("sigma", kind.sigma_key),
-            ("per", kind.per_key),
-        )
-    }
+    keys = {key: (kind, field) for kind in PARAMETERS.values() for field, key in kind.keys.items()}
     fields: dict[str, dict[str, Any]] = {}
     for key, value in given.items():
         if key not in keys:
@@ -389,8 +334,8 @@ def chosen_keys(choices: Mapping[str, ParameterChoice]) -> dict[str, Any]:
     """The keys that :func:`parameter_choices` was given."""
     keys: dict[str, Any] = {}
     for name, choice in choices.items():
-        kind = PARAMETERS[name]
-        per = None if choice.per is None else choice.per.value
-        given = {kind.value_key: choice.value, kind.sigma_key: choice.sigma, kind.per_key: per}
-        keys |= {name: choice.names} | {key: value for key, value in given.items() if value is not None}
+        for field, key in PARAMETERS[name].keys.items():
+            given = getattr(choice, field)
+            if given is not None:
+                keys[key] = given.value if isinstance(given, Scope) else given
     return keys

@@ -31,7 +31,6 @@ def _rate_shows(rows: ObservationRows) -> NDArray[np.bool_]:
 
 def _moved_tag(rows: ObservationRows) -> NDArray[np.float64]:
     """How values change when the clock that reads the tag is ahead, m/s, shape (m, 2)."""
-    assert rows.computed is not None
     return -(rows.tagged * rows.computed.by_time_m_s[:, None])
 
 
@@ -41,7 +40,6 @@ def _offset(rows: ObservationRows) -> NDArray[np.float64]:
 
 
 def _rate(rows: ObservationRows) -> NDArray[np.float64]:
-    assert rows.computed is not None
     counted = np.where(rows.integrated[:, None], rows.tagged * rows.computed.value_m[:, None], 0.0)
     moved = _moved_tag(rows) * rows.elapsed_s[:, None]
     return ((C_M_S * _SIGN * rows.elapsed_at_ends_s - counted + moved) * (rows.ends >= 0))[..., None]
@@ -60,13 +58,11 @@ def _target_tag(rows: ObservationRows) -> NDArray[np.bool_]:
 
 
 def _target_offset(rows: ObservationRows) -> NDArray[np.float64]:
-    assert rows.computed is not None
     moved = -(_target_tag(rows) * rows.computed.by_time_m_s)
     return np.where(rows.one_way, moved - np.where(rows.integrated, 0.0, C_M_S), 0.0)[:, None, None]
 
 
 def _target_rate(rows: ObservationRows) -> NDArray[np.float64]:
-    assert rows.computed is not None
     since_s = rows.elapsed_at_ends_s[:, 0]
     counted = rows.integrated * rows.computed.value_m + rows.computed.by_time_m_s * rows.elapsed_s
     return np.where(rows.one_way, -C_M_S * since_s - _target_tag(rows) * counted, 0.0)[:, None, None]

@@ -2,60 +2,37 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.measurements.predictor import Predictor, blocks
+from radioloc.measurements.predictor import Predictor
 from radioloc.parameters.kind import ParameterKind, Scope
-from radioloc.parameters.rows import ObservationRows, middle_of
-from radioloc.time import Epochs, utc_strings
+from radioloc.parameters.rows import ObservationRows
+from radioloc.time import utc_strings
 
 PASS_GAP_H = 4.0
 """A station that has not observed for so long begins a new pass. Between two passes the Moon is down for 5 h or more at
 latitudes up to 57 degrees; within one a station is seldom silent for longer than this."""
 
-
-@dataclass(frozen=True, slots=True)
-class Member:
-    """A station, link, target, or the whole, that parameters of a kind can belong to.
-
-    Parameters
-    ----------
-    index : int
-        Of the station, link or target in the predictor.
-    name : str
-        Its name; empty for the whole.
-    """
-
-    index: int
-    name: str
+Members = dict[str, int]
+"""Stations, links or targets by name, with their index in the predictor; the whole has no name and the index 0."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Columns:
-    """The columns of one kind of parameter.
-
-    Parameters
-    ----------
-    kind : ParameterKind
-    scope : Scope
-    names : tuple of str
-        Of the groups, in order; each has as many columns as the kind has components.
-    spans_utc : tuple of (str, str) or None
-        First and last epoch of a group, where it is a pass.
-    code : ndarray of int
-        Group by index of the station (-1 for none, also as the last element), link or target; of passes by observation,
-        shape (n, ends).
-    """
+    """The columns of one kind of parameter: groups with as many columns as the kind has components."""
 
     kind: ParameterKind
     scope: Scope
-    names: tuple[str, ...]
-    spans_utc: tuple[tuple[str, str] | None, ...]
-    code: NDArray[np.int32]
+    names: tuple[str, ...]  # of the groups
+    members: tuple[str, ...]  # whose they are
+    spans_utc: tuple[tuple[str, str] | None, ...]  # first and last epoch of a group, where it is a pass
+    code: NDArray[
+        np.int32
+    ]  # group by index of the member, the last -1; of passes by observation, shape (n, ends)
 
     def __len__(self) -> int:
         return len(self.names) * len(self.kind.components)
@@ -64,7 +41,8 @@ class Columns:
         """Partial derivatives of computed values by the parameters, shape (m, number of columns)."""
         partials = self.kind.partials(rows)
         ends, components = partials.shape[1:]
-        code = np.broadcast_to(self._codes(rows), (len(rows), ends))
+        which = rows.rows if self.code.ndim == 2 else owners(self.scope, rows)
+        code = np.broadcast_to(self.code[which], (len(rows), ends))
         # Column by column in memory: several times as fast as row by row.
         columns = np.zeros((len(self.names), components, len(rows)))
         for end in range(ends):
@@ -75,116 +53,78 @@ class Columns:
                         columns[group, component] += np.where(mine, partials[:, end, component], 0.0)
         return columns.reshape(len(self), len(rows)).T
 
-    def _codes(self, rows: ObservationRows) -> NDArray[np.int32]:
-        if self.scope is Scope.STATION:
-            return np.asarray(self.code[rows.ends])
-        if self.scope in (Scope.PASS, Scope.LINK_AND_PASS):
-            return np.asarray(self.code[rows.rows])
-        if self.scope is Scope.LINK:
-            return np.asarray(self.code[rows.observations.link[rows.rows]][:, None])
-        if self.scope is Scope.TARGET:
-            return np.asarray(self.code[rows.target][:, None])
-        return np.zeros((len(rows), 1), dtype=np.int32)
 
-
-def members(kind: ParameterKind, scope: Scope, predictor: Predictor) -> list[Member]:
-    """Whom parameters of a kind can belong to: those with observations that it acts on, in the predictor's order."""
-    if not len(predictor.observations):
-        return []
-    reference = middle_of(predictor.observations)
-    found: set[int] = set()
-    for rows in blocks(predictor):
-        part = ObservationRows(predictor, rows, reference)
-        acts = kind.acts_on(part)
-        if scope in (Scope.STATION, Scope.PASS):
-            found |= set(np.unique(part.ends[acts]).tolist())
-        elif scope in (Scope.LINK, Scope.LINK_AND_PASS):
-            found |= set(np.unique(part.observations.link[rows][acts.any(axis=1)]).tolist())
-        elif scope is Scope.TARGET:
-            found |= set(np.unique(part.target[acts.any(axis=1)]).tolist())
-        elif acts.any():
-            found.add(0)
-    name = _namer(scope, predictor)
-    return [Member(k, name(k)) for k in sorted(found)]
-
-
-def everyone(scope: Scope, predictor: Predictor) -> list[Member]:
-    """Whom parameters can belong to, whether or not they can be estimated from the observations."""
-    count = {
-        Scope.STATION: len(predictor.stations),
-        Scope.LINK: len(predictor.observations.links),
-        Scope.TARGET: max(1, len(predictor.targets)),
-    }
-    name = _namer(scope, predictor)
-    return [Member(k, name(k)) for k in range(count.get(scope, 1))]
-
-
-def _namer(scope: Scope, predictor: Predictor) -> Callable[[int], str]:
+def owners(scope: Scope, rows: ObservationRows) -> NDArray[np.int32]:
+    """Index of the member that each end of an observation belongs to, shape (m, ends); -1 where there is none."""
     if scope in (Scope.STATION, Scope.PASS):
-        return lambda k: predictor.stations[k]
+        return rows.ends
     if scope in (Scope.LINK, Scope.LINK_AND_PASS):
-        return lambda k: predictor.observations.links[k].path
-    if scope is Scope.TARGET and len(predictor.targets) > 1:
-        return lambda k: predictor.targets[k]
-    return lambda k: ""
+        return rows.observations.link[rows.rows][:, None]
+    if scope is Scope.TARGET:
+        return rows.target[:, None]
+    return np.zeros((len(rows), 1), dtype=np.int32)
+
+
+def everyone(scope: Scope, predictor: Predictor) -> Members:
+    """Whom parameters can belong to, whether or not they can be estimated from the observations."""
+    names: tuple[str, ...] = ("",)
+    if scope in (Scope.STATION, Scope.PASS):
+        names = predictor.stations
+    elif scope in (Scope.LINK, Scope.LINK_AND_PASS):
+        names = tuple(link.path for link in predictor.observations.links)
+    elif scope is Scope.TARGET and len(predictor.targets) > 1:
+        names = predictor.targets
+    return {name: k for k, name in enumerate(names)}
+
+
+def members(kind: ParameterKind, scope: Scope, predictor: Predictor) -> Members:
+    """Those of them with observations that the kind acts on."""
+    rows = ObservationRows(predictor)
+    acts, owner = np.asarray(kind.acts_on(rows)), owners(scope, rows)
+    if owner.shape[1] == 1:
+        acts = np.asarray(acts.any(axis=1, keepdims=True))
+    there = np.bincount(owner[acts & (owner >= 0)], minlength=1)
+    return {name: k for name, k in everyone(scope, predictor).items() if k < len(there) and there[k]}
 
 
 def columns_of(
     kind: ParameterKind,
     scope: Scope,
     predictor: Predictor,
-    chosen: list[Member],
+    chosen: Members,
     gap_h: float = PASS_GAP_H,
-    whole: Sequence[Member] = (),
-) -> tuple[Columns, list[int]]:
-    """Columns for some of the members, and the place in `chosen` of the member that each group is of.
+    whole: Collection[str] = (),
+) -> Columns:
+    """Columns for some of the members; those in `whole` are not divided into passes.
 
-    Those in `whole` are not divided into passes.
+    A new pass begins where the station, or the link, has observed nothing at all for `gap_h` hours.
     """
-    if scope in (Scope.PASS, Scope.LINK_AND_PASS):
-        return _by_pass(kind, scope, predictor, chosen, gap_h, whole)
-    size = {Scope.STATION: len(predictor.stations), Scope.LINK: len(predictor.observations.links)}
-    code = np.full(size.get(scope, max(1, len(predictor.targets))) + 1, -1, dtype=np.int32)
-    code[[member.index for member in chosen]] = np.arange(len(chosen))
-    names = tuple(member.name for member in chosen)
-    return Columns(kind, scope, names, (None,) * len(names), code), list(range(len(chosen)))
-
-
-def _by_pass(
-    kind: ParameterKind,
-    scope: Scope,
-    predictor: Predictor,
-    chosen: list[Member],
-    gap_h: float,
-    whole: Sequence[Member],
-) -> tuple[Columns, list[int]]:
-    """A new pass begins where the station, or the link, has observed nothing at all for long."""
-    n = len(predictor.observations)
-    part = ObservationRows(predictor, np.arange(n), middle_of(predictor.observations))
-    acts, since_s = kind.acts_on(part), part.elapsed_s
-    code = np.full((n, acts.shape[1] if scope is Scope.PASS else 1), -1, dtype=np.int32)
+    if scope not in (Scope.PASS, Scope.LINK_AND_PASS):
+        by_member = np.full(len(everyone(scope, predictor)) + 1, -1, dtype=np.int32)
+        by_member[list(chosen.values())] = np.arange(len(chosen))
+        return Columns(kind, scope, tuple(chosen), tuple(chosen), (None,) * len(chosen), by_member)
+    rows = ObservationRows(predictor)
+    owner, since_s = owners(scope, rows), rows.elapsed_s
+    acts = kind.acts_on(rows) if scope is Scope.PASS else kind.acts_on(rows).any(axis=1, keepdims=True)
+    code = np.full(owner.shape, -1, dtype=np.int32)
     names: list[str] = []
+    of: list[str] = []
     spans: list[tuple[str, str] | None] = []
-    owner: list[int] = []
-    at: NDArray[np.bool_]
-    for place, member in enumerate(chosen):
-        if scope is Scope.PASS:
-            at = np.equal(part.ends, member.index)
-            acting = acts & at
-        else:
-            at = np.equal(part.observations.link, member.index)[:, None]
-            acting = np.asarray(acts.any(axis=1))[:, None] & at
+    for member, index in chosen.items():
+        at: NDArray[np.bool_] = np.equal(owner, index)
         mine = np.flatnonzero(at.any(axis=1))
-        number = np.full(n, -1)
+        number = np.full(len(rows), -1)
         number[mine] = 0 if member in whole else _pass_numbers(since_s[mine], gap_h)
-        for k in np.unique(number[acting.any(axis=1)]).tolist():
-            inside: NDArray[np.bool_] = np.equal(number, k)[:, None] & at
+        for k in np.unique(number[(acts & at).any(axis=1)]).tolist():
+            inside = np.equal(number, k)[:, None] & at
             code[inside] = len(names)
-            shown = np.flatnonzero((inside & acting).any(axis=1))
-            names.append(member.name if member in whole else f"{member.name} {owner.count(place) + 1}")
-            spans.append(None if member in whole else _span(predictor.observations.epoch, since_s, shown))
-            owner.append(place)
-    return Columns(kind, scope, tuple(names), tuple(spans), code), owner
+            names.append(member if member in whole else f"{member} {of.count(member) + 1}")
+            of.append(member)
+            shown = np.flatnonzero((inside & acts).any(axis=1))
+            ends = shown[[int(since_s[shown].argmin()), int(since_s[shown].argmax())]]
+            first, last = utc_strings(predictor.observations.epoch[ends], decimals=0)
+            spans.append(None if member in whole else (str(first), str(last)))
+    return Columns(kind, scope, tuple(names), tuple(of), tuple(spans), code)
 
 
 def _pass_numbers(since_s: NDArray[np.float64], gap_h: float) -> NDArray[np.int64]:
@@ -192,9 +132,3 @@ def _pass_numbers(since_s: NDArray[np.float64], gap_h: float) -> NDArray[np.int6
     number = np.empty(len(since_s), dtype=np.int64)
     number[order] = np.concatenate([[0], np.cumsum(np.diff(since_s[order]) > 3600.0 * gap_h)])
     return number
-
-
-def _span(epoch: Epochs, since_s: NDArray[np.float64], rows: NDArray[np.intp]) -> tuple[str, str]:
-    ends = rows[[int(since_s[rows].argmin()), int(since_s[rows].argmax())]]
-    first, last = utc_strings(epoch[ends], decimals=0)
-    return str(first), str(last)

@@ -133,11 +133,9 @@ class DesignMatrix:
     def _simple(self, rows: Rows, at: Prediction, first: int) -> NDArray[np.float64]:
         """Partials of observations that are not combined, by the first positions and all kinds of parameter."""
         model = self.model
-        assert model.reference is not None  # there are observations
         part = ObservationRows(
-            simple_predictor(model.predictor), rows, model.reference, self.positions_pa_m, at.rows
+            simple_predictor(model.predictor), rows, model.reference, at, self.positions_pa_m
         )
-        assert part.computed is not None
         # Column by column in memory, as the factorization reads them.
         out = np.empty((3 * first + sum(map(len, model.columns)), len(rows))).T
         for target, function in enumerate(model.positions[:first]):

@@ -17,7 +17,6 @@ def _itrf_m(rows: ObservationRows) -> NDArray[np.float64]:
 
 
 def _station_position(rows: ObservationRows) -> NDArray[np.float64]:
-    assert rows.computed is not None
     to_enu = np.array([rot_itrf_to_enu(itrf_m) for itrf_m in _itrf_m(rows)])
     by_enu = np.einsum("mekl,mel->mek", to_enu[rows.ends], rows.computed.by_station_itrf)
     return np.asarray(by_enu * (rows.ends >= 0)[..., None])
@@ -25,7 +24,6 @@ def _station_position(rows: ObservationRows) -> NDArray[np.float64]:
 
 def _displaced(rows: ObservationRows, shifts: NDArray[np.float64]) -> NDArray[np.float64]:
     """Partials by what displaces all stations, ITRF, m per unit, shape (n_stations, 3, components)."""
-    assert rows.computed is not None
     return np.asarray(np.einsum("mel,melc->mec", rows.computed.by_station_itrf, shifts[rows.ends]))
 
 

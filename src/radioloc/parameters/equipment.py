@@ -15,7 +15,6 @@ def _over_transponder(rows: ObservationRows) -> NDArray[np.bool_]:
 
 
 def _transponder(rows: ObservationRows) -> NDArray[np.float64]:
-    assert rows.computed is not None
     return rows.computed.by_transponder_delay_m_s[:, None, None]
 
 
@@ -26,7 +25,6 @@ def _receives(rows: ObservationRows) -> NDArray[np.bool_]:
 
 def _receiving(rows: ObservationRows) -> NDArray[np.float64]:
     """The reading comes later than the arrival; a tag that names the arrival is late by as much."""
-    assert rows.computed is not None
     receives = np.stack([rows.baseline, np.ones(len(rows), dtype=bool)], axis=-1)
     moved = -((rows.tagged & receives) * rows.computed.by_time_m_s[:, None])
     return (_receives(rows) * C_M_S * np.array([-1.0, 1.0]) + moved)[..., None]

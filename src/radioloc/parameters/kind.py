@@ -95,20 +95,28 @@ class ParameterKind:
             )
 
     @property
+    def keys(self) -> dict[str, str]:
+        """Keys in a study file, such as ``range_bias``, ``range_bias_m``, ``range_bias_sigma_m``, ``range_bias_per``.
+
+        By what they give: names, value, sigma, per.
+        """
+        unit = "" if self.unit == "1" else f"_{self.unit.replace('/', '_')}"
+        return {
+            "names": self.name,
+            "value": f"{self.name}{unit or '_value'}",
+            "sigma": f"{self.name}_sigma{unit}",
+            "per": f"{self.name}_per",
+        }
+
+    @property
     def value_key(self) -> str:
-        """Key of the a-priori value in a study file, such as ``range_bias_m``."""
-        return f"{self.name}_{self.unit.replace('/', '_')}" if self.unit != "1" else f"{self.name}_value"
+        """Key of the a-priori value."""
+        return self.keys["value"]
 
     @property
     def sigma_key(self) -> str:
-        """Key of its sigma, such as ``range_bias_sigma_m``."""
-        unit = "" if self.unit == "1" else f"_{self.unit.replace('/', '_')}"
-        return f"{self.name}_sigma{unit}"
-
-    @property
-    def per_key(self) -> str:
-        """Key of the scope, such as ``range_bias_per``."""
-        return f"{self.name}_per"
+        """Key of its sigma."""
+        return self.keys["sigma"]
 
 
 def everywhere(rows: ObservationRows) -> NDArray[np.bool_]:

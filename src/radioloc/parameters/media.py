@@ -11,12 +11,10 @@ from radioloc.parameters.rows import ObservationRows
 
 
 def _zenith_delay(rows: ObservationRows) -> NDArray[np.float64]:
-    assert rows.computed is not None
     return (rows.computed.by_zenith_wet * (rows.ends >= 0))[..., None]
 
 
 def _electron_content(rows: ObservationRows) -> NDArray[np.float64]:
-    assert rows.computed is not None
     by_content = rows.computed.by_electron_content_m
     if np.isnan(by_content).any():
         row = int(rows.rows[np.flatnonzero(np.isnan(by_content).any(axis=-1))[0]])

@@ -20,7 +20,6 @@ from radioloc.time import Epochs
 
 
 def _by_position(rows: ObservationRows) -> NDArray[np.float64]:
-    assert rows.computed is not None
     return rows.computed.by_position_pa
 
 

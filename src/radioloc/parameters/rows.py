@@ -12,13 +12,12 @@ from radioloc.constants import C_M_S
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.predictor import Computed, Predictor
+from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tai, utc_to_tt
+from radioloc.vectors import length
 
 TRANSMIT, RECEIVE, BOUNCE = (TIME_TAGS.index(tag) for tag in ("transmit", "receive", "bounce"))
-_LIGHT_TIME_S = 1.28
-"""From the Moon to the Earth."""
 
 
 class ObservationRows:
@@ -27,27 +26,31 @@ class ObservationRows:
     Parameters
     ----------
     predictor : Predictor
-    rows : ndarray of int, shape (m,)
-        Which observations.
-    reference : Epochs
-        Epoch that offsets of rates refer to, TAI, one.
+    rows : ndarray of int, shape (m,), optional
+        Which observations; all of them as a rule.
+    reference : Epochs, optional
+        Epoch that offsets of rates refer to, TAI, one; the middle of the arc as a rule.
+    at : Prediction, optional
+        What the predictor predicts; without it a parameter can only be asked which observations it acts on.
     position_pa_m : ndarray, shape (3,) or (n_targets, 3), optional
-        Where the targets are; without it nothing is computed, and a parameter can only be asked which observations it
-        acts on.
-    compute : callable, optional
-        From rows to what the predictor computes for them.
+        Where it predicts that.
     """
 
     def __init__(
         self,
         predictor: Predictor,
-        rows: NDArray[np.intp],
-        reference: Epochs,
+        rows: NDArray[np.intp] | None = None,
+        reference: Epochs | None = None,
+        at: Prediction | None = None,
         position_pa_m: NDArray[np.float64] | None = None,
-        compute: Callable[[NDArray[np.intp]], Computed] | None = None,
     ) -> None:
-        self.predictor, self.rows = predictor, rows
-        self._reference, self._compute, self._position_pa_m = reference, compute, position_pa_m
+        self.predictor, self._reference, self._at, self._position_pa_m = (
+            predictor,
+            reference,
+            at,
+            position_pa_m,
+        )
+        self.rows = np.arange(len(predictor.observations)) if rows is None else rows
 
     def __len__(self) -> int:
         return len(self.rows)
@@ -112,7 +115,8 @@ class ObservationRows:
     @cached_property
     def elapsed_s(self) -> NDArray[np.float64]:
         """Time tag since the reference epoch, s."""
-        return utc_to_tai(self.observations.epoch[self.rows]).seconds_since(self._reference)
+        reference = middle_of(self.observations) if self._reference is None else self._reference
+        return utc_to_tai(self.observations.epoch[self.rows]).seconds_since(reference)
 
     @cached_property
     def elapsed_at_ends_s(self) -> NDArray[np.float64]:
@@ -121,43 +125,44 @@ class ObservationRows:
         The first event is the transmission, of a baseline the first reception. The time is since the reference epoch,
         or, where there is a count interval, how long the interval is at that end.
         """
-        flight_s = np.zeros(len(self)) if self.computed is None else self.computed.value_m / C_M_S
+        flight_s = self.computed.value_m / C_M_S
         before = np.where(self.tag == RECEIVE, 1.0, np.where(self.tag == BOUNCE, 0.5, 0.0))
         before_s = np.where(self.baseline, 0.0, before * flight_s)
         first_s = np.where(self.integrated, self.count_s, self.elapsed_s) - before_s
         return np.stack([first_s, first_s + flight_s], axis=-1)
 
     @cached_property
-    def computed(self) -> Computed | None:
-        """What the model computes of these observations; None before there is a position."""
-        return None if self._compute is None else self._compute(self.rows)
+    def computed(self) -> Computed:
+        """What the model computes of these observations."""
+        assert self._at is not None  # asked for partials only
+        return self._at.rows(self.rows)
 
     def by_displacement(
         self, displacement_pa_m: Callable[[Epochs], NDArray[np.float64]]
     ) -> NDArray[np.float64]:
         """Partials by what moves the target in principal axes, shape (m, components).
 
-        Parameters
-        ----------
-        displacement_pa_m : callable
-            From epochs (TDB, k of them) to the displacement by a unit of each component, m, shape (k, components, 3).
-            Nothing in it may vary faster than in two days.
+        From epochs (TDB, k of them) `displacement_pa_m` gives the displacement by a unit of each component, m, shape
+        (k, components, 3). Nothing in it may vary faster than in two days.
         """
-        computed = self.computed
-        assert computed is not None
         # When the signal meets the Moon, to 0.1 s, in which nothing that varies in days moves.
         late = np.where(self.baseline | (self.tag == RECEIVE), -1.0, np.where(self.tag == TRANSMIT, 1.0, 0.0))
-        met_s = np.where(self.one_way & (self.tag == TRANSMIT), 0.0, late * _LIGHT_TIME_S)
+        late = np.where(self.one_way & (self.tag == TRANSMIT), 0.0, late)
         tdb = tt_to_tdb(utc_to_tt(self.observations.epoch[self.rows]))
+        met_s = late * evaluate_smooth(self._light_time_s, tdb)
         middle = evaluate_smooth(displacement_pa_m, tdb.shifted(met_s))
-        partials = np.asarray(np.einsum("mi,mci->mc", computed.by_position_pa, middle))
+        partials = np.asarray(np.einsum("mi,mci->mc", self.computed.by_position_pa, middle))
         if self.integrated.any():
             ends = [
                 evaluate_smooth(displacement_pa_m, tdb.shifted(met_s + sign * 0.5 * self.count_s))
                 for sign in (1.0, -1.0)
             ]
-            partials += np.einsum("mi,mci->mc", computed.mean_by_position_pa, ends[0] - ends[1])
+            partials += np.einsum("mi,mci->mc", self.computed.mean_by_position_pa, ends[0] - ends[1])
         return partials
+
+    def _light_time_s(self, tdb: Epochs) -> NDArray[np.float64]:
+        """From the Moon to the Earth."""
+        return length(self.model.ephemeris.geocentric("moon", tdb)[0]) / C_M_S
 
     @property
     def target(self) -> NDArray[np.int32]:

@@ -14,7 +14,6 @@ def _acts_on(rows: ObservationRows) -> NDArray[np.bool_]:
 
 
 def _partials(rows: ObservationRows) -> NDArray[np.float64]:
-    assert rows.computed is not None
     return (_acts_on(rows) * rows.computed.by_time_m_s[:, None])[..., None]
 
 

@@ -16,9 +16,8 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.predictor import Prediction, Predictor, reasons
+from radioloc.measurements.predictor import Prediction, Predictor, blocks, reasons
 from radioloc.measurements.registry import KINDS
-from radioloc.parameters.columns import blocks
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.noise import NoiseModel, require_seed
 from radioloc.simulation.schedule import Plan, Schedule

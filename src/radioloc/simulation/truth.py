@@ -17,10 +17,9 @@ from numpy.typing import NDArray
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.predictor import Prediction, Predictor
+from radioloc.measurements.predictor import Prediction, Predictor, blocks
 from radioloc.measurements.terms import active_terms
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
-from radioloc.parameters.columns import blocks
 from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
 from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, Role

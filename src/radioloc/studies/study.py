@@ -50,13 +50,7 @@ TDM_KEYS = {
     "tdm_apply_clocks": "apply_clocks",
 }
 """Keys of ``[observations]`` that are fields of :class:`~radioloc.io.tdm.TdmAgreement`."""
-PARAMETER_KEYS = LazyNames(
-    lambda: [
-        key
-        for kind in PARAMETERS.values()
-        for key in (kind.name, kind.value_key, kind.sigma_key, kind.per_key)
-    ]
-)
+PARAMETER_KEYS = LazyNames(lambda: [key for kind in PARAMETERS.values() for key in kind.keys.values()])
 """Keys of the kinds of parameter in ``[estimate]`` and ``[consider]``."""
 
 

@@ -14,9 +14,8 @@ from radioloc.estimation.labels import USED, Labels
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.predictor import Predictor, reasons
+from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.media.status import Status
-from radioloc.parameters.columns import blocks
 from radioloc.studies.problem import start_pa_m
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
 

@@ -44,7 +44,7 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS
-from radioloc.media.radio_troposphere import zenith_hydrostatic_delay_m
+from radioloc.media.neutral_atmosphere import zenith_hydrostatic_delay_m
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
 
 GOAL_S = 10e-12

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from radioloc.media.optical_troposphere import mapping_function, zenith_delay_m
+from radioloc.media.neutral_atmosphere import mapping_function, zenith_delay_m
 
 LATITUDE_RAD = np.deg2rad(30.67166667)
 """McDonald Observatory."""

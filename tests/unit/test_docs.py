@@ -21,8 +21,12 @@ from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.io.table_columns import COLUMNS
 from radioloc.measurements.terms import TERMS
 from radioloc.media.ionosphere import ionosphere_delay_m, modified_shell_mapping
-from radioloc.media.optical_troposphere import water_vapour_pressure_hpa
-from radioloc.media.radio_troposphere import standard_weather, zenith_hydrostatic_delay_m, zenith_wet_delay_m
+from radioloc.media.neutral_atmosphere import (
+    standard_weather,
+    water_vapour_pressure_hpa,
+    zenith_hydrostatic_delay_m,
+    zenith_wet_delay_m,
+)
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.files import RESIDUAL_COLUMNS
 from radioloc.studies.schema import keys_of

@@ -17,26 +17,20 @@ from radioloc.earth.stations import Station
 from radioloc.ephemeris import EarthState
 from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.media.medium import StationState
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt
 
 
-@dataclass(frozen=True, slots=True)
-class StationMotion:
+@dataclass(frozen=True, slots=True, eq=False)
+class StationMotion(StationState):
     """One station per observation, near one instant each."""
 
     point: MovingPoint  # in the BCRS, from the geocentre at the reference epoch
-    gcrs_m: NDArray[np.float64]  # geocentric, shape (n, 3)
-    gcrs_velocity_m_s: NDArray[np.float64]
-    up_gcrs: NDArray[np.float64]  # unit vector of the ellipsoid's normal
-    up_rate_gcrs: NDArray[np.float64]  # 1/s
-    pole_gcrs: NDArray[np.float64]  # unit vector of the ITRF's z axis, for azimuths
     tdb_minus_tt_s: NDArray[np.float64]  # at the station
     topocentric_s: NDArray[np.float64]  # the part of it that depends on the place, v_E . r / c^2
     tdb_rate: NDArray[np.float64]  # of TDB - TT at the station
     geocentric_tdb_rate: NDArray[np.float64]  # of the part that does not depend on the place
     rot_itrf_to_gcrs: NDArray[np.float64]  # shape (n, 3, 3)
-    latitude_rad: NDArray[np.float64]  # geodetic, as the height
-    height_m: NDArray[np.float64]
     predicted_eop: NDArray[np.bool_]  # whether Earth orientation was a prediction
 
     def tdb_minus_tt_at(self, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:

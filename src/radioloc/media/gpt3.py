@@ -12,13 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.media.checks import within
 from radioloc.media.grids import LatLonGrid, sort_into_grid
 from radioloc.media.mapping_functions import day_of_year, seasons
-from radioloc.media.radio_troposphere import DRY_AIR_KG_MOL, GAS_CONSTANT_J_K_MOL, STANDARD_GRAVITY_M_S2
+from radioloc.media.neutral_atmosphere import DRY_AIR_KG_MOL, GAS_CONSTANT_J_K_MOL, STANDARD_GRAVITY_M_S2
 from radioloc.media.text_numbers import ENCODING, table_of
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
@@ -33,23 +32,18 @@ _SCALES = np.array([1.0, 1.0, 1e-3, 1e-3, 1e-3, 1e-3, 1.0, 1.0, 1e-5, 1e-5, 1e-5
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Gpt3Values:
-    """Climate at places and epochs; arrays of shape (n,), gradients (n, 4).
+    """Climate of a place at some epochs; arrays of shape (n,).
 
     Mean temperature and decrease factor are those of the water vapour, for the wet delay of Askne and Nordius;
-    coefficients a those of VMF3 on the ellipsoid; the undulation is the height of the geoid above the ellipsoid;
-    gradients are north hydrostatic, east hydrostatic, north wet, east wet, m.
+    coefficients a those of VMF3 on the ellipsoid.
     """
 
     pressure_hpa: NDArray[np.float64]
-    temperature_k: NDArray[np.float64]
     vapour_pressure_hpa: NDArray[np.float64]
-    lapse_rate_k_m: NDArray[np.float64]
     mean_temperature_k: NDArray[np.float64]
     vapour_decrease_factor: NDArray[np.float64]
     hydrostatic_a: NDArray[np.float64]
     wet_a: NDArray[np.float64]
-    undulation_m: NDArray[np.float64]
-    gradients_m: NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -58,7 +52,7 @@ class Gpt3Grid:
 
     ``seasonal``, shape (rows, columns, 12, 5), holds mean, annual cosine and sine, semiannual cosine and sine of
     pressure (Pa), temperature (K), specific humidity, lapse rate (K/m), a hydrostatic, a wet, decrease factor, mean
-    temperature (K) and four gradients (m).
+    temperature (K) and four gradients (m); lapse rate and gradients are left aside.
     """
 
     grid: LatLonGrid
@@ -66,46 +60,23 @@ class Gpt3Grid:
     undulation_m: NDArray[np.float64]
     height_m: NDArray[np.float64]
 
-    def at(
-        self, epochs: Epochs, latitude_rad: ArrayLike, longitude_rad: ArrayLike, height_m: ArrayLike
-    ) -> Gpt3Values:
-        """Climate at places and epochs: each of four points taken to the height, then bilinear.
-
-        Epochs are of any scale, heights above the ellipsoid.
+    def at(self, epochs: Epochs, latitude_rad: float, longitude_rad: float, height_m: float) -> Gpt3Values:
+        """Climate of four points, each taken to the height above the ellipsoid, then bilinear; epochs of any scale.
 
         Landskron and Boehm (2018), section 4, as GPT2w (Boehm et al. 2015): pressure falls exponentially with the
         virtual temperature of the grid point, vapour pressure with the power lambda + 1 of pressure.
         """
-        latitude, longitude, height, day = np.broadcast_arrays(
-            within("latitude", latitude_rad, "GPT3"),
-            within("longitude", longitude_rad, "GPT3"),
-            within("height", height_m, "GPT3"),
-            day_of_year(epochs),
-        )
-        row, column, weight = self.grid.corners(latitude, longitude)
-        corners = np.einsum("ncqs,ns->qnc", self.seasonal[row, column], seasons(day))
-        pressure, temperature, humidity, lapse_rate, _, _, decrease = corners[:7]
-        undulation = self.undulation_m[row, column]
-        above = height[:, None] - undulation - self.height_m[row, column]
+        row, column, weight = self.grid.corners(latitude_rad, longitude_rad)
+        corners = np.einsum("cqs,ns->qnc", self.seasonal[row, column, :8], seasons(day_of_year(epochs)))
+        pressure, temperature, humidity, _, hydrostatic_a, wet_a, decrease, mean_temperature = corners
+        above = height_m - self.undulation_m[row, column] - self.height_m[row, column]
         virtual = temperature * (1.0 + 0.6077 * humidity)
         per_metre = STANDARD_GRAVITY_M_S2 * DRY_AIR_KG_MOL / (GAS_CONSTANT_J_K_MOL * virtual)
         ratio = np.exp(-per_metre * above)
         vapour = humidity * pressure / (0.622 + 0.378 * humidity) * ratio ** (decrease + 1.0)
-
-        def blend(values: NDArray[np.float64]) -> NDArray[np.float64]:
-            return np.sum(weight * values, axis=-1)
-
+        hectopascal = 0.01 * pressure * ratio, 0.01 * vapour
         return Gpt3Values(
-            0.01 * blend(pressure * ratio),
-            blend(temperature + lapse_rate * above),
-            0.01 * blend(vapour),
-            blend(lapse_rate),
-            blend(corners[7]),
-            blend(decrease),
-            blend(corners[4]),
-            blend(corners[5]),
-            blend(undulation),
-            np.stack([blend(gradient) for gradient in corners[8:]], axis=-1),
+            *(v @ weight for v in (*hectopascal, mean_temperature, decrease, hydrostatic_a, wet_a))
         )
 
 

@@ -33,13 +33,12 @@ class LatLonGrid:
     def __post_init__(self) -> None:
         for field in ("latitudes_deg", "longitudes_deg"):
             values = np.array(getattr(self, field), dtype=np.float64)
-            values.setflags(write=False)
+            object.__setattr__(self, field, values)
             steps = np.diff(values)
-            if values.ndim != 1 or not len(steps) or steps[0] == 0.0:
+            if not len(steps) or steps[0] == 0.0:
                 raise InputError(f"{self.source}: {field} must be two or more, in steps")
             if (np.abs(steps - steps[0]) > _ROUNDING_DEG).any():
                 raise InputError(f"{self.source}: {field} do not go in equal steps")
-            object.__setattr__(self, field, values)
         if np.abs(self.latitudes_deg).max() > 90.0:
             raise InputError(f"{self.source}: latitudes reach {np.abs(self.latitudes_deg).max():g} degrees")
         if np.ptp(self.longitudes_deg) > _TURN_DEG + _ROUNDING_DEG:
@@ -57,50 +56,43 @@ class LatLonGrid:
 
         :class:`InputError` where a place is outside the map, or not finite.
         """
-        latitude, longitude = np.broadcast_arrays(
-            np.rad2deg(np.asarray(latitude_rad, dtype=np.float64)),
-            np.rad2deg(np.asarray(longitude_rad, dtype=np.float64)),
-        )
-        row, next_row, row_weight, row_inside = _along(self.latitudes_deg, latitude, is_round=False)
-        column, next_column, column_weight, column_inside = _along(
-            self.longitudes_deg, longitude, is_round=True
-        )
-        inside = row_inside & column_inside
-        if not inside.all():
-            k = np.argmin(np.ravel(inside))
+        latitude_deg, longitude_deg = np.broadcast_arrays(np.rad2deg(latitude_rad), np.rad2deg(longitude_rad))
+        north, on_rows = _steps_along(self.latitudes_deg, latitude_deg, np.inf)
+        east, on_columns = _steps_along(self.longitudes_deg, longitude_deg, _TURN_DEG)
+        outside = ~(on_rows & on_columns)
+        if outside.any():
+            latitude, longitude = latitude_deg[outside][0], longitude_deg[outside][0]
             raise InputError(
                 f"{self.source} reaches from latitude {self.latitudes_deg.min():g} to "
                 f"{self.latitudes_deg.max():g} and longitude {self.longitudes_deg.min():g} to "
-                f"{self.longitudes_deg.max():g} degrees, but {np.ravel(latitude)[k]:.6g}, "
-                f"{np.ravel(longitude)[k]:.6g} was asked for"
+                f"{self.longitudes_deg.max():g} degrees, but {latitude:.6g}, {longitude:.6g} was asked for"
             )
-        rows = np.stack([row, row, next_row, next_row], axis=-1)
+        row = np.minimum(np.floor(north).astype(np.int64), self.shape[0] - 2)
+        column = np.floor(east).astype(np.int64)
+        next_column = (column + 1) % self.shape[1]
+        north, east = north - row, east - column
+        rows = np.stack([row, row, row + 1, row + 1], axis=-1)
         columns = np.stack([column, next_column, column, next_column], axis=-1)
-        north = np.stack([1.0 - row_weight] * 2 + [row_weight] * 2, axis=-1)
-        weights = north * np.stack([1.0 - column_weight, column_weight] * 2, axis=-1)
-        return rows, columns, weights
+        weights = np.stack([1.0 - north, 1.0 - north, north, north], axis=-1)
+        return rows, columns, weights * np.stack([1.0 - east, east, 1.0 - east, east], axis=-1)
 
 
-def _along(
-    axis_deg: NDArray[np.float64], where_deg: NDArray[np.float64], *, is_round: bool
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Points of an axis before and after each place, the share of the way between them, and whether it is inside."""
-    step, n = axis_deg[1] - axis_deg[0], len(axis_deg)
-    slack = _ROUNDING_DEG / abs(step)
-    finite = np.isfinite(where_deg)
-    away_deg = (np.where(finite, where_deg, 0.0) - axis_deg[0]) * np.sign(step)
-    closed = is_round and n * abs(step) >= _TURN_DEG - _ROUNDING_DEG
-    if is_round:
-        steps = away_deg % _TURN_DEG / abs(step)
-        # Just west of the first column, by rounding, is on it.
-        steps = np.where(steps > _TURN_DEG / abs(step) - slack, 0.0, steps)
-    else:
-        steps = away_deg / abs(step)
-    inside = finite & (closed | ((steps >= -slack) & (steps <= n - 1 + slack)))
-    # Within rounding of the edge is on it; the rest of what is outside is refused.
-    steps = np.clip(np.where(inside, steps, 0.0), 0.0, n if closed else n - 1)
-    index = np.minimum(np.floor(steps).astype(np.int64), n - 1 if closed else n - 2)
-    return index, (index + 1) % n, steps - index, inside
+def _steps_along(
+    axis_deg: NDArray[np.float64], where_deg: NDArray[np.float64], turn_deg: float
+) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
+    """Steps from an axis' first point to each place, from 0 to a turn, and whether it is on the axis.
+
+    An axis that goes all the way round, with or without the first point at its end, has every place on it.
+    """
+    step, last = axis_deg[1] - axis_deg[0], len(axis_deg) - 1.0
+    slack, turn = _ROUNDING_DEG / abs(step), turn_deg / abs(step)
+    steps = (where_deg - axis_deg[0]) / step
+    if np.isfinite(turn):
+        steps = np.mod(steps + slack, turn) - slack
+    if last + 1.0 >= turn - slack:
+        return np.maximum(steps, 0.0), np.isfinite(steps)
+    # Within rounding of an end is on it.
+    return np.clip(steps, 0.0, last), (steps >= -slack) & (steps <= last + slack)
 
 
 def sort_into_grid(

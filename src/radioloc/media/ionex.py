@@ -18,15 +18,13 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import FileFormatError, InputError
 from radioloc.media.grids import LatLonGrid, epochs_around
 from radioloc.media.ionosphere import modified_shell_mapping, pierce_point, require_shell
-from radioloc.media.text_numbers import ENCODING, fixed_numbers
+from radioloc.media.text_numbers import ENCODING
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs, epochs_from_strings
 from radioloc.time.scales import to_scale
 
 _ROUNDING = 1e-9
 _MISSING = 9999
-_VALUES_PER_LINE = 16
-_WIDTH = 5
 _USUAL_INTERVAL_S = 7200.0
 """Where the header says 0 for an interval that varies."""
 _POSSIBLE_TECU = (-10.0, 1000.0)
@@ -49,6 +47,12 @@ class IonexMaps:
     base_radius_m: float
     longest_gap_s: float
     source: str
+
+    @property
+    def geometry(self) -> tuple[object, ...]:
+        """Grid and shell, for comparison."""
+        axes = self.grid.latitudes_deg.tolist(), self.grid.longitudes_deg.tolist()
+        return (*axes, self.shell_height_m, self.base_radius_m)
 
     def vertical_tec(
         self, latitude_rad: ArrayLike, longitude_rad: ArrayLike, epochs: Epochs
@@ -128,7 +132,7 @@ def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
     parts = [_parsed(path) for path in files]
     first = parts[0]
     for path, part in zip(files, parts, strict=True):
-        if _geometry(part) != _geometry(first):
+        if part.geometry != first.geometry:
             raise FileFormatError(
                 path, f"has another grid or shell than {files[0]}; give files of one centre"
             )
@@ -141,11 +145,6 @@ def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
         longest_gap_s=max(part.longest_gap_s for part in parts),
         source=", ".join(path.name for path in files),
     )
-
-
-def _geometry(maps: IonexMaps) -> tuple[object, ...]:
-    grid = maps.grid
-    return (*grid.latitudes_deg, *grid.longitudes_deg, maps.shell_height_m, maps.base_radius_m, *grid.shape)
 
 
 def _parsed(path: Path) -> IonexMaps:
@@ -166,168 +165,161 @@ class _Reader:
     def __init__(self, path: Path) -> None:
         self.path = path
         self.lines = list(read_lines(path, encoding=ENCODING))
-        self.next = 0
+        self.line = 0  # number of the one that was read last
+        self.header: dict[str, tuple[int, str]] = {}
         self.exponent = -1
 
     def read(self) -> IonexMaps:
-        header = self._header()
-        latitudes = self._range(header, "LAT1 / LAT2 / DLAT")
-        longitudes = self._range(header, "LON1 / LON2 / DLON")
-        heights = self._header_numbers(header, "HGT1 / HGT2 / DHGT", 2, 6, 3)
-        dimension = self._header_numbers(header, "MAP DIMENSION", 0, 6, 1)[0]
-        if dimension != 2 or heights[0] != heights[1]:
+        self._read_header()
+        latitudes, longitudes = self._range("LAT1 / LAT2 / DLAT"), self._range("LON1 / LON2 / DLON")
+        lowest_km, highest_km, _ = self._header_numbers("HGT1 / HGT2 / DHGT", 3, skip=2)
+        if self._header_numbers("MAP DIMENSION") != [2.0] or lowest_km != highest_km:
             raise FileFormatError(self.path, "maps of two dimensions, on one shell, are wanted")
-        radius = self._header_numbers(header, "BASE RADIUS", 0, 8, 1)[0]
-        interval_s = self._header_numbers(header, "INTERVAL", 0, 6, 1)[0] or _USUAL_INTERVAL_S
-        announced = self._header_numbers(header, "# OF MAPS IN FILE", 0, 6, 1)[0]
+        (radius_km,) = self._header_numbers("BASE RADIUS", width=8)
+        (interval_s,) = self._header_numbers("INTERVAL")
+        (announced,) = self._header_numbers("# OF MAPS IN FILE")
         try:
             grid = LatLonGrid(latitudes, longitudes, self.path.name)
-            require_shell(1e3 * heights[0], 1e3 * radius)
+            require_shell(1e3 * lowest_km, 1e3 * radius_km)
         except InputError as error:
             raise FileFormatError(self.path, str(error)) from error
-        maps = self._tec_maps(grid)
+        mjds, maps = [], []
+        while (label := self._next()[0]) != "END OF FILE":
+            if label == "START OF TEC MAP":
+                mjd, tec = self._tec_map(grid)
+                mjds.append(mjd)
+                maps.append(tec)
+            elif label in ("START OF RMS MAP", "START OF HEIGHT MAP"):
+                self._skip_to(label.replace("START", "END"))
+            elif label not in ("EXPONENT", "COMMENT", ""):
+                raise FileFormatError(self.path, f"{label!r} is not expected here", self.line)
         if len(maps) != announced:
             problem = (
                 f"the header announces {announced:g} maps, but there are {len(maps)}; fetch the file again"
             )
             raise FileFormatError(self.path, problem)
-        mjds = np.array([mjd for mjd, _ in maps])
         if (np.diff(mjds) <= 0.0).any():
             raise FileFormatError(self.path, "the maps' epochs do not rise")
-        tec = np.stack([values for _, values in maps])
-        return IonexMaps(grid, mjds, tec, 1e3 * heights[0], 1e3 * radius, interval_s, self.path.name)
+        gap_s = interval_s or _USUAL_INTERVAL_S
+        shell_m = 1e3 * lowest_km, 1e3 * radius_km
+        return IonexMaps(grid, np.array(mjds), np.stack(maps), *shell_m, gap_s, self.path.name)
 
-    def _header(self) -> dict[str, tuple[int, str]]:
-        number, label, content = self._take()
+    def _read_header(self) -> None:
+        label, content = self._next()
         if label != "IONEX VERSION / TYPE" or content[20:21] != "I":
-            raise FileFormatError(self.path, "this is not the first line of an IONEX file", number)
+            raise FileFormatError(self.path, "this is not the first line of an IONEX file", self.line)
         if content[:8].strip() not in ("1.0", "1.1", "1"):
-            raise FileFormatError(self.path, f"version {content[:8].strip()} is not 1.0 or 1.1", number)
-        header: dict[str, tuple[int, str]] = {}
+            raise FileFormatError(self.path, f"version {content[:8].strip()} is not 1.0 or 1.1", self.line)
         while label != "END OF HEADER":
-            number, label, content = self._take()
+            label, content = self._next()
             if label == "START OF AUX DATA":
                 self._skip_to("END OF AUX DATA")
-            header[label] = number, content
-        if "EXPONENT" in header:
-            self._set_exponent(*header["EXPONENT"])
-        return header
-
-    def _tec_maps(self, grid: LatLonGrid) -> list[tuple[float, NDArray[np.float64]]]:
-        maps = []
-        while True:
-            number, label, content = self._take()
-            match label:
-                case "START OF TEC MAP":
-                    maps.append(self._tec_map(grid))
-                case "START OF RMS MAP" | "START OF HEIGHT MAP":
-                    self._skip_to(label.replace("START", "END"))
-                case "EXPONENT":
-                    self._set_exponent(number, content)
-                case "END OF FILE":
-                    return maps
-                case "COMMENT" | "":
-                    pass
-                case _:
-                    raise FileFormatError(self.path, f"{label!r} is not expected here", number)
+            self.header[label] = self.line, content
 
     def _tec_map(self, grid: LatLonGrid) -> tuple[float, NDArray[np.float64]]:
         tec = np.full(grid.shape, np.nan)
         rows_left = {round(float(latitude), 3): k for k, latitude in enumerate(grid.latitudes_deg)}
+        ends = grid.longitudes_deg[[0, -1]].tolist()
         mjd = None
         while True:
-            number, label, content = self._take()
-            match label:
-                case "EPOCH OF CURRENT MAP":
-                    mjd = self._epoch(number, content)
-                case "EXPONENT":
-                    self._set_exponent(number, content)
-                case "LAT/LON1/LON2/DLON/H":
-                    latitude, *along = fixed_numbers(self.path, number, content, 2, 6, 4)
-                    first, last = grid.longitudes_deg[[0, -1]]
-                    row = rows_left.pop(round(latitude, 3), None)
-                    if row is None or along[:2] != [first, last]:
-                        problem = "the row is not one of the header's grid, or comes twice"
-                        raise FileFormatError(self.path, problem, number)
-                    tec[row] = self._row(grid.shape[1])
-                case "END OF TEC MAP":
-                    break
-                case "COMMENT":
-                    pass
-                case _:
-                    shown = label or content.strip()
-                    raise FileFormatError(self.path, f"{shown!r} is not expected in a map", number)
+            label, content = self._next()
+            if label == "EPOCH OF CURRENT MAP":
+                mjd = self._epoch(content)
+            elif label == "LAT/LON1/LON2/DLON/H":
+                latitude, *along = self._numbers(self.line, content, 4, skip=2)
+                row = rows_left.pop(round(latitude, 3), None)
+                if row is None or along[:2] != ends:
+                    problem = "the row is not one of the header's grid, or comes twice"
+                    raise FileFormatError(self.path, problem, self.line)
+                tec[row] = self._row(grid.shape[1])
+            elif label == "END OF TEC MAP":
+                break
+            elif label not in ("EXPONENT", "COMMENT"):
+                shown = label or content.strip()
+                raise FileFormatError(self.path, f"{shown!r} is not expected in a map", self.line)
         if mjd is None or rows_left:
             what = "its epoch" if mjd is None else f"{len(rows_left)} of its rows"
-            raise FileFormatError(self.path, f"the map that ends here lacks {what}", number)
+            raise FileFormatError(self.path, f"the map that ends here lacks {what}", self.line)
         return mjd, tec
 
-    def _row(self, n_values: int) -> NDArray[np.float64]:
-        values: list[int] = []
-        while len(values) < n_values:
-            number = self.next + 1
-            count = min(_VALUES_PER_LINE, n_values - len(values))
-            line = self.lines[self.next] if self.next < len(self.lines) else ""
-            self.next += 1
+    def _row(self, n_values: int) -> list[float]:
+        """Contents of one latitude, TECU: sixteen of five columns on a line."""
+        row: list[float] = []
+        while len(row) < n_values:
+            self._next()
+            line, count = self.lines[self.line - 1], min(16, n_values - len(row))
             try:
-                values.extend(int(line[k * _WIDTH : (k + 1) * _WIDTH]) for k in range(count))
+                numbers = [int(line[5 * k : 5 * k + 5]) for k in range(count)]
             except ValueError:
                 problem = f"{count} whole numbers of five columns each are wanted"
-                raise FileFormatError(self.path, problem, number) from None
-            if line[count * _WIDTH :].strip():
-                raise FileFormatError(self.path, f"more than {count} values stand here", number)
-        row = np.array(values, dtype=np.float64)
-        tec = np.where(row == _MISSING, np.nan, row * 10.0**self.exponent)
-        wrong = (tec < _POSSIBLE_TECU[0]) | (tec > _POSSIBLE_TECU[1])
-        if wrong.any():
-            # Of the line on which the value stands.
-            at = int(np.argmax(wrong))
-            at_line = self.next - (n_values - 1) // _VALUES_PER_LINE + at // _VALUES_PER_LINE
-            problem = f"a content of {tec[at]:g} TECU (with the exponent {self.exponent}) cannot be"
-            raise FileFormatError(self.path, f"{problem}; {_POSSIBLE_TECU[1]:g} is the most", at_line)
-        return tec
+                raise FileFormatError(self.path, problem, self.line) from None
+            if line[5 * count :].strip():
+                raise FileFormatError(self.path, f"more than {count} values stand here", self.line)
+            unit = 10.0**self.exponent
+            for number in numbers:
+                tec = np.nan if number == _MISSING else number * unit
+                if tec < _POSSIBLE_TECU[0] or tec > _POSSIBLE_TECU[1]:
+                    problem = f"a content of {tec:g} TECU (with the exponent {self.exponent}) cannot be"
+                    problem = f"{problem}; {_POSSIBLE_TECU[1]:g} is the most"
+                    raise FileFormatError(self.path, problem, self.line)
+                row.append(tec)
+        return row
 
-    def _set_exponent(self, number: int, content: str) -> None:
-        exponent = fixed_numbers(self.path, number, content, 0, 6, 1)[0]
-        if not (exponent.is_integer() and abs(exponent) <= 9):
-            raise FileFormatError(self.path, f"the exponent is {exponent:g}, but -1 is usual", number)
-        self.exponent = int(exponent)
-
-    def _epoch(self, number: int, content: str) -> float:
-        year, month, day, hour, minute, second = fixed_numbers(self.path, number, content, 0, 6, 6)
+    def _epoch(self, content: str) -> float:
+        year, month, day, hour, minute, second = self._numbers(self.line, content, 6)
         try:
             # Midnight at the end of a day may be called its 24th hour.
             midnight = epochs_from_strings(f"{year:04.0f}-{month:02.0f}-{day:02.0f}", "UTC").mjd[0]
         except InputError as error:
-            raise FileFormatError(self.path, str(error), number) from error
+            raise FileFormatError(self.path, str(error), self.line) from error
         seconds = 3600.0 * hour + 60.0 * minute + second
-        if not 0.0 <= seconds <= 86400.0:
-            raise FileFormatError(self.path, f"{content.strip()} is not a time of day", number)
-        return float(midnight + seconds / 86400.0)
+        if not 0.0 <= seconds <= SECONDS_PER_DAY:
+            raise FileFormatError(self.path, f"{content.strip()} is not a time of day", self.line)
+        return float(midnight + seconds / SECONDS_PER_DAY)
 
-    def _range(self, header: dict[str, tuple[int, str]], label: str) -> NDArray[np.float64]:
-        first, last, step = self._header_numbers(header, label, 2, 6, 3)
+    def _range(self, label: str) -> NDArray[np.float64]:
+        first, last, step = self._header_numbers(label, 3, skip=2)
         count = round((last - first) / step) + 1 if step else 0
         if count < 2 or abs(first + (count - 1) * step - last) > 1e-6:
             problem = f"from {first:g} to {last:g} in steps of {step:g} is no range"
-            raise FileFormatError(self.path, problem, header[label][0])
+            raise FileFormatError(self.path, problem, self.header[label][0])
         return np.linspace(first, last, count)
 
-    def _header_numbers(
-        self, header: dict[str, tuple[int, str]], label: str, skip: int, width: int, count: int
-    ) -> list[float]:
-        if label not in header:
+    def _header_numbers(self, label: str, count: int = 1, skip: int = 0, width: int = 6) -> list[float]:
+        if label not in self.header:
             raise FileFormatError(self.path, f"the header has no line {label!r}")
-        number, content = header[label]
-        return fixed_numbers(self.path, number, content, skip, width, count)
+        return self._numbers(*self.header[label], count, skip, width)
 
-    def _take(self) -> tuple[int, str, str]:
-        if self.next >= len(self.lines):
+    def _numbers(self, line: int, content: str, count: int, skip: int = 0, width: int = 6) -> list[float]:
+        """Finite numbers in columns of one width, from a column on."""
+        fields = [content[skip + k * width : skip + (k + 1) * width] for k in range(count)]
+        try:
+            numbers = [float(field) for field in fields]
+        except ValueError:
+            numbers = [np.nan]
+        if not np.isfinite(numbers).all():
+            problem = (
+                f"{count} numbers of {width} columns each are wanted, but {content.rstrip()!r} stands here"
+            )
+            raise FileFormatError(self.path, problem, line)
+        return numbers
+
+    def _next(self) -> tuple[str, str]:
+        """Label and content of the next line; an exponent, wherever it stands, is kept."""
+        if self.line >= len(self.lines):
             raise FileFormatError(self.path, "the map or header is not complete", len(self.lines))
-        line = self.lines[self.next]
-        self.next += 1
-        return self.next, line[60:80].strip(), line[:60]
+        self.line += 1
+        line = self.lines[self.line - 1]
+        label, content = line[60:80].strip(), line[:60]
+        if label == "EXPONENT":
+            (exponent,) = self._numbers(self.line, content, 1)
+            if not (exponent.is_integer() and abs(exponent) <= 9):
+                raise FileFormatError(self.path, f"the exponent is {exponent:g}, but -1 is usual", self.line)
+            self.exponent = int(exponent)
+        return label, content
 
     def _skip_to(self, end: str) -> None:
-        while self._take()[1] != end:
+        exponent = self.exponent
+        while self._next()[0] != end:
             pass
+        self.exponent = exponent

@@ -22,14 +22,14 @@ from dataclasses import dataclass
 from typing import ClassVar, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
-from radioloc.media.checks import LEAST_ELEVATION_RAD, within
-from radioloc.media.medium import Leg, LegDelay, LegEnd
-from radioloc.media.status import Status
+from radioloc.media.medium import Floats, Leg, LegDelay, LegEnd
+from radioloc.media.status import LEAST_ELEVATION_RAD, Status
 from radioloc.time import Epochs
+from radioloc.vectors import dot
 
 GROUP_DELAY_M3_S2 = 40.308193022
 """Delay (m) times squared frequency per electron content (1/m^2): e^2 / (8 pi^2 eps0 m_e), CODATA 2018."""
@@ -49,40 +49,37 @@ _FREQUENCY_HZ = (1e8, 1e12)
 _LARGEST_TECU = 5000.0
 
 
-def ionosphere_delay_m(stec_tecu: ArrayLike, frequency_hz: ArrayLike) -> NDArray[np.float64]:
+def ionosphere_delay_m(stec_tecu: Floats, frequency_hz: Floats) -> Floats:
     """Group delay along a ray, one way, m: positive, to be added to the geometric range or VLBI group delay.
 
     The phase is advanced by as much. IERS Conventions (2010), section 9.4, first order, with the constant to its
     digits.
     """
-    stec = np.asarray(stec_tecu, dtype=np.float64)
-    frequency = np.asarray(frequency_hz, dtype=np.float64)
-    if not ((stec >= 0.0) & (stec <= _LARGEST_TECU)).all():
+    if not np.all((stec_tecu >= 0.0) & (stec_tecu <= _LARGEST_TECU)):
         raise InputError(
-            f"electron contents are {np.min(stec):.6g} to {np.max(stec):.6g} TECU (1e16 per square metre), "
+            f"electron contents are {np.min(stec_tecu):.6g} to {np.max(stec_tecu):.6g} TECU (1e16 per square metre), "
             f"but 0 to {_LARGEST_TECU:g} are possible"
         )
-    if not ((frequency >= _FREQUENCY_HZ[0]) & (frequency <= _FREQUENCY_HZ[1])).all():
+    if not np.all((frequency_hz >= _FREQUENCY_HZ[0]) & (frequency_hz <= _FREQUENCY_HZ[1])):
         raise InputError(
-            f"frequencies are {np.min(frequency):.6g} to {np.max(frequency):.6g} Hz, but the delay holds "
+            f"frequencies are {np.min(frequency_hz):.6g} to {np.max(frequency_hz):.6g} Hz, but the delay holds "
             f"from {_FREQUENCY_HZ[0]:g} to {_FREQUENCY_HZ[1]:g} Hz"
         )
-    return np.asarray(GROUP_DELAY_M3_S2 * TECU_PER_M2 * stec / frequency**2)
+    return GROUP_DELAY_M3_S2 * TECU_PER_M2 * stec_tecu / frequency_hz**2
 
 
-def modified_shell_mapping(elevation_rad: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def modified_shell_mapping(elevation_rad: ArrayLike) -> tuple[Floats, Floats]:
     """Slant per vertical electron content by the modified single layer model, and its derivative, 1/rad.
 
     1 / cos z' with sin z' = R / (R + 506.7 km) sin(0.9782 z) and R = 6371 km, fitted by CODE to the extended slab
     model of JPL (Dach et al. 2015, Bernese GNSS Software 5.2, chapter 12). Less than that of a thin shell at 450 km by
     2 % at 45 degrees, 6 % at 20 and 7 % at 10.
     """
-    elevation = within("elevation", elevation_rad, "the mapping of the ionosphere")
     ratio = BASE_RADIUS_M / (BASE_RADIUS_M + _MODIFIED_HEIGHT_M)
-    angle = _MODIFIED_SCALE * (np.pi / 2 - elevation)
+    angle = _MODIFIED_SCALE * (np.pi / 2 - _possible_elevation(elevation_rad))
     sine = ratio * np.sin(angle)
     mapping = (1.0 - sine**2) ** -0.5
-    return np.asarray(mapping), np.asarray(-_MODIFIED_SCALE * mapping**3 * sine * ratio * np.cos(angle))
+    return mapping, -_MODIFIED_SCALE * mapping**3 * sine * ratio * np.cos(angle)
 
 
 def pierce_point(
@@ -91,14 +88,13 @@ def pierce_point(
     elevation_rad: ArrayLike,
     shell_height_m: float = SHELL_HEIGHT_M,
     base_radius_m: float = BASE_RADIUS_M,
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+) -> tuple[Floats, Floats]:
     """Geocentric latitude and east longitude (-pi to pi), rad, at which rays go through the shell; shape (n,).
 
     The station is ITRF, shape (3,) or (n, 3); azimuth counts from north through east, elevation from the horizon of
     the ellipsoid.
     """
-    elevation = within("elevation", elevation_rad, "the pierce point")
-    azimuth, elevation = np.broadcast_arrays(np.asarray(azimuth_rad, dtype=np.float64), elevation)
+    azimuth, elevation = np.broadcast_arrays(azimuth_rad, _possible_elevation(elevation_rad))
     if not np.isfinite(azimuth).all():
         raise InputError("an azimuth is not a finite number")
     station = np.asarray(station_itrf_m, dtype=np.float64)
@@ -107,14 +103,22 @@ def pierce_point(
     )
     # The transpose of the rotation takes the direction from east, north, up to the ITRF.
     direction = np.einsum("...ji,...j->...i", rot_itrf_to_enu(station), enu)
-    upwards = np.sum(station * direction, axis=-1)
-    room = require_shell(shell_height_m, base_radius_m) ** 2 - np.sum(station**2, axis=-1)
+    upwards = dot(station, direction)
+    room = require_shell(shell_height_m, base_radius_m) ** 2 - dot(station, station)
     if not (room > 0.0).all():
         raise InputError("a station is not below the shell of the ionosphere; give metres, geocentric")
     # Solution of the quadratic equation for the distance to the sphere ahead.
     distance = room / (upwards + np.sqrt(upwards**2 + room))
     x, y, z = np.moveaxis(station + distance[..., None] * direction, -1, 0)
-    return np.asarray(np.arctan2(z, np.hypot(x, y))), np.asarray(np.arctan2(y, x))
+    return np.arctan2(z, np.hypot(x, y)), np.arctan2(y, x)
+
+
+def _possible_elevation(elevation_rad: ArrayLike) -> Floats:
+    elevation = np.asarray(elevation_rad, dtype=np.float64)
+    wrong = elevation[~((elevation >= LEAST_ELEVATION_RAD) & (elevation <= np.pi / 2 + 1e-12))]
+    if wrong.size:
+        raise InputError(f"elevation is {wrong[0]:.6g} rad, but the ionosphere is mapped for 3 to 90 degrees")
+    return elevation
 
 
 def require_shell(shell_height_m: float, base_radius_m: float) -> float:
@@ -132,7 +136,7 @@ class ElectronContent(Protocol):
 
     def slant_tec(
         self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Electron content along rays from stations, TECU, shape (n,)."""
 
 
@@ -148,7 +152,7 @@ class UniformTec:
 
     def slant_tec(
         self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
-    ) -> NDArray[np.float64]:
+    ) -> Floats:
         """Vertical content times the modified single layer mapping, TECU, shape (n,)."""
         return self.vertical_tecu * modified_shell_mapping(elevation_rad)[0]
 
@@ -193,7 +197,7 @@ class Ionosphere:
         return LegDelay(delay_m, status, by_elevation_m_rad)
 
 
-def delay_by_content_m(leg: Leg) -> NDArray[np.float64]:
+def delay_by_content_m(leg: Leg) -> Floats:
     """Delay of a leg by one TECU of vertical content, whatever the model's source of contents, m, shape (n,).
 
     By the modified single layer mapping, below 3 degrees by that at 3 degrees. Zero for light, NaN where no frequency
@@ -204,6 +208,6 @@ def delay_by_content_m(leg: Leg) -> NDArray[np.float64]:
     return np.where(leg.end.radio, _signed(leg.end) * mapping * at_frequency_m, 0.0)
 
 
-def _signed(end: LegEnd) -> NDArray[np.float64]:
+def _signed(end: LegEnd) -> Floats:
     """The phase is advanced by as much as a code is delayed."""
     return np.where(end.phase, -1.0, 1.0)

@@ -10,14 +10,14 @@ six hours from ray tracing through weather models (:mod:`radioloc.media.vmf3_fil
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
 from functools import cache
 from importlib.resources import files
+from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from radioloc.media.checks import within
 from radioloc.time import Epochs
 
 Floats = NDArray[np.float64]
@@ -47,9 +47,8 @@ _VMF3_DEGREE = 12
 _VMF3_TERMS = (_VMF3_DEGREE + 1) * (_VMF3_DEGREE + 2) // 2
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class MappingFactors:
-    """Delay along the ray per delay at the zenith, and its derivatives with elevation, 1/rad; arrays of one shape."""
+class MappingFactors(NamedTuple):
+    """Delay along the ray per delay at the zenith, and its derivatives with elevation, 1/rad."""
 
     hydrostatic: Floats
     wet: Floats
@@ -70,24 +69,21 @@ def continued_fraction(
     middle_rate = cosine * (1.0 - b / inner**2)
     outer_rate = cosine - a * middle_rate / middle**2
     zenith = 1.0 + a / (1.0 + b / (1.0 + c))
-    return np.asarray(zenith / outer), np.asarray(-zenith * outer_rate / outer**2)
+    return zenith / outer, -zenith * outer_rate / outer**2
 
 
-def height_correction(sine: Floats, cosine: Floats, height_m: ArrayLike) -> tuple[Floats, Floats]:
+def height_correction(sine: Floats, cosine: Floats, height_m: Floats) -> tuple[Floats, Floats]:
     """What height adds to a hydrostatic mapping function given for sea level, and its derivative, 1/rad.
 
     Niell (1996); 0.00053 at 1000 m and 20 degrees, 1.2 mm of delay.
     """
-    height_km = within("height", height_m, "the height correction") / 1000.0
+    height_km = height_m / 1000.0
     sea_level, rate = continued_fraction(sine, cosine, *_HEIGHT_ABC)
     return height_km * (1.0 / sine - sea_level), height_km * (-cosine / sine**2 - rate)
 
 
 def mapping_factors(
-    elevation_rad: ArrayLike,
-    height_m: ArrayLike,
-    hydrostatic_abc: tuple[ArrayLike, ...],
-    wet_abc: tuple[ArrayLike, ...],
+    elevation_rad: Floats, height_m: Floats, hydrostatic_abc: Sequence[Floats], wet_abc: Sequence[Floats]
 ) -> MappingFactors:
     """Mapping functions at elevations (without refraction, 3 to 90 degrees) from their coefficients a, b, c each.
 
@@ -95,48 +91,36 @@ def mapping_factors(
     and of maps and GPT3 (that above the ellipsoid changes the delay by less than 0.2 mm at 20 degrees), nought for
     those of VMF3's files of sites.
     """
-    elevation = within("elevation", elevation_rad, "the mapping function")
-    sine, cosine = np.sin(elevation), np.cos(elevation)
-    hydrostatic, hydrostatic_rate = continued_fraction(sine, cosine, *map(np.asarray, hydrostatic_abc))
+    sine, cosine = np.sin(elevation_rad), np.cos(elevation_rad)
+    hydrostatic, hydrostatic_rate = continued_fraction(sine, cosine, *hydrostatic_abc)
     correction, correction_rate = height_correction(sine, cosine, height_m)
-    wet, wet_rate = continued_fraction(sine, cosine, *map(np.asarray, wet_abc))
-    return MappingFactors(
-        *np.broadcast_arrays(hydrostatic + correction, wet, hydrostatic_rate + correction_rate, wet_rate)
-    )
+    wet, wet_rate = continued_fraction(sine, cosine, *wet_abc)
+    return MappingFactors(hydrostatic + correction, wet, hydrostatic_rate + correction_rate, wet_rate)
 
 
-def niell_coefficients(
-    latitude_rad: ArrayLike, day_of_year: ArrayLike
-) -> tuple[tuple[Floats, ...], tuple[Floats, ...]]:
+def niell_coefficients(latitude_rad: Floats, day_of_year: Floats) -> tuple[list[Floats], list[Floats]]:
     """Coefficients a, b, c of Niell (1996), tables 3 and 4, at sea level, hydrostatic and wet.
 
     Nearer to the equator than 15 degrees and nearer to the poles than 75 they are those at 15 and 75 degrees; the
     south has the north's seasons half a year later.
     """
-    latitude = within("latitude", latitude_rad, "the mapping function of Niell")
-    day = within("day of year", day_of_year, "the mapping function of Niell")
-    phase = 2.0 * np.pi * (day - _NIELL_COLDEST_DAY) / _YEAR_DAYS + np.where(latitude < 0.0, np.pi, 0.0)
+    south = np.where(latitude_rad < 0.0, np.pi, 0.0)
+    phase = 2.0 * np.pi * (day_of_year - _NIELL_COLDEST_DAY) / _YEAR_DAYS + south
 
     def at_latitude(row: tuple[float, ...]) -> Floats:
-        return np.interp(np.abs(latitude), _NIELL_LATITUDE_RAD, row)
+        return np.interp(np.abs(latitude_rad), _NIELL_LATITUDE_RAD, row)
 
-    hydrostatic = (
+    hydrostatic = [
         at_latitude(mean) - at_latitude(amplitude) * np.cos(phase)
         for mean, amplitude in zip(_NIELL_MEAN, _NIELL_AMPLITUDE, strict=True)
-    )
-    return (*hydrostatic,), tuple(at_latitude(row) for row in _NIELL_WET)
+    ]
+    return hydrostatic, [at_latitude(row) for row in _NIELL_WET]
 
 
-def vmf3_bc(latitude_rad: ArrayLike, longitude_rad: ArrayLike, day_of_year: ArrayLike) -> tuple[Floats, ...]:
-    """Coefficients b hydrostatic, b wet, c hydrostatic, c wet of VMF3, each of the arguments' common shape."""
-    latitude, longitude, day = np.broadcast_arrays(
-        within("latitude", latitude_rad, "VMF3"),
-        within("longitude", longitude_rad, "VMF3"),
-        within("day of year", day_of_year, "VMF3"),
-    )
-    harmonics = _solid_harmonics(latitude, longitude)
-    values = np.einsum("...k,ckp,...p->c...", harmonics, _vmf3_table(), seasons(day), optimize=True)
-    return tuple(values)
+def vmf3_bc(latitude_rad: Floats | float, longitude_rad: Floats | float, day_of_year: Floats) -> Floats:
+    """Coefficients b hydrostatic, b wet, c hydrostatic, c wet of VMF3, shape (4, ...), of a place at some days."""
+    harmonics = _solid_harmonics(latitude_rad, longitude_rad)
+    return np.einsum("...k,ckp,...p->c...", harmonics, _vmf3_table(), seasons(day_of_year), optimize=True)
 
 
 def seasons(day_of_year: Floats) -> Floats:
@@ -147,7 +131,7 @@ def seasons(day_of_year: Floats) -> Floats:
     )
 
 
-def _solid_harmonics(latitude_rad: Floats, longitude_rad: Floats) -> Floats:
+def _solid_harmonics(latitude_rad: Floats | float, longitude_rad: Floats | float) -> Floats:
     """P_nm cos(m lon), then P_nm sin(m lon), without norm, in the table's order: shape (..., 182).
 
     By the recursions of the solid harmonics on the unit sphere (Cunningham 1970), exact to rounding at the poles too.

@@ -37,72 +37,32 @@ class Weather(Protocol):
         """Relative humidity, a fraction."""
 
 
-class StationState(Protocol):
-    """The stations at their events, in the GCRS; arrays of shape (n, 3), of latitude and height (n,)."""
+@dataclass(frozen=True, slots=True, eq=False)
+class StationState:
+    """The stations at their events, in the GCRS: vectors of shape (n, 3), latitude and height (n,)."""
 
-    @property
-    def gcrs_m(self) -> Floats:
-        """Position."""
-
-    @property
-    def gcrs_velocity_m_s(self) -> Floats:
-        """Velocity."""
-
-    @property
-    def up_gcrs(self) -> Floats:
-        """Unit vector along the ellipsoid's normal."""
-
-    @property
-    def up_rate_gcrs(self) -> Floats:
-        """Its rate, 1/s."""
-
-    @property
-    def pole_gcrs(self) -> Floats:
-        """Unit vector along the ITRF's z axis."""
-
-    @property
-    def latitude_rad(self) -> Floats:
-        """Geodetic latitude."""
-
-    @property
-    def height_m(self) -> Floats:
-        """Height above the ellipsoid."""
+    gcrs_m: Floats
+    gcrs_velocity_m_s: Floats
+    up_gcrs: Floats  # unit vector along the ellipsoid's normal
+    up_rate_gcrs: Floats  # its rate, 1/s
+    pole_gcrs: Floats  # unit vector along the ITRF's z axis
+    latitude_rad: Floats  # geodetic
+    height_m: Floats  # above the ellipsoid
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegEnd:
-    """Stations at one end of n light paths, and the signals there.
-
-    Parameters
-    ----------
-    stations : sequence of Station
-    which : ndarray of int, shape (n,)
-        Index into `stations`.
-    epoch : Epochs
-        TT of the events.
-    radio : ndarray of bool, shape (n,)
-        Whether the signal is radio, not light.
-    phase : ndarray of bool, shape (n,)
-        Whether the phase is measured and not a code or a pulse, which travel with the group velocity.
-    frequency_hz : ndarray, shape (n,)
-        Of radio on this leg; NaN where it was not recorded.
-    wavelength_um : ndarray, shape (n,)
-        Of light, in vacuum, micrometres; NaN where it was not recorded.
-    weather : Weather
-        As recorded.
-    weather_is_here : ndarray of bool, shape (n,)
-        Whether it was recorded at this end.
-    """
+    """Stations at one end of n light paths, and the signals there; arrays of shape (n,)."""
 
     stations: Sequence[Station]
-    which: NDArray[np.int32]
-    epoch: Epochs
-    radio: NDArray[np.bool_]
-    phase: NDArray[np.bool_]
-    frequency_hz: Floats
-    wavelength_um: Floats
-    weather: Weather
-    weather_is_here: NDArray[np.bool_]
+    which: NDArray[np.int32]  # index into the stations
+    epoch: Epochs  # TT of the events
+    radio: NDArray[np.bool_]  # whether the signal is radio, not light
+    phase: NDArray[np.bool_]  # whether the phase is measured, not a code or pulse with the group velocity
+    frequency_hz: Floats  # of radio on this leg; NaN where it was not recorded
+    wavelength_um: Floats  # of light, in vacuum, micrometres; NaN where it was not recorded
+    weather: Weather  # as recorded
+    weather_is_here: NDArray[np.bool_]  # whether it was recorded at this end
 
     def __len__(self) -> int:
         return len(self.which)
@@ -114,55 +74,29 @@ class LegEnd:
 
 @dataclass(frozen=True, slots=True)
 class Elevation:
-    """Elevation and its derivatives.
-
-    Parameters
-    ----------
-    angle_rad : ndarray, shape (n,)
-        Without refraction.
-    rate_rad_s : ndarray, shape (n,)
-        With time.
-    by_position_rad_m : ndarray, shape (n, 3)
-        With the target's position, celestial axes.
-    """
+    """Elevation without refraction, and its derivatives."""
 
     angle_rad: Floats
-    rate_rad_s: Floats
-    by_position_rad_m: Floats
+    rate_rad_s: Floats  # with time
+    by_position_rad_m: Floats  # with the target's position, celestial axes, shape (n, 3)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Leg:
-    """Legs of n light paths seen from their stations.
+    """Legs of n light paths seen from their stations; vectors of shape (n, 3).
 
-    Parameters
-    ----------
-    end : LegEnd
-    station : StationState
-        The stations at their events.
-    target_gcrs_m, target_velocity_m_s : ndarray, shape (n, 3)
-        Geocentric position and velocity of the target at its event. Station and target are geocentric at their own
-        instants, so the direction between them is the one seen in the frame that moves with the Earth (aberration is
-        contained).
-
-    Attributes
-    ----------
-    distance_m : ndarray, shape (n, 1)
-    unit : ndarray, shape (n, 3)
-        Direction from the station to the target.
-    velocity_m_s : ndarray, shape (n, 3)
-        Velocity of the target less that of the station.
-    elevation : Elevation
+    Station and target are geocentric at their own instants, so the direction between them is the one seen in the frame
+    that moves with the Earth (aberration is contained).
     """
 
     end: LegEnd
-    station: StationState
-    target_gcrs_m: Floats
+    station: StationState  # at their events
+    target_gcrs_m: Floats  # at its event
     target_velocity_m_s: Floats
-    distance_m: Floats = field(init=False)
-    unit: Floats = field(init=False)
-    velocity_m_s: Floats = field(init=False)
-    elevation: Elevation = field(init=False)
+    distance_m: Floats = field(init=False)  # shape (n, 1)
+    unit: Floats = field(init=False)  # direction from the station to the target
+    velocity_m_s: Floats = field(init=False)  # of the target less that of the station
+    elevation: Elevation = field(init=False)  # above the plane normal to the ellipsoid's vertical
 
     def __post_init__(self) -> None:
         away_m = self.target_gcrs_m - self.station.gcrs_m
@@ -182,7 +116,6 @@ class Leg:
         return np.asarray(np.arctan2(dot(east, unit), dot(cross(up, east), unit)) % (2.0 * np.pi))
 
     def _elevation(self) -> Elevation:
-        """Above the plane normal to the ellipsoid's vertical."""
         up, unit = self.station.up_gcrs, self.unit
         sine = dot(up, unit)
         # arctan2 keeps its digits near the zenith, where arcsin loses half of them.
@@ -195,30 +128,16 @@ class Leg:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LegDelay:
-    """Delay of n legs by one medium, one way; of what is ``None`` there is none.
+    """Delay of n legs by one medium, one way; of what is ``None`` there is none. Shapes are (n,), of vectors (n, 3)."""
 
-    Parameters
-    ----------
-    delay_m : ndarray, shape (n,)
-        Zero where the status is not OK.
-    status : ndarray of int8, shape (n,), optional
-        :class:`~radioloc.media.status.Status`.
-    by_elevation_m_rad : ndarray, shape (n,), optional
-        Derivative with respect to elevation, from which those with respect to time and position follow.
-    rate_m_s : ndarray, shape (n,), optional
-        Derivative with respect to time that does not come by way of elevation.
-    by_position : ndarray, shape (n, 3), optional
-        Derivative with respect to the target's position, celestial axes, that does not come by way of elevation.
-    by_zenith_wet : ndarray, shape (n,), optional
-        Derivative with respect to the wet tropospheric delay at the zenith, m/m.
-    """
-
-    delay_m: Floats
-    status: NDArray[np.int8] | None = None
-    by_elevation_m_rad: Floats | None = None
-    rate_m_s: Floats | None = None
-    by_position: Floats | None = None
-    by_zenith_wet: Floats | None = None
+    delay_m: Floats  # zero where the status is not OK
+    status: NDArray[np.int8] | None = None  # Status
+    by_elevation_m_rad: Floats | None = None  # derivative, from which those by time and position follow
+    rate_m_s: Floats | None = None  # derivative with time that does not come by way of elevation
+    by_position: Floats | None = (
+        None  # with the target's position, celestial axes, not by way of elevation either
+    )
+    by_zenith_wet: Floats | None = None  # with the wet tropospheric delay at the zenith, m/m
 
 
 @runtime_checkable
@@ -240,10 +159,7 @@ class Medium(Protocol):
     def prepare(self, end: LegEnd) -> Any:
         """What does not depend on where the target is: ``None``, or a record of arrays with a row for each leg.
 
-        Raises
-        ------
-        CoverageError, InputError
-            The medium is not known at a station or an epoch.
+        :class:`CoverageError` or :class:`InputError` where the medium is not known at a station or an epoch.
         """
 
     def delay(self, leg: Leg, prepared: Any) -> LegDelay | None:

@@ -34,9 +34,9 @@ from radioloc.media.mapping_functions import (
     vmf3_bc,
 )
 from radioloc.media.medium import LegEnd
-from radioloc.media.optical_troposphere import water_vapour_pressure_hpa
-from radioloc.media.radio_troposphere import (
+from radioloc.media.neutral_atmosphere import (
     standard_weather,
+    water_vapour_pressure_hpa,
     zenith_hydrostatic_delay_m,
     zenith_wet_delay_askne_nordius_m,
     zenith_wet_delay_m,
@@ -44,7 +44,6 @@ from radioloc.media.radio_troposphere import (
 from radioloc.media.text_numbers import ENCODING
 from radioloc.media.vmf3_files import Vmf3Grids, Vmf3Site, Vmf3Values, read_vmf3_grids, read_vmf3_sites
 from radioloc.text_files import read_lines
-from radioloc.time import Epochs
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,8 +62,8 @@ class ZenithAir:
 
     def mapping(self, elevation_rad: NDArray[np.float64], rows: NDArray[np.intp] | slice) -> MappingFactors:
         """Mapping functions of some rows, at their elevations."""
-        hydrostatic, wet = self.hydrostatic_abc[rows].T, self.wet_abc[rows].T
-        return mapping_factors(elevation_rad, self.height_above_a_m[rows], tuple(hydrostatic), tuple(wet))
+        hydrostatic_abc, wet_abc = [*self.hydrostatic_abc[rows].T], [*self.wet_abc[rows].T]
+        return mapping_factors(elevation_rad, self.height_above_a_m[rows], hydrostatic_abc, wet_abc)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -117,36 +116,28 @@ class RadioAtmosphere:
         names = {name.upper() for name in (station.name, *station.aliases)}
         return next((site for name, site in self.sites.items() if name.upper() in names), None)
 
-    def _values(
-        self, station: Station, epochs: Epochs, place: tuple[float, float, float]
-    ) -> Vmf3Values | Gpt3Values:
-        site = self._site(station)
-        if site is not None:
-            return site.at(epochs)
-        source = self.gpt3 if self.grids is None else self.grids
-        assert source is not None  # refused before
-        return source.at(epochs, *place)
-
     def _fill(self, air: ZenithAir, station: Station, rows: NDArray[np.intp], end: LegEnd) -> None:
         epochs, weather = end.epoch[rows], _recorded_here(end, rows)
         geodetic = geodetic_from_itrf(station.itrf_m)
-        place = float(geodetic.latitude_rad), float(geodetic.longitude_rad), float(geodetic.height_m)
-        latitude_rad, longitude_rad, height_m = place
-        found = self._values(station, epochs, place)
+        latitude_rad, longitude_rad = float(geodetic.latitude_rad), float(geodetic.longitude_rad)
+        height_m = float(geodetic.height_m)
+        source = self._site(station) or self.grids or self.gpt3
+        assert source is not None  # refused before
+        found = source.at(epochs, latitude_rad, longitude_rad, height_m)
         if isinstance(found, Vmf3Values):
-            hydrostatic_m, wet_m = found.zenith_hydrostatic_m, found.zenith_wet_m
-            above_a_m = found.height_above_a_m
+            air.hydrostatic_m[rows], air.wet_m[rows] = found.zenith_hydrostatic_m, found.zenith_wet_m
+            air.height_above_a_m[rows] = found.height_above_a_m
         else:
-            hydrostatic_m = zenith_hydrostatic_delay_m(found.pressure_hpa, latitude_rad, height_m)
-            wet_m = _wet_of_climate(found, weather)
-            above_a_m = np.full(len(rows), height_m)
-        measured = np.flatnonzero(~np.isnan(weather[0]))
-        hydrostatic_m[measured] = zenith_hydrostatic_delay_m(weather[0][measured], latitude_rad, height_m)
+            air.hydrostatic_m[rows] = zenith_hydrostatic_delay_m(found.pressure_hpa, latitude_rad, height_m)
+            air.wet_m[rows] = _wet_of_climate(found, weather)
+            air.height_above_a_m[rows] = height_m
+        measured = ~np.isnan(weather[0])
+        air.hydrostatic_m[rows[measured]] = zenith_hydrostatic_delay_m(
+            weather[0][measured], latitude_rad, height_m
+        )
         b_h, b_w, c_h, c_w = vmf3_bc(latitude_rad, longitude_rad, day_of_year(epochs))
-        air.hydrostatic_m[rows], air.wet_m[rows] = hydrostatic_m, wet_m
         air.hydrostatic_abc[rows] = np.stack([found.hydrostatic_a, b_h, c_h], axis=-1)
         air.wet_abc[rows] = np.stack([found.wet_a, b_w, c_w], axis=-1)
-        air.height_above_a_m[rows] = above_a_m
 
 
 def air_without_files(end: LegEnd) -> ZenithAir:
@@ -240,13 +231,11 @@ def _is_map(file: Path) -> bool:
 def _wet_of_climate(climate: Gpt3Values, recorded: NDArray[np.float64]) -> NDArray[np.float64]:
     """Wet delay of GPT3, by the humidity of the day where that was recorded."""
     pressure_hpa, temperature_k, humidity = recorded
-    measured = np.flatnonzero(~np.isnan(recorded).any(axis=0))
-    vapour_hpa = climate.vapour_pressure_hpa.copy()
-    vapour_hpa[measured] = water_vapour_pressure_hpa(
-        temperature_k[measured], humidity[measured], pressure_hpa[measured]
-    )
+    vapour_hpa = water_vapour_pressure_hpa(temperature_k, humidity, pressure_hpa)
     return zenith_wet_delay_askne_nordius_m(
-        vapour_hpa, climate.mean_temperature_k, climate.vapour_decrease_factor
+        np.where(np.isnan(vapour_hpa), climate.vapour_pressure_hpa, vapour_hpa),
+        climate.mean_temperature_k,
+        climate.vapour_decrease_factor,
     )
 
 

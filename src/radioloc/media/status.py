@@ -8,7 +8,11 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.media.checks import WAVELENGTH_RANGE_UM
+LEAST_ELEVATION_RAD = np.deg2rad(3.0)
+"""Below this mapping functions do not hold."""
+
+WAVELENGTH_RANGE_UM = (0.3545, 1.0645)
+"""Refraction of light is known from 0.355 to 1.064 micrometres; lasers named so emit at 0.3547 and 1.0642."""
 
 
 class Status(IntEnum):
@@ -35,7 +39,6 @@ class Status(IntEnum):
         return _TEXTS[self].format(e=elevation_deg, below=-elevation_deg, station=station)
 
 
-_SHORTEST_UM, _LONGEST_UM = WAVELENGTH_RANGE_UM
 _TEXTS = {
     Status.OK: "",
     Status.BELOW_HORIZON: "below the horizon ({e:.1f} deg)",
@@ -43,7 +46,7 @@ _TEXTS = {
     Status.EARTH_BELOW_HORIZON: "the Earth is {below:.1f} deg below the target's horizon",
     Status.TOO_LOW: "too low for the troposphere model (below 3 degrees)",
     Status.NO_WAVELENGTH: "no wavelength recorded, which the troposphere model needs",
-    Status.WAVELENGTH_OUTSIDE: f"no troposphere model but for {_SHORTEST_UM}-{_LONGEST_UM} um, or radio",
+    Status.WAVELENGTH_OUTSIDE: "no troposphere model but for {}-{} um, or radio".format(*WAVELENGTH_RANGE_UM),
     Status.NO_PRESSURE: "no pressure recorded, which the troposphere model needs",
     Status.NO_TEMPERATURE: "no temperature recorded, which the troposphere model needs",
     Status.NO_HUMIDITY: "no humidity recorded, which the troposphere model needs",

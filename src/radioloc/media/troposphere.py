@@ -12,11 +12,16 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.media.checks import LEAST_ELEVATION_RAD, WAVELENGTH_RANGE_UM
+from radioloc.earth.geodesy import geodetic_from_itrf
+from radioloc.errors import InputError
 from radioloc.media.medium import Leg, LegDelay, LegEnd
-from radioloc.media.optical_troposphere import optical_delay
+from radioloc.media.neutral_atmosphere import optical_delay
 from radioloc.media.radio_atmosphere import RadioAtmosphere, ZenithAir, air_without_files
-from radioloc.media.status import Status, first_of
+from radioloc.media.status import LEAST_ELEVATION_RAD, WAVELENGTH_RANGE_UM, Status, first_of
+
+_HEIGHT_M = (-500.0, 9000.0)
+_WEATHER = {"pressure_hpa": (300.0, 1100.0, "hPa"), "temperature_k": (200.0, 340.0, "K")}
+"""Least and most for which the model of the air above a station holds."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,6 +39,20 @@ class Troposphere:
 
     def prepare(self, end: LegEnd) -> ZenithAir:
         """The air above the stations that radio signals meet."""
+        for station in end.stations:
+            height_m = float(geodetic_from_itrf(station.itrf_m).height_m)
+            if not _HEIGHT_M[0] <= height_m <= _HEIGHT_M[1]:
+                raise InputError(
+                    f"the height of {station.name} is {height_m:.6g} m, but the troposphere holds from "
+                    f"{_HEIGHT_M[0]:g} to {_HEIGHT_M[1]:g} m"
+                )
+        for name, (least, most, unit) in _WEATHER.items():
+            recorded = getattr(end.weather, name)
+            wrong = recorded[(recorded < least) | (recorded > most)]
+            if len(wrong):
+                raise InputError(
+                    f"{name} is {wrong[0]:.6g}, but the troposphere holds from {least:g} to {most:g} {unit}"
+                )
         return air_without_files(end) if self.files is None else self.files.at(end)
 
     def delay(self, leg: Leg, prepared: ZenithAir) -> LegDelay:
@@ -45,8 +64,16 @@ class Troposphere:
         if not radio.all():
             status = np.where(radio, status, first_of(status, _status_of_light(leg.end)))
             rows = np.flatnonzero(~radio & (status == Status.OK))
-            if len(rows):
-                delay_m[rows], by_elevation_m_rad[rows] = _of_light(leg, rows)
+            weather = leg.end.weather
+            delay_m[rows], by_elevation_m_rad[rows] = optical_delay(
+                elevation_rad[rows],
+                weather.pressure_hpa[rows],
+                weather.temperature_k[rows],
+                weather.relative_humidity[rows],
+                leg.end.wavelength_um[rows],
+                leg.station.latitude_rad[rows],
+                leg.station.height_m[rows],
+            )
         wanted = radio & high_enough
         some: NDArray[np.intp] | slice = slice(None) if wanted.all() else np.flatnonzero(wanted)
         dry_m, wet_m = prepared.hydrostatic_m[some], prepared.wet_m[some]
@@ -69,16 +96,3 @@ def _status_of_light(end: LegEnd) -> NDArray[np.int8]:
         Status.NO_HUMIDITY: np.isnan(weather.relative_humidity),
     }
     return np.select(list(wrong.values()), list(wrong), Status.OK).astype(np.int8)
-
-
-def _of_light(leg: Leg, rows: NDArray[np.intp]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    weather = leg.end.weather
-    return optical_delay(
-        leg.elevation.angle_rad[rows],
-        weather.pressure_hpa[rows],
-        weather.temperature_k[rows],
-        weather.relative_humidity[rows],
-        leg.end.wavelength_um[rows],
-        leg.station.latitude_rad[rows],
-        leg.station.height_m[rows],
-    )

@@ -21,12 +21,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError, InputError
-from radioloc.media.checks import within
 from radioloc.media.grids import LatLonGrid, epochs_around, sort_into_grid
-from radioloc.media.optical_troposphere import column_gravity
+from radioloc.media.neutral_atmosphere import column_gravity
 from radioloc.media.text_numbers import ENCODING, numbers_of, table_of
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs, epochs_from_strings
@@ -46,15 +45,11 @@ _WET_SCALE_HEIGHT_M = 2000.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Vmf3Values:
-    """What a file of VMF3 gives for observations; arrays of shape (n,).
-
-    Coefficients a of the mapping functions, the height of the station above that for which the hydrostatic one holds,
-    and zenith delays at the station.
-    """
+    """Coefficients a and zenith delays at a station from VMF3, shape (n,), and its height above that of the former."""
 
     hydrostatic_a: NDArray[np.float64]
     wet_a: NDArray[np.float64]
-    height_above_a_m: NDArray[np.float64]
+    height_above_a_m: float
     zenith_hydrostatic_m: NDArray[np.float64]
     zenith_wet_m: NDArray[np.float64]
 
@@ -70,11 +65,11 @@ class Vmf3Site:
     mjd_utc: NDArray[np.float64]
     values: NDArray[np.float64]
 
-    def at(self, epochs: Epochs) -> Vmf3Values:
+    def at(self, epochs: Epochs, *_place: float) -> Vmf3Values:
         """Values at epochs of any scale but UT1, linear between the file's, of which none may lack."""
         before, after, share = _around(self.mjd_utc, epochs, f"VMF3 of {self.station}")
         values = self.values[before] + share[:, None] * (self.values[after] - self.values[before])
-        return Vmf3Values(values[:, 0], values[:, 1], np.zeros(len(epochs)), values[:, 2], values[:, 3])
+        return Vmf3Values(values[:, 0], values[:, 1], 0.0, values[:, 2], values[:, 3])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -90,75 +85,67 @@ class Vmf3Grids:
     values: NDArray[np.float64]
     height_m: NDArray[np.float64]
 
-    def at(
-        self, epochs: Epochs, latitude_rad: ArrayLike, longitude_rad: ArrayLike, height_m: ArrayLike
-    ) -> Vmf3Values:
-        """Values at epochs and places: linear in time, bilinear in space, zenith delays taken to the height.
+    def at(self, epochs: Epochs, latitude_rad: float, longitude_rad: float, height_m: float) -> Vmf3Values:
+        """Values at a place, height above the ellipsoid: linear in time, bilinear in space, delays taken to the height.
 
-        Epochs are of any scale but UT1, heights above the ellipsoid. Errors as :meth:`Vmf3Site.at`, and
-        :class:`InputError` for a place nearer to a pole than the outermost latitude of the grid.
+        Epochs and errors as :meth:`Vmf3Site.at`, and :class:`InputError` for a place nearer to a pole than the
+        outermost latitude of the grid.
 
         Kouba (2008): pressure falls as in the standard atmosphere, the wet delay with a scale height of
         2 km. Over a height of 1 km between station and grid the hydrostatic delay is wrong by some 5 mm.
         """
-        latitude, longitude, height, _ = np.broadcast_arrays(
-            within("latitude", latitude_rad, "VMF3"),
-            within("longitude", longitude_rad, "VMF3"),
-            within("height", height_m, "VMF3"),
-            epochs.fraction,
-        )
         before, after, share = _around(self.mjd_utc, epochs, "the maps of VMF3")
-        row, column, weight = self.grid.corners(latitude, longitude)
+        row, column, weight = self.grid.corners(latitude_rad, longitude_rad)
         earlier, later = (self.values[k[:, None], row, column] for k in (before, after))
         corners = earlier + share[:, None, None] * (later - earlier)
         below = self.height_m[row, column]
-        above = height[:, None] - below
+        above = height_m - below
         pressure_ratio = (1.0 - 2.26e-5 * above) ** 5.225
-        gravity_ratio = column_gravity(latitude[:, None], below) / column_gravity(latitude, height)[:, None]
-        corners[..., 2] *= pressure_ratio * gravity_ratio
+        corners[..., 2] *= pressure_ratio * (
+            column_gravity(latitude_rad, below) / column_gravity(latitude_rad, height_m)
+        )
         corners[..., 3] *= np.exp(-above / _WET_SCALE_HEIGHT_M)
-        a_h, a_w, hydrostatic, wet = np.einsum("nc,ncv->vn", weight, corners)
-        return Vmf3Values(a_h, a_w, height.copy(), hydrostatic, wet)
+        a_h, a_w, hydrostatic, wet = np.einsum("c,ncv->vn", weight, corners)
+        return Vmf3Values(a_h, a_w, height_m, hydrostatic, wet)
 
 
-def read_vmf3_sites(paths: Sequence[str | Path]) -> dict[str, Vmf3Site]:
-    """Read files of sites, of one or more days or years in any order: series by the station's name in the files.
-
-    :class:`FileFormatError` for a number that cannot be read or be, other than 9 or 13 columns, an epoch twice.
-    """
-    if not paths:
-        raise InputError("no file of VMF3 is given")
-    rows: dict[str, list[tuple[Path, int, list[float]]]] = {}
-    for path in map(Path, paths):
+def read_vmf3_sites(paths: Sequence[Path]) -> dict[str, Vmf3Site]:
+    """Read files of sites, of one or more days or years in any order: series by the station's name in the files."""
+    rows: dict[str, dict[float, list[float]]] = {}
+    for path in paths:
         for number, line in enumerate(read_lines(path, encoding=ENCODING), start=1):
-            words = line.split()
-            if not words or words[0][0] in "#!%":
+            station, *words = line.split() or ["#"]
+            if station[0] in "#!%":
                 continue
-            if len(words) - 1 not in _SITE_COLUMNS:
+            if len(words) not in _SITE_COLUMNS:
                 problem = (
-                    f"{len(words)} columns, but a file of sites has 9 (name, MJD, ah, aw, zhd, zwd, p, T, e) "
+                    f"{len(words) + 1} columns, but a file of sites has 9 (name, MJD, ah, aw, zhd, zwd, p, T, e) "
                     "or, with gradients, 13"
                 )
                 raise FileFormatError(path, problem, number)
-            numbers = numbers_of(path, number, words[1:], "a value of VMF3")
-            _require_possible(path, [number], np.array([numbers[1:8]]))
-            rows.setdefault(words[0], []).append((path, number, numbers))
+            mjd, *values = numbers_of(path, number, words, "a value of VMF3")
+            _require_possible(path, [number], np.array([values[:7]]))
+            series = rows.setdefault(station, {})
+            if mjd in series:
+                raise FileFormatError(path, f"{station} has the epoch MJD {mjd:.2f} twice", number)
+            series[mjd] = values[:4]
         if not rows:
             raise FileFormatError(path, "there is no line of a station")
-    return {station: _site(station, entries) for station, entries in rows.items()}
+    return {
+        station: Vmf3Site(
+            station, np.array(sorted(series)), np.array([series[mjd] for mjd in sorted(series)])
+        )
+        for station, series in rows.items()
+    }
 
 
-def read_vmf3_grids(paths: Sequence[str | Path], orography: str | Path) -> Vmf3Grids:
+def read_vmf3_grids(paths: Sequence[Path], orography: str | Path) -> Vmf3Grids:
     """Read maps of VMF3, one epoch each on one grid, and the heights above the ellipsoid they are given for.
 
     The heights are those of ``orography_ell_1x1`` or ``orography_ell_5x5``: one for each point, in their order.
-    :class:`FileFormatError` where a file is no such map, a number is impossible, or points, epochs or heights are
-    missing or too many.
     """
-    if not paths:
-        raise InputError("no map of VMF3 is given")
     maps: dict[float, tuple[Path, NDArray[np.float64]]] = {}
-    for path in map(Path, paths):
+    for path in paths:
         mjd, table = _read_map(path)
         if mjd in maps:
             raise FileFormatError(path, f"has the epoch MJD {mjd:.2f} of {maps[mjd][0]}; give one of them")
@@ -173,15 +160,6 @@ def read_vmf3_grids(paths: Sequence[str | Path], orography: str | Path) -> Vmf3G
     mjds = np.array(sorted(maps))
     values = np.stack([maps[mjd][1][order, 2:] for mjd in mjds])
     return Vmf3Grids(grid, mjds, values, _read_orography(orography, order))
-
-
-def _site(station: str, entries: list[tuple[Path, int, list[float]]]) -> Vmf3Site:
-    entries = sorted(entries, key=lambda entry: entry[2][0])
-    for (path, line, earlier), (_, _, later) in zip(entries[1:], entries, strict=False):
-        if earlier[0] == later[0]:
-            raise FileFormatError(path, f"{station} has the epoch MJD {earlier[0]:.2f} twice", line)
-    table = np.array([numbers[:5] for _, _, numbers in entries])
-    return Vmf3Site(station, table[:, 0], table[:, 1:5])
 
 
 def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:

@@ -22,7 +22,7 @@ def test_constant() -> None:
 def test_delay_in_the_bands() -> None:
     # One TECU is 0.162 m at GPS L1 (1575.42 MHz), a number every textbook has.
     assert ionosphere_delay_m(1.0, 1575.42e6) == pytest.approx(0.16240, abs=1e-5)
-    delays = ionosphere_delay_m([10.0, 50.0, 50.0], [2.2e9, 8.4e9, 32e9])
+    delays = ionosphere_delay_m(np.array([10.0, 50.0, 50.0]), np.array([2.2e9, 8.4e9, 32e9]))
     np.testing.assert_allclose(delays, [0.833, 0.2856, 0.0197], atol=5e-4)
     assert ionosphere_delay_m(0.0, 8.4e9) == 0.0
     # The combination of two frequencies that dual-band VLBI forms takes it away.

@@ -2,8 +2,7 @@ import numpy as np
 import pytest
 from mappings import height_correction, niell
 
-from radioloc.errors import InputError
-from radioloc.media.mapping_functions import MappingFactors, day_of_year, mapping_factors
+from radioloc.media.mapping_functions import MappingFactors, day_of_year
 from radioloc.time import epochs_from_strings
 
 GOLDSTONE = {"latitude_rad": np.deg2rad(35.4), "height_m": 1000.0, "day_of_year": 276.0}
@@ -80,24 +79,3 @@ def test_day_of_year() -> None:
         ["2021-01-01T00:00:00", "2020-03-01T12:00:00", "2020-12-31T18:00:00", "2021-12-31"], "TT"
     )
     np.testing.assert_array_equal(day_of_year(epochs), [1.0, 61.5, 366.75, 365.0])
-
-
-@pytest.mark.parametrize(
-    ("change", "what"),
-    [
-        ({"elevation_rad": np.deg2rad(2.9)}, "elevation is 0.0506"),
-        ({"elevation_rad": 20.0}, "elevation is 20"),
-        ({"elevation_rad": np.nan}, "elevation is nan"),
-        ({"latitude_rad": 35.4}, "latitude is 35.4"),
-        ({"height_m": 9500.0}, "height is 9500"),
-        ({"day_of_year": 59000.0}, "day of year is 59000"),
-    ],
-)
-def test_refuses_what_it_does_not_hold_for(change: dict[str, float], what: str) -> None:
-    with pytest.raises(InputError, match=what):
-        niell(**{"elevation_rad": 0.5, **GOLDSTONE, **change})
-
-
-def test_error_names_the_wrong_one_of_many() -> None:
-    with pytest.raises(InputError, match=r"elevation is -0\.1, .*3 to 90 degrees"):
-        mapping_factors([0.5, -0.1, 1.0], 0.0, (1e-3, 1e-3, 1e-3), (1e-3, 1e-3, 1e-3))

@@ -23,9 +23,12 @@ from radioloc.measurements.registry import KINDS
 from radioloc.media.gpt3 import Gpt3Grid
 from radioloc.media.grids import LatLonGrid
 from radioloc.media.mapping_functions import day_of_year
-from radioloc.media.optical_troposphere import water_vapour_pressure_hpa
+from radioloc.media.neutral_atmosphere import (
+    water_vapour_pressure_hpa,
+    zenith_hydrostatic_delay_m,
+    zenith_wet_delay_askne_nordius_m,
+)
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
-from radioloc.media.radio_troposphere import zenith_hydrostatic_delay_m, zenith_wet_delay_askne_nordius_m
 from radioloc.media.vmf3_files import Vmf3Grids
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import dataclasses
+
 import numpy as np
 import pytest
 from arc_cases import LASER
 from legs import end, leg
 
-from radioloc.media.optical_troposphere import optical_delay
+from radioloc.errors import InputError
+from radioloc.media.neutral_atmosphere import optical_delay
 from radioloc.media.status import Status
 from radioloc.media.troposphere import Troposphere
 
@@ -64,3 +67,22 @@ def test_a_recorded_pressure_alone_is_used():
         for some in (end(1, pressure_hpa=860.0), end(1, pressure_hpa=870.0))
     )
     assert known - plain == pytest.approx(0.0228, abs=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("recorded", "what"),
+    [
+        ({"pressure_hpa": 101325.0}, "pressure_hpa is 101325, .* from 300 to 1100 hPa"),
+        ({"temperature_k": 18.0}, "temperature_k is 18, .* from 200 to 340 K"),
+    ],
+)
+def test_refuses_weather_that_no_station_has(recorded, what):
+    with pytest.raises(InputError, match=what):
+        Troposphere().prepare(end(1, **recorded))
+
+
+def test_refuses_a_station_above_the_ground():
+    here = end(1)
+    up = dataclasses.replace(here.stations[0], itrf_m=here.stations[0].itrf_m * 1.002)
+    with pytest.raises(InputError, match=r"height of KASHI is .* m, .* from -500 to 9000 m"):
+        Troposphere().prepare(dataclasses.replace(here, stations=[up]))

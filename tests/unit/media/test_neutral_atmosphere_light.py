@@ -1,8 +1,7 @@
 import numpy as np
 import pytest
 
-from radioloc.errors import InputError
-from radioloc.media.optical_troposphere import (
+from radioloc.media.neutral_atmosphere import (
     mapping_function,
     optical_delay,
     water_vapour_pressure_hpa,
@@ -92,29 +91,6 @@ def test_choice_of_humidity_formula_is_immaterial() -> None:
         magnus = 0.9 * 6.11 * 10.0 ** (7.5 * celsius / (237.3 + celsius))
         wet_m = [zenith_delay_m(800.0, vapour, 0.532, 0.5, 2000.0)[1] for vapour in (ours, magnus)]
         assert abs(wet_m[0] - wet_m[1]) < 5e-5
-
-
-@pytest.mark.parametrize(
-    ("argument", "value", "message"),
-    [
-        ("elevation_rad", np.deg2rad(2.99), "3 to 90 degrees"),
-        ("elevation_rad", 45.0, "elevation is 45"),
-        ("elevation_rad", np.array([0.5, np.nan]), "elevation is nan"),
-        ("pressure_hpa", 72500.0, "hPa"),
-        ("temperature_k", 10.0, "temperature is 10"),
-        ("relative_humidity", 30.0, "a fraction"),
-        ("relative_humidity", -0.1, "a fraction"),
-        ("wavelength_um", 532.0, "micrometres"),
-        ("wavelength_um", 1.0651, "1.0645 micrometres"),
-        ("wavelength_um", 0.3544, "0.3545"),
-        ("latitude_rad", 32.78, "latitude"),
-        ("height_m", 1e5, "height"),
-    ],
-)
-def test_refuses(argument: str, value: object, message: str) -> None:
-    arguments = {"elevation_rad": 0.5, **APACHE_POINT, argument: value}
-    with pytest.raises(InputError, match=message):
-        optical_delay(**arguments)  # type: ignore[arg-type]
 
 
 def test_limits_themselves_are_allowed() -> None:

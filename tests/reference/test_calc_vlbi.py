@@ -305,7 +305,7 @@ def stations_as_calc_places_them(earth):
     moved = {}
     for name, itrf in STATIONS_ITRF_M.items():
         itrf_m = np.array(itrf)
-        solid_m = [pole_tide_displacement(itrf_m, p[:1], p[1:], tt)[0] for p in (other_pole, pole)]
+        solid_m = [pole_tide_displacement(itrf_m[None], p[:1], p[1:], tt)[0] for p in (other_pole, pole)]
         ocean_m = ocean_pole_tide_enu(wobble, OCEAN_POLE_TIDE[name]) @ rot_itrf_to_enu(itrf_m)
         topocentric_s = earth_m_s @ rotation.rot_itrf_to_gcrs[0] @ itrf_m / C_M_S**2
         turned_m = rotation.rot_itrf_to_gcrs[0].T @ rotation.rot_itrf_to_gcrs_rate[0] @ itrf_m * topocentric_s

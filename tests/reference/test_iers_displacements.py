@@ -44,14 +44,14 @@ SOLID_TIDE_CASES = [
 def test_solid_earth_tide(date: str, station: tuple, moon: tuple, sun: tuple, expected: tuple) -> None:
     """The routine takes UTC for UT1, and so does this test; the cases are at midnight."""
     utc = epochs_from_strings(date)
-    displacement_m = solid_earth_tide(station, [moon], [sun], utc_to_tt(utc), utc.fraction)
+    displacement_m = solid_earth_tide(*np.array([[station], [moon], [sun]]), utc_to_tt(utc), utc.fraction)
     np.testing.assert_allclose(displacement_m[0], expected, rtol=0.0, atol=SOLID_TIDE_M)
 
 
 def test_solid_earth_tide_of_all_cases_at_once() -> None:
     dates, stations, moons, suns, expected = (list(column) for column in zip(*SOLID_TIDE_CASES, strict=True))
     utc = epochs_from_strings(dates)
-    displacement_m = solid_earth_tide(stations, moons, suns, utc_to_tt(utc), utc.fraction)
+    displacement_m = solid_earth_tide(*np.array([stations, moons, suns]), utc_to_tt(utc), utc.fraction)
     np.testing.assert_allclose(displacement_m, expected, rtol=0.0, atol=SOLID_TIDE_M)
 
 

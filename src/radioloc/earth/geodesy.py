@@ -1,4 +1,4 @@
-"""Geodetic coordinates, and directions as seen from a place on the ground.
+"""Geodetic coordinates, and axes to the east, to the north and up at a place on the ground.
 
 The ellipsoid is GRS80, as for the ITRF; WGS84 differs by 0.1 mm in height.
 """
@@ -45,14 +45,7 @@ def geodetic_from_itrf(itrf_m: ArrayLike) -> Geodetic:
 def itrf_from_geodetic(
     longitude_rad: ArrayLike, latitude_rad: ArrayLike, height_m: ArrayLike
 ) -> NDArray[np.float64]:
-    """Turn geodetic coordinates on GRS80 into a position in the ITRF, m, shape (..., 3): ERFA ``gd2gc``.
-
-    Parameters
-    ----------
-    longitude_rad, latitude_rad : array_like, shape (...,)
-        East longitude and geodetic latitude, rad.
-    height_m : array_like, shape (...,)
-        Height above the ellipsoid, m.
+    """Position in the ITRF, m, shape (..., 3), of east longitude and latitude (rad) and height (m) on GRS80: ``gd2gc``.
 
     Examples
     --------
@@ -74,33 +67,6 @@ def itrf_from_geodetic(
     return np.asarray(erfa.gd2gc(_GRS80, longitude, latitude, height))
 
 
-def itrf_positions(
-    values: ArrayLike, count: int, what: str, distance_range_m: tuple[float, float] = (1e6, 1e7)
-) -> NDArray[np.float64]:
-    """Geocentric positions of shape (3,) or (count, 3) as (count, 3), each of them at a possible distance, m."""
-    given = as_float_array(values, "m", f"positions of the {what}")
-    if given.shape not in ((3,), (count, 3)):
-        raise InputError(
-            f"positions of the {what} have shape {given.shape}; with {count} epochs give (3,) or ({count}, 3)"
-        )
-    distance = np.linalg.norm(given, axis=-1)
-    least, most = distance_range_m
-    if not ((distance > least) & (distance < most)).all():
-        raise InputError(
-            f"the {what} is {distance.min():.6g} to {distance.max():.6g} m from the geocentre; "
-            f"{least:.3g} to {most:.3g} m is possible: give metres, geocentric"
-        )
-    return np.broadcast_to(given, (count, 3))
-
-
-def ut1_day_fractions(values: ArrayLike, count: int) -> NDArray[np.float64]:
-    """UT1 as a fraction of its day, one for each epoch, shape (count,)."""
-    fraction = np.asarray(values, dtype=np.float64)
-    if fraction.shape not in ((), (count,)) or not np.isfinite(fraction).all():
-        raise InputError(f"give the fraction of the UT1 day for {count} epochs, finite")
-    return np.broadcast_to(fraction, count)
-
-
 def rot_itrf_to_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
     """Rotations from the ITRF to east, north and up (the ellipsoid's normal) at places, shape (..., 3, 3).
 
@@ -110,31 +76,10 @@ def rot_itrf_to_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
     return east_north_up(place.longitude_rad, place.latitude_rad)
 
 
-def rot_itrf_to_spherical_enu(itrf_m: ArrayLike) -> NDArray[np.float64]:
+def rot_itrf_to_spherical_enu(itrf_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Rotations from the ITRF to east, north and away from the geocentre; as :func:`rot_itrf_to_enu`.
 
     Tides are developed in these. Away from the geocentre is up to 0.19 degrees from the ellipsoid's normal.
     """
-    x, y, z = np.moveaxis(as_float_array(itrf_m, "m", "itrf_m"), -1, 0)
+    x, y, z = np.moveaxis(itrf_m, -1, 0)
     return east_north_up(np.arctan2(y, x), np.arctan2(z, np.hypot(x, y)))
-
-
-def azimuth_elevation(
-    direction_itrf: ArrayLike, station_itrf_m: ArrayLike
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Azimuth, from north through east in [0, 2 pi), and elevation of directions, without refraction, rad.
-
-    Directions, of any length, and the station are ITRF. The elevation is above the plane normal to the ellipsoid's
-    normal.
-    """
-    direction = np.asarray(direction_itrf, dtype=np.float64)
-    length = np.linalg.norm(direction, axis=-1)
-    if not (np.isfinite(length).all() and (length > 0.0).all()):
-        raise InputError("a direction has no length or is not finite")
-    east, north, up = np.moveaxis(
-        np.einsum("...ij,...j->...i", rot_itrf_to_enu(station_itrf_m), direction), -1, 0
-    )
-    azimuth = np.arctan2(east, north) % (2.0 * np.pi)
-    # The remainder of a tiny negative angle rounds up to a whole turn.
-    azimuth = np.where(azimuth < 2.0 * np.pi, azimuth, 0.0)
-    return azimuth, np.arctan2(up, np.hypot(east, north))

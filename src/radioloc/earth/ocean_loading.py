@@ -22,10 +22,10 @@ from functools import cache
 
 import erfa
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from radioloc.earth.blq import BlqCoefficients
-from radioloc.earth.geodesy import itrf_positions, rot_itrf_to_enu, ut1_day_fractions
+from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.tide_tables import tide_table
 from radioloc.time import Epochs, evaluate_smooth
 
@@ -45,7 +45,6 @@ _RATES_CYCLES_PER_DAY = np.array(
 
 _EQUILIBRIUM_PHASE_RAD = np.array([np.pi, np.pi / 2.0, 0.0])
 """Phase of the equilibrium tide of each band against its argument; lags at Greenwich count from it."""
-
 
 _WEST_SOUTH_UP_TO_ENU = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
 """From the order of a BLQ record (up, west, south)."""
@@ -70,26 +69,27 @@ FES2004 (Scherneck, Onsala Space Observatory, file of centre of mass coefficient
 
 
 def ocean_loading_displacement(
-    coefficients: BlqCoefficients, station_itrf_m: ArrayLike, tt: Epochs, ut1_fraction: ArrayLike
+    coefficients: BlqCoefficients,
+    station_itrf_m: NDArray[np.float64],
+    tt: Epochs,
+    ut1_fraction: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Displacement of a station, shape (3,) or (n, 3), by ocean tide loading, ITRF, m, shape (n, 3).
+    """Displacement of a station, shape (3,), by ocean tide loading, ITRF, m, shape (n, 3).
 
     UTC in place of UT1 costs less than some micrometres.
     """
-    enu = ocean_loading_enu(coefficients, tt, ut1_fraction)
-    station = itrf_positions(station_itrf_m, len(tt), "station")
-    return np.einsum("nij,ni->nj", rot_itrf_to_enu(station), enu)
+    return ocean_loading_enu(coefficients, tt, ut1_fraction) @ rot_itrf_to_enu(station_itrf_m)
 
 
 def ocean_loading_enu(
-    coefficients: BlqCoefficients, tt: Epochs, ut1_fraction: ArrayLike
+    coefficients: BlqCoefficients, tt: Epochs, ut1_fraction: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """The same to the east, the north and up, m, shape (n, 3)."""
     amplitudes_m = coefficients.amplitude_m * np.exp(-1j * coefficients.phase_lag_rad)
     return sum_of_tides(amplitudes_m, tt, ut1_fraction) @ _WEST_SOUTH_UP_TO_ENU.T
 
 
-def tidal_geocentre_displacement(tt: Epochs, ut1_fraction: ArrayLike) -> NDArray[np.float64]:
+def tidal_geocentre_displacement(tt: Epochs, ut1_fraction: NDArray[np.float64]) -> NDArray[np.float64]:
     """Displacement of all stations with the solid Earth, against its common centre of mass with the oceans, ITRF, m.
 
     IERS Conventions (2010), section 7.1.2: in-phase part times the cosine and cross-phase part times the sine of each
@@ -101,7 +101,7 @@ def tidal_geocentre_displacement(tt: Epochs, ut1_fraction: ArrayLike) -> NDArray
 
 
 def sum_of_tides(
-    amplitudes_m: NDArray[np.complex128], tt: Epochs, ut1_fraction: ArrayLike
+    amplitudes_m: NDArray[np.complex128], tt: Epochs, ut1_fraction: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Sum 342 tides that follow from eleven, m, shape (n, 3).
 
@@ -112,7 +112,6 @@ def sum_of_tides(
     band the nearest one's admittance is taken, as the conventional program does.
     """
     tt.require("TT")
-    fraction = ut1_day_fractions(ut1_fraction, len(tt))
     multipliers, _ = tidal_potential()
     amplitudes = amplitudes_m @ amplitudes_by_given()
     bands = [multipliers[:, 0] == band for band in range(len(_EQUILIBRIUM_PHASE_RAD))]
@@ -125,7 +124,7 @@ def sum_of_tides(
 
     # The moon's mean longitude enters five times at most: what is left turns in five days or more.
     envelope = evaluate_smooth(envelopes, tt)
-    tau = 2.0 * np.pi * fraction - erfa.fad03(tt.centuries_since_j2000())
+    tau = 2.0 * np.pi * ut1_fraction - erfa.fad03(tt.centuries_since_j2000())
     turned = np.exp(1j * np.multiply.outer(tau, np.arange(len(bands))))
     return np.asarray(np.einsum("nb,nbk->nk", turned, envelope).real)
 

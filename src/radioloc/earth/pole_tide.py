@@ -11,19 +11,15 @@ grid of coefficients): it is up to about 2 mm up and 0.6 mm sideways.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD
-from radioloc.earth.geodesy import itrf_positions, rot_itrf_to_spherical_enu
-from radioloc.errors import InputError
+from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
 from radioloc.time import Epochs
-from radioloc.units import as_float_array
 
 _RADIAL_M_RAD = 33e-3 / ARCSEC_RAD
 _TRANSVERSE_M_RAD = 9e-3 / ARCSEC_RAD
 """Displacement per radian of wobble (eq. 7.26)."""
-
-_LARGEST_POLE_RAD = 2.0 * ARCSEC_RAD
 
 
 def secular_pole_rad(tt: Epochs) -> NDArray[np.float64]:
@@ -38,32 +34,17 @@ def secular_pole_rad(tt: Epochs) -> NDArray[np.float64]:
 
 
 def pole_tide_displacement(
-    station_itrf_m: ArrayLike, xp_rad: ArrayLike, yp_rad: ArrayLike, tt: Epochs
+    station_itrf_m: NDArray[np.float64], xp_rad: NDArray[np.float64], yp_rad: NDArray[np.float64], tt: Epochs
 ) -> NDArray[np.float64]:
-    """Displacement of stations, shape (3,) or (n, 3), by the solid Earth pole tide, ITRF, m, shape (n, 3).
+    """Displacement of stations, shape (n, 3), by the solid Earth pole tide, ITRF, m, shape (n, 3).
 
     IERS Conventions (2010), eq. 7.26 with m1 = xp - xs and m2 = -(yp - ys): towards the radius, the south and the east,
     -33 sin 2t (m1 cos L + m2 sin L), -9 cos 2t (m1 cos L + m2 sin L) and 9 cos t (m1 sin L - m2 cos L) mm for m1, m2 in
     arcseconds, at colatitude t and longitude L.
     """
-    secular = secular_pole_rad(tt)
-    count = len(tt)
-    axes = rot_itrf_to_spherical_enu(itrf_positions(station_itrf_m, count, "station"))
-    pole = np.stack(
-        np.broadcast_arrays(as_float_array(xp_rad, "rad", "xp_rad"), as_float_array(yp_rad, "rad", "yp_rad")),
-        axis=-1,
-    )
-    if pole.shape not in ((2,), (count, 2)):
-        raise InputError(
-            f"pole coordinates have shape {pole.shape[:-1]}; with {count} epochs give ({count},)"
-        )
-    if not (np.abs(pole) < _LARGEST_POLE_RAD).all():
-        raise InputError(
-            f"pole coordinates reach {np.abs(pole).max():g} rad, but the pole stays within 2 arcseconds "
-            f"({_LARGEST_POLE_RAD:.1e} rad): give finite radians"
-        )
-    m1, m2 = pole[..., 0] - secular[:, 0], secular[:, 1] - pole[..., 1]
-
+    x_secular, y_secular = secular_pole_rad(tt).T
+    m1, m2 = xp_rad - x_secular, y_secular - yp_rad
+    axes = rot_itrf_to_spherical_enu(station_itrf_m)
     sin_lat, cos_lat = axes[:, 2, 2], axes[:, 1, 2]
     sin_lon, cos_lon = -axes[:, 0, 0], axes[:, 0, 1]
     along = m1 * cos_lon + m2 * sin_lon

@@ -15,9 +15,9 @@ UTC.
 from __future__ import annotations
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
-from radioloc.earth.geodesy import itrf_positions, rot_itrf_to_spherical_enu, ut1_day_fractions
+from radioloc.earth.geodesy import rot_itrf_to_spherical_enu
 from radioloc.earth.tide_tables import tide_table
 from radioloc.time import Epochs
 
@@ -25,9 +25,6 @@ from radioloc.time import Epochs
 _SUN_MASS_RATIO = 332946.0482
 _MOON_MASS_RATIO = 0.0123000371
 _EARTH_RADIUS_M = 6378136.6
-
-_MOON_DISTANCE_RANGE_M = (3.4e8, 4.2e8)
-_SUN_DISTANCE_RANGE_M = (1.4e11, 1.6e11)
 
 _H2, _H2_LATITUDE = 0.6078, -0.0006
 _L2, _L2_LATITUDE = 0.0847, 0.0002
@@ -63,35 +60,28 @@ _SLOW_ARGUMENTS = (
 
 
 def solid_earth_tide(
-    station_itrf_m: ArrayLike,
-    moon_itrf_m: ArrayLike,
-    sun_itrf_m: ArrayLike,
+    station_itrf_m: NDArray[np.float64],
+    moon_itrf_m: NDArray[np.float64],
+    sun_itrf_m: NDArray[np.float64],
     tt: Epochs,
-    ut1_fraction: ArrayLike,
+    ut1_fraction: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Displacement of stations by the solid Earth tide, ITRF, m, shape (n, 3).
 
-    Stations, shape (3,) or (n, 3), and the Moon and the Sun from the geocentre are ITRF, m; 300 m for the Moon and 300
-    km for the Sun are enough for a micrometre. UTC in place of UT1 costs less than that.
+    Stations, the Moon and the Sun are geocentric, ITRF, m, shape (n, 3); 300 m for the Moon and 300 km for the Sun are
+    enough for a micrometre. UTC in place of UT1 costs less than that.
 
     IERS Conventions (2010), eq. 7.5, 7.6, 7.8 to 7.11 (step 1) and 7.12, 7.13 with Tables 7.3a and 7.3b (step 2);
     Mathews, Dehant and Gipson (1997). Good to about a millimetre; the largest parts are the Moon's (0.36 m) and the
     Sun's (0.16 m) of degree 2, step 2 (13 mm), degree 3 (2 mm), out of phase (2 mm), latitude (1 mm).
     """
     tt.require("TT")
-    count = len(tt)
-    station = itrf_positions(station_itrf_m, count, "station")
-    moon = itrf_positions(moon_itrf_m, count, "Moon", _MOON_DISTANCE_RANGE_M)
-    sun = itrf_positions(sun_itrf_m, count, "Sun", _SUN_DISTANCE_RANGE_M)
-    fraction = ut1_day_fractions(ut1_fraction, count)
-
-    enu = np.zeros((count, 3))
-    axes = rot_itrf_to_spherical_enu(station)
-    sin_lat = station[:, 2] / np.linalg.norm(station, axis=-1)
-    longitude = np.arctan2(station[:, 1], station[:, 0])
-    for body, mass_ratio in ((moon, _MOON_MASS_RATIO), (sun, _SUN_MASS_RATIO)):
-        enu += _step_1(axes, sin_lat, longitude, body, mass_ratio)
-    enu += _step_2(sin_lat, longitude, tt.centuries_since_j2000(), fraction)
+    axes = rot_itrf_to_spherical_enu(station_itrf_m)
+    sin_lat = axes[:, 2, 2]
+    longitude = np.arctan2(station_itrf_m[:, 1], station_itrf_m[:, 0])
+    enu = _step_1(axes, sin_lat, longitude, moon_itrf_m, _MOON_MASS_RATIO)
+    enu += _step_1(axes, sin_lat, longitude, sun_itrf_m, _SUN_MASS_RATIO)
+    enu += _step_2(sin_lat, longitude, tt.centuries_since_j2000(), ut1_fraction)
     return np.einsum("nij,ni->nj", axes, enu)
 
 

@@ -2,7 +2,6 @@ import numpy as np
 import pytest
 
 from radioloc.earth.geodesy import (
-    azimuth_elevation,
     geodetic_from_itrf,
     itrf_from_geodetic,
     rot_itrf_to_enu,
@@ -71,38 +70,6 @@ def test_spherical_up_is_radial_and_east_the_same() -> None:
     assert ((tilt_deg > 0.1) & (tilt_deg < 0.193)).all()
 
 
-@pytest.mark.parametrize(
-    ("enu", "azimuth_deg", "elevation_deg"),
-    [
-        ((0.0, 1.0, 0.0), 0.0, 0.0),
-        ((5.0, 0.0, 0.0), 90.0, 0.0),
-        ((0.0, -2.0, 2.0), 180.0, 45.0),
-        ((-1.0, 0.0, -1.0), 270.0, -45.0),
-        ((-1.0, 1.0, np.sqrt(2.0) * np.tan(np.deg2rad(80.0))), 315.0, 80.0),
-    ],
-)
-def test_azimuth_elevation(enu: tuple[float, float, float], azimuth_deg: float, elevation_deg: float) -> None:
-    station_m = itrf_from_geodetic(1.9, -0.7, 50.0)
-    direction = rot_itrf_to_enu(station_m).T @ np.array(enu)
-    azimuth, elevation = azimuth_elevation(direction, station_m)
-    turned = np.deg2rad(azimuth_deg) - azimuth
-    assert np.abs((turned + np.pi) % (2 * np.pi) - np.pi) < ROUNDING
-    assert elevation == pytest.approx(np.deg2rad(elevation_deg), abs=ROUNDING)
-    assert 0.0 <= azimuth < 2.0 * np.pi
-
-
-def test_azimuth_just_west_of_north_is_below_a_whole_turn() -> None:
-    azimuth, _ = azimuth_elevation([0.0, -1e-30, 1.0], [EQUATORIAL_RADIUS_M, 0.0, 0.0])
-    assert azimuth == 0.0
-
-
-def test_azimuth_elevation_over_many_directions() -> None:
-    station_m = itrf_from_geodetic(0.0, 0.0, 0.0)
-    azimuth, elevation = azimuth_elevation([[0.0, 1.0, 0.0], [1.0, 0.0, 0.0]], station_m)
-    assert azimuth.shape == elevation.shape == (2,)
-    np.testing.assert_allclose(elevation, [0.0, np.pi / 2], rtol=0.0, atol=ROUNDING)
-
-
 def test_refuses() -> None:
     with pytest.raises(InputError, match="give metres"):
         geodetic_from_itrf([6378.137, 0.0, 0.0])
@@ -114,5 +81,3 @@ def test_refuses() -> None:
         itrf_from_geodetic(0.0, 45.0, 0.0)
     with pytest.raises(InputError, match="finite"):
         itrf_from_geodetic(0.0, np.inf, 0.0)
-    with pytest.raises(InputError, match="no length"):
-        azimuth_elevation([0.0, 0.0, 0.0], [EQUATORIAL_RADIUS_M, 0.0, 0.0])

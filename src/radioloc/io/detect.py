@@ -11,6 +11,8 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.io.checks import Catalogue, refuse_duplicates
 from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.mini import looks_like_mini, read_mini
+from radioloc.io.parquet import read_parquet
+from radioloc.io.table import looks_like_table, read_table
 from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm_file, tdm_observations
 from radioloc.measurements.observations import Observations
 from radioloc.plugins import registry
@@ -67,31 +69,6 @@ def _lines(head: bytes) -> list[str]:
     return head.decode(errors="replace").splitlines()
 
 
-# Arrow takes a fifth of a second to import: tables and Parquet are imported when there is a file.
-def _looks_like_table(head: bytes) -> bool:
-    from radioloc.io.table import looks_like_table
-
-    return looks_like_table(_lines(head))
-
-
-def _read_table(paths: Sequence[str | Path], settings: ReadSettings) -> Observations:
-    from radioloc.io.table import read_table
-
-    return read_table(paths[0], catalogue=settings.catalogue, lunar=settings.lunar)
-
-
-def _looks_like_parquet(head: bytes) -> bool:
-    from radioloc.io.parquet import MAGIC
-
-    return head.startswith(MAGIC)
-
-
-def _read_parquet(paths: Sequence[str | Path], settings: ReadSettings) -> Observations:
-    from radioloc.io.parquet import read_parquet
-
-    return read_parquet(paths[0], catalogue=settings.catalogue, lunar=settings.lunar)
-
-
 def _read_tdm(paths: Sequence[str | Path], settings: ReadSettings) -> Observations:
     agreement = replace(settings.tdm, lunar=settings.lunar and settings.tdm.lunar)
     messages = [read_tdm_file(path) for path in paths]
@@ -124,10 +101,17 @@ READERS = registry(
         Reader(
             "table of observations",
             "first line names columns: epoch_utc,type,path,...",
-            _looks_like_table,
-            _read_table,
+            lambda head: looks_like_table(_lines(head)),
+            lambda paths, settings: read_table(paths[0], catalogue=settings.catalogue, lunar=settings.lunar),
         ),
-        Reader("Parquet", "first bytes: PAR1", _looks_like_parquet, _read_parquet),
+        Reader(
+            "Parquet",
+            "first bytes: PAR1",
+            lambda head: head.startswith(b"PAR1"),
+            lambda paths, settings: read_parquet(
+                paths[0], catalogue=settings.catalogue, lunar=settings.lunar
+            ),
+        ),
     ],
 )
 """File formats of observations by name: those of the package, and those of other packages.
@@ -193,15 +177,15 @@ def read_observations(
 
 
 def _reader_of(path: str | Path) -> Reader:
-    head = head_of(path, _HEAD_BYTES)
-    for reader in READERS.values():
-        if reader.looks_like(head):
-            return reader
-    text = read_text(path)  # or the error of what is no text
-    content = text.encode()
-    for reader in READERS.values():  # the start may hold nothing but comments
-        if reader.looks_like(content):
-            return reader
+    def of_content(content: bytes) -> Reader | None:
+        return next((reader for reader in READERS.values() if reader.looks_like(content)), None)
+
+    if (reader := of_content(head_of(path, _HEAD_BYTES))) is not None:
+        return reader
+    # The start may hold nothing but comments; of what is no text, this is the error.
+    text = read_text(path)
+    if (reader := of_content(text.encode())) is not None:
+        return reader
     first = next(line for line in text.splitlines() if line.strip())
     known = "; ".join(f"{reader.name} ({reader.description})" for reader in READERS.values())
     raise FileFormatError(path, f"starts with {first[:40]!r}, which is none of the known formats: {known}")

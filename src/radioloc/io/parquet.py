@@ -15,17 +15,11 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
-import pyarrow
-from pyarrow import parquet
 
 from radioloc.errors import FileFormatError
 from radioloc.io.checks import Catalogue
-from radioloc.io.table_columns import ColumnReader, record_batches, require_columns
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import replaced_file, require_file
-
-MAGIC = b"PAR1"
-"""First bytes of every Parquet file."""
 
 _ROWS_AT_ONCE = 2**17
 # What measures something takes bytes, however well it is packed; a file that says otherwise would fill the memory.
@@ -34,6 +28,12 @@ _MOST_ROWS_A_BYTE = 100
 
 def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None, lunar: bool = True) -> Observations:
     """Read a Parquet file of observations; the row, counted from 1, stands for the line."""
+    # Arrow takes a fifth of a second to import.
+    import pyarrow
+    from pyarrow import parquet
+
+    from radioloc.io.table_columns import ColumnReader, require_columns
+
     require_file(path)
     reader, row = ColumnReader(path, catalogue), 1
     try:
@@ -62,6 +62,10 @@ def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None, lunar:
 
 def write_parquet(path: str | Path, observations: Observations) -> None:
     """Write observations as a Parquet file that :func:`read_parquet` gives back, epochs to 1e-12 s or better."""
+    from pyarrow import parquet
+
+    from radioloc.io.table_columns import record_batches
+
     batches = record_batches(observations, split_epoch=True)
     first = next(batches)
     with replaced_file(path) as temporary, parquet.ParquetWriter(temporary, first.schema) as writer:

@@ -15,16 +15,13 @@ from __future__ import annotations
 import csv
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
-import pyarrow
-import pyarrow.csv
 from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError
 from radioloc.io.checks import Catalogue
-from radioloc.io.csv_file import write_csv
-from radioloc.io.table_columns import ColumnReader, record_batches, require_columns
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_blocks
 
@@ -37,11 +34,6 @@ def read_table(path: str | Path, *, catalogue: Catalogue | None = None, lunar: b
     return _from_blocks(path, read_blocks(path), catalogue, lunar)
 
 
-def parse_table(path: str | Path, lines: list[str], catalogue: Catalogue | None) -> Observations:
-    """As :func:`read_table`, from the file's lines."""
-    return _from_blocks(path, [(1, "\n".join(lines).encode())], catalogue)
-
-
 def write_table(
     path: str | Path, observations: Observations, *, light_time: bool = False, comments: Iterable[str] = ()
 ) -> None:
@@ -49,6 +41,9 @@ def write_table(
 
     In seconds (``light_time_s``, ``sigma_s``) rather than metres values that were read as such keep their digits.
     """
+    from radioloc.io.csv_file import write_csv
+    from radioloc.io.table_columns import record_batches
+
     write_csv(path, record_batches(observations, light_time=light_time), comments=comments)
 
 
@@ -66,6 +61,9 @@ def _is_content(line: str) -> bool:
 def _from_blocks(
     path: str | Path, blocks: Iterable[tuple[int, bytes]], catalogue: Catalogue | None, lunar: bool = True
 ) -> Observations:
+    # Arrow takes a fifth of a second to import.
+    from radioloc.io.table_columns import ColumnReader, require_columns
+
     reader = ColumnReader(path, catalogue, as_text=True)
     header: list[str] = []
     for first_line, block in blocks:
@@ -98,10 +96,11 @@ def _content(block: bytes, first_line: int) -> tuple[bytes, NDArray[np.int32]]:
     return b"".join(line + b"\n" for line, keep in zip(lines, kept, strict=True) if keep), numbers[kept]
 
 
-def _columns(
-    path: str | Path, header: list[str], text: bytes, line: NDArray[np.int32]
-) -> dict[str, pyarrow.Array]:
-    """Fields of some lines as columns of text."""
+def _columns(path: str | Path, header: list[str], text: bytes, line: NDArray[np.int32]) -> dict[str, Any]:
+    """Fields of some lines as Arrow columns of text."""
+    import pyarrow
+    import pyarrow.csv
+
     if b'"' not in text:
         try:
             table = pyarrow.csv.read_csv(

@@ -1,26 +1,7 @@
 """Columns of a table of observations, as Arrow has them: what CSV and Parquet files have in common.
 
-========================  ====================================================================================
-``epoch_utc``             UTC of the event that ``time_tag`` names: text, or a timestamp; or, instead,
-``utc_date``, ``utc_ps``  UTC date, and picoseconds since its midnight (of a leap second 86400e12 to 86401e12)
-``type``                  one of :data:`radioloc.measurements.registry.KINDS`
-``path``                  ``transmitter>target>receiver``, or ``station1<target>station2`` of VLBI
-``observed_m``            round-trip range, m; for the other types as
-                          :data:`radioloc.measurements.registry.KINDS` says; or, instead,
-``light_time_s``          round-trip light time, s; for the other types ``observed_m`` over the speed of light
-``sigma_m``               standard deviation of ``observed_m``, m; or, instead,
-``sigma_s``               standard deviation of ``light_time_s``, s
-``time_tag``              ``transmit``, ``receive`` or ``bounce``
-``pressure_hpa``          pressure at the station, hPa
-``temperature_k``         temperature, K
-``relative_humidity``     from 0 to 1
-``wavelength_um``         vacuum wavelength of the light or of the radio signal on its way down, micrometres
-``uplink_hz``             frequency of the radio signal on its way up, Hz
-``count_s``               count interval of Doppler and of a delay rate, s
-========================  ====================================================================================
-
-The last six may be left out, whole or in a row: then they were not recorded. Doppler and delay rates need their count
-interval.
+What each holds is said in ``docs/reference/observation-table.md``. An epoch is ``epoch_utc``, text or a timestamp, or
+(Parquet only) ``utc_date`` and ``utc_ps``, the picoseconds since midnight, of a leap second 86400e12 to 86401e12.
 """
 
 from __future__ import annotations
@@ -234,32 +215,38 @@ class ColumnReader:
 
     def _epoch(self, columns: Mapping[str, pyarrow.Array]) -> Epochs:
         if "epoch_utc" not in columns:
-            return self._split_epoch(columns["utc_date"], columns["utc_ps"])
-        column = columns["epoch_utc"]
-        if types.is_timestamp(column.type):
-            if column.type.tz not in (None, "UTC", "+00:00"):
-                self._wrong_type("epoch_utc", column, "UTC")
-            self._require_all("epoch_utc", column)
-            per_second = _TICKS[column.type.unit]
-            days, rest = np.divmod(column.cast("int64").to_numpy(), 86400 * per_second)
-            picoseconds = rest * (10**12 // per_second)
-            rows = np.arange(len(days))
-            return self._dated("epoch_utc", rows, lambda k: utc_from_picoseconds(days[k], picoseconds[k]))
-        # Observations of one instant are many in dense data: each is read once.
-        wanted = "text, a timestamp, or utc_date and utc_ps in its place"
-        places, texts = self._different("epoch_utc", column, wanted)
-        texts = compute.utf8_trim_whitespace(texts)
-        return self._dated("epoch_utc", places, lambda some: utc_from_text(texts.take(pyarrow.array(some))))
+            name, (days, picoseconds) = "utc_ps", self._split_epoch(columns["utc_date"], columns["utc_ps"])
+        elif types.is_timestamp(columns["epoch_utc"].type):
+            name, (days, picoseconds) = "epoch_utc", self._timestamp(columns["epoch_utc"])
+        else:
+            # Observations of one instant are many in dense data: each is read once.
+            wanted = "text, a timestamp, or utc_date and utc_ps in its place"
+            places, texts = self._different("epoch_utc", columns["epoch_utc"], wanted)
+            texts = compute.utf8_trim_whitespace(texts)
+            return self._dated("epoch_utc", places, lambda k: utc_from_text(texts.take(pyarrow.array(k))))
+        rows = np.arange(len(days))
+        return self._dated(name, rows, lambda k: utc_from_picoseconds(days[k], picoseconds[k]))
 
-    def _split_epoch(self, date: pyarrow.Array, picoseconds: pyarrow.Array) -> Epochs:
+    def _timestamp(self, column: pyarrow.Array) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Days since 1970 and picoseconds since their midnights."""
+        if column.type.tz not in (None, "UTC", "+00:00"):
+            self._wrong_type("epoch_utc", column, "UTC")
+        self._require_all("epoch_utc", column)
+        per_second = _TICKS[column.type.unit]
+        days, rest = np.divmod(column.cast("int64").to_numpy(), 86400 * per_second)
+        return days, rest * (10**12 // per_second)
+
+    def _split_epoch(
+        self, date: pyarrow.Array, picoseconds: pyarrow.Array
+    ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """As :meth:`_timestamp`."""
         if not types.is_date32(date.type):
             self._wrong_type("utc_date", date, "a date (date32)")
         if not types.is_integer(picoseconds.type):
             self._wrong_type("utc_ps", picoseconds, "whole numbers (int64)")
         self._require_all("utc_date", date)
         self._require_all("utc_ps", picoseconds)
-        days, ps = (column.cast("int64").to_numpy() for column in (date.cast("int32"), picoseconds))
-        return self._dated("utc_ps", np.arange(len(days)), lambda k: utc_from_picoseconds(days[k], ps[k]))
+        return date.cast("int32").cast("int64").to_numpy(), picoseconds.cast("int64").to_numpy()
 
     def _dated(
         self, name: str, places: NDArray[np.intp], convert: Callable[[NDArray[np.intp]], Epochs]

@@ -6,6 +6,8 @@ from collections.abc import Iterable
 from pathlib import Path
 
 from radioloc.errors import InputError
+from radioloc.io.parquet import write_parquet
+from radioloc.io.table import write_table
 from radioloc.io.tdm import write_tdm
 from radioloc.measurements.observations import Observations
 
@@ -54,10 +56,6 @@ def write_observations(
     >>> radioloc.read_observations("ranges.parquet")
     <Observations 153 2006-04-07 to 2007-06-19>
     """
-    # Arrow takes a fifth of a second to import.
-    from radioloc.io.parquet import write_parquet
-    from radioloc.io.table import write_table
-
     ending = require_writable(path, originator)
     if ending == ".csv":
         write_table(path, observations, comments=comments)

@@ -14,7 +14,7 @@ from radioloc.io import parquet as module
 from radioloc.io.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds, utc_to_text
 from radioloc.io.detect import read_observations
 from radioloc.io.parquet import read_parquet, write_parquet
-from radioloc.io.table import parse_table, write_table
+from radioloc.io.table import read_table, write_table
 from radioloc.io.write import write_observations
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
@@ -121,7 +121,8 @@ def test_files_of_other_programs(tmp_path):
     assert read.paths().tolist() == ["A>b>A", "A>b>C", "A>b>A"]
     rows = zip(*(column.to_pylist() for column in columns().values()), strict=True)
     lines = [",".join(columns()), *(",".join(map(str, row)) for row in rows)]
-    assert_same(parse_table("a.csv", lines, None), read)
+    (tmp_path / "a.csv").write_text("\n".join(lines))
+    assert_same(read_table(tmp_path / "a.csv"), read)
     for unit in ("ms", "us", "ns"):
         stamps = np.array(
             ["2020-12-01T00:00:00.5", "2020-12-01T00:00:01", "2020-12-01T00:00:02"], f"M8[{unit}]"
@@ -276,7 +277,8 @@ def test_a_hundred_thousand_rows_are_quick(tmp_path):
 
 def test_endings_say_the_format(tmp_path):
     header = "epoch_utc,type,path,observed_m,sigma_m,time_tag"
-    made = parse_table("a.csv", [header, "2020-12-01,range,A>b>C,7.5e8,1,receive"], None)
+    (tmp_path / "given.csv").write_text(f"{header}\n2020-12-01,range,A>b>C,7.5e8,1,receive")
+    made = read_table(tmp_path / "given.csv")
     starts = {"a.csv": b"epoch_utc", "a.parquet": b"PAR1", "a.tdm": b"CCSDS", "a.xml": b"<?xml"}
     for name, start in starts.items():
         write_observations(tmp_path / name, made, originator="X")

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io import table
-from radioloc.io.table import looks_like_table, parse_table, read_table, write_table
+from radioloc.io.table import looks_like_table, read_table, write_table
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_blocks
@@ -20,6 +20,10 @@ from radioloc.time import Epochs
 NUMBERS = ("value_m", "sigma_m", "pressure_hpa", "temperature_k", "relative_humidity", "wavelength_um")
 # Text with 12 decimals rounds by half of the last one, the float then by half its own width, here below that.
 EPOCH_TOLERANCE_S = 1e-12
+
+
+def parse_table(path, lines, catalogue):
+    return table._from_blocks(path, [(1, "\n".join(lines).encode())], catalogue)
 
 
 def assert_same(one, two, epoch_tolerance_s=0.0):

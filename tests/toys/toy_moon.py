@@ -111,6 +111,8 @@ def toy_solution(
         "me_frame": "ME_DE421",
         "epoch_utc": Epochs.from_jd(EPOCH_JD, model.time_s / 86400.0, "UTC"),
         "station": model.station,
+        "path": given.get("station", model.station),
+        "type": ["range"] * n,
         "observed_m": observed_m,
         "name": "toy lander",
     }

@@ -5,7 +5,7 @@ residuals by :func:`fit_least_squares`, leaving outliers out; :func:`build_solut
 together as a :class:`Solution`.
 """
 
-from radioloc.estimation.build import build_solution, compare_with
+from radioloc.estimation.build import build_solution
 from radioloc.estimation.correlated_weights import (
     CorrelatedFit,
     SeriesWeight,
@@ -17,8 +17,8 @@ from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_sq
 from radioloc.estimation.linearization import DenseLinearization, Linearization, ResidualFunction
 from radioloc.estimation.observability import Correlation, Direction, Observability, assess_observability
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
-from radioloc.estimation.solution import Ellipse, ReferenceComparison, Residuals, Solution
-from radioloc.estimation.statistics import FitStatistics, GroupStatistics
+from radioloc.estimation.solution import Ellipse, ReferenceComparison, Solution, compare_with
+from radioloc.estimation.statistics import FitStatistics, GroupStatistics, Residuals
 from radioloc.estimation.time_correlation import (
     SeriesCorrelation,
     TimeCorrelation,

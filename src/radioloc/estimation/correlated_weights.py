@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import covariance_of, gram
 from radioloc.estimation.gauss_markov import SeriesNoise
-from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares, sum_of_squares
+from radioloc.estimation.least_squares import FitResult, fit_least_squares, sum_of_squares
 from radioloc.estimation.linearization import ResidualFunction, Rows
 from radioloc.estimation.series import Batch, SeriesOrder, series_of
 from radioloc.estimation.time_correlation import (
@@ -112,7 +112,7 @@ def fit_with_correlated_weights(
     """
     stated = edited.fit
     # A fit that did not come to its end says itself what is wrong with it.
-    if not edited.complete or stated.status not in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE):
+    if not edited.ended:
         return CorrelatedFit(edited, ())
     found = assess_time_correlation(stated, order)
     if found is None:

@@ -67,6 +67,11 @@ class EditedFit:
         return Labels.coded((*self.given.texts, *reasons), codes)
 
     @property
+    def ended(self) -> bool:
+        """Whether fit and editing came to their end; not everything need be determined."""
+        return self.complete and self.fit.status in (FitStatus.CONVERGED, FitStatus.UNOBSERVABLE)
+
+    @property
     def converged(self) -> bool:
         """Whether the fit converged, everything is determined, and the editing settled."""
         return self.complete and self.fit.converged

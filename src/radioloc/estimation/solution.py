@@ -6,24 +6,24 @@ import math
 from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass, field, replace
 from functools import singledispatch
-from typing import Any, Literal, Protocol
+from typing import Any, Literal, Protocol, get_args
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.consider import Consider
 from radioloc.estimation.correlated_weights import SeriesWeight
 from radioloc.estimation.observability import Observability
-from radioloc.estimation.residuals import Residuals
-from radioloc.estimation.statistics import FitStatistics, finite_or_none
+from radioloc.estimation.statistics import FitStatistics, Residuals, finite_or_none, read_only
 from radioloc.estimation.time_correlation import TimeCorrelation
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
 from radioloc.parameters.parameter import ParameterSet
 
 Axes = Literal["enu", "pa", "me", "geographic"]
 Level = Literal["total", "scaled", "formal"]
+_ENU = ("east", "north", "up")
 
 
 class Card(Protocol):
@@ -111,11 +111,10 @@ class Solution:
     """Everything a fit has to say; arrays are read-only.
 
     Made by :func:`~radioloc.estimation.build.build_solution`. Three levels of uncertainty are kept:
-    ``"formal"`` from the stated sigmas, ``"scaled"`` with the observation noise scaled up to what the
-    residuals show where that is significantly more, and for residuals that are correlated in time,
+    ``"formal"`` from the stated sigmas; ``"scaled"`` with the observation noise scaled up to what the
+    residuals show where that is significantly more, and for residuals that are correlated in time;
     ``"total"`` with the errors of considered parameters, and with the assumed error of the ephemeris added to the
-    position. What is called sigma without a
-    further word is the total.
+    position. What is called sigma without a further word is the total.
 
     Parameters
     ----------
@@ -137,10 +136,10 @@ class Solution:
         Factor on the stated sigmas that leads from the formal to the scaled covariance.
     pa_frame, me_frame : str
         Names of the axes, such as ``"PA_DE421"`` and ``"ME_DE421"``.
-    position_pa_m, position_me_m : ndarray, shape (3,)
-        Estimated position, m; of a target on a trajectory the offset from it, zeros.
+    position_pa_m : ndarray, shape (3,)
+        Estimated position in principal axes, m; of a target on a trajectory the offset from it, zeros.
     position_partials : ndarray, shape (3, p)
-        d(position_pa)/d(parameter).
+        d(position_pa)/d(parameter): the identity for cartesian parameters, zeros for others.
     rot_pa_to_me : ndarray, shape (3, 3)
         Rotation from principal to mean-Earth axes.
     ephemeris_sigma_enu_m : ndarray, shape (3,)
@@ -174,7 +173,6 @@ class Solution:
         derived from one raises :class:`~radioloc.errors.InputError`.
     """
 
-    name: str
     converged: bool
     status: str
     message: str
@@ -186,13 +184,13 @@ class Solution:
     pa_frame: str
     me_frame: str
     position_pa_m: NDArray[np.float64]
-    position_me_m: NDArray[np.float64]
     position_partials: NDArray[np.float64]
     rot_pa_to_me: NDArray[np.float64]
-    ephemeris_sigma_enu_m: NDArray[np.float64]
     fit: FitStatistics
     residuals: Residuals
     observability: Observability
+    name: str = "solution"
+    ephemeris_sigma_enu_m: NDArray[np.float64] = field(default_factory=lambda: np.zeros(3))
     time_correlation: TimeCorrelation | None = None
     series_weights: tuple[SeriesWeight, ...] = ()
     iterations: int = 0
@@ -203,6 +201,23 @@ class Solution:
     trajectory: str | None = None
     consider: Consider | None = None
     targets: tuple[TargetPosition, ...] = ()
+
+    def __post_init__(self) -> None:
+        p = len(self.parameters)
+        shapes = {
+            "values": (p,),
+            "formal_covariance": (p, p),
+            "covariance": (p, p),
+            "position_pa_m": (3,),
+            "position_partials": (3, p),
+            "rot_pa_to_me": (3, 3),
+            "ephemeris_sigma_enu_m": (3,),
+        }
+        for name, shape in shapes.items():
+            array = read_only(getattr(self, name))
+            if array.shape != shape:
+                raise InputError(f"{name} has shape {array.shape}, but {shape} is needed")
+            object.__setattr__(self, name, array)
 
     def of_target(self, name: str) -> Solution:
         """The solution as seen from one of several targets: its position and covariance in place of the first's.
@@ -218,7 +233,6 @@ class Solution:
                     self,
                     name=name,
                     position_pa_m=target.position_pa_m,
-                    position_me_m=self.rot_pa_to_me @ target.position_pa_m,
                     position_partials=target.position_partials,
                     targets=(),
                     reference=None,
@@ -226,28 +240,41 @@ class Solution:
         raise InputError(f"there is no target {name!r}; there are {', '.join(t.name for t in self.targets)}")
 
     @property
+    def position_me_m(self) -> NDArray[np.float64]:
+        """:attr:`position_pa_m` in mean-Earth axes, m, shape (3,)."""
+        return np.asarray(self.rot_pa_to_me @ self.position_pa_m)
+
+    @property
     def selenographic(self) -> tuple[float, float, float]:
         """East longitude and latitude in mean-Earth axes, deg, and height above the 1737.4 km sphere, m."""
-        longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self._place_me_m())
-        return math.degrees(float(longitude_rad)), math.degrees(float(latitude_rad)), float(height_m)
+        longitude_rad, latitude_rad, height_m = self._place_rad()
+        return math.degrees(longitude_rad), math.degrees(latitude_rad), height_m
 
     @property
     def rot_pa_to_enu(self) -> NDArray[np.float64]:
         """Rotation from principal axes to east, north, up (of mean-Earth axes) there, shape (3, 3)."""
-        longitude_rad, latitude_rad, _ = cartesian_to_selenographic(self._place_me_m())
-        rotation: NDArray[np.float64] = east_north_up(longitude_rad, latitude_rad) @ self.rot_pa_to_me
-        return rotation
+        longitude_rad, latitude_rad, _ = self._place_rad()
+        return np.asarray(east_north_up(longitude_rad, latitude_rad) @ self.rot_pa_to_me)
+
+    @property
+    def enu_by_parameters(self) -> NDArray[np.float64]:
+        """d(position east, north, up)/d(parameter), shape (3, p)."""
+        return np.asarray(self.rot_pa_to_enu @ self.position_partials)
+
+    @property
+    def _involved(self) -> NDArray[np.bool_]:
+        """Which parameters have part in the position, shape (p,)."""
+        return np.asarray((self.position_partials != 0.0).any(axis=0))
 
     @property
     def position_estimated(self) -> bool:
         """Whether the position was solved for, not held."""
-        return bool((self.position_partials[:, self.parameters.free] != 0.0).any())
+        return bool((self._involved & self.parameters.free).any())
 
     @property
     def position_determined(self) -> bool:
         """Whether no parameter that the position depends on is left undetermined."""
-        involved = (self.position_partials != 0.0).any(axis=0)
-        return bool(np.isfinite(np.diag(self.covariance)[involved]).all())
+        return bool(np.isfinite(np.diag(self.covariance)[self._involved]).all())
 
     def position_covariance(self, axes: Axes = "enu", level: Level = "total") -> NDArray[np.float64]:
         """Covariance of the position, shape (3, 3).
@@ -270,26 +297,36 @@ class Solution:
         InputError
             Axes or level are not known, or the target has no position.
         """
-        self._place_me_m()
-        if level not in ("total", "scaled", "formal"):
+        _, latitude_rad, height_m = self._place_rad()
+        if level not in get_args(Level):
             raise InputError(f"level {level!r} is not known; use total, scaled or formal")
-        if axes not in ("enu", "pa", "me", "geographic"):
+        if axes not in get_args(Axes):
             raise InputError(f"axes {axes!r} are not known; use enu, pa, me or geographic")
         if not self.position_determined:
             return np.diag([np.inf, np.inf, np.inf])
-        covariance = self._covariance(level)
         # Parameters without part in the position may have infinite variances; they must not meet the zeros here.
-        involved = (self.position_partials != 0.0).any(axis=0)
-        root = self.rot_pa_to_enu @ self.position_partials[:, involved]
-        in_enu = root @ covariance[np.ix_(involved, involved)] @ root.T
+        involved = self._involved
+        root = self.enu_by_parameters[:, involved]
+        in_enu = root @ self._covariance(level)[np.ix_(involved, involved)] @ root.T
         if level == "total":
             in_enu = in_enu + np.diag(self.ephemeris_sigma_enu_m**2)
-        turned: NDArray[np.float64] = self._from_enu(axes) @ in_enu @ self._from_enu(axes).T
+        radius_m = MEAN_LUNAR_RADIUS_M + height_m
+        from_enu = {
+            "enu": np.eye(3),
+            "pa": self.rot_pa_to_enu.T,
+            "me": self.rot_pa_to_me @ self.rot_pa_to_enu.T,
+            "geographic": np.diag([1.0 / (radius_m * math.cos(latitude_rad)), 1.0 / radius_m, 1.0]),
+        }[axes]
+        turned: NDArray[np.float64] = from_enu @ in_enu @ from_enu.T
         return 0.5 * (turned + turned.T)
 
     def sigma_enu_m(self, level: Level = "total") -> NDArray[np.float64]:
         """Return standard deviations east, north, up, m, shape (3,); infinite where not determined."""
         return np.sqrt(np.diag(self.position_covariance("enu", level)))
+
+    def sigmas(self, level: Level = "total") -> NDArray[np.float64]:
+        """Return standard deviations of the parameters, shape (p,); infinite where not determined."""
+        return np.sqrt(np.diag(self._covariance(level)))
 
     def _covariance(self, level: Level) -> NDArray[np.float64]:
         """Covariance of the parameters; the total one with what the considered parameters add."""
@@ -297,15 +334,6 @@ class Solution:
             return self.formal_covariance
         considered = self.consider if level == "total" else None
         return self.covariance if considered is None else self.covariance + considered.covariance
-
-    def sigmas(self, level: Level = "total") -> NDArray[np.float64]:
-        """Return standard deviations of the parameters, shape (p,); infinite where not determined."""
-        return np.sqrt(np.diag(self._covariance(level)))
-
-    @property
-    def enu_by_parameters(self) -> NDArray[np.float64]:
-        """d(position east, north, up)/d(parameter), shape (3, p)."""
-        return np.asarray(self.rot_pa_to_enu @ self.position_partials)
 
     def ellipse(self, probability: float = 0.95, level: Level = "total") -> Ellipse | None:
         """Horizontal error ellipse that holds the true point with a probability; None if not determined.
@@ -324,11 +352,10 @@ class Solution:
         return Ellipse(float(major), float(minor), azimuth_deg)
 
     def biases(self, kind: str = "range_bias") -> dict[str, tuple[float, float]]:
-        """Estimated value and scaled sigma of each parameter of a kind, by the station it belongs to."""
+        """Estimated value and sigma of each parameter of a kind, by the station it belongs to."""
         sigmas = self.sigmas()
-        items = self.parameters.parameters
         return {
-            items[k].name.partition(".")[2]: (float(self.values[k]), float(sigmas[k]))
+            self.parameters.names[k].partition(".")[2]: (float(self.values[k]), float(sigmas[k]))
             for k in self.parameters.of_kind(kind)
         }
 
@@ -344,33 +371,33 @@ class Solution:
         """
         if not (self.position_estimated and self.position_determined):
             return {}
-        involved = (self.position_partials != 0.0).any(axis=0)
-        known = np.isfinite(np.diag(self.formal_covariance)) & (np.diag(self.formal_covariance) > 0.0)
-        others = known & ~involved
+        involved, variances = self._involved, np.diag(self.formal_covariance)
+        others = np.isfinite(variances) & (variances > 0.0) & ~involved
         conditional = self.formal_covariance[np.ix_(involved, involved)]
         if others.any():
             cross = self.formal_covariance[np.ix_(involved, others)]
-            conditional = (
-                conditional
-                - cross
-                @ np.linalg.lstsq(self.formal_covariance[np.ix_(others, others)], cross.T, rcond=None)[0]
-            )
+            of_others = self.formal_covariance[np.ix_(others, others)]
+            conditional = conditional - cross @ np.linalg.lstsq(of_others, cross.T, rcond=None)[0]
         root = self.position_partials[:, involved]
         noise = float(np.trace(root @ conditional @ root.T))
-        formal = float(np.trace(self.position_covariance("enu", "formal")))
-        scaled = float(np.trace(self.position_covariance("enu", "scaled")))
+        formal, scaled, total = (
+            float((self.sigma_enu_m(level) ** 2).sum()) for level in ("formal", "scaled", "total")
+        )
         correlated = self._correlation_variance_m2()
-        total = float(np.trace(self.position_covariance("enu", "total")))
-        sensitivity = None if self.consider is None else self.enu_by_parameters @ self.consider.sensitivity
-        considered = 0.0 if sensitivity is None else float((sensitivity**2).sum())
-        shares = {
-            "noise": noise / total,
-            "other parameters": (formal - noise) / total,
-            "misfit": (scaled - correlated - formal) / total,
-            "correlation": correlated / total,
-            **({} if self.consider is None else {"considered": considered / total}),
-            "ephemeris": (total - scaled - considered) / total,
+        considered = 0.0
+        if self.consider is not None:
+            considered = float(((self.enu_by_parameters @ self.consider.sensitivity) ** 2).sum())
+        parts = {
+            "noise": noise,
+            "other parameters": formal - noise,
+            "misfit": scaled - correlated - formal,
+            "correlation": correlated,
+            "considered": considered,
+            "ephemeris": total - scaled - considered,
         }
+        if self.consider is None:
+            del parts["considered"]
+        shares = {name: part / total for name, part in parts.items()}
         return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
     @property
@@ -379,7 +406,7 @@ class Solution:
         correlated = self._correlation_variance_m2()
         if not (correlated > 0.0 and self.position_determined):
             return 1.0
-        scaled = float(np.trace(self.position_covariance("enu", "scaled")))
+        scaled = float((self.sigma_enu_m("scaled") ** 2).sum())
         return math.sqrt(scaled / (scaled - correlated))
 
     def _correlation_variance_m2(self) -> float:
@@ -391,7 +418,7 @@ class Solution:
     def to_dict(self) -> dict[str, Any]:
         """Everything but the single residuals, in types that JSON has; None where a number is not finite."""
         series = self.time_correlation.series if self.time_correlation else ()
-        return {
+        content: dict[str, Any] = {
             "name": self.name,
             "converged": self.converged,
             "status": self.status,
@@ -413,20 +440,13 @@ class Solution:
                 "iterations": self.iterations,
                 "passes": self.passes,
             },
-            **(
-                {"targets": {t.name: self.of_target(t.name)._position_dict() for t in self.targets}}
-                if self.targets
-                else {}
-            ),
-            **(
-                {}
-                if self.consider is None
-                else {
-                    "considered": self.consider.to_list(
-                        None if self.trajectory is not None else self.enu_by_parameters
-                    )
-                }
-            ),
+        }
+        if self.targets:
+            content["targets"] = {t.name: self.of_target(t.name)._position_dict() for t in self.targets}
+        if self.consider is not None:
+            moved = None if self.trajectory is not None else self.enu_by_parameters
+            content["considered"] = self.consider.to_list(moved)
+        return content | {
             "rejected": self.residuals.rejected(),
             "observability": self.observability.to_dict(),
             "reference": None if self.reference is None else self.reference.to_dict(),
@@ -443,9 +463,9 @@ class Solution:
             Something else is asked for.
         """
         if what == "parameters":
-            rows = self._parameter_rows()
             from astropy.table import Table
 
+            rows = self._parameter_rows()
             return Table(
                 {key: [math.inf if row[key] is None else row[key] for row in rows] for key in rows[0]}
             )
@@ -460,14 +480,11 @@ class Solution:
         return card_of(self).html()
 
     def __repr__(self) -> str:
-        state = "converged" if self.converged else "NOT CONVERGED"
-        if self.trajectory is not None:
-            return f"<Solution {self.name}: {self.trajectory}, {state}>"
-        longitude_deg, latitude_deg, height_m = self.selenographic
-        return (
-            f"<Solution {self.name}: {longitude_deg:.6f} deg E, {latitude_deg:.6f} deg N, {height_m:.1f} m "
-            f"({self.me_frame}), {state}>"
-        )
+        place = self.trajectory
+        if place is None:
+            longitude_deg, latitude_deg, height_m = self.selenographic
+            place = f"{longitude_deg:.6f} deg E, {latitude_deg:.6f} deg N, {height_m:.1f} m ({self.me_frame})"
+        return f"<Solution {self.name}: {place}, {'converged' if self.converged else 'NOT CONVERGED'}>"
 
     def _position_dict(self) -> dict[str, Any]:
         """The position and how well it is known; None where the target moves along a trajectory."""
@@ -525,27 +542,14 @@ class Solution:
             for item, value, sigma, formal in columns
         ]
 
-    def _place_me_m(self) -> NDArray[np.float64]:
+    def _place_rad(self) -> tuple[float, float, float]:
+        """As :attr:`selenographic`, angles in rad."""
         if self.trajectory is not None:
             raise InputError(
                 f"{self.name}: the target moves ({self.trajectory}); it has no position on the Moon"
             )
-        return self.position_me_m
-
-    def _from_enu(self, axes: Axes) -> NDArray[np.float64]:
-        """Matrix from east, north, up to other axes at the position, shape (3, 3)."""
         longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self.position_me_m)
-        if axes == "enu":
-            return np.eye(3)
-        if axes == "pa":
-            return self.rot_pa_to_enu.T
-        if axes == "me":
-            return east_north_up(longitude_rad, latitude_rad).T
-        radius_m = MEAN_LUNAR_RADIUS_M + float(height_m)
-        return np.diag([1.0 / (radius_m * math.cos(float(latitude_rad))), 1.0 / radius_m, 1.0])
-
-
-_ENU = ("east", "north", "up")
+        return float(longitude_rad), float(latitude_rad), float(height_m)
 
 
 def _components(names: Iterable[str], vector_m: NDArray[np.float64]) -> dict[str, float | None]:
@@ -554,3 +558,32 @@ def _components(names: Iterable[str], vector_m: NDArray[np.float64]) -> dict[str
 
 def _matrix(matrix: NDArray[np.float64]) -> list[list[float | None]]:
     return [[finite_or_none(value) for value in row] for row in matrix]
+
+
+def compare_with(
+    solution: Solution, reference_pa_m: ArrayLike, name: str = "reference"
+) -> ReferenceComparison:
+    """Difference of a solution to a known position, in metres and in total sigmas.
+
+    Parameters
+    ----------
+    solution : Solution
+        The estimate.
+    reference_pa_m : array_like, shape (3,)
+        Known position in the same principal axes, m.
+    name : str
+        What it is.
+    """
+    difference_m = solution.rot_pa_to_enu @ (solution.position_pa_m - np.asarray(reference_pa_m))
+    covariance = solution.position_covariance("enu")
+    sigmas = np.sqrt(np.diag(covariance))
+    single = [float(d / s) if 0.0 < s < np.inf else None for d, s in zip(difference_m, sigmas, strict=True)]
+    combined = None
+    if None not in single:
+        try:
+            root = np.linalg.cholesky(covariance)
+            combined = float(np.linalg.norm(np.linalg.solve(root, difference_m)))
+        except np.linalg.LinAlgError:
+            combined = None  # a direction is held: there is no inverse
+    east_m, north_m, up_m = difference_m.tolist()
+    return ReferenceComparison(name, east_m, north_m, up_m, single[0], single[1], single[2], combined)

@@ -1,20 +1,147 @@
-"""Numbers that say how well observations are fitted."""
+"""Observations with their residuals after a fit, and numbers that say how well they are fitted."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
-from radioloc.estimation.labels import Labels
+from radioloc.errors import InputError
+from radioloc.estimation.labels import USED, Labels
+from radioloc.time import Epochs, utc_strings
 
 SCALING_PROBABILITY = 0.999
 """The formal covariance is scaled up when the reduced chi-square would exceed its value by chance in fewer than one
 fit of a thousand."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Residuals:
+    """Observations with what is left of them after the fit; arrays of shape (n,).
+
+    Parameters
+    ----------
+    epoch_utc : Epochs
+        UTC of the event that the time tag names.
+    stations, types, paths : Labels
+        Station that a bias or a group belongs to, kind of measurement, participants of the signal path.
+    observed_m, residual_m, sigma_m : ndarray
+        Observed value, observed - computed, stated standard deviation; m (of the round trip
+        for ranges).
+    statuses : Labels
+        ``"used"`` or the reason why the observation was left out.
+    elevation_deg : ndarray or None
+        Lower of the stations' elevations of the Moon, deg.
+    """
+
+    epoch_utc: Epochs
+    stations: Labels
+    types: Labels
+    paths: Labels
+    observed_m: NDArray[np.float64]
+    residual_m: NDArray[np.float64]
+    sigma_m: NDArray[np.float64]
+    statuses: Labels
+    elevation_deg: NDArray[np.float64] | None = None
+
+    def __post_init__(self) -> None:
+        n = len(self.residual_m)
+        for name in self.__slots__:
+            column = getattr(self, name)
+            if column is not None and len(column) != n:
+                raise InputError(f"{name} has {len(column)} values, but there are {n} observations")
+        for name in ("observed_m", "residual_m", "sigma_m"):
+            object.__setattr__(self, name, read_only(getattr(self, name)))
+
+    def __len__(self) -> int:
+        return len(self.residual_m)
+
+    def select(self, rows: Any) -> Residuals:
+        """Some rows: a slice, a mask or indices."""
+        columns: dict[str, Any] = {name: getattr(self, name) for name in self.__slots__}
+        for name, column in columns.items():
+            if column is not None:
+                columns[name] = column.select(rows) if isinstance(column, Labels) else column[rows]
+        return Residuals(**columns)
+
+    @property
+    def station(self) -> NDArray[np.str_]:
+        """:attr:`stations` as texts, shape (n,)."""
+        return np.asarray(self.stations[:])
+
+    @property
+    def type(self) -> NDArray[np.str_]:
+        """:attr:`types` as texts, shape (n,)."""
+        return np.asarray(self.types[:])
+
+    @property
+    def path(self) -> NDArray[np.str_]:
+        """:attr:`paths` as texts, shape (n,)."""
+        return np.asarray(self.paths[:])
+
+    @property
+    def status(self) -> NDArray[np.str_]:
+        """:attr:`statuses` as texts, shape (n,)."""
+        return np.asarray(self.statuses[:])
+
+    @property
+    def used(self) -> NDArray[np.bool_]:
+        """Which observations took part in the fit, shape (n,)."""
+        return self.statuses.are(USED)
+
+    @property
+    def computed_m(self) -> NDArray[np.float64]:
+        """Computed values, m, shape (n,)."""
+        return self.observed_m - self.residual_m
+
+    def statistics(self, label: str, rows: Any = slice(None)) -> GroupStatistics:
+        """Statistics of some observations: a slice, a mask or indices."""
+        residual_m, sigma_m, used = self.residual_m[rows], self.sigma_m[rows], self.used[rows]
+        n_used = int(used.sum())
+        rejected = len(used) - n_used
+        if n_used == 0:
+            return GroupStatistics(label, 0, rejected, None, None, None)
+        r, weight = residual_m[used], 1.0 / sigma_m[used] ** 2
+        return GroupStatistics(
+            label,
+            n_used,
+            rejected,
+            float(r.mean()),
+            float(np.sqrt(np.mean(r**2))),
+            float(np.sqrt((weight * r**2).sum() / weight.sum())),
+        )
+
+    def statistics_by(self, labels: Labels) -> tuple[GroupStatistics, ...]:
+        """Statistics of each group of observations that share a label, in alphabetic order."""
+        return tuple(self.statistics(label, labels.are(label)) for label in labels.present())
+
+    def rejected(self) -> list[dict[str, Any]]:
+        """Observations that were left out and why, in types that JSON has."""
+        out = np.flatnonzero(~self.used)
+        if not len(out):
+            return []
+        columns = {
+            "epoch_utc": utc_strings(self.epoch_utc[out], decimals=3).tolist(),
+            "station": self.stations[out].tolist(),
+            "path": self.paths[out].tolist(),
+            "residual_m": [finite_or_none(value) for value in self.residual_m[out]],
+            "reason": self.statuses[out].tolist(),
+        }
+        return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
+
+    def to_table(self) -> Any:
+        """All columns as an ``astropy.table.Table``."""
+        from astropy.table import Table
+
+        names = ("type", "station", "path", "observed_m", "computed_m", "residual_m", "sigma_m", "status")
+        columns = {"epoch_utc": utc_strings(self.epoch_utc)} | {name: getattr(self, name) for name in names}
+        if self.elevation_deg is not None:
+            columns["elevation_deg"] = self.elevation_deg
+        return Table(columns)
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,10 +186,6 @@ class FitStatistics:
         Weighted sum of squares with the a-priori rows.
     dof : int
         Degrees of freedom.
-    chi2_per_dof : float or None
-        Reduced chi-square; None without redundancy.
-    chi2_per_dof_bound : float or None
-        What it exceeds by chance in one fit of a thousand.
     robust_scale : float
         Spread of the residuals over their stated sigmas by the median, outliers included.
     excess_noise_m : dict of str to float
@@ -75,17 +198,24 @@ class FitStatistics:
     by_path: tuple[GroupStatistics, ...]
     chi2: float
     dof: int
-    chi2_per_dof: float | None
-    chi2_per_dof_bound: float | None
     robust_scale: float
-    excess_noise_m: Mapping[str, float] = field(default_factory=dict)
+    excess_noise_m: Mapping[str, float]
+
+    @property
+    def chi2_per_dof(self) -> float | None:
+        """Reduced chi-square; None without redundancy."""
+        return self.chi2 / self.dof if self.dof > 0 else None
+
+    @property
+    def chi2_per_dof_bound(self) -> float | None:
+        """What it exceeds by chance in one fit of a thousand."""
+        return chi2_quantile(SCALING_PROBABILITY, self.dof) / self.dof if self.dof > 0 else None
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers, in types that JSON has."""
-        total = self.total.to_dict()
         groups = {"by_station": self.by_station, "by_type": self.by_type, "by_path": self.by_path}
         return {
-            **total,
+            **self.total.to_dict(),
             "chi2": self.chi2,
             "dof": self.dof,
             "chi2_per_dof": self.chi2_per_dof,
@@ -94,6 +224,15 @@ class FitStatistics:
             "robust_scale": self.robust_scale,
             **{key: {group.label: group.to_dict() for group in items} for key, items in groups.items()},
         }
+
+
+def read_only(values: ArrayLike) -> NDArray[np.float64]:
+    """Array of floats that cannot be written to; a copy unless it owns its numbers and is read-only already."""
+    array = np.asarray(values, dtype=np.float64)
+    if array.flags.writeable or not array.flags.owndata:
+        array = array.copy()
+        array.flags.writeable = False
+    return array
 
 
 def finite_or_none(value: float) -> float | None:
@@ -106,37 +245,3 @@ def chi2_quantile(probability: float, dof: int) -> float:
     from scipy.special import gammaincinv
 
     return 2.0 * float(gammaincinv(0.5 * dof, probability))
-
-
-def group_statistics(
-    label: str, residual_m: NDArray[np.float64], sigma_m: NDArray[np.float64], used: NDArray[np.bool_]
-) -> GroupStatistics:
-    """Statistics of some observations; residuals, sigmas and the mask have shape (n,)."""
-    n_used = int(used.sum())
-    rejected = len(used) - n_used
-    if n_used == 0:
-        return GroupStatistics(label, 0, rejected, None, None, None)
-    r, weight = residual_m[used], 1.0 / sigma_m[used] ** 2
-    return GroupStatistics(
-        label,
-        n_used,
-        rejected,
-        float(r.mean()),
-        float(np.sqrt(np.mean(r**2))),
-        float(np.sqrt((weight * r**2).sum() / weight.sum())),
-    )
-
-
-def statistics_by(
-    labels: Labels | Sequence[str] | NDArray[np.str_],
-    residual_m: NDArray[np.float64],
-    sigma_m: NDArray[np.float64],
-    used: NDArray[np.bool_],
-) -> tuple[GroupStatistics, ...]:
-    """Statistics of each group of observations that share a label, in alphabetic order."""
-    groups = Labels.of(labels)
-    found = []
-    for label in groups.present():
-        which = groups.are(label)
-        found.append(group_statistics(label, residual_m[which], sigma_m[which], used[which]))
-    return tuple(found)

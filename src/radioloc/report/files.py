@@ -12,8 +12,8 @@ import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.residuals import Residuals
 from radioloc.estimation.solution import Solution
+from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.report.arc_study import ArcStudy
@@ -89,10 +89,6 @@ def write_residuals(path: Path, rows: Residuals) -> None:
     columns: dict[str, Any] = {"epoch_utc": rows.epoch_utc, "type": rows.types, "path": rows.paths}
     columns |= {name: getattr(rows, name) for name in _DECIMALS} | {"status": rows.statuses}
     for name, column in columns.items():
-        if len(column) != len(rows.epoch_utc):
-            raise InputError(
-                f"{name} has {len(column)} values, but there are {len(rows.epoch_utc)} observations"
-            )
         if name in _DECIMALS and not np.isfinite(column).all():
             bad = int(np.argmin(np.isfinite(column)))
             raise InputError(f"{name} of observation {bad + 1} is {column[bad]}; residuals must be finite")

@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.build import compare_with
-from radioloc.estimation.solution import Solution
+from radioloc.estimation.solution import Solution, compare_with
 from radioloc.report.figures import COLORS, axes_for, length_unit, new_figure, style_axes
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.trial_statistics import SIDES
@@ -71,8 +70,7 @@ def plot_position(
         raise InputError("the position is held or not determined, so there is no error ellipse to draw")
     comparison = solution.reference
     if reference_pa_m is not None:
-        known = np.array(reference_pa_m, dtype=np.float64)
-        comparison = compare_with(solution, known, reference_name or "reference")
+        comparison = compare_with(solution, reference_pa_m, reference_name or "reference")
     east_m, north_m = (0.0, 0.0) if comparison is None else (comparison.east_m, comparison.north_m)
 
     # A square that holds the larger ellipse and the origin.

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Residuals, Solution
-from radioloc.estimation.statistics import group_statistics
+from radioloc.estimation.solution import Solution
+from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
 from radioloc.measurements.registry import KINDS
 from radioloc.report.envelope import ENVELOPE_NOTE, MOST_POINTS, REJECTED_COLOR, draw_envelope, draw_left_out
@@ -71,8 +71,7 @@ class _Panel:
         size_m, sigma_m = np.abs(residuals.residual_m[shown]), residuals.sigma_m[shown]
         highest_m = max(size_m.max(), np.median(sigma_m)) if like else (size_m + sigma_m).max()
         self.half_height_m = 1.15 * float(highest_m)
-        of_rows = residuals.residual_m[self.rows], residuals.sigma_m[self.rows]
-        self.statistics = group_statistics(title, *of_rows, used)
+        self.statistics = residuals.statistics(title, self.rows)
 
 
 def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> Figure:

@@ -9,9 +9,8 @@ import numpy as np
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.residuals import Residuals
 from radioloc.estimation.solution import ReferenceComparison, Solution, card_of
-from radioloc.estimation.statistics import GroupStatistics, statistics_by
+from radioloc.estimation.statistics import GroupStatistics, Residuals
 from radioloc.measurements.link import Link
 from radioloc.parameters.parameter import Role
 from radioloc.report.cards import (
@@ -365,7 +364,7 @@ def _groups(solution: Solution) -> list[Field]:
     rows, fit = solution.residuals, solution.fit
     if not _have_paths(rows) or len(fit.by_path) == len(fit.by_station) == len(_ends(rows)):
         return [_statistics("stations", fit.by_station, _MAX_ROWS)]
-    by_link = statistics_by(_links(rows), rows.residual_m, rows.sigma_m, rows.used)
+    by_link = rows.statistics_by(_links(rows))
     fields = [_statistics("types", fit.by_type, _MAX_ROWS)] if len(fit.by_type) > 1 else []
     return [*fields, _statistics("links", by_link, _MAX_LINKS)]
 

@@ -11,14 +11,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.build import scaled_covariance
+from radioloc.estimation.build import estimated_covariance
 from radioloc.estimation.correlated_weights import fit_with_correlated_weights
-from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import LinearProblem
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.time_correlation import assess_time_correlation
 from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.simulation.noise import NoiseDraws
@@ -84,14 +82,6 @@ class LinearArc:
         weighed = fit_with_correlated_weights(linear, found.edited, self.order)
         return replace(found, edited=weighed.edited)
 
-    def covariance(self, edited: EditedFit) -> _Floats:
-        """Covariance of the parameters as :func:`~radioloc.estimation.build.build_solution` has it, shape (p, p)."""
-        scaled = scaled_covariance(edited.fit, edited.fit.noise_scale)
-        if not edited.converged:
-            return scaled
-        correlation = assess_time_correlation(edited.fit, self.order)
-        return scaled if correlation is None else scaled + correlation.added_covariance
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearTrials:
@@ -142,7 +132,7 @@ class LinearTrials:
 
     def _row(self, arc: LinearArc, found: NoisyFit, drawn: dict[str, float]) -> _Floats:
         fit = found.edited.fit
-        covariance = arc.covariance(found.edited)
+        covariance, _ = estimated_covariance(found.edited, arc.order)
         x, sigmas = fit.x, np.sqrt(np.diag(covariance))
         return row_of(
             self.columns,

@@ -170,10 +170,10 @@ def fit_arc(
         fitted, series_weights = replace(fitted, edited=weighed.edited), weighed.weights
     x = fitted.edited.fit.x
     lander_pa_m = problem.position_pa_m(x)
-    several = [
+    several = tuple(
         TargetPosition(name, problem.position_pa_m(x, k), problem.position_partials(x, k))
         for k, name in enumerate(targets if len(targets) > 1 else ())
-    ]
+    )
     return build_solution(
         fitted.edited,
         position_pa_m=lander_pa_m,
@@ -187,13 +187,13 @@ def fit_arc(
         path=paths,
         type=types,
         elevation_deg=_elevation_deg(arc, problem.all_positions_pa_m(x)),
-        ephemeris_sigma_enu_m=(0.0, 0.0, 0.0) if estimate is None else estimate.ephemeris_sigma_m,
+        ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         excess_noise_m=fitted.additive_sigma_m,
         series_weights=series_weights,
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
-        notes=notes_of(study, arc, left_out, estimate, fitted, lander_pa_m),
+        notes=tuple(notes_of(study, arc, left_out, estimate, fitted, lander_pa_m)),
         provenance=provenance(study, model, observations, left_out, estimate)
         | {"evaluation": evaluation_record(arc, problem.all_positions_pa_m(x))},
         trajectory=None if arc.trajectory is None else str(arc.trajectory),

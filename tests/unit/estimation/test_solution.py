@@ -97,6 +97,8 @@ def test_geographic_parameters_give_the_same_solution_as_cartesian():
         me_frame="ME_DE421",
         epoch_utc=cartesian.residuals.epoch_utc,
         station=model.station,
+        path=model.station,
+        type=["range"] * 200,
         observed_m=observed_m,
     )
     # A hundredth of a sigma (metres here): both stop within a thousandth.
@@ -111,10 +113,8 @@ def test_scaling_only_when_significant():
     worse = toy_solution(ToyMoon(200, 72.0), noise_factor=4.0)
     assert worse.noise_scale == pytest.approx(4.0, rel=0.15)
     np.testing.assert_allclose(worse.sigma_enu_m(), worse.noise_scale * worse.sigma_enu_m("formal"))
-    unscaled = toy_solution(ToyMoon(200, 72.0), noise_factor=4.0, scale_covariance=False)
-    np.testing.assert_allclose(unscaled.sigma_enu_m(), unscaled.sigma_enu_m("formal"))
     assert "noise scaled" in str(worse)
-    assert "noise scaled" not in str(unscaled)
+    assert "noise scaled" not in str(as_stated)
 
 
 def test_scaling_leaves_a_priori_values_alone():
@@ -202,6 +202,8 @@ def test_undetermined_bias_leaves_the_position_known():
         me_frame="ME_DE421",
         epoch_utc=Epochs.from_jd(2456650.5, model.time_s / 86400.0, "UTC"),
         station=model.station,
+        path=model.station,
+        type=["range"] * 100,
         observed_m=observed_m,
         reference_pa_m=LANDER_M,
     )
@@ -401,10 +403,10 @@ def test_unknown_axes_and_levels_are_refused(solution):
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"station": ["A"]}, "station has shape"),
-        ({"observed_m": [1.0]}, "observed_m has shape"),
+        ({"station": ["A"]}, "stations has 1 values, but there are 9 observations"),
+        ({"observed_m": [1.0]}, "observed_m has 1 values, but there are 9 observations"),
         ({"rot_pa_to_me": np.eye(2)}, "rot_pa_to_me has shape"),
-        ({"epoch_utc": Epochs.from_jd(2456650.5, [0.1, 0.2], "UTC")}, "2 epochs for 9 observations"),
+        ({"epoch_utc": Epochs.from_jd(2456650.5, [0.1, 0.2], "UTC")}, "epoch_utc has 2 values"),
     ],
 )
 def test_columns_of_another_length_are_refused(given, words):

@@ -1,7 +1,9 @@
 import numpy as np
 import pytest
 
-from radioloc.estimation.statistics import chi2_quantile, group_statistics, statistics_by
+from radioloc.estimation.labels import Labels
+from radioloc.estimation.statistics import Residuals, chi2_quantile
+from radioloc.time import Epochs
 
 # Quantiles of 95 % and 99.9 % as scipy.stats.chi2.ppf gives them.
 CHI2 = {
@@ -20,10 +22,16 @@ def test_chi2_quantile_against_scipy(dof):
     assert chi2_quantile(0.999, dof) == pytest.approx(q999, rel=1e-12)
 
 
+def residuals(residual_m, sigma_m, used):
+    n = len(used)
+    same = Labels.of(["A"] * n)
+    statuses = Labels.of(np.where(used, "used", "outlier"))
+    epochs = Epochs.from_jd(2459185.5, np.zeros(n), "UTC")
+    return Residuals(epochs, same, same, same, np.zeros(n), residual_m, sigma_m, statuses)
+
+
 def test_group_statistics_by_hand():
-    group = group_statistics(
-        "A", np.array([1.0, -3.0, 100.0]), np.array([1.0, 2.0, 1.0]), np.array([True, True, False])
-    )
+    group = residuals([1.0, -3.0, 100.0], [1.0, 2.0, 1.0], [True, True, False]).statistics("A")
     assert (group.label, group.used, group.rejected) == ("A", 2, 1)
     assert group.mean_m == -1.0
     assert group.rms_m == pytest.approx(5.0**0.5)
@@ -31,13 +39,13 @@ def test_group_statistics_by_hand():
 
 
 def test_group_without_used_observations_has_no_numbers():
-    group = group_statistics("A", np.array([1.0]), np.array([1.0]), np.array([False]))
+    group = residuals([1.0], [1.0], [False]).statistics("A")
     assert (group.used, group.rejected, group.mean_m, group.rms_m, group.wrms_m) == (0, 1, None, None, None)
 
 
 def test_groups_are_sorted_and_complete():
-    labels = ["B", "A", "B", "C"]
-    groups = statistics_by(labels, np.arange(4.0), np.ones(4), np.array([True, True, False, True]))
+    labels = Labels.of(["B", "A", "B", "C"])
+    groups = residuals(np.arange(4.0), np.ones(4), [True, True, False, True]).statistics_by(labels)
     assert [(group.label, group.used, group.rejected) for group in groups] == [
         ("A", 1, 0),
         ("B", 1, 1),

@@ -31,8 +31,8 @@ def residuals(count, left_out=0.01):
         np.full(count, 7.5e8),
         residual_m,
         sigma_m,
-        np.full(count, 30.0),
         Labels.coded(["used", "outlier"], ~used * 1),
+        np.full(count, 30.0),
     )
 
 

@@ -11,7 +11,7 @@ import pytest
 from radioloc.errors import FileFormatError, InputError
 from radioloc.estimation.editing import outlier_reason
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.residuals import Residuals
+from radioloc.estimation.statistics import Residuals
 from radioloc.io.dates import utc_to_text
 from radioloc.report.files import write_json, write_residuals
 from radioloc.time import Epochs, epochs_from_strings
@@ -115,7 +115,7 @@ def test_residuals_are_written_block_by_block(tmp_path):
     [
         ({"observed_m": np.array([np.nan, 7.7e8])}, "observed_m of observation 1 is nan"),
         ({"sigma_m": np.array([1.0, np.inf])}, "sigma_m of observation 2 is inf"),
-        ({"statuses": Labels.of(["used"])}, "status has 1 values, but there are 2"),
+        ({"statuses": Labels.of(["used"])}, "statuses has 1 values, but there are 2"),
         ({"sigma_m": np.array([1.0])}, "sigma_m has 1 values, but there are 2"),
         ({"elevation_deg": None}, "no elevations"),
     ],

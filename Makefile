@@ -1,8 +1,10 @@
-# Everything runs in .venv, which the first target that needs it sets up from pyproject.toml.
+# Everything runs in .venv, which the first target that needs it sets up from pyproject.toml. Compiled sources are kept,
+# whatever the environment says: to rewrite the asserts of all tests takes each process some seconds.
 PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 PARALLEL := -n logical --dist worksteal
+export PYTHONDONTWRITEBYTECODE :=
 COMPILED := tests/unit/measurements/test_chebyshev_predictor.py tests/unit/studies/test_evaluation.py
 SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_readers.py tests/unit/test_bad_input.py \
 	tests/unit/io/test_parquet.py \

@@ -16,11 +16,12 @@ COVERED = (359, 396)
 NEES_3 = (2.50, 3.55)
 
 
-@pytest.fixture(
-    scope="module", params=some(["no biases", "biases with a-priori values"], ["biases with a-priori values"])
-)
+KNOWN, UNKNOWN = "no biases", "biases with a-priori values"
+
+
+@pytest.fixture(scope="module", params=some([KNOWN, UNKNOWN], [UNKNOWN]))
 def solutions(request):
-    biases = request.param.endswith("values")
+    biases = request.param == UNKNOWN
     model = ToyMoon(60, 48.0, biases=biases)
     rng = np.random.default_rng(20)
     found = []

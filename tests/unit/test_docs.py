@@ -19,6 +19,7 @@ import radioloc
 from radioloc.cli import main
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.io.table_columns import COLUMNS
+from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.measurements.terms import TERMS
 from radioloc.media.ionosphere import ionosphere_delay_m, modified_shell_mapping
 from radioloc.media.neutral_atmosphere import (
@@ -260,6 +261,12 @@ def test_every_kind_of_parameter_has_its_row():
 def test_every_column_of_the_table_of_observations():
     page = DOCS / "reference" / "observation-table.md"
     assert {row[0].strip("`") for row in rows_of_table(page, "column")} == set(COLUMNS)
+
+
+def test_every_type_of_measurement():
+    page = DOCS / "reference" / "observation-table.md"
+    rows = {row[0].strip("`"): row[1].strip("`").replace("\\|", "|") for row in rows_of_table(page, "type")}
+    assert rows == {name: kind.form for name, kind in MEASUREMENTS.items()}
 
 
 def test_every_column_of_residuals():

@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.ephemeris import Trajectory
+from radioloc.errors import InputError
 from radioloc.measurements.gravitational_delay import gravitational_delay_m
 from radioloc.measurements.light_path import (
     BOUNCE,
@@ -41,7 +42,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.records import joined, rows_of
-from radioloc.measurements.registry import is_differenced, is_integrated, is_one_way
+from radioloc.measurements.registry import is_combined, is_differenced, is_integrated, is_one_way
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.measurements.terms import TERMS
 from radioloc.measurements.trajectory_motion import displaced, trajectory_motion
@@ -84,7 +85,7 @@ class ExactPredictor(Predictor):
     CoverageError
         An epoch lies outside the kernels, the trajectory or the Earth orientation table.
     KernelError, InputError
-        The trajectory cannot be evaluated, or leads too far from the Earth.
+        The trajectory cannot be evaluated, or leads too far from the Earth; an observation is a combination of others.
     """
 
     def __init__(
@@ -97,6 +98,10 @@ class ExactPredictor(Predictor):
         more_partials: bool = False,
     ) -> None:
         super().__init__(model, observations, trajectory, targets, more_partials)
+        if is_combined(observations.kind).any():
+            raise InputError(
+                "some observations combine others; radioloc.measurements.prepare_predictor takes them"
+            )
         # One path per observation; one with a count interval is the difference of two, at its ends.
         integrated = is_integrated(observations.kind)
         rows = self._path_rows

@@ -278,8 +278,8 @@ class Observations:
         kind = MEASUREMENTS[KINDS[code]]
         allowed = [TIME_TAGS.index(tag) for tag in kind.tags]
         if len(allowed) < len(TIME_TAGS):
-            where = "at the arrival at the first station" if kind.on_baseline else "by its"
-            rule = f"the {kind.name} is tagged {where} ({' or '.join(kind.tags)})"
+            where = " at the arrival at the first station" if kind.on_baseline else ""
+            rule = f"the {kind.name} is tagged{where} ({' or '.join(kind.tags)})"
             self._refuse(rows & ~np.isin(self.tag, allowed), "time_tag", self.tag, rule)
         of_link = np.array([link.form != kind.form for link in self.links], dtype=bool)
         rule = f"that of the type {kind.name} is written {kind.form}"
@@ -298,7 +298,8 @@ class Observations:
         if not wrong.any():
             return
         row = int(np.argmax(wrong))
-        found = self.links[self.link[row]].path if name == "path" else f"{column[row]:g}"
+        words = {"path": self.links[self.link[row]].path, "time_tag": TIME_TAGS[self.tag[row]]}
+        found = words.get(name) or f"{column[row]:g}"
         problem = f"{name} is {found}, but {rule}"
         source = self.files[self.file[row]]
         if source == _IN_MEMORY:

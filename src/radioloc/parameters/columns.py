@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.errors import InputError
 from radioloc.measurements.predictor import Predictor
 from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.rows import ObservationRows
@@ -40,7 +41,13 @@ class Columns:
     def design(self, rows: ObservationRows) -> NDArray[np.float64]:
         """Partial derivatives of computed values by the parameters, shape (m, number of columns)."""
         partials = self.kind.partials(rows)
-        ends, components = partials.shape[1:]
+        components = len(self.kind.components)
+        if partials.ndim != 3 or partials.shape[::2] != (len(rows), components):
+            raise InputError(
+                f"partials of {self.kind.name} have the shape {partials.shape}; they need one of "
+                f"({len(rows)}, ends, {components}), for the observations rows.rows"
+            )
+        ends = partials.shape[1]
         which = rows.rows if self.code.ndim == 2 else owners(self.scope, rows)
         code = np.broadcast_to(self.code[which], (len(rows), ends))
         # Column by column in memory: several times as fast as row by row.

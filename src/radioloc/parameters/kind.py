@@ -44,7 +44,7 @@ class ParameterKind:
     name : str
         In study files and results, such as ``"range_bias"``.
     unit : str
-        SI unit of the value.
+        SI unit of the value, as in keys of study files: ``"m"``, ``"s/s"``, ``"1"``.
     description : str
         What it is, for reference pages.
     scopes : tuple of Scope
@@ -88,10 +88,11 @@ class ParameterKind:
     relative: bool = False
 
     def __post_init__(self) -> None:
-        if not (self.name.isidentifier() and self.scopes and self.components and self.scale > 0.0):
+        named = self.name.isidentifier() and self.keys["sigma"].isidentifier()
+        if not (named and self.scopes and self.components and self.scale > 0.0):
             raise InputError(
-                f"parameter kind {self.name!r} needs a name of letters and underscores, scopes, components "
-                "and a scale above zero"
+                f"parameter kind {self.name!r} in {self.unit!r} needs a name of letters and underscores, a unit of "
+                "letters, digits and /, scopes, components and a scale above zero"
             )
 
     @property

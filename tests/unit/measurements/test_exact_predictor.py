@@ -12,13 +12,14 @@ from lunar_partials import cartesian_partials
 from radioloc.constants import C_M_S
 from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation
-from radioloc.errors import ConvergenceError, CoverageError, PredictedEopWarning, StationError
+from radioloc.errors import ConvergenceError, CoverageError, InputError, PredictedEopWarning, StationError
 from radioloc.lunar import cartesian_to_selenographic, selenographic_to_cartesian
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.registry import KINDS
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import Status, describe
 from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, tdb_to_tt, tt_to_tai, utc_to_tai
@@ -126,6 +127,16 @@ def test_size_of_each_term(apollo_terms, term):
     # The bounds are bounds of something: a term that was lost would be near zero.
     if least < most:
         assert np.abs(value).max() > 0.1 * max(abs(least), abs(most))
+
+
+def test_combinations_are_refused(model):
+    rows = observations(
+        "KASHI<x>JIAMUSI", epochs_tai(2, 1.0), "receive", kind=KINDS.index("differenced_range")
+    )
+    with pytest.raises(
+        InputError, match=r"combine others; radioloc\.measurements\.prepare_predictor takes them"
+    ):
+        ExactPredictor(model, rows, APOLLO15_PA_M)
 
 
 def test_shapiro_is_the_sum_over_all_bodies(radio):

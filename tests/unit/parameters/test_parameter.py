@@ -1,9 +1,16 @@
+import re
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+import radioloc
 from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet
+from radioloc.parameters import ObservationRows, Scope
+from radioloc.parameters.columns import Columns
 from radioloc.parameters.parameter import Role
+from radioloc.parameters.range_bias import RANGE_BIAS
 
 
 def test_order_and_lookup():
@@ -54,3 +61,35 @@ def test_sets_refuse_doubles_and_emptiness():
         ParameterSet([])
     with pytest.raises(InputError, match="no parameter 'c'; there are a"):
         ParameterSet([Parameter("a", "m", "x")])["c"]
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"name": "two words"}, "parameter kind 'two words' in 'm' needs a name"),
+        ({"unit": "m K-1"}, "in 'm K-1' needs .* a unit of letters, digits and /"),
+        ({"scopes": ()}, "scopes"),
+        ({"scale": 0.0}, "a scale above zero"),
+    ],
+)
+def test_unusable_kinds_are_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        replace(RANGE_BIAS, **changes)
+
+
+def test_partials_of_another_shape_are_refused():
+    """As of the whole table in place of the rows, or without the axis of the components."""
+    observations = radioloc.Observations.from_columns(
+        epoch=radioloc.time.epochs_from_strings(["2020-12-01T15:00:00", "2020-12-01T16:00:00"]),
+        links=[radioloc.measurements.Link("KASHI", "lander", "KASHI")],
+        value_m=7.6e8,
+        sigma_m=1.0,
+    )
+    lander = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2500.0)
+    arc, _ = radioloc.studies.arc_of(radioloc.Study(target=lander), observations)
+    for shape in ((2, 2), (3, 2, 1), (2, 2, 2)):
+        kind = replace(RANGE_BIAS, partials=lambda rows, shape=shape: np.zeros(shape))
+        columns = Columns(kind, Scope.STATION, ("KASHI",), ("KASHI",), (None,), np.array([0, -1], np.int32))
+        words = re.escape(f"partials of range_bias have the shape {shape}; they need one of (2, ends, 1)")
+        with pytest.raises(InputError, match=words):
+            columns.design(ObservationRows(arc))

@@ -12,6 +12,7 @@ from radioloc.errors import FileFormatError, InputError, StationError
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.targets import canonical_target
+from radioloc.time.scales import calendar_to_jd
 
 FLIGHT_TIME_LIMITS_S = (2.2, 2.8)
 """Round-trip light times between the Earth's and the Moon's surface lie well inside (2.31 to 2.74 s)."""
@@ -67,23 +68,32 @@ def require_lunar_flight_time(path: str | Path, line: int, flight_time_s: float)
     raise FileFormatError(path, f"{problem}; {advice}", line)
 
 
-def require_year(path: str | Path, line: int, year: int) -> None:
-    """Raise :class:`FileFormatError` for a year that is not one of UTC as it is today."""
+def midnight_and_second(
+    path: str | Path, line: int, year: int, month: int, day: int, hour: int, minute: int, second: float
+) -> tuple[float, float]:
+    """Julian date of midnight and second of day of a UTC date that must exist, from 1972 on."""
     if not YEARS[0] <= year <= YEARS[1]:
-        raise FileFormatError(
-            path, f"the year is {year}; years from {YEARS[0]} to {YEARS[1]} can be read", line
-        )
+        problem = f"the year is {year}; years from {YEARS[0]} to {YEARS[1]} can be read"
+        raise FileFormatError(path, problem, line)
+    try:
+        jd, _ = calendar_to_jd(year, month, day, hour, minute, second)
+    except InputError as error:
+        raise FileFormatError(path, str(error), line) from None
+    return jd, 3600.0 * hour + 60.0 * minute + second
 
 
 def weather_near(
     time_s: NDArray[np.float64], recorded: NDArray[np.float64], wanted_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Recorded weather at other times, linear between records in order of time and held before and after them.
+    """Recorded weather at other times, linear between records and held before and after them.
 
-    NaN where the nearest record is more than two hours away, or there is none.
+    NaN where the nearest record that is not NaN is more than two hours away, or there is none.
     """
-    if not len(time_s):
+    order = np.argsort(time_s, kind="stable")
+    order = order[~np.isnan(recorded[order])]
+    if not len(order):
         return np.full(len(wanted_s), np.nan)
+    time_s, recorded = time_s[order], recorded[order]
     after = np.minimum(np.searchsorted(time_s, wanted_s), len(time_s) - 1)
     before = np.maximum(after - 1, 0)
     away_s = np.minimum(abs(time_s[after] - wanted_s), abs(time_s[before] - wanted_s))
@@ -105,12 +115,9 @@ def refuse_duplicates(observations: Observations) -> None:
         mixed += weight * column
     in_order = np.sort(mixed)
     suspects = np.flatnonzero(np.isin(mixed, in_order[1:][in_order[1:] == in_order[:-1]]))
-    seen: dict[tuple[float, ...], int] = {}
-    pairs = []
-    for row, *key in zip(suspects.tolist(), *(column[suspects].tolist() for column in columns), strict=True):
-        if tuple(key) in seen:
-            pairs.append((seen[tuple(key)], row))
-        seen[tuple(key)] = row
+    order = suspects[np.lexsort([column[suspects] for column in columns])]
+    same = np.all([column[order[1:]] == column[order[:-1]] for column in columns], axis=0)
+    pairs = list(zip(order[:-1][same].tolist(), order[1:][same].tolist(), strict=True))
     if pairs:
         first, second = min(pairs)
         raise InputError(

@@ -34,12 +34,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
-from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError
 from radioloc.io.checks import (
     Catalogue,
+    midnight_and_second,
     refuse_duplicates,
     require_lunar_flight_time,
-    require_year,
     station_name,
     weather_near,
 )
@@ -49,7 +49,6 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import WEATHER_LIMITS, Observations
 from radioloc.measurements.targets import REFLECTORS, canonical_target
 from radioloc.text_files import read_lines
-from radioloc.time.scales import calendar_to_jd
 
 _PASSED_OVER = frozenset(
     ["00", "12", "21", "30", "40", "41", "42", "60", "H5"]
@@ -176,13 +175,7 @@ class _Record:
 
     def date(self, place: int) -> tuple[float, float]:
         """Julian date of midnight and seconds since, of six fields from year to second."""
-        year, month, day, hour, minute, second = (self.integer(place + k, "date") for k in range(6))
-        require_year(self.path, self.line, year)
-        try:
-            jd, _ = calendar_to_jd(year, month, day, hour, minute, second)
-        except InputError as error:
-            self.fail(str(error))
-        return jd, 3600.0 * hour + 60.0 * minute + second
+        return midnight_and_second(self.path, self.line, *(self.integer(place + k, "date") for k in range(6)))
 
 
 @dataclass(slots=True)
@@ -237,7 +230,10 @@ class _Pass:
         missing = "no record C0 gives the wavelength of system configuration {!r}; add it"
         refuse(np.isnan(wavelength_um), missing, self.configurations)
         sigma_s = rms_ps * 1e-12 / np.sqrt(ranges)
-        link, weather = np.full(len(line), self.link, dtype=np.float64), _weather_at(self, since_start_s)
+        records = np.array(self.weather, dtype=np.float64).reshape(-1, 1 + len(_WEATHER))
+        time_s = records[:, 0] + self.day_of(records[:, 0]) * SECONDS_PER_DAY
+        weather = [weather_near(time_s, column, since_start_s) for column in records.T[1:]]
+        link = np.full(len(line), self.link, dtype=np.float64)
         return [line, link, self.jd + days, second, flight_s, tag, sigma_s, wavelength_um, *weather]
 
 
@@ -381,15 +377,3 @@ class _File:
             if not (math.isnan(value) or low <= value <= high):
                 record.fail(f"{name} is {value:g}, but must be {low:g} to {high:g}; correct it or write na")
         current.weather.append((second, *weather))
-
-
-def _weather_at(done: _Pass, since_start_s: NDArray[np.float64]) -> list[NDArray[np.float64]]:
-    """Pressure, temperature and humidity at the normal points; NaN where none was recorded nearby."""
-    records = np.array(done.weather, dtype=np.float64).reshape(-1, 1 + len(_WEATHER))
-    time_s = records[:, 0] + done.day_of(records[:, 0]) * SECONDS_PER_DAY
-    order = np.argsort(time_s, kind="stable")
-    out = []
-    for column in records.T[1:]:
-        use = order[~np.isnan(column[order])]
-        out.append(weather_near(time_s[use], column[use], since_start_s))
-    return out

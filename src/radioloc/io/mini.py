@@ -22,19 +22,18 @@ from pathlib import Path
 import numpy as np
 
 from radioloc.constants import C_M_S
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import FileFormatError
 from radioloc.io.checks import (
     Catalogue,
+    midnight_and_second,
     refuse_duplicates,
     require_lunar_flight_time,
-    require_year,
     station_name,
 )
 from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_lines
-from radioloc.time.scales import calendar_to_jd
 
 REFLECTORS = ("apollo11", "luna17", "apollo14", "apollo15", "luna21")
 """Targets by the digit in column 38."""
@@ -139,11 +138,7 @@ def _parse_line(path: str | Path, number: int, line: str) -> tuple[float, ...]:
         raise FileFormatError(path, f"columns 3-23 (date and time) hold {line[2:23]!r}", number)
     year, month, day, hour, minute = (int(stamp[a:b]) for a, b in ((0, 4), (4, 6), (6, 8), (8, 10), (10, 12)))
     second = int(stamp[12:]) / 1e7
-    require_year(path, number, year)
-    try:
-        jd, _ = calendar_to_jd(year, month, day, hour, minute, second)
-    except InputError as error:
-        raise FileFormatError(path, str(error), number) from None
+    jd, second_of_day = midnight_and_second(path, number, year, month, day, hour, minute, second)
     flight_s = float(f"{integer(24, 37, 'time of flight')}e-13")
     require_lunar_flight_time(path, number, flight_s)
     sigma_s = float(f"{integer(47, 52, 'uncertainty')}e-13")
@@ -155,7 +150,7 @@ def _parse_line(path: str | Path, number: int, line: str) -> tuple[float, ...]:
     temperature_k = (recorded(63, 66, "temperature") * 10.0 + 27315.0) / 100.0
     return (
         jd,
-        3600.0 * hour + 60.0 * minute + second,
+        second_of_day,
         flight_s,
         sigma_s,
         # No station stands where the pressure is zero: it was not recorded.

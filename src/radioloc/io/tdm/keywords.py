@@ -8,7 +8,6 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Callable, Mapping
-from typing import NamedTuple
 
 from radioloc.errors import InputError
 from radioloc.time import epochs_from_strings
@@ -142,25 +141,18 @@ DATA = (*ORDERED, *NOT_MODELLED, *_PASSED_OVER)
 CODE = {keyword: code for code, keyword in enumerate(DATA)}
 
 
-class TdmType(NamedTuple):
-    """How a message holds observations of one type, on a path of that type's form.
-
-    ``keywords`` are the data keywords that are read as this type, of which the first is written; ``tags`` are the
-    events that TIMETAG_REF may name.
-    """
-
-    keywords: tuple[str, ...]
-    tags: tuple[str, ...] = ("receive",)
-
-
-TYPES: Mapping[str, TdmType] = {
-    "range": TdmType(("RANGE",), ("transmit", "receive")),
-    "doppler": TdmType((*RANGE_RATES, *RECEIVED)),
-    "vlbi_delay": TdmType(("VLBI_DELAY", "DOR")),
-    "one_way_range": TdmType(("RANGE",), ("transmit", "receive")),
-    "one_way_doppler": TdmType((*RANGE_RATES, *RECEIVED)),
+_DOPPLER = (*RANGE_RATES, *RECEIVED)
+TYPES: Mapping[str, tuple[str, ...]] = {
+    "range": ("RANGE",),
+    "doppler": _DOPPLER,
+    "vlbi_delay": ("VLBI_DELAY", "DOR"),
+    "one_way_range": ("RANGE",),
+    "one_way_doppler": _DOPPLER,
 }
-"""Types of measurement that a message can hold, by name: of delay rates the standard knows nothing."""
+"""Data keywords that are read as a type of measurement on a path of its form; the first of them is written.
+
+Of delay rates the standard knows nothing. TIMETAG_REF is RECEIVE of all but RANGE.
+"""
 
 
 def exponent_of(keyword: str, range_units: str) -> int:

@@ -1,6 +1,6 @@
 """Observations from Tracking Data Messages: what the segments mean.
 
-What becomes an observation is said by :data:`radioloc.io.tdm.message.TYPES`. What helps: TRANSMIT_FREQ, CLOCK_BIAS,
+What becomes an observation is said by :data:`radioloc.io.tdm.keywords.TYPES`. What helps: TRANSMIT_FREQ, CLOCK_BIAS,
 weather, in whatever segment. What says nothing to the models (angles, powers, magnitudes, media) is counted and passed
 over. What measures the path in a way that is not modelled is refused.
 
@@ -122,13 +122,13 @@ def _read(part: SegmentReader, keyword: str) -> None:
     if keyword in NOT_MODELLED:
         problem = "is not modelled; convert it to RECEIVE_FREQ or leave it out"
         raise part.fail(keyword, f"{keyword} {problem}")
-    held = {k: t for k, t in TYPES.items() if MEASUREMENTS[k].form == part.link.form}
-    kind = next((kind for kind, type_ in held.items() if keyword in type_.keywords), None)
+    held = {k: words for k, words in TYPES.items() if MEASUREMENTS[k].form == part.link.form}
+    kind = next((kind for kind, keywords in held.items() if keyword in keywords), None)
     if kind is None:
         mode = part.segment.metadata["MODE"]
-        known = ", ".join(dict.fromkeys(k for type_ in held.values() for k in type_.keywords[:2]))
+        known = ", ".join(dict.fromkeys(k for keywords in held.values() for k in keywords[:2]))
         raise part.fail(keyword, f"{keyword} of MODE = {mode} is not modelled; on its path can be {known}")
-    if part.tag not in TYPES[kind].tags:
+    if part.tag != "receive" and keyword != "RANGE":
         problem = f"TIMETAG_REF is {part.tag.upper()}; {keyword} is modelled at its reception only"
         raise part.fail("TIMETAG_REF", problem)
     if kind not in part.agreement.sigma_m:

@@ -184,9 +184,8 @@ class SegmentReader:
             if len(values):
                 start = places[0].epoch[[0]]
                 times = np.concatenate([seconds_from(start, other.epochs(name)) for other in places])
-                order = np.argsort(times, kind="stable")
                 wanted = seconds_from(start, self.segment.epochs(keyword))
-                out[column] = weather_near(times[order], values[order], wanted)
+                out[column] = weather_near(times, values, wanted)
         return out
 
 

@@ -1,6 +1,6 @@
 """Observations as a Tracking Data Message 2.0, KVN or XML.
 
-What each type of observation is written as is said by :data:`radioloc.io.tdm.message.TYPES`: ranges as RANGE in km,
+What each type of observation is written as is said by :data:`radioloc.io.tdm.keywords.TYPES`: ranges as RANGE in km,
 Doppler as DOPPLER_INTEGRATED (both of all legs), VLBI delays as VLBI_DELAY with two paths from the target.
 Numbers have the digits that give them back to the last bit, up to 17, where the standard asks for 16 at most (4.3.4);
 epochs have up to 12 decimals.
@@ -17,7 +17,6 @@ import math
 from collections.abc import Callable, Iterable, Iterator
 from datetime import UTC, datetime
 from decimal import Decimal
-from functools import partial
 from html import escape
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -118,12 +117,9 @@ def _require_writable(observations: Observations) -> None:
         mine, name = observations.kind == kind, KINDS[kind]
         if name not in TYPES:
             refuse(mine, f"is a {name}, for which the standard has no keyword; use write_table")
-        for code, tag in enumerate(TIME_TAGS):
-            if tag not in TYPES[name].tags:
-                refuse(
-                    mine & (observations.tag == code),
-                    f"is a {name} with {tag} time tag, which is not modelled",
-                )
+        if TYPES[name] != ("RANGE",):
+            sent = mine & (observations.tag == TIME_TAGS.index("transmit"))
+            refuse(sent, f"is a {name} with transmit time tag, which is not modelled")
         if not MEASUREMENTS[name].form.startswith("transmitter"):
             refuse(mine & ~np.isnan(observations.uplink_hz), f"is a {name} with an uplink; leave that out")
 
@@ -173,7 +169,7 @@ def _participants(link: Link) -> tuple[tuple[str, ...], int, dict[str, str]]:
 
 def _segment(part: Observations) -> TdmSegment:
     """Segment of observations that are alike."""
-    link, keyword = part.links[part.link[0]], TYPES[KINDS[part.kind[0]]].keywords[0]
+    link, keyword = part.links[part.link[0]], TYPES[KINDS[part.kind[0]]][0]
     dates = _date_texts(part.epoch[[0, -1]]).to_pylist()
     metadata = {"TIME_SYSTEM": "UTC", "START_TIME": dates[0], "STOP_TIME": dates[1]}
     names, receiver, paths = _participants(link)
@@ -197,24 +193,17 @@ def _segment(part: Observations) -> TdmSegment:
     else:
         values |= {"TRANSMIT_FREQ_1": part.uplink_hz, f"RECEIVE_FREQ_{receiver}": received_hz}
     values |= {keyword: getattr(part, column) for keyword, column in WEATHER.items()}
-    records = [
-        (np.full(len(places), CODE[keyword], dtype=np.int8), places, column[places])
-        for keyword, column in values.items()
-        if len(places := _places(keyword, column))
-    ]
+    records = []
+    for keyword, column in values.items():
+        if not np.isnan(column).all():
+            # A frequency is written where it changes, since it holds until the next.
+            changes = np.diff(column, prepend=np.nan) != 0.0 if "FREQ" in keyword else np.isfinite(column)
+            places = np.flatnonzero(changes)
+            records.append((np.full(len(places), CODE[keyword], dtype=np.int8), places, column[places]))
     code, place, value = (np.concatenate(column) for column in zip(*records, strict=True))
     order = np.lexsort((code, place))
     line = np.zeros(len(order), dtype=np.int32)
     return TdmSegment(_IN_MEMORY, metadata, code[order], part.epoch[place[order]], value[order], {}, line)
-
-
-def _places(keyword: str, column: NDArray[np.float64]) -> NDArray[np.intp]:
-    """Rows at which a column is written: a frequency where it changes, since it holds until the next."""
-    if np.isnan(column).all():
-        return np.empty(0, dtype=np.intp)
-    if "FREQ" in keyword:
-        return np.flatnonzero(np.concatenate([[True], np.diff(column) != 0.0]))
-    return np.arange(len(column))
 
 
 def _inverse(
@@ -237,8 +226,8 @@ def _inverse(
 class _Syntax(NamedTuple):
     """What stands before the header and after it, before metadata and data, behind data, and at the end.
 
-    A field has its keyword and text in two places; a record is what stands before its epoch, between that and the
-    value, and behind, with the keyword.
+    A field or comment has its keyword and text in two places; a record is what stands before its epoch, between that
+    and the value, and behind, with the keyword.
     """
 
     header: str
@@ -250,12 +239,18 @@ class _Syntax(NamedTuple):
     field: str
     comment: str
     record: tuple[str, str, str]
-    escaped: Callable[[str], str] = str
 
 
 _KVN = _Syntax(
-    *("CCSDS_TDM_VERS = 2.0", "", "META_START", "META_STOP\nDATA_START", "DATA_STOP", ""),
-    *("{} = {}", "{} {}", ("{} = ", " ", "")),
+    header="CCSDS_TDM_VERS = 2.0",
+    body="",
+    metadata="META_START",
+    data="META_STOP\nDATA_START",
+    stop="DATA_STOP",
+    end="",
+    field="{} = {}",
+    comment="{} {}",
+    record=("{} = ", " ", ""),
 )
 _XML = _Syntax(
     header='<?xml version="1.0" encoding="UTF-8"?>\n'
@@ -270,7 +265,6 @@ _XML = _Syntax(
     field="<{0}>{1}</{0}>",
     comment="<{0}>{1}</{0}>",
     record=("<observation><EPOCH>", "</EPOCH><{}>", "</{}></observation>"),
-    escaped=partial(escape, quote=False),
 )
 
 
@@ -303,7 +297,7 @@ def _fields(syntax: _Syntax, comments: Iterable[str], fields: dict[str, str]) ->
         if not (text.isascii() and text.isprintable()):
             raise InputError(f"{text!r} cannot stand in a TDM; give printable ASCII text of one line")
         form = syntax.comment if keyword == "COMMENT" else syntax.field
-        yield form.format(keyword, syntax.escaped(text))
+        yield form.format(keyword, escape(text, quote=False) if syntax is _XML else text)
 
 
 def _records(segment: TdmSegment, around: tuple[str, str, str]) -> Iterator[bytes]:

@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError, StationError
+from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.targets import canonical_target
@@ -124,3 +127,17 @@ def refuse_duplicates(observations: Observations) -> None:
             f"{observations.origin(second)}: this observation is already there, in {observations.origin(first)} "
             f"({len(pairs)} such pair(s) in all); leave one of them out"
         )
+
+
+def normal_points(path: str | Path, links: Iterable[Link], columns: dict[str, Any]) -> Observations:
+    """Laser ranges of one file: columns of observations, and ``jd``, ``second_of_day``, ``flight_s``, ``sigma_s``."""
+    observations = Observations.from_columns(
+        epoch=utc_from_seconds_of_day(columns.pop("jd"), columns.pop("second_of_day")),
+        links=tuple(links),
+        value_m=C_M_S * columns.pop("flight_s"),
+        sigma_m=C_M_S * columns.pop("sigma_s"),
+        files=(str(path),),
+        **columns,
+    )
+    refuse_duplicates(observations)
+    return observations

@@ -33,17 +33,16 @@ from typing import NoReturn
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S, SECONDS_PER_DAY
+from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import DataQualityWarning, FileFormatError
 from radioloc.io.checks import (
     Catalogue,
     midnight_and_second,
-    refuse_duplicates,
+    normal_points,
     require_lunar_flight_time,
     station_name,
     weather_near,
 )
-from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import WEATHER_LIMITS, Observations
@@ -102,27 +101,12 @@ def parse_crd(path: str | Path, lines: Iterable[str], catalogue: Catalogue | Non
         raise FileFormatError(path, problem, number)
     if not file.columns:
         raise FileFormatError(path, "has no pass; fetch it again")
-    parts = [list(of_passes) for of_passes in zip(*file.columns, strict=True)]
     # A column that is joined is let go.
-    file.columns.clear()
-    joined = [np.concatenate(parts.pop(0)) for _ in range(len(parts))]
-    line, link, jd, second, flight_s, tag, sigma_s, wavelength_um, pressure, temperature, humidity = joined
-    observations = Observations.from_columns(
-        epoch=utc_from_seconds_of_day(jd, second),
-        links=tuple(file.links),
-        link=link,
-        tag=tag,
-        value_m=C_M_S * flight_s,
-        sigma_m=C_M_S * sigma_s,
-        pressure_hpa=pressure,
-        temperature_k=temperature,
-        relative_humidity=humidity,
-        wavelength_um=wavelength_um,
-        files=(str(path),),
-        line=line,
-    )
-    refuse_duplicates(observations)
-    return observations
+    columns = {
+        name: np.concatenate([of_pass.pop(name) for of_pass in file.columns])
+        for name in list(file.columns[0])
+    }
+    return normal_points(path, file.links, columns)
 
 
 class _Record:
@@ -201,7 +185,7 @@ class _Pass:
         """Days from the first midnight to the one that puts a second of day nearest the pass's middle."""
         return np.rint((0.5 * (self.start_s + self.latest_s) - second_of_day) / SECONDS_PER_DAY)
 
-    def columns(self, path: str | Path) -> list[NDArray[np.float64]]:
+    def columns(self, path: str | Path) -> dict[str, NDArray[np.float64]]:
         """Columns of the pass; what hangs on several of its records, in whatever order, is settled here."""
         if not self.points:
             raise FileFormatError(
@@ -229,12 +213,19 @@ class _Pass:
         wavelength_um = np.array([self.wavelengths_um.get(name, math.nan) for name in self.configurations])
         missing = "no record C0 gives the wavelength of system configuration {!r}; add it"
         refuse(np.isnan(wavelength_um), missing, self.configurations)
-        sigma_s = rms_ps * 1e-12 / np.sqrt(ranges)
         records = np.array(self.weather, dtype=np.float64).reshape(-1, 1 + len(_WEATHER))
         time_s = records[:, 0] + self.day_of(records[:, 0]) * SECONDS_PER_DAY
-        weather = [weather_near(time_s, column, since_start_s) for column in records.T[1:]]
-        link = np.full(len(line), self.link, dtype=np.float64)
-        return [line, link, self.jd + days, second, flight_s, tag, sigma_s, wavelength_um, *weather]
+        weather = (weather_near(time_s, column, since_start_s) for column in records.T[1:])
+        return {
+            "line": line,
+            "link": np.full(len(line), self.link, dtype=np.float64),
+            "jd": self.jd + days,
+            "second_of_day": second,
+            "flight_s": flight_s,
+            "tag": tag,
+            "sigma_s": rms_ps * 1e-12 / np.sqrt(ranges),
+            "wavelength_um": wavelength_um,
+        } | dict(zip(_WEATHER, weather, strict=True))
 
 
 class _File:
@@ -242,7 +233,7 @@ class _File:
 
     def __init__(self, catalogue: Catalogue | None) -> None:
         self.links: dict[Link, int] = {}
-        self.columns: list[list[NDArray[np.float64]]] = []
+        self.columns: list[dict[str, NDArray[np.float64]]] = []
         self.ended = False
         self._catalogue = catalogue
         self._version = 0

@@ -13,7 +13,7 @@ from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.mini import looks_like_mini, read_mini
 from radioloc.io.parquet import read_parquet
 from radioloc.io.table import looks_like_table, read_table
-from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm_file, tdm_observations
+from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm
 from radioloc.measurements.observations import Observations
 from radioloc.plugins import registry
 from radioloc.text_files import head_of, read_text
@@ -65,14 +65,13 @@ class Reader:
     together: bool = False
 
 
-def _lines(head: bytes) -> list[str]:
-    return head.decode(errors="replace").splitlines()
+def _by_lines(looks_like: Callable[[list[str]], bool]) -> Callable[[bytes], bool]:
+    return lambda head: looks_like(head.decode(errors="replace").splitlines())
 
 
 def _read_tdm(paths: Sequence[str | Path], settings: ReadSettings) -> Observations:
     agreement = replace(settings.tdm, lunar=settings.lunar and settings.tdm.lunar)
-    messages = [read_tdm_file(path) for path in paths]
-    return tdm_observations(messages, agreement, catalogue=settings.catalogue).observations
+    return read_tdm(paths, agreement, catalogue=settings.catalogue)
 
 
 READERS = registry(
@@ -82,35 +81,33 @@ READERS = registry(
         Reader(
             "Tracking Data Message",
             "of CCSDS: CCSDS_TDM_VERS = 2.0, or XML with <tdm>",
-            lambda head: looks_like_tdm(_lines(head)),
+            _by_lines(looks_like_tdm),
             _read_tdm,
             together=True,
         ),
         Reader(
             "CRD normal points",
             "first record: H1 CRD",
-            lambda head: looks_like_crd(_lines(head)),
+            _by_lines(looks_like_crd),
             lambda paths, settings: read_crd(paths[0], catalogue=settings.catalogue),
         ),
         Reader(
             "MINI normal points",
             "lines start with 51 and a date",
-            lambda head: looks_like_mini(_lines(head)),
+            _by_lines(looks_like_mini),
             lambda paths, settings: read_mini(paths[0], catalogue=settings.catalogue),
         ),
         Reader(
             "table of observations",
             "first line names columns: epoch_utc,type,path,...",
-            lambda head: looks_like_table(_lines(head)),
-            lambda paths, settings: read_table(paths[0], catalogue=settings.catalogue, lunar=settings.lunar),
+            _by_lines(looks_like_table),
+            lambda paths, its: read_table(paths[0], catalogue=its.catalogue, lunar=its.lunar),
         ),
         Reader(
             "Parquet",
             "first bytes: PAR1",
             lambda head: head.startswith(b"PAR1"),
-            lambda paths, settings: read_parquet(
-                paths[0], catalogue=settings.catalogue, lunar=settings.lunar
-            ),
+            lambda paths, its: read_parquet(paths[0], catalogue=its.catalogue, lunar=its.lunar),
         ),
     ],
 )

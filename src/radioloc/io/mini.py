@@ -21,16 +21,14 @@ from pathlib import Path
 
 import numpy as np
 
-from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError
 from radioloc.io.checks import (
     Catalogue,
     midnight_and_second,
-    refuse_duplicates,
+    normal_points,
     require_lunar_flight_time,
     station_name,
 )
-from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_lines
@@ -44,6 +42,10 @@ STATIONS = {"70610": "7045", "01910": "7845", "07941": "7941", "71112": "7080"}
 _WIDTH = 73
 # A column of numbers takes a tenth of the memory of the rows it is made of.
 _ROWS_AT_ONCE = 20_000
+_COLUMNS = (
+    *("jd", "second_of_day", "flight_s", "sigma_s", "pressure_hpa", "temperature_k", "relative_humidity"),
+    *("wavelength_um", "link", "line"),
+)
 _INTEGER = re.compile(r" *-?\d+", re.ASCII)
 
 
@@ -68,30 +70,13 @@ def parse_mini(path: str | Path, lines: Iterable[str], catalogue: Catalogue | No
         parts.append(np.array(part).T)
     if not parts:
         raise FileFormatError(path, "has no normal points; fetch it again")
-    jd, second, flight, sigma, pressure, temperature, humidity, wavelength, link, line_numbers = (
-        np.concatenate(parts, axis=1)
-    )
-    observations = Observations.from_columns(
-        epoch=utc_from_seconds_of_day(jd, second),
-        links=tuple(links),
-        link=link,
-        value_m=C_M_S * flight,
-        sigma_m=C_M_S * sigma,
-        pressure_hpa=pressure,
-        temperature_k=temperature,
-        relative_humidity=humidity,
-        wavelength_um=wavelength,
-        files=(str(path),),
-        line=line_numbers,
-    )
-    refuse_duplicates(observations)
-    return observations
+    return normal_points(path, links, dict(zip(_COLUMNS, np.concatenate(parts, axis=1), strict=True)))
 
 
 def _rows(
     path: str | Path, lines: Iterable[str], catalogue: Catalogue | None, links: list[Link]
 ) -> Iterator[tuple[float, ...]]:
-    """What :func:`_parse_line` finds in each line, the index of its link, and its number; appends to the links."""
+    """What each line says, as :data:`_COLUMNS`; appends to the links."""
     places: dict[str, int] = {}
     for number, line in enumerate(lines, start=1):
         if line.strip():

@@ -9,7 +9,7 @@ Source: Tracking Data Message, Recommended Standard CCSDS 503.0-B-2, June 2020.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from radioloc.errors import FileFormatError, InputError
@@ -62,7 +62,7 @@ def read_tdm_file(path: str | Path) -> TdmFile:
 
 
 def read_tdm(
-    paths: str | Path | Iterable[str | Path],
+    paths: str | Path | Sequence[str | Path],
     agreement: TdmAgreement,
     *,
     catalogue: Catalogue | None = None,

@@ -14,14 +14,13 @@ import warnings
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.checks import Catalogue, refuse_duplicates
 from radioloc.io.tdm.agreement import TdmAgreement
-from radioloc.io.tdm.keywords import MEASURED, NOT_MODELLED, RANGE_RATES, RECEIVED, TYPES, WEATHER
+from radioloc.io.tdm.keywords import MEASURED, NOT_MODELLED, RANGE_RATES, RECEIVED, TYPES
 from radioloc.io.tdm.message import TdmFile, TdmSegment
 from radioloc.io.tdm.reading import Reading
 from radioloc.io.tdm.segment import SegmentReader
@@ -29,7 +28,6 @@ from radioloc.io.tdm.values import VALUES
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
-from radioloc.time import Epochs
 
 _log = logging.getLogger(__name__)
 
@@ -91,34 +89,43 @@ def tdm_observations(
         raise InputError("no TDM was given; give at least one")
     segments = [segment for message in messages for segment in message.segments]
     reading = Reading(segments, agreement, catalogue)
+    parts: list[Observations] = []
     # What overflows becomes infinite and is refused with its line.
     with np.errstate(over="ignore", invalid="ignore"):
         for segment in segments:
-            _read_segment(reading, segment)
-    readout = _readout(reading)
-    _log.info("%s\n%s", ", ".join(readout.observations.files), readout.summary())
+            parts += _read_segment(reading, segment)
+    counts = [segment.counts() for segment in segments]
+    if not parts:
+        held = ", ".join(sorted({keyword for count in counts for keyword in count}))
+        raise FileFormatError(reading.files[0], f"holds no range, Doppler or VLBI delay, only {held}")
+    observations = Observations.concatenate(parts) if len(parts) > 1 else parts[0]
+    refuse_duplicates(observations)
+    ignored: Counter[str] = Counter()
+    for segment, count in zip(segments, counts, strict=True):
+        ignored.update({k: n for k, n in count.items() if (segment, k) not in reading.used})
+    readout = TdmReadout(observations, dict(ignored), tuple(dict.fromkeys(reading.notes)))
+    _log.info("%s\n%s", ", ".join(observations.files), readout.summary())
     return readout
 
 
-def _read_segment(reading: Reading, segment: TdmSegment) -> None:
-    """Add the observations of one segment."""
+def _read_segment(reading: Reading, segment: TdmSegment) -> list[Observations]:
+    """Observations of one segment, by keyword."""
     metadata, held = segment.metadata, [k for k in segment.counts() if k in MEASURED]
     # Beside range rates, or beside ranges and without a count interval, a received frequency is no measurement.
     beside = {*RANGE_RATES, *(["RANGE"] if "INTEGRATION_INTERVAL" not in metadata else [])}
     measured = [keyword for keyword in held if keyword not in RECEIVED or not beside & set(held)]
     if not measured:
-        return
+        return []
     part = SegmentReader(reading, segment)
     if metadata.get("DATA_QUALITY") == "DEGRADED":
         where = f"{segment.path}, line {segment.line_of('DATA_QUALITY')}"
         warnings.warn(f"{where}: DATA_QUALITY is DEGRADED", DataQualityWarning, stacklevel=4)
-    for keyword in measured:
-        reading.used.add((segment, keyword))
-        _read(part, keyword)
+    reading.used |= {(segment, keyword) for keyword in measured}
+    return [_read(part, keyword) for keyword in measured]
 
 
-def _read(part: SegmentReader, keyword: str) -> None:
-    """Add the observations that a keyword's records are."""
+def _read(part: SegmentReader, keyword: str) -> Observations:
+    """Observations that a keyword's records are."""
     if keyword in NOT_MODELLED:
         problem = "is not modelled; convert it to RECEIVE_FREQ or leave it out"
         raise part.fail(keyword, f"{keyword} {problem}")
@@ -138,46 +145,15 @@ def _read(part: SegmentReader, keyword: str) -> None:
             f"give sigma_m = {{{kind!r}: ...}} (in a study file sigma_m = {{ {kind} = ... }}, "
             f"to radioloc convert --sigma {kind}=...), in metres",
         )
-    rows = part.segment.rows(keyword)
-    columns: dict[str, Any] = dict.fromkeys(
-        ("uplink_hz", "wavelength_um", "count_s", *WEATHER.values()), np.nan
+    columns = part.weather(keyword) | VALUES[keyword](part, keyword)
+    files = part.reading.files
+    return Observations.from_columns(
+        links=[part.link],
+        sigma_m=part.agreement.sigma_m[kind],
+        kind=KINDS.index(kind),
+        tag=TIME_TAGS.index(part.tag),
+        files=files,
+        file=files.index(part.segment.path),
+        line=part.segment.line[part.segment.rows(keyword)],
+        **columns,
     )
-    columns |= part.weather(keyword) | VALUES[keyword](part, keyword)
-    columns |= {
-        "sigma_m": float(part.agreement.sigma_m[kind]),
-        "kind": KINDS.index(kind),
-        "tag": TIME_TAGS.index(part.tag),
-        "link": part.reading.links.setdefault(part.link, len(part.reading.links)),
-        "line": part.segment.line[rows],
-    }
-    epoch, path = columns.pop("epoch"), part.segment.path
-    part.reading.columns.append(
-        {"epoch": epoch, "path": path}
-        | {name: np.broadcast_to(column, (len(rows),)) for name, column in columns.items()}
-    )
-
-
-def _readout(reading: Reading) -> TdmReadout:
-    counts = [segment.counts() for segment in reading.segments]
-    files = tuple(dict.fromkeys(segment.path for segment in reading.segments))
-    if not reading.columns:
-        held = ", ".join(sorted({keyword for count in counts for keyword in count}))
-        raise FileFormatError(files[0], f"holds no range, Doppler or VLBI delay, only {held}")
-    epoch = Epochs.concatenate([part.pop("epoch") for part in reading.columns])
-    file = np.concatenate(
-        [np.full(len(part["line"]), files.index(part.pop("path"))) for part in reading.columns]
-    )
-    # A column that is joined is let go; one that need not be joined may be a single number for all of its rows.
-    joined: dict[str, Any] = {
-        name: np.concatenate(parts) if len(parts) > 1 else parts[0]
-        for name in list(reading.columns[0])
-        for parts in [[part.pop(name) for part in reading.columns]]
-    }
-    observations = Observations.from_columns(
-        epoch=epoch, links=tuple(reading.links), files=files, file=file, **joined
-    )
-    refuse_duplicates(observations)
-    ignored: Counter[str] = Counter()
-    for segment, count in zip(reading.segments, counts, strict=True):
-        ignored.update({k: n for k, n in count.items() if (segment, k) not in reading.used})
-    return TdmReadout(observations, dict(ignored), tuple(dict.fromkeys(reading.notes)))

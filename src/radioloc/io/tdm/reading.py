@@ -11,7 +11,7 @@ Source: CCSDS 503.0-B-2 (2020), section 3.5.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,7 +21,6 @@ from radioloc.io.checks import Catalogue
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.keywords import CLOCKS, MEASURED, RECEIVED, SENT, SENT_RATE
 from radioloc.io.tdm.message import TdmSegment
-from radioloc.measurements.link import Link
 from radioloc.measurements.targets import canonical_target
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 
@@ -121,7 +120,7 @@ class Series:
 
 
 class Reading:
-    """The segments of one reading, what they say for each other, and what has been collected of them.
+    """The segments of one reading, what they say for each other, and what was done with them.
 
     ``used`` are the segments and data keywords that observations were made of or with.
     """
@@ -130,8 +129,7 @@ class Reading:
         self, segments: Sequence[TdmSegment], agreement: TdmAgreement, catalogue: Catalogue | None
     ) -> None:
         self.segments, self.agreement, self.catalogue = segments, agreement, catalogue
-        self.links: dict[Link, int] = {}
-        self.columns: list[dict[str, Any]] = []
+        self.files = tuple(dict.fromkeys(segment.path for segment in segments))
         self.used: set[tuple[TdmSegment, str]] = set()
         self.notes: list[str] = []
         self._clocks = self._clock_differences() if agreement.apply_clocks else {}

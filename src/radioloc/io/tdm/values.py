@@ -27,9 +27,8 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.io.checks import FLIGHT_TIME_LIMITS_S
 from radioloc.io.tdm.keywords import RANGE_RATES, RECEIVED, SENT, exponent_of
-from radioloc.io.tdm.reading import Series, seconds_from
+from radioloc.io.tdm.reading import seconds_from
 from radioloc.io.tdm.segment import MICROMETRES, SegmentReader
-from radioloc.time import Epochs
 
 INSTANTANEOUS_COUNT_S = 1.0
 """Count interval that stands for an instantaneous range rate, s.
@@ -177,54 +176,36 @@ def _received(part: SegmentReader, keyword: str) -> dict[str, Any]:
     epoch = part.tagged(keyword, middle_s)
     offset_hz = part.segment.number("FREQ_OFFSET")
     value_hz = part.segment.values(keyword) + part.segment.correction("RECEIVE")
-    value_m = _range_difference_m(part, keyword, epoch, count_s, offset_hz, value_hz, part.sent, ratio)
-    received_hz = offset_hz + value_hz
-    wavelength_um = MICROMETRES * C_M_S / np.where(received_hz > 0.0, received_hz, np.nan)
-    return (
-        {"epoch": epoch, "value_m": value_m, "count_s": count_s}
-        | part.frequencies(keyword)
-        | {"wavelength_um": wavelength_um}
-    )
-
-
-def _range_difference_m(
-    part: SegmentReader,
-    keyword: str,
-    middle: Epochs,
-    count_s: float,
-    offset_hz: float,
-    value_hz: NDArray[np.float64],
-    sent: Series,
-    ratio: tuple[int, int],
-) -> NDArray[np.float64]:
-    """Change of the light path over the count interval from mean received frequencies, m, shape (n,)."""
-    (up, down), base_hz = ratio, float(sent.value[0])
+    (up, down), base_hz = ratio, float(part.sent.value[0])
     # Differences of nearly equal frequencies first: the digits that cancel are then gone without loss.
     change_s = count_s * (((up * base_hz - down * offset_hz) - down * value_hz) / (up * base_hz))
-    if not sent.constant:
-        light_s = part.light_time_s(middle)
+    if not part.sent.constant:
+        light_s = part.light_time_s(epoch)
         if light_s is None:
             problem = (
                 "the transmitted frequency changes: which part of it was received depends on the light time"
             )
             raise part.fail(keyword, f"{problem}; give light_time_s, to some microseconds")
-        since, ramped_s = seconds_from(sent.start, middle), change_s
+        since, ramped_s = seconds_from(part.sent.start, epoch), change_s
         for _ in range(_ROUNDS):
             left = since - 0.5 * count_s - (light_s - 0.5 * change_s)
-            change_s = ramped_s + sent.excess(left, left + count_s - change_s) / base_hz
+            change_s = ramped_s + part.sent.excess(left, left + count_s - change_s) / base_hz
         if np.isnan(change_s).any():
             problem = "was sent before the first TRANSMIT_FREQ; add earlier ones or leave the record out"
             raise part.fail(keyword, f"what was received {problem}", int(np.argmax(np.isnan(change_s))))
-    change_m = C_M_S * change_s
-    fast = np.abs(change_m) > _FASTEST_M_S * count_s
+    value_m = C_M_S * change_s
+    fast = np.abs(value_m) > _FASTEST_M_S * count_s
     if fast.any():
         row = int(np.argmax(fast))
         problem = (
-            f"the received frequency makes the path grow by {change_m[row] / count_s:.6g} m/s, with a turnaround "
+            f"the received frequency makes the path grow by {value_m[row] / count_s:.6g} m/s, with a turnaround "
             f"of {up}/{down} and {base_hz!r} Hz sent; correct the ratio, the offset or the frequency"
         )
         raise part.fail(keyword, problem, row)
-    return change_m
+    received_hz = offset_hz + value_hz
+    wavelength_um = MICROMETRES * C_M_S / np.where(received_hz > 0.0, received_hz, np.nan)
+    columns = {"epoch": epoch, "value_m": value_m, "count_s": count_s}
+    return columns | part.frequencies(keyword) | {"wavelength_um": wavelength_um}
 
 
 def _delays(part: SegmentReader, keyword: str) -> dict[str, Any]:

@@ -41,13 +41,13 @@ class EopValues:
     """Earth orientation of a table at n epochs, without subdaily terms; dX, dY are offsets from IAU 2006/2000A."""
 
     ut1_minus_tt_s: NDArray[np.float64]
-    ut1_minus_tt_rate: NDArray[np.float64]  # s/s
     xp_rad: NDArray[np.float64]
     yp_rad: NDArray[np.float64]
-    xp_rate_rad_s: NDArray[np.float64]
-    yp_rate_rad_s: NDArray[np.float64]
     dx_rad: NDArray[np.float64]
     dy_rad: NDArray[np.float64]
+    ut1_minus_tt_rate: NDArray[np.float64]  # s/s
+    xp_rate_rad_s: NDArray[np.float64]
+    yp_rate_rad_s: NDArray[np.float64]
     dx_rate_rad_s: NDArray[np.float64]
     dy_rate_rad_s: NDArray[np.float64]
     predicted: NDArray[np.bool_]  # whether any of the daily values used is a prediction
@@ -198,10 +198,7 @@ class EopTable:
             tide, tide_rate = zonal_tides(tt.centuries_since_j2000())
             value[:, 0] += tide
             rate[:, 0] += tide_rate
-        ut1, xp, yp, dx, dy = value.T
-        ut1_rate, xp_rate, yp_rate, dx_rate, dy_rate = rate.T
-        predicted = self.predicted[stencil].any(axis=1)
-        return EopValues(ut1, ut1_rate, xp, yp, xp_rate, yp_rate, dx, dy, dx_rate, dy_rate, predicted)
+        return EopValues(*value.T, *rate.T, self.predicted[stencil].any(axis=1))
 
     def _require_covered(self, tt: Epochs) -> None:
         if not len(tt):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -32,13 +33,6 @@ class _Layout(NamedTuple):
     width: int
     places: dict[str, tuple[int, int]]
     pole_offset_arcsec: float  # unit of dX, dY
-
-    def columns(self, rows: list[bytes]) -> NDArray[np.void]:
-        """Texts of the columns of rows of fixed width."""
-        formats = [f"S{last - first + 1}" for first, last in self.places.values()]
-        offsets = [first - 1 for first, _ in self.places.values()]
-        layout = {"names": list(self.places), "formats": formats, "offsets": offsets, "itemsize": self.width}
-        return np.array(rows, dtype=f"S{self.width}").view(np.dtype(layout))  # type: ignore[call-overload]
 
 
 _C04 = _Layout(
@@ -88,44 +82,20 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
             "nor finals2000A; download eopc04.1962-now or finals2000A.all",
             line_numbers[0] + 1,
         )
-    columns = _Columns(
-        path, layout, layout.columns([texts[k] for k in line_numbers]), np.array(line_numbers) + 1
+    places = layout.places.values()
+    dtype = np.dtype(
+        {  # type: ignore[call-overload]
+            "names": list(layout.places),
+            "formats": [f"S{last - first + 1}" for first, last in places],
+            "offsets": [first - 1 for first, _ in places],
+            "itemsize": layout.width,
+        }
     )
+    rows = np.array([texts[k] for k in line_numbers], dtype=f"S{layout.width}")
+    columns = _Columns(path, layout, rows.view(dtype), np.array(line_numbers) + 1)
     columns = columns.select(columns.numbers("MJD") >= first_mjd_utc)
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return EopRows(path, sha256, layout.series, _values(columns))
-
-
-def _values(columns: _Columns) -> dict[str, NDArray]:
-    is_a = columns.layout is _BULLETIN_A
-    if is_a:  # its rows after the last prediction hold a date alone
-        filled = np.flatnonzero(np.char.strip(columns.texts["UT1-UTC"]) != b"")
-        columns = columns.select(slice(0, filled[-1] + 1 if len(filled) else 0))
-    mjd, x, y, ut1 = (columns.numbers(name) for name in ("MJD", "x", "y", "UT1-UTC"))
-    predicted = np.zeros(len(mjd), dtype=np.bool_)
-    for flag in _FLAGS if is_a else ():
-        predicted |= columns.texts[flag] == b"P"
-    skipped = np.flatnonzero(np.diff(mjd) != 1.0)
-    if len(skipped):
-        k = skipped[0]
-        raise FileFormatError(
-            columns.path,
-            f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed",
-            columns.lines[k + 1],
-        )
-    unit = columns.layout.pole_offset_arcsec
-    dx, dy = (unit * columns.numbers(name, blank_allowed=is_a) for name in ("dX", "dY"))
-    too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
-    if len(too_large):
-        raise FileFormatError(
-            columns.path,
-            "the celestial pole offset is too large to be dX, dY of IAU 2000A: offsets of the 1980 nutation "
-            "theory (dPsi, dEpsilon) are of no use here; take the file with dX, dY",
-            columns.lines[too_large[0]],
-        )
-    angles = {"xp_rad": x, "yp_rad": y, "dx_rad": dx, "dy_rad": dy}
-    angles = {name: arcsec * ARCSEC_RAD for name, arcsec in angles.items()}
-    return {"mjd_utc": mjd, "ut1_minus_utc_s": ut1, "predicted": predicted, **angles}
+    return EopRows(path, sha256, layout.series, columns.values())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -140,6 +110,37 @@ class _Columns:
     def select(self, index: NDArray[np.bool_] | slice) -> _Columns:
         return _Columns(self.path, self.layout, self.texts[index], self.lines[index])
 
+    def values(self) -> dict[str, NDArray]:
+        """Columns of :class:`radioloc.earth.eop.EopTable`."""
+        if self.layout is _C04:
+            return self._values((), blank_offsets=False)
+        # Rows of Bulletin A after the last prediction hold a date alone.
+        filled = np.flatnonzero(np.char.strip(self.texts["UT1-UTC"]) != b"")
+        return self.select(slice(0, filled[-1] + 1 if len(filled) else 0))._values(_FLAGS, blank_offsets=True)
+
+    def _values(self, flags: Iterable[str], blank_offsets: bool) -> dict[str, NDArray]:
+        mjd, x, y, ut1 = (self.numbers(name) for name in ("MJD", "x", "y", "UT1-UTC"))
+        skipped = np.flatnonzero(np.diff(mjd) != 1.0)
+        if len(skipped):
+            k = skipped[0]
+            problem = f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed"
+            raise FileFormatError(self.path, problem, self.lines[k + 1])
+        dx, dy = (self.layout.pole_offset_arcsec * self.numbers(name, blank_offsets) for name in ("dX", "dY"))
+        too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
+        if len(too_large):
+            raise FileFormatError(
+                self.path,
+                "the celestial pole offset is too large to be dX, dY of IAU 2000A: offsets of the 1980 nutation "
+                "theory (dPsi, dEpsilon) are of no use here; take the file with dX, dY",
+                self.lines[too_large[0]],
+            )
+        predicted = np.zeros(len(mjd), dtype=np.bool_)
+        for flag in flags:
+            predicted |= self.texts[flag] == b"P"
+        angles = {"xp_rad": x, "yp_rad": y, "dx_rad": dx, "dy_rad": dy}
+        angles = {name: arcsec * ARCSEC_RAD for name, arcsec in angles.items()}
+        return {"mjd_utc": mjd, "ut1_minus_utc_s": ut1, "predicted": predicted, **angles}
+
     def numbers(self, name: str, blank_allowed: bool = False) -> NDArray[np.float64]:
         text = self.texts[name]
         if blank_allowed:
@@ -147,18 +148,18 @@ class _Columns:
         try:
             values = text.astype(np.float64)
         except ValueError:
-            values = None
-        if values is None or (not blank_allowed and not np.isfinite(values).all()):
-            bad = next(k for k, item in enumerate(text) if not _is_number(item, blank_allowed))
-            shown = text[bad].decode("ascii", "replace")
+            values = np.array([_number(item) for item in text])
+        wrong = np.flatnonzero(~np.isfinite(values) & ~(blank_allowed & (text == b"nan")))
+        if len(wrong):
             first, last = self.layout.places[name]
+            shown = text[wrong[0]].decode("ascii", "replace")
             problem = f"columns {first} to {last} should hold {name}, but hold {shown!r}"
-            raise FileFormatError(self.path, problem, int(self.lines[bad]))
+            raise FileFormatError(self.path, problem, int(self.lines[wrong[0]]))
         return values
 
 
-def _is_number(text: bytes, nan_allowed: bool) -> bool:
+def _number(text: bytes) -> float:
     try:
-        return bool(np.isfinite(float(text))) or nan_allowed
+        return float(text)
     except ValueError:
-        return False
+        return np.nan

@@ -74,11 +74,12 @@ def ocean_loading_displacement(
     tt: Epochs,
     ut1_fraction: NDArray[np.float64],
 ) -> NDArray[np.float64]:
-    """Displacement of a station, shape (3,), by ocean tide loading, ITRF, m, shape (n, 3).
+    """Displacement of a station, shape (n, 3), by ocean tide loading, ITRF, m, shape (n, 3).
 
     UTC in place of UT1 costs less than some micrometres.
     """
-    return ocean_loading_enu(coefficients, tt, ut1_fraction) @ rot_itrf_to_enu(station_itrf_m)
+    enu = ocean_loading_enu(coefficients, tt, ut1_fraction)
+    return np.einsum("nij,ni->nj", rot_itrf_to_enu(station_itrf_m), enu)
 
 
 def ocean_loading_enu(

@@ -89,51 +89,44 @@ class Station:
             if getattr(self, field) not in known:
                 given = f"{field} {getattr(self, field)!r}"
                 raise StationError(f"station {self.name}: {given} is not one of {', '.join(known)}")
-        if self.axis_offset_m is not None:
-            object.__setattr__(self, "axis_offset_m", self._number("axis_offset_m", "m"))
-        if self.axis_offset_m is not None and not abs(self.axis_offset_m) <= _LONGEST_AXIS_OFFSET_M:
-            raise StationError(
-                f"station {self.name}: no antenna has an axis offset of {self.axis_offset_m} m; give metres, up to "
-                f"{_LONGEST_AXIS_OFFSET_M:g}"
-            )
         year: Any = self.epoch_year
         if hasattr(year, "jyear"):
-            object.__setattr__(self, "epoch_year", float(year.tt.jyear))
-        object.__setattr__(self, "epoch_year", self._number("epoch_year", "yr"))
-        if not np.isfinite(self.epoch_year):
-            raise StationError(f"station {self.name}: epoch {self.epoch_year} is not a Julian year")
+            object.__setattr__(self, "epoch_year", year.tt.jyear)
+        self._set_numbers("epoch_year", "yr", ())
         object.__setattr__(self, "aliases", tuple(self.aliases))
-        object.__setattr__(self, "itrf_m", self._frozen_vector("itrf_m", "m"))
+        self._set_numbers("itrf_m", "m", (3,))
         if self.velocity_m_yr is not None:
-            object.__setattr__(self, "velocity_m_yr", self._frozen_vector("velocity_m_yr", "m / yr"))
+            self._set_numbers("velocity_m_yr", "m / yr", (3,))
         radius_m = float(np.linalg.norm(self.itrf_m))
         if not _RADIUS_RANGE_M[0] < radius_m < _RADIUS_RANGE_M[1]:
             raise StationError(
                 f"station {self.name} is {radius_m:.6g} m from the geocentre; the ground is between "
                 f"{_RADIUS_RANGE_M[0]:.2e} and {_RADIUS_RANGE_M[1]:.2e} m: give metres, geocentric"
             )
+        if self.axis_offset_m is None:
+            return
+        self._set_numbers("axis_offset_m", "m", ())
+        if abs(self.axis_offset_m) > _LONGEST_AXIS_OFFSET_M:
+            raise StationError(
+                f"station {self.name}: no antenna has an axis offset of {self.axis_offset_m} m; give metres, up to "
+                f"{_LONGEST_AXIS_OFFSET_M:g}"
+            )
 
-    def _number(self, field: str, unit: str) -> float:
-        try:
-            return float(in_unit(getattr(self, field), unit, field))
-        except (TypeError, ValueError) as error:
-            problem = error if isinstance(error, InputError) else f"{field} is not a number"
-            raise StationError(f"station {self.name}: {problem}") from error
-
-    def _frozen_vector(self, field: str, unit: str) -> NDArray[np.float64]:
+    def _set_numbers(self, field: str, unit: str, shape: tuple[int, ...]) -> None:
+        """Replace what was given by finite numbers without a unit: a float or a read-only array."""
         given = getattr(self, field)
         try:
-            vector = np.array(
-                as_metres(given, field) if unit == "m" else in_unit(given, unit, field), dtype=np.float64
-            )
+            bare = as_metres(given, field) if unit == "m" else in_unit(given, unit, field)
+            numbers = np.array(bare, dtype=np.float64)
         except InputError as error:
             raise StationError(f"station {self.name}: {error}") from error
         except (TypeError, ValueError):
-            vector = np.empty(0)
-        if vector.shape != (3,) or not np.isfinite(vector).all():
-            raise StationError(f"station {self.name}: {field} must be three finite numbers, but is {given}")
-        vector.setflags(write=False)
-        return vector
+            numbers = np.array(np.nan)
+        if numbers.shape != shape or not np.isfinite(numbers).all():
+            wanted = "three finite numbers" if shape else "a finite number"
+            raise StationError(f"station {self.name}: {field} must be {wanted}, but is {given}")
+        numbers.setflags(write=False)
+        object.__setattr__(self, field, numbers if shape else float(numbers))
 
     def __repr__(self) -> str:
         extras = [] if self.velocity_known else ["velocity not known"]

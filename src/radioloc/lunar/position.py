@@ -36,7 +36,11 @@ class LunarPosition:
     xyz_m: NDArray[np.float64]
 
     def __post_init__(self) -> None:
-        _require_frame(self.frame)
+        axes, _, ephemeris = self.frame.partition("_") if isinstance(self.frame, str) else ("", "", "")
+        if axes not in ("PA", "ME") or not ephemeris:
+            raise InputError(
+                f"frame {self.frame!r} is not known; use PA_DE421 (principal axes) or ME_DE421 (mean Earth)"
+            )
         try:
             xyz = np.array(as_metres(self.xyz_m, "xyz_m"), dtype=np.float64)
         except (TypeError, ValueError):
@@ -120,11 +124,3 @@ def _number(value: Any, name: str) -> float:
         return float(value)
     except (TypeError, ValueError):
         raise InputError(f"{name} = {value!r} is not a number") from None
-
-
-def _require_frame(frame: str) -> None:
-    axes, _, ephemeris = frame.partition("_") if isinstance(frame, str) else ("", "", "")
-    if axes not in ("PA", "ME") or not ephemeris:
-        raise InputError(
-            f"frame {frame!r} is not known; use PA_DE421 (principal axes) or ME_DE421 (mean Earth)"
-        )

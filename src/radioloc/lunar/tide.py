@@ -10,13 +10,11 @@ from __future__ import annotations
 from typing import Literal
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EphemerisConstants
-from radioloc.errors import InputError
 from radioloc.lunar.frames import rot_pa_to_me
-from radioloc.units import as_float_array
 from radioloc.vectors import dot, length
 
 # Mean of (a / R)^3 u u^T for the direction u and distance R of the Earth and the Sun, in mean-Earth axes over
@@ -29,15 +27,15 @@ _SUN_MEAN = np.diag([0.500034, 0.500059, 0.000363])
 
 
 def solid_tide(
-    point_pa_m: ArrayLike,
-    earth_pa_m: ArrayLike,
-    sun_pa_m: ArrayLike,
+    point_pa_m: NDArray[np.float64],
+    earth_pa_m: NDArray[np.float64],
+    sun_pa_m: NDArray[np.float64],
     constants: EphemerisConstants,
     permanent: Literal["included", "removed"] = "included",
 ) -> NDArray[np.float64]:
     """Displacement of surface points, shape (3,) or (n, 3), by the degree-2 solid tide, principal axes, m, (n, 3).
 
-    The Earth and the Sun are counted from the Moon's centre, principal axes, m. With the `permanent` tide
+    The Earth and the Sun are counted from the Moon's centre, principal axes, m, shape (n, 3). With the `permanent` tide
     ``"included"`` coordinates are those of a Moon free of tides; with it ``"removed"``, its mean over many years, 0.49
     m at most, is part of the coordinates of the surface.
 
@@ -51,28 +49,20 @@ def solid_tide(
     a Love number about half as large: 1.5 mm, of which all but some 0.4 mm is constant) and the lag by
     dissipation (quality factor about 38 at a month: up to 3 mm).
     """
-    if permanent not in ("included", "removed"):
-        raise InputError(f"permanent tide {permanent!r} is not known; use 'included' or 'removed'")
-    radius_m, up = _polar(point_pa_m, "point")
-    bodies = (
-        (constants.gm_earth_m3_s2, *_polar(earth_pa_m, "Earth")),
-        (constants.gm_sun_m3_s2, *_polar(sun_pa_m, "Sun")),
-    )
-    n_earth, n_sun = (len(distance_m) for _, distance_m, _ in bodies)
-    if n_earth != n_sun or len(radius_m) not in (1, n_earth):
-        raise InputError(
-            f"{n_earth} positions of the Earth, {n_sun} of the Sun and {len(radius_m)} points do not fit; "
-            "give both bodies for each epoch, and one point or one for each epoch"
-        )
+    up = _unit(np.atleast_2d(point_pa_m))
+    bodies = ((constants.gm_earth_m3_s2, earth_pa_m), (constants.gm_sun_m3_s2, sun_pa_m))
     # S r and the trace of S.
     pull, trace = np.zeros((1, 3)), np.zeros((1, 1))
-    for gm_m3_s2, distance_m, unit in bodies:
-        strength = (gm_m3_s2 / distance_m**3)[:, np.newaxis]
+    for gm_m3_s2, place_m in bodies:
+        unit, strength = _unit(place_m), (gm_m3_s2 / length(place_m) ** 3)[:, np.newaxis]
         pull = pull + strength * dot(unit, up)[:, np.newaxis] * unit
         trace = trace + strength
     if permanent == "removed":
         to_me = rot_pa_to_me(constants)
-        mean = to_me.T @ _mean_tensor(constants) @ to_me
+        # Mean tide-raising tensor in mean-Earth axes, 1/s^2.
+        mean = constants.gm_earth_m3_s2 / _EARTH_DISTANCE_M**3 * _EARTH_MEAN
+        mean = mean + constants.gm_sun_m3_s2 / _SUN_DISTANCE_M**3 * _SUN_MEAN
+        mean = to_me.T @ mean @ to_me
         pull, trace = pull - up @ mean, trace - np.trace(mean)
     along_up = dot(pull, up)[:, np.newaxis]
     radial = constants.h2 * (1.5 * along_up - 0.5 * trace) * up
@@ -80,20 +70,5 @@ def solid_tide(
     return MEAN_LUNAR_RADIUS_M**4 / constants.gm_moon_m3_s2 * (radial + tangential)
 
 
-def _mean_tensor(constants: EphemerisConstants) -> NDArray[np.float64]:
-    """Mean tide-raising tensor in mean-Earth axes, 1/s^2."""
-    return (
-        constants.gm_earth_m3_s2 / _EARTH_DISTANCE_M**3 * _EARTH_MEAN
-        + constants.gm_sun_m3_s2 / _SUN_DISTANCE_M**3 * _SUN_MEAN
-    )
-
-
-def _polar(position_m: ArrayLike, name: str) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Distances, shape (n,), and unit vectors, shape (n, 3)."""
-    vectors = np.atleast_2d(as_float_array(position_m, "m", f"the position of the {name}"))
-    if vectors.ndim != 2 or vectors.shape[-1] != 3:
-        raise InputError(f"the position of the {name} has the shape {vectors.shape}; (n, 3) is needed")
-    distance_m = length(vectors)
-    if not ((distance_m > 0.0) & (distance_m < np.inf)).all():
-        raise InputError(f"a position of the {name} is zero or not a finite number")
-    return distance_m, vectors / distance_m[:, np.newaxis]
+def _unit(vectors_m: NDArray[np.float64]) -> NDArray[np.float64]:
+    return vectors_m / length(vectors_m)[:, np.newaxis]

@@ -153,6 +153,6 @@ def _displaced_itrf(
         )
     if model.has("ocean_loading") and station.ocean_loading is not None:
         displaced_m = displaced_m + ocean_loading_displacement(
-            station.ocean_loading, station.itrf_m, tt, rotation.ut1.fraction[rows]
+            station.ocean_loading, rest_m, tt, rotation.ut1.fraction[rows]
         )
     return displaced_m

@@ -135,7 +135,7 @@ def make_station(**changes: object) -> Station:
         ({"name": " "}, "needs a name"),
         ({"kind": "radio"}, "kind 'radio'"),
         ({"quality": "good"}, "quality 'good'"),
-        ({"epoch_year": float("nan")}, "Julian year"),
+        ({"epoch_year": float("nan")}, "epoch_year must be a finite number"),
         ({"itrf_m": [6378.137, 0.0, 0.0]}, "give metres"),
         ({"itrf_m": [6378137.0, 0.0]}, "three finite"),
         ({"velocity_m_yr": [0.0, float("inf"), 0.0]}, "three finite"),

@@ -7,7 +7,6 @@ import pytest
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import CONSTANTS, Ephemeris, LunarOrientation
-from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.tide import solid_tide
 from radioloc.time import Epochs
@@ -101,20 +100,3 @@ def test_one_point_or_one_for_each_epoch(bodies):
     one = solid_tide(points[0], earth, sun, DE421)
     assert one.shape == (5, 3)
     np.testing.assert_array_equal(one, solid_tide(points, earth, sun, DE421))
-
-
-def test_refused(bodies):
-    earth, sun = (b[:5] for b in bodies)
-    point = [MEAN_LUNAR_RADIUS_M, 0.0, 0.0]
-    with pytest.raises(InputError, match="'included' or 'removed'"):
-        solid_tide(point, earth, sun, DE421, permanent="mean")
-    with pytest.raises(InputError, match="5 positions of the Earth, 4 of the Sun and 1 points"):
-        solid_tide(point, earth, sun[:4], DE421)
-    with pytest.raises(InputError, match="2 points do not fit"):
-        solid_tide([point, point], earth, sun, DE421)
-    with pytest.raises(InputError, match="point is zero"):
-        solid_tide([0.0, 0.0, 0.0], earth, sun, DE421)
-    with pytest.raises(InputError, match="Earth is zero or not a finite"):
-        solid_tide(point, np.nan * earth, sun, DE421)
-    with pytest.raises(InputError, match="shape"):
-        solid_tide([1.0, 2.0], earth, sun, DE421)

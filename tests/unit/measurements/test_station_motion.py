@@ -152,7 +152,7 @@ def test_displacements_are_those_of_their_functions(model, term):
         elif term == "tidal_geocentre":
             expected_m = tidal_geocentre_displacement(tt[rows], fraction)
         elif station.ocean_loading is not None:
-            expected_m = ocean_loading_displacement(station.ocean_loading, station.itrf_m, tt[rows], fraction)
+            expected_m = ocean_loading_displacement(station.ocean_loading, at, tt[rows], fraction)
         # Seen from the barycentre 3e-8 shorter; positions are rounded to 1e-9 m.
         np.testing.assert_allclose(moved_m[rows], expected_m, rtol=0, atol=3e-8)
 

@@ -198,7 +198,7 @@ class EopTable:
             tide, tide_rate = zonal_tides(tt.centuries_since_j2000())
             value[:, 0] += tide
             rate[:, 0] += tide_rate
-        return EopValues(*value.T, *rate.T, self.predicted[stencil].any(axis=1))
+        return EopValues(*(*value.T, *rate.T, self.predicted[stencil].any(axis=1)))
 
     def _require_covered(self, tt: Epochs) -> None:
         if not len(tt):

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,16 +83,14 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
             line_numbers[0] + 1,
         )
     places = layout.places.values()
-    dtype = np.dtype(
-        {  # type: ignore[call-overload]
-            "names": list(layout.places),
-            "formats": [f"S{last - first + 1}" for first, last in places],
-            "offsets": [first - 1 for first, _ in places],
-            "itemsize": layout.width,
-        }
-    )
-    rows = np.array([texts[k] for k in line_numbers], dtype=f"S{layout.width}")
-    columns = _Columns(path, layout, rows.view(dtype), np.array(line_numbers) + 1)
+    fields: Any = {
+        "names": list(layout.places),
+        "formats": [f"S{last - first + 1}" for first, last in places],
+        "offsets": [first - 1 for first, _ in places],
+        "itemsize": layout.width,
+    }
+    rows = np.array([texts[k] for k in line_numbers], dtype=f"S{layout.width}").view(np.dtype(fields))
+    columns = _Columns(path, layout, rows, np.array(line_numbers) + 1)
     columns = columns.select(columns.numbers("MJD") >= first_mjd_utc)
     sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
     return EopRows(path, sha256, layout.series, columns.values())

@@ -143,34 +143,30 @@ class MapGrid:
 
     def bounds(self) -> tuple[float, float, float, float]:
         """Left, bottom, right, top of the map's outer edges, in the map's coordinates."""
-        corners = [_applied(self.transform, u, v) for u in (0, self.columns) for v in (0, self.rows)]
-        x, y = zip(*corners, strict=True)
-        return min(x), min(y), max(x), max(y)
+        x, y = _applied(
+            self.transform, np.array([0, 0, 1, 1]) * self.columns, np.array([0, 1, 0, 1]) * self.rows
+        )
+        return float(x.min()), float(y.min()), float(x.max()), float(y.max())
 
     def coverage(self) -> str:
         """What the map covers, for messages."""
-        if self.columns_around is not None:
-            middle = 0.5 * (self.rows - 1)
-            _, south_north = self.longitude_latitude(
-                np.array([self.rows - 0.5, -0.5]), np.full(2, 0.5 * (self.columns - 1))
+        # Bottom, top, first and last column, centre.
+        row, column = 0.5 * (self.rows - 1), 0.5 * (self.columns - 1)
+        rows = np.array([self.rows - 0.5, -0.5, row, row, row])
+        columns = np.array([column, column, 0.0, self.columns - 1.0, column])
+        longitudes, latitudes = map(np.degrees, self.longitude_latitude(rows, columns))
+        if self.columns_around is None:
+            width_km, height_km = (n * self.resolution_m / 1e3 for n in (self.columns, self.rows))
+            return (
+                f"about {width_km:.4g} km by {height_km:.4g} km around "
+                f"longitude {longitudes[4]:.4f}, latitude {latitudes[4]:.4f} degrees"
             )
-            latitudes = "latitudes {:.4f} to {:.4f}".format(*sorted(np.degrees(south_north)))
-            if self.closed:
-                return f"all longitudes, {latitudes} degrees"
-            first, last = self.longitude_latitude(np.full(2, middle), np.array([0.0, self.columns - 1.0]))[0]
-            half_cell = 180.0 / self.columns_around
-            west = math.degrees(first) - half_cell
-            span = math.degrees((last - first) % (2.0 * math.pi)) + 2.0 * half_cell
-            return f"longitudes {west:.4f} to {west + span:.4f}, {latitudes} degrees"
-        centre = self.longitude_latitude(
-            np.array([0.5 * (self.rows - 1)]), np.array([0.5 * (self.columns - 1)])
-        )
-        width_km, height_km = (n * self.resolution_m / 1e3 for n in (self.columns, self.rows))
-        longitude_deg, latitude_deg = (float(np.degrees(v[0])) for v in centre)
-        return (
-            f"about {width_km:.4g} km by {height_km:.4g} km around "
-            f"longitude {longitude_deg:.4f}, latitude {latitude_deg:.4f} degrees"
-        )
+        south_north = "latitudes {:.4f} to {:.4f} degrees".format(*sorted(latitudes[:2]))
+        if self.closed:
+            return f"all longitudes, {south_north}"
+        cell = 360.0 / self.columns_around
+        west, span = longitudes[2] - 0.5 * cell, (longitudes[3] - longitudes[2]) % 360.0 + cell
+        return f"longitudes {west:.4f} to {west + span:.4f}, {south_north}"
 
     def _project(
         self, longitude_rad: NDArray[np.float64], latitude_rad: NDArray[np.float64]

@@ -163,15 +163,16 @@ def read_vmf3_grids(paths: Sequence[Path], orography: str | Path) -> Vmf3Grids:
 
 
 def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
-    header: dict[str, tuple[int, str]] = {}
+    """Epoch, MJD UTC, and rows of latitude, longitude, both a and zenith delays of one map."""
+    header: dict[str, tuple[int, str]] = {"Data_types": (1, ""), "Scale_factor": (1, "1")}
     rows = []
     for number, line in enumerate(read_lines(path, encoding=ENCODING), start=1):
         if line.lstrip().startswith("!"):
             key, _, text = line.lstrip(" !").partition(":")
-            header.setdefault(key.strip(), (number, text.strip()))
+            header[key.strip()] = number, text.strip()
         elif line.strip():
             rows.append((number, line))
-    number, content = header.get("Data_types", (1, ""))
+    number, content = header["Data_types"]
     kind = content[:4]
     if kind not in _GRID_COLUMNS:
         problem = (
@@ -179,7 +180,7 @@ def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
             "wanted: the coefficients of VMF1 go with other b and c"
         )
         raise FileFormatError(path, problem, number)
-    number, content = header.get("Scale_factor", (1, "1"))
+    number, content = header["Scale_factor"]
     if numbers_of(path, number, [content], "a scale factor") != [1.0]:
         raise FileFormatError(path, f"the scale factor is {content}, but 1 is known", number)
     if "Epoch" not in header:

@@ -5,8 +5,8 @@ from __future__ import annotations
 import csv
 import io
 import math
-from collections.abc import Iterable, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
@@ -144,24 +144,14 @@ class ArcStudy:
         for k, arc in enumerate(self.arcs):
             place, total = arc.solution.selenographic, arc.solution.fit.total
             cells = _place(place, None if k == 0 and not self.references else benchmark)
+            cells |= {"used": total.used, "left_out": total.rejected, "wrms_m": total.wrms_m}
             if arc.solution.position_estimated:
-                names = ("sigma_west_m", "sigma_north_m", "sigma_up_m")
                 sigmas_m = map(finite_or_none, arc.solution.sigma_enu_m())
-                cells |= zip(names, sigmas_m, strict=True)
+                cells |= zip(("sigma_west_m", "sigma_north_m", "sigma_up_m"), sigmas_m, strict=True)
             if k:
                 cells["from_longest_m"] = math.hypot(*difference(place, longest)[2:4])
                 cells["from_longest_sigmas"] = sigmas_apart(arc.solution, self.longest)
-            rows.append(
-                PositionRow(
-                    "tracking",
-                    arc.name,
-                    **cells,
-                    used=total.used,
-                    left_out=total.rejected,
-                    wrms_m=total.wrms_m,
-                    converged=arc.solution.converged,
-                )
-            )
+            rows.append(PositionRow("tracking", arc.name, **cells, converged=arc.solution.converged))
         for k, reference in enumerate(self.references):
             cells = _place(reference.position.selenographic, None if k == 0 else benchmark)
             rows.append(PositionRow("reference", reference.name, **cells))
@@ -190,20 +180,20 @@ class ArcStudy:
 
     def to_table(self) -> Any:
         """:attr:`rows` as an ``astropy.table.Table``; NaN where a row has no such number."""
-        records = [asdict(row) for row in self.rows]
         from astropy.table import Table
 
-        return Table({key: [np.nan if r[key] is None else r[key] for r in records] for key in records[0]})
+        columns = zip(*(asdict(row).values() for row in self.rows), strict=True)
+        names = [field.name for field in fields(PositionRow)]
+        return Table([[np.nan if x is None else x for x in column] for column in columns], names=names)
 
     def to_csv(self) -> str:
         """The rows as comma-separated text, with the arcs' other parameters and their sigmas as further columns."""
-        arcs = {arc.name: arc for arc in self.arcs}
         records = [asdict(row) for row in self.rows]
         heading = list(records[0])
         for name in self.other_parameters:
             heading += (name, f"{name}.sigma")
-            for record in records:
-                if record["method"] == "tracking" and (found := arcs[record["name"]].parameter(name)):
+            for arc, record in zip(self.arcs, records, strict=False):
+                if found := arc.parameter(name):
                     record[name], record[f"{name}.sigma"] = found
         stream = io.StringIO()
         writer = csv.DictWriter(stream, heading, lineterminator="\n")
@@ -214,16 +204,36 @@ class ArcStudy:
     def to_markdown(self) -> str:
         """The table of positions in Markdown."""
         heading = ["Method", "", "L (°W)", "B (°N)", "δL (°W)", "δB (°N)", "δL (m)", "δB (m)"]
-        lines = ["| " + " | ".join(heading) + " |", "| --- | --- |" + " ---: |" * 6]
+        lines = [heading, ["---"] * 2 + ["---:"] * 6]
         for row in self.rows:
             name = f"{row.name} data" if row.method == "tracking" else row.name
-            cells = [row.method, name.replace("|", r"\|"), *_position_cells(row)]
-            lines.append("| " + " | ".join(cells) + " |")
-        return "\n".join(lines) + "\n"
+            lines.append([row.method, name.replace("|", r"\|"), *_position_cells(row)])
+        return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
 
     def card(self) -> Card:
         """Card of the study."""
-        return _card(self)
+        longest, rows = self.longest, self.rows
+        failed = [arc.name for arc in self.arcs if not arc.solution.converged]
+        axes = (
+            f"{longest.me_frame}, fitted in {longest.pa_frame}; L west longitude, B latitude; dL, dB relative to "
+            f"{self.benchmark}, on the sphere of {MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
+        )
+        places = ("", "L, deg W", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m")
+        sizes = ("", "L, m", "B, m", "h, m", "height, m", f"from {self.arcs[0].name}, m", "in sigmas")
+        counts = ("", "span, h", "used", "left out", "wrms, m", "chi2/dof")
+        return Card(
+            (
+                Field("arc lengths", (self.name,)),
+                Field("status", (f"NOT CONVERGED: {', '.join(failed)}" if failed else "all arcs converged",)),
+                Field("axes", (axes,)),
+                Field("positions", (), places, ((row.name, *_position_cells(row)) for row in rows)),
+                Field("1 sigma", (), sizes, map(_sigma_cells, self.arcs, rows)),
+                Field("data", (), counts, map(_data_cells, self.arcs, rows)),
+                *_parameter_fields(self),
+                Field("observable", _observable(self)),
+                Field("notes", _notes(self, rows)),
+            )
+        )
 
     def __str__(self) -> str:
         return str(self.card())
@@ -280,49 +290,6 @@ def _place(place: Place, benchmark: Place | None) -> dict[str, Any]:
     }
 
 
-def _card(study: ArcStudy) -> Card:
-    longest, rows = study.longest, study.rows
-    failed = [arc.name for arc in study.arcs if not arc.solution.converged]
-    tracked = list(zip(study.arcs, rows, strict=False))
-    axes = (
-        f"{longest.me_frame}, fitted in {longest.pa_frame}; L west longitude, B latitude; dL, dB relative to "
-        f"{study.benchmark}, on the sphere of {MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
-    )
-    return Card(
-        (
-            Field("arc lengths", (study.name,)),
-            Field("status", (f"NOT CONVERGED: {', '.join(failed)}" if failed else "all arcs converged",)),
-            Field("axes", (axes,)),
-            Field(
-                "positions",
-                heading=("", "L, deg W", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m"),
-                rows=tuple((row.name, *_position_cells(row)) for row in rows),
-            ),
-            Field(
-                "1 sigma",
-                heading=(
-                    "",
-                    "L, m",
-                    "B, m",
-                    "h, m",
-                    "height, m",
-                    f"from {study.arcs[0].name}, m",
-                    "in sigmas",
-                ),
-                rows=tuple(_sigma_cells(arc, row) for arc, row in tracked),
-            ),
-            Field(
-                "data",
-                heading=("", "span, h", "used", "left out", "wrms, m", "chi2/dof"),
-                rows=tuple(_data_cells(arc, row) for arc, row in tracked),
-            ),
-            *_parameter_fields(study),
-            Field("observable", tuple(_observable(study))),
-            Field("notes", tuple(_notes(study, rows))),
-        )
-    )
-
-
 def _position_cells(row: PositionRow) -> tuple[str, ...]:
     cells = (f"{row.longitude_west_deg:.5f}", f"{row.latitude_deg:.5f}")
     if row.west_deg is None:
@@ -330,9 +297,9 @@ def _position_cells(row: PositionRow) -> tuple[str, ...]:
     return (*cells, f"{row.west_deg:.5f}", f"{row.north_deg:.5f}", f"{row.west_m:.1f}", f"{row.north_m:.1f}")
 
 
-def _fixed(value: float | None, decimals: int) -> str:
-    """Text with so many decimals, and no sign before a zero."""
-    return "-" if value is None else f"{round(value, decimals) + 0.0:.{decimals}f}"
+def _fixed(value: float | None) -> str:
+    """Text with one decimal, and no sign before a zero."""
+    return "-" if value is None else f"{value:z.1f}"
 
 
 def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
@@ -340,37 +307,29 @@ def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
     return (
         arc.name,
         *(metres(sigma) if arc.solution.position_estimated else "held" for sigma in sigmas),
-        _fixed(row.height_m, 1),
-        _fixed(row.from_longest_m, 1),
-        _fixed(row.from_longest_sigmas, 1),
+        *map(_fixed, (row.height_m, row.from_longest_m, row.from_longest_sigmas)),
     )
 
 
 def _data_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
     chi2 = arc.solution.fit.chi2_per_dof
-    return (
-        arc.name,
-        f"{arc.span_h:.2f}",
-        str(row.used),
-        str(row.left_out),
-        "-" if row.wrms_m is None else metres(row.wrms_m),
-        "-" if chi2 is None else f"{chi2:.3g}",
-    )
+    wrms = "-" if row.wrms_m is None else metres(row.wrms_m)
+    counts = (f"{arc.span_h:.2f}", str(row.used), str(row.left_out))
+    return (arc.name, *counts, wrms, "-" if chi2 is None else f"{chi2:.3g}")
 
 
-def _parameter_fields(study: ArcStudy) -> list[Field]:
+def _parameter_fields(study: ArcStudy) -> Iterator[Field]:
     """The other parameters and their sigmas, some arcs side by side."""
     units = study.other_parameters
     shown = list(units.items())[:_MAX_PARAMETERS]
-    fields = []
     for start in range(0, len(study.arcs) if shown else 0, _ARCS_IN_ROW):
         arcs = study.arcs[start : start + _ARCS_IN_ROW]
-        rows = tuple(
+        rows = (
             (f"{name}, {unit}", *(_with_sigma(arc.parameter(name)) for arc in arcs)) for name, unit in shown
         )
         heading = ("value +- 1 sigma", *(arc.name for arc in arcs))
-        fields.append(Field("" if start else "estimated", heading=heading, rows=rows))
-    return [*fields, Field("", more(len(units), len(shown), "arcs.json"))]
+        yield Field("" if start else "estimated", (), heading, rows)
+    yield Field("", more(len(units), len(shown), "arcs.json"))
 
 
 def _with_sigma(found: tuple[float, float] | None) -> str:
@@ -380,7 +339,7 @@ def _with_sigma(found: tuple[float, float] | None) -> str:
     return f"{to_sigma(value, sigma)} +- {sigma_text(sigma)}" if math.isfinite(sigma) else "undetermined"
 
 
-def _observable(study: ArcStudy) -> Iterable[str]:
+def _observable(study: ArcStudy) -> Iterator[str]:
     """What the data of each arc determine poorly."""
     for arc in study.arcs:
         for sentence in arc.solution.observability.describe()[:1]:
@@ -388,7 +347,7 @@ def _observable(study: ArcStudy) -> Iterable[str]:
     yield from which_sigmas(arc.solution for arc in study.arcs)
 
 
-def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterable[str]:
+def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
     for arc in study.arcs:
         if arc.solution.message:
             yield f"{arc.name}: {arc.solution.message}"

@@ -6,6 +6,7 @@ import html
 import io
 import math
 import textwrap
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 WIDTH = 80
@@ -19,31 +20,32 @@ class Field:
     """A label and what it says: lines of text, rows of a table under a heading, lines below it."""
 
     label: str
-    lines: tuple[str, ...] = ()
-    heading: tuple[str, ...] = ()
-    rows: tuple[tuple[str, ...], ...] = ()
-    below: tuple[str, ...] = ()
+    lines: Iterable[str] = ()
+    heading: Sequence[str] = ()
+    rows: Iterable[Sequence[str]] = ()
+    below: Iterable[str] = ()
+
+    def __post_init__(self) -> None:
+        for name in ("lines", "rows", "below"):
+            object.__setattr__(self, name, tuple(getattr(self, name)))
 
 
 @dataclass(frozen=True, slots=True)
 class Card:
     """Fields in order, but for empty ones; ``str()`` is the card for a terminal."""
 
-    fields: tuple[Field, ...]
+    fields: Iterable[Field]
 
     def __post_init__(self) -> None:
-        kept = tuple(field for field in self.fields if field.lines or field.rows or field.below)
-        object.__setattr__(self, "fields", kept)
+        kept = (field for field in self.fields if field.lines or field.rows or field.below)
+        object.__setattr__(self, "fields", tuple(kept))
 
     def __str__(self) -> str:
         out = []
         for field in self.fields:
-            lines = _wrapped(field.lines)
-            if field.rows:
-                lines += text_table(field.heading, field.rows, WIDTH - _LABEL_WIDTH)
-            lines += _wrapped(field.below)
-            for k, line in enumerate(lines):
-                out.append(f"{field.label if k == 0 else '':<{_LABEL_WIDTH}}{line}".rstrip())
+            table = text_table(field.heading, field.rows, WIDTH - _LABEL_WIDTH) if field.rows else []
+            for k, line in enumerate([*_wrapped(field.lines), *table, *_wrapped(field.below)]):
+                out.append(f"{'' if k else field.label:<{_LABEL_WIDTH}}{line}".rstrip())
         return "\n".join(out)
 
     def html(self) -> str:
@@ -62,7 +64,7 @@ class Card:
         return f"<table>{''.join(rows)}</table>"
 
 
-def text_table(heading: tuple[str, ...], rows: tuple[tuple[str, ...], ...], width: int) -> list[str]:
+def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int) -> list[str]:
     """Rows of cells as aligned lines of plain text: names to the left, numbers to the right.
 
     Names are wrapped where they are too long; numbers never are: where they leave no room, the table is wider.
@@ -133,10 +135,6 @@ def duration(seconds: float) -> str:
     return f"{seconds / 3600.0:.1f} h" if seconds < 72.0 * 3600.0 else f"{seconds / 86400.0:.1f} days"
 
 
-def _wrapped(lines: tuple[str, ...]) -> list[str]:
-    out = []
-    for line in lines:
-        out += textwrap.wrap(line, WIDTH - _LABEL_WIDTH, subsequent_indent="  ", break_on_hyphens=False) or [
-            ""
-        ]
-    return out
+def _wrapped(lines: Iterable[str]) -> list[str]:
+    wrapper = textwrap.TextWrapper(WIDTH - _LABEL_WIDTH, subsequent_indent="  ", break_on_hyphens=False)
+    return [part for line in lines for part in wrapper.wrap(line) or [""]]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -138,7 +138,16 @@ class MonteCarlo:
 
     def card(self) -> Card:
         """Card of the study."""
-        return _card(self)
+        arcs = [arc for arc in self.arcs if arc is not None]
+        return Card(
+            (
+                Field("monte carlo", (self.name,)),
+                Field("status", _status(self)),
+                Field("drawn", (f"{', '.join(['noise', *self.drawn])}; seed {self.seed}",)),
+                *(_tables(arcs) if arcs else ()),
+                Field("notes", (note for arc in arcs for note in _notes(arc))),
+            )
+        )
 
     def __str__(self) -> str:
         return str(self.card())
@@ -151,103 +160,82 @@ class MonteCarlo:
         return self.card().html()
 
 
-def _card(study: MonteCarlo) -> Card:
-    arcs = [arc for arc in study.arcs if arc is not None]
-    fields = [
-        Field("monte carlo", (study.name,)),
-        Field("status", tuple(_status(study))),
-        Field("drawn", (", ".join(["noise", *study.drawn]) + f"; seed {study.seed}",)),
-    ]
-    if not arcs:
-        return Card(tuple(fields))
+def _tables(arcs: list[ArcSummary]) -> Iterator[Field]:
+    """What the trials of each arc say together, as tables with a row for each arc."""
 
-    def table(label: str, heading: tuple[str, ...], cells: Callable[[ArcSummary], tuple[str, ...]]) -> Field:
-        return Field(label, heading=("", *heading), rows=tuple((arc.name, *cells(arc)) for arc in arcs))
+    def table(label: str, heading: tuple[str, ...], cells: Callable[[ArcSummary], Iterable[str]]) -> Field:
+        return Field(label, (), ("", *heading), ((arc.name, *cells(arc)) for arc in arcs))
 
-    fields += [
-        table(
-            "error, m",
-            ("mean E", "N", "U", "rms E", "N", "U", "68 %", "95 %"),
-            lambda arc: tuple(map(metres, (*arc.mean_m, *arc.rms_m, arc.radius_68_m, arc.radius_95_m))),
+    yield table(
+        "error, m",
+        ("mean E", "N", "U", "rms E", "N", "U", "68 %", "95 %"),
+        lambda arc: map(metres, (*arc.mean_m, *arc.rms_m, arc.radius_68_m, arc.radius_95_m)),
+    )
+    yield table(
+        "1 sigma, m",
+        ("claimed E", "N", "U", "rms/sigma E", "N", "U", f"95 % from {arcs[0].name}"),
+        lambda arc: (
+            *map(metres, arc.sigma_m),
+            *(f"{r / s:.2f}" for r, s in zip(arc.rms_m, arc.sigma_m, strict=True)),
+            "-" if arc.from_longest_95_m is None else metres(arc.from_longest_95_m),
         ),
-        table(
-            "1 sigma, m",
-            ("claimed E", "N", "U", "rms/sigma E", "N", "U", f"95 % from {arcs[0].name}"),
-            lambda arc: (
-                *(metres(v) for v in arc.sigma_m),
-                *(f"{r / s:.2f}" for r, s in zip(arc.rms_m, arc.sigma_m, strict=True)),
-                "-" if arc.from_longest_95_m is None else metres(arc.from_longest_95_m),
-            ),
+    )
+    yield table(
+        "inside 95 %",
+        (*_PLACES, "expected"),
+        lambda arc: (
+            *(f"{100.0 * arc.inside[place].fraction:.1f} %" for place in _PLACES),
+            f"{100.0 * arc.inside['east'].low:.1f} to {100.0 * arc.inside['east'].high:.1f} %",
         ),
-        table(
-            "inside 95 %",
-            (*_PLACES, "expected"),
-            lambda arc: (
-                *(f"{100.0 * arc.inside[place].fraction:.1f} %" for place in _PLACES),
-                f"{100.0 * arc.inside['east'].low:.1f} to {100.0 * arc.inside['east'].high:.1f} %",
-            ),
-        ),
-        table(
-            "nees",
-            ("in space", "expected", "horizontal", "expected"),
-            lambda arc: (*_nees(arc.nees), *_nees(arc.nees_horizontal)),
-        ),
-        table(
-            "data",
-            ("span, h", "used", "left out", "at most"),
-            lambda arc: (
-                f"{arc.span_h:.2f}",
-                f"{arc.used:.1f}",
-                f"{arc.rejected:.1f}",
-                str(arc.rejected_most),
-            ),
-        ),
-        *_parameter_fields(arcs),
-        Field("notes", tuple(note for arc in arcs for note in _notes(arc))),
-    ]
-    return Card(tuple(fields))
-
-
-def _parameter_fields(arcs: list[ArcSummary]) -> list[Field]:
+    )
+    yield table(
+        "nees",
+        ("in space", "expected", "horizontal", "expected"),
+        lambda arc: (*_nees(arc.nees), *_nees(arc.nees_horizontal)),
+    )
+    yield table(
+        "data",
+        ("span, h", "used", "left out", "at most"),
+        lambda arc: (f"{arc.span_h:.2f}", f"{arc.used:.1f}", f"{arc.rejected:.1f}", str(arc.rejected_most)),
+    )
     found: dict[str, list[tuple[str, ...]]] = {}
     for arc in arcs:
         for item in arc.parameters:
             error = "-" if item.rms_error is None else f"{item.rms_error:.3g}"
             row = (arc.name, f"{item.mean:.4g}", f"{item.std:.3g}", error, f"{item.sigma:.3g}")
             found.setdefault(item.name, []).append(row)
-    fields: list[Field] = []
-    for name, rows in list(found.items())[:_MAX_PARAMETERS]:
-        heading = (name, "mean", "std", "rms error", "sigma claimed")
-        fields.append(Field("" if fields else "estimated", heading=heading, rows=tuple(rows)))
-    return [*fields, Field("", more(len(found), _MAX_PARAMETERS, "montecarlo.json"))]
+    for k, (name, rows) in enumerate(list(found.items())[:_MAX_PARAMETERS]):
+        yield Field("" if k else "estimated", (), (name, "mean", "std", "rms error", "sigma claimed"), rows)
+    yield Field("", more(len(found), _MAX_PARAMETERS, "montecarlo.json"))
 
 
-def _status(study: MonteCarlo) -> list[str]:
-    arcs = f"{study.trials} trials, {plural(len(study.hours), 'arc')}: "
+def _status(study: MonteCarlo) -> Iterator[str]:
     lost = int((study["converged"] != 1.0).any(axis=1).sum())
-    lines = [arcs + ("all converged" if not lost else f"NOT CONVERGED in {lost} of the trials")]
+    state = f"NOT CONVERGED in {lost} of the trials" if lost else "all converged"
+    yield f"{study.trials} trials, {plural(len(study.hours), 'arc')}: {state}"
     proof = study.proof
     if proof is None:
-        return [*lines, "every trial fitted in full"]
+        yield "every trial fitted in full"
+        return
     off_m, off_percent = metres(proof.largest_m), f"{100.0 * proof.largest_sigmas:.2g} % of sigma"
     if study.linear:
         checked = f"linear model, checked by {len(proof.trials)} full fits: positions and sigmas agree to"
-        return [*lines, f"{checked} {off_m} m and {off_percent}"]
-    return [*lines, f"every trial fitted in full: the linear model is off by up to {off_m} m, {off_percent}"]
+        yield f"{checked} {off_m} m and {off_percent}"
+    else:
+        yield f"every trial fitted in full: the linear model is off by up to {off_m} m, {off_percent}"
 
 
 def _nees(nees: Nees) -> tuple[str, str]:
     return f"{nees.mean:.3g}", f"{nees.low:.3f} to {nees.high:.3f}"
 
 
-def _notes(arc: ArcSummary) -> list[str]:
+def _notes(arc: ArcSummary) -> Iterator[str]:
     inside, nees = arc.inside["horizontal"], arc.nees
     holds = f"{arc.name}: the claimed 95 % ellipse holds the truth in {100.0 * inside.fraction:.1f} %"
     if nees.mean > nees.high and inside.fraction < inside.low:
-        return [
+        yield (
             f"{holds}; the sigmas are too small by a factor of about {math.sqrt(nees.mean):.2g}: there are systematic "
             "or time-correlated errors that the fit does not model"
-        ]
-    if nees.mean < nees.low and inside.fraction > inside.high:
-        return [f"{holds}; the sigmas are too large"]
-    return []
+        )
+    elif nees.mean < nees.low and inside.fraction > inside.high:
+        yield f"{holds}; the sigmas are too large"

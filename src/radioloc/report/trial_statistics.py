@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 _Floats = NDArray[np.float64]
-_Three = tuple[float, float, float]
+_Three = tuple[float, ...]
 
 SIDES = ("east", "north", "up")
 NORMAL_95, CHI2_2_95 = 1.959963984540054, 5.991464547107979
@@ -124,9 +124,9 @@ def summarize(
         span_h=span_h,
         trials=len(values),
         converged=n,
-        mean_m=_three(error_m.mean(axis=0)),
-        rms_m=_three(np.sqrt((error_m**2).mean(axis=0))),
-        sigma_m=_three(np.median(sigma_m, axis=0)),
+        mean_m=tuple(error_m.mean(axis=0).tolist()),
+        rms_m=tuple(np.sqrt((error_m**2).mean(axis=0)).tolist()),
+        sigma_m=tuple(np.median(sigma_m, axis=0).tolist()),
         rms_horizontal_m=_rms(horizontal_m),
         radius_68_m=float(np.quantile(horizontal_m, 0.68)),
         radius_95_m=float(np.quantile(horizontal_m, 0.95)),
@@ -171,8 +171,3 @@ def _nees(values: _Floats, dimension: int) -> Nees:
     dof = dimension * len(values)
     low, high = (float(chdtri(dof, 1.0 - quantile)) / dof for quantile in (0.025, 0.975))
     return Nees(float(values.mean()) / dimension, low, high)
-
-
-def _three(values: _Floats) -> _Three:
-    east, north, up = values.tolist()
-    return east, north, up

@@ -54,38 +54,19 @@ __all__ = [
 ]
 
 _MOVED = {
-    "ArcStudy": "report",
-    "ChebyshevPredictor": "measurements",
-    "ConvergenceError": "errors",
-    "CoverageError": "errors",
-    "EquipmentDelays": "measurements",
-    "EstimateChoice": "studies",
-    "ExactPredictor": "measurements",
-    "FileFormatError": "errors",
-    "HeightPrior": "studies",
-    "InputError": "errors",
-    "KernelError": "errors",
-    "Link": "measurements",
-    "ModelChoice": "studies",
-    "MonteCarlo": "report",
-    "ObservationChoice": "studies",
-    "PhysicalModel": "measurements",
-    "RadiolocWarning": "errors",
-    "Reference": "studies",
-    "Station": "earth",
-    "StationDelay": "measurements",
-    "StationError": "errors",
-    "TERMS": "measurements",
-    "Trajectory": "ephemeris",
-    "Weight": "studies",
-    "active_terms": "measurements",
-    "arc_of": "studies",
-    "epochs_from_strings": "time",
-    "prepare_predictor": "measurements",
-    "save_figure": "report",
-    "write_arcs": "report",
-    "write_monte_carlo": "report",
-    "write_terms": "report",
+    name: home
+    for home, names in {
+        "earth": "Station",
+        "ephemeris": "Trajectory",
+        "errors": "ConvergenceError CoverageError FileFormatError InputError KernelError RadiolocWarning "
+        "StationError",
+        "measurements": "ChebyshevPredictor EquipmentDelays ExactPredictor Link PhysicalModel StationDelay TERMS "
+        "active_terms prepare_predictor",
+        "report": "ArcStudy MonteCarlo save_figure write_arcs write_monte_carlo write_terms",
+        "studies": "EstimateChoice HeightPrior ModelChoice ObservationChoice Reference Weight arc_of",
+        "time": "epochs_from_strings",
+    }.items()
+    for name in names.split()
 }
 """Names that were here, and the package that has them."""
 

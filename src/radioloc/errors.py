@@ -19,24 +19,13 @@ class InputError(RadiolocError, ValueError):
 
 
 class FileFormatError(InputError):
-    """A file could not be read as what it claims to be.
-
-    Parameters
-    ----------
-    path : path-like
-        The file.
-    problem : str
-        What is wrong and what to do about it.
-    line : int, optional
-        Line number, counted from 1.
-    """
+    """A file could not be read as what it claims to be; ``line`` is counted from 1."""
 
     def __init__(self, path: str | Path, problem: str, line: int | None = None) -> None:
         self.path = Path(path)
         self.line = line
         self.problem = problem
-        where = f"{path}" if line is None else f"{path}, line {line}"
-        super().__init__(f"{where}: {problem}")
+        super().__init__(f"{path}: {problem}" if line is None else f"{path}, line {line}: {problem}")
 
 
 class KernelError(RadiolocError):
@@ -44,19 +33,7 @@ class KernelError(RadiolocError):
 
 
 class CoverageError(RadiolocError):
-    """An epoch lies outside what a kernel or a table covers.
-
-    Parameters
-    ----------
-    source : str
-        The kernel or table.
-    covered : tuple of str
-        First and last epoch covered, as readable dates.
-    asked : tuple of str
-        First and last epoch asked for.
-    advice : str
-        What to do.
-    """
+    """An epoch lies outside what a kernel or a table, the source, covers; first and last epochs are readable dates."""
 
     def __init__(self, source: str, covered: tuple[str, str], asked: tuple[str, str], advice: str) -> None:
         self.source = source

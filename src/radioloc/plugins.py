@@ -71,19 +71,8 @@ def registry(group: str, kind: type[T], own: Iterable[T]) -> LazyMapping[T]:
 
 
 def with_plugins(group: str, kind: type[T], own: Iterable[T]) -> dict[str, T]:
-    """Registry of what the package has and of what installed packages add to it, by name.
+    """Registry by name: the package's own entries, then those of a group of entry points (``"radioloc.media"``).
 
-    Parameters
-    ----------
-    group : str
-        Group of the entry points, such as ``"radioloc.measurements"``.
-    kind : type
-        What every entry must be.
-    own : iterable
-        The package's own entries, which come first.
-
-    Notes
-    -----
     An entry point that cannot be loaded, is of another type, or has a name that is taken is left out with a
     :class:`~radioloc.errors.PluginWarning`: a package that is broken must not break the others.
     """

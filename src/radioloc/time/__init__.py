@@ -5,27 +5,27 @@ An epoch is two floats, :class:`Epochs`, because a single float of seconds since
 """
 
 from radioloc.time.epochs import Epochs
-from radioloc.time.relativity import geocentric_tdb_minus_tt, topocentric_tdb_minus_tt
 from radioloc.time.scales import (
     epochs_from_strings,
+    geocentric_tdb_minus_tt,
     tai_to_tt,
     tai_to_utc,
     tdb_to_tt,
     to_scale,
+    topocentric_tdb_minus_tt,
     tt_to_tai,
     tt_to_tdb,
     utc_strings,
     utc_to_tai,
     utc_to_tt,
 )
-from radioloc.time.smooth import evaluate_smooth, lagrange_weights
+from radioloc.time.smooth import evaluate_smooth
 
 __all__ = [
     "Epochs",
     "epochs_from_strings",
     "evaluate_smooth",
     "geocentric_tdb_minus_tt",
-    "lagrange_weights",
     "tai_to_tt",
     "tai_to_utc",
     "tdb_to_tt",

@@ -37,10 +37,8 @@ class Direction:
 
     Parameters
     ----------
-    names : tuple of str
-        Parameters that take part, the largest part first.
-    weights : tuple of float
-        Their parts; the squares add up to nearly one, the first is positive.
+    weights : dict of str to float
+        Parts by parameter, the largest first; the squares add up to nearly one, the first is positive.
     sigma : float
         Standard deviation along it, in parameter scales; infinite where undetermined. Formal, or with correlated
         weights that of the weights.
@@ -50,24 +48,26 @@ class Direction:
         How far each parameter moves along one sigma, with its unit.
     """
 
-    names: tuple[str, ...]
-    weights: tuple[float, ...]
+    weights: dict[str, float]
     sigma: float
     unit: str
     changes: tuple[str, ...]
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Parameters that take part, the largest part first."""
+        return tuple(self.weights)
+
     def to_dict(self) -> dict[str, Any]:
         """Its parts by parameter, in types that JSON has."""
-        weights = dict(zip(self.names, self.weights, strict=True))
-        return {"weights": weights, "sigma": finite_or_none(self.sigma), "unit": self.unit}
+        return {"weights": self.weights, "sigma": finite_or_none(self.sigma), "unit": self.unit}
 
     def __str__(self) -> str:
-        if len(self.names) == 1:
+        if len(self.weights) == 1:
             return self.names[0]
-        text = f"{self.weights[0]:.2f} {self.names[0]}"
-        for weight, name in zip(self.weights[1:], self.names[1:], strict=True):
-            text += f" {'-' if weight < 0 else '+'} {abs(weight):.2f} {name}"
-        return text
+        signs = ("- " if weight < 0.0 else "+ " for weight in self.weights.values())
+        parts = (f"{abs(weight):.2f} {name}" for name, weight in self.weights.items())
+        return " ".join(map("".join, zip(signs, parts, strict=True))).removeprefix("+ ")
 
 
 @dataclass(frozen=True, slots=True)
@@ -151,16 +151,14 @@ class Observability:
     weak: tuple[Direction, ...]
     correlations: tuple[Correlation, ...]
     observation_sigma_m: float
-    common: tuple[CommonPart, ...] = ()
+    common: tuple[CommonPart, ...]
 
     @property
     def condition_number(self) -> float:
         """Largest over smallest singular value; infinite if something is undetermined, 1 if all is fixed."""
         if self.undetermined:
             return math.inf
-        if not len(self.singular_values):
-            return 1.0
-        return float(self.singular_values[0] / self.singular_values[-1])
+        return float(self.singular_values[0] / self.singular_values[-1]) if len(self.singular_values) else 1.0
 
     def to_dict(self) -> dict[str, Any]:
         """All of it in types that JSON has, with the sentences as ``text``."""
@@ -182,52 +180,37 @@ class Observability:
         lines = [f"the data do not determine {direction}" for direction in self.undetermined]
         lines += [str(part) for part in self.common]
         for direction in self.weak:
-            parts = zip(direction.names, direction.changes, strict=True)
-            line = "poorly determined: "
             if len(direction.names) == 1:
-                line += f"{direction.names[0]}, sigma"
+                text = f"{direction.names[0]}, sigma"
             else:
-                line += f"{', '.join(f'{name} {change}' for name, change in parts)}, for one sigma of"
-            line += f" {direction.sigma:.3g} {direction.unit}"
+                moved = map(" ".join, zip(direction.names, direction.changes, strict=True))
+                text = f"{', '.join(moved)}, for one sigma of"
+            text += f" {direction.sigma:.3g} {direction.unit}"
             if direction.unit == "m":
                 ratio = direction.sigma / self.observation_sigma_m
-                line += f", {ratio:.0f} times that of one observation ({self.observation_sigma_m:.3g} m)"
-            lines.append(line)
+                text += f", {ratio:.0f} times that of one observation ({self.observation_sigma_m:.3g} m)"
+            lines.append(f"poorly determined: {text}")
         if advice := self.advice():
             lines.append(advice)
         if self.correlations:
             count = len(self.correlations)
-            largest = f"correlation beyond {STRONG_CORRELATION}: "
-            if count > 1:
-                largest = f"{count} correlations beyond {STRONG_CORRELATION}, the largest: "
-            lines.append(f"{largest}{self.correlations[0]}")
+            which = "correlation" if count == 1 else f"{count} correlations"
+            largest = "" if count == 1 else ", the largest"
+            lines.append(f"{which} beyond {STRONG_CORRELATION}{largest}: {self.correlations[0]}")
         return tuple(lines)
 
     def advice(self) -> str:
         """Say what would determine the parameters better; empty if all are determined well."""
         names = {name for direction in self.undetermined or self.weak for name in direction.names}
-        if not names:
-            return ""
-        remedies = []
-        if any(not name.startswith("position.") for name in names):
-            others = sorted(name for name in names if not name.startswith("position."))
-            remedies.append(f"an a-priori sigma for {', '.join(others)}")
-        if any(name.startswith("position.") for name in names):
+        others = sorted(name for name in names if not name.startswith("position."))
+        remedies = [f"an a-priori sigma for {', '.join(others)}"] if others else []
+        if len(others) < len(names):
             remedies.append("a longer arc, more stations, or an a-priori height")
-        return "would help: " + ", or ".join(remedies)
+        return "would help: " + ", or ".join(remedies) if remedies else ""
 
 
 def assess_observability(fit: FitResult) -> Observability:
     """Name what a fit determines poorly or not at all.
-
-    Parameters
-    ----------
-    fit : FitResult
-        The fit; its tolerances of rank have been applied already.
-
-    Returns
-    -------
-    Observability
 
     Notes
     -----
@@ -237,26 +220,19 @@ def assess_observability(fit: FitResult) -> Observability:
     echelon form, so that each direction names as few parameters as it can.
     """
     parameters = fit.parameters
-    free = parameters.free
-    names = tuple(name for name, is_free in zip(parameters.names, free, strict=True) if is_free)
-    units = tuple(item.unit for item in parameters if not item.fixed)
-    scales = parameters.scales[free]
-
+    scales = parameters.scales[parameters.free]
     lost = _simple_basis(fit.factor.undetermined_directions() / scales)
-    undetermined = tuple(_direction(row, math.inf, names, units, scales) for row in lost)
-
     sigma_m = float(np.median(fit.sigma_m[fit.used])) if fit.used.any() else 0.0
     vectors, sigmas, _ = np.linalg.svd(fit.factor.root_covariance() / scales[:, None], full_matrices=False)
-    weak = tuple(
-        _direction(vector, float(sigma), names, units, scales)
-        for vector, sigma in zip(vectors.T, sigmas, strict=True)
-        if sigma > WEAK_FACTOR * sigma_m > 0.0
-    )
     covariance = fit.covariance if fit.series_noise is None else covariance_of(fit.factor, parameters)
     return Observability(
         singular_values=fit.factor.singular_values,
-        undetermined=undetermined,
-        weak=weak,
+        undetermined=tuple(_direction(vector, math.inf, parameters) for vector in lost),
+        weak=tuple(
+            _direction(vector, float(sigma), parameters)
+            for vector, sigma in zip(vectors.T, sigmas, strict=True)
+            if sigma > WEAK_FACTOR * sigma_m > 0.0
+        ),
         correlations=_strong_correlations(covariance, parameters.names),
         observation_sigma_m=sigma_m,
         common=_common_parts(parameters, covariance, sigma_m),
@@ -267,10 +243,13 @@ def _common_parts(
     parameters: ParameterSet, covariance: NDArray[np.float64], sigma_m: float
 ) -> tuple[CommonPart, ...]:
     """Kinds whose mean is hardly better known than a priori, or, without a-priori sigmas, weak."""
-    position = [k for k in parameters.of_kind("position") if not parameters.parameters[k].fixed]
-    found, names = [], parameters.names
+
+    def rows_of(kind: str) -> list[int]:
+        return [k for k in parameters.of_kind(kind) if not parameters.parameters[k].fixed]
+
+    found, position = [], rows_of("position")
     for kind in dict.fromkeys(item.kind for item in parameters if item.kind != "position"):
-        rows = [k for k in parameters.of_kind(kind) if not parameters.parameters[k].fixed]
+        rows = rows_of(kind)
         variances = np.diag(covariance)[rows + position]
         if len(rows) < 2 or not np.isfinite(variances).all():
             continue
@@ -287,9 +266,10 @@ def _common_parts(
         position_m = float(np.linalg.norm(moved))
         sigmas_m = np.sqrt(np.diag(covariance)[position]) / parameters.scales[position]
         if position_m >= _SHARE * float(np.linalg.norm(sigmas_m)):
-            correlations = moved / sigmas_m
-            most = int(np.argmax(np.abs(correlations))) if len(position) else None
-            correlated = (0.0, "") if most is None else (float(correlations[most]), names[position[most]])
+            correlated = 0.0, ""
+            if position:
+                most = int(np.argmax(np.abs(moved / sigmas_m)))
+                correlated = float((moved / sigmas_m)[most]), parameters.names[position[most]]
             found.append(CommonPart(kind, count, sigma, prior_sigma, first.unit, position_m, *correlated))
     return tuple(found)
 
@@ -306,31 +286,22 @@ def correlation_matrix(covariance: NDArray[np.float64]) -> NDArray[np.float64]:
 
 def _strong_correlations(covariance: NDArray[np.float64], names: tuple[str, ...]) -> tuple[Correlation, ...]:
     matrix = correlation_matrix(covariance)
-    rows, columns = np.triu_indices(len(names), k=1)
-    found = [
-        Correlation(names[i], names[j], float(matrix[i, j]))
-        for i, j in zip(rows, columns, strict=True)
-        if abs(matrix[i, j]) > STRONG_CORRELATION
-    ]
+    pairs = np.argwhere(np.triu(np.abs(matrix) > STRONG_CORRELATION, k=1))
+    found = [Correlation(names[i], names[j], float(matrix[i, j])) for i, j in pairs]
     return tuple(sorted(found, key=lambda item: -abs(item.coefficient)))
 
 
-def _direction(
-    vector: NDArray[np.float64],
-    sigma: float,
-    names: tuple[str, ...],
-    units: tuple[str, ...],
-    scales: NDArray[np.float64],
-) -> Direction:
+def _direction(vector: NDArray[np.float64], sigma: float, parameters: ParameterSet) -> Direction:
+    """That of a unit vector over the free parameters, in their scales."""
+    free = np.flatnonzero(parameters.free)
     order = [int(k) for k in np.argsort(-np.abs(vector), kind="stable") if abs(vector[k]) >= _SMALLEST_WEIGHT]
-    sign = 1.0 if vector[order[0]] > 0.0 else -1.0
-    metres = all(units[k] == "m" for k in order)
+    vector = vector * np.sign(vector[order[0]])
+    items = {k: parameters.parameters[free[k]] for k in order}
     return Direction(
-        tuple(names[k] for k in order),
-        tuple(sign * float(vector[k]) for k in order),
+        {item.name: float(vector[k]) for k, item in items.items()},
         sigma,
-        "m" if metres else "scales",
-        tuple(f"{sign * float(vector[k] * scales[k]) * sigma:+.3g} {units[k]}" for k in order),
+        "m" if all(item.unit == "m" for item in items.values()) else "scales",
+        tuple(f"{float(vector[k]) * item.scale * sigma:+.3g} {item.unit}" for k, item in items.items()),
     )
 
 
@@ -346,5 +317,4 @@ def _simple_basis(rows: NDArray[np.float64]) -> NDArray[np.float64]:
         basis[k] /= basis[k, j]
         others = np.arange(len(basis)) != k
         basis[others] -= np.outer(basis[others, j], basis[k])
-    normalized: NDArray[np.float64] = basis / np.linalg.norm(basis, axis=1, keepdims=True)
-    return normalized
+    return np.asarray(basis / np.linalg.norm(basis, axis=1, keepdims=True))

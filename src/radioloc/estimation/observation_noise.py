@@ -13,7 +13,7 @@ independent and take part in a fit as independent observations do: divided by th
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Protocol
 
 import numpy as np
@@ -47,19 +47,10 @@ class SharedErrors:
     source: NDArray[np.intp]
     effect_m: NDArray[np.float64]
 
-    def select(self, which: NDArray[np.bool_] | NDArray[np.intp]) -> SharedErrors:
-        """Those of some observations."""
-        return SharedErrors(self.group[which], self.source[which], self.effect_m[which])
-
     def variance_m2(self) -> NDArray[np.float64]:
         """What all shared errors together add to the variance of each observation, shape (n,)."""
-        variance_m2 = np.zeros(len(self.group))
-        for i in range(self.source.shape[1]):
-            for j in range(self.source.shape[1]):
-                same = self.source[:, i] == self.source[:, j]
-                variance_m2 += same * self.effect_m[:, i] * self.effect_m[:, j]
-        variance_m2[self.group == ALONE] = 0.0
-        return variance_m2
+        each = np.arange(len(self.group))[:, None]
+        return np.where(self.group == ALONE, 0.0, self.covariance_m2(each)[:, 0, 0])
 
     def covariance_m2(self, rows: NDArray[np.intp]) -> NDArray[np.float64]:
         """Covariance of observations (b, k), each of the b in one group, shape (b, k, k)."""
@@ -87,6 +78,8 @@ class ObservationNoise:
     ----------
     sigma_m : ndarray, shape (n,)
         Standard deviation of each observation, all its errors together, m.
+    blocks : tuple of Block
+        Observations that share errors, blocks of one size together.
 
     Raises
     ------
@@ -97,8 +90,8 @@ class ObservationNoise:
 
     own_m: NDArray[np.float64]
     shared: SharedErrors | None = None
+    blocks: tuple[Block, ...] = field(default=(), repr=False)
     sigma_m: NDArray[np.float64] = field(init=False)
-    _blocks: tuple[_Block, ...] | None = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         bad = np.flatnonzero(~(np.isfinite(self.own_m) & (self.own_m > 0.0)))
@@ -106,10 +99,8 @@ class ObservationNoise:
             raise InputError(
                 f"sigma of observation {bad[0]} is {self.own_m[bad[0]]} m; give a finite positive number"
             )
-        blocks = self._blocks
-        if self.shared is None:
-            blocks = ()
-        elif blocks is None:
+        sigma_m = self.own_m
+        if self.shared is not None:
             if self.shared.group.shape != self.own_m.shape:
                 raise InputError(
                     f"groups of shared errors have shape {self.shared.group.shape}; "
@@ -117,12 +108,11 @@ class ObservationNoise:
                 )
             if not np.isfinite(self.shared.effect_m).all():
                 raise InputError("an effect of a shared error is not finite; give its standard deviation, m")
-            blocks = _blocks_of(self.own_m, self.shared)
-        sigma_m = self.own_m
-        if self.shared is not None:
+            if not self.blocks:
+                rows = np.flatnonzero(self.shared.group != ALONE)
+                object.__setattr__(self, "blocks", _blocks_of(self.own_m, self.shared, rows))
             sigma_m = np.sqrt(self.own_m**2 + self.shared.variance_m2())
         object.__setattr__(self, "sigma_m", sigma_m)
-        object.__setattr__(self, "_blocks", blocks)
 
     @classmethod
     def of(cls, given: ArrayLike | ObservationNoise, n: int) -> ObservationNoise:
@@ -146,48 +136,35 @@ class ObservationNoise:
     def __len__(self) -> int:
         return len(self.own_m)
 
-    @property
-    def blocks(self) -> tuple[_Block, ...]:
-        """Observations that share errors, blocks of one size together."""
-        return self._blocks or ()
-
-    def select(self, which: NDArray[np.bool_]) -> ObservationNoise:
-        """Noise of some observations alone; those left out drop out of their blocks."""
-        return ObservationNoise(self.own_m[which], None if self.shared is None else self.shared.select(which))
-
     def with_added(self, excess_m: NDArray[np.float64]) -> ObservationNoise:
         """Noise with another independent error in each observation, standard deviations (n,), m.
 
         An error of one size in all observations of a block is one of that size along each of its axes, which stay.
         """
         own_m = np.hypot(self.own_m, excess_m)
-        if self.shared is None:
-            return ObservationNoise(own_m)
-        blocks: list[_Block] = []
-        for block in self.blocks:
-            more_m = excess_m[block.rows]
-            even = bool((more_m == more_m[:, :1]).all())
-            blocks += [block.with_added(more_m)] if even else _blocks_of_rows(own_m, self.shared, block.rows)
+        added_m = [excess_m[block.rows] for block in self.blocks]
+        if not all((of_block == of_block[:, :1]).all() for of_block in added_m):
+            return ObservationNoise(own_m, self.shared)
+        blocks = (
+            replace(block, combined_m=np.hypot(block.combined_m, of_block))
+            for block, of_block in zip(self.blocks, added_m, strict=True)
+        )
         return ObservationNoise(own_m, self.shared, tuple(blocks))
 
     def among(self, used: NDArray[np.bool_] | None = None) -> Combinations:
         """Independent combinations of the observations in use, all of them by default."""
-        if self.shared is None or used is None:
-            return Combinations(self, used, self.blocks)
-        blocks: list[_Block] = []
+        used = np.ones(len(self), dtype=bool) if used is None else used
+        if self.shared is None:
+            return Combinations(self.own_m, used, ())
+        blocks: list[Block] = []
         for block in self.blocks:
             kept = used[block.rows]
             whole = np.asarray(kept.all(axis=1))
-            if whole.all():
-                blocks.append(block)
-                continue
             if whole.any():
-                blocks.append(block.select(whole))
+                blocks.append(block if whole.all() else block.select(whole))
             broken = block.rows[~whole]
-            rows = broken[kept[~whole]]
-            if len(rows):
-                blocks += _blocks_of(self.own_m[rows], self.shared.select(rows), rows)
-        return Combinations(self, used, tuple(blocks))
+            blocks += _blocks_of(self.own_m, self.shared, broken[kept[~whole]])
+        return Combinations(self.own_m, used & (self.shared.group == ALONE), tuple(blocks))
 
 
 class Whitening(Protocol):
@@ -203,121 +180,77 @@ class Whitening(Protocol):
 class Combinations:
     """Independent combinations of those observations that are in use; made by :meth:`ObservationNoise.among`."""
 
-    noise: ObservationNoise  # of all observations
-    used: NDArray[np.bool_] | None  # (n,), those in use; all where None
-    blocks: tuple[_Block, ...]  # those that share errors with others in use, and what is left of their blocks
+    own_m: NDArray[np.float64]  # (n,), of all observations
+    alone: NDArray[np.bool_]  # (n,), those in use that share no error
+    blocks: tuple[Block, ...]  # those that share errors with others in use, and what is left of their blocks
 
     def weights(self) -> NDArray[np.float64] | None:
         """Weights (n,), zero of those not in use; none where observations share errors."""
-        if self.noise.shared is not None:
-            return None
-        weight = self.noise.own_m**-2.0
-        return weight if self.used is None else np.where(self.used, weight, 0.0)
-
-    def rows(self) -> Iterator[tuple[NDArray[np.intp], _Block | None]]:
-        """Observations part by part, in an order of their own: rows alone (m,), or of whole blocks (b, k)."""
-        group = None if self.noise.shared is None else self.noise.shared.group
-        for start in range(0, len(self.noise), ROWS_AT_ONCE):
-            part = slice(start, min(start + ROWS_AT_ONCE, len(self.noise)))
-            alone = np.ones(part.stop - start, dtype=bool) if group is None else group[part] == ALONE
-            if self.used is not None:
-                alone &= self.used[part]
-            rows = start + np.flatnonzero(alone)
-            if len(rows):
-                yield rows, None
-        for block in self.blocks:
-            at_once = max(1, ROWS_AT_ONCE // block.rows.shape[1])
-            for start in range(0, len(block.rows), at_once):
-                part_of = block.select(slice(start, start + at_once))
-                yield part_of.rows, part_of
+        return None if self.blocks else np.where(self.alone, self.own_m**-2.0, 0.0)
 
     def parts(
         self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
     ) -> Iterator[tuple[NDArray[np.float64], NDArray[np.float64]]]:
-        """Independent combinations, part by part, in an order of their own."""
-        for rows, block in self.rows():
-            values = rows_of(rows.ravel())
-            if block is None:
-                yield values, self.noise.own_m[rows]
-            else:
-                combined = np.swapaxes(block.axes, 1, 2) @ values.reshape(*rows.shape, -1)
-                yield combined.reshape(rows.size, -1), block.combined_m.ravel()
+        """Independent combinations (m, k) and their standard deviations (m,), m, part by part in their own order."""
+        for start in range(0, len(self.alone), ROWS_AT_ONCE):
+            rows = start + np.flatnonzero(self.alone[start : start + ROWS_AT_ONCE])
+            if len(rows):
+                yield rows_of(rows), self.own_m[rows]
+        for block in self.blocks:
+            at_once = max(1, ROWS_AT_ONCE // block.rows.shape[1])
+            for start in range(0, len(block.rows), at_once):
+                part = block.select(slice(start, start + at_once))
+                values = rows_of(part.rows.ravel()).reshape(*part.rows.shape, -1)
+                combined = np.swapaxes(part.axes, 1, 2) @ values
+                yield combined.reshape(part.rows.size, -1), part.combined_m.ravel()
 
     def combined(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Independent combinations of values (n,), such as residuals, and their standard deviations, m, both (m,)."""
-        if self.noise.shared is None:
-            rows = slice(None) if self.used is None else self.used
-            return values[rows], self.noise.own_m[rows]
         parts = list(self.parts(lambda rows: values[rows, None]))
-        columns = [np.concatenate(column, axis=None) for column in zip(*parts, strict=True)]
-        return (columns[0], columns[1]) if columns else (np.zeros(0), np.zeros(0))
+        if not parts:
+            return np.zeros(0), np.zeros(0)
+        combined, sigma_m = (np.concatenate(column, axis=None) for column in zip(*parts, strict=True))
+        return combined, sigma_m
 
     def whitened(
         self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
     ) -> Iterator[NDArray[np.float64]]:
-        """Combinations over their standard deviations: all are independent and of unit variance.
-
-        As :meth:`parts`, whose second part is used up.
-        """
+        """Combinations over their standard deviations: all are independent and of unit variance."""
         for combined, sigma_m in self.parts(rows_of):
             combined *= (1.0 / sigma_m)[:, None]
             yield combined
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Block:
+class Block:
     """Blocks of one size."""
 
     rows: NDArray[np.intp]  # (b, k), observations of each block
     axes: NDArray[np.float64]  # (b, k, k), principal axes of their covariance in columns
     combined_m: NDArray[np.float64]  # (b, k), standard deviations along the axes
 
-    def select(self, which: NDArray[np.bool_] | slice) -> _Block:
+    def select(self, which: NDArray[np.bool_] | slice) -> Block:
         """Some of the blocks."""
-        return _Block(self.rows[which], self.axes[which], self.combined_m[which])
-
-    def with_added(self, excess_m: NDArray[np.float64]) -> _Block:
-        """With another independent error (b, k), the same in all observations of a block."""
-        return _Block(self.rows, self.axes, np.hypot(self.combined_m, excess_m))
+        return Block(self.rows[which], self.axes[which], self.combined_m[which])
 
 
-def _blocks_of(
-    own_m: NDArray[np.float64], shared: SharedErrors, names: NDArray[np.intp] | None = None
-) -> tuple[_Block, ...]:
-    """Group observations to blocks, those of one size together; the rows are called by other indices if so asked."""
-    order = np.argsort(shared.group, kind="stable")
-    order = order[shared.group[order] != ALONE]
+def _blocks_of(own_m: NDArray[np.float64], shared: SharedErrors, rows: NDArray[np.intp]) -> tuple[Block, ...]:
+    """Blocks of some rows (m,) that share errors, those of one size together."""
+    order = rows[np.argsort(shared.group[rows], kind="stable")]
     _, starts, counts = np.unique(shared.group[order], return_index=True, return_counts=True)
-    blocks: list[_Block] = []
+    blocks = []
     for size in np.unique(counts):
-        rows = order[starts[counts == size][:, None] + np.arange(size)]
-        blocks += _blocks_of_rows(own_m, shared, rows, names)
-    return tuple(blocks)
-
-
-def _blocks_of_rows(
-    own_m: NDArray[np.float64],
-    shared: SharedErrors,
-    rows: NDArray[np.intp],
-    names: NDArray[np.intp] | None = None,
-) -> list[_Block]:
-    """Blocks of given rows (b, k), each its own group."""
-    size = rows.shape[1]
-    axes, combined_m = np.empty((*rows.shape, size)), np.empty(rows.shape)
-    diagonal = np.arange(size)
-    at_once = max(1, ROWS_AT_ONCE // size)
-    for start in range(0, len(rows), at_once):
-        part = rows[start : start + at_once]
-        covariance = shared.covariance_m2(part)
-        covariance[:, diagonal, diagonal] += own_m[part] ** 2
-        variances, axes[start : start + at_once] = np.linalg.eigh(covariance)
+        mine = order[starts[counts == size][:, None] + np.arange(size)]
+        covariance = shared.covariance_m2(mine)
+        covariance[:, np.arange(size), np.arange(size)] += own_m[mine] ** 2
+        variances, axes = np.linalg.eigh(covariance)
         flat = np.flatnonzero(variances[:, 0] <= _FLATTEST * variances[:, -1])
         if len(flat):
-            row = int(part[flat[0], np.argmin(own_m[part[flat[0]]])])
+            row = int(mine[flat[0], np.argmin(own_m[mine[flat[0]]])])
             raise InputError(
-                f"sigma of observation {row if names is None else names[row]} is {own_m[row]:g} m, too small beside "
+                f"sigma of observation {row} is {own_m[row]:g} m, too small beside "
                 f"the error that it shares with others, {np.abs(shared.effect_m[row]).max():g} m; give at least a "
                 "10000th of that"
             )
-        combined_m[start : start + at_once] = np.sqrt(variances)
-    return [_Block(rows if names is None else names[rows], axes, combined_m)]
+        blocks.append(Block(mine, axes, np.sqrt(variances)))
+    return tuple(blocks)

@@ -21,7 +21,9 @@ def test_two_identical_columns_are_named():
     found = assess(design)
     assert len(found.undetermined) == 1
     assert found.undetermined[0].names == ("range_bias.A", "range_bias.B")
-    np.testing.assert_allclose(found.undetermined[0].weights, [0.5**0.5, -(0.5**0.5)], atol=1e-12)
+    np.testing.assert_allclose(
+        list(found.undetermined[0].weights.values()), [0.5**0.5, -(0.5**0.5)], atol=1e-12
+    )
     assert "the data do not determine 0.71 range_bias.A - 0.71 range_bias.B" in found.describe()
     assert found.advice() == "would help: an a-priori sigma for range_bias.A, range_bias.B"
     assert found.condition_number == np.inf
@@ -157,7 +159,7 @@ def test_scales_make_units_comparable():
     )
     fit = fit_least_squares(lambda x: (-design @ x, design), parameters, 1.0)
     (direction,) = assess_observability(fit).undetermined
-    np.testing.assert_allclose(np.abs(direction.weights), 0.5**0.5, rtol=1e-9)
+    np.testing.assert_allclose(np.abs(list(direction.weights.values())), 0.5**0.5, rtol=1e-9)
     assert direction.unit == "scales"
     assert "a longer arc, more stations" in assess_observability(fit).advice()
 

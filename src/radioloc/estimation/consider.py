@@ -22,38 +22,26 @@ from radioloc.parameters.parameter import ParameterSet
 class Consider:
     """What considered parameters do to an estimate.
 
-    Parameters
-    ----------
-    parameters : ParameterSet
-        All of the fit, p.
-    sensitivity : ndarray, shape (p, p)
-        Change of the estimate (rows) by an error of one sigma of each considered parameter (columns, zeros for others);
-        of a considered parameter itself its sigma.
+    The sensitivity is the change of the estimate (rows) by an error of one sigma of each considered parameter (columns,
+    zeros for others); of a considered parameter itself its sigma.
     """
 
-    parameters: ParameterSet
-    sensitivity: NDArray[np.float64]
+    parameters: ParameterSet  # all of the fit, p
+    sensitivity: NDArray[np.float64]  # (p, p)
 
     @property
     def covariance(self) -> NDArray[np.float64]:
         """What they add to the covariance of the estimate, shape (p, p)."""
         return np.asarray(self.sensitivity @ self.sensitivity.T)
 
-    def position_m(self, enu_by_parameters: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-        """Displacement of the position by one sigma of each considered parameter, m, from d(position)/d(parameters)."""
-        considered = np.flatnonzero(self.parameters.considered)
-        return {self.parameters.names[k]: enu_by_parameters @ self.sensitivity[:, k] for k in considered}
-
     def to_list(self, enu_by_parameters: NDArray[np.float64] | None) -> list[dict[str, Any]]:
-        """One record for each, the one that moves the position most first."""
-        moved = {} if enu_by_parameters is None else self.position_m(enu_by_parameters)
-        records = []
-        for item in self.parameters:
-            if item.name in moved or (not moved and item.role.value == "considered"):
-                record: dict[str, Any] = {"name": item.name, "unit": item.unit, "sigma": item.prior_sigma}
-                if item.name in moved:
-                    record["position_enu_m"] = moved[item.name].tolist()
-                records.append(record)
+        """One record for each, the one that moves the position most first; no displacements without partials (3, p)."""
+        records: list[dict[str, Any]] = []
+        for k in np.flatnonzero(self.parameters.considered):
+            item = self.parameters.parameters[k]
+            records.append({"name": item.name, "unit": item.unit, "sigma": item.prior_sigma})
+            if enu_by_parameters is not None:
+                records[-1]["position_enu_m"] = (enu_by_parameters @ self.sensitivity[:, k]).tolist()
         return sorted(records, key=lambda record: -float(np.linalg.norm(record.get("position_enu_m", 0.0))))
 
 
@@ -68,11 +56,7 @@ def consider(fit: FitResult) -> Consider | None:
         return None
     free = np.flatnonzero(parameters.free)
     normal = np.zeros((len(free), len(considered)))
-
-    def rows_of(rows: NDArray[np.intp]) -> NDArray[np.float64]:
-        return fit.linearization.partials(rows)
-
-    for whitened in fit.whitening.whitened(rows_of):
+    for whitened in fit.whitening.whitened(lambda rows: fit.linearization.partials(rows)):
         normal += np.einsum("nf,nc->fc", whitened[:, free], whitened[:, considered])
     root = fit.factor.root_covariance()
     sigmas = parameters.prior_sigmas[considered]

@@ -130,7 +130,7 @@ def fit_with_editing(
         x, at_x = previous.fit.x, previous.fit.linearization
     n = len(at_x.residual_m)
     noise = ObservationNoise.of(sigma_m, n)
-    given = _given(status, n) if previous is None or status is not None else previous.given
+    given = _given(status, n)
     usable = given.are(USED)
     n_usable, n_free = int(usable.sum()), int(parameters.free.sum())
 

@@ -33,13 +33,9 @@ class Labels:
         """Labels of a column of texts, or as they are."""
         if isinstance(values, Labels):
             return values
-        array = np.asarray(values)
-        if array.dtype == object:
-            place: dict[str, int] = {}
-            codes = [place.setdefault(str(value), len(place)) for value in array.ravel().tolist()]
-            return cls(np.array(codes, dtype=np.int32).reshape(array.shape), tuple(place))
-        texts, which = np.unique(array.astype(np.str_), return_inverse=True)
-        return cls(which.astype(np.int32).reshape(array.shape), tuple(str(text) for text in texts))
+        array = np.asarray(values, dtype=np.str_)
+        texts, which = np.unique(array, return_inverse=True)
+        return cls(which.astype(np.int32).reshape(array.shape), tuple(texts.tolist()))
 
     @classmethod
     def coded(cls, texts: Sequence[str], codes: NDArray[Any]) -> Labels:

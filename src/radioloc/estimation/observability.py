@@ -72,36 +72,16 @@ class Direction:
 
 @dataclass(frozen=True, slots=True)
 class CommonPart:
-    """The mean of all parameters of a kind, where the data determine little more than their differences.
-
-    Parameters
-    ----------
-    kind : str
-        Kind of the parameters.
-    count : int
-        How many there are, two or more.
-    sigma : float
-        Standard deviation of their mean, in `unit`.
-    prior_sigma : float
-        The same before there were data; infinite where one of them has no a-priori sigma.
-    unit : str
-        Their unit.
-    position_m : float
-        How far the position moves with one sigma of the mean, m.
-    correlation : float
-        Of the mean with the position's parameter that it is correlated with most.
-    correlated_with : str
-        That parameter; empty where the position is held.
-    """
+    """The mean of all parameters of a kind, where the data determine little more than their differences."""
 
     kind: str
-    count: int
-    sigma: float
-    prior_sigma: float
+    count: int  # of the parameters, two or more
+    sigma: float  # of their mean, in `unit`
+    prior_sigma: float  # before there were data; infinite where one of them has no a-priori sigma
     unit: str
-    position_m: float
-    correlation: float = 0.0
-    correlated_with: str = ""
+    position_m: float  # how far the position moves with one sigma of the mean
+    correlation: float  # of the mean with the position's parameter that it is correlated with most
+    correlated_with: str  # that parameter; empty where the position is held
 
     def __str__(self) -> str:
         text = f"common {self.kind.replace('_', ' ')} of {self.count}: sigma {self.sigma:.3g} {self.unit}"

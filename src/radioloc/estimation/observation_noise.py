@@ -116,13 +116,7 @@ class ObservationNoise:
 
     @classmethod
     def of(cls, given: ArrayLike | ObservationNoise, n: int) -> ObservationNoise:
-        """Noise of n observations from standard deviations (n,) or (), m, or as it is.
-
-        Raises
-        ------
-        InputError
-            The shape is another, or a sigma is not positive and finite.
-        """
+        """Noise of n observations from standard deviations (n,) or (), m, or as it is; errors as of the class."""
         if isinstance(given, ObservationNoise):
             if len(given) != n:
                 raise InputError(f"noise of {len(given)} observations does not belong to {n} observations")

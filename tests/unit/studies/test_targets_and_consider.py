@@ -128,7 +128,7 @@ def test_a_clock_that_is_wrong_by_its_sigma_moves_the_estimate_as_considered(fol
     before = radioloc.locate(study(folder, text))
     wrong = STUDY.replace("[estimate]", "[estimate]\nclock_s = { URUMQI = -1e-9 }")
     after = radioloc.locate(study(folder, wrong))
-    [moved] = before.consider.position_m(before.enu_by_parameters).values()
+    [moved] = (np.array(one["position_enu_m"]) for one in before.consider.to_list(before.enu_by_parameters))
     shift_m = before.rot_pa_to_enu @ (after.position_pa_m - before.position_pa_m)
     np.testing.assert_allclose(shift_m, moved, atol=1e-4 + 1e-3 * np.abs(moved).max())
 

@@ -25,10 +25,10 @@ from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.files import write_arcs, write_monte_carlo, write_report, write_terms
 from radioloc.studies import locate
-from radioloc.studies.arc_parts import DEFAULT_HOURS
 from radioloc.studies.arcs import arcs
 from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.schema import keys_of
+from radioloc.studies.selection import DEFAULT_HOURS
 from radioloc.studies.simulate import simulate
 from radioloc.studies.study import PARAMETER_KEYS
 from radioloc.studies.study_file import TABLES, read_study

@@ -9,8 +9,8 @@ from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations
 from radioloc.report.arc_study import Arc, ArcStudy
-from radioloc.studies.arc_parts import DEFAULT_HOURS, arc_lengths, arc_parts
 from radioloc.studies.locate import fit_arc, prepared_arc
+from radioloc.studies.selection import DEFAULT_HOURS, arc_lengths, arc_parts
 from radioloc.studies.study import Reference, Study
 
 

@@ -16,10 +16,10 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.report.monte_carlo import MonteCarlo, Proof
 from radioloc.simulation.noise import generator, require_seed
-from radioloc.studies.arc_parts import DEFAULT_HOURS, arc_lengths
 from radioloc.studies.linear_trials import LinearTrials
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.prepared_trials import FullTrials, Prepared
+from radioloc.studies.selection import DEFAULT_HOURS, arc_lengths
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.study import Study
 from radioloc.studies.trial_files import TrialFolder, refuse_other_study, study_record

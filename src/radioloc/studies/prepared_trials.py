@@ -32,11 +32,10 @@ from radioloc.simulation import Scenario, World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.simulate import rot_pa_to_enu
 from radioloc.simulation.truth import position_error_m
-from radioloc.studies.arc_parts import arc_parts
 from radioloc.studies.linear_trials import LinearArc, LinearTrials
 from radioloc.studies.locate import fit_arc, model_of
 from radioloc.studies.problem import observation_model, position_in_pa
-from radioloc.studies.selection import selected
+from radioloc.studies.selection import arc_parts, selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, Study

@@ -1,8 +1,9 @@
-"""Which of the observations read take part in a study, and how many do not and why."""
+"""Which of the observations read take part in a study, how many do not and why, and which are in its first hours."""
 
 from __future__ import annotations
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,7 +14,10 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.targets import canonical_target
 from radioloc.studies.study import ObservationChoice
 from radioloc.studies.weights import ends_of
-from radioloc.time import Epochs, utc_to_tai
+from radioloc.time import utc_to_tai
+
+DEFAULT_HOURS = (12.0, 24.0, 48.0)
+"""Arcs of Wang et al. (2021), table 1."""
 
 _ROUNDING_S = 1e-9
 """Both ends of a span belong to it; epochs are rounded to 1e-11 s."""
@@ -106,35 +110,66 @@ def _of_stations(
         raise StationError(f"[observations] stations: {error}") from None
     ends = ends_of(observations.links, catalogue)
     present = set().union(*ends)
-    missing = sorted(wanted - present)
-    if missing:
+    if missing := sorted(wanted - present):
         raise InputError(
             f"[observations] stations: no observation by {', '.join(missing)}; "
             f"the files have {', '.join(sorted(present))}"
         )
-    of_link = np.array([names <= wanted for names in ends], dtype=bool)
-    return of_link[observations.link]
+    return np.array([names <= wanted for names in ends], dtype=bool)[observations.link]
 
 
 def _within_time(
     observations: Observations, kept: NDArray[np.bool_], choice: ObservationChoice
 ) -> NDArray[np.bool_]:
     mask = np.ones(len(observations), dtype=bool)
-    if choice.start is None and choice.stop is None and choice.hours is None:
-        return mask
-    epoch = utc_to_tai(observations.epoch)
-    start = utc_to_tai(choice.start) if choice.start is not None else None
-    if start is not None:
-        mask &= epoch.seconds_since(start) >= -_ROUNDING_S
     if choice.stop is not None:
-        mask &= epoch.seconds_since(utc_to_tai(choice.stop)) <= _ROUNDING_S
+        since_stop_s = utc_to_tai(observations.epoch).seconds_since(utc_to_tai(choice.stop))
+        mask = since_stop_s <= _ROUNDING_S
+    if choice.start is None and (choice.hours is None or not (kept & mask).any()):
+        return mask
+    since_s = _since_start_s(observations, choice, kept & mask)
+    mask &= since_s >= -_ROUNDING_S
     if choice.hours is not None:
-        if start is None and (kept & mask).any():
-            start = _earliest(epoch[kept & mask])
-        if start is not None:
-            mask &= epoch.seconds_since(start) <= 3600.0 * choice.hours + _ROUNDING_S
+        mask &= since_s <= 3600.0 * choice.hours + _ROUNDING_S
     return mask
 
 
-def _earliest(epoch: Epochs) -> Epochs:
-    return epoch[int(np.lexsort((epoch.fraction, epoch.jd))[0])]
+def _since_start_s(
+    observations: Observations, choice: ObservationChoice, kept: NDArray[np.bool_]
+) -> NDArray[np.float64]:
+    """Time from the study's start, or else from the first of the observations that are kept."""
+    epoch = utc_to_tai(observations.epoch)
+    if choice.start is not None:
+        return epoch.seconds_since(utc_to_tai(choice.start))
+    among = epoch[kept]
+    return epoch.seconds_since(among[int(np.lexsort((among.fraction, among.jd))[0])])
+
+
+def arc_lengths(hours: Iterable[float] | float, choice: ObservationChoice) -> list[float]:
+    """Lengths of arcs, each once, the shortest first, h; refused where none is given, or one is not above zero."""
+    lengths = sorted({float(length) for length in np.atleast_1d(np.asarray(hours, dtype=np.float64))})
+    if not lengths:
+        raise InputError("no arc to fit; give at least one length in hours")
+    for length in lengths:
+        replace(choice, hours=length)  # refuses what is no length
+    return lengths
+
+
+def arc_parts(
+    observations: Observations, choice: ObservationChoice, lengths: Iterable[float]
+) -> list[tuple[float, float, NDArray[np.intp]]]:
+    """Length asked for, length from the start to the last observation, h, and rows of arcs that begin together.
+
+    The observations are those of the longest.
+    """
+    since_s = _since_start_s(observations, choice, np.ones(len(observations), dtype=bool))
+    parts = []
+    for length in lengths:
+        rows = np.flatnonzero(since_s <= 3600.0 * length + _ROUNDING_S)
+        if not len(rows):
+            raise InputError(
+                f"the arc of {length:g} h holds no observation: the first comes {since_s.min() / 3600.0:.2f} h after "
+                "the start; give a longer arc or a later start"
+            )
+        parts.append((length, float(since_s[rows].max()) / 3600.0, rows))
+    return parts

@@ -32,18 +32,16 @@ from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.registry import KINDS, kind_of
 from radioloc.measurements.terms import TERMS
 from radioloc.media.ionex import read_ionex
-from radioloc.media.ionosphere import ElectronContent, UniformTec
+from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.studies.notes import notes_of
+from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
-from radioloc.studies.problem import observation_model, position_in_pa, start_pa_m, targets_in_pa
-from radioloc.studies.provenance import evaluation_record, provenance
+from radioloc.studies.problem import observation_model, position_in_pa, start_pa_m, status_of, targets_in_pa
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
-from radioloc.studies.usable import status_of
 from radioloc.studies.weights import require_stations, weighted_observations
 from radioloc.time import Epochs
 
@@ -71,7 +69,7 @@ def locate(study: Study, observations: Observations | None = None) -> Solution:
     >>> solution.converged, len(solution.residuals)
     (True, 153)
     """
-    return _solve(study, observations, study.estimate)
+    return fit_arc(study, *prepared_arc(study, observations), study.estimate)
 
 
 def residuals(study: Study, observations: Observations | None = None) -> Solution:
@@ -86,7 +84,7 @@ def residuals(study: Study, observations: Observations | None = None) -> Solutio
     >>> radioloc.residuals(study).residuals.residual_m.shape
     (153,)
     """
-    return _solve(study, observations, None)
+    return fit_arc(study, *prepared_arc(study, observations), None)
 
 
 def arc_of(study: Study, observations: Observations | None = None) -> tuple[Predictor, NDArray[np.float64]]:
@@ -107,10 +105,7 @@ def arc_of(study: Study, observations: Observations | None = None) -> tuple[Pred
 
 @on_one_blas_thread
 def prepared_arc(study: Study, observations: Observations | None = None) -> tuple[Predictor, dict[str, int]]:
-    """The prepared arc of a study, and how many observations were not asked for, by reason.
-
-    Parameters and errors as :func:`locate`.
-    """
+    """The prepared arc of a study, and how many observations were not asked for, by reason."""
     model = model_of(study)
     constants = model.ephemeris.constants
     targets = targets_in_pa(study, constants)
@@ -123,32 +118,11 @@ def prepared_arc(study: Study, observations: Observations | None = None) -> tupl
     return _arc(study, model, chosen, targets), left_out
 
 
-def _solve(study: Study, given: Observations | None, estimate: EstimateChoice | None) -> Solution:
-    arc, left_out = prepared_arc(study, given)
-    return fit_arc(study, arc, left_out, estimate)
-
-
 @on_one_blas_thread
 def fit_arc(
     study: Study, arc: Predictor, left_out: dict[str, int], estimate: EstimateChoice | None
 ) -> Solution:
-    """Fit an arc that has been prepared already.
-
-    Parameters
-    ----------
-    study : Study
-        Its observations and kernels are those of the arc.
-    arc : Predictor
-    left_out : dict of str to int
-        How many observations the arc leaves out, by reason.
-    estimate : EstimateChoice or None
-        What to estimate; nothing where ``None``.
-
-    Raises
-    ------
-    RadiolocError
-        As :func:`locate`.
-    """
+    """Fit an arc that has been prepared already; of `estimate` nothing where it is ``None``."""
     model, observations = arc.model, arc.observations
     constants = model.ephemeris.constants
     targets = targets_in_pa(study, constants)
@@ -194,8 +168,7 @@ def fit_arc(
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
         notes=tuple(notes_of(study, arc, left_out, estimate, fitted, lander_pa_m)),
-        provenance=provenance(study, model, observations, left_out, estimate)
-        | {"evaluation": evaluation_record(arc, problem.all_positions_pa_m(x))},
+        provenance=provenance(study, arc, left_out, estimate, problem.all_positions_pa_m(x)),
         trajectory=None if arc.trajectory is None else str(arc.trajectory),
         targets=several,
     )
@@ -204,22 +177,17 @@ def fit_arc(
 def model_of(study: Study) -> PhysicalModel:
     """The physical model that a study is fitted with; errors as :func:`locate`."""
     choice = study.model
+    uniform = None if choice.tec_tecu is None else UniformTec(choice.tec_tecu)
     return PhysicalModel.build(
         ephemeris=choice.ephemeris,
         libration=choice.libration,
         earth_orientation=choice.earth_orientation,
         catalogue=study.catalogue,
-        ionosphere=_ionosphere(choice),
+        ionosphere=read_ionex(choice.ionex) if choice.ionex else uniform,
         radio_atmosphere=_radio_atmosphere(choice),
         delays=choice.delays,
         off=set(TERMS) - choice.terms,
     )
-
-
-def _ionosphere(choice: ModelChoice) -> ElectronContent | None:
-    if choice.ionex:
-        return read_ionex(choice.ionex)
-    return None if choice.tec_tecu is None else UniformTec(choice.tec_tecu)
 
 
 def _radio_atmosphere(choice: ModelChoice) -> RadioAtmosphere | None:
@@ -231,10 +199,6 @@ def _radio_atmosphere(choice: ModelChoice) -> RadioAtmosphere | None:
         raise
     except InputError as error:
         raise InputError(f"[model] {error}") from None
-
-
-def _trajectory(study: Study) -> Trajectory | None:
-    return study.target if isinstance(study.target, Trajectory) else None
 
 
 def _observations(
@@ -254,7 +218,10 @@ def _observations(
         if tdm.light_time_s is None:
             tdm = replace(tdm, light_time_s=_light_time_to(study, model, targets))
         observations = read_observations(
-            study.observations.files, catalogue=study.catalogue, tdm=tdm, lunar=_trajectory(study) is None
+            study.observations.files,
+            catalogue=study.catalogue,
+            tdm=tdm,
+            lunar=not isinstance(study.target, Trajectory),
         )
     chosen, left_out = select_observations(observations, study.observations, study.catalogue, study.targets)
     for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m"):
@@ -272,9 +239,8 @@ def _light_time_to(study: Study, model: PhysicalModel, targets: Mapping[str, Lun
         asked = Observations.from_columns(
             epoch=epoch, links=[link], kind=kind, tag=TIME_TAGS.index(tag), value_m=1.0, sigma_m=1.0
         )
-        start_m = start_pa_m(targets)
-        found = ExactPredictor(model, asked, start_m, _trajectory(study), _names(targets))
-        return found.compute(start_m).value_m / C_M_S
+        start_m, trajectory, names = _aim(study, targets)
+        return ExactPredictor(model, asked, start_m, trajectory, names).compute(start_m).value_m / C_M_S
 
     return light_time_s
 
@@ -282,8 +248,7 @@ def _light_time_to(study: Study, model: PhysicalModel, targets: Mapping[str, Lun
 def _arc(
     study: Study, model: PhysicalModel, observations: Observations, targets: Mapping[str, LunarPosition]
 ) -> Predictor:
-    start_m, trajectory = start_pa_m(targets), _trajectory(study)
-    names = _names(targets)
+    start_m, trajectory, names = _aim(study, targets)
     more = any(PARAMETERS[name].more_partials for name in (*study.estimate.parameters, *study.consider))
     try:
         return prepare_predictor(
@@ -301,9 +266,12 @@ def _arc(
         raise
 
 
-def _names(targets: Mapping[str, LunarPosition]) -> tuple[str, ...]:
-    """Names of several targets; of a single one observations may have any."""
-    return tuple(targets) if len(targets) > 1 else ()
+def _aim(
+    study: Study, targets: Mapping[str, LunarPosition]
+) -> tuple[NDArray[np.float64], Trajectory | None, tuple[str, ...]]:
+    """What is predicted: positions or a trajectory, and names of several targets; of one, observations may have any."""
+    trajectory = study.target if isinstance(study.target, Trajectory) else None
+    return start_pa_m(targets), trajectory, tuple(targets) if len(targets) > 1 else ()
 
 
 def _elevation_deg(arc: Predictor, lander_pa_m: NDArray[np.float64]) -> NDArray[np.float64]:

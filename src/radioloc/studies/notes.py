@@ -1,23 +1,36 @@
-"""What a reader of a result must know about its data and its model: sentences for the card."""
+"""What a result says of its data and its model: sentences for the card, and the provenance of ``solution.json``."""
 
 from __future__ import annotations
+
+import platform
+from collections.abc import Iterator
+from dataclasses import asdict
+from itertools import compress
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc._version import __version__
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.variance_components import NoisyFit
+from radioloc.kernels import sha256_of
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
+from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.gravitational_delay import PLANETS_MM
 from radioloc.measurements.observations import Observations
-from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.physical_model import kernel_record
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.terms import TERMS
+from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.parameter import ParameterSet
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.studies.study import HEIGHT_LIMITS_M, EstimateChoice, Study, TerrainPrior
-from radioloc.studies.weights import Weight
 
 _DOUBTFUL = 20.0
 """Additive noise in stated sigmas that model errors no longer explain; laser ranges of DE421's time ask for 5."""
@@ -34,51 +47,57 @@ def notes_of(
     lander_pa_m: NDArray[np.float64],
 ) -> list[str]:
     """All notes of a result, warnings first."""
-    return [
-        *_doubts(fitted, arc.observations),
-        *(_height_doubt(lander_pa_m) if arc.trajectory is None else []),
-        *_weights_note(study.observations.weights),
-        *(_terrain_doubt(arc, estimate, fitted.edited.fit.parameters, lander_pa_m)),
-        *_of_data_and_model(arc.model, arc, left_out, estimate),
-        *([] if estimate is None else _without_scope(estimate, fitted.edited.fit.parameters)),
-    ]
+    notes = [*_doubts(fitted, arc.observations)]
+    if arc.trajectory is None:
+        notes += _height_doubt(lander_pa_m)
+    if weights := study.observations.weights:
+        notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
+    parameters = fitted.edited.fit.parameters
+    if estimate is not None and isinstance(estimate.height_prior, TerrainPrior):
+        notes += _terrain_doubt(arc, estimate.height_prior, parameters, lander_pa_m)
+    notes += [f"{_count(count)} not selected: {reason}" for reason, count in left_out.items()]
+    notes += _of_stations(arc)
+    notes += _of_model(arc)
+    if estimate is not None:
+        if arc.trajectory is None and not any(estimate.ephemeris_sigma_m):
+            notes.append(
+                f"the sigma does not include the error of {arc.model.ephemeris.name}; give it as "
+                "[estimate] ephemeris_sigma_m = [east, north, up]"
+            )
+        notes += [
+            f'no {key} is estimated, though [estimate] asks for "all": no observation depends on one'
+            for key, choice in estimate.parameters.items()
+            if choice.names == "all" and not parameters.of_kind(key)
+        ]
+    return notes
 
 
-def _without_scope(estimate: EstimateChoice, parameters: ParameterSet) -> list[str]:
-    """Parameters that were asked for of all stations, and that no observation depends on."""
-    none = [
-        key
-        for key, choice in estimate.parameters.items()
-        if choice.names == "all" and not parameters.of_kind(key)
-    ]
-    return [
-        f'no {key} is estimated, though [estimate] asks for "all": no observation depends on one'
-        for key in none
-    ]
+def _doubts(noise: NoisyFit, observations: Observations) -> Iterator[str]:
+    """Warnings where data of a type and model disagree by far more than the data's own noise."""
+    for kind, added_m in noise.additive_sigma_m.items():
+        typical_m = float(np.median(observations.sigma_m[observations.kind == KINDS.index(kind)]))
+        if added_m > _DOUBTFUL * typical_m:
+            yield (
+                f"WARNING: the {kind} residuals are {added_m / typical_m:.0f} times the stated sigmas; data and model "
+                "disagree: look for outliers (hard to tell among few), a wrong station or target, a term switched off"
+            )
 
 
-def _height_doubt(lander_pa_m: NDArray[np.float64]) -> list[str]:
+def _height_doubt(lander_pa_m: NDArray[np.float64]) -> Iterator[str]:
     """A warning where the point is above or below all of the Moon's terrain."""
     height_m = float(np.linalg.norm(lander_pa_m)) - MEAN_LUNAR_RADIUS_M
     low_m, high_m = HEIGHT_LIMITS_M
-    if low_m <= height_m <= high_m:
-        return []
-    return [
-        f"WARNING: a height of {height_m / 1e3:.0f} km is outside the Moon's terrain (-9.2 to 10.8 km): look at the "
-        "sigma; an a-priori height, or a-priori sigmas of biases, may be needed"
-    ]
+    if not low_m <= height_m <= high_m:
+        yield (
+            f"WARNING: a height of {height_m / 1e3:.0f} km is outside the Moon's terrain (-9.2 to 10.8 km): look at "
+            "the sigma; an a-priori height, or a-priori sigmas of biases, may be needed"
+        )
 
 
 def _terrain_doubt(
-    arc: Predictor,
-    estimate: EstimateChoice | None,
-    parameters: ParameterSet,
-    lander_pa_m: NDArray[np.float64],
-) -> list[str]:
+    arc: Predictor, prior: TerrainPrior, parameters: ParameterSet, lander_pa_m: NDArray[np.float64]
+) -> Iterator[str]:
     """Where the terrain at the estimate is not as rough as at the a-priori position, which the prior's sigma is of."""
-    if estimate is None or not isinstance(estimate.height_prior, TerrainPrior):
-        return []
-    prior = estimate.height_prior
     longitude_rad, latitude_rad, _ = cartesian_to_selenographic(
         rot_pa_to_me(arc.model.ephemeris.constants) @ lander_pa_m
     )
@@ -86,92 +105,136 @@ def _terrain_doubt(
     try:
         here_m = float(prior.terrain.sigma_m(longitude_rad, latitude_rad, prior.sigma_m))
     except InputError as error:  # roughness takes more cells than a height
-        return [f"WARNING: how rough the terrain is at the estimate is not known: {error}"]
-    if used_m / _ROUGHER < here_m < used_m * _ROUGHER:
-        return []
-    return [
-        f"WARNING: the a-priori sigma of the height above the terrain is {used_m:.3g} m, from the roughness at the "
-        f"a-priori position; at the estimate it would be {here_m:.3g} m: use the estimate as [target] and fit again"
-    ]
-
-
-def _doubts(noise: NoisyFit, observations: Observations) -> list[str]:
-    """Warnings where data of a type and model disagree by far more than the data's own noise."""
-    doubts = []
-    for kind, added_m in noise.additive_sigma_m.items():
-        typical_m = float(np.median(observations.sigma_m[observations.kind == KINDS.index(kind)]))
-        if added_m > _DOUBTFUL * typical_m:
-            doubts.append(
-                f"WARNING: the {kind} residuals are {added_m / typical_m:.0f} times the stated sigmas; data and model "
-                "disagree: look for outliers (hard to tell among few), a wrong station or target, a term switched off"
-            )
-    return doubts
-
-
-def _weights_note(weights: tuple[Weight, ...]) -> list[str]:
-    return [f"sigmas changed: {'; '.join(map(str, weights))}"] if weights else []
-
-
-def _of_data_and_model(
-    model: PhysicalModel, arc: Predictor, left_out: dict[str, int], estimate: EstimateChoice | None
-) -> list[str]:
-    """What a reader of the result must know about the model and the data."""
-    notes = [f"{_count(count)} not selected: {reason}" for reason, count in left_out.items()]
-    stations = [model.catalogue.get(name) for name in arc.stations]
-    coarse = [s.name for s in stations if s.quality != "survey"]
-    if coarse:
-        notes.append(f"catalogue positions of {', '.join(coarse)} are rounded, good to 100 m to 1 km only")
-    unmoved = [s.name for s in stations if not s.velocity_known]
-    if unmoved and model.has("station_velocity"):
-        notes.append(
-            f"no station velocity for {', '.join(unmoved)}: plate motion, some cm a year, is not modelled"
+        yield f"WARNING: how rough the terrain is at the estimate is not known: {error}"
+        return
+    if not used_m / _ROUGHER < here_m < used_m * _ROUGHER:
+        yield (
+            f"WARNING: the a-priori sigma of the height above the terrain is {used_m:.3g} m, from the roughness at the "
+            f"a-priori position; at the estimate it would be {here_m:.3g} m: use the estimate as [target] and fit again"
         )
-    unloaded = [s.name for s in stations if s.ocean_loading is None]
-    if unloaded and model.has("ocean_loading"):
-        notes.append(
-            f"no ocean loading coefficients for {', '.join(unloaded)}: up to about 1 cm is not modelled"
-        )
-    aside = [s.name for s in stations if s.axis_offset_m is None and s.kind != "llr"]
-    if aside and model.has("antenna_axis_offset"):
-        notes.append(
-            f"no antenna axis offset for {', '.join(aside)}: millimetres, of some antennas metres, are not modelled; "
-            "give axis_offset_m and mount under [stations.NAME]"
-        )
-    predicted = int(arc.predicted_eop.sum())
-    if predicted:
-        notes.append(f"Earth orientation is predicted, not measured, for {_count(predicted)}")
-    absent = model.missing_planets
-    if absent:
+
+
+def _of_stations(arc: Predictor) -> Iterator[str]:
+    """What the catalogue does not know of stations, and what of the model this leaves out."""
+    stations = [arc.model.catalogue.get(name) for name in arc.stations]
+    for term, lacking, text in (
+        (
+            "",
+            [s.quality != "survey" for s in stations],
+            "catalogue positions of {} are rounded, good to 100 m to 1 km only",
+        ),
+        (
+            "station_velocity",
+            [not s.velocity_known for s in stations],
+            "no station velocity for {}: plate motion, some cm a year, is not modelled",
+        ),
+        (
+            "ocean_loading",
+            [s.ocean_loading is None for s in stations],
+            "no ocean loading coefficients for {}: up to about 1 cm is not modelled",
+        ),
+        (
+            "antenna_axis_offset",
+            [s.axis_offset_m is None and s.kind != "llr" for s in stations],
+            "no antenna axis offset for {}: millimetres, of some antennas metres, are not modelled; "
+            "give axis_offset_m and mount under [stations.NAME]",
+        ),
+    ):
+        if any(lacking) and (not term or arc.model.has(term)):
+            yield text.format(", ".join(compress(arc.stations, lacking)))
+
+
+def _of_model(arc: Predictor) -> Iterator[str]:
+    """What the model is made of, and what is not in it."""
+    model = arc.model
+    if predicted := int(arc.predicted_eop.sum()):
+        yield f"Earth orientation is predicted, not measured, for {_count(predicted)}"
+    if absent := model.missing_planets:
         sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
-        notes.append(
-            f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
-        )
-    laser = all(station.kind == "llr" for station in stations)
-    if model.has("ionosphere") and model.ionosphere is None and not laser:
-        notes.append(
-            "no ionospheric delay of radio signals: give maps or a content, [model] ionex or tec_tecu"
-        )
+        yield f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
+    radio = [s for s in map(model.catalogue.get, arc.stations) if s.kind != "llr"]
+    if model.has("ionosphere") and model.ionosphere is None and radio:
+        yield "no ionospheric delay of radio signals: give maps or a content, [model] ionex or tec_tecu"
     files = model.radio_atmosphere
-    if model.has("troposphere") and files is not None and not laser:
-        radio = [station for station in stations if station.kind != "llr"]
+    if model.has("troposphere") and files is not None:
         for source in ("VMF3", "GPT3"):
-            served = [station.name for station in radio if files.source_of(station) == source]
+            served = ", ".join(station.name for station in radio if files.source_of(station) == source)
             if served:
-                notes.append(
-                    f"troposphere of radio signals from {source} for {', '.join(served)}, beside recorded pressure"
-                )
+                yield f"troposphere of radio signals from {source} for {served}, beside recorded pressure"
     if arc.trajectory is not None:
-        notes.append("the trajectory is taken as exact: its error is in the residuals, and in no sigma")
-    off = [name for name in TERMS if not model.has(name)]
-    if off:
-        notes.append(f"terms switched off: {', '.join(off)}")
-    if estimate is not None and arc.trajectory is None and not any(estimate.ephemeris_sigma_m):
-        notes.append(
-            f"the sigma does not include the error of {model.ephemeris.name}; give it as "
-            "[estimate] ephemeris_sigma_m = [east, north, up]"
-        )
-    return notes
+        yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"
+    if off := [name for name in TERMS if not model.has(name)]:
+        yield f"terms switched off: {', '.join(off)}"
 
 
 def _count(count: int) -> str:
     return f"{count} observation{'' if count == 1 else 's'}"
+
+
+def provenance(
+    study: Study,
+    arc: Predictor,
+    left_out: dict[str, int],
+    estimate: EstimateChoice | None,
+    positions_pa_m: NDArray[np.float64],
+) -> dict[str, Any]:
+    """Versions, files, choices and kernels of a fit, and how its observations were computed at the positions found."""
+    evaluation: dict[str, Any] = {"kind": "exact"}
+    if isinstance(arc, ChebyshevPredictor):
+        evaluation = {"kind": "interpolated", **asdict(arc.check(positions_pa_m))}
+    model, chosen = arc.model, study.model
+    one_each = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}
+    of_air = {"vmf3": chosen.vmf3} | {key: () if path is None else (path,) for key, path in one_each.items()}
+    return {
+        "radioloc": __version__,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "files": [Path(name).name for name in arc.observations.files],
+        "not_selected": left_out,
+        "extra_sigma_m": study.observations.extra_sigma_m,
+        "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,
+        "vlbi_station_rate_sigma_m": study.observations.vlbi_station_rate_sigma_m,
+        "weights": [weight.record() for weight in study.observations.weights],
+        "estimate": None if estimate is None else _estimate_record(estimate),
+        **_target_record(study.target),
+        "ionosphere": {"ionex": [path.name for path in chosen.ionex], "tec_tecu": chosen.tec_tecu},
+        "troposphere": {
+            key: [{"name": path.name, "sha256": sha256_of(path)} for path in paths]
+            for key, paths in of_air.items()
+        },
+        "delays": {
+            "transponder_s": model.delays.transponder_s,
+            "stations": {name: asdict(delay) for name, delay in model.delays.stations.items()},
+        },
+        **model.provenance(),
+        "evaluation": evaluation,
+    }
+
+
+def _target_record(target: LunarPosition | Trajectory) -> dict[str, Any]:
+    if isinstance(target, Trajectory):
+        return {
+            "a_priori": None,
+            "trajectory": {"body": target.body, **kernel_record(target.kernel, target.name)},
+        }
+    return {"a_priori": {"frame": target.frame, "xyz_m": target.xyz_m.tolist()}, "trajectory": None}
+
+
+def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
+    """What was estimated; of a terrain map its files, not its heights."""
+    prior: Any = estimate.height_prior
+    if isinstance(prior, TerrainPrior):
+        map_files = [{"name": file.path.name, "sha256": file.sha256} for file in prior.terrain.metadata.files]
+        prior = {"dem": map_files, "interpolation": prior.terrain.interpolation, "sigma_m": prior.sigma_m}
+    elif prior is not None:
+        prior = asdict(prior)
+    return {
+        "position": estimate.position,
+        "height_prior": prior,
+        "ephemeris_sigma_m": estimate.ephemeris_sigma_m,
+        "rejection_sigma": estimate.rejection_sigma,
+        "weights": estimate.weights,
+        "pass_gap_h": estimate.pass_gap_h,
+        **dict.fromkeys(PARAMETERS, "none"),
+        **chosen_keys(estimate.parameters),
+    }

@@ -34,13 +34,12 @@ from radioloc.simulation.simulate import rot_pa_to_enu
 from radioloc.simulation.truth import position_error_m
 from radioloc.studies.linear_trials import LinearArc, LinearTrials
 from radioloc.studies.locate import fit_arc, model_of
-from radioloc.studies.problem import observation_model, position_in_pa
+from radioloc.studies.problem import observation_model, position_in_pa, status_of
 from radioloc.studies.selection import arc_parts, selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, Study
 from radioloc.studies.trial_rows import COLUMNS, row_of, trial_seed, true_values
-from radioloc.studies.usable import status_of
 from radioloc.studies.weights import weighted_observations
 
 _Floats = NDArray[np.float64]

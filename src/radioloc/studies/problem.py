@@ -1,23 +1,34 @@
-"""The observation model of a study's arc: its positions and the parameters that the study asks for."""
+"""The problem that a study's arc is: what is solved for, which observations can be used, and why others cannot."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import SECONDS_PER_DAY
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError
+from radioloc.estimation.labels import USED, Labels
 from radioloc.lunar.position import LunarPosition
-from radioloc.measurements.predictor import Predictor
+from radioloc.lunar.visibility import earth_elevation_rad
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.targets import canonical_target
+from radioloc.media.status import Status
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.design import ObservationModel, simple_predictor
 from radioloc.parameters.parameter import Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
+from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
+
+_LOWEST_EARTH_DEG = -8.0
+"""The highest terrain, 10.8 km, sees 6.4 deg below the horizontal; an a-priori position 50 km off is 1.6 deg off."""
 
 
 def observation_model(
@@ -29,25 +40,9 @@ def observation_model(
 ) -> ObservationModel:
     """Set up what is solved for in an arc.
 
-    Parameters
-    ----------
-    predictor : Predictor
-    targets_pa : LunarPosition, mapping of str to LunarPosition, or None
-        A-priori position in principal axes, or those of several targets by name; none for a trajectory, whose offset is
-        then held at zero.
-    estimate : EstimateChoice or None
-        What to estimate; nothing where ``None``.
-    held : EstimateChoice, optional
-        Where nothing is estimated, whose a-priori values of biases and the like hold; zero otherwise.
-    consider : mapping of str to ParameterChoice, optional
-        What is considered.
-
-    Raises
-    ------
-    StationError
-        A station is not in the catalogue.
-    InputError
-        A parameter is asked for of a station without observations, or nothing at all is to be estimated.
+    The a-priori positions are in principal axes, one or several by name; of a trajectory there is none, and its offset
+    is held at zero. Where `estimate` is ``None``, nothing is estimated; biases and the like have a-priori values
+    of `held`. What is considered comes from `consider`.
     """
     choice = (EstimateChoice() if held is None else held).held() if estimate is None else estimate
     simple = simple_predictor(predictor)
@@ -117,3 +112,56 @@ def position_in_pa(table: str, position: LunarPosition, constants: EphemerisCons
         return position.to_axes("PA", constants)
     except InputError as error:
         raise InputError(f"{table} frame: {error}") from None
+
+
+def status_of(arc: Predictor, targets: Mapping[str, LunarPosition]) -> tuple[Labels, NDArray[np.int8]]:
+    """Which observations can be used at all, seen from the a-priori position, or why not, in words and by code."""
+    at, model = arc.at(start_pa_m(targets)), arc.model
+    earth_deg = [partial(_earth_deg, model, position_pa_m=position.xyz_m) for position in targets.values()]
+    # Of a spacecraft the arc itself knows what the Moon hides.
+    may_set = [_lowest(above, arc.observations.epoch) < _LOWEST_EARTH_DEG + 1.0 for above in earth_deg]
+    reason = np.zeros(len(arc.observations), dtype=np.int8)
+    labels = np.zeros(len(arc.observations), dtype=np.int32)
+    places = {USED: 0}
+    for rows in blocks(arc):
+        computed = at.rows(rows)
+        bad = np.flatnonzero(~computed.usable)
+        reason[rows[bad]], sentences = reasons(arc, computed.rows(bad), rows[bad])
+        texts, which = np.unique(sentences, return_inverse=True)
+        new = [places.setdefault(str(text), len(places)) for text in texts]
+        labels[rows[bad]] = np.array(new, dtype=np.int32)[which]
+        for target in np.flatnonzero(may_set):
+            mine = rows[(arc.target[rows] == target) & (reason[rows] == Status.OK)]
+            # The Earth moves in the lander's sky with the librations, in days.
+            tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch[mine]))
+            above_deg = evaluate_smooth(earth_deg[target], tdb)
+            for k in np.flatnonzero(above_deg < _LOWEST_EARTH_DEG):
+                text = Status.EARTH_BELOW_HORIZON.text(above_deg[k])
+                reason[mine[k]] = Status.EARTH_BELOW_HORIZON
+                labels[mine[k]] = places.setdefault(text, len(places))
+    return Labels(labels, tuple(places)), reason
+
+
+def _earth_deg(
+    model: PhysicalModel, epochs: Epochs, position_pa_m: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Elevation of the Earth above a place's horizon, deg, shape (n,)."""
+    return np.degrees(earth_elevation_rad(model.ephemeris, model.libration, epochs, position_pa_m))
+
+
+def _lowest(earth_deg: Callable[[Epochs], NDArray[np.float64]], epoch_utc: Epochs) -> float:
+    """Lowest elevation of the Earth in the span of epochs, every six hours, in which it moves half a degree.
+
+    Minus infinity if the epochs themselves are fewer.
+    """
+    if not len(epoch_utc):
+        return math.inf
+    ends = epoch_utc[[int(epoch_utc.mjd.argmin()), int(epoch_utc.mjd.argmax())]]
+    first, last = (tt_to_tdb(utc_to_tt(ends))[[k]] for k in (0, 1))
+    span_d = last.seconds_since(first)[0] / SECONDS_PER_DAY
+    count = int(4.0 * span_d) + 2
+    if count > len(epoch_utc):
+        return -math.inf
+    return float(
+        earth_deg(Epochs.from_jd(first.jd, first.fraction + np.linspace(0.0, span_d, count), "TDB")).min()
+    )

@@ -62,6 +62,6 @@ def table_lines():
     return TABLE.split("\n")
 
 
-@pytest.fixture(params=["crd", "mini", "table"])
-def any_text(request):
-    return {"crd": CRD, "mini": MINI, "table": TABLE}[request.param]
+@pytest.fixture
+def texts():
+    return {"crd": CRD, "mini": MINI, "table": TABLE}

@@ -12,6 +12,7 @@ from radioloc.estimation.correlated_weights import (
     fit_with_correlated_weights,
 )
 from radioloc.estimation.editing import EditedFit, fit_with_editing
+from radioloc.estimation.gauss_markov import SeriesCorrelation, TimeCorrelation
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
 from radioloc.estimation.linearization import DenseLinearization, Linearization, ResidualFunction
@@ -19,11 +20,7 @@ from radioloc.estimation.observability import Correlation, Direction, Observabil
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.estimation.solution import Ellipse, ReferenceComparison, Solution, compare_with
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics, Residuals
-from radioloc.estimation.time_correlation import (
-    SeriesCorrelation,
-    TimeCorrelation,
-    assess_time_correlation,
-)
+from radioloc.estimation.time_correlation import assess_time_correlation
 from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
 from radioloc.parameters.parameter import Parameter, ParameterSet
 

@@ -12,7 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 Floats = NDArray[np.float64]
+Integers = NDArray[np.intp]
 
+_LANES = 8
+"""Pairs of a correlation time and a ratio are done so many at a time."""
 _EVERY = 16
 """Innovation variances multiplied before a logarithm is taken; each is below 1e15."""
 
@@ -24,8 +27,10 @@ def filter_grid(
     """Log-determinants, and squares that are left of the last column, for every correlation time and ratio."""
     n, m = columns.shape
     taus, ratios = ratio.shape
-    size = taus * ratios
-    stationary, decay = ratio.ravel(), np.zeros(size)
+    cells = taus * ratios
+    size = -(-cells // _LANES) * _LANES
+    stationary, decay = np.ones(size), np.zeros(size)
+    stationary[:cells] = ratio.ravel()
     variance, inverse = stationary.copy(), np.empty(size)
     determinant, log_determinant = np.ones(size), np.zeros(size)
     state, innovation, products = np.zeros((m, size)), np.empty((m, size)), np.zeros((m * m, size))
@@ -81,7 +86,27 @@ def filter_grid(
                     log_determinant[g] += 2.0 * math.log(triangle[j, j])
                 else:
                     squares[g] = value
-    return log_determinant.reshape(taus, ratios), squares.reshape(taus, ratios)
+    return log_determinant[:cells].copy().reshape(taus, ratios), squares[:cells].copy().reshape(taus, ratios)
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def filter_series(
+    first: Integers,
+    end: Integers,
+    absorbed: Integers,
+    step_s: Floats,
+    gain: Floats,
+    columns: Floats,
+    tau_s: Floats,
+    ratio: Floats,
+) -> tuple[Floats, Floats]:
+    """:func:`filter_grid` of some series: their points `first` to `end`, their last `absorbed` + 1 columns."""
+    log_determinant, squares = np.empty(ratio.shape), np.empty(ratio.shape)
+    for k in range(len(first)):
+        part = slice(first[k], end[k])
+        mine = columns[part, columns.shape[1] - 1 - absorbed[k] :]
+        log_determinant[k], squares[k] = filter_grid(step_s[part], gain[part], mine, tau_s, ratio[k])
+    return log_determinant, squares
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
@@ -94,7 +119,8 @@ def whiten(step_s: Floats, tau_s: float, ratio: float, columns: Floats, adjoint:
     decay, kalman, scale = np.empty(n), np.empty(n), np.empty(n)
     variance = ratio
     for i in range(n):
-        decay[i] = math.exp(-step_s[i] / tau_s)
+        same = i > 0 and step_s[i] == step_s[i - 1]
+        decay[i] = decay[i - 1] if same else math.exp(-step_s[i] / tau_s)
         predicted = ratio + decay[i] * decay[i] * (variance - ratio)
         kalman[i] = predicted / (predicted + 1.0)
         scale[i] = 1.0 / math.sqrt(predicted + 1.0)
@@ -117,66 +143,84 @@ def whiten(step_s: Floats, tau_s: float, ratio: float, columns: Floats, adjoint:
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def products(step_s: Floats, tau_s: Floats, variance: Floats, columns: Floats) -> Floats:
-    """Columns (n, m) times the covariance matrix, the sum of variance exp(-|dt| / tau), times columns; shape (m, m)."""
+def products(
+    step_s: Floats, gain: Floats, columns: Floats, white: float, tau_s: Floats, variance: Floats
+) -> Floats:
+    """Columns (n, m) times the covariance matrix of the observations times columns, shape (m, m).
+
+    It is `white` on the diagonal and, times the gains, the sum of variance exp(-|dt| / tau).
+    """
     n, m = columns.shape
     taus = len(tau_s)
     out, before, decay = np.zeros((m, m)), np.zeros((taus, m)), np.zeros(taus)
-    earlier, total = np.empty(m), variance.sum()
+    lasting, earlier, total = np.empty(m), np.empty(m), variance.sum()
     last_s = -1.0
     for i in range(n):
         if step_s[i] != last_s:
             last_s = step_s[i]
             for t in range(taus):
                 decay[t] = math.exp(-last_s / tau_s[t])
+        half = 0.5 * (total + white / gain[i] ** 2)
         for j in range(m):
-            earlier[j] = 0.5 * total * columns[i, j]
+            lasting[j] = gain[i] * columns[i, j]
+            earlier[j] = half * lasting[j]
         for t in range(taus):
             for j in range(m):
-                before[t, j] *= decay[t]
-                earlier[j] += before[t, j]
-                before[t, j] += variance[t] * columns[i, j]
+                now = before[t, j] * decay[t]
+                earlier[j] += now
+                before[t, j] = now + variance[t] * lasting[j]
         for j in range(m):
             for k in range(m):
-                out[j, k] += columns[i, j] * earlier[k]
+                out[j, k] += lasting[j] * earlier[k]
     return out + out.T
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def bins(time_s: Floats, most: int) -> tuple[NDArray[np.int64], float]:
-    """Bin of each of some times in order, from zero up, none empty, and its duration, s; gaps take no bins."""
-    n = len(time_s)
-    step_s = np.diff(time_s)
-    longest_s = 10.0 * np.median(step_s)
-    span_s = 0.0
-    for k in range(n - 1):
-        span_s += min(step_s[k], longest_s)
-    width_s = span_s / most
-    place = np.zeros(n, dtype=np.int64)
-    if width_s <= 0.0:  # all at one instant
-        return np.arange(n) * most // n, 0.0
-    clock_s, cell = 0.0, 0.0
-    for k in range(1, n):
-        clock_s += min(step_s[k - 1], longest_s)
-        now = math.floor(clock_s / width_s)
-        place[k] = place[k - 1] + (1 if now > cell else 0)
-        cell = now
-    return place, width_s
+def bins(time_s: Floats, begin: Integers, most: int) -> tuple[Integers, Integers, Floats]:
+    """Bin of each of some times (n,), first bin of each series and one more, and durations of its bins, s.
+
+    Times are in order from one of `begin` to the next; gaps take no bins, and no bin is empty. A series of no more than
+    `most` has a bin for each, of no duration.
+    """
+    series = len(begin) - 1
+    place, first, width_s = np.empty(len(time_s), np.intp), np.zeros(series + 1, np.intp), np.zeros(series)
+    for s in range(series):
+        start, n = begin[s], begin[s + 1] - begin[s]
+        mine = place[start : start + n]
+        mine[:] = np.arange(first[s], first[s] + n)
+        if n > most:
+            step_s = np.diff(time_s[start : start + n])
+            longest_s = 10.0 * np.median(step_s)
+            span_s = 0.0
+            for k in range(n - 1):
+                step_s[k] = min(step_s[k], longest_s)
+                span_s += step_s[k]
+            width_s[s] = span_s / most
+            if width_s[s] <= 0.0:  # all at one instant
+                width_s[s] = 0.0
+                mine[:] = first[s] + np.arange(n) * most // n
+            else:
+                clock_s, cell = 0.0, 0.0
+                for k in range(1, n):
+                    clock_s += step_s[k - 1]
+                    now = math.floor(clock_s / width_s[s])
+                    mine[k] = mine[k - 1] + (1 if now > cell else 0)
+                    cell = now
+        first[s + 1] = mine[n - 1] + 1
+    return place, first, width_s
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def add_to_bins(
-    place: NDArray[np.int64], whitening: Floats, values: Floats, sums: Floats, squares: Floats
-) -> None:
-    """Add whitened values (b, k, c) to the sums (m, k, c) of their bins, and squares of the first column to (k,)."""
+def add_to_bins(place: Integers, whitening: Floats, values: Floats, sums: Floats, squares: Floats) -> None:
+    """Add whitened values (b, k, c) to the sums (k, m, c) of their bins, and squares of the first column to (k, m)."""
     b, k, c = values.shape
     for i in range(b):
         for j in range(k):
-            into = sums[place[i], j]
+            into = sums[j, place[i]]
             first = 0.0
             for other in range(k):
                 weight, from_other = whitening[i, j, other], values[i, other]
                 first += weight * from_other[0]
                 for column in range(c):
                     into[column] += weight * from_other[column]
-            squares[j] += first * first
+            squares[j, place[i]] += first * first

@@ -12,13 +12,14 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.consider import consider
 from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, compare_with
 from radioloc.estimation.statistics import FitStatistics, Residuals
-from radioloc.estimation.time_correlation import TimeCorrelation, assess_time_correlation
+from radioloc.estimation.time_correlation import assess_time_correlation
 from radioloc.time import Epochs
 
 

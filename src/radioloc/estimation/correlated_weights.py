@@ -24,16 +24,11 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import covariance_of, gram
-from radioloc.estimation.gauss_markov import SeriesNoise
+from radioloc.estimation.gauss_markov import SeriesCorrelation, SeriesNoise, TimeCorrelation
 from radioloc.estimation.least_squares import FitResult, fit_least_squares, sum_of_squares
 from radioloc.estimation.linearization import ResidualFunction, Rows
 from radioloc.estimation.series import Batch, SeriesOrder, series_of
-from radioloc.estimation.time_correlation import (
-    SeriesCorrelation,
-    TimeCorrelation,
-    assess_time_correlation,
-    weighted_series,
-)
+from radioloc.estimation.time_correlation import assess_time_correlation, in_parameters, rows_of
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,16 +77,21 @@ class CorrelatedFit:
 class _Whitening:
     """How used observations are brought to independent ones where series have noise of their own."""
 
-    batches: Sequence[Batch]
+    batches: Sequence[Batch]  # of one stretch each
+    steps_s: Sequence[NDArray[np.float64]]
     noise: dict[str, SeriesNoise]
+
+    @classmethod
+    def of(cls, batches: Sequence[Batch], noise: dict[str, SeriesNoise]) -> _Whitening:
+        steps_s = [np.diff(batch.time_s, prepend=batch.time_s[0]) for batch in batches]
+        return cls(batches, steps_s, noise)
 
     def whitened(self, rows_of: Callable[[Rows], NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
         """Independent combinations of unit variance, from indices of rows (m,) to numbers (m, c), series by series."""
-        for batch in self.batches:
+        for batch, step_s in zip(self.batches, self.steps_s, strict=True):
             values = batch.whitened(rows_of)
-            step_s = np.diff(batch.time_s, prepend=batch.time_s[0])
-            for k, key in enumerate(batch.keys):
-                errors = self.noise.get(key)
+            for k, one in enumerate(batch.series):
+                errors = self.noise.get(one.key)
                 yield values[:, k] if errors is None else errors.whitened(step_s, values[:, k])
 
 
@@ -117,9 +117,9 @@ def fit_with_correlated_weights(
     found = assess_time_correlation(stated, order)
     if found is None:
         return CorrelatedFit(edited, ())
-    batches = series_of(order, stated.noise, stated.used)
+    batches = [one for batch in series_of(order, stated.noise, stated.used) for one in batch.stretches()]
     weights = _weights(batches, found)
-    weight_noise = _weight_noise(batches, found, weights)
+    whitening = _Whitening.of(batches, _weight_noise(batches, found, weights))
     fit = fit_least_squares(
         residual_function,
         stated.parameters,
@@ -127,29 +127,39 @@ def fit_with_correlated_weights(
         used=stated.used,
         start=stated.x,
         linearization=stated.linearization,
-        whitening=_Whitening(batches, weight_noise),
+        whitening=whitening,
     )
     fit = replace(
-        fit,
-        covariance=_formal_covariance(fit, batches, weight_noise),
-        chi2=sum_of_squares(fit.residual_m, stated.noise.among(fit.used), fit.parameters, fit.x),
-        series_noise=dict(found.noise),
-        weight_noise=weight_noise,
+        fit, chi2=sum_of_squares(fit.residual_m, stated.noise.among(fit.used), fit.parameters, fit.x)
     )
-    return CorrelatedFit(replace(edited, fit=fit), weights)
+    return CorrelatedFit(replace(edited, fit=_with_covariances(fit, whitening, found)), weights)
 
 
-def _formal_covariance(
-    fit: FitResult, batches: Sequence[Batch], weight_noise: dict[str, SeriesNoise]
-) -> NDArray[np.float64]:
-    """Covariance of the estimate by these weights were errors independent and as stated, shape (p, p)."""
+def _with_covariances(fit: FitResult, whitening: _Whitening, found: TimeCorrelation) -> FitResult:
+    """The fit with the covariance of its estimate were errors independent and as stated, and what they add to it.
+
+    With the weights W, parameters of unit A^T W A + P have the covariance I + A^T W W A - A^T W A for errors of unit
+    variance, and A^T W V W A - A^T W W A more for those of the covariance V.
+    """
     root = fit.factor.root_covariance()
-    unit = np.eye(root.shape[1])
-    for batch in batches:
-        for one in weighted_series(batch, fit, root, weight_noise):
-            unit += gram(one.unit, one.unit)
-            unit -= weight_noise[one.key].products(one.step_s, one.gain, one.unit)
-    return covariance_of(fit.factor, fit.parameters, unit)
+    unit, added = np.eye(root.shape[1]), np.zeros((root.shape[1],) * 2)
+    values_of = rows_of(fit)
+    for batch, step_s in zip(whitening.batches, whitening.steps_s, strict=True):
+        if not any(one.key in whitening.noise for one in batch.series):
+            continue
+        partials = batch.whitened(lambda rows: values_of(rows)[:, 1:] @ root)
+        for k, one in enumerate(batch.series):
+            weights, errors = whitening.noise.get(one.key), found.noise.get(one.key)
+            if weights is None:
+                continue
+            whitened = weights.whitened(step_s, partials[:, k])
+            weighted = weights.whitened(step_s, whitened, adjoint=True)
+            squares = gram(weighted, weighted)
+            unit += squares - gram(whitened, whitened)
+            if errors is not None:
+                added += errors.products(step_s, np.ones(len(step_s)), weighted) - squares
+    fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
+    return replace(fit, time_correlation=replace(found, added_covariance=in_parameters(added, fit)))
 
 
 def _weight_noise(
@@ -165,23 +175,23 @@ def _weight_noise(
     for batch in batches:
         if batch.shared in factors:
             inflated = SeriesNoise(factors[batch.shared] ** 2, np.ones(1), np.zeros(1))
-            noise |= dict.fromkeys(batch.keys, inflated)
-        elif not batch.shared and batch.keys[0] in found.noise:
-            errors = found.noise[batch.keys[0]]
+            noise |= {one.key: inflated for one in batch.series}
+        elif not batch.shared and batch.series[0].key in found.noise:
+            errors = found.noise[batch.series[0].key]
             tau_s, coloured = np.array([errors.correlation_time_s]), np.array([errors.coloured.sum()])
-            noise[batch.keys[0]] = SeriesNoise(errors.white, tau_s, coloured)
+            noise[batch.series[0].key] = SeriesNoise(errors.white, tau_s, coloured)
     return noise
 
 
 def _weights(batches: Sequence[Batch], found: TimeCorrelation) -> tuple[SeriesWeight, ...]:
     """What the series weigh; combinations of observations that share errors together."""
-    items = dict(zip(found.keys, found.series, strict=True))
+    items = dict(zip(found.noise, found.series, strict=True))
     counts: dict[str, int] = {}
     mine: dict[str, list[SeriesCorrelation]] = {}
     for batch in batches:
-        name = batch.shared or batch.names[0]
+        name = batch.shared or batch.series[0].name
         counts[name] = counts.get(name, 0) + batch.rows.size
-        mine.setdefault(name, []).extend(items[key] for key in batch.keys if key in items)
+        mine.setdefault(name, []).extend(items[one.key] for one in batch.series if one.key in items)
     weights = []
     for name, found_in in mine.items():
         # Combinations in which the errors of stations cancel, around triangles, need not be correlated.

@@ -16,7 +16,7 @@ for d columns A and V over w. Correlation times tau and ratios c / w are tried o
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -44,21 +44,33 @@ _CHANCE = 0.01
 one that is not there costs little."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class Points:
-    """A series whose noise is sought."""
+@dataclass(frozen=True, slots=True)
+class Series:
+    """What a series is and what it is called."""
 
     key: str  # no key occurs twice
     name: str
     group: str  # series of a group have one tau and one c / w, unless a series says otherwise
     kind: str  # of measurement
-    count: int  # observations
-    step_s: _Floats  # (n,), time since the point before, s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Points:
+    """Series whose noise is sought, s of them with n points one after another."""
+
+    series: tuple[Series, ...]
+    begin: NDArray[np.intp]  # (s + 1,), first point of each, and n
+    count: NDArray[np.intp]  # (s,), observations of each
+    squares: _Floats  # (s,), sum of squares of the whitened residuals of all observations
+    width_s: _Floats  # (s,), duration of the bins, s; zero where points are single observations
+    step_s: _Floats  # (n,), time since the point before of the same series, s
     gain: _Floats  # (n,), root of the number of observations that a point is the mean of
     residual: _Floats  # (n,), whitened by the stated noise
     unit: _Floats  # (n, q), partials, whitened likewise, by parameters of unit formal covariance
-    squares: float  # sum of squares of the whitened residuals of all observations
-    width_s: float = 0.0  # duration of the bins, s; zero where points are single observations
+
+    def of(self, k: int) -> slice:
+        """Points of a series."""
+        return slice(self.begin[k], self.begin[k + 1])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,100 +103,188 @@ class SeriesNoise:
 
         coloured = self.coloured * _mean_correlation(width_s, self.tau_s)
         matters = coloured > 1e-6 * coloured.sum()
-        lasting = np.ascontiguousarray(gain[:, None] * columns)
-        process = products(step_s, self.tau_s[matters], coloured[matters], lasting)
-        return np.asarray(self.white * gram(columns, columns) + process)
+        return products(step_s, gain, columns, self.white, self.tau_s[matters], coloured[matters])
 
-    def whitened(self, step_s: _Floats, columns: _Floats) -> _Floats:
-        """Columns (n, m) by the root of the inverse covariance: innovations over their standard deviations."""
+    def whitened(self, step_s: _Floats, columns: _Floats, *, adjoint: bool = False) -> _Floats:
+        """Columns (n, m) by the root of the inverse covariance: innovations over their standard deviations.
+
+        Those again by the transposed root, `adjoint`, are the columns times the inverse covariance.
+        """
         from radioloc.estimation._kernels import whiten
 
-        columns = np.ascontiguousarray(columns)
-        innovations = whiten(step_s, self.correlation_time_s, self.ratio, columns, False)
+        innovations = whiten(
+            step_s, self.correlation_time_s, self.ratio, np.ascontiguousarray(columns), adjoint
+        )
         return np.asarray(innovations / math.sqrt(self.white))
 
-    def weighted(self, step_s: _Floats, columns: _Floats) -> _Floats:
-        """Columns (n, m) times the inverse covariance."""
-        from radioloc.estimation._kernels import whiten
 
-        innovations = self.whitened(step_s, columns)
-        adjoint = whiten(step_s, self.correlation_time_s, self.ratio, innovations, True)
-        return np.asarray(adjoint / math.sqrt(self.white))
+@dataclass(frozen=True, slots=True)
+class SeriesCorrelation:
+    """A series whose residuals are correlated in time.
+
+    Parameters
+    ----------
+    name : str
+        The series.
+    count : int
+        Its used observations.
+    effective_count : float
+        How many independent ones would give their mean as well.
+    correlation_time_s : float
+        Time in which the correlation of the Gauss-Markov process falls to 1/e, s.
+    share : float
+        Part of the residuals' variance that the process has, 0 to 1.
+    """
+
+    name: str
+    count: int
+    effective_count: float
+    correlation_time_s: float
+    share: float
+
+    def __str__(self) -> str:
+        time_s = self.correlation_time_s
+        if time_s < 3600.0:
+            text = f"{time_s / 60.0:.2g} min"
+        else:
+            text = f"{time_s / 3600.0:.2g} h" if time_s < 3.0 * 86400.0 else f"{time_s / 86400.0:.2g} days"
+        return (
+            f"residuals of {self.name} are correlated in time over {text}: {self.count} observations count as "
+            f"{max(self.effective_count, 1.0):.0f}"
+        )
 
 
-def noise_of_series(series: Sequence[Points], absorbed: float) -> dict[str, SeriesNoise]:
+@dataclass(frozen=True, slots=True, eq=False)
+class TimeCorrelation:
+    """What correlation in time adds to the uncertainty.
+
+    Parameters
+    ----------
+    series : tuple of SeriesCorrelation
+        Series with significant correlation.
+    added_covariance : ndarray, shape (p, p)
+        To add to the covariance of the parameters; no variance becomes smaller by it.
+    noise : mapping of str to SeriesNoise
+        Of those series by their keys, in their order, in units of the stated noise.
+    """
+
+    series: tuple[SeriesCorrelation, ...]
+    added_covariance: _Floats
+    noise: Mapping[str, SeriesNoise]
+
+
+def noise_of_series(points: Points, absorbed: float) -> dict[str, SeriesNoise]:
     """Noise of those series that are significantly correlated in time, by key.
 
     It is averaged over the likelihood, so it holds how badly it is known. A c far beyond the variance of the
     residuals, which then would all have been absorbed by the parameters, counts for as much less (Gelman 2006).
     """
-    columns = _with_absorbed(series, absorbed)
-    enough = [
-        k for k, one in enumerate(columns) if len(one) - one.shape[1] + 1 >= FEWEST and one[:, -1].any()
-    ]
-    groups = list(dict.fromkeys(series[k].group for k in enough))
-    found: dict[str, SeriesNoise] = {}
-    for group in groups:
-        mine = [k for k in enough if series[k].group == group]
+    likelihood = RestrictedLikelihood.of(points, absorbed)
+    long = np.flatnonzero(likelihood.points_left >= FEWEST)
+    groups: dict[str, list[int]] = {}
+    for k in long.tolist():
+        groups.setdefault(points.series[k].group, []).append(k)
+    found: dict[int, SeriesNoise] = {}
+    for mine in groups.values():
         threshold = -math.log(_CHANCE / len(groups))
-        fitted = _fitted([series[k] for k in mine], [columns[k] for k in mine], threshold, len(enough))
-        found |= {series[k].key: noise for k, noise in zip(mine, fitted, strict=False)}
-    return found | _taken_over(series, columns, found)
+        found |= _fitted(likelihood, np.array(mine), threshold, len(long))
+    found |= _taken_over(likelihood, found)
+    return {points.series[k].key: noise for k, noise in found.items()}
 
 
-def _with_absorbed(series: Sequence[Points], absorbed: float) -> list[_Floats]:
-    """Columns that the parameters can absorb, orthonormal, and the residuals of each series; shape (n, d + 1).
+@dataclass(frozen=True, slots=True, eq=False)
+class RestrictedLikelihood:
+    """Restricted likelihood of the noise of each of s series."""
 
-    Those are absorbed that the parameters move by more than one sigma where they are off by `absorbed` of theirs.
-    """
-    if not series:
-        return []
-    squares, axes = np.linalg.eigh(np.array([gram(one.unit, one.unit) for one in series]))
-    out = []
-    for one, square, axis in zip(series, squares, axes, strict=True):
-        kept = square * absorbed**2 > 1.0
-        both = np.empty((len(one.residual), int(kept.sum()) + 1))
-        both[:, :-1] = one.unit @ (axis[:, kept] / np.sqrt(square[kept]))
-        both[:, -1] = one.residual
-        out.append(both)
-    return out
+    points: Points
+    columns: _Floats  # (n, q + 1), orthonormal columns that the parameters can absorb, the residuals last
+    absorbed: NDArray[np.intp]  # (s,), how many of these columns are taken, the last ones
+    inside: _Floats  # (s,), squares of residuals less those of their means over bins
+    null: _Floats  # (s,), squares of residuals that no parameter absorbs
+
+    @classmethod
+    def of(cls, points: Points, absorbed: float) -> RestrictedLikelihood:
+        """Those columns are absorbed that the parameters move by more than one sigma if off by `absorbed` of theirs."""
+        s, q = len(points.series), points.unit.shape[1]
+        parts = [points.of(k) for k in range(s)]
+        grams = np.array([gram(points.unit[part], points.unit[part]) for part in parts]).reshape(s, q, q)
+        squares, axes = np.linalg.eigh(grams)
+        kept = squares * absorbed**2 > 1.0
+        axes = axes / np.sqrt(np.where(kept, squares, 1.0))[:, None, :]
+        columns = np.empty((len(points.gain), q + 1))
+        columns[:, q] = points.residual
+        products = np.empty((s, q + 1))
+        for k, part in enumerate(parts):
+            columns[part, :q] = points.unit[part] @ axes[k]
+            products[k] = points.residual[part] @ columns[part]
+        inside = np.maximum(points.squares - products[:, q], 0.0)
+        null = points.squares - (products[:, :q] ** 2 * kept).sum(axis=1)
+        return cls(points, columns, kept.sum(axis=1), inside, null)
+
+    @property
+    def points_left(self) -> NDArray[np.intp]:
+        """Points of each series beyond what the parameters absorb, (s,); none where there are no residuals."""
+        return np.where(self.points.squares > 0.0, np.diff(self.points.begin) - self.absorbed, 0)
+
+    def of_series(self, mine: NDArray[np.intp], tau_s: _Floats, ratio: _Floats) -> tuple[_Floats, _Floats]:
+        """Logarithm of the likelihood over that of white noise, and the variance w; (series, taus, ratios).
+
+        Exact where points are single observations. The mean of a bin has less of the process by the mean correlation
+        within it, and the deviations from that mean, taken as white, have the rest.
+        """
+        from radioloc.estimation._kernels import filter_series
+
+        points, absorbed = self.points, self.absorbed[mine]
+        first, end, count = points.begin[mine], points.begin[mine + 1], points.count[mine]
+        mean = _mean_correlation(points.width_s[mine, None], tau_s)[:, :, None]
+        log_determinant, squares = filter_series(
+            first, end, absorbed, points.step_s, points.gain, self.columns, tau_s, mean * ratio
+        )
+        deviation = 1.0 + ratio * (1.0 - mean)
+        inside, null, inside_dof, dof = (
+            numbers[:, None, None]
+            for numbers in (self.inside[mine], self.null[mine], count - (end - first), count - absorbed)
+        )
+        white = (squares + inside / deviation) / dof
+        log = -0.5 * (dof * np.log(white * dof / null) + log_determinant + inside_dof * np.log(deviation))
+        log[np.isnan(log)] = -np.inf
+        return log, white
 
 
-def _taken_over(
-    series: Sequence[Points], columns: Sequence[_Floats], found: dict[str, SeriesNoise]
-) -> dict[str, SeriesNoise]:
+def _taken_over(likelihood: RestrictedLikelihood, found: dict[int, SeriesNoise]) -> dict[int, SeriesNoise]:
     """Noise of those series that are too short to tell theirs: what others of their kind have on the average.
 
     As white noise they would outweigh the others.
     """
+    series = likelihood.points.series
+    known: dict[str, list[SeriesNoise]] = {}
+    for k, noise in found.items():
+        known.setdefault(series[k].kind, []).append(noise)
     more = {}
-    for kind in {one.kind for one in series if one.key in found}:
-        known = [found[one.key] for one in series if one.kind == kind and one.key in found]
-        tau_s = np.exp(np.mean([[math.log(one.correlation_time_s)] for one in known], axis=0))
-        coloured = np.mean([[one.coloured.sum()] for one in known], axis=0)
-        mean = SeriesNoise(float(np.mean([one.white for one in known])), tau_s, coloured)
-        for one, absorbing in zip(series, columns, strict=True):
-            if one.kind != kind or one.key in found:
-                continue
-            short = len(absorbing) - absorbing.shape[1] + 1 < FEWEST or not one.residual.any()
-            if short or restricted_likelihood([one], [absorbing], tau_s, np.array([mean.ratio]))[0] > -_TOLD:
-                more[one.key] = mean
+    for kind, noises in known.items():
+        tau_s = np.exp(np.mean([[math.log(one.correlation_time_s)] for one in noises], axis=0))
+        coloured = np.mean([[one.coloured.sum()] for one in noises], axis=0)
+        mean = SeriesNoise(float(np.mean([one.white for one in noises])), tau_s, coloured)
+        others = [k for k, one in enumerate(series) if one.kind == kind and k not in found]
+        if others:
+            log, _ = likelihood.of_series(np.array(others), tau_s, np.array([mean.ratio]))
+            short = likelihood.points_left[others] < FEWEST
+            more |= {
+                k: mean for k, taken in zip(others, short | (log[:, 0, 0] > -_TOLD), strict=True) if taken
+            }
     return more
 
 
 def _fitted(
-    series: Sequence[Points], columns: Sequence[_Floats], threshold: float, n_series: int
-) -> list[SeriesNoise]:
+    likelihood: RestrictedLikelihood, mine: NDArray[np.intp], threshold: float, n_series: int
+) -> dict[int, SeriesNoise]:
     """Noise of each series of a group; none where the group shows no correlation."""
-    tau_s = _tried_taus_s(series)
-
-    def likelihood(taus: slice, ratios: slice) -> tuple[_Floats, _Floats]:
-        return restricted_likelihood(series, columns, tau_s[taus], RATIOS[ratios])
-
-    coarse, _ = likelihood(slice(None, None, _EACH_TAU), slice(None, None, _EACH_RATIO))
+    points = likelihood.points
+    tau_s = _tried_taus_s(points, mine)
+    coarse, _ = likelihood.of_series(mine, tau_s[::_EACH_TAU], RATIOS[::_EACH_RATIO])
     together = coarse.sum(axis=0)
     if together.max() < 0.5 * threshold - 1.0:
-        return []
+        return {}
     differing = -math.log((1.0 - SCALING_PROBABILITY) / n_series)
     best = np.unravel_index(int(together.argmax()), together.shape)
     alone = [one for one in coarse if one.max() - one[best] > differing - 1.0]
@@ -194,69 +294,39 @@ def _fitted(
         slice(max(0, int(at.min() - 1) * each), int(at.max() + 1) * each + 1)
         for at, each in ((at_tau, _EACH_TAU), (at_ratio, _EACH_RATIO))
     )
-    log, white = likelihood(taus, ratios)
+    tau_s, ratio = tau_s[taus], RATIOS[ratios]
+    log, white = likelihood.of_series(mine, tau_s, ratio)
     together = log.sum(axis=0)
     # Two parameters more than white noise: chi-square of two degrees of freedom, 1 - exp(-x / 2).
     if together.max() < threshold:
-        return []
+        return {}
     best = np.unravel_index(int(together.argmax()), together.shape)
-    found = []
-    for k, one in enumerate(series):
-        chosen = log[k] if log[k].max() - log[k][best] > differing else together
-        coloured = white[k] * RATIOS[ratios]
-        variance = one.squares / one.count
-        weight = np.exp(chosen - chosen.max()) / (1.0 + coloured / variance)
-        weight /= weight.sum()
-        found.append(
-            SeriesNoise(float((weight * white[k]).sum()), tau_s[taus], (weight * coloured).sum(axis=1))
-        )
-    return found
+    own = log.max(axis=(1, 2)) - log[:, best[0], best[1]] > differing
+    chosen = np.where(own[:, None, None], log, together)
+    coloured = white * ratio
+    variance = (points.squares[mine] / points.count[mine])[:, None, None]
+    weight = np.exp(chosen - chosen.max(axis=(1, 2), keepdims=True)) / (1.0 + coloured / variance)
+    weight /= weight.sum(axis=(1, 2), keepdims=True)
+    mean_white, mean_coloured = (weight * white).sum(axis=(1, 2)), (weight * coloured).sum(axis=2)
+    return {
+        k: SeriesNoise(w, tau_s, c)
+        for k, w, c in zip(mine.tolist(), mean_white.tolist(), mean_coloured, strict=True)
+    }
 
 
-def restricted_likelihood(
-    series: Sequence[Points], columns: Sequence[_Floats], tau_s: _Floats, ratio: _Floats
-) -> tuple[_Floats, _Floats]:
-    """Logarithm of the restricted likelihood over that of white noise, and the variance w; (series, taus, ratios).
-
-    `columns` (n, d + 1) are what parameters absorb, orthonormal, and the residuals last. Exact where points are single
-    observations. The mean of a bin has less of the process by the mean correlation within it, and the deviations from
-    that mean, taken as white, have the rest.
-    """
-    from radioloc.estimation._kernels import filter_grid
-
-    shape = (len(series), len(tau_s), len(ratio))
-    log_determinant, squares = np.empty(shape), np.empty(shape)
-    numbers = np.empty((4, len(series), 1, 1))
-    mean = np.array([_mean_correlation(one.width_s, tau_s) for one in series])[:, :, None]
-    of_points, deviation = mean * ratio, 1.0 + ratio * (1.0 - mean)
-    for k, (one, both) in enumerate(zip(series, columns, strict=True)):
-        log_determinant[k], squares[k] = filter_grid(one.step_s, one.gain, both, tau_s, of_points[k])
-        products = both.T @ both[:, -1]
-        inside, absorbed = one.squares - products[-1], products[:-1] @ products[:-1]
-        points, parameters = both.shape[0], both.shape[1] - 1
-        numbers[:, k, 0, 0] = (
-            max(inside, 0.0),
-            one.count - points,
-            one.count - parameters,
-            one.squares - absorbed,
-        )
-    inside, inside_dof, dof, null = numbers
-    white = (squares + inside / deviation) / dof
-    log = -0.5 * (dof * np.log(white * dof / null) + log_determinant + inside_dof * np.log(deviation))
-    log[np.isnan(log)] = -np.inf
-    return log, white
-
-
-def _mean_correlation(width_s: float, tau_s: _Floats) -> _Floats:
-    """Mean of exp(-|dt| / tau) over pairs of instants of a bin, shape (taus,)."""
+def _mean_correlation(width_s: _Floats | float, tau_s: _Floats) -> _Floats:
+    """Mean of exp(-|dt| / tau) over pairs of instants of a bin; 1 for no width."""
     x = np.maximum(width_s / tau_s, 1e-4)  # below, rounding is larger than what is left out
-    return np.asarray(2.0 * (x - 1.0 + np.exp(-x)) / x**2 if width_s > 0.0 else np.ones(len(tau_s)))
+    return np.where(np.asarray(width_s) > 0.0, 2.0 * (x - 1.0 + np.exp(-x)) / x**2, 1.0)
 
 
-def _tried_taus_s(series: Sequence[Points]) -> _Floats:
+def _tried_taus_s(points: Points, mine: NDArray[np.intp]) -> _Floats:
     """Correlation times that are tried for a group, s, from a step to half the longest span."""
+    steps_s = [points.step_s[points.of(k)] for k in mine]
     least_s = min(
-        one.width_s or float(np.median(one.step_s[one.step_s > 0.0])) for one in series if one.step_s.any()
+        width_s or float(np.median(step_s[step_s > 0.0]))
+        for width_s, step_s in zip(points.width_s[mine].tolist(), steps_s, strict=True)
+        if step_s.any()
     )
-    most_s = max(0.5 * max(float(one.step_s.sum()) for one in series), 2.0 * least_s)
+    most_s = max(0.5 * max(float(step_s.sum()) for step_s in steps_s), 2.0 * least_s)
     return np.geomspace(least_s, most_s, 1 + math.ceil(math.log10(most_s / least_s) / _TAU_STEP))

@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import enum
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.factorization import Factor, covariance_of, factorize, refreshed
-from radioloc.estimation.gauss_markov import SeriesNoise
+from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.linearization import (
     Linearization,
     ResidualFunction,
@@ -92,11 +91,10 @@ class FitResult:
     factor : Factor
         Singular values and directions over the free parameters, at `x` or less than a last, converged step from it; of
         the problem as it was weighed.
-    series_noise, weight_noise : mapping of str to SeriesNoise, or None
-        With correlated weights, the noise of series that are correlated in time, and that by whose inverse covariance
-        series were weighed; by key.
     whitening : Whitening
         How the used observations were brought to independent ones.
+    time_correlation : TimeCorrelation or None
+        With correlated weights, the noise of series that are correlated in time, which they were made of.
     """
 
     parameters: ParameterSet
@@ -111,8 +109,7 @@ class FitResult:
     iterations: int
     factor: Factor
     whitening: Whitening
-    series_noise: Mapping[str, SeriesNoise] | None = None
-    weight_noise: Mapping[str, SeriesNoise] | None = None
+    time_correlation: TimeCorrelation | None = None
 
     @property
     def converged(self) -> bool:
@@ -146,7 +143,7 @@ class FitResult:
         Correlated weights have their variances from the residuals themselves.
         """
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
-        return math.sqrt(self.chi2 / self.dof) if significant and self.series_noise is None else 1.0
+        return math.sqrt(self.chi2 / self.dof) if significant and self.time_correlation is None else 1.0
 
 
 def fit_least_squares(

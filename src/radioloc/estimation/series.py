@@ -7,13 +7,14 @@ serve for all epochs at which the same baselines were observed, so that a combin
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.estimation.gauss_markov import Points
+from radioloc.estimation.gauss_markov import Points, Series
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.linearization import Rows
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise
@@ -54,60 +55,30 @@ class SeriesOrder:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Batch:
-    """Series that are whitened together: one of single observations, or the k combinations of k baselines."""
+    """Series that are whitened alike: all of single observations, or the k combinations of the same k baselines."""
 
-    keys: tuple[str, ...]  # of the k series; no key occurs twice, and names are for the reader
-    names: tuple[str, ...]
-    groups: tuple[str, ...]  # series of the same group may have the same noise model
-    rows: NDArray[np.intp]  # (b, k), in order of time
+    series: tuple[Series, ...]  # k for each stretch
+    begin: NDArray[np.intp]  # (stretches + 1,), first of the b instants of each, and b
+    rows: NDArray[np.intp]  # (b, k), each stretch in order of time
     time_s: _Floats  # (b,)
     whitening: _Floats  # (b, k, k), from observations to independent combinations of unit variance
-    kind: str  # kind of measurement
-    shared: str = ""  # what the combinations are called together; empty for a series of single observations
+    shared: str = ""  # what the combinations are called together; empty for single observations
 
-    def whitened(self, rows_of: Callable[[Rows], _Floats]) -> _Floats:
-        """Combinations of numbers that belong to observations, from rows (m,) to (m, c); shape (b, k, c)."""
-        return np.concatenate([self.whitening[part] @ values for part, values in self._parts(rows_of)])
-
-    def points(
-        self, rows_of: Callable[[Rows], _Floats], root: _Floats, most: int = MOST_POINTS
-    ) -> list[Points]:
-        """Each series, averaged where there are more than `most`, with partials by the parameters times `root`.
-
-        `rows_of` gives residuals and partials side by side. Sums of bins are over the root of their count, so they are
-        of unit variance where observations are independent.
-        """
-        from radioloc.estimation._kernels import add_to_bins, bins
-
-        n, k = self.rows.shape
-        place, width_s = bins(self.time_s, most) if n > most else (np.arange(n), 0.0)
-        count = np.bincount(place)
-        sums, squares = np.zeros((len(count), k, 1 + len(root))), np.zeros(k)
-        for part, values in self._parts(rows_of):
-            add_to_bins(place[part], self.whitening[part], values, sums, squares)
-        gain = np.sqrt(count)
-        sums /= gain[:, None, None]
-        step_s = np.diff(np.bincount(place, self.time_s) / count, prepend=self.time_s[0])
-        step_s[0] = 0.0
-        return [
-            Points(
-                key=self.keys[j],
-                name=self.names[j],
-                group=self.groups[j],
-                kind=self.kind,
-                count=n,
-                step_s=step_s,
-                gain=gain,
-                residual=sums[:, j, 0],
-                unit=sums[:, j, 1:] @ root,
-                squares=float(squares[j]),
-                width_s=width_s,
+    def stretches(self) -> Iterator[Batch]:
+        """Each stretch alone."""
+        k = self.rows.shape[1]
+        for s, (first, end) in enumerate(pairwise(self.begin.tolist())):
+            yield Batch(
+                self.series[s * k : (s + 1) * k],
+                np.array([0, end - first]),
+                self.rows[first:end],
+                self.time_s[first:end],
+                self.whitening[first:end],
+                self.shared,
             )
-            for j in range(k)
-        ]
 
-    def _parts(self, rows_of: Callable[[Rows], _Floats]) -> Iterator[tuple[slice, _Floats]]:
-        """Some instants after others, and the numbers of their observations (b, k, c)."""
+    def parts(self, rows_of: Callable[[Rows], _Floats]) -> Iterator[tuple[slice, _Floats]]:
+        """Some instants after others, and numbers (b, k, c) that belong to their observations, by rows (m,)."""
         k = self.rows.shape[1]
         at_once = max(1, ROWS_AT_ONCE // k)
         for begin in range(0, len(self.rows), at_once):
@@ -115,19 +86,81 @@ class Batch:
             rows = self.rows[part]
             yield part, rows_of(rows.ravel()).reshape(len(rows), k, -1)
 
+    def whitened(self, rows_of: Callable[[Rows], _Floats]) -> _Floats:
+        """Combinations of numbers that belong to observations, from rows (m,) to (m, c); shape (b, k, c)."""
+        parts = [
+            self.whitening[part] * values if self.rows.shape[1] == 1 else self.whitening[part] @ values
+            for part, values in self.parts(rows_of)
+        ]
+        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+
+
+def points_of(
+    batches: Sequence[Batch], rows_of: Callable[[Rows], _Floats], root: _Floats, most: int = MOST_POINTS
+) -> Points:
+    """Each series, averaged where there are more than `most`, with partials by the parameters times `root`.
+
+    `rows_of` gives residuals and partials side by side. Sums of bins are over the root of their count, so they are of
+    unit variance where observations are independent.
+    """
+    from radioloc.estimation._kernels import add_to_bins, bins
+
+    columns, parts = [], []
+    for batch in batches:
+        k = batch.rows.shape[1]
+        place, first, width_s = bins(batch.time_s, batch.begin, most)
+        in_bin = np.bincount(place)
+        sums, squares = np.zeros((k, len(in_bin), 1 + len(root))), np.zeros((k, len(in_bin)))
+        for part, values in batch.parts(rows_of):
+            add_to_bins(place[part], batch.whitening[part], values, sums, squares)
+        gain = np.sqrt(in_bin)
+        sums /= gain[:, None]
+        time_s = np.bincount(place, batch.time_s) / in_bin
+        step_s = np.diff(time_s, prepend=time_s[0])
+        step_s[first[:-1]] = 0.0
+        columns.append(sums.reshape(-1, sums.shape[2]))
+        of_series = (
+            np.diff(first),
+            np.diff(batch.begin),
+            np.add.reduceat(squares, first[:-1], axis=1),
+            width_s,
+        )
+        parts.append([np.broadcast_to(one, (k, one.shape[-1])).ravel() for one in (*of_series, step_s, gain)])
+    length, count, squares, width_s, step_s, gain = (
+        np.concatenate(part) for part in zip(*parts, strict=True)
+    )
+    both = np.concatenate(columns)
+    return Points(
+        series=tuple(one for batch in batches for one in batch.series),
+        begin=np.concatenate([[0], np.cumsum(length)]),
+        count=count,
+        squares=squares,
+        width_s=width_s,
+        step_s=step_s,
+        gain=gain,
+        residual=both[:, 0].copy(),
+        unit=both[:, 1:] @ root,
+    )
+
 
 def series_of(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Batch]:
     """All series of the observations in use."""
     taken = used if noise.shared is None else used & (noise.shared.group == ALONE)
     rows = order.order[taken[order.order]]
     batches = []
-    for mine in np.split(rows, np.flatnonzero(np.diff(order.code[rows])) + 1):
-        if len(mine):
-            code = int(order.code[mine[0]])
-            whitening = (1.0 / noise.own_m[mine])[:, None, None]
-            name, kind = order.name_of(code), order.type_of(code)
-            time_s = order.time_s[mine]
-            batches.append(Batch((name,), (name,), (kind,), mine[:, None], time_s, whitening, kind))
+    if len(rows):
+        code = order.code[rows]
+        begin = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1])
+        names = [(order.name_of(one), order.type_of(one)) for one in code[begin].tolist()]
+        batches = [
+            Batch(
+                tuple(Series(name, name, kind, kind) for name, kind in names),
+                np.append(begin, len(rows)),
+                rows[:, None],
+                order.time_s[rows],
+                (1.0 / noise.own_m[rows])[:, None, None],
+            )
+        ]
     return batches + _combinations(order, noise, used)
 
 
@@ -152,17 +185,17 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
         # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
         # in time and the other not, however near their sigmas are
         part = np.cumsum(np.diff(combined_m[first], prepend=-np.inf) > _ONE_SIGMA * combined_m[first])
+        names = [f"{kind}, combination {j + 1} of {len(key)} that share errors" for j in range(len(key))]
         batches.append(
             Batch(
-                tuple(f"{kind} {key} {j}" for j in range(len(key))),
                 tuple(
-                    f"{kind}, combination {j + 1} of {len(key)} that share errors" for j in range(len(key))
+                    Series(f"{kind} {key} {j}", names[j], f"{kind} {key} {number}", kind)
+                    for j, number in enumerate(part.tolist())
                 ),
-                tuple(f"{kind} {key} {number}" for number in part),
+                np.array([0, len(rows)]),
                 rows[sort],
                 order.time_s[rows[sort, 0]],
                 axes[first].T @ root[sort],
-                kind,
                 f"{kind} that share errors",
             )
         )

@@ -15,9 +15,9 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.consider import Consider
 from radioloc.estimation.correlated_weights import SeriesWeight
+from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.statistics import FitStatistics, Residuals, finite_or_none, read_only
-from radioloc.estimation.time_correlation import TimeCorrelation
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
 from radioloc.parameters.parameter import ParameterSet
 

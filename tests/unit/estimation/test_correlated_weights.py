@@ -71,7 +71,7 @@ class TwoSeries:
 
     def model(self, fit):
         """Covariance that a fit weighs with, dense."""
-        noise = fit.series_noise["range A"]
+        noise = fit.time_correlation.noise["range A"]
         lag_s = np.abs(self.time_s[:N, None] - self.time_s[None, :N])
         correlated = noise.ratio * np.exp(-lag_s / noise.correlation_time_s)
         covariance = np.diag(self.sigma**2)
@@ -89,7 +89,7 @@ class TwoSeries:
 def test_nearly_generalized_least_squares(seed):
     case = TwoSeries(seed=seed)
     edited, found = case.fits()
-    assert edited.fit.series_noise is None
+    assert edited.fit.time_correlation is None
     assert [item.name for item in found.weights] == ["range A"]
     stated = np.diag(case.sigma**2)
     generalized, _ = case.covariances(case.covariance, stated)
@@ -201,7 +201,7 @@ def test_observations_that_share_errors_are_weighed_together():
     assert weight.count == n
     assert weight.sigma_factor > 5.0
     fit = found.edited.fit
-    assert len(fit.series_noise) == 3
+    assert len(fit.time_correlation.noise) == 3
     # One factor on all sigmas: the estimate is that of the stated covariance, dense.
     x, covariance, _ = case.generalized(observed)
     np.testing.assert_allclose(fit.x, x, rtol=0.0, atol=ROUNDING)
@@ -227,8 +227,8 @@ def test_observations_that_share_errors_are_weighed_together():
     for k, key in enumerate(batch.keys):
         columns = independent[:, k]
         middle += columns.T @ columns
-        if key in fit.series_noise:
-            noise = fit.series_noise[key]
+        if key in fit.time_correlation.noise:
+            noise = fit.time_correlation.noise[key]
             process = sum(
                 c * np.exp(-lag_s / tau) for c, tau in zip(noise.coloured, noise.tau_s, strict=True)
             )

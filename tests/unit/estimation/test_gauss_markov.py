@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from radioloc.estimation._kernels import filter_grid, whiten
-from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series, restricted_likelihood
+from radioloc.estimation.gauss_markov import (
+    Points,
+    RestrictedLikelihood,
+    Series,
+    SeriesNoise,
+    noise_of_series,
+)
 from radioloc.simulation.noise import gauss_markov
 
 ROUNDING = 1e-10
@@ -47,8 +53,8 @@ def test_determinants_and_squares_are_those_of_the_dense_covariance(case):
 def test_restricted_likelihood_is_that_of_dense_algebra(case):
     step_s, gain, columns = case
     residual = columns[:, 2]
-    series = Points("a", "a", "g", "range", 150, step_s, gain, residual, columns[:, :2], residual @ residual)
-    (log,), (white,) = restricted_likelihood([series], [columns], TAU_S, RATIO)
+    likelihood = RestrictedLikelihood.of(points(residual, step_s, gain, columns[:, :2]), 30.0)
+    (log,), (white,) = likelihood.of_series(np.array([0]), TAU_S, RATIO)
     left = np.linalg.svd(columns[:, :2])[0][:, 2:]  # contrasts that no parameter moves
     contrasts = left.T @ columns[:, 2]
 
@@ -81,9 +87,8 @@ def test_noise_of_a_series_weighs_and_multiplies_as_its_covariance(case):
     one = np.ones(150)
     noise = SeriesNoise(0.8, np.array([600.0]), np.array([2.0]))
     covariance = 0.8 * dense(step_s, one, 600.0, 2.5)
-    np.testing.assert_allclose(
-        noise.weighted(step_s, columns), np.linalg.solve(covariance, columns), atol=1e-9
-    )
+    weighted = noise.whitened(step_s, noise.whitened(step_s, columns), adjoint=True)
+    np.testing.assert_allclose(weighted, np.linalg.solve(covariance, columns), atol=1e-9)
     mixed = SeriesNoise(0.8, np.array([60.0, 600.0]), np.array([1.0, 2.0]))
     expected = 0.8 * (np.eye(150) + dense(step_s, gain, 60.0, 1.25) + dense(step_s, gain, 600.0, 2.5))
     expected -= 2.0 * 0.8 * np.eye(150)
@@ -93,11 +98,18 @@ def test_noise_of_a_series_weighs_and_multiplies_as_its_covariance(case):
     assert mixed.share == pytest.approx(3.0 / 3.8)
 
 
-def points(residual, gain=None):
+def points(residual, step_s=None, gain=None, unit=None):
     n = len(residual)
-    gain = np.ones(n) if gain is None else gain
     return Points(
-        "a", "a", "g", "range", n, np.full(n, 60.0), gain, residual, np.zeros((n, 1)), residual @ residual
+        (Series("a", "a", "g", "range"),),
+        begin=np.array([0, n]),
+        count=np.array([n]),
+        squares=np.array([residual @ residual]),
+        width_s=np.zeros(1),
+        step_s=np.full(n, 60.0) if step_s is None else step_s,
+        gain=np.ones(n) if gain is None else gain,
+        residual=residual,
+        unit=np.zeros((n, 1)) if unit is None else unit,
     )
 
 
@@ -105,10 +117,10 @@ def test_process_is_found():
     rng = np.random.default_rng(4)
     n = 3000
     residual = rng.normal(size=n) + 0.7 * gauss_markov(rng.normal(size=n), np.exp(-60.0 / 1800.0))
-    found = noise_of_series([points(residual)], 30.0)["a"]
+    found = noise_of_series(points(residual), 30.0)["a"]
     # A hundred correlation times tell variances to some 15 %, and correlation times to 30.
     assert found.white == pytest.approx(1.0, rel=0.1)
     assert found.coloured.sum() == pytest.approx(0.49, rel=0.35)
     assert found.correlation_time_s == pytest.approx(1800.0, rel=0.4)
-    assert noise_of_series([points(rng.normal(size=n))], 30.0) == {}
-    assert noise_of_series([points(residual[:15])], 30.0) == {}
+    assert noise_of_series(points(rng.normal(size=n)), 30.0) == {}
+    assert noise_of_series(points(residual[:15]), 30.0) == {}

@@ -90,23 +90,49 @@ def filter_grid(
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def filter_series(
+def mean_correlation(width_s: float, tau_s: Floats) -> Floats:
+    """Mean of exp(-|dt| / tau) over pairs of instants of a bin, shape (taus,)."""
+    if width_s == 0.0:
+        return np.ones(len(tau_s))
+    x = np.maximum(width_s / tau_s, 1e-4)  # below, rounding is larger than what is left out
+    return 2.0 * (x - 1.0 + np.exp(-x)) / x**2
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def likelihoods(
     first: Integers,
     end: Integers,
     absorbed: Integers,
+    numbers: Floats,
     step_s: Floats,
     gain: Floats,
     columns: Floats,
     tau_s: Floats,
     ratio: Floats,
 ) -> tuple[Floats, Floats]:
-    """:func:`filter_grid` of some series: their points `first` to `end`, their last `absorbed` + 1 columns."""
-    log_determinant, squares = np.empty(ratio.shape), np.empty(ratio.shape)
+    """Logarithm of the restricted likelihood over that of white noise, and the variance w; (series, taus, ratios).
+
+    Of s series: their points `first` to `end` and last `absorbed` + 1 columns. `numbers` (s, 4) are observations,
+    duration of bins, squares of the deviations from the bins' means, and squares that no parameter absorbs. Exact where
+    points are single observations. The mean of a bin has less of the process by the mean correlation within it, and the
+    deviations from that mean, taken as white, have the rest.
+    """
+    shape = (len(first), len(tau_s), len(ratio))
+    log, white = np.empty(shape), np.empty(shape)
     for k in range(len(first)):
         part = slice(first[k], end[k])
         mine = columns[part, columns.shape[1] - 1 - absorbed[k] :]
-        log_determinant[k], squares[k] = filter_grid(step_s[part], gain[part], mine, tau_s, ratio[k])
-    return log_determinant, squares
+        count, width_s, inside, null = numbers[k]
+        dof, inside_dof = count - absorbed[k], count - (end[k] - first[k])
+        mean = mean_correlation(width_s, tau_s).reshape(-1, 1)
+        log_determinant, squares = filter_grid(step_s[part], gain[part], mine, tau_s, mean * ratio)
+        deviation = 1.0 + ratio * (1.0 - mean)
+        white[k] = (squares + inside / deviation) / dof
+        log[k] = -0.5 * (
+            dof * np.log(white[k] * dof / null) + log_determinant + inside_dof * np.log(deviation)
+        )
+        log[k] = np.where(np.isnan(log[k]), -np.inf, log[k])
+    return log, white
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
@@ -144,12 +170,21 @@ def whiten(step_s: Floats, tau_s: float, ratio: float, columns: Floats, adjoint:
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
 def products(
-    step_s: Floats, gain: Floats, columns: Floats, white: float, tau_s: Floats, variance: Floats
+    step_s: Floats,
+    gain: Floats,
+    columns: Floats,
+    width_s: float,
+    white: float,
+    tau_s: Floats,
+    variance: Floats,
 ) -> Floats:
-    """Columns (n, m) times the covariance matrix of the observations times columns, shape (m, m).
+    """Columns (n, m) times the covariance matrix of bins of some duration times columns, shape (m, m).
 
     It is `white` on the diagonal and, times the gains, the sum of variance exp(-|dt| / tau).
     """
+    variance = variance * mean_correlation(width_s, tau_s)
+    matters = variance > 1e-6 * variance.sum()
+    tau_s, variance = tau_s[matters], variance[matters]
     n, m = columns.shape
     taus = len(tau_s)
     out, before, decay = np.zeros((m, m)), np.zeros((taus, m)), np.zeros(taus)

@@ -114,10 +114,8 @@ def _whitened_rows(
     linearization: Linearization, whitening: Whitening, free: NDArray[np.intp]
 ) -> Iterator[NDArray[np.float64]]:
     """Whitened partials by the free parameters with the residuals as last column, part by part."""
-    if isinstance(linearization, OrthonormalLinearization) and isinstance(whitening, Combinations):
-        weight = whitening.weights()
-        if weight is not None:
-            return iter((linearization.condensed(weight),))
+    if isinstance(linearization, OrthonormalLinearization):
+        return iter((linearization.condensed(whitening),))
     q = len(free)
 
     def rows_of(rows: Rows) -> NDArray[np.float64]:
@@ -169,12 +167,21 @@ class OrthonormalLinearization:
         """d(computed)/d(parameter) of some observations, shape (m, p)."""
         return self.problem.partials[rows]
 
-    def condensed(self, weight: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Rows (q, q + 1) with the normal equations of all observations weighed by `weight` (n,)."""
+    def condensed(self, whitening: Whitening) -> NDArray[np.float64]:
+        """Rows (q, q + 1) with the normal equations of the independent combinations of all observations."""
         basis = self.problem.basis
-        weighted = basis * weight[:, None]
-        values, axes = np.linalg.eigh(gram(weighted, basis))
-        side = gram(weighted, np.where(weight > 0.0, self.residual_m, 0.0)[:, None])[:, 0]
+        weight = whitening.weights() if isinstance(whitening, Combinations) else None
+        if weight is not None:
+            weighted = basis * weight[:, None]
+            normal = gram(weighted, basis)
+            side = gram(weighted, np.where(weight > 0.0, self.residual_m, 0.0)[:, None])[:, 0]
+        else:
+            both = np.column_stack([basis, self.residual_m])
+            sums = np.zeros((both.shape[1],) * 2)
+            for part in whitening.whitened(lambda rows: both[rows]):
+                sums += gram(part, part)
+            normal, side = sums[:-1, :-1], sums[:-1, -1]
+        values, axes = np.linalg.eigh(normal)
         root = np.sqrt(np.maximum(values, 0.0))
         along = np.divide(axes.T @ side, root, out=np.zeros(len(root)), where=values > _NOTHING)
         return np.column_stack([root[:, None] * axes.T @ self.problem.from_free, along])

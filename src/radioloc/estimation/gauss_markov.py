@@ -101,9 +101,7 @@ class SeriesNoise:
         """Columns (n, m) times the covariance of points, of some gain (n,), times columns, shape (m, m)."""
         from radioloc.estimation._kernels import products
 
-        coloured = self.coloured * _mean_correlation(width_s, self.tau_s)
-        matters = coloured > 1e-6 * coloured.sum()
-        return products(step_s, gain, columns, self.white, self.tau_s[matters], coloured[matters])
+        return products(step_s, gain, columns, width_s, self.white, self.tau_s, self.coloured)
 
     def whitened(self, step_s: _Floats, columns: _Floats, *, adjoint: bool = False) -> _Floats:
         """Columns (n, m) by the root of the inverse covariance: innovations over their standard deviations.
@@ -199,8 +197,7 @@ class RestrictedLikelihood:
     points: Points
     columns: _Floats  # (n, q + 1), orthonormal columns that the parameters can absorb, the residuals last
     absorbed: NDArray[np.intp]  # (s,), how many of these columns are taken, the last ones
-    inside: _Floats  # (s,), squares of residuals less those of their means over bins
-    null: _Floats  # (s,), squares of residuals that no parameter absorbs
+    numbers: _Floats  # (s, 4), as _kernels.likelihoods takes them
 
     @classmethod
     def of(cls, points: Points, absorbed: float) -> RestrictedLikelihood:
@@ -219,7 +216,8 @@ class RestrictedLikelihood:
             products[k] = points.residual[part] @ columns[part]
         inside = np.maximum(points.squares - products[:, q], 0.0)
         null = points.squares - (products[:, :q] ** 2 * kept).sum(axis=1)
-        return cls(points, columns, kept.sum(axis=1), inside, null)
+        numbers = np.column_stack([points.count, points.width_s, inside, null])
+        return cls(points, columns, kept.sum(axis=1), numbers)
 
     @property
     def points_left(self) -> NDArray[np.intp]:
@@ -227,28 +225,13 @@ class RestrictedLikelihood:
         return np.where(self.points.squares > 0.0, np.diff(self.points.begin) - self.absorbed, 0)
 
     def of_series(self, mine: NDArray[np.intp], tau_s: _Floats, ratio: _Floats) -> tuple[_Floats, _Floats]:
-        """Logarithm of the likelihood over that of white noise, and the variance w; (series, taus, ratios).
+        """Logarithm of the likelihood over that of white noise, and the variance w; (series, taus, ratios)."""
+        from radioloc.estimation._kernels import likelihoods
 
-        Exact where points are single observations. The mean of a bin has less of the process by the mean correlation
-        within it, and the deviations from that mean, taken as white, have the rest.
-        """
-        from radioloc.estimation._kernels import filter_series
-
-        points, absorbed = self.points, self.absorbed[mine]
-        first, end, count = points.begin[mine], points.begin[mine + 1], points.count[mine]
-        mean = _mean_correlation(points.width_s[mine, None], tau_s)[:, :, None]
-        log_determinant, squares = filter_series(
-            first, end, absorbed, points.step_s, points.gain, self.columns, tau_s, mean * ratio
-        )
-        deviation = 1.0 + ratio * (1.0 - mean)
-        inside, null, inside_dof, dof = (
-            numbers[:, None, None]
-            for numbers in (self.inside[mine], self.null[mine], count - (end - first), count - absorbed)
-        )
-        white = (squares + inside / deviation) / dof
-        log = -0.5 * (dof * np.log(white * dof / null) + log_determinant + inside_dof * np.log(deviation))
-        log[np.isnan(log)] = -np.inf
-        return log, white
+        begin, end = self.points.begin[mine], self.points.begin[mine + 1]
+        chosen = (begin, end, self.absorbed[mine], self.numbers[mine])
+        tried = (np.ascontiguousarray(tau_s), np.ascontiguousarray(ratio))
+        return likelihoods(*chosen, self.points.step_s, self.points.gain, self.columns, *tried)
 
 
 def _taken_over(likelihood: RestrictedLikelihood, found: dict[int, SeriesNoise]) -> dict[int, SeriesNoise]:
@@ -314,12 +297,6 @@ def _fitted(
     }
 
 
-def _mean_correlation(width_s: _Floats | float, tau_s: _Floats) -> _Floats:
-    """Mean of exp(-|dt| / tau) over pairs of instants of a bin; 1 for no width."""
-    x = np.maximum(width_s / tau_s, 1e-4)  # below, rounding is larger than what is left out
-    return np.where(np.asarray(width_s) > 0.0, 2.0 * (x - 1.0 + np.exp(-x)) / x**2, 1.0)
-
-
 def _tried_taus_s(points: Points, mine: NDArray[np.intp]) -> _Floats:
     """Correlation times that are tried for a group, s, from a step to half the longest span."""
     steps_s = [points.step_s[points.of(k)] for k in mine]
@@ -329,4 +306,5 @@ def _tried_taus_s(points: Points, mine: NDArray[np.intp]) -> _Floats:
         if step_s.any()
     )
     most_s = max(0.5 * max(float(step_s.sum()) for step_s in steps_s), 2.0 * least_s)
-    return np.geomspace(least_s, most_s, 1 + math.ceil(math.log10(most_s / least_s) / _TAU_STEP))
+    steps = math.ceil(math.log10(most_s / least_s) / _TAU_STEP)
+    return np.asarray(least_s * (most_s / least_s) ** (np.arange(steps + 1) / steps))

@@ -10,13 +10,19 @@ from __future__ import annotations
 
 import enum
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.factorization import Factor, covariance_of, factorize, refreshed
+from radioloc.estimation.factorization import (
+    Factor,
+    OrthonormalLinearization,
+    covariance_of,
+    factorize,
+    refreshed,
+)
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.linearization import (
     Linearization,
@@ -301,6 +307,9 @@ class _Problem:
         # With every parameter fixed there is nothing to do but to report the residuals.
         if not self.parameters.free.any():
             return here, factor, FitStatus.CONVERGED, 0
+        if isinstance(here.linearization, OrthonormalLinearization):  # linear: another step would be none
+            there = self.stepped(here, factor, 0.0)
+            return there, replace(factor, right_side=np.zeros_like(factor.right_side)), FitStatus.CONVERGED, 1
         damping = 0.0
         for count in range(_MAX_ITERATIONS):
             length, tolerance = factor.step_sigmas, self.tolerance(here)

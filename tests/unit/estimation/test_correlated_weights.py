@@ -224,7 +224,7 @@ def test_observations_that_share_errors_are_weighed_together():
     np.testing.assert_allclose(one @ case.covariance[:6, :6] @ one.T, np.eye(6), atol=ROUNDING)
     independent = np.einsum("bij,bjp->bip", batch.whitening, case.design[batch.rows])
     middle = np.zeros((3, 3))
-    for k, key in enumerate(batch.keys):
+    for k, key in enumerate(one.key for one in batch.series):
         columns = independent[:, k]
         middle += columns.T @ columns
         if key in fit.time_correlation.noise:

@@ -243,7 +243,7 @@ def _taken_over(likelihood: RestrictedLikelihood, found: dict[int, SeriesNoise])
     known: dict[str, list[SeriesNoise]] = {}
     for k, noise in found.items():
         known.setdefault(series[k].kind, []).append(noise)
-    more = {}
+    more: dict[int, SeriesNoise] = {}
     for kind, noises in known.items():
         tau_s = np.exp(np.mean([[math.log(one.correlation_time_s)] for one in noises], axis=0))
         coloured = np.mean([[one.coloured.sum()] for one in noises], axis=0)

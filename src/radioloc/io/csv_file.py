@@ -71,12 +71,15 @@ def batches_of(
 
 
 def _cells(column: Any, rows: slice, decimals: int | None) -> pyarrow.Array:
+    part: Any = column.codes[rows] if isinstance(column, Labels) else column[rows]
     match column:
         case Epochs():
-            return date_texts(column[rows])
+            # Observations of one instant stand one after another in dense data.
+            new = np.ones(len(part), dtype=bool)
+            new[1:] = (part.jd[1:] != part.jd[:-1]) | (part.fraction[1:] != part.fraction[:-1])
+            return _label_texts(np.cumsum(new) - 1, utc_to_text(part[new]).tolist())
         case Labels():
-            return _label_texts(column.codes[rows], column.texts)
-    part = column[rows]
+            return _label_texts(part, column.texts)
     if decimals is not None:
         # Python's formatting is exact; one operation for many numbers is twice as fast as one for each.
         values = part.tolist()
@@ -88,19 +91,9 @@ def _cells(column: Any, rows: slice, decimals: int | None) -> pyarrow.Array:
 
 
 def _texts(values: ArrayLike) -> pyarrow.Array:
-    """Texts as they are."""
     return pyarrow.array(np.asarray(values, dtype=np.str_).tolist(), pyarrow.string())
 
 
 def _label_texts(codes: NDArray[Any], labels: Sequence[str]) -> pyarrow.Array:
     """Texts of which few differ, from an index into them."""
-    texts = pyarrow.array(labels or [""], pyarrow.string())
-    return pyarrow.DictionaryArray.from_arrays(pyarrow.array(codes), texts)
-
-
-def date_texts(utc: Epochs) -> pyarrow.Array:
-    """Dates as :func:`radioloc.io.dates.utc_to_text` writes them."""
-    # Observations of one instant stand one after another in dense data.
-    new = np.ones(len(utc), dtype=bool)
-    new[1:] = (utc.jd[1:] != utc.jd[:-1]) | (utc.fraction[1:] != utc.fraction[:-1])
-    return _label_texts(np.cumsum(new) - 1, utc_to_text(utc[new]).tolist())
+    return pyarrow.DictionaryArray.from_arrays(pyarrow.array(codes), _texts(labels or [""]))

@@ -21,7 +21,7 @@ from radioloc.io.tdm.message import TdmFile
 from radioloc.io.tdm.write import write_tdm
 from radioloc.io.tdm.xml import looks_like_xml, parse_xml
 from radioloc.measurements.observations import Observations
-from radioloc.text_files import read_blocks, read_lines, read_text
+from radioloc.text_files import head_of, read_lines, read_text
 
 __all__ = [
     "TdmAgreement",
@@ -33,8 +33,8 @@ __all__ = [
     "tdm_observations",
     "write_tdm",
 ]
-# Characters among which a file's first line is.
-_START = 20_000
+# Among which a file's first line is.
+_START_BYTES = 20_000
 
 
 def looks_like_tdm(lines: Sequence[str]) -> bool:
@@ -50,11 +50,10 @@ def read_tdm_file(path: str | Path) -> TdmFile:
     FileFormatError
         The file cannot be read, is no message, was cut, or holds what the standard does not allow. Names the line.
     """
-    _, block = next(read_blocks(path))
-    start = block.decode()
+    start = head_of(path, _START_BYTES).decode(errors="replace")
     if looks_like_xml(start):
         return parse_xml(path, read_text(path))
-    if looks_like_kvn(start[:_START].split("\n")):
+    if looks_like_kvn(start.splitlines()):
         return parse_kvn(path, read_lines(path))
     first = next(line for line in read_lines(path) if line.strip())
     problem = f"starts with {first[:40]!r}; a TDM starts with CCSDS_TDM_VERS = 2.0, or is XML with <tdm>"

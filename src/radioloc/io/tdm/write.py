@@ -14,12 +14,12 @@ Source: CCSDS 503.0-B-2 (2020), chapters 3 to 5.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from datetime import UTC, datetime
 from decimal import Decimal
 from html import escape
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -138,21 +138,20 @@ def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
         np.where(differenced, np.nan_to_num(observations.wavelength_um), 0.0),
         *(np.isnan(getattr(observations, column)) for column in WEATHER.values()),
     ]
-    group = np.zeros(len(observations), dtype=np.int64)
-    for key in alike:
-        # Most are the same for all rows.
-        if key.min() != key.max():
-            different, place = np.unique(key, return_inverse=True)
-            _, group = np.unique(group * len(different) + place, return_inverse=True)
-    order = np.lexsort((observations.epoch.fraction, observations.epoch.jd, group))
+    # Most are the same for all rows.
+    keys = [key for key in alike if key.min() != key.max()]
+    order = np.lexsort((observations.epoch.fraction, observations.epoch.jd, *reversed(keys)))
+    new = np.ones(len(order), dtype=bool)
+    new[1:] = np.any([key[order[1:]] != key[order[:-1]] for key in keys], axis=0) if keys else False
     epoch = observations.epoch[order]
-    same = (np.diff(group[order]) == 0) & (np.diff(epoch.jd) == 0.0) & (np.diff(epoch.fraction) == 0.0)
+    later = np.concatenate([[True], (np.diff(epoch.jd) != 0.0) | (np.diff(epoch.fraction) != 0.0)])
     # Of several at one epoch the second goes to a second segment, and so on.
-    start = np.maximum.accumulate(np.where(np.concatenate([[True], ~same]), np.arange(len(order)), 0))
-    turn = np.arange(len(order)) - start
-    again = np.lexsort((np.arange(len(order)), turn, group[order]))
-    keys = np.stack([group[order][again], turn[again]])
-    yield from np.split(order[again], np.flatnonzero((np.diff(keys) != 0).any(axis=0)) + 1)
+    place = np.arange(len(order))
+    turn = place - np.maximum.accumulate(np.where(new | later, place, 0))
+    group = np.cumsum(new)
+    again = np.lexsort((turn, group))
+    begins = (np.diff(group[again]) != 0) | (np.diff(turn[again]) != 0)
+    yield from np.split(order[again], np.flatnonzero(begins) + 1)
 
 
 def _participants(link: Link) -> tuple[tuple[str, ...], int, dict[str, str]]:
@@ -223,71 +222,55 @@ def _inverse(
     return np.select([forward(candidate) == wanted for candidate in near], near, default=guess)
 
 
-class _Syntax(NamedTuple):
-    """What stands before the header and after it, before metadata and data, behind data, and at the end.
-
-    A field or comment has its keyword and text in two places; a record is what stands before its epoch, between that
-    and the value, and behind, with the keyword.
-    """
-
-    header: str
-    body: str
-    metadata: str
-    data: str
-    stop: str
-    end: str
-    field: str
-    comment: str
-    record: tuple[str, str, str]
-
-
-_KVN = _Syntax(
-    header="CCSDS_TDM_VERS = 2.0",
-    body="",
-    metadata="META_START",
-    data="META_STOP\nDATA_START",
-    stop="DATA_STOP",
-    end="",
-    field="{} = {}",
-    comment="{} {}",
-    record=("{} = ", " ", ""),
-)
-_XML = _Syntax(
-    header='<?xml version="1.0" encoding="UTF-8"?>\n'
+# What stands before the header and after it, before metadata and data, behind data, and at the end; a field and a
+# comment of a keyword and a text; a record of a keyword around its epoch and value.
+_KVN = {
+    "header": "CCSDS_TDM_VERS = 2.0",
+    "body": "",
+    "metadata": "META_START",
+    "data": "META_STOP\nDATA_START",
+    "stop": "DATA_STOP",
+    "end": "",
+    "field": "{0} = {1}",
+    "comment": "{0} {1}",
+    "record": "{0} = %s %s",
+}
+_XML = {
+    "header": '<?xml version="1.0" encoding="UTF-8"?>\n'
     '<tdm xmlns:xsi="http://www.w3.org/2001/XMLSchema-instance" '
     'xsi:noNamespaceSchemaLocation="https://sanaregistry.org/r/ndmxml_unqualified/ndmxml-2.0.0-master-2.0.xsd" '
     'id="CCSDS_TDM_VERS" version="2.0">\n<header>',
-    body="</header>\n<body>",
-    metadata="<segment>\n<metadata>",
-    data="</metadata>\n<data>",
-    stop="</data>\n</segment>",
-    end="</body>\n</tdm>",
-    field="<{0}>{1}</{0}>",
-    comment="<{0}>{1}</{0}>",
-    record=("<observation><EPOCH>", "</EPOCH><{}>", "</{}></observation>"),
-)
+    "body": "</header>\n<body>",
+    "metadata": "<segment>\n<metadata>",
+    "data": "</metadata>\n<data>",
+    "stop": "</data>\n</segment>",
+    "end": "</body>\n</tdm>",
+    "field": "<{0}>{1}</{0}>",
+    "comment": "<{0}>{1}</{0}>",
+    "record": "<observation><EPOCH>%s</EPOCH><{0}>%s</{0}></observation>",
+}
 
 
-def _blocks(message: TdmFile, syntax: _Syntax) -> Iterator[bytes]:
+def _blocks(message: TdmFile, syntax: Mapping[str, str]) -> Iterator[bytes]:
     header = message.header
     fields = {"CREATION_DATE": header.creation_date, "ORIGINATOR": header.originator}
     fields |= {"MESSAGE_ID": header.message_id} if header.message_id else {}
-    yield _lines(syntax.header, *_fields(syntax, header.comments, fields), syntax.body)
+    yield _lines(syntax["header"], *_fields(syntax, header.comments, fields), syntax["body"])
     for segment in message.segments:
         metadata = {**segment.metadata, "TIME_SYSTEM": "UTC"}
         fields = {keyword: metadata[keyword] for keyword in METADATA if keyword in metadata}
-        yield _lines(syntax.metadata, *_fields(syntax, segment.comments, fields))
-        yield _lines(syntax.data, *_fields(syntax, segment.data_comments, {}))
-        yield from _records(segment, syntax.record)
-        yield _lines(syntax.stop)
-    yield _lines(syntax.end)
+        yield _lines(syntax["metadata"], *_fields(syntax, segment.comments, fields))
+        yield _lines(syntax["data"], *_fields(syntax, segment.data_comments, {}))
+        yield from _records(segment, syntax["record"])
+        yield _lines(syntax["stop"])
+    yield _lines(syntax["end"])
 
 
 def _lines(*texts: str) -> bytes:
     return "".join(f"{text}\n" for text in texts if text).encode()
 
 
-def _fields(syntax: _Syntax, comments: Iterable[str], fields: dict[str, str]) -> Iterator[str]:
+def _fields(syntax: Mapping[str, str], comments: Iterable[str], fields: dict[str, str]) -> Iterator[str]:
     """Comments and keywords with their texts, which must be printable ASCII; those of keywords not empty."""
     for keyword, text in fields.items():
         if not text.strip():
@@ -296,16 +279,18 @@ def _fields(syntax: _Syntax, comments: Iterable[str], fields: dict[str, str]) ->
     for keyword, text in (*said, *fields.items()):
         if not (text.isascii() and text.isprintable()):
             raise InputError(f"{text!r} cannot stand in a TDM; give printable ASCII text of one line")
-        form = syntax.comment if keyword == "COMMENT" else syntax.field
+        form = syntax["comment"] if keyword == "COMMENT" else syntax["field"]
         yield form.format(keyword, escape(text, quote=False) if syntax is _XML else text)
 
 
-def _records(segment: TdmSegment, around: tuple[str, str, str]) -> Iterator[bytes]:
-    """Records as lines: what stands before the epoch, between it and the value, and behind (``{}``: keyword)."""
+def _records(segment: TdmSegment, syntax: str) -> Iterator[bytes]:
+    """Records as lines."""
     import pyarrow as pa
     import pyarrow.compute as pc
 
-    before, between, behind = (pa.array([text.format(keyword) for keyword in DATA]) for text in around)
+    before, between, behind = (
+        pa.array([text.format(keyword) for keyword in DATA]) for text in syntax.split("%s")
+    )
     units = segment.metadata.get("RANGE_UNITS", "km")
     for start in range(0, len(segment.line), _ROWS_AT_ONCE):
         rows = slice(start, start + _ROWS_AT_ONCE)

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.text_files import read_blocks
@@ -55,11 +55,14 @@ class BlqCoefficients:
 
     def __post_init__(self) -> None:
         for field, unit in (("amplitude_m", "m"), ("phase_lag_rad", "rad")):
-            object.__setattr__(
-                self,
-                field,
-                _frozen_table(in_unit(getattr(self, field), unit, field), f"{field} of {self.site!r}"),
-            )
+            table = np.array(in_unit(getattr(self, field), unit, field), dtype=np.float64)
+            wanted = f"{field} of {self.site!r} must be 3 x {len(CONSTITUENTS)} finite numbers"
+            if table.shape != (3, len(CONSTITUENTS)):
+                raise InputError(f"{wanted}, but has shape {table.shape}")
+            if not np.isfinite(table).all():
+                raise InputError(f"{wanted}, but holds one that is not")
+            table.setflags(write=False)
+            object.__setattr__(self, field, table)
         if (self.amplitude_m < 0.0).any() or (self.amplitude_m > _LARGEST_AMPLITUDE_M).any():
             raise InputError(
                 f"ocean loading of {self.site!r} has amplitudes from {self.amplitude_m.min():g} to "
@@ -68,18 +71,6 @@ class BlqCoefficients:
 
     def __repr__(self) -> str:
         return f"<BlqCoefficients {self.site}, M2 up {self.amplitude_m[0, 0] * 1e3:.1f} mm, {self.source}>"
-
-
-def _frozen_table(values: ArrayLike, what: str) -> NDArray[np.float64]:
-    table = np.array(values, dtype=np.float64)
-    if table.shape != (3, len(CONSTITUENTS)):
-        raise InputError(f"{what} must be 3 x {len(CONSTITUENTS)} numbers, but has shape {table.shape}")
-    if not np.isfinite(table).all():
-        raise InputError(
-            f"{what} holds a number that is not finite; give 3 x {len(CONSTITUENTS)} finite ones"
-        )
-    table.setflags(write=False)
-    return table
 
 
 def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
@@ -107,7 +98,10 @@ def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:
     rows: list[list[float]] = []
     for number, line in _table_lines(text):
         if line.startswith("$$"):
-            _check_column_order(line, path, number)
+            order = re.search(r"COLUMN ORDER:\s*(.*)", line, re.IGNORECASE)
+            if order and tuple(order[1].upper().split()) != CONSTITUENTS:
+                problem = f"columns are {order[1].strip()!r}, but only {' '.join(CONSTITUENTS)!r} can be read"
+                raise FileFormatError(path, problem, number)
             model = re.search(r"Ocean tide model:?\s*(\S.*)", line, re.IGNORECASE)
             if model and not name:
                 header_source = model[1].strip()
@@ -147,14 +141,6 @@ def _table_lines(text: str) -> Iterator[tuple[int, str]]:
         in_mail_head = in_mail_head and (not line.strip() or bool(re.match(r"[A-Za-z-]+\s*:", line)))
         if line.strip() and not in_mail_head:
             yield number, line
-
-
-def _check_column_order(line: str, path: str | Path, number: int) -> None:
-    found = re.search(r"COLUMN ORDER:\s*(.*)", line, re.IGNORECASE)
-    if found and tuple(found[1].upper().split()) != CONSTITUENTS:
-        raise FileFormatError(
-            path, f"columns are {found[1].strip()!r}, but only {' '.join(CONSTITUENTS)!r} can be read", number
-        )
 
 
 def _read_row(line: str, name: str, index: int, path: str | Path, number: int) -> list[float]:

@@ -201,35 +201,36 @@ class EopTable:
         return EopValues(*(*value.T, *rate.T, self.predicted[stencil].any(axis=1)))
 
     def _require_covered(self, tt: Epochs) -> None:
-        if not len(tt):
-            return
         after_first = tt.seconds_since(self._nodes_tt[np.zeros(len(tt), dtype=np.int64)])
         before_last = self._nodes_tt[np.full(len(tt), -1)].seconds_since(tt)
-        outside = (after_first < 0.0) | (before_last < 0.0)
-        if outside.any():
-            days = np.sort(tt[outside].day_strings())
-            early = bool((after_first < 0.0).any())
-            raise CoverageError(
-                "the table of Earth orientation",
-                (f"{self.first_date} UTC", f"{self.last_date} UTC"),
-                (f"{days[0]} TT", f"{days[-1]} TT"),
-                "tables begin in 1972, when the present UTC did"
-                if early and self.mjd_utc[0] == _MJD_1972
-                else "update astropy-iers-data, or read a file that covers it with EopTable.from_file",
-            )
+        early = bool((after_first < 0.0).any())
+        _refuse(
+            tt[(after_first < 0.0) | (before_last < 0.0)],
+            "the table of Earth orientation",
+            self.mjd_utc,
+            "tables begin in 1972, when the present UTC did"
+            if early and self.mjd_utc[0] == _MJD_1972
+            else "update astropy-iers-data, or read a file that covers it with EopTable.from_file",
+        )
 
     def _require_given(self, tt: Epochs, node_values: NDArray[np.float64]) -> None:
-        missing = ~np.isfinite(node_values).all(axis=(1, 2))
-        if missing.any():
-            days = np.sort(tt[missing].day_strings())
-            given = self.mjd_utc[np.isfinite(self._values).all(axis=1)]
-            raise CoverageError(
-                "the table of celestial pole offsets dX, dY",
-                (f"{_day(given[0])} UTC", f"{_day(given[-1])} UTC") if len(given) else ("no date", "none"),
-                (f"{days[0]} TT", f"{days[-1]} TT"),
-                "two days are needed on each side: update astropy-iers-data, or for planning accept 1 cm "
-                "and use EopTable.with_pole_offsets_held",
-            )
+        _refuse(
+            tt[~np.isfinite(node_values).all(axis=(1, 2))],
+            "the table of celestial pole offsets dX, dY",
+            self.mjd_utc[np.isfinite(self._values).all(axis=1)],
+            "two days are needed on each side: update astropy-iers-data, or for planning accept 1 cm "
+            "and use EopTable.with_pole_offsets_held",
+        )
+
+
+def _refuse(wrong: Epochs, source: str, mjd_utc: NDArray[np.float64], advice: str) -> None:
+    """Raise :class:`CoverageError` if there is any epoch at which days of a table do not serve."""
+    if len(wrong):
+        days = np.sort(wrong.day_strings())
+        covered = (
+            [f"{_day(mjd)} UTC" for mjd in (mjd_utc[0], mjd_utc[-1])] if len(mjd_utc) else ["no date", "none"]
+        )
+        raise CoverageError(source, (covered[0], covered[1]), (f"{days[0]} TT", f"{days[-1]} TT"), advice)
 
 
 def _cubic_through(

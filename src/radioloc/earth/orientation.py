@@ -107,7 +107,9 @@ class EarthOrientation:
 
         spin_rad_s = 2 * np.pi * (1.0 + _ERA_EXCESS_TURNS_PER_DAY) / SECONDS_PER_DAY * ut1_per_tt
         pole = gcrs_to_cirs[:, 2]
-        pole_rate = _pole_rate(pole, x_rate + eop.dx_rate_rad_s, y_rate + eop.dy_rate_rad_s)
+        x_rate, y_rate = x_rate + eop.dx_rate_rad_s, y_rate + eop.dy_rate_rad_s
+        z_rate = -(pole[:, 0] * x_rate + pole[:, 1] * y_rate) / pole[:, 2]
+        pole_rate = np.stack([x_rate, y_rate, z_rate], axis=-1)
         angular_velocity = spin_rad_s[:, None] * pole + np.cross(pole, pole_rate)
         rate = np.cross(angular_velocity[:, None, :], np.swapaxes(rotation, -1, -2))
         rate = np.swapaxes(rate, -1, -2) + rotation @ _polar_motion_rate(
@@ -145,20 +147,9 @@ def _celestial_pole(tt: Epochs) -> NDArray[np.float64]:
 
     The rates are from IAU 2006/2000B, ten times faster and within 4e-14 rad/s of 2000A (0.3 um/s on the ground).
     """
-    after = erfa.xys00b(tt.jd, tt.fraction + _CIP_STEP_D)
-    before = erfa.xys00b(tt.jd, tt.fraction - _CIP_STEP_D)
-    rates = [
-        (a - b) / (2 * _CIP_STEP_D * SECONDS_PER_DAY) for a, b in zip(after[:2], before[:2], strict=True)
-    ]
+    after, before = (np.stack(erfa.xys00b(tt.jd, tt.fraction + d)[:2]) for d in (_CIP_STEP_D, -_CIP_STEP_D))
+    rates = (after - before) / (2 * _CIP_STEP_D * SECONDS_PER_DAY)
     return np.stack([*erfa.xys06a(tt.jd, tt.fraction), *rates], axis=-1)
-
-
-def _pole_rate(
-    pole: NDArray[np.float64], x_rate: NDArray[np.float64], y_rate: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Rate of the celestial intermediate pole's unit vector in the GCRS, 1/s, shape (n, 3)."""
-    z_rate = -(pole[:, 0] * x_rate + pole[:, 1] * y_rate) / pole[:, 2]
-    return np.stack([x_rate, y_rate, z_rate], axis=-1)
 
 
 def _polar_motion_rate(xp_rate: NDArray[np.float64], yp_rate: NDArray[np.float64]) -> NDArray[np.float64]:

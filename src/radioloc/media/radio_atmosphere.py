@@ -25,8 +25,9 @@ from numpy.typing import NDArray
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import Station
 from radioloc.errors import CoverageError, InputError
-from radioloc.media.gpt3 import Gpt3Grid, Gpt3Values, read_gpt3
+from radioloc.media.gpt3 import Gpt3Grid, read_gpt3
 from radioloc.media.mapping_functions import (
+    Floats,
     MappingFactors,
     day_of_year,
     mapping_factors,
@@ -44,6 +45,10 @@ from radioloc.media.neutral_atmosphere import (
 from radioloc.media.text_numbers import ENCODING
 from radioloc.media.vmf3_files import Vmf3Grids, Vmf3Site, Vmf3Values, read_vmf3_grids, read_vmf3_sites
 from radioloc.text_files import read_lines
+from radioloc.time import Epochs
+
+_HEIGHT_M = (-500.0, 9000.0)
+"""Heights of stations for which the models of the air hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +59,13 @@ class ZenithAir:
     station above that for which the hydrostatic ones hold, (n,).
     """
 
-    hydrostatic_m: NDArray[np.float64]
-    wet_m: NDArray[np.float64]
-    hydrostatic_abc: NDArray[np.float64]
-    wet_abc: NDArray[np.float64]
-    height_above_a_m: NDArray[np.float64]
+    hydrostatic_m: Floats
+    wet_m: Floats
+    hydrostatic_abc: Floats
+    wet_abc: Floats
+    height_above_a_m: Floats
 
-    def mapping(self, elevation_rad: NDArray[np.float64], rows: NDArray[np.intp] | slice) -> MappingFactors:
+    def mapping(self, elevation_rad: Floats, rows: NDArray[np.intp] | slice) -> MappingFactors:
         """Mapping functions of some rows, at their elevations."""
         hydrostatic_abc, wet_abc = [*self.hydrostatic_abc[rows].T], [*self.wet_abc[rows].T]
         return mapping_factors(elevation_rad, self.height_above_a_m[rows], hydrostatic_abc, wet_abc)
@@ -93,83 +98,97 @@ class RadioAtmosphere:
             "or leave out [model] vmf3"
         )
 
-    def at(self, end: LegEnd) -> ZenithAir:
-        """Air above the stations at one end of paths, where signals are radio.
-
-        Raises :class:`CoverageError` or :class:`InputError`, naming files and station, where the files do not have a
-        station, its place or an epoch.
-        """
-        air = _nothing_filled(len(end))
-        for i, station in enumerate(end.stations):
-            rows = np.flatnonzero(end.radio & (end.which == i))
-            if not len(rows):
-                continue
-            files = self.vmf3_files if self.source_of(station) == "VMF3" else self.gpt3_files
-            try:
-                self._fill(air, station, rows, end)
-            except (CoverageError, InputError) as error:
-                error.args = (f"{_named(files)}, for station {station.name}: {error}",)
-                raise
-        return air
-
     def _site(self, station: Station) -> Vmf3Site | None:
         names = {name.upper() for name in (station.name, *station.aliases)}
         return next((site for name, site in self.sites.items() if name.upper() in names), None)
 
-    def _fill(self, air: ZenithAir, station: Station, rows: NDArray[np.intp], end: LegEnd) -> None:
-        epochs, weather = end.epoch[rows], _recorded_here(end, rows)
-        geodetic = geodetic_from_itrf(station.itrf_m)
-        latitude_rad, longitude_rad = float(geodetic.latitude_rad), float(geodetic.longitude_rad)
-        height_m = float(geodetic.height_m)
+    def above(
+        self, station: Station, place: tuple[float, float, float], epochs: Epochs, recorded: Floats
+    ) -> tuple[Floats, ...]:
+        """Air above a station as :class:`ZenithAir` has it; arguments as :func:`air_by_weather`.
+
+        Raises :class:`CoverageError` or :class:`InputError`, naming files and station, where the files do not have the
+        station, its place or an epoch.
+        """
+        files = self.vmf3_files if self.source_of(station) == "VMF3" else self.gpt3_files
         source = self._site(station) or self.grids or self.gpt3
         assert source is not None  # refused before
-        found = source.at(epochs, latitude_rad, longitude_rad, height_m)
-        if isinstance(found, Vmf3Values):
-            air.hydrostatic_m[rows], air.wet_m[rows] = found.zenith_hydrostatic_m, found.zenith_wet_m
-            air.height_above_a_m[rows] = found.height_above_a_m
-        else:
-            air.hydrostatic_m[rows] = zenith_hydrostatic_delay_m(found.pressure_hpa, latitude_rad, height_m)
-            air.wet_m[rows] = _wet_of_climate(found, weather)
-            air.height_above_a_m[rows] = height_m
-        measured = ~np.isnan(weather[0])
-        air.hydrostatic_m[rows[measured]] = zenith_hydrostatic_delay_m(
-            weather[0][measured], latitude_rad, height_m
-        )
+        try:
+            found = source.at(epochs, *place)
+        except (CoverageError, InputError) as error:
+            error.args = (f"{_named(files)}, for station {station.name}: {error}",)
+            raise
+        latitude_rad, longitude_rad, height_m = place
         b_h, b_w, c_h, c_w = vmf3_bc(latitude_rad, longitude_rad, day_of_year(epochs))
-        air.hydrostatic_abc[rows] = np.stack([found.hydrostatic_a, b_h, c_h], axis=-1)
-        air.wet_abc[rows] = np.stack([found.wet_a, b_w, c_w], axis=-1)
+        by_pressure_m = zenith_hydrostatic_delay_m(recorded[0], latitude_rad, height_m)
+        if isinstance(found, Vmf3Values):
+            hydrostatic_m, wet_m = found.zenith_hydrostatic_m, found.zenith_wet_m
+            height_m = found.height_above_a_m
+        else:
+            hydrostatic_m = zenith_hydrostatic_delay_m(found.pressure_hpa, latitude_rad, height_m)
+            vapour_hpa = water_vapour_pressure_hpa(recorded[1], recorded[2], recorded[0])
+            wet_m = zenith_wet_delay_askne_nordius_m(
+                np.where(np.isnan(vapour_hpa), found.vapour_pressure_hpa, vapour_hpa),
+                found.mean_temperature_k,
+                found.vapour_decrease_factor,
+            )
+        return (
+            np.where(np.isnan(by_pressure_m), hydrostatic_m, by_pressure_m),
+            wet_m,
+            np.stack([found.hydrostatic_a, b_h, c_h], axis=-1),
+            np.stack([found.wet_a, b_w, c_w], axis=-1),
+            np.full(len(epochs), height_m),
+        )
 
 
-def air_without_files(end: LegEnd) -> ZenithAir:
-    """Air above stations, for radio signals, by recorded weather or else by the standard atmosphere.
+def air_by_weather(place: tuple[float, float, float], epochs: Epochs, recorded: Floats) -> tuple[Floats, ...]:
+    """Air above a place as :class:`ZenithAir` has it, by recorded weather or else by the standard atmosphere.
 
-    The hydrostatic delay needs the pressure only; the wet one temperature and humidity, both or neither.
+    The place is latitude, longitude (rad) and height (m); recorded are pressure (hPa), temperature (K) and relative
+    humidity, or NaN, shape (3, n). The hydrostatic delay needs the pressure only; the wet one temperature and humidity,
+    both or neither.
 
     Zenith delays of Saastamoinen (Davis et al. 1985), mapping functions of Niell (1996).
     """
-    air = _nothing_filled(len(end))
-    rows = np.flatnonzero(end.radio)
-    places = [geodetic_from_itrf(station.itrf_m) for station in end.stations]
-    latitude_rad = end.of_station([float(place.latitude_rad) for place in places])[rows]
-    height_m = end.of_station([float(place.height_m) for place in places])[rows]
-    recorded, standard = _recorded_here(end, rows), standard_weather(height_m)
-    pressure = np.where(np.isnan(recorded[0]), standard[0], recorded[0])
+    latitude_rad, _, height_m = (np.full(len(epochs), value) for value in place)
+    standard = standard_weather(height_m)
+    pressure_hpa = np.where(np.isnan(recorded[0]), standard[0], recorded[0])
     dry = np.isnan(recorded[1:]).any(axis=0)
-    temperature, humidity = np.where(dry, standard[1:], recorded[1:])
-    vapour_hpa = water_vapour_pressure_hpa(temperature, humidity, pressure)
-    hydrostatic, wet = niell_coefficients(latitude_rad, day_of_year(end.epoch[rows]))
-    air.hydrostatic_m[rows] = zenith_hydrostatic_delay_m(pressure, latitude_rad, height_m)
-    air.wet_m[rows] = zenith_wet_delay_m(vapour_hpa, temperature)
-    air.hydrostatic_abc[rows], air.wet_abc[rows] = np.stack(hydrostatic, axis=-1), np.stack(wet, axis=-1)
-    air.height_above_a_m[rows] = height_m
-    return air
+    temperature_k, humidity = np.where(dry, standard[1:], recorded[1:])
+    vapour_hpa = water_vapour_pressure_hpa(temperature_k, humidity, pressure_hpa)
+    hydrostatic, wet = niell_coefficients(latitude_rad, day_of_year(epochs))
+    return (
+        zenith_hydrostatic_delay_m(pressure_hpa, latitude_rad, height_m),
+        zenith_wet_delay_m(vapour_hpa, temperature_k),
+        np.stack(hydrostatic, axis=-1),
+        np.stack(wet, axis=-1),
+        height_m,
+    )
 
 
-def _recorded_here(end: LegEnd, rows: NDArray[np.intp]) -> NDArray[np.float64]:
-    """Pressure (hPa), temperature (K) and relative humidity recorded at the stations themselves, else NaN, (3, n)."""
+def air_above(end: LegEnd, files: RadioAtmosphere | None) -> ZenithAir:
+    """Air above the stations at one end of paths, where signals are radio."""
+    n = len(end)
+    air = tuple(np.full(shape, np.nan) for shape in (n, n, (n, 3), (n, 3), n))
     weather = end.weather
-    recorded = (weather.pressure_hpa, weather.temperature_k, weather.relative_humidity)
-    return np.where(end.weather_is_here[rows], np.stack([values[rows] for values in recorded]), np.nan)
+    recorded = np.stack([weather.pressure_hpa, weather.temperature_k, weather.relative_humidity])
+    recorded = np.where(end.weather_is_here, recorded, np.nan)
+    for i, station in enumerate(end.stations):
+        geodetic = geodetic_from_itrf(station.itrf_m)
+        place = float(geodetic.latitude_rad), float(geodetic.longitude_rad), float(geodetic.height_m)
+        if not _HEIGHT_M[0] <= place[2] <= _HEIGHT_M[1]:
+            raise InputError(
+                f"the height of {station.name} is {place[2]:.6g} m, but the troposphere holds from "
+                f"{_HEIGHT_M[0]:g} to {_HEIGHT_M[1]:g} m"
+            )
+        rows = np.flatnonzero(end.radio & (end.which == i))
+        if not len(rows):
+            continue
+        here = end.epoch[rows], recorded[:, rows]
+        found = air_by_weather(place, *here) if files is None else files.above(station, place, *here)
+        for whole, part in zip(air, found, strict=True):
+            whole[rows] = part
+    return ZenithAir(*air)
 
 
 def read_radio_atmosphere(
@@ -217,25 +236,10 @@ def read_radio_atmosphere(
     )
 
 
-def _nothing_filled(n: int) -> ZenithAir:
-    return ZenithAir(*(np.full(shape, np.nan) for shape in (n, n, (n, 3), (n, 3), n)))
-
-
 def _is_map(file: Path) -> bool:
     """Maps begin with lines of ``! Name: content``, of which one names the types of data."""
     return any(
         line.lstrip(" !").startswith("Data_types") for line in islice(read_lines(file, encoding=ENCODING), 20)
-    )
-
-
-def _wet_of_climate(climate: Gpt3Values, recorded: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Wet delay of GPT3, by the humidity of the day where that was recorded."""
-    pressure_hpa, temperature_k, humidity = recorded
-    vapour_hpa = water_vapour_pressure_hpa(temperature_k, humidity, pressure_hpa)
-    return zenith_wet_delay_askne_nordius_m(
-        np.where(np.isnan(vapour_hpa), climate.vapour_pressure_hpa, vapour_hpa),
-        climate.mean_temperature_k,
-        climate.vapour_decrease_factor,
     )
 
 

@@ -12,16 +12,14 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.errors import InputError
 from radioloc.media.medium import Leg, LegDelay, LegEnd
 from radioloc.media.neutral_atmosphere import optical_delay
-from radioloc.media.radio_atmosphere import RadioAtmosphere, ZenithAir, air_without_files
+from radioloc.media.radio_atmosphere import RadioAtmosphere, ZenithAir, air_above
 from radioloc.media.status import LEAST_ELEVATION_RAD, WAVELENGTH_RANGE_UM, Status, first_of
 
-_HEIGHT_M = (-500.0, 9000.0)
 _WEATHER = {"pressure_hpa": (300.0, 1100.0, "hPa"), "temperature_k": (200.0, 340.0, "K")}
-"""Least and most for which the model of the air above a station holds."""
+"""Least and most for which the models of the air hold."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,13 +37,6 @@ class Troposphere:
 
     def prepare(self, end: LegEnd) -> ZenithAir:
         """The air above the stations that radio signals meet."""
-        for station in end.stations:
-            height_m = float(geodetic_from_itrf(station.itrf_m).height_m)
-            if not _HEIGHT_M[0] <= height_m <= _HEIGHT_M[1]:
-                raise InputError(
-                    f"the height of {station.name} is {height_m:.6g} m, but the troposphere holds from "
-                    f"{_HEIGHT_M[0]:g} to {_HEIGHT_M[1]:g} m"
-                )
         for name, (least, most, unit) in _WEATHER.items():
             recorded = getattr(end.weather, name)
             wrong = recorded[(recorded < least) | (recorded > most)]
@@ -53,7 +44,7 @@ class Troposphere:
                 raise InputError(
                     f"{name} is {wrong[0]:.6g}, but the troposphere holds from {least:g} to {most:g} {unit}"
                 )
-        return air_without_files(end) if self.files is None else self.files.at(end)
+        return air_above(end, self.files)
 
     def delay(self, leg: Leg, prepared: ZenithAir) -> LegDelay:
         """Delay along the ray, its derivative with respect to elevation and, of radio, to the wet zenith delay."""

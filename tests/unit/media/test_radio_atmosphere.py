@@ -28,7 +28,7 @@ from radioloc.media.neutral_atmosphere import (
     zenith_hydrostatic_delay_m,
     zenith_wet_delay_askne_nordius_m,
 )
-from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
+from radioloc.media.radio_atmosphere import RadioAtmosphere, air_above, read_radio_atmosphere
 from radioloc.media.vmf3_files import Vmf3Grids
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai, utc_to_tt
 
@@ -116,7 +116,7 @@ def test_zenith_delays_and_coefficients_of_vmf3(sites):
 
 def test_epochs_are_utc(sites):
     """Read as TT they would be 69 s off; the wet delay grows by 0.12 m in six hours."""
-    air = sites.at(dataclasses.replace(end(2, station="SESHAN25"), epoch=utc_to_tt(UTC)))
+    air = air_above(dataclasses.replace(end(2, station="SESHAN25"), epoch=utc_to_tt(UTC)), sites)
     np.testing.assert_allclose(air.wet_m, 0.12 + 0.12 * SHARE, rtol=0.0, atol=1e-9)
 
 

@@ -29,29 +29,15 @@ _LARGEST_AMPLITUDE_M = 0.3
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BlqCoefficients:
-    """Ocean tide loading of one site.
+    """Ocean tide loading of one site; shapes (3, 11), rows up, west, south, columns as :data:`CONSTITUENTS`.
 
-    Parameters
-    ----------
-    site : str
-        Name of the site in its file.
-    amplitude_m : array_like, shape (3, 11)
-        Amplitudes, m: rows up, west, south; columns as :data:`CONSTITUENTS`.
-    phase_lag_rad : array_like, shape (3, 11)
-        Phase lags at Greenwich, rad, positive when the displacement follows the tide.
-    source : str
-        Ocean tide model and who computed it.
-
-    Raises
-    ------
-    InputError
-        A shape is wrong, a number is not finite, or an amplitude is negative or above 0.3 m (not in metres?).
+    :class:`InputError` where a shape is wrong, a number not finite, or an amplitude negative or above 0.3 m.
     """
 
-    site: str
+    site: str  # its name in the file
     amplitude_m: NDArray[np.float64]
-    phase_lag_rad: NDArray[np.float64]
-    source: str
+    phase_lag_rad: NDArray[np.float64]  # at Greenwich, positive when the displacement follows the tide
+    source: str  # ocean tide model and who computed it
 
     def __post_init__(self) -> None:
         for field, unit in (("amplitude_m", "m"), ("phase_lag_rad", "rad")):

@@ -149,20 +149,10 @@ class Station:
 
 
 class StationCatalogue:
-    """Stations by name; immutable.
+    """Stations by name and aliases, whatever their case; immutable.
 
-    Names and aliases are found whatever their case. Build one from stations of your own, or start from
-    :meth:`default` and add to it with :meth:`with_station`.
-
-    Parameters
-    ----------
-    stations : iterable of Station
-        The stations, each found by its name and its aliases.
-
-    Raises
-    ------
-    StationError
-        Two stations share a name or an alias.
+    Build one from stations of your own, or start from :meth:`default` and add to it with :meth:`with_station`. Two
+    stations that share a name or an alias are a :class:`StationError`.
     """
 
     __slots__ = ("_by_key", "_stations")
@@ -189,10 +179,7 @@ class StationCatalogue:
     def get(self, name: str | int) -> Station:
         """Find a station by its name, an alias or its CDP pad number, whatever the case.
 
-        Raises
-        ------
-        StationError
-            There is no such station; the message lists what comes close and how to add one.
+        If there is none, a :class:`StationError` lists what comes close and how to add one.
 
         Examples
         --------

@@ -39,13 +39,13 @@ SINGLE_PRECISION_TOL_UAS = 1e-9
 
 
 def test_zonal_tides_give_the_value_of_rg_zont2():
-    ut1_s, ut1_rate = eop_tides.zonal_tides(RG_ZONT2["centuries"])
+    ut1_s, ut1_rate = eop_tides.zonal_tides(np.atleast_1d(RG_ZONT2["centuries"]))
     assert ut1_s[0] == pytest.approx(RG_ZONT2["ut1_s"], abs=ZONAL_TOL_S)
     assert -ut1_rate[0] * SECONDS_PER_DAY == pytest.approx(RG_ZONT2["lod_s"], abs=ZONAL_LOD_TOL_S)
 
 
 def test_ocean_tides_give_the_values_of_ortho_eop():
-    value, _ = eop_tides.ocean_tides(ORTHO_EOP["mjd"])
+    value, _ = eop_tides.ocean_tides(np.array([ORTHO_EOP["mjd"]]))
     np.testing.assert_allclose(
         value[0] / [UAS_RAD, UAS_RAD, 1e-6], ORTHO_EOP["eop"], rtol=0.0, atol=OCEAN_TOL_UAS
     )

@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import erfa
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 
 from radioloc.constants import ARCSEC_RAD, SECONDS_PER_DAY
 from radioloc.earth.tide_tables import tide_table
@@ -56,58 +56,53 @@ _GMST_RATE_S_CY = 3155760000.0 + 8640184.812866
 century."""
 
 
-def zonal_tides(centuries_tt: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def zonal_tides(centuries_tt: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Effect of the zonal solid-Earth and ocean tides on UT1, s, and its rate, s/s; Julian centuries of TT since J2000.
 
     IERS Conventions (2010), eq. 8.1 and Table 8.1 (Yoder et al. 1981; Wahr and Bergen 1986; Kantha et al. 1998): all 62
     terms from 5 days to 18.6 years.
     """
-    centuries = np.atleast_1d(np.asarray(centuries_tt, dtype=np.float64))
     table = tide_table("ut1_zonal_tides")
-    angles = _delaunay(centuries) @ table[:, :5].T
+    angles = _delaunay(centuries_tt) @ table[:, :5].T
     rates = table[:, :5] @ _delaunay_rates_rad_s()
     value, rate = _harmonic_sum(angles, rates, table[:, 5:6] * 1e-4, table[:, 6:7] * 1e-4)
     return value[:, 0], rate[:, 0]
 
 
-def ocean_tides(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def ocean_tides(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Diurnal and semidiurnal variations of xp, yp (rad) and UT1 (s) by ocean tides, and their rates, (n, 3).
 
     IERS Conventions (2010), section 8.2. The conventional model is a response to the tidal potential and its values two
     days before and after. As these are sums over the same lines, the response is worked out once for each line, and one
     sum over 71 lines remains. The date may be UT1 or UTC.
     """
-    days = np.atleast_1d(np.asarray(mjd_ut1, dtype=np.float64)) - 37076.5
     order, _, phase, frequency = tide_table("rotation_tide_lines").T
     # A diurnal line is a sine where a semidiurnal one is a cosine.
-    angles = np.multiply.outer(days, frequency) + (phase - np.where(order == 1, np.pi / 2, 0.0))
+    angles = np.multiply.outer(mjd_ut1 - 37076.5, frequency) + (phase - np.where(order == 1, np.pi / 2, 0.0))
     sine, cosine = _ocean_tide_coefficients()
     value, rate = _harmonic_sum(angles, frequency / SECONDS_PER_DAY, sine, cosine)
     return value * _EOP_UNITS, rate * _EOP_UNITS
 
 
-def libration(mjd_ut1: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def libration(mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Diurnal libration of the pole (rad) and semidiurnal libration of UT1 (s), and their rates, (n, 3).
 
     From the Earth's triaxial figure: IERS Conventions (2010), Tables 5.1a (its ten diurnal terms; those of long period
     are in the observed pole) and 5.1b. The tables' arguments are GMST + pi, of which one date in UT1 is enough here,
     and the Delaunay variables.
     """
-    days = np.atleast_1d(np.asarray(mjd_ut1, dtype=np.float64)) - _MJD_J2000
-    centuries = days / _DAYS_PER_CENTURY
+    centuries = (mjd_ut1 - _MJD_J2000) / _DAYS_PER_CENTURY
     gmst_s = 67310.54841 + centuries * (_GMST_RATE_S_CY + centuries * (0.093104 - 6.2e-6 * centuries))
     chi = np.fmod(gmst_s, SECONDS_PER_DAY) * (2 * np.pi / SECONDS_PER_DAY) + np.pi
     arguments = np.column_stack([chi, _delaunay(centuries)])
     chi_rate = _GMST_RATE_S_CY * (2 * np.pi / SECONDS_PER_DAY) / (_DAYS_PER_CENTURY * SECONDS_PER_DAY)
     argument_rates = np.concatenate([[chi_rate], _delaunay_rates_rad_s()])
-    pole, pole_rate, ut1, ut1_rate = (
-        part
-        for table in (tide_table("pole_libration"), tide_table("ut1_libration"))
-        for part in _harmonic_sum(
-            arguments @ table[:, :6].T, table[:, :6] @ argument_rates, table[:, 6::2], table[:, 7::2]
-        )
-    )
-    return np.hstack([pole, ut1]) * _EOP_UNITS, np.hstack([pole_rate, ut1_rate]) * _EOP_UNITS
+    sums = [
+        _harmonic_sum(arguments @ t[:, :6].T, t[:, :6] @ argument_rates, t[:, 6::2], t[:, 7::2])
+        for t in (tide_table("pole_libration"), tide_table("ut1_libration"))
+    ]
+    value, rate = (np.hstack(parts) * _EOP_UNITS for parts in zip(*sums, strict=True))
+    return value, rate
 
 
 def _delaunay(centuries: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -35,10 +35,7 @@ def rot_icrf_to_pa(angles_rad: ArrayLike) -> NDArray[np.float64]:
 
 
 def angular_velocity_pa(angles_rad: ArrayLike, rates_rad_s: ArrayLike) -> NDArray[np.float64]:
-    """Angular velocity of the Moon in the ICRF, in principal axes, rad/s, shape (..., 3), from Euler angles and rates.
-
-    Folkner, Williams and Boggs (2009), IPN Progress Report 42-178, on the orientation of the Moon.
-    """
+    """Angular velocity of the Moon in the ICRF, in principal axes, rad/s, shape (..., 3), by Euler angles and rates."""
     _, theta, psi = _angles(angles_rad, "rad", "angles_rad")
     phi_rate, theta_rate, psi_rate = _angles(rates_rad_s, "rad / s", "rates_rad_s")
     return np.stack(

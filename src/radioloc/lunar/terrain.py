@@ -97,10 +97,7 @@ class TerrainModel:
         return cls(metadata, interpolation, grid)
 
     def height_m(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> Floats:
-        """Height of the terrain above the sphere of 1737.4 km, m, shape (...,).
-
-        Parameters and errors as :meth:`height_and_slope`.
-        """
+        """Height of the terrain above the sphere of 1737.4 km, m, shape (...,); see :meth:`height_and_slope`."""
         return self.height_and_slope(longitude_rad, latitude_rad)[0]
 
     def height_and_slope(

@@ -153,9 +153,9 @@ def _solid_harmonics(latitude_rad: Floats | float, longitude_rad: Floats | float
 @cache
 def _vmf3_table() -> Floats:
     """Factors of the harmonics, shape (4, 182, 5): which coefficient, which harmonic, which season."""
-    text = (files("radioloc.media") / "data" / "vmf3_bc.csv").read_text(encoding="ascii")
-    rows = [line.split(",") for line in text.splitlines() if not line.startswith(("#", "coefficient"))]
-    numbers = np.array([row[3:] for row in rows], dtype=np.float64).reshape(4, _VMF3_TERMS, 2, 5)
+    lines = (files("radioloc.media") / "data" / "vmf3_bc.csv").read_text(encoding="ascii").splitlines()
+    rows = [line.split(",")[3:] for line in lines if not line.startswith(("#", "coefficient"))]
+    numbers = np.array(rows, dtype=np.float64).reshape(4, _VMF3_TERMS, 2, 5)
     # Cosines of the longitude first, then sines.
     table = np.ascontiguousarray(np.swapaxes(numbers, 1, 2)).reshape(4, 2 * _VMF3_TERMS, 5)
     table.setflags(write=False)

@@ -39,9 +39,9 @@ def test_sizes_are_those_documented():
     assert 3 < np.abs(lunisolar[:, 2]).max() * 1e6 < 4
 
 
-def test_scalar_and_array_epochs_give_the_same():
-    np.testing.assert_array_equal(ocean_tides(DAYS[3])[0], ocean_tides(DAYS[3:4])[0])
-    assert zonal_tides(0.1)[0].shape == (1,)
+def test_one_and_many_epochs_give_the_same():
+    np.testing.assert_allclose(ocean_tides(DAYS[3:4])[0], ocean_tides(DAYS)[0][3:4], rtol=1e-13)
+    assert zonal_tides(np.array([0.1]))[0].shape == (1,)
 
 
 def test_diurnal_motion_of_the_pole_is_prograde():

@@ -19,7 +19,7 @@ from radioloc.ephemeris.positions import Ephemeris
 from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import KernelFile, find_kernel, sha256_of
 from radioloc.kernels.daf import DafSegment, read_segments, tdb_date
-from radioloc.kernels.segment_checks import segment_damage
+from radioloc.kernels.segment_checks import require_sound
 from radioloc.time import Epochs
 
 _M_PER_KM = 1000.0
@@ -77,12 +77,7 @@ class Trajectory:
             )
         own = [segment for segment in listed if segment.integers[0] == body]
         for segment in own:
-            _, _, _, spk_type = segment.integers
-            damage = segment_damage(spk_type, segment.words, segment.start_s, segment.end_s)
-            if damage:
-                raise KernelError(
-                    f"{found} is damaged: segment {body} ({segment.name}) {damage}; fetch the file again"
-                )
+            require_sound(found, segment, segment.integers[3])
         with _spice_errors(found):
             segments = [_trajectory_segment(found, segment) for segment in own]
         first, last = min(s.start_s for s in segments), max(s.end_s for s in segments)

@@ -33,6 +33,12 @@ class DafSegment(NamedTuple):
     addresses: tuple[int, int]
     words: NDArray[np.float64]
 
+    def damaged(self, path: Path, what: str) -> KernelError:
+        """What to raise of a segment in which something is wrong."""
+        return KernelError(
+            f"{path} is damaged: segment {self.integers[0]} ({self.name}) {what}; fetch the file again"
+        )
+
 
 def read_segments(path: Path, kind: str) -> list[DafSegment]:
     """Segments of an SPK or binary PCK, in the file's order; each lies within the file."""
@@ -102,12 +108,10 @@ def _announced_span(daf: DAF) -> str:
 def _segment(daf: DAF, path: Path, name: bytes, summary: tuple[Any, ...]) -> DafSegment:
     start_s, end_s, *integers, first, last = summary
     text = name.decode("latin-1").strip("\0 ")
-    problem = f"{path} is damaged: segment {integers[0]} ({text}) "
+    segment = DafSegment(text, start_s, end_s, tuple(integers), (first, last), np.empty(0))
     # The first three records are the header and a first list of segments and their names.
     if not 3 * _RECORD_BYTES // _WORD_BYTES < first <= last < daf.free:
-        raise KernelError(problem + "lies outside the file; fetch the file again")
+        raise segment.damaged(path, "lies outside the file")
     if not (np.isfinite([start_s, end_s]).all() and start_s <= end_s):
-        raise KernelError(
-            problem + f"claims in the directory to span {start_s} to {end_s} s; fetch the file again"
-        )
-    return DafSegment(text, start_s, end_s, tuple(integers), (first, last), daf.map_array(first, last))
+        raise segment.damaged(path, f"claims in the directory to span {start_s} to {end_s} s")
+    return segment._replace(words=daf.map_array(first, last))

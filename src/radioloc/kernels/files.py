@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radioloc.errors import KernelError
 from radioloc.kernels.daf import read_segments, tdb_date
 from radioloc.kernels.registry import find_kernel, registered, sha256_of
-from radioloc.kernels.segment_checks import segment_damage
+from radioloc.kernels.segment_checks import require_sound
 
 _INERTIAL_FRAME = 1  # NAIF's J2000, which the JPL ephemerides use as the name of the ICRF.
 _CHEBYSHEV_TYPE = 2
@@ -117,20 +117,18 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
 
 def _read_segments(path: Path, kind: str) -> Iterator[Segment]:
     """Segments of Chebyshev type 2 in the ICRF, each checked against its directory."""
-    for text, start_s, end_s, (target, *others), _, words in read_segments(path, kind):
+    for segment in read_segments(path, kind):
+        target, *others = segment.integers
         center, frame, data_type = others if kind == "SPK" else (others[0], others[0], others[1])
         if data_type != _CHEBYSHEV_TYPE or frame != _INERTIAL_FRAME:
             continue
-        damage = segment_damage(_CHEBYSHEV_TYPE, words, start_s, end_s)
-        if not damage:
-            first_s, length_s, _, count = words[-4:].tolist()
-            records = words[:-4].reshape(int(count), -1)
-            expected_s = np.stack(
-                [first_s + (np.arange(count) + 0.5) * length_s, np.full(int(count), length_s / 2)]
-            )
-            if not (np.abs(records[:, :2].T - expected_s) <= 1e-6 * length_s).all():
-                damage = "has a record whose epoch is not where it belongs"
-        if damage:
-            raise KernelError(f"{path} is damaged: segment {target} ({text}) {damage}; fetch the file again")
+        require_sound(path, segment, data_type)
+        first_s, length_s, _, count = segment.words[-4:].tolist()
+        records = segment.words[:-4].reshape(int(count), -1)
+        middles_s = first_s + (np.arange(count) + 0.5) * length_s
+        off_s = records[:, :2] - np.stack([middles_s, np.full_like(middles_s, length_s / 2)], axis=-1)
+        if not (np.abs(off_s) <= 1e-6 * length_s).all():
+            raise segment.damaged(path, "has a record whose epoch is not where it belongs")
         coefficients = records[:, 2:].reshape(len(records), 3, -1)
-        yield Segment(target, center, text, start_s, end_s, first_s, length_s, coefficients)
+        span_s = segment.start_s, segment.end_s
+        yield Segment(target, center, segment.name, *span_s, first_s, length_s, coefficients)

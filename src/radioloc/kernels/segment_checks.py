@@ -9,12 +9,13 @@ from __future__ import annotations
 import itertools
 from collections.abc import Callable
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
-from radioloc.kernels.daf import tdb_date
+from radioloc.kernels.daf import DafSegment, tdb_date
 
 _Words = NDArray[np.float64]
 _DIRECTORY_STEP = 100
@@ -30,21 +31,20 @@ class _Damage(Exception):  # noqa: N818
     """What is wrong with a segment."""
 
 
-def segment_damage(spk_type: int, words: _Words, start_s: float, end_s: float) -> str | None:
-    """What is wrong with a segment that claims a span (TDB s), to stand after "the segment"; None if nothing is."""
-    if spk_type not in _CHECKS:
-        known = ", ".join(map(str, sorted(_CHECKS)))
-        return f"is of type {spk_type}, which cannot be read here (types {known} can)"
+def require_sound(path: Path, segment: DafSegment, spk_type: int) -> None:
+    """Raise a :class:`KernelError` that says what is wrong with a segment, if anything is."""
+    words = segment.words
     try:
+        known = ", ".join(map(str, sorted(_CHECKS)))
+        _require(spk_type in _CHECKS, f"is of type {spk_type}, which cannot be read here (types {known} can)")
         # Infinity and what becomes infinite when squared stop SPICE, and the process, in its error message.
         _require(
             bool(words.max() < _HUGE and words.min() > -_HUGE),  # nor NaN; without a copy of gigabytes
             "holds what is not a number, or far too large, in its records or directory",
         )
-        _CHECKS[spk_type](words, start_s, end_s)
+        _CHECKS[spk_type](words, segment.start_s, segment.end_s)
     except _Damage as damage:
-        return str(damage)
-    return None
+        raise segment.damaged(path, str(damage)) from None
 
 
 def _require(sound: bool, problem: str) -> None:
@@ -178,11 +178,6 @@ def _difference_arrays(words: _Words, start_s: float, end_s: float, extended: bo
     _require(not (used & (records[:, 1 : 1 + terms] == 0)).any(), "has a step of no length")
 
 
-def _elements(words: _Words, start_s: float, end_s: float, length: int) -> None:
-    """Types 15 and 17: one set of orbital elements."""
-    _require_length(words, length)
-
-
 def _generic(words: _Words, start_s: float, end_s: float) -> None:
     """Type 14: Chebyshev series in SPICE's generic segment of constants, packets and the epochs they start at."""
     room = len(words) - _GENERIC_META_WORDS
@@ -219,8 +214,8 @@ _CHECKS: dict[int, Callable[[_Words, float, float], None]] = {
     12: partial(_equal_steps, hermite=True),
     13: partial(_unequal_steps, hermite=True),
     14: _generic,
-    15: partial(_elements, length=16),
-    17: partial(_elements, length=12),
+    15: lambda words, *_: _require_length(words, 16),  # one set of orbital elements, as 17
+    17: lambda words, *_: _require_length(words, 12),
     18: _unequal_steps,
     19: _esoc_piecewise,
     20: partial(_chebyshev, fixed=0, rows=3),

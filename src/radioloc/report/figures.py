@@ -6,8 +6,9 @@ each shows itself as the last line of a cell. matplotlib is imported when the fi
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from collections.abc import Iterable
+from functools import partial
+from io import BytesIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -32,19 +33,22 @@ _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
 
 def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
     """Make a figure with a title, sizes in inches."""
-    from radioloc.report.notebook_figure import NotebookFigure
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
 
-    figure = NotebookFigure(figsize=(width_in, height_in), layout="constrained")
+    figure = Figure(figsize=(width_in, height_in), layout="constrained")
+    FigureCanvasAgg(figure)
+    # Notebooks show a plain figure only once pyplot, with its state and its choice of a window system, is imported.
+    figure._repr_png_ = partial(_png, figure)  # type: ignore[attr-defined]
     if title:
         figure.suptitle(title, fontsize=11, fontweight="bold")
     return figure
 
 
-def axes_for(ax: Axes | None, width_in: float, height_in: float, title: str) -> Axes:
-    """Axes to draw in: those given, or those of a new figure with a title."""
-    axes = new_figure(width_in, height_in, title).add_subplot() if ax is None else ax
-    style_axes(axes)
-    return axes
+def _png(figure: Figure) -> bytes:
+    image = BytesIO()
+    figure.savefig(image, format="png")
+    return image.getvalue()
 
 
 def style_axes(axes: Axes) -> None:
@@ -62,9 +66,7 @@ def style_axes(axes: Axes) -> None:
 
 def panel_title(axes: Axes, text: str, side: str, **style: Any) -> None:
     """Put a title at the left or right above a panel, close to its upper edge."""
-    axes.ticklabel_format(
-        axis="y", style="plain", useOffset=False
-    )  # no factor above the axis to make room for
+    axes.ticklabel_format(axis="y", style="plain", useOffset=False)  # a factor above would need room
     axes.set_title(text, loc=side, y=1.0, pad=3, **style)  # type: ignore[arg-type]
 
 
@@ -120,37 +122,30 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: i
     >>> solution = radioloc.residuals(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> radioloc.report.save_figure(radioloc.plot_residuals(solution), ["residuals.png", "residuals.svg"])
     """
-    files = [paths] if isinstance(paths, str | Path) else list(paths)
-    known = figure.canvas.get_supported_filetypes()
-    for path in files:
-        ending = _ending(path)
-        if ending not in known:
-            raise InputError(f"{path}: figures cannot be written as {ending!r}; use .png, .svg or .pdf")
-    with _laid_out(figure, dpi):
-        for path in files:
-            figure.savefig(path, dpi=dpi, metadata=_UNDATED.get(_ending(path)))
-
-
-def _ending(path: str | Path) -> str:
-    return Path(path).suffix.removeprefix(".").lower()
-
-
-@contextmanager
-def _laid_out(figure: Figure, dpi: float) -> Iterator[None]:
-    """Lay a figure out once for all its files, as that takes longer than to draw it."""
     from matplotlib import rc_context
 
+    files = [Path(path) for path in ([paths] if isinstance(paths, str | Path) else paths)]
+    endings = [path.suffix.removeprefix(".").lower() for path in files]
+    known = figure.canvas.get_supported_filetypes()
+    for path, ending in zip(files, endings, strict=True):
+        if ending not in known:
+            raise InputError(f"{path}: figures cannot be written as {ending!r}; use .png, .svg or .pdf")
     engine, own_dpi = figure.get_layout_engine(), figure.dpi
-    # Neither the hour nor chance belongs in a figure: the same figure makes the same file.
-    with rc_context(
-        {"svg.hashsalt": "radioloc", "figure.autolayout": False, "figure.constrained_layout.use": False}
-    ):
+    # Neither the hour nor chance belongs in a figure: the same figure makes the same file. It is laid out once for all
+    # its files, as that takes longer than to draw it.
+    fixed: Any = {
+        "svg.hashsalt": "radioloc",
+        "figure.autolayout": False,
+        "figure.constrained_layout.use": False,
+    }
+    with rc_context(fixed):
         try:
             figure.dpi = dpi
             if engine is not None:
                 engine.execute(figure)
             figure.set_layout_engine(None)
-            yield
+            for path, ending in zip(files, endings, strict=True):
+                figure.savefig(path, dpi=dpi, metadata=_UNDATED.get(ending))
         finally:
             figure.dpi = own_dpi
             figure.set_layout_engine(engine)

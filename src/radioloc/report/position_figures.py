@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution, compare_with
-from radioloc.report.figures import COLORS, axes_for, length_unit, new_figure, style_axes
+from radioloc.report.figures import COLORS, length_unit, new_figure, style_axes
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.trial_statistics import SIDES
 
@@ -74,13 +74,15 @@ def plot_position(
     east_m, north_m = (0.0, 0.0) if comparison is None else (comparison.east_m, comparison.north_m)
 
     # A square that holds the larger ellipse and the origin.
-    sigma_east_m, sigma_north_m, _ = solution.sigma_enu_m()
+    sigmas_m = solution.sigma_enu_m()
     corners_m = np.array([(east_m, north_m), (east_m, north_m), (0.0, 0.0)])
-    corners_m[:2] += np.outer((-_SCALE_95, _SCALE_95), (sigma_east_m, sigma_north_m))
+    corners_m[:2] += np.outer((-_SCALE_95, _SCALE_95), sigmas_m[:2])
     center_m = 0.5 * (corners_m.min(axis=0) + corners_m.max(axis=0))
     reach_m = 0.58 * float((corners_m.max(axis=0) - corners_m.min(axis=0)).max())
     factor, unit = length_unit(reach_m)
-    axes = axes_for(ax, 5.2, 5.4, f"{solution.name}: position" if title is None else title)
+    title = f"{solution.name}: position" if title is None else title
+    axes = new_figure(5.2, 5.4, title).add_subplot() if ax is None else ax
+    style_axes(axes)
     axes.set_aspect("equal")
     covariance_m2 = solution.position_covariance("enu")[:2, :2]
     for scale, opacity, label in ((_SCALE_95, 0.15, "95 %"), (1.0, 0.3, "1 sigma")):
@@ -96,21 +98,14 @@ def plot_position(
     axes.set_xlabel(f"east of {origin} ({unit})")
     axes.set_ylabel(f"north of {origin} ({unit})")
     axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor="0.8")
-    axes.set_title(_caption(solution, comparison is not None, east_m, north_m), fontsize=8, color="0.3")
+    factor, unit = length_unit(float(max(sigmas_m)))
+    east, north, up = (f"{factor * sigma_m:.3g}" for sigma_m in sigmas_m)
+    caption = f"1 sigma: east {east}, north {north}, up {up} {unit}"
+    if comparison is not None:
+        factor, unit = length_unit(comparison.horizontal_m)
+        caption += f"; offset {factor * comparison.horizontal_m:.3g} {unit}"
+    axes.set_title(caption, fontsize=8, color="0.3")
     return axes.get_figure()  # type: ignore[return-value]
-
-
-def _caption(solution: Solution, compared: bool, east_m: float, north_m: float) -> str:
-    sigma_east_m, sigma_north_m, sigma_up_m = solution.sigma_enu_m()
-    factor, unit = length_unit(max(sigma_east_m, sigma_north_m, sigma_up_m))
-    text = (
-        f"1 sigma: east {factor * sigma_east_m:.3g}, north {factor * sigma_north_m:.3g}, "
-        f"up {factor * sigma_up_m:.3g} {unit}"
-    )
-    if compared:
-        factor, unit = length_unit(math.hypot(east_m, north_m))
-        text += f"; offset {factor * math.hypot(east_m, north_m):.3g} {unit}"
-    return text
 
 
 def plot_trial_scatter(study: MonteCarlo) -> Figure:
@@ -172,7 +167,9 @@ def plot_error_by_length(study: MonteCarlo) -> Figure:
     rms_m, sigma_m = np.array([arc.rms_m for arc in arcs]), np.array([arc.sigma_m for arc in arcs])
     far_m = np.array([arc.radius_95_m for arc in arcs])
     factor, unit = length_unit(float(max(rms_m.max(), sigma_m.max(), far_m.max())))
-    axes = axes_for(None, 6.2, 4.4, f"{study.name}: {study.trials} trials")
+    figure = new_figure(6.2, 4.4, f"{study.name}: {study.trials} trials")
+    axes = figure.add_subplot()
+    style_axes(axes)
     for k, name in enumerate(SIDES):
         axes.plot(length, factor * rms_m[:, k], "o-", color=COLORS[k], markersize=4, label=f"{name}, rms")
         axes.plot(length, factor * sigma_m[:, k], "--", color=COLORS[k], lw=1.0, label=f"{name}, claimed")
@@ -184,7 +181,6 @@ def plot_error_by_length(study: MonteCarlo) -> Figure:
     axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
     axes.yaxis.set_major_formatter("{x:g}")
     axes.yaxis.set_minor_locator(NullLocator())
-    figure: Figure = axes.get_figure()  # type: ignore[assignment]
     figure.legend(loc="outside right center", fontsize=8, frameon=False)
     return figure
 

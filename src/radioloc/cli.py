@@ -13,7 +13,7 @@ import warnings
 from collections.abc import Callable, Sequence
 from functools import partial
 from pathlib import Path
-from typing import Any, NoReturn, TextIO
+from typing import Any, NoReturn
 
 from radioloc._version import __version__
 from radioloc.earth.stations import StationCatalogue
@@ -51,12 +51,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
             # Whoever read our output has seen enough, as `head` does. Python would complain again at its end.
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
             return EXIT_DONE
-        except ConvergenceError as error:
-            _complain(str(error))
-            return EXIT_NOT_CONVERGED
         except RadiolocError as error:
             _complain(str(error))
-            return EXIT_BAD_INPUT
+            return EXIT_NOT_CONVERGED if isinstance(error, ConvergenceError) else EXIT_BAD_INPUT
         except OSError as error:
             _complain(f"{error.filename}: {error.strerror}" if error.filename else str(error))
             return EXIT_BAD_INPUT
@@ -286,18 +283,11 @@ def _stations(options: argparse.Namespace) -> int:
 def _shown_once() -> Callable[..., None]:
     """Make what shows the library's own warnings as one line each, and each once; others as Python does."""
     seen: set[str] = set()
+    as_python_does = warnings.showwarning
 
-    def show(
-        message: Warning | str,
-        category: type[Warning],
-        filename: str,
-        lineno: int,
-        file: TextIO | None = None,
-        line: str | None = None,
-    ) -> None:
+    def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
         if not issubclass(category, RadiolocWarning):
-            text = warnings.formatwarning(message, category, filename, lineno, line)
-            print(text, file=file or sys.stderr, end="")
+            as_python_does(message, category, *where)
         elif str(message) not in seen:
             seen.add(str(message))
             _complain(f"warning: {message}")

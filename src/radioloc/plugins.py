@@ -78,22 +78,17 @@ def with_plugins(group: str, kind: type[T], own: Iterable[T]) -> dict[str, T]:
     """
     registry = {entry.name: entry for entry in own}
     for point in sorted(entry_points(group=group), key=lambda point: point.name):
-        problem = ""
         try:
             entry = point.load()
         except Exception as error:
             problem = f"cannot be loaded ({error})"
         else:
-            if not isinstance(entry, kind):
-                problem = f"is a {type(entry).__name__}, not a {kind.__name__}"
-            elif entry.name in registry:
-                problem = f"has the name {entry.name!r}, which is taken"
-            else:
+            if isinstance(entry, kind) and entry.name not in registry:
                 registry[entry.name] = entry
-        if problem:
-            warnings.warn(
-                f"{point.value} of the entry points {group} {problem}; it is left out",
-                PluginWarning,
-                stacklevel=2,
-            )
+                continue
+            problem = f"is a {type(entry).__name__}, not a {kind.__name__}"
+            if isinstance(entry, kind):
+                problem = f"has the name {entry.name!r}, which is taken"
+        text = f"{point.value} of the entry points {group} {problem}; it is left out"
+        warnings.warn(text, PluginWarning, stacklevel=2)
     return registry

@@ -39,8 +39,7 @@ class Inside:
 class Nees:
     """Normalized estimation error squared, error' covariance^-1 error over its dimension, mean over the trials.
 
-    Its expectation is 1 if the claimed covariance is right; it then lies from ``low`` to ``high`` in 95 % of studies
-    with so many trials.
+    If the claimed covariance is right, 1 is expected, and ``low`` to ``high`` in 95 % of studies with so many trials.
     """
 
     mean: float

@@ -227,17 +227,13 @@ class Solution:
         InputError
             There is no such target.
         """
-        for target in self.targets:
-            if target.name == name:
-                return replace(
-                    self,
-                    name=name,
-                    position_pa_m=target.position_pa_m,
-                    position_partials=target.position_partials,
-                    targets=(),
-                    reference=None,
-                )
-        raise InputError(f"there is no target {name!r}; there are {', '.join(t.name for t in self.targets)}")
+        targets = {target.name: target for target in self.targets}
+        if name not in targets:
+            raise InputError(f"there is no target {name!r}; there are {', '.join(targets)}")
+        at, partials = targets[name].position_pa_m, targets[name].position_partials
+        return replace(
+            self, name=name, position_pa_m=at, position_partials=partials, targets=(), reference=None
+        )
 
     @property
     def position_me_m(self) -> NDArray[np.float64]:
@@ -503,7 +499,7 @@ class Solution:
                 },
             },
             "sigma": {
-                **_components(_ENU, self.sigma_enu_m("total")),
+                **_components(_ENU, self.sigma_enu_m()),
                 "scaled": _components(_ENU, self.sigma_enu_m("scaled")),
                 "formal": _components(_ENU, self.sigma_enu_m("formal")),
                 "ephemeris": _components(_ENU, self.ephemeris_sigma_enu_m),
@@ -519,11 +515,12 @@ class Solution:
     def _bias_dict(self, kind: str, unit: str) -> dict[str, Any]:
         """Biases of a kind by station, or by station and pass with its first and last epoch."""
         found: dict[str, Any] = {}
-        items = [self.parameters.parameters[k] for k in self.parameters.of_kind(kind)]
-        for item, (scope, (value, sigma)) in zip(items, self.biases(kind).items(), strict=True):
+        for k, (scope, (value, sigma)) in zip(
+            self.parameters.of_kind(kind), self.biases(kind).items(), strict=True
+        ):
             found[scope] = {f"value_{unit}": value, f"sigma_{unit}": finite_or_none(sigma)}
-            if item.span_utc is not None:
-                found[scope] |= {"first_utc": item.span_utc[0], "last_utc": item.span_utc[1]}
+            if span_utc := self.parameters.parameters[k].span_utc:
+                found[scope] |= dict(zip(("first_utc", "last_utc"), span_utc, strict=True))
         return found
 
     def _parameter_rows(self) -> list[dict[str, Any]]:

@@ -21,50 +21,44 @@ from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.truth import DrawnErrors, position_error_m
-from radioloc.studies.trial_rows import row_of, trial_seed, true_values
 
 _Floats = NDArray[np.float64]
 
 
+COLUMNS = (
+    "converged",
+    "used",
+    "rejected",
+    "east_m",
+    "north_m",
+    "up_m",
+    "sigma_east_m",
+    "sigma_north_m",
+    "sigma_up_m",
+    "correlation_east_north",
+    "nees",
+    "nees_horizontal",
+    "noise_scale",
+)
+"""What is kept of each trial and arc; then the additive variance component of each type, as a sigma in metres, then
+each parameter but the position, its sigma and, of a range bias, its error: the estimate less what was put in."""
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearArc:
-    """What the linear model knows of one arc, m of its rows.
+    """What the linear model knows of one arc, m rows."""
 
-    Parameters
-    ----------
-    part : ndarray of int
-        Rows of the longest arc.
-    problem : LinearProblem
-        At the parameters of the true position, the others at their a-priori values.
-    parameters : ParameterSet
-    held_m : ndarray, shape (m,)
-        What those others add to the computed values, m.
-    enu_by_parameters : ndarray, shape (3, p)
-        d(east, north, up)/d(parameter).
-    ephemeris_sigma_m : ndarray, shape (3,)
-    noise : ObservationNoise
-        As stated.
-    status : Labels
-        Of the observations, before the fit.
-    threshold : float
-        Expected sigmas beyond which a residual is an outlier.
-    order : SeriesOrder
-        Types, paths and times of the observations.
-    correlated : bool
-        Whether series are weighed as their residuals ask for.
-    """
-
-    part: NDArray[np.intp]
-    problem: LinearProblem
+    part: NDArray[np.intp]  # of the longest arc
+    problem: LinearProblem  # at the true position, the other parameters at their a-priori values
     parameters: ParameterSet
-    held_m: _Floats
-    enu_by_parameters: _Floats
-    ephemeris_sigma_m: _Floats
-    noise: ObservationNoise
-    status: Labels
-    threshold: float
+    held_m: _Floats  # (m,), what those others add to the computed values
+    enu_by_parameters: _Floats  # (3, p), d(east, north, up)/d(parameter)
+    ephemeris_sigma_m: _Floats  # (3,)
+    noise: ObservationNoise  # as stated
+    status: Labels  # before the fit
+    threshold: float  # expected sigmas beyond which a residual is an outlier
     order: SeriesOrder
-    correlated: bool
+    correlated: bool  # whether series are weighed as their residuals ask for
 
     def fit(self, residual_m: _Floats) -> NoisyFit:
         """Fit to residuals, as a study does."""
@@ -85,31 +79,15 @@ class LinearArc:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LinearTrials:
-    """Trials by the linear model; all that a worker needs, and nothing of kernels or tables.
-
-    Parameters
-    ----------
-    draws : NoiseDraws
-    rows : ndarray of int, shape (n,)
-        Rows of the plan that take part.
-    constant_m : ndarray, shape (n,)
-        Observed less computed at the true position, without noise and drawn errors, m.
-    drawn : DrawnErrors
-        Of the rows.
-    arcs : tuple of LinearArc
-        The longest first.
-    columns : tuple of str
-    errors : dict of str to float
-        Errors of the truth by parameter.
-    """
+    """Trials by the linear model; all that a worker needs, and nothing of kernels or tables."""
 
     draws: NoiseDraws
-    rows: NDArray[np.intp]
-    constant_m: _Floats
-    drawn: DrawnErrors
-    arcs: tuple[LinearArc, ...]
+    rows: NDArray[np.intp]  # (n,), those of the plan that take part
+    constant_m: _Floats  # (n,), observed less computed at the true position, without noise and drawn errors
+    drawn: DrawnErrors  # of the rows
+    arcs: tuple[LinearArc, ...]  # the longest first
     columns: tuple[str, ...]
-    errors: dict[str, float]
+    errors: dict[str, float]  # of the truth, by parameter
 
     def run(self, seed: int, trials: Sequence[int]) -> _Floats:
         """Some trials of a study's seed, shape (trials, arcs, columns).
@@ -147,3 +125,49 @@ class LinearTrials:
             parameters={p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
             true=true_values(self.errors, drawn),
         )
+
+
+def trial_seed(seed: int, trial: int) -> int:
+    """Seed of one trial's noise and drawn errors, as ``SeedSequence(seed).spawn`` gives to its child of that number."""
+    words = np.random.SeedSequence(seed, spawn_key=(trial,)).generate_state(4)
+    return sum(int(word) << (32 * k) for k, word in enumerate(words))
+
+
+def true_values(fixed: dict[str, float], drawn: dict[str, float]) -> dict[str, float]:
+    """Errors of parameters that are in a trial."""
+    return fixed | {name: fixed.get(name, 0.0) + value for name, value in drawn.items()}
+
+
+def row_of(
+    columns: Sequence[str],
+    *,
+    converged: bool,
+    used: int,
+    rejected: int,
+    error_m: _Floats,
+    covariance_m2: _Floats,
+    noise_scale: float,
+    excess_noise_m: dict[str, float],
+    parameters: dict[str, tuple[float, float]],
+    true: dict[str, float],
+) -> _Floats:
+    """One row of results in the order of the columns; NaN where an arc has no such number."""
+    sigma_m = np.sqrt(np.diag(covariance_m2))
+    correlation = nees = nees_horizontal = np.nan
+    if np.isfinite(covariance_m2).all():
+        correlation = covariance_m2[0, 1] / (sigma_m[0] * sigma_m[1])
+        nees = float(error_m @ np.linalg.solve(covariance_m2, error_m))
+        nees_horizontal = float(error_m[:2] @ np.linalg.solve(covariance_m2[:2, :2], error_m[:2]))
+    known = dict(
+        zip(
+            COLUMNS,
+            (converged, used, rejected, *error_m, *sigma_m, correlation, nees, nees_horizontal, noise_scale),
+            strict=True,
+        )
+    )
+    known |= {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
+    for name, (value, sigma) in parameters.items():
+        known[name], known[f"{name}.sigma"] = value, sigma
+        # A bias of a pass is the station's.
+        known[f"{name}.error"] = value - true.get(name, true.get(name.rpartition(" ")[0], 0.0))
+    return np.array([float(known.get(column, np.nan)) for column in columns])

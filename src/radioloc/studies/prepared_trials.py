@@ -32,14 +32,20 @@ from radioloc.simulation import Scenario, World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.simulate import rot_pa_to_enu
 from radioloc.simulation.truth import position_error_m
-from radioloc.studies.linear_trials import LinearArc, LinearTrials
+from radioloc.studies.linear_trials import (
+    COLUMNS,
+    LinearArc,
+    LinearTrials,
+    row_of,
+    trial_seed,
+    true_values,
+)
 from radioloc.studies.locate import fit_arc, model_of
 from radioloc.studies.problem import observation_model, position_in_pa, status_of
 from radioloc.studies.selection import arc_parts, selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, Study
-from radioloc.studies.trial_rows import COLUMNS, row_of, trial_seed, true_values
 from radioloc.studies.weights import weighted_observations
 
 _Floats = NDArray[np.float64]
@@ -47,42 +53,19 @@ _Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Prepared:
-    """A study made ready: the world without noise, and an arc for each length.
-
-    Parameters
-    ----------
-    study : Study
-    scenario : Scenario
-    model : PhysicalModel
-        The nominal one.
-    world : World
-        With the errors of the truth, none drawn.
-    rows : ndarray of int
-        Those of the plan that the study asks for.
-    arcs : tuple of Predictor
-        The longest first.
-    parts : tuple of ndarray of int
-        Rows of the longest that each has.
-    hours, span_h : tuple of float
-        Lengths asked for and found, h.
-    estimates : tuple of EstimateChoice
-        What is estimated in each.
-    rot_pa_to_enu : ndarray, shape (3, 3)
-        At the true position.
-    columns : tuple of str
-    """
+    """A study made ready: the world without noise, and an arc for each length."""
 
     study: Study
     scenario: Scenario
-    model: PhysicalModel
-    world: World
-    rows: NDArray[np.intp]
-    arcs: tuple[Predictor, ...]
-    parts: tuple[NDArray[np.intp], ...]
-    hours: tuple[float, ...]
-    span_h: tuple[float, ...]
-    estimates: tuple[EstimateChoice, ...]
-    rot_pa_to_enu: _Floats
+    model: PhysicalModel  # the nominal one
+    world: World  # with the errors of the truth, none drawn
+    rows: NDArray[np.intp]  # those of the plan that the study asks for
+    arcs: tuple[Predictor, ...]  # the longest first
+    parts: tuple[NDArray[np.intp], ...]  # rows of the longest that each has
+    hours: tuple[float, ...]  # lengths asked for, h
+    span_h: tuple[float, ...]  # and found
+    estimates: tuple[EstimateChoice, ...]  # what is estimated in each
+    rot_pa_to_enu: _Floats  # (3, 3), at the true position
     columns: tuple[str, ...]
 
     @classmethod
@@ -222,15 +205,9 @@ def _parameters_at(problem: ObservationModel, position_pa_m: _Floats) -> _Floats
 
 @dataclass(frozen=True, slots=True, eq=False)
 class FullTrials:
-    """Trials with the whole model: each world simulated, each arc fitted from the a-priori position on.
+    """Trials with the whole model: each world simulated, each arc fitted from the a-priori position on."""
 
-    Parameters
-    ----------
-    ready : Prepared
-        Workers get it as it is; they need no kernels or tables of their own.
-    """
-
-    ready: Prepared
+    ready: Prepared  # workers get it as it is; they need no kernels or tables of their own
 
     def run(self, seed: int, trials: Iterable[int]) -> _Floats:
         """As :meth:`LinearTrials.run`."""

@@ -30,15 +30,7 @@ _LONGEST_LIST = 100
 
 
 def study_record(study: Study, hours: Sequence[float], seed: int) -> dict[str, Any]:
-    """What the trials of a study depend on, in types that JSON has; not their number.
-
-    Parameters
-    ----------
-    study : Study
-    hours : sequence of float
-        Lengths of the arcs, h.
-    seed : int
-    """
+    """What the trials of a study depend on, in types that JSON has; not their number."""
     from importlib.metadata import version
 
     return {
@@ -87,18 +79,7 @@ def _sha256(content: bytes) -> str:
 
 
 class TrialFolder:
-    """The folder of a study's trials.
-
-    Parameters
-    ----------
-    folder : path-like
-        Made where it does not exist.
-    record : dict
-        From :func:`study_record`.
-    columns : sequence of str
-    hours : sequence of float
-        In the order of the arcs, h.
-    """
+    """The folder of a study's trials; `record` is from :func:`study_record`."""
 
     def __init__(
         self, folder: str | Path, record: dict[str, Any], columns: Sequence[str], hours: Sequence[float]
@@ -114,17 +95,7 @@ class TrialFolder:
         write_json(self._folder / "study.json", self._record)
 
     def found(self, way: str) -> dict[int, NDArray[np.float64]]:
-        """Results that are there already, (arcs, columns), by number of the trial.
-
-        Parameters
-        ----------
-        way : {"linear", "full"}
-
-        Raises
-        ------
-        InputError
-            A file is damaged.
-        """
+        """Results that are there already, (arcs, columns), by number of the trial; `way` is "linear" or "full"."""
         out: dict[int, NDArray[np.float64]] = {}
         for path in sorted(self._parts.glob(f"{way}-*.npz")):
             try:
@@ -156,13 +127,7 @@ class TrialFolder:
 
 
 def refuse_other_study(folder: str | Path, record: dict[str, Any]) -> bool:
-    """Whether a folder holds trials of this study.
-
-    Raises
-    ------
-    InputError
-        They are of another one, or it cannot be told.
-    """
+    """Whether a folder holds trials of this study; an error where they are of another one, or it cannot be told."""
     path = Path(folder) / "study.json"
     if not path.is_file():
         return False

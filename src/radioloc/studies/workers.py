@@ -45,33 +45,14 @@ class Workers(Protocol):
     def run(
         self, job: Job, seed: int, chunks: Sequence[Chunk]
     ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
-        """Run trials, chunk by chunk, and give each chunk's results as soon as they are there, in any order.
-
-        Parameters
-        ----------
-        job : Job
-            Picklable, if others than this process are to run it.
-        seed : int
-            Of the study.
-        chunks : sequence of sequence of int
-        """
+        """Run trials and give each chunk's results as soon as they are there, in any order."""
 
 
 @contextmanager
 def workers_of(count: int = 1, client: Any = None) -> Iterator[Workers]:
     """Workers, until the block ends; processes start at once, beside what the block does before it needs them.
 
-    Parameters
-    ----------
-    count : int
-        Processes; with 1 this one does all.
-    client : distributed.Client, optional
-        In place of processes.
-
-    Raises
-    ------
-    InputError
-        The number of workers is not a whole number above zero, or the client is none of Dask's.
+    So many processes, with 1 this one; or in their place a :class:`distributed.Client`.
     """
     _require_workers(count, client)
     if client is not None:

@@ -33,8 +33,8 @@ from radioloc.simulation import (
     baselines,
 )
 from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice, ObservationChoice
+from radioloc.studies.linear_trials import trial_seed
 from radioloc.studies.prepared_trials import FullTrials, Prepared
-from radioloc.studies.trial_rows import trial_seed
 
 HOURS = (12.0, 24.0)
 NOISE = NoiseModel(

@@ -186,7 +186,7 @@ def test_catalogue_has_what_is_published():
     [
         ({"mount": "altaz"}, "mount 'altaz' is not one of azimuth_elevation, equatorial"),
         ({"axis_offset_m": 2130.0}, "no antenna has an axis offset of 2130"),
-        ({"axis_offset_m": np.nan}, "no antenna has an axis offset of nan"),
+        ({"axis_offset_m": np.nan}, "axis_offset_m must be a finite number, but is nan"),
     ],
 )
 def test_what_no_antenna_has(changes, words):

@@ -101,17 +101,17 @@ class EquipmentDelays:
         receiver: NDArray[np.int32],
         tag: NDArray[np.int8],
         sign: NDArray[np.float64],
-        off: frozenset[str] = frozenset(),
+        terms: frozenset[str],
     ) -> PathDelays:
         """What the delays do to paths between stations, given by their place among the catalogue's names.
 
-        `tag` and `sign` are those of :func:`~radioloc.measurements.light_path.solve_light_path`; terms that are `off`,
-        of ``transponder_delay`` and ``station_delay``, are left out.
+        `tag` and `sign` are those of :func:`~radioloc.measurements.light_path.solve_light_path`; terms that are not
+        among the active `terms`, of ``transponder_delay`` and ``station_delay``, are left out.
         """
         hold_s, by_station_s = np.zeros(len(tag)), np.zeros((len(stations), 2))
-        if "transponder_delay" not in off and self.transponder_s is not None:
+        if "transponder_delay" in terms and self.transponder_s is not None:
             hold_s[sign > 0.0] = self.transponder_s
-        if "station_delay" not in off:
+        if "station_delay" in terms:
             for k, name in enumerate(stations):
                 delay = self.stations.get(name, StationDelay())
                 by_station_s[k] = delay.transmit_s or 0.0, delay.receive_s or 0.0

@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Sequence
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -24,15 +25,14 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
-from radioloc.measurements.gravitational_delay import gravitational_delay_m
 from radioloc.measurements.light_path import (
     BOUNCE,
     RECEIVE,
-    TOLERANCE_S,
     TRANSMIT,
     LightPath,
     MovingPoint,
     PathPartials,
+    gravitational_delay_m,
     path_length_partials,
     solve_light_path,
 )
@@ -44,8 +44,6 @@ from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_combined, is_differenced, is_integrated, is_one_way
 from radioloc.measurements.station_motion import StationMotion, station_motion
-from radioloc.measurements.terms import TERMS
-from radioloc.measurements.trajectory_motion import displaced, trajectory_motion
 from radioloc.media.ionosphere import delay_by_content_m
 from radioloc.media.medium import Leg, LegEnd
 from radioloc.media.status import first_of
@@ -54,8 +52,6 @@ from radioloc.vectors import dot, length, rotated
 
 _SHORTEST_RADIO_UM = 1000.0
 """From this wavelength on (300 GHz), the signal is radio."""
-_STRAIGHT_FOR_S = 1e-3
-"""How far from its instant a straight motion is used: the error is below 0.034 m/s^2 * (1e-3 s)^2 / 2 = 2e-8 m."""
 _ROUGHLY_S = 1e-9
 """Light times of the path without delays settle to 1e-13 s, in which nothing moves by more than 3e-9 m."""
 
@@ -127,7 +123,7 @@ class ExactPredictor(Predictor):
             self._receiver,
             self._tag,
             self._sign,
-            off=frozenset(TERMS) - model.terms,
+            model.terms,
         )
         self._reference = Epochs.from_jd(
             tt.jd, tt.fraction + geocentric_tdb_minus_tt(tt) / SECONDS_PER_DAY, "TDB"
@@ -146,7 +142,8 @@ class ExactPredictor(Predictor):
     def at(self, lander_pa_m: NDArray[np.float64]) -> Computed:
         """Predict all observations for a position; a ConvergenceError where the light times do not settle."""
         path, relay, (up, down) = self._solve(lander_pa_m)
-        if self._too_far(path):
+        near = self._up.point.holds_at(path.transmit_s) and self._down.point.holds_at(path.receive_s)
+        if not (near and self._moon.centre.holds_at(path.bounce_s)):
             self._prepare(lander_pa_m)
             path, relay, (up, down) = self._solve(lander_pa_m)
         length_m = C_M_S * (self._sign * path.up_s + (path.down_s + self._equipment.in_value_s))
@@ -196,7 +193,9 @@ class ExactPredictor(Predictor):
                 if self.more_partials
                 else np.zeros((n, 0))
             ),
-            mean_by_position_pa=self._mean(by_position_pa) if self.more_partials else np.zeros((n, 0)),
+            mean_by_position_pa=self._observed(by_position_pa, mean=True)
+            if self.more_partials
+            else np.zeros((n, 0)),
         )
 
     def _by_stations(self, path: LightPath, partials: PathPartials) -> NDArray[np.float64]:
@@ -260,18 +259,12 @@ class ExactPredictor(Predictor):
         self._transmitter, self._receiver = self.transmitters[rows], self.receivers[rows]
         self._target = self.target[rows]
 
-    def _observed(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """From paths to observations: the path itself, or the difference of two where there is a count interval."""
+    def _observed(self, of_paths: NDArray[np.float64], *, mean: bool = False) -> NDArray[np.float64]:
+        """From paths to observations: the path itself; of the two of a count interval the difference, or the mean."""
         n = len(self.observations)
         out = of_paths[:n].copy()
-        out[self._integrated] -= of_paths[n:]
-        return out
-
-    def _mean(self, of_paths: NDArray[np.float64]) -> NDArray[np.float64]:
-        """From paths to observations: the path itself, or the mean of two where there is a count interval."""
-        n = len(self.observations)
-        out = of_paths[:n].copy()
-        out[self._integrated] = 0.5 * (out[self._integrated] + of_paths[n:])
+        late, early = out[self._integrated], of_paths[n:]
+        out[self._integrated] = 0.5 * (late + early) if mean else late - early
         return out
 
     def _prepare(self, lander_pa_m: NDArray[np.float64]) -> None:
@@ -280,23 +273,16 @@ class ExactPredictor(Predictor):
         self._up = self._station(self._transmitter, zero)
         same = np.array_equal(self._transmitter, self._receiver)
         self._down = self._up if same else self._station(self._receiver, zero)
-        self._meet(zero)
+        self._moon = lunar_motion(self.model, self._reference, self._earth, zero, self.trajectory)
         # From the tag's instant the straight motions give the events to some nanoseconds.
         path, _, _ = self._solve(lander_pa_m)
-        self._up = self._moved(self._up, self._transmitter, path.transmit_s)
-        self._down = self._moved(self._down, self._receiver, path.receive_s)
-        self._meet(path.bounce_s)
-        for name in ("_up", "_down", "_moon", "_craft"):
+        if not self._up.point.holds_at(path.transmit_s):
+            self._up = self._station(self._transmitter, path.transmit_s)
+        if not self._down.point.holds_at(path.receive_s):
+            self._down = self._station(self._receiver, path.receive_s)
+        self._moon = lunar_motion(self.model, self._reference, self._earth, path.bounce_s, self.trajectory)
+        for name in ("_up", "_down", "_moon"):
             setattr(self, name, rows_of(getattr(self, name), slice(None)))
-
-    def _meet(self, offset_s: NDArray[np.float64]) -> None:
-        """Place the Moon, and the spacecraft if there is one, where the signals meet them."""
-        self._moon = lunar_motion(self.model, self._reference, self._earth, offset_s)
-        self._craft = (
-            None
-            if self.trajectory is None
-            else trajectory_motion(self.model, self.trajectory, self._reference, self._moon)
-        )
 
     def _ends(self) -> tuple[LegEnd, LegEnd]:
         """Stations and signals at both ends of the paths."""
@@ -319,22 +305,6 @@ class ExactPredictor(Predictor):
     def _station(self, which: NDArray[np.int32], offset_s: NDArray[np.float64]) -> StationMotion:
         return station_motion(self.model, self._stations, which, self._reference, self._earth, offset_s)
 
-    def _moved(
-        self, motion: StationMotion, which: NDArray[np.int32], offset_s: NDArray[np.float64]
-    ) -> StationMotion:
-        near = np.abs(offset_s - motion.point.offset_s) < _STRAIGHT_FOR_S
-        return motion if bool(near.all()) else self._station(which, offset_s)
-
-    def _too_far(self, path: LightPath) -> bool:
-        moved_s = np.stack(
-            [
-                path.transmit_s - self._up.point.offset_s,
-                path.bounce_s - self._moon.centre.offset_s,
-                path.receive_s - self._down.point.offset_s,
-            ]
-        )
-        return bool((np.abs(moved_s) > _STRAIGHT_FOR_S).any())
-
     def _solve(
         self, lander_pa_m: NDArray[np.float64]
     ) -> tuple[LightPath, MovingPoint, tuple[LineOfSight, LineOfSight]]:
@@ -345,47 +315,28 @@ class ExactPredictor(Predictor):
         lander_pa_m = np.asarray(lander_pa_m, dtype=np.float64)
         if lander_pa_m.ndim == 2:
             lander_pa_m = lander_pa_m[self._target]
-        relay = (
-            self._moon.point(self.model, lander_pa_m)
-            if self._craft is None
-            else displaced(self._craft, self._moon, lander_pa_m)
-        )
+        relay = self._moon.point(self.model, lander_pa_m)
         # The reference epoch reads the tag as the geocentre's TT; the station's differs by up to 2 microseconds.
         tagged_s = np.where(
             self._tag == TRANSMIT,
             self._up.topocentric_s,
             np.where(self._tag == RECEIVE, self._down.topocentric_s, 0.0),
         )
-        tagged_s = tagged_s + self._equipment.after_tag_s
-        path = self._path(relay, tagged_s, 0.0, 0.0, tolerance_s=_ROUGHLY_S)
-        up_m, down_m = self._gravity(path, relay)
-        up, down = self._lines_of_sight(path, relay)
-        up_drag, down_drag = self._drag(path)
-        up_m, down_m = up_m + up_drag * up.delay_m, down_m + down_drag * down.delay_m
-        return self._path(relay, tagged_s, up_m, down_m, path), relay, (up, down)
-
-    def _path(
-        self,
-        relay: MovingPoint,
-        tagged_s: NDArray[np.float64],
-        up_m: ArrayLike,
-        down_m: ArrayLike,
-        near: LightPath | None = None,
-        tolerance_s: float = TOLERANCE_S,
-    ) -> LightPath:
-        return solve_light_path(
+        solve = partial(
+            solve_light_path,
             self._up.point,
             relay,
             self._down.point,
             self._tag,
-            tagged_s,
-            up_m,
-            down_m,
-            self._sign,
-            self._equipment.hold_s,
-            near,
-            tolerance_s,
+            tagged_s + self._equipment.after_tag_s,
+            sign=self._sign,
+            hold_s=self._equipment.hold_s,
         )
+        path = solve(0.0, 0.0, tolerance_s=_ROUGHLY_S)
+        up, down = self._lines_of_sight(path, relay)
+        (up_m, down_m), (up_drag, down_drag) = self._gravity(path, relay), self._drag(path)
+        path = solve(up_m + up_drag * up.delay_m, down_m + down_drag * down.delay_m, near=path)
+        return path, relay, (up, down)
 
     def _drag(self, path: LightPath) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Media's delay of each leg in the barycentric frame, over that in the frame in which the media rest.
@@ -406,18 +357,14 @@ class ExactPredictor(Predictor):
         The Sun and the planets stand still in the barycentric frame to what matters; for the Earth and the Moon, which
         do not, the frame that moves with the Earth is the one in which they do.
         """
-        total_m = [np.zeros(len(self._paths)), np.zeros(len(self._paths))]
+        up_m, down_m = np.zeros((2, len(self._paths)))
         if not self.model.has("shapiro"):
-            return total_m[0], total_m[1]
+            return up_m, down_m
         gm = self.model.ephemeris.constants.gm_m3_s2
         lander_m = relay.at(path.bounce_s)
         lander_gcrs_m, _ = self._moon.geocentric(relay, path.bounce_s)
-        stations = self._up, self._down
-        solar_m = [
-            station.point.at(event_s)
-            for station, event_s in zip(stations, (path.transmit_s, path.receive_s), strict=True)
-        ]
-        terrestrial_m = [station.gcrs_m for station in stations]
+        solar_m = self._up.point.at(path.transmit_s), self._down.point.at(path.receive_s)
+        terrestrial_m = self._up.gcrs_m, self._down.gcrs_m
         at_rest = (
             (lander_m, solar_m, self._moon.bodies_m),
             (lander_gcrs_m, terrestrial_m, {"earth": np.zeros(3), "moon": self._moon.moon_gcrs_m}),
@@ -426,15 +373,14 @@ class ExactPredictor(Predictor):
             between_m = [length(point_m - end_m) for end_m in ends_m]
             for body, body_m in bodies_m.items():
                 to_point_m = length(point_m - body_m)
-                for leg, end_m in enumerate(ends_m):
-                    to_end_m = length(end_m - body_m)
-                    total_m[leg] += gravitational_delay_m(to_end_m, to_point_m, between_m[leg], gm(body))
-        return total_m[0], total_m[1]
+                for total_m, end_m, leg_m in zip((up_m, down_m), ends_m, between_m, strict=True):
+                    total_m += gravitational_delay_m(length(end_m - body_m), to_point_m, leg_m, gm(body))
+        return up_m, down_m
 
     def _lines_of_sight(self, path: LightPath, relay: MovingPoint) -> tuple[LineOfSight, LineOfSight]:
         """The views from both stations."""
         lander_gcrs_m, velocity_m_s = self._moon.geocentric(relay, path.bounce_s)
-        moon_gcrs_m = None if self._craft is None else self._moon.moon_gcrs_m
+        moon_gcrs_m = None if self.trajectory is None else self._moon.moon_gcrs_m
         media = self.model.media
         up, down = (
             line_of_sight(Leg(end, station, lander_gcrs_m, velocity_m_s), media, prepared, moon_gcrs_m)
@@ -462,6 +408,5 @@ _PER_PATH = (
     "_up",
     "_down",
     "_moon",
-    "_craft",
 )
 """What an arc holds for each light path."""

@@ -30,6 +30,9 @@ from radioloc.vectors import dot, length
 TRANSMIT, RECEIVE, BOUNCE = 0, 1, 2
 _MAX_ITERATIONS = 12
 TOLERANCE_S = 1e-15
+_STRAIGHT_FOR_S = 1e-3
+PLANETS_MM = {"venus": 0.1, "jupiter": 2.0, "saturn": 0.3}
+"""Planets whose delay is modelled beside those of the Sun, the Earth and the Moon: largest size on one way, mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,21 +47,22 @@ class MovingPoint:
         """Position at another instant, shape (n, 3)."""
         return self.position_m + self.velocity_m_s * (offset_s - self.offset_s)[:, None]
 
+    def holds_at(self, offset_s: NDArray[np.float64]) -> bool:
+        """Whether other instants are near enough for a straight line."""
+        return bool((np.abs(offset_s - self.offset_s) < _STRAIGHT_FOR_S).all())
+
 
 @dataclass(frozen=True, slots=True)
 class LightPath:
     """A solved path; the offsets are TDB seconds from the reference epochs, the durations their own variables."""
 
     transmit_s: NDArray[np.float64]
-    bounce_s: NDArray[np.float64]
-    """Arrival at the point."""
+    bounce_s: NDArray[np.float64]  # arrival at the point
     receive_s: NDArray[np.float64]
     up_s: NDArray[np.float64]
     down_s: NDArray[np.float64]
-    up_unit: NDArray[np.float64]
-    """Unit vector from transmitter to the point, shape (n, 3)."""
-    down_unit: NDArray[np.float64]
-    """Unit vector from the point to the receiver, shape (n, 3)."""
+    up_unit: NDArray[np.float64]  # from transmitter to the point, shape (n, 3)
+    down_unit: NDArray[np.float64]  # from the point to the receiver, shape (n, 3)
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,3 +173,16 @@ def path_length_partials(
         by_down_delay=by_down,
         by_hold=C_M_S + np.where(received, -by_up * closing_up, by_down * closing_down),
     )
+
+
+def gravitational_delay_m(
+    r1_m: NDArray[np.float64], r2_m: NDArray[np.float64], r12_m: NDArray[np.float64], gm_m3_s2: float
+) -> NDArray[np.float64]:
+    """Extra path between two points by the gravity of one body, of their distances from it and from each other, m.
+
+    General relativity (gamma = 1): Moyer (2003), eq. 8-55, in which the term k = 2 GM/c^2 beside the distances
+    accounts for the bending of the ray; IERS Conventions (2010), eq. 11.17 without it. With s = r1 + r2 the
+    logarithm of (s + r12 + k) / (s - r12 + k) is taken as log1p, so that a short path loses no digits.
+    """
+    k_m = 2.0 * gm_m3_s2 / C_M_S**2
+    return k_m * np.log1p(2.0 * r12_m / (r1_m + r2_m - r12_m + k_m))

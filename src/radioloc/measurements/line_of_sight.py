@@ -12,37 +12,21 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.measurements.trajectory_motion import behind_moon
+from radioloc.measurements.lunar_motion import behind_moon
 from radioloc.media.medium import Leg, Medium
 from radioloc.media.status import Status, first_of
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LineOfSight:
-    """Delay of a signal on its way to the target or from it, and what stands against using it.
-
-    Parameters
-    ----------
-    leg : Leg
-        The leg, with its elevation.
-    delay_m : ndarray, shape (n,)
-        Of all media together.
-    rate_m_s : ndarray, shape (n,)
-        Derivative with respect to time.
-    by_position : ndarray, shape (n, 3)
-        Derivative with respect to the target's position, celestial axes.
-    by_zenith_wet : ndarray, shape (n,)
-        Derivative with respect to the wet delay at the zenith, m/m.
-    status : ndarray of int8, shape (n,)
-        :class:`~radioloc.media.status.Status`: whether the model holds, or why not.
-    """
+    """Delay of a signal on its way to the target or from it, and what stands against using it."""
 
     leg: Leg
-    delay_m: NDArray[np.float64]
-    rate_m_s: NDArray[np.float64]
-    by_position: NDArray[np.float64]
-    by_zenith_wet: NDArray[np.float64]
-    status: NDArray[np.int8]
+    delay_m: NDArray[np.float64]  # of all media together, shape (n,)
+    rate_m_s: NDArray[np.float64]  # derivatives with respect to time,
+    by_position: NDArray[np.float64]  # to the target's position, celestial axes, shape (n, 3),
+    by_zenith_wet: NDArray[np.float64]  # and to the wet delay at the zenith, m/m
+    status: NDArray[np.int8]  # radioloc.media.status.Status: whether the model holds, or why not
 
 
 def line_of_sight(
@@ -51,17 +35,10 @@ def line_of_sight(
     prepared: Mapping[str, Any],
     moon_gcrs_m: NDArray[np.float64] | None = None,
 ) -> LineOfSight:
-    """Add up the delays of a leg by the media on it.
+    """Add up the delays of a leg by the media on it, from what each of them has prepared, by name.
 
-    Parameters
-    ----------
-    leg : Leg
-    media : iterable of Medium
-        The first one whose status is not OK says what is wrong.
-    prepared : mapping of str to object
-        What each of them has prepared, by name.
-    moon_gcrs_m : ndarray, shape (n, 3), optional
-        Geocentric position of the Moon where it can hide the target, a spacecraft.
+    The first medium whose status is not OK says what is wrong. `moon_gcrs_m`, shape (n, 3), is the geocentric position
+    of the Moon where it can hide the target, a spacecraft.
     """
     n = len(leg)
     delay_m, rate_m_s, by_elevation_m_rad, by_zenith_wet = np.zeros((4, n))

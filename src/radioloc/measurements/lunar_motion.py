@@ -1,4 +1,9 @@
-"""Where a point fixed to the Moon is, seen from the barycentre, near the instant at which a signal meets it."""
+"""Where the target is, seen from the barycentre, near the instant at which a signal meets it, and what hides it.
+
+A point fixed to the Moon, or a spacecraft on a known trajectory. The positions of its SPK are coordinates of the BCRS
+in the units of TDB already, so nothing shrinks: the terms of a point on the Moon (``lunar_tide``, ``lunar_scale``,
+``lunar_lorentz``) have no part in them.
+"""
 
 from __future__ import annotations
 
@@ -8,22 +13,28 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S, L_B, L_G
-from radioloc.ephemeris import EarthState
+from radioloc.constants import C_M_S, L_B, L_G, MEAN_LUNAR_RADIUS_M
+from radioloc.ephemeris import EarthState, Trajectory
+from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.lunar.tide import solid_tide
-from radioloc.measurements.gravitational_delay import PLANETS_MM
-from radioloc.measurements.light_path import MovingPoint
+from radioloc.lunar.visibility import hidden_by_moon
+from radioloc.measurements.light_path import PLANETS_MM, MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.station_motion import geocentre_displacement_m
 from radioloc.time import Epochs
 from radioloc.vectors import dot, length, rotated
 
+_FARTHEST_M = 2e10
+"""After the 67 s of light the Earth's motion is no longer a parabola to 0.06 mm."""
+_DEEPEST_M = 2e4
+"""Below any terrain: heights about the sphere reach down to -9.2 km."""
+
 
 @dataclass(frozen=True, slots=True)
 class LunarMotion:
-    """The Moon near one instant per observation, ready for any point fixed to it."""
+    """The Moon near one instant per observation, ready for any point fixed to it, and any spacecraft."""
 
     centre: MovingPoint  # in the BCRS, from the geocentre at the reference epoch
     rot_pa_to_icrf: NDArray[np.float64]  # orientation of the principal axes, shape (n, 3, 3)
@@ -35,10 +46,17 @@ class LunarMotion:
     sun_pa_m: NDArray[np.float64]
     shrinking: NDArray[np.float64]  # U/c^2 + L_B - L_G, potential U of Sun and Earth at the Moon's centre
     bodies_m: dict[str, NDArray[np.float64]]  # Sun and planets, from the geocentre at the reference epoch
+    craft: MovingPoint | None
 
     def point(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> MovingPoint:
-        """Motion of a point with given principal-axes coordinates, shape (3,) or (n, 3), m."""
+        """Motion of a point with given principal-axes coordinates, or beside the craft, shape (3,) or (n, 3), m."""
         pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)
+        if self.craft is not None:
+            return MovingPoint(
+                self.craft.offset_s,
+                self.craft.position_m + rotated(self.rot_pa_to_icrf, pa_m),
+                self.craft.velocity_m_s + rotated(self.rot_pa_to_icrf_rate, pa_m),
+            )
         if model.has("lunar_tide"):
             permanent: Literal["included", "removed"] = (
                 "included" if model.has("lunar_tide_constant") else "removed"
@@ -67,13 +85,20 @@ class LunarMotion:
 
 
 def lunar_motion(
-    model: PhysicalModel, reference: Epochs, reference_earth: EarthState, offset_s: NDArray[np.float64]
+    model: PhysicalModel,
+    reference: Epochs,
+    reference_earth: EarthState,
+    offset_s: NDArray[np.float64],
+    trajectory: Trajectory | None = None,
 ) -> LunarMotion:
     """The Moon at offsets from the reference epochs (TDB), when the geocentre is the origin.
 
     Lengths on the Moon are taken as a ruler there would measure them, in the units of TT, like those on the Earth. Seen
     from the barycentre they shrink by U/c^2 + L_B - L_G (43 mm of the radius) and along the velocity by the Lorentz
     contraction -v (v . r) / (2 c^2), up to 9 mm (IERS Conventions 2010, section 11.1, taken over to the Moon).
+
+    The error of a spacecraft's straight motion by the acceleration of a low lunar orbit, 1.6 m/s^2, is 0.8 micrometres
+    after the 1e-3 s for which it may be used, and 1e-16 m after the nanoseconds for which it is.
     """
     tdb = reference.shifted(offset_s)
     earth = model.ephemeris.earth(tdb)
@@ -89,6 +114,16 @@ def lunar_motion(
     for body in PLANETS_MM:
         if body in model.ephemeris.bodies:
             bodies_m[body] = geocentre_m + model.ephemeris.geocentric(body, tdb)[0]
+    craft = None
+    if trajectory is not None:
+        position_m, velocity_m_s = trajectory.geocentric(model.ephemeris, tdb)
+        distance_m = float(length(position_m).max(initial=0.0))
+        if distance_m > _FARTHEST_M:
+            raise InputError(
+                f"{trajectory.name} is {distance_m / 1e9:.1f} million km from the Earth; the light path is made for "
+                f"targets within {_FARTHEST_M / 1e9:.0f} million km"
+            )
+        craft = MovingPoint(offset_s, geocentre_m + position_m, earth.velocity_m_s + velocity_m_s)
     return LunarMotion(
         centre=MovingPoint(offset_s, geocentre_m + moon_m, earth.velocity_m_s + moon_velocity_m_s),
         rot_pa_to_icrf=np.swapaxes(rot, -1, -2),
@@ -100,4 +135,19 @@ def lunar_motion(
         sun_pa_m=np.einsum("nij,nj->ni", rot, sun_m - moon_m),
         shrinking=potential / C_M_S**2 + (L_B - L_G),
         bodies_m=bodies_m,
+        craft=craft,
     )
+
+
+def behind_moon(
+    point_gcrs_m: NDArray[np.float64], station_gcrs_m: NDArray[np.float64], moon_gcrs_m: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Whether the Moon hides a spacecraft from a station; geocentric positions at the events, m.
+
+    The Moon is the 1737.4 km sphere, or a smaller one through a spacecraft that is lower, as on a landing.
+    """
+    from_moon_m = point_gcrs_m - moon_gcrs_m
+    # The sphere must not hold the spacecraft itself, by rounding.
+    radius_m = np.minimum(MEAN_LUNAR_RADIUS_M, np.linalg.norm(from_moon_m, axis=-1) - 1e-3)
+    radius_m = np.maximum(radius_m, MEAN_LUNAR_RADIUS_M - _DEEPEST_M)
+    return hidden_by_moon(from_moon_m, station_gcrs_m - moon_gcrs_m, radius_m)

@@ -14,7 +14,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.kernels import KernelFile
 from radioloc.measurements.equipment_delays import EquipmentDelays
-from radioloc.measurements.gravitational_delay import PLANETS_MM
+from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.terms import TERMS, active_terms
 from radioloc.media.ionosphere import ElectronContent, Ionosphere
 from radioloc.media.medium import Medium

@@ -21,7 +21,7 @@ from radioloc.kernels import sha256_of
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
-from radioloc.measurements.gravitational_delay import PLANETS_MM
+from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import kernel_record
 from radioloc.measurements.predictor import Predictor

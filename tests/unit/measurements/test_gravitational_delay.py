@@ -8,7 +8,7 @@ import pytest
 
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import CONSTANTS
-from radioloc.measurements.gravitational_delay import gravitational_delay_m
+from radioloc.measurements.light_path import gravitational_delay_m
 from radioloc.vectors import length
 
 AU_M, MOON_M = 1.495978707e11, 3.844e8

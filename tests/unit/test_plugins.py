@@ -154,7 +154,7 @@ BROKEN = {
         "radioloc_toys.half_range:NOTHING": "cannot be loaded .*NOTHING",
         "radioloc_toys.zenith_angle_bias:ZENITH_ANGLE_BIAS": "is a ParameterKind, not a Measu",
     },
-    "parameters": {"radioloc.parameters.range_bias:RANGE_BIAS": "has the name 'range_bias', which is taken"},
+    "parameters": {"radioloc.parameters.biases:RANGE_BIAS": "has the name 'range_bias', which is taken"},
     "media": {"radioloc_toys.half_range:HALF_RANGE": "is a MeasurementType, not a Medium"},
 }
 """Entry points that cannot be used, by group, and what is said of each."""

@@ -18,12 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import FileFormatError, InputError
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
-from radioloc.measurements.registry import (
-    KINDS,
-    MEASUREMENTS,
-    is_integrated,
-    kind_of,
-)
+from radioloc.measurements.registry import KINDS, MEASUREMENTS, is_integrated, kind_of
 from radioloc.plugins import LazyNames
 from radioloc.time import Epochs, to_scale, utc_strings
 from radioloc.units import in_unit
@@ -200,8 +195,13 @@ class Observations:
     def __repr__(self) -> str:
         if len(self) == 0:
             return "<Observations none>"
-        first, last = self.epoch[[int(self.epoch.jd.argmin()), int(self.epoch.jd.argmax())]].day_strings()
+        first, last = self.span().day_strings()
         return f"<Observations {len(self)} {first} to {last}>"
+
+    def span(self) -> Epochs:
+        """The first and the last epoch; there is at least one."""
+        days = (self.epoch.jd - self.epoch.jd.min()) + self.epoch.fraction
+        return self.epoch[[int(days.argmin()), int(days.argmax())]]
 
     def select(self, which: Any) -> Observations:
         """Rows chosen by a mask, a slice or indices, in that order; ``links`` and ``files`` stay whole."""
@@ -239,11 +239,7 @@ class Observations:
         """Text for people: how many observations, from when to when, by path and kind."""
         if len(self) == 0:
             return "no observations"
-        days = (np.flatnonzero(self.epoch.jd == day(self.epoch.jd)) for day in (np.min, np.max))
-        rows = [
-            rows[of(self.epoch.fraction[rows])] for rows, of in zip(days, (np.argmin, np.argmax), strict=True)
-        ]
-        first, last = (str(s) for s in utc_strings(self.epoch[rows], decimals=0))
+        first, last = (str(s) for s in utc_strings(self.span(), decimals=0))
         lines = [f"{len(self)} observations, {first} to {last} UTC, {len(np.unique(self.file))} file(s)"]
         groups, counts = np.unique(self.link * len(KINDS) + self.kind, return_counts=True)
         named = sorted(
@@ -255,51 +251,43 @@ class Observations:
         return "\n".join(lines)
 
     def _validate(self) -> None:
-        wrong = ~np.isfinite(self.value_m)
-        self._refuse(wrong, "value_m", self.value_m, "must be finite")
+        """Hold the observations to what can be true of each quantity and type."""
+        self._refuse(~np.isfinite(self.value_m), "value_m", "must be finite")
         wrong = ~(np.isfinite(self.sigma_m) & (self.sigma_m > 0.0))
-        self._refuse(wrong, "sigma_m", self.sigma_m, "must be finite and above zero")
-        integrated = is_integrated(self.kind)
-        wrong = integrated & ~(np.isfinite(self.count_s) & (self.count_s > 0.0))
-        rule = "the measurement needs its count interval, above zero"
-        self._refuse(wrong, "count_s", self.count_s, rule)
+        self._refuse(wrong, "sigma_m", "must be finite and above zero")
+        wrong = is_integrated(self.kind) & ~(np.isfinite(self.count_s) & (self.count_s > 0.0))
+        self._refuse(wrong, "count_s", "the measurement needs its count interval, above zero")
         for code in np.unique(self.kind):
-            self._validate_type(int(code), self.kind == code)
+            kind, rows = MEASUREMENTS[KINDS[code]], self.kind == code
+            allowed = [TIME_TAGS.index(tag) for tag in kind.tags]
+            where = " at the arrival at the first station" if kind.on_baseline else ""
+            rule = f"the {kind.name} is tagged{where} ({' or '.join(kind.tags)})"
+            if len(allowed) < len(TIME_TAGS):
+                self._refuse(rows & ~np.isin(self.tag, allowed), "time_tag", rule)
+            of_link = np.array([link.form != kind.form for link in self.links], dtype=bool)
+            rule = f"that of the type {kind.name} is written {kind.form}"
+            self._refuse(rows & of_link[self.link], "path", rule)
+            if kind.positive:
+                wrong = rows & ~(self.value_m > 0.0)
+                self._refuse(wrong, "value_m", f"must be above zero: {kind.limit}")
+            if kind.largest_m is not None:
+                self._refuse(rows & (np.abs(self.value_m) > kind.largest_m), "value_m", kind.limit)
+            if kind.fastest_m_s is not None:
+                wrong = rows & (np.abs(self.value_m) > kind.fastest_m_s * self.count_s)
+                self._refuse(wrong, "value_m", kind.limit)
         wrong = ~np.isnan(self.uplink_hz) & ~((self.uplink_hz > 1e6) & (self.uplink_hz < 1e12))
-        self._refuse(wrong, "uplink_hz", self.uplink_hz, "must be 1e6 to 1e12, or left out")
+        self._refuse(wrong, "uplink_hz", "must be 1e6 to 1e12, or left out")
         for name, (low, high) in WEATHER_LIMITS.items():
             column = getattr(self, name)
             wrong = ~(np.isnan(column) | ((column >= low) & (column <= high)))
-            rule = f"must be {low:g} to {high:g}, or left out where it was not recorded"
-            self._refuse(wrong, name, column, rule)
+            self._refuse(wrong, name, f"must be {low:g} to {high:g}, or left out where it was not recorded")
 
-    def _validate_type(self, code: int, rows: NDArray[np.bool_]) -> None:
-        """Hold the observations of one type to what can be true of it."""
-        kind = MEASUREMENTS[KINDS[code]]
-        allowed = [TIME_TAGS.index(tag) for tag in kind.tags]
-        if len(allowed) < len(TIME_TAGS):
-            where = " at the arrival at the first station" if kind.on_baseline else ""
-            rule = f"the {kind.name} is tagged{where} ({' or '.join(kind.tags)})"
-            self._refuse(rows & ~np.isin(self.tag, allowed), "time_tag", self.tag, rule)
-        of_link = np.array([link.form != kind.form for link in self.links], dtype=bool)
-        rule = f"that of the type {kind.name} is written {kind.form}"
-        self._refuse(rows & of_link[self.link], "path", self.link, rule)
-        if kind.positive:
-            rule = f"must be above zero: {kind.limit}"
-            self._refuse(rows & ~(self.value_m > 0.0), "value_m", self.value_m, rule)
-        if kind.largest_m is not None:
-            wrong = rows & (np.abs(self.value_m) > kind.largest_m)
-            self._refuse(wrong, "value_m", self.value_m, kind.limit)
-        if kind.fastest_m_s is not None:
-            wrong = rows & (np.abs(self.value_m) > kind.fastest_m_s * self.count_s)
-            self._refuse(wrong, "value_m", self.value_m, kind.limit)
-
-    def _refuse(self, wrong: NDArray[np.bool_], name: str, column: NDArray[Any], rule: str) -> None:
+    def _refuse(self, wrong: NDArray[np.bool_], name: str, rule: str) -> None:
         if not wrong.any():
             return
         row = int(np.argmax(wrong))
         words = {"path": self.links[self.link[row]].path, "time_tag": TIME_TAGS[self.tag[row]]}
-        found = words.get(name) or f"{column[row]:g}"
+        found = words.get(name) or f"{getattr(self, name)[row]:g}"
         problem = f"{name} is {found}, but {rule}"
         source = self.files[self.file[row]]
         if source == _IN_MEMORY:

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from radioloc.measurements.differences import DIFFERENCED_DELAY, DIFFERENCED_DOPPLER, DIFFERENCED_RANGE
 from radioloc.measurements.doppler import DOPPLER
-from radioloc.measurements.measurement_type import Geometry, MeasurementType
+from radioloc.measurements.measurement_type import MeasurementType
 from radioloc.measurements.one_way import ONE_WAY_DOPPLER, ONE_WAY_RANGE
 from radioloc.measurements.range import RANGE
 from radioloc.measurements.vlbi import VLBI_DELAY, VLBI_DELAY_RATE
@@ -41,34 +41,29 @@ KINDS = LazyNames(lambda: MEASUREMENTS)
 
 
 @cache
-def _lookup() -> dict[str, NDArray[np.bool_]]:
-    kinds = MEASUREMENTS.values()
-    return {
-        "integrated": np.array([kind.integrated for kind in kinds]),
-        "baseline": np.array([kind.on_baseline for kind in kinds]),
-        "one_way": np.array([kind.geometry is Geometry.ONE_WAY for kind in kinds]),
-        "combined": np.array([kind.geometry is Geometry.COMBINED for kind in kinds]),
-    }
+def _table(trait: str) -> NDArray[np.bool_]:
+    """Whether each type has a trait, or the geometry of that name."""
+    return np.array([getattr(kind, trait, kind.geometry.name == trait) for kind in MEASUREMENTS.values()])
 
 
 def is_integrated(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
     """Whether measurements are differences over a count interval: Doppler and delay rates."""
-    return np.asarray(_lookup()["integrated"][kind])
+    return np.asarray(_table("integrated")[kind])
 
 
 def is_differenced(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
     """Whether measurements belong to a baseline, two stations that receive."""
-    return np.asarray(_lookup()["baseline"][kind])
+    return np.asarray(_table("on_baseline")[kind])
 
 
 def is_one_way(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
     """Whether measurements are of a signal that the target generates, at one station."""
-    return np.asarray(_lookup()["one_way"][kind])
+    return np.asarray(_table("ONE_WAY")[kind])
 
 
 def is_combined(kind: NDArray[np.int8]) -> NDArray[np.bool_]:
     """Whether measurements are linear combinations of simpler ones."""
-    return np.asarray(_lookup()["combined"][kind])
+    return np.asarray(_table("COMBINED")[kind])
 
 
 def kind_of(name: str) -> int:

@@ -27,26 +27,13 @@ def simple_predictor(predictor: Predictor) -> Predictor:
 
 @dataclass(frozen=True, slots=True)
 class ObservationModel:
-    """What is solved for in an arc, and how the observations follow from it.
-
-    Parameters
-    ----------
-    predictor : Predictor
-    parameters : ParameterSet
-        Three for the position of each target, then kind by kind.
-    positions : tuple of PositionFunction
-        One for each target.
-    columns : tuple of Columns
-        Of the kinds of parameter.
-    reference : Epochs or None
-        Middle of the arc, which rates refer to, TAI, one epoch; None for an arc without observations.
-    """
+    """What is solved for in an arc, and how the observations follow from it."""
 
     predictor: Predictor
-    parameters: ParameterSet
-    positions: tuple[PositionFunction, ...]
-    columns: tuple[Columns, ...]
-    reference: Epochs | None = None
+    parameters: ParameterSet  # three for the position of each target, then kind by kind
+    positions: tuple[PositionFunction, ...]  # one for each target
+    columns: tuple[Columns, ...]  # of the kinds of parameter
+    reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
 
     @classmethod
     def of(
@@ -104,24 +91,13 @@ class ObservationModel:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class DesignMatrix:
-    """An observation model linearized at one set of parameters, whose rows are computed when asked for.
-
-    Parameters
-    ----------
-    model : ObservationModel
-    at : Prediction
-    positions_pa_m : ndarray, shape (3,) or (n_targets, 3)
-    x : ndarray, shape (p,)
-        The parameters.
-    residual_m : ndarray, shape (n,)
-        Observed - computed, m.
-    """
+    """An observation model linearized at parameters x, whose rows are computed when asked for."""
 
     model: ObservationModel
     at: Prediction
     positions_pa_m: NDArray[np.float64]
     x: NDArray[np.float64]
-    residual_m: NDArray[np.float64]
+    residual_m: NDArray[np.float64]  # observed - computed
 
     def partials(self, rows: Rows, *, of_kinds_only: bool = False) -> NDArray[np.float64]:
         """d(computed)/d(parameter) of some observations, shape (m, p); or those by all but the positions."""
@@ -140,8 +116,7 @@ class DesignMatrix:
         out = np.empty((3 * first + sum(map(len, model.columns)), len(rows))).T
         for target, function in enumerate(model.positions[:first]):
             mine = slice(3 * target, 3 * target + 3)
-            _, by_parameters = function(self.x[mine])
-            out[:, mine] = part.computed.by_position_pa @ by_parameters
+            out[:, mine] = part.computed.by_position_pa @ function(self.x[mine])[1]
             if len(model.positions) > 1:
                 out[:, mine] *= (part.target == target)[:, None]
         start = 3 * first

@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
-from dataclasses import dataclass, field, replace
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
 from enum import Enum
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -87,9 +89,9 @@ class Parameter:
         return self.role is not Role.ESTIMATED
 
 
-@dataclass(frozen=True, slots=True, init=False)
+@dataclass(frozen=True)
 class ParameterSet:
-    """Parameters in the order of the columns of the partials.
+    """Parameters in the order of the columns of the partials; arrays are read-only, shape (p,).
 
     Parameters
     ----------
@@ -102,30 +104,17 @@ class ParameterSet:
         There is none, or a name occurs twice.
     """
 
-    parameters: tuple[Parameter, ...]
-    # A fit asks for them again and again.
-    _columns: dict[str, NDArray[Any]] = field(compare=False, repr=False)
+    parameters: Sequence[Parameter]
 
-    def __init__(self, parameters: Iterable[Parameter]) -> None:
-        items = tuple(parameters)
-        if not items:
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "parameters", tuple(self.parameters))
+        if not self.parameters:
             raise InputError("a parameter set needs at least one parameter")
-        names = [item.name for item in items]
-        doubled = sorted({name for name in names if names.count(name) > 1})
+        doubled = sorted(name for name, count in Counter(self.names).items() if count > 1)
         if doubled:
             raise InputError(
                 f"parameter names occur more than once: {', '.join(doubled)}; each must be unique"
             )
-        columns: dict[str, NDArray[Any]] = {
-            "free": np.array([not item.fixed for item in items], dtype=bool),
-            "prior_values": np.array([item.prior_value for item in items], dtype=np.float64),
-            "prior_sigmas": np.array([item.prior_sigma for item in items], dtype=np.float64),
-            "scales": np.array([item.scale for item in items], dtype=np.float64),
-        }
-        for column in columns.values():
-            column.flags.writeable = False
-        object.__setattr__(self, "parameters", items)
-        object.__setattr__(self, "_columns", columns)
 
     def __len__(self) -> int:
         return len(self.parameters)
@@ -139,35 +128,40 @@ class ParameterSet:
     def __contains__(self, name: object) -> bool:
         return name in self.names
 
-    @property
+    @cached_property
     def names(self) -> tuple[str, ...]:
         """Names, in order."""
         return tuple(item.name for item in self.parameters)
 
-    @property
+    @cached_property
     def free(self) -> NDArray[np.bool_]:
-        """Which parameters are not fixed, shape (p,)."""
-        return self._columns["free"]
+        """Which parameters are not fixed."""
+        return np.array([not item.fixed for item in self.parameters])
 
-    @property
+    @cached_property
     def considered(self) -> NDArray[np.bool_]:
-        """Which parameters are considered, shape (p,)."""
-        return np.array([item.role is Role.CONSIDERED for item in self.parameters], dtype=bool)
+        """Which parameters are considered."""
+        return np.array([item.role is Role.CONSIDERED for item in self.parameters])
 
-    @property
+    @cached_property
     def prior_values(self) -> NDArray[np.float64]:
-        """A-priori values, each in its unit, shape (p,)."""
-        return self._columns["prior_values"]
+        """A-priori values, each in its unit."""
+        return self._column("prior_value")
 
-    @property
+    @cached_property
     def prior_sigmas(self) -> NDArray[np.float64]:
-        """A-priori standard deviations, each in its unit, infinite where free, shape (p,)."""
-        return self._columns["prior_sigmas"]
+        """A-priori standard deviations, each in its unit, infinite where free."""
+        return self._column("prior_sigma")
 
-    @property
+    @cached_property
     def scales(self) -> NDArray[np.float64]:
-        """Changes worth about one metre of observation, shape (p,)."""
-        return self._columns["scales"]
+        """Changes worth about one metre of observation."""
+        return self._column("scale")
+
+    def _column(self, name: str) -> NDArray[np.float64]:
+        column = np.array([getattr(item, name) for item in self.parameters], dtype=np.float64)
+        column.flags.writeable = False
+        return column
 
     def index(self, name: str) -> int:
         """Position of a parameter in the order.

@@ -8,15 +8,19 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+from radioloc.parameters.biases import (
+    FREQUENCY_OFFSET,
+    FREQUENCY_RATE,
+    RANGE_BIAS,
+    STATION_DELAY,
+    TIME_BIAS,
+    TRANSPONDER_DELAY,
+)
 from radioloc.parameters.clocks import CLOCK, CLOCK_RATE, TARGET_CLOCK, TARGET_FREQUENCY
 from radioloc.parameters.earth import POLE, STATION_POSITION, UT1
-from radioloc.parameters.equipment import STATION_DELAY, TRANSPONDER_DELAY
-from radioloc.parameters.frequency import FREQUENCY_OFFSET, FREQUENCY_RATE
 from radioloc.parameters.kind import ParameterKind
 from radioloc.parameters.media import ELECTRON_CONTENT, ZENITH_DELAY
 from radioloc.parameters.moon import LIBRATION, LOVE_NUMBERS, LUNAR_LENGTHS, MOON_POSITION
-from radioloc.parameters.range_bias import RANGE_BIAS
-from radioloc.parameters.time_bias import TIME_BIAS
 from radioloc.plugins import registry
 
 PARAMETERS: Mapping[str, ParameterKind] = registry(

@@ -179,7 +179,5 @@ class ObservationRows:
 
 def middle_of(observations: Observations) -> Epochs:
     """Half way between the first and the last of some observations, TAI, one epoch."""
-    epoch = observations.epoch
-    days = (epoch.jd - epoch.jd.min()) + epoch.fraction
-    ends = utc_to_tai(epoch[[int(days.argmin()), int(days.argmax())]])
+    ends = utc_to_tai(observations.span())
     return ends[:1].shifted(0.5 * ends[1:].seconds_since(ends[:1]))

@@ -8,9 +8,9 @@ import radioloc
 from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet
 from radioloc.parameters import ObservationRows, Scope
+from radioloc.parameters.biases import RANGE_BIAS
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.parameter import Role
-from radioloc.parameters.range_bias import RANGE_BIAS
 
 
 def test_order_and_lookup():

@@ -1,0 +1,131 @@
+"""What receivers, clocks' tags, equipment and frequency references add to observations.
+
+Range bias (m): what a receiver adds to every range. Time bias (s): how much later the tagged events happened than a
+station's tags say; the values are not changed. Delays of equipment beyond the model's (s): of the target's transponder
+and of a station's receiving chain. Frequency offset of Doppler and its drift, fractional: receiver's reference less
+transmitter's. Integrated over the count interval T, an offset y adds c y T to the range difference. Between two
+stations' hydrogen masers 1e-13 is usual; 1e-12 moves a Doppler solution of a lander by hundreds of metres.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S
+from radioloc.parameters.kind import ParameterKind, Scope
+from radioloc.parameters.rows import ObservationRows
+
+_STATIONS_OR_LINKS = (Scope.STATION, Scope.PASS, Scope.LINK, Scope.LINK_AND_PASS)
+_LINKS = (Scope.LINK, Scope.LINK_AND_PASS, Scope.PASS)
+
+
+def _at_second(acts: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Acts at the second station only, shape (m, 2)."""
+    return np.stack([np.zeros_like(acts), acts], axis=-1)
+
+
+def _range(rows: ObservationRows) -> NDArray[np.bool_]:
+    return _at_second(~rows.baseline & ~rows.integrated)
+
+
+def _range_bias(rows: ObservationRows) -> NDArray[np.float64]:
+    return _range(rows)[..., None].astype(np.float64)
+
+
+def _tagging(rows: ObservationRows) -> NDArray[np.bool_]:
+    """A tag that names the bounce, or a spacecraft's transmission, is put down to the receiving station."""
+    first = rows.tagged[:, 0]
+    return np.stack([first, ~first], axis=-1)
+
+
+def _time_bias(rows: ObservationRows) -> NDArray[np.float64]:
+    return (_tagging(rows) * rows.computed.by_time_m_s[:, None])[..., None]
+
+
+def _over_transponder(rows: ObservationRows) -> NDArray[np.bool_]:
+    return (~rows.baseline & ~rows.one_way)[:, None]
+
+
+def _transponder(rows: ObservationRows) -> NDArray[np.float64]:
+    return rows.computed.by_transponder_delay_m_s[:, None, None]
+
+
+def _receives(rows: ObservationRows) -> NDArray[np.bool_]:
+    received = ~rows.integrated
+    return np.stack([received & rows.baseline, received], axis=-1)
+
+
+def _receiving(rows: ObservationRows) -> NDArray[np.float64]:
+    """The reading comes later than the arrival; a tag that names the arrival is late by as much."""
+    receives = np.stack([rows.baseline, np.ones(len(rows), dtype=bool)], axis=-1)
+    moved = -((rows.tagged & receives) * rows.computed.by_time_m_s[:, None])
+    return (_receives(rows) * C_M_S * np.array([-1.0, 1.0]) + moved)[..., None]
+
+
+def _counted(rows: ObservationRows) -> NDArray[np.bool_]:
+    return _at_second(rows.integrated)
+
+
+def _offset(rows: ObservationRows) -> NDArray[np.float64]:
+    return (_counted(rows) * (C_M_S * rows.count_s)[:, None])[..., None]
+
+
+def _drift(rows: ObservationRows) -> NDArray[np.float64]:
+    return _offset(rows) * rows.elapsed_s[:, None, None]
+
+
+RANGE_BIAS = ParameterKind(
+    name="range_bias",
+    unit="m",
+    description="bias of the ranges that a station receives, of the round trip or the one-way path",
+    scopes=_STATIONS_OR_LINKS,
+    partials=_range_bias,
+    acts_on=_range,
+)
+TIME_BIAS = ParameterKind(
+    name="time_bias",
+    unit="s",
+    description="offset of a station's time tags, which leaves the measured values as they are",
+    scopes=_STATIONS_OR_LINKS,
+    partials=_time_bias,
+    acts_on=_tagging,
+    scale=1e-3,
+)
+TRANSPONDER_DELAY = ParameterKind(
+    name="transponder_delay",
+    unit="s",
+    description="time for which the target's transponder holds the signal, beyond the model's",
+    scopes=(Scope.TARGET,),
+    partials=_transponder,
+    acts_on=_over_transponder,
+    scale=1.0 / C_M_S,
+)
+STATION_DELAY = ParameterKind(
+    name="station_delay",
+    unit="s",
+    description="delay of a station's receiving equipment, beyond the model's",
+    scopes=(Scope.STATION, Scope.PASS),
+    partials=_receiving,
+    acts_on=_receives,
+    scale=1.0 / C_M_S,
+)
+FREQUENCY_OFFSET = ParameterKind(
+    name="frequency_offset",
+    unit="1",
+    description="fractional offset of the received frequency's reference against the transmitted one's, of Doppler and "
+    "delay rates",
+    scopes=_LINKS,
+    partials=_offset,
+    acts_on=_counted,
+    scale=1e-10,
+)
+FREQUENCY_RATE = ParameterKind(
+    name="frequency_rate",
+    unit="1/s",
+    description="drift of the frequency offset, about its value at the reference epoch, the middle of the arc",
+    scopes=_LINKS,
+    partials=_drift,
+    acts_on=_counted,
+    scale=1e-14,
+)

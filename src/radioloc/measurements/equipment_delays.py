@@ -103,10 +103,9 @@ class EquipmentDelays:
         sign: NDArray[np.float64],
         terms: frozenset[str],
     ) -> PathDelays:
-        """What the delays do to paths between stations, given by their place among the catalogue's names.
+        """What the delays do to paths between stations, whose names are the catalogue's, with some active terms.
 
-        `tag` and `sign` are those of :func:`~radioloc.measurements.light_path.solve_light_path`; terms that are not
-        among the active `terms`, of ``transponder_delay`` and ``station_delay``, are left out.
+        `tag` and `sign` are those of :func:`~radioloc.measurements.light_path.solve_light_path`.
         """
         hold_s, by_station_s = np.zeros(len(tag)), np.zeros((len(stations), 2))
         if "transponder_delay" in terms and self.transponder_s is not None:
@@ -116,9 +115,8 @@ class EquipmentDelays:
                 delay = self.stations.get(name, StationDelay())
                 by_station_s[k] = delay.transmit_s or 0.0, delay.receive_s or 0.0
         # The first station's arrival comes at its reference point before the tag, and is taken off the difference.
-        first_s = np.where(sign < 0.0, -by_station_s[transmitter, 1], by_station_s[transmitter, 0]) * (
-            sign != 0.0
-        )
+        transmit_s, receive_s = by_station_s[transmitter].T
+        first_s = np.where(sign > 0.0, transmit_s, np.where(sign < 0.0, -receive_s, 0.0))
         second_s = by_station_s[receiver, 1]
         after_tag_s = np.where(tag == TRANSMIT, first_s, np.where(tag == RECEIVE, -second_s, 0.0))
         return PathDelays(hold_s, after_tag_s, first_s + hold_s + second_s)

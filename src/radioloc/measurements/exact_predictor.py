@@ -15,7 +15,7 @@ given position is then a light-time solution between straight motions.
 from __future__ import annotations
 
 import copy
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from functools import partial
 from typing import Any
 
@@ -61,18 +61,11 @@ class ExactPredictor(Predictor):
 
     Parameters
     ----------
-    model : PhysicalModel
-    observations : Observations
-        Epochs, paths, weather; the measured values are not looked at.
+    model, observations, trajectory, targets, more_partials
+        As the attributes; the measured values are not looked at. A trajectory has to hold the time tags and the
+        instants at which the signals meet the spacecraft.
     approximate_pa_m : ndarray, shape (3,) or (n_targets, 3)
         A position within some hundred kilometres of the point, principal axes.
-    trajectory : Trajectory, optional
-        What is observed, if it is no point fixed to the Moon. It has to hold the time tags and the instants at which
-        the signals meet the spacecraft.
-    targets : sequence of str
-        Names of the targets, where there are several; positions then have the shape (number of targets, 3).
-    more_partials : bool
-        Whether partials by the stations' places and by the electron content above them are computed.
 
     Raises
     ------
@@ -117,14 +110,8 @@ class ExactPredictor(Predictor):
         sent = np.where(one_way & (self._paths.tag == TRANSMIT), BOUNCE, self._paths.tag)
         self._tag = np.where(differenced, TRANSMIT, sent).astype(np.int8)
         self._media = tuple({m.name: m.prepare(end) for m in model.media} for end in self._ends())
-        self._equipment = model.delays.on_paths(
-            self.stations,
-            self._transmitter,
-            self._receiver,
-            self._tag,
-            self._sign,
-            model.terms,
-        )
+        ends = self._transmitter, self._receiver
+        self._equipment = model.delays.on_paths(self.stations, *ends, self._tag, self._sign, model.terms)
         self._reference = Epochs.from_jd(
             tt.jd, tt.fraction + geocentric_tdb_minus_tt(tt) / SECONDS_PER_DAY, "TDB"
         )
@@ -177,6 +164,11 @@ class ExactPredictor(Predictor):
             late, early = elevation_rad[self._integrated], elevation_rad[n:]
             elevation_rad[self._integrated] = np.where((late >= 0.0) & (early < 0.0), early, late)
             status[self._integrated] = first_of(status[self._integrated], status[n:])
+        by_station, by_content, mean = np.zeros((n, 0, 3)), np.zeros((n, 0)), np.zeros((n, 0))
+        if self.more_partials:
+            by_station = self._by_stations(path, partials)
+            by_content = self._by_electron_content(path, partials, (up, down))
+            mean = self._observed(by_position_pa, mean=True)
         return Computed(
             value_m=self._observed(length_m),
             by_position_pa=self._observed(by_position_pa),
@@ -185,17 +177,9 @@ class ExactPredictor(Predictor):
             by_zenith_wet=self._observed(np.stack(by_zenith_wet, axis=-1)),
             elevation_rad=elevation_rad[:n],
             status=status[:n],
-            by_station_itrf=(
-                self._by_stations(path, partials) if self.more_partials else np.zeros((n, 0, 3))
-            ),
-            by_electron_content_m=(
-                self._by_electron_content(path, partials, up, down)
-                if self.more_partials
-                else np.zeros((n, 0))
-            ),
-            mean_by_position_pa=self._observed(by_position_pa, mean=True)
-            if self.more_partials
-            else np.zeros((n, 0)),
+            by_station_itrf=by_station,
+            by_electron_content_m=by_content,
+            mean_by_position_pa=mean,
         )
 
     def _by_stations(self, path: LightPath, partials: PathPartials) -> NDArray[np.float64]:
@@ -211,14 +195,13 @@ class ExactPredictor(Predictor):
         return self._observed(np.stack(by_itrf, axis=1))
 
     def _by_electron_content(
-        self, path: LightPath, partials: PathPartials, up: LineOfSight, down: LineOfSight
+        self, path: LightPath, partials: PathPartials, views: tuple[LineOfSight, LineOfSight]
     ) -> NDArray[np.float64]:
         """Partials by the vertical electron content above both stations, m/TECU, shape (n, 2)."""
+        legs = zip(views, (partials.by_up_delay, partials.by_down_delay), self._drag(path), strict=True)
         columns = [
             np.where(by_delay == 0.0, 0.0, by_delay * drag * delay_by_content_m(view.leg))
-            for view, by_delay, drag in zip(
-                (up, down), (partials.by_up_delay, partials.by_down_delay), self._drag(path), strict=True
-            )
+            for view, by_delay, drag in legs
         ]
         return self._observed(np.stack(columns, axis=-1))
 
@@ -284,10 +267,10 @@ class ExactPredictor(Predictor):
         for name in ("_up", "_down", "_moon"):
             setattr(self, name, rows_of(getattr(self, name), slice(None)))
 
-    def _ends(self) -> tuple[LegEnd, LegEnd]:
+    def _ends(self) -> Iterator[LegEnd]:
         """Stations and signals at both ends of the paths."""
-        up, down = (
-            LegEnd(
+        for which, uplink in ((self._transmitter, self._sign > 0.0), (self._receiver, np.False_)):
+            yield LegEnd(
                 self._stations,
                 which,
                 self._tt,
@@ -298,9 +281,6 @@ class ExactPredictor(Predictor):
                 self._paths,
                 which == self._receiver,
             )
-            for which, uplink in ((self._transmitter, self._sign > 0.0), (self._receiver, False))
-        )
-        return up, down
 
     def _station(self, which: NDArray[np.int32], offset_s: NDArray[np.float64]) -> StationMotion:
         return station_motion(self.model, self._stations, which, self._reference, self._earth, offset_s)
@@ -343,11 +323,8 @@ class ExactPredictor(Predictor):
 
         While the signal is delayed the medium carries it along with the station, at up to 1e-4 of the speed of light.
         """
-        up, down = (
-            dot(unit, station.point.velocity_m_s) / C_M_S
-            for unit, station in ((path.up_unit, self._up), (path.down_unit, self._down))
-        )
-        return 1.0 - self._sign * up, 1.0 - down
+        up = self._sign * dot(path.up_unit, self._up.point.velocity_m_s) / C_M_S
+        return 1.0 - up, 1.0 - dot(path.down_unit, self._down.point.velocity_m_s) / C_M_S
 
     def _gravity(
         self, path: LightPath, relay: MovingPoint

@@ -41,24 +41,22 @@ def line_of_sight(
     of the Moon where it can hide the target, a spacecraft.
     """
     n = len(leg)
-    delay_m, rate_m_s, by_elevation_m_rad, by_zenith_wet = np.zeros((4, n))
+    delay_m, rate_m_s, by_elevation_m_rad, by_zenith_wet = sums = np.zeros((4, n))
+    names = ("delay_m", "rate_m_s", "by_elevation_m_rad", "by_zenith_wet")
     by_position: NDArray[np.float64] | float = 0.0
     status = np.zeros(n, dtype=np.int8)
     for medium in media:
         found = medium.delay(leg, prepared.get(medium.name))
         if found is None:
             continue
-        delay_m = delay_m + found.delay_m
-        if found.status is not None:
-            status = first_of(status, found.status)
-        if found.by_elevation_m_rad is not None:
-            by_elevation_m_rad = by_elevation_m_rad + found.by_elevation_m_rad
-        if found.rate_m_s is not None:
-            rate_m_s = rate_m_s + found.rate_m_s
+        for total, name in zip(sums, names, strict=True):
+            part = getattr(found, name)
+            if part is not None:
+                total += part
         if found.by_position is not None:
             by_position = by_position + found.by_position
-        if found.by_zenith_wet is not None:
-            by_zenith_wet = by_zenith_wet + found.by_zenith_wet
+        if found.status is not None:
+            status = first_of(status, found.status)
     elevation = leg.elevation
     rate_m_s = rate_m_s + by_elevation_m_rad * elevation.rate_rad_s
     by_position = by_position + by_elevation_m_rad[:, None] * elevation.by_position_rad_m

@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S, L_B, L_G, SECONDS_PER_DAY
 from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
 from radioloc.earth.ocean_loading import ocean_loading_displacement, tidal_geocentre_displacement
-from radioloc.earth.orientation import EarthRotation
 from radioloc.earth.pole_tide import pole_tide_displacement
 from radioloc.earth.solid_tide import solid_earth_tide
 from radioloc.earth.stations import Station
@@ -70,9 +69,25 @@ def station_motion(
     geocentre_m = np.zeros(3)
     if model.has("tidal_geocentre"):
         geocentre_m = tidal_geocentre_displacement(tt, rotation.ut1.fraction)
+    to_itrf = np.swapaxes(rot, -1, -2)
+    moon_itrf_m, sun_itrf_m = (
+        np.einsum("nij,nj->ni", to_itrf, moon_m),
+        np.einsum("nij,nj->ni", to_itrf, sun_m),
+    )
     for i, station in enumerate(stations):
         rows = np.flatnonzero(which == i)
-        itrf_m[rows] = _displaced_itrf(model, station, tt, rotation, rows, moon_m, sun_m)
+        here, ut1 = tt[rows], rotation.ut1.fraction[rows]
+        moves = model.has("station_velocity")
+        rest_m = station.position_at(here) if moves else np.tile(station.itrf_m, (len(rows), 1))
+        moved_m = rest_m
+        if model.has("solid_earth_tide"):
+            moved_m = moved_m + solid_earth_tide(rest_m, moon_itrf_m[rows], sun_itrf_m[rows], here, ut1)
+        if model.has("pole_tide"):
+            pole_rad = rotation.xp_table_rad[rows], rotation.yp_table_rad[rows]
+            moved_m = moved_m + pole_tide_displacement(rest_m, *pole_rad, here)
+        if model.has("ocean_loading") and station.ocean_loading is not None:
+            moved_m = moved_m + ocean_loading_displacement(station.ocean_loading, rest_m, here, ut1)
+        itrf_m[rows] = moved_m
         place = geodetic_from_itrf(station.itrf_m)
         latitude_rad[rows], height_m[rows] = place.latitude_rad, place.height_m
         up_itrf[rows] = rot_itrf_to_enu(station.itrf_m)[2]
@@ -123,36 +138,3 @@ def geocentre_displacement_m(earth: EarthState, offset_s: NDArray[np.float64]) -
     """
     t = offset_s[:, None]
     return earth.velocity_m_s * t + earth.acceleration_m_s2 * (0.5 * t**2)
-
-
-def _displaced_itrf(
-    model: PhysicalModel,
-    station: Station,
-    tt: Epochs,
-    rotation: EarthRotation,
-    rows: NDArray[np.intp],
-    moon_gcrs_m: NDArray[np.float64],
-    sun_gcrs_m: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """ITRF position of one station with the displacements of its own, at its rows, m, shape (k, 3)."""
-    tt = tt[rows]
-    rest_m = (
-        station.position_at(tt) if model.has("station_velocity") else np.tile(station.itrf_m, (len(rows), 1))
-    )
-    displaced_m = rest_m
-    if model.has("solid_earth_tide"):
-        to_itrf = np.swapaxes(rotation.rot_itrf_to_gcrs[rows], -1, -2)
-        moon_itrf_m = np.einsum("nij,nj->ni", to_itrf, moon_gcrs_m[rows])
-        sun_itrf_m = np.einsum("nij,nj->ni", to_itrf, sun_gcrs_m[rows])
-        displaced_m = displaced_m + solid_earth_tide(
-            rest_m, moon_itrf_m, sun_itrf_m, tt, rotation.ut1.fraction[rows]
-        )
-    if model.has("pole_tide"):
-        displaced_m = displaced_m + pole_tide_displacement(
-            rest_m, rotation.xp_table_rad[rows], rotation.yp_table_rad[rows], tt
-        )
-    if model.has("ocean_loading") and station.ocean_loading is not None:
-        displaced_m = displaced_m + ocean_loading_displacement(
-            station.ocean_loading, rest_m, tt, rotation.ut1.fraction[rows]
-        )
-    return displaced_m

@@ -293,6 +293,10 @@ class ExactPredictor(Predictor):
         The views are those along the path without delays, in which elevations are off by 1e-10 rad.
         """
         lander_pa_m = np.asarray(lander_pa_m, dtype=np.float64)
+        if not np.isfinite(lander_pa_m).all():
+            raise InputError(
+                f"a position is {lander_pa_m.tolist()}; give finite coordinates in principal axes, m"
+            )
         if lander_pa_m.ndim == 2:
             lander_pa_m = lander_pa_m[self._target]
         relay = self._moon.point(self.model, lander_pa_m)

@@ -37,7 +37,7 @@ class Consider:
     def to_list(self, enu_by_parameters: NDArray[np.float64] | None) -> list[dict[str, Any]]:
         """One record for each, the one that moves the position most first; no displacements without partials (3, p)."""
         records: list[dict[str, Any]] = []
-        for k in np.flatnonzero(self.parameters.considered):
+        for k in np.flatnonzero(self.parameters.considered).tolist():
             item = self.parameters.parameters[k]
             records.append({"name": item.name, "unit": item.unit, "sigma": item.prior_sigma})
             if enu_by_parameters is not None:

@@ -58,16 +58,17 @@ EXTREME += ["UTC", "2021-03-28T14:00:00"]
 
 @pytest.fixture(params=[*OTHERS, *MESSAGES])
 def damaged(request, tmp_path):
-    """Text of a file, and a function that reads what has become of it."""
+    """Text of a file, and how and where to read what becomes of it."""
     name = request.param
     if name in MESSAGES:
         text, read = MESSAGES[name], lambda path: read_tdm(path, AGREEMENT)
     else:
         text, read = request.getfixturevalue("texts")[name], read_observations
-    return text, lambda content: read_or_refuse(read, tmp_path / "damaged", content)
+    return text, (read, tmp_path / "damaged")
 
 
-def read_or_refuse(read, path, content):
+def read_or_refuse(file, content):
+    read, path = file
     path.write_bytes(content)
     try:
         with warnings.catch_warnings():
@@ -85,34 +86,34 @@ def read_or_refuse(read, path, content):
 
 
 def test_undamaged(damaged):
-    text, read = damaged
-    assert len(read(text.encode())) >= 3
+    text, file = damaged
+    assert len(read_or_refuse(file, text.encode())) >= 3
 
 
 @given(data=st.data())
 def test_characters_replaced_added_and_taken_away(damaged, data):
-    text, read = damaged
+    text, file = damaged
     for _ in range(data.draw(st.integers(1, 3))):
         start = data.draw(st.integers(0, len(text)))
         length = data.draw(st.sampled_from([0, 1, 1, 1, 2, 5, 40]))
         put = data.draw(st.text(CHARACTERS, max_size=3))
         text = text[:start] + put + text[start + length :]
-    read(text.encode("utf-8", "surrogatepass"))
+    read_or_refuse(file, text.encode("utf-8", "surrogatepass"))
 
 
 @given(data=st.data())
 def test_lines_taken_away_repeated_and_moved(damaged, data):
-    text, read = damaged
+    text, file = damaged
     lines = text.split("\n")
     places = st.integers(0, len(lines) - 1)
     chosen = [lines[i] for i in data.draw(st.lists(places, max_size=2 * len(lines)))]
     start, taken = data.draw(places), data.draw(st.sampled_from([0, 1, 2, 3, len(lines)]))
-    read("\n".join([*lines[:start], *chosen, *lines[start + taken :]]).encode())
+    read_or_refuse(file, "\n".join([*lines[:start], *chosen, *lines[start + taken :]]).encode())
 
 
 @given(data=st.data())
 def test_values_exchanged_for_extreme_ones(damaged, data):
-    text, read = damaged
+    text, file = damaged
     lines = text.split("\n")
     number = data.draw(st.integers(0, len(lines) - 1))
     for separator in (",", "=", " ", ">"):
@@ -122,23 +123,23 @@ def test_values_exchanged_for_extreme_ones(damaged, data):
             tail = "<" + fields[place].partition("<")[2] if "<" in fields[place] else ""
             fields[place] = data.draw(st.sampled_from(EXTREME)) + tail
             lines[number] = separator.join(fields)
-    read("\n".join(lines).encode())
+    read_or_refuse(file, "\n".join(lines).encode())
 
 
 @given(data=st.data())
 def test_any_bytes(damaged, data):
-    _, read = damaged
+    _, file = damaged
     start = data.draw(st.sampled_from(BEGINNINGS))
-    read(start + data.draw(st.binary(max_size=200)))
+    read_or_refuse(file, start + data.draw(st.binary(max_size=200)))
 
 
 @pytest.mark.parametrize("step", some([1, 13], [13]))
 def test_cut_anywhere(damaged, step):
-    text, read = damaged
+    text, file = damaged
     content = text.encode()
-    whole = read(content)
+    whole = read_or_refuse(file, content)
     for end in range(0, len(content), step):
-        part = read(content[:end])
+        part = read_or_refuse(file, content[:end])
         assert part is None or len(part) <= len(whole)
         # CRD and messages have end marks; KVN has one of each segment, and whole segments are a message.
         if text.startswith("H1"):
@@ -147,4 +148,4 @@ def test_cut_anywhere(damaged, step):
             assert part is None or content[:end].rstrip().endswith((b"DATA_STOP", b"</tdm>"))
     zipped = gzip.compress(content)
     for end in range(0, len(zipped), 7 * step):
-        assert read(zipped[:end]) is None
+        assert read_or_refuse(file, zipped[:end]) is None

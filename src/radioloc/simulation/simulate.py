@@ -21,14 +21,7 @@ from radioloc.measurements.registry import KINDS
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.noise import NoiseModel, require_seed
 from radioloc.simulation.schedule import Plan, Schedule
-from radioloc.simulation.truth import (
-    DrawnErrors,
-    Truth,
-    TruthSigma,
-    drawn_errors,
-    fixed_errors,
-    needs_more_partials,
-)
+from radioloc.simulation.truth import DrawnErrors, Truth, TruthSigma, drawn_errors, fixed_errors
 from radioloc.time import epochs_from_strings
 
 
@@ -152,7 +145,9 @@ class Scenario:
             plan.observations,
             target_pa_m,
             trajectory=trajectory,
-            more_partials=needs_more_partials(self.truth, self.truth_sigma),
+            more_partials=any(
+                PARAMETERS[name].more_partials for name in (*self.truth.values, *self.truth_sigma.sigmas)
+            ),
         )
         at = predictor.at(target_pa_m)
         _require_usable(predictor, at)

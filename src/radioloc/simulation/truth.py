@@ -21,7 +21,7 @@ from radioloc.measurements.predictor import Prediction, Predictor, blocks
 from radioloc.measurements.terms import active_terms
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
-from radioloc.parameters.kind import ParameterKind, Scope
+from radioloc.parameters.kind import Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.position import PositionParameters, cartesian
 from radioloc.parameters.registry import PARAMETERS
@@ -196,11 +196,6 @@ def drawn_errors(
     return DrawnErrors(tuple(names[k] for k in drawn), design.x[drawn], partials)
 
 
-def needs_more_partials(truth: Truth, sigma: TruthSigma) -> bool:
-    """Whether the errors need partials that predictors compute on request only."""
-    return any(PARAMETERS[name].more_partials for name in (*truth.values, *sigma.sigmas))
-
-
 def _design(
     choices: Mapping[str, ParameterChoice],
     predictor: Predictor,
@@ -210,9 +205,15 @@ def _design(
 ) -> DesignMatrix:
     """The design matrix of the position and of the parameters that have a value, which is their error or its sigma."""
     simple = simple_predictor(predictor)
+    catalogue = predictor.model.catalogue
     kinds = []
     for name, choice in choices.items():
-        found = chosen_parameters(PARAMETERS[name], _observing(name, choice, simple), simple, Role.FIXED)
+        kind = PARAMETERS[name]
+        if choice.scope(kind) is Scope.STATION and isinstance(choice.value, Mapping):
+            # Stations that see nothing do not matter.
+            seen = {n: v for n, v in choice.value.items() if catalogue.get(n).name in simple.stations}
+            choice = replace(choice, value=seen)
+        found = chosen_parameters(kind, choice, simple, Role.FIXED)
         if found is not None:
             kinds.append(found)
     # Offsets hold where their rates begin to count.
@@ -220,15 +221,6 @@ def _design(
     model = replace(ObservationModel.of(predictor, [position], kinds), reference=epoch)
     x = model.parameters.prior_values
     return DesignMatrix(model, at, model.position_pa_m(x), x, predictor.observations.value_m)
-
-
-def _observing(name: str, choice: ParameterChoice, predictor: Predictor) -> ParameterChoice:
-    """Without stations that see nothing."""
-    if choice.scope(PARAMETERS[name]) is not Scope.STATION or not isinstance(choice.value, Mapping):
-        return choice
-    catalogue = predictor.model.catalogue
-    kept = {n: value for n, value in choice.value.items() if catalogue.get(n).name in predictor.stations}
-    return replace(choice, value=kept)
 
 
 def _choices(given: Mapping[str, Any], *, sigma: bool = False) -> dict[str, ParameterChoice]:
@@ -239,7 +231,8 @@ def _choices(given: Mapping[str, Any], *, sigma: bool = False) -> dict[str, Para
             hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(kinds)}"
             raise InputError(f"{key!r} is no error of a parameter{hint}")
     choices = {}
-    for key, kind in kinds.items():
+    for kind in PARAMETERS.values():
+        key = kind.value_key
         if key not in given:
             continue
         try:
@@ -248,20 +241,16 @@ def _choices(given: Mapping[str, Any], *, sigma: bool = False) -> dict[str, Para
             text, names, _ = str(error).partition(f"; {kind.name} says whose it is")
             where = f"; whose the fit solves for is said in [estimate] {kind.name}" if names else ""
             raise InputError(text + where) from None
-        _require_small(kind, choices[kind.name], sigma)
+        largest, why = _LARGEST.get(kind.name, (np.inf, ""))
+        for value in _numbers(choices[kind.name].value):
+            if sigma and value < 0.0:
+                raise InputError(f"{key}: the sigma is {value!r}; give a number that is not negative")
+            if abs(value) > largest:
+                raise InputError(
+                    f"{key}: {value!r} is too large for errors that act to first order; at most {largest:g} "
+                    f"{kind.unit}: {why}"
+                )
     return choices
-
-
-def _require_small(kind: ParameterKind, choice: ParameterChoice, sigma: bool) -> None:
-    largest, why = _LARGEST.get(kind.name, (np.inf, ""))
-    for value in _numbers(choice.value):
-        if sigma and value < 0.0:
-            raise InputError(f"{kind.value_key}: the sigma is {value!r}; give a number that is not negative")
-        if abs(value) > largest:
-            raise InputError(
-                f"{kind.value_key}: {value!r} is too large for errors that act to first order; at most {largest:g} "
-                f"{kind.unit}: {why}"
-            )
 
 
 def _numbers(value: Any) -> list[float]:

@@ -32,10 +32,8 @@ def arcs(
 
     Raises
     ------
-    InputError
-        No length is given, one is not above zero, an arc holds no observation, or the target is a trajectory.
     RadiolocError
-        As :func:`~radioloc.studies.locate.locate`.
+        As :func:`~radioloc.studies.locate.locate`; a length is not above zero, or an arc holds no observation.
 
     Examples
     --------

@@ -42,13 +42,7 @@ def simulate(study: Study, seed: int | None = None) -> Simulated:
 
 
 def scenario_of(study: Study) -> Scenario:
-    """The study's scenario.
-
-    Raises
-    ------
-    InputError
-        It has none.
-    """
+    """The study's scenario, which it must have."""
     if study.simulation is None:
         raise InputError(
             f"{study.name}: there is nothing to simulate; give the study file a [simulation] table "

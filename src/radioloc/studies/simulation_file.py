@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from radioloc.earth.stations import StationCatalogue
+from radioloc.ephemeris import Trajectory
 from radioloc.errors import RenamedKeyWarning, StationError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
@@ -52,13 +53,8 @@ class SessionKeys:
     wavelength_um: float = math.nan
 
 
-def scenario(
-    table: TomlTable, target: LunarPosition, position: LunarPosition | None, catalogue: StationCatalogue
-) -> Scenario:
-    """Read ``[simulation]``, of which `position`, where the point truly stands, has been taken.
-
-    It stands at the a-priori position of the study, `target`, where there is none.
-    """
+def scenario(table: TomlTable, position: LunarPosition | Trajectory, catalogue: StationCatalogue) -> Scenario:
+    """Read ``[simulation]``, of which `position`, where the target truly is, has been taken."""
     seed, name = table.get("seed", int), table.get("name", str)
     sessions, truth, truth_sigma, noise = (
         table.table(key) for key in ("sessions", "truth", "truth_sigma", "noise")
@@ -77,7 +73,7 @@ def scenario(
     return table.build(
         Scenario,
         schedule=Schedule(planned, replace(masks, by_station_deg=by_station_deg)),
-        position=target if position is None else position,
+        position=position,
         truth=None if truth is None else _truth(truth, stations, catalogue),
         noise=None if noise is None else _noise(noise),
         truth_sigma=None if truth_sigma is None else _truth_sigma(truth_sigma, stations, catalogue),

@@ -413,13 +413,13 @@ class Study:
         elif first is not None and self.target is not first:
             raise InputError("give either [target] or [targets.NAME], not both")
         if len(named) > 1:
-            for key, given in (("[reference]", self.reference), ("[references]", self.references)):
+            for what, given in (
+                ("[reference] is compared with", self.reference),
+                ("[references] is compared with", self.references),
+                ("[simulation] is of", self.simulation),
+            ):
                 if given:
-                    raise InputError(
-                        f"{key} is compared with one position, but [targets] gives several; leave it out"
-                    )
-            if self.simulation is not None:
-                raise InputError("[simulation] is of one position, but [targets] gives several")
+                    raise InputError(f"{what} one position, but [targets] gives several; leave it out")
 
     def _require_considered(self) -> None:
         def resolved(choice: ParameterChoice) -> set[str]:

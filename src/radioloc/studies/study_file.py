@@ -242,12 +242,8 @@ def _considered(table: TomlTable) -> dict[str, ParameterChoice]:
 def _simulation(
     table: TomlTable, target: LunarPosition | Trajectory, catalogue: StationCatalogue
 ) -> Scenario:
-    if isinstance(target, Trajectory):
-        raise InputError(
-            f"{table.path}: [simulation] is of a position on the Moon, but [target] is a trajectory; leave it out"
-        )
-    true = table.table("position")
-    return scenario(table, target, None if true is None else _position(true, true.read(Place)), catalogue)
+    true = table.table("position")  # of a trajectory there is none, and the study refuses it
+    return scenario(table, target if true is None else _position(true, true.read(Place)), catalogue)
 
 
 def _observations(table: TomlTable, needs_files: bool) -> ObservationChoice:

@@ -57,15 +57,13 @@ def arcs(
     )
     longest, left_out = prepared_arc(whole, observations)
     found = []
-    for length, span_h, rows in arc_parts(longest.observations, whole.observations, reversed(lengths)):
-        later = len(longest.observations) - len(rows)
+    for part in arc_parts(longest, whole, reversed(lengths)):
+        later = len(longest.observations) - len(part.rows)
         reasons = dict(left_out)
         if later:
             reasons["outside the time span"] = reasons.get("outside the time span", 0) + later
-        one = replace(whole, name=f"{study.name}, {length:g} h")
-        arc = longest if not later else longest.select(rows)
-        estimate = study.estimate if not later else study.estimate.of_part(arc)
-        found.append(Arc(length, span_h, fit_arc(one, arc, reasons, estimate)))
+        one = replace(whole, name=f"{study.name}, {part.hours:g} h")
+        found.append(Arc(part.hours, part.span_h, fit_arc(one, part.arc, reasons, part.estimate)))
     constants = longest.model.ephemeris.constants
     references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]
     return ArcStudy(study.name, tuple(found), tuple(references))

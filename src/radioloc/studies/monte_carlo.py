@@ -146,12 +146,12 @@ def monte_carlo(
         name=study.name,
         seed=int(seed),
         hours=ready.hours,
-        span_h=ready.span_h,
+        span_h=tuple(part.span_h for part in ready.parts),
         columns=ready.columns,
         values=values,
         linear=linear is not None,
         proof=proof,
-        drawn=ready.scenario.truth_sigma.keys,
+        drawn=ready.world.scenario.truth_sigma.keys,
     )
 
 

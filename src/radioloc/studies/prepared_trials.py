@@ -22,13 +22,12 @@ from radioloc.estimation.solution import Solution
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.kind import Scope
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.simulation import Scenario, World
+from radioloc.simulation import World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.simulate import rot_pa_to_enu
 from radioloc.simulation.truth import position_error_m
@@ -42,10 +41,10 @@ from radioloc.studies.linear_trials import (
 )
 from radioloc.studies.locate import fit_arc, model_of
 from radioloc.studies.problem import observation_model, position_in_pa, status_of
-from radioloc.studies.selection import arc_parts, selected
+from radioloc.studies.selection import ArcPart, arc_parts, selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
-from radioloc.studies.study import EstimateChoice, Study
+from radioloc.studies.study import Study
 from radioloc.studies.weights import weighted_observations
 
 _Floats = NDArray[np.float64]
@@ -56,17 +55,17 @@ class Prepared:
     """A study made ready: the world without noise, and an arc for each length."""
 
     study: Study
-    scenario: Scenario
     model: PhysicalModel  # the nominal one
     world: World  # with the errors of the truth, none drawn
     rows: NDArray[np.intp]  # those of the plan that the study asks for
-    arcs: tuple[Predictor, ...]  # the longest first
-    parts: tuple[NDArray[np.intp], ...]  # rows of the longest that each has
-    hours: tuple[float, ...]  # lengths asked for, h
-    span_h: tuple[float, ...]  # and found
-    estimates: tuple[EstimateChoice, ...]  # what is estimated in each
+    parts: tuple[ArcPart, ...]  # the longest arc first
     rot_pa_to_enu: _Floats  # (3, 3), at the true position
     columns: tuple[str, ...]
+
+    @property
+    def hours(self) -> tuple[float, ...]:
+        """Lengths of the arcs, h."""
+        return tuple(part.hours for part in self.parts)
 
     @classmethod
     def of(cls, study: Study, hours: Sequence[float]) -> Prepared:
@@ -97,13 +96,11 @@ class Prepared:
             world.plan.observations.select(rows), study.observations.weights, study.catalogue
         )
         longest = prepare_predictor(model, planned, target.xyz_m, study.model.evaluation)
-        parts = arc_parts(longest.observations, choice, reversed(hours))
-        arcs = [longest if len(part) == len(rows) else longest.select(part) for _, _, part in parts]
-        estimates = [study.estimate if arc is longest else study.estimate.of_part(arc) for arc in arcs]
+        parts = arc_parts(longest, study, reversed(hours))
         names = dict.fromkeys(
             p.name
-            for arc, estimate in zip(arcs, estimates, strict=True)
-            for p in observation_model(arc, target, estimate).parameters
+            for part in parts
+            for p in observation_model(part.arc, target, part.estimate).parameters
             if p.kind != "position" and not p.fixed
         )
         biases = study.estimate.parameters.get("range_bias", ParameterChoice())
@@ -112,15 +109,10 @@ class Prepared:
         kinds = [KINDS[k] for k in np.unique(longest.observations.kind)]
         return cls(
             study=study,
-            scenario=scenario,
             model=model,
             world=world,
             rows=rows,
-            arcs=tuple(arcs),
-            parts=tuple(part for _, _, part in parts),
-            hours=tuple(length for length, _, _ in parts),
-            span_h=tuple(span for _, span, _ in parts),
-            estimates=tuple(estimates),
+            parts=tuple(parts),
             rot_pa_to_enu=rot_pa_to_enu(world.target_pa_m, model),
             columns=(
                 *COLUMNS,
@@ -135,17 +127,17 @@ class Prepared:
 
     def linear(self) -> LinearTrials | None:
         """The trials by the linear model; none where it cannot stand for the fit of every arc."""
-        longest = self.arcs[0]
+        longest = self.parts[0].arc
         computed_m = longest.at(self.world.target_pa_m).value_m
         usable = status_of(longest, {"": self._target_pa})[0].are(USED)
         arcs = []
-        for arc, part, estimate in zip(self.arcs, self.parts, self.estimates, strict=True):
-            one = self._linear_arc(arc, part, estimate, usable[part])
+        for part in self.parts:
+            one = self._linear_arc(part, usable[part.rows])
             if one is None:
                 return None
             arcs.append(one)
         return LinearTrials(
-            draws=NoiseDraws.of(self.scenario.noise, self.world.plan),
+            draws=NoiseDraws.of(self.world.scenario.noise, self.world.plan),
             rows=self.rows,
             constant_m=self.world.value_m[self.rows] - computed_m,
             drawn=self.world.drawn.rows(self.rows),
@@ -160,13 +152,11 @@ class Prepared:
         assert isinstance(self.study.target, LunarPosition)  # others are refused
         return position_in_pa("[target]", self.study.target, self.model.ephemeris.constants)
 
-    def _linear_arc(
-        self, arc: Predictor, part: NDArray[np.intp], estimate: EstimateChoice, usable: NDArray[np.bool_]
-    ) -> LinearArc | None:
-        study = self.study
-        problem = observation_model(arc, self._target_pa, estimate)
+    def _linear_arc(self, part: ArcPart, usable: NDArray[np.bool_]) -> LinearArc | None:
+        study, arc = self.study, part.arc
+        problem = observation_model(arc, self._target_pa, part.estimate)
         x = _parameters_at(problem, self.world.target_pa_m)
-        partials = problem.linearize(x).partials(np.arange(len(part)))
+        partials = problem.linearize(x).partials(np.arange(len(part.rows)))
         noise = stated_noise(arc, study.observations)
         made = linear_problem(partials, problem.parameters, x, noise, usable)
         if made is None:
@@ -175,12 +165,12 @@ class Prepared:
         types = Labels(observations.kind.astype(np.int32), tuple(KINDS))
         paths = Labels.coded([link.path for link in observations.links], observations.link)
         return LinearArc(
-            part=part,
+            part=part.rows,
             problem=made,
             parameters=problem.parameters,
             held_m=partials[:, 3:] @ x[3:],
             enu_by_parameters=self.rot_pa_to_enu @ problem.position_partials(x),
-            ephemeris_sigma_m=np.array(estimate.ephemeris_sigma_m),
+            ephemeris_sigma_m=np.array(part.estimate.ephemeris_sigma_m),
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
             threshold=study.estimate.rejection_sigma,
@@ -217,12 +207,12 @@ class FullTrials:
 def _full_trial(ready: Prepared, seed: int) -> _Floats:
     world = ready.world
     errors = world.drawn.draw(seed)
-    value_m = world.value_m + errors @ world.drawn.partials + ready.scenario.noise.draw(world.plan, seed)[0]
+    value_m = world.value_m + errors @ world.drawn.partials + world.scenario.noise.draw(world.plan, seed)[0]
     value_m = value_m[ready.rows]
     study = replace(ready.study, reference=None)
     found = []
-    for arc, part, estimate in zip(ready.arcs, ready.parts, ready.estimates, strict=True):
-        solution = fit_arc(study, arc.with_values(value_m[part]), {}, estimate)
+    for part in ready.parts:
+        solution = fit_arc(study, part.arc.with_values(value_m[part.rows]), {}, part.estimate)
         found.append(_solution_row(ready, solution, world.drawn.by_name(errors)))
     return np.array(found)
 

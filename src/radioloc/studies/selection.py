@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +11,9 @@ from numpy.typing import NDArray
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.observations import Observations
+from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.targets import canonical_target
-from radioloc.studies.study import ObservationChoice
+from radioloc.studies.study import EstimateChoice, ObservationChoice, Study
 from radioloc.studies.weights import ends_of
 from radioloc.time import utc_to_tai
 
@@ -155,14 +156,25 @@ def arc_lengths(hours: Iterable[float] | float, choice: ObservationChoice) -> li
     return lengths
 
 
-def arc_parts(
-    observations: Observations, choice: ObservationChoice, lengths: Iterable[float]
-) -> list[tuple[float, float, NDArray[np.intp]]]:
-    """Length asked for, length from the start to the last observation, h, and rows of arcs that begin together.
+@dataclass(frozen=True, slots=True, eq=False)
+class ArcPart:
+    """The first hours of an arc."""
 
-    The observations are those of the longest.
-    """
-    since_s = _since_start_s(observations, choice, np.ones(len(observations), dtype=bool))
+    hours: float
+    """Length asked for."""
+    span_h: float
+    """From the start to the last observation."""
+    rows: NDArray[np.intp]
+    """Those of the whole arc that it has."""
+    arc: Predictor
+    estimate: EstimateChoice
+    """What is estimated in it."""
+
+
+def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> list[ArcPart]:
+    """Parts of several lengths, h, of a prepared arc, which begin together; refused where one holds no observation."""
+    everything = np.ones(len(longest.observations), dtype=bool)
+    since_s = _since_start_s(longest.observations, study.observations, everything)
     parts = []
     for length in lengths:
         rows = np.flatnonzero(since_s <= 3600.0 * length + _ROUNDING_S)
@@ -171,5 +183,9 @@ def arc_parts(
                 f"the arc of {length:g} h holds no observation: the first comes {since_s.min() / 3600.0:.2f} h after "
                 "the start; give a longer arc or a later start"
             )
-        parts.append((length, float(since_s[rows].max()) / 3600.0, rows))
+        arc, estimate = longest, study.estimate
+        if len(rows) < len(everything):
+            arc = longest.select(rows)
+            estimate = estimate.of_part(arc)
+        parts.append(ArcPart(length, float(since_s[rows].max()) / 3600.0, rows, arc, estimate))
     return parts

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from radioloc.estimation import Parameter, ParameterSet, fit_with_variance_components
-from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation import Parameter, ParameterSet, fit_least_squares, fit_with_variance_components
+from radioloc.estimation.observation_noise import ObservationNoise, SharedErrors
 from radioloc.estimation.robust import linear_problem
 from radioloc.parameters.parameter import Role
 
@@ -101,3 +101,18 @@ def test_nothing_is_made_where_not_everything_is_determined():
     partials[:, 1] = partials[:, 0]
     usable = np.ones(100, bool)
     assert linear_problem(partials, parameters, np.zeros(5), ObservationNoise(sigma_m), usable) is None
+
+
+def test_the_same_where_observations_share_errors():
+    rng = np.random.default_rng(2)
+    partials, parameters, sigma_m, _ = problem(rng, 300)
+    source = np.stack([np.arange(300) % 3, (np.arange(300) + 1) % 3], axis=-1)
+    shared = SharedErrors(np.arange(300) // 3, source, np.tile([-0.3, 0.3], (300, 1)))
+    noise = ObservationNoise(sigma_m, shared)
+    residual_m, x, used = sigma_m * rng.standard_normal(300), np.zeros(5), rng.random(300) > 0.05
+    made = linear_problem(partials, parameters, x, noise, np.ones(300, bool))
+    one = fit_least_squares(made.of(residual_m), parameters, noise, used=used)
+    fit = fit_least_squares(lambda at: (residual_m - partials @ at, partials), parameters, noise, used=used)
+    np.testing.assert_allclose((one.x - fit.x) / fit.sigmas, 0.0, atol=SAME_SIGMAS)
+    np.testing.assert_allclose(one.covariance, fit.covariance, rtol=1e-6, atol=1e-9 * fit.sigmas.max())
+    assert one.chi2 == pytest.approx(fit.chi2)

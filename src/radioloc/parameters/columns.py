@@ -104,9 +104,10 @@ def columns_of(
 ) -> Columns:
     """Columns for some of the members; those in `whole` are not divided into passes.
 
-    A new pass begins where the station, or the link, has observed nothing at all for `gap_h` hours.
+    A new pass begins where the station, or the link, has observed nothing at all for `gap_h` hours; a session, where
+    nobody has.
     """
-    if scope not in (Scope.PASS, Scope.LINK_AND_PASS):
+    if scope not in (Scope.PASS, Scope.LINK_AND_PASS, Scope.SESSION):
         by_member = np.full(len(everyone(scope, predictor)) + 1, -1, dtype=np.int32)
         by_member[list(chosen.values())] = np.arange(len(chosen))
         return Columns(kind, scope, tuple(chosen), tuple(chosen), (None,) * len(chosen), by_member)
@@ -125,7 +126,7 @@ def columns_of(
         for k in np.unique(number[(acts & at).any(axis=1)]).tolist():
             inside = np.equal(number, k)[:, None] & at
             code[inside] = len(names)
-            names.append(member if member in whole else f"{member} {of.count(member) + 1}")
+            names.append(member if member in whole else f"{member} {of.count(member) + 1}".strip())
             of.append(member)
             shown = np.flatnonzero((inside & acts).any(axis=1))
             ends = shown[[int(since_s[shown].argmin()), int(since_s[shown].argmax())]]

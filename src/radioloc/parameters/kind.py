@@ -25,11 +25,13 @@ class Scope(Enum):
     TARGET = "target"
     EARTH = "earth"
     MOON = "moon"
+    SESSION = "session"
+    """Of Earth or Moon: a new session begins when no station has observed for some hours."""
 
     @property
     def named(self) -> bool:
         """Whether there can be several, each with a name."""
-        return self not in (Scope.EARTH, Scope.MOON)
+        return self not in (Scope.EARTH, Scope.MOON, Scope.SESSION)
 
 
 @dataclass(frozen=True, slots=True)

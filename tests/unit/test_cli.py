@@ -4,6 +4,7 @@ import csv
 import gzip
 import json
 import os
+import re
 import subprocess
 import sys
 import warnings
@@ -341,6 +342,16 @@ def test_predicted_earth_orientation_is_said(run, folder):
     assert outcome.err.count("\n") == 1
     assert outcome.err.startswith("radioloc: warning: Earth orientation is predicted")
     assert "Earth orientation is predicted, not measured, for " in " ".join(outcome.out.split())
+
+
+def test_earth_orientation_after_its_table(run, folder):
+    data(folder, CRD.replace("2024  5", "2034  5"))
+    refused(run(study_of()), "line 6", "[model] eop_beyond", '"hold" or "extrapolate"')
+    refused(run(study_of(more='[model]\neop_beyond = "guess"\n')), "eop_beyond must be one of", "'guess'")
+    outcome = run(study_of(more='[model]\neop_beyond = "extrapolate"\n'), command="residuals")
+    assert outcome.status == 0, outcome.err
+    told = r"Earth orientation is extrapolated after 20[-0-9]+: at the end of the arc UT1 may be off by \d\.\d+ s "
+    assert re.search(told, " ".join(outcome.out.split()))
 
 
 def process(*arguments, **options):

@@ -14,10 +14,11 @@ days alone: the longer ones are smooth to 0.2 ns either way, and one table is si
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import astropy_iers_data
 import numpy as np
@@ -32,6 +33,7 @@ from radioloc.units import in_unit
 
 _MJD_1972 = 41317.0
 _JD_MINUS_MJD = 2400000.5
+_BEYOND = 'or, for planning, set [model] eop_beyond = "hold" or "extrapolate"'
 _LARGEST_DAILY_CHANGE_S = 0.1
 """UT1-TAI changes by a few ms a day; a whole second means a leap second that one side does not know of."""
 
@@ -71,6 +73,9 @@ class EopTable:
     dy_rad: NDArray[np.float64]
     predicted: NDArray[np.bool_]  # whether any value of the day is a prediction
     sources: tuple[str, ...] = ()  # where the values come from, for the record of a result
+    beyond: tuple[str, float] | None = (
+        None  # how days after one (MJD UTC) were added, by eop_prediction.extended
+    )
     _nodes_tt: Epochs = field(init=False)
     _values: NDArray[np.float64] = field(init=False)
 
@@ -133,7 +138,9 @@ class EopTable:
             for p, mjd in zip(parts, dates, strict=True)
             if len(mjd)
         )
-        columns = {name: np.concatenate([p.columns[name] for p in parts]) for name in parts[0].columns}
+        columns: dict[str, Any] = {
+            name: np.concatenate([p.columns[name] for p in parts]) for name in parts[0].columns
+        }
         return cls(**columns, sources=sources)
 
     @property
@@ -152,23 +159,10 @@ class EopTable:
         measured = np.flatnonzero(~self.predicted)
         return _day(self.mjd_utc[measured[-1]]) if len(measured) else None
 
-    def with_pole_offsets_held(self) -> EopTable:
-        """Return the table with celestial pole offsets, where not given, set to the last one given.
-
-        Bulletin A predicts dX, dY for three months and UT1 and the pole for a year. Held, they are wrong by
-        some 0.3 mas (1 cm on the ground), which is little beside what the prediction of UT1 is wrong by then.
-        """
-        given = np.flatnonzero(np.isfinite(self.dx_rad) & np.isfinite(self.dy_rad))
-        if not len(given):
-            raise InputError("the table gives no celestial pole offset that could be held")
-        later = np.arange(len(self.mjd_utc)) > given[-1]
-        return replace(
-            self,
-            dx_rad=np.where(later, self.dx_rad[given[-1]], self.dx_rad),
-            dy_rad=np.where(later, self.dy_rad[given[-1]], self.dy_rad),
-            predicted=self.predicted | later,
-            sources=(*self.sources, f"dX, dY held after {_day(self.mjd_utc[given[-1]])}"),
-        )
+    @property
+    def at_0h_utc(self) -> tuple[NDArray[np.float64], Epochs]:
+        """UT1 - TT (s), xp, yp, dX, dY (rad) of the days, shape (n, 5), and the days in TT."""
+        return self._values, self._nodes_tt
 
     def interpolate(self, tt: Epochs, *, zonal: bool = True) -> EopValues:
         """Values at epochs of TT within the table.
@@ -210,7 +204,7 @@ class EopTable:
             self.mjd_utc,
             "tables begin in 1972, when the present UTC did"
             if early and self.mjd_utc[0] == _MJD_1972
-            else "update astropy-iers-data, or read a file that covers it with EopTable.from_file",
+            else f"update astropy-iers-data, or give a file that covers it, {_BEYOND}",
         )
 
     def _require_given(self, tt: Epochs, node_values: NDArray[np.float64]) -> None:
@@ -218,8 +212,7 @@ class EopTable:
             tt[~np.isfinite(node_values).all(axis=(1, 2))],
             "the table of celestial pole offsets dX, dY",
             self.mjd_utc[np.isfinite(self._values).all(axis=1)],
-            "two days are needed on each side: update astropy-iers-data, or for planning accept 1 cm "
-            "and use EopTable.with_pole_offsets_held",
+            f"two days are needed on each side: update astropy-iers-data, {_BEYOND}",
         )
 
 

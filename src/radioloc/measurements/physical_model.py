@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from radioloc.earth.eop import EopTable
+from radioloc.earth.eop_prediction import extended
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris, LunarOrientation
@@ -44,6 +45,7 @@ class PhysicalModel:
         ephemeris: str | Path = "DE421",
         libration: str | Path = "DE421",
         earth_orientation: str | Path | None = None,
+        eop_beyond: str | None = None,
         catalogue: StationCatalogue | None = None,
         ionosphere: ElectronContent | None = None,
         delays: EquipmentDelays | None = None,
@@ -59,6 +61,9 @@ class PhysicalModel:
             ``"DE421"``, which ships with the package, or the path of an SPK and of a binary PCK.
         earth_orientation : path-like, optional
             A C04 or finals2000A file; the tables of ``astropy-iers-data`` where it is not given.
+        eop_beyond : {"hold", "extrapolate"}, optional
+            How Earth orientation goes on after the table
+            (:func:`~radioloc.earth.eop_prediction.extended`); epochs there are refused where it is not given.
         catalogue : StationCatalogue, optional
             The stations; the catalogue that ships where it is not given.
         ionosphere : ElectronContent, optional
@@ -89,6 +94,8 @@ class PhysicalModel:
                 f"{spk.name}; the two must come from one ephemeris"
             )
         table = EopTable.packaged() if earth_orientation is None else EopTable.from_file(earth_orientation)
+        if eop_beyond is not None:
+            table = extended(table, eop_beyond)
         stations = StationCatalogue.default() if catalogue is None else catalogue
         equipment = (delays or EquipmentDelays()).named(stations)
         earth = _earth_orientation(table, terms)

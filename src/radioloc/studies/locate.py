@@ -182,6 +182,7 @@ def model_of(study: Study) -> PhysicalModel:
         ephemeris=choice.ephemeris,
         libration=choice.libration,
         earth_orientation=choice.earth_orientation,
+        eop_beyond=choice.eop_beyond,
         catalogue=study.catalogue,
         ionosphere=read_ionex(choice.ionex) if choice.ionex else uniform,
         radio_atmosphere=_radio_atmosphere(choice),

@@ -13,7 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc._version import __version__
-from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.constants import ARCSEC_RAD, MEAN_LUNAR_RADIUS_M
+from radioloc.earth.eop import EopTable
+from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.variance_components import NoisyFit
@@ -30,10 +32,13 @@ from radioloc.measurements.terms import TERMS
 from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.parameters.registry import PARAMETERS
+from radioloc.report.cards import metres
 from radioloc.studies.study import HEIGHT_LIMITS_M, EstimateChoice, Study, TerrainPrior
 
 _DOUBTFUL = 20.0
 """Additive noise in stated sigmas that model errors no longer explain; laser ranges of DE421's time ask for 5."""
+_EQUATOR_M_S = 465.1
+"""How fast a station on the Earth's equator goes round."""
 _ROUGHER = 1.5
 """Ratio of the sigmas that a terrain's roughness gives here and there, from which on a note says so."""
 
@@ -149,6 +154,7 @@ def _of_model(arc: Predictor) -> Iterator[str]:
     model = arc.model
     if predicted := int(arc.predicted_eop.sum()):
         yield f"Earth orientation is predicted, not measured, for {_count(predicted)}"
+    yield from _beyond(model.earth.table, arc.observations.epoch.mjd)
     if absent := model.missing_planets:
         sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
         yield f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
@@ -165,6 +171,18 @@ def _of_model(arc: Predictor) -> Iterator[str]:
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"
     if off := [name for name in TERMS if not model.has(name)]:
         yield f"terms switched off: {', '.join(off)}"
+
+
+def _beyond(table: EopTable, mjd_utc: NDArray[np.float64]) -> Iterator[str]:
+    """How Earth orientation goes on after its table, and how wrong that may be."""
+    end = float(mjd_utc.max(initial=0.0))
+    if table.beyond is not None and end > table.beyond[1]:
+        (ut1_s,), (pole_rad,) = orientation_errors(table, np.array([end]))
+        yield (
+            f"Earth orientation is {table.sources[-1]}: at the end of the arc UT1 may be off by {metres(ut1_s)} s "
+            f"({metres(_EQUATOR_M_S * ut1_s)} m at the equator), the pole by "
+            f"{1e3 * pole_rad / ARCSEC_RAD:.3g} milliarcseconds (1 sigma)"
+        )
 
 
 def _count(count: int) -> str:

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from radioloc.earth.eop_prediction import BEYOND
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
@@ -296,6 +297,8 @@ class ModelChoice:
         Registered name or path of the SPK and of the binary PCK.
     earth_orientation : Path or None
         A C04 or finals2000A file in place of the installed tables.
+    eop_beyond : {"hold", "extrapolate"} or None
+        How Earth orientation goes on after the table, for planning.
     ionex : tuple of Path
         IONEX maps of the electron content.
     tec_tecu : float or None
@@ -316,6 +319,7 @@ class ModelChoice:
     ephemeris: str = entry("DE421", read=_kernel)
     libration: str = entry("DE421", read=_kernel)
     earth_orientation: Path | None = None
+    eop_beyond: str | None = entry(None, choices=BEYOND)
     ionex: tuple[Path, ...] = ()
     tec_tecu: float | None = None
     vmf3: tuple[Path, ...] = ()

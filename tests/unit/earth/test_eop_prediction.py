@@ -1,0 +1,105 @@
+import numpy as np
+import pytest
+
+from radioloc.constants import ARCSEC_RAD
+from radioloc.earth.eop import EopTable
+from radioloc.earth.eop_prediction import BEYOND, extended, last_measured_mjd, orientation_errors
+from radioloc.errors import CoverageError, InputError
+from radioloc.time import Epochs, utc_to_tt
+
+COLUMNS = ("mjd_utc", "xp_rad", "yp_rad", "ut1_minus_utc_s", "dx_rad", "dy_rad", "predicted")
+
+
+def until(table, last_mjd):
+    mine = (table.mjd_utc <= last_mjd) & (table.mjd_utc > last_mjd - 2500.0)
+    return EopTable(*(getattr(table, name)[mine] for name in COLUMNS))
+
+
+def at(table, mjd):
+    return table.interpolate(utc_to_tt(Epochs.from_jd(2400000.5, np.atleast_1d(mjd), "UTC")))
+
+
+@pytest.fixture(scope="module")
+def measured():
+    table = EopTable.packaged()
+    return until(table, last_measured_mjd(table)), table
+
+
+@pytest.mark.parametrize("how", BEYOND)
+def test_goes_on_from_the_last_day(measured, how):
+    table = extended(measured[0], how)
+    last = measured[0].mjd_utc[-1]
+    before, after = at(table, last - 1e-3), at(table, last + 1e-3)
+    # The pole moves by 3 mas a day, UT1 by 2 ms a day at most.
+    assert abs(after.xp_rad - before.xp_rad)[0] < 0.002 * 0.003 * ARCSEC_RAD
+    assert abs(after.ut1_minus_tt_s - before.ut1_minus_tt_s)[0] < 0.002 * 2e-3
+    assert table.beyond == (how, last)
+    assert table.predicted[-1]
+    assert not at(table, last - 3.0).predicted[0]
+    assert table.last_measured_date == measured[0].last_measured_date
+    with pytest.raises(CoverageError, match="eop_beyond"):
+        at(table, last + 3001.0)
+    assert at(table, last + 2999.0).predicted[0]
+
+
+def test_holding_keeps_the_pole_and_the_length_of_day(measured):
+    table = extended(measured[0], "hold")
+    last = measured[0].mjd_utc[-1]
+    later = at(table, last + np.array([0.0, 100.0, 2000.0]))
+    np.testing.assert_allclose(later.xp_rad, later.xp_rad[0], rtol=0, atol=1e-18)
+    np.testing.assert_allclose(later.dx_rad, later.dx_rad[0], rtol=0, atol=1e-18)
+    without_tides = table.interpolate(
+        utc_to_tt(Epochs.from_jd(2400000.5, last + np.array([-1.0, 0.0, 100.0]), "UTC")), zonal=False
+    ).ut1_minus_tt_s
+    # Zonal tides of up to 0.16 s (18.6 years) change by 2 ms in so long, and by 0.2 ms in a day.
+    expected = (without_tides[1] - without_tides[0]) * 100.0
+    assert without_tides[2] - without_tides[1] == pytest.approx(expected, abs=0.03)
+
+
+@pytest.mark.parametrize("how", BEYOND)
+def test_errors_are_those_of_the_same_done_before(how):
+    """Where the future is known: from every hundredth day since 2000 on, the errors are as large as stated."""
+    full = EopTable.packaged()
+    end = last_measured_mjd(full)
+    lead_d = np.array([3.0, 10.0, 30.0, 100.0, 200.0, 365.0, 730.0, 1500.0, 2900.0])
+    off = []
+    for last in np.arange(51600.0, end - 100.0, 100.0):
+        table = extended(until(full, last), how)
+        there = lead_d[last + lead_d < end]
+        found, truth = at(table, last + there), at(full, last + there)
+        ut1_s, pole_rad = orientation_errors(table, last + there)
+        ratios = [
+            (found.ut1_minus_tt_s - truth.ut1_minus_tt_s) / ut1_s,
+            (found.xp_rad - truth.xp_rad) / pole_rad,
+            (found.yp_rad - truth.yp_rad) / pole_rad,
+        ]
+        off.append(np.pad(ratios, ((0, 0), (0, len(lead_d) - len(there))), constant_values=np.nan))
+    rms = np.sqrt(np.nanmean(np.square(off), axis=0))
+    # One law for a whole range of lead times holds to a fifth. That of the pole is larger beyond half a year: it has
+    # turned back by then, which a law that only grows does not know.
+    assert rms.max() < 1.25
+    assert rms[0].min() > 0.7
+    assert rms[1:, :5].min() > 0.7
+
+
+def test_errors_of_measured_and_predicted_values():
+    table = EopTable.packaged()
+    last = last_measured_mjd(table)
+    ut1_s, pole_rad = orientation_errors(table, last + np.array([-1000.0, 40.0]))
+    # Bulletin A states 0.004 s and 0.013 arcsec after 40 days.
+    np.testing.assert_allclose(ut1_s, [1e-5, 0.0040], rtol=0.01)
+    np.testing.assert_allclose(pole_rad / ARCSEC_RAD, [6e-5, 0.0130], rtol=0.01)
+
+
+def test_what_cannot_be_extended(measured):
+    with pytest.raises(InputError, match="hold or extrapolate, not 'guess'"):
+        extended(measured[0], "guess")
+    short = EopTable(*(getattr(measured[0], name)[-100:] for name in COLUMNS))
+    with pytest.raises(InputError, match="has 100 days; 1461 are needed"):
+        extended(short, "extrapolate")
+    assert extended(short, "hold").beyond is not None
+    without = EopTable(
+        *(getattr(short, n) * (np.nan if n == "dx_rad" else 1) for n in COLUMNS[:-1]), short.predicted
+    )
+    with pytest.raises(InputError, match="no celestial pole offset"):
+        extended(without, "hold")

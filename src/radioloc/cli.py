@@ -1,6 +1,7 @@
 """The command line: ``radioloc locate``, ``residuals``, ``arcs``, ``simulate``, ``montecarlo``, ``convert``, ...
 
-Exit status: 0 converged (or done), 2 bad input, 3 not converged or not observable.
+Exit status: 0 converged (or done), 1 the disk is full or fails, 2 bad input, 3 not converged or not observable, 130
+interrupted.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from radioloc.io.tdm import TdmAgreement
 from radioloc.io.write import require_writable, write_observations
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.report.files import write_arcs, write_monte_carlo, write_report, write_terms
+from radioloc.report.files import write_arcs, write_monte_carlo, write_report
 from radioloc.studies import locate
 from radioloc.studies.arcs import arcs
 from radioloc.studies.monte_carlo import monte_carlo
@@ -32,31 +33,43 @@ from radioloc.studies.selection import DEFAULT_HOURS
 from radioloc.studies.simulate import simulate
 from radioloc.studies.study import PARAMETER_KEYS
 from radioloc.studies.study_file import TABLES, read_study
+from radioloc.text_files import disk_failed
 
-EXIT_DONE, EXIT_BAD_INPUT, EXIT_NOT_CONVERGED = 0, 2, 3
+EXIT_DONE, EXIT_DISK, EXIT_BAD_INPUT, EXIT_NOT_CONVERGED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return its exit status."""
-    options = _parser().parse_args(arguments)
     with warnings.catch_warnings():
         # Even where Python is told to make errors of warnings: ours are for the reader, not for a debugger.
         warnings.simplefilter("default", RadiolocWarning)
         warnings.showwarning = _shown_once()
         try:
-            status = int(options.run(options))
-            sys.stdout.flush()
-            return status
-        except BrokenPipeError:
-            # Whoever read our output has seen enough, as `head` does. Python would complain again at its end.
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-            return EXIT_DONE
+            options = _parser().parse_args(arguments)
+            return int(options.run(options))
+        except SystemExit:  # of --help and --version, which have printed
+            _print("", end="")
+            raise
         except RadiolocError as error:
             _complain(str(error))
             return EXIT_NOT_CONVERGED if isinstance(error, ConvergenceError) else EXIT_BAD_INPUT
         except OSError as error:
             _complain(f"{error.filename}: {error.strerror}" if error.filename else str(error))
-            return EXIT_BAD_INPUT
+            return EXIT_DISK if disk_failed(error) else EXIT_BAD_INPUT
+        except KeyboardInterrupt:
+            _complain("interrupted")
+            return EXIT_INTERRUPTED
+
+
+def _print(text: object, end: str = "\n") -> None:
+    """Print at once; no word where the reader has seen enough, as `head` does, or standard output is closed."""
+    try:
+        print(text, end=end, flush=True)
+    except OSError as error:
+        # Python would try to write the rest again at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            raise OSError(error.errno, error.strerror, "standard output") from None
 
 
 class _Parser(argparse.ArgumentParser):
@@ -192,9 +205,7 @@ def _tell(options: argparse.Namespace, card: object) -> None:
     """Print a card and where files were written, unless told to be quiet."""
     if options.quiet:
         return
-    print(card)
-    if options.out is not None:
-        print(f"\nwritten to {options.out}")
+    _print(card if options.out is None else f"{card}\n\nwritten to {options.out}")
 
 
 def _locate(options: argparse.Namespace, *, fitted: bool) -> int:
@@ -205,9 +216,7 @@ def _locate(options: argparse.Namespace, *, fitted: bool) -> int:
     arc, left_out = locate.prepared_arc(study)
     solution = locate.fit_arc(study, arc, left_out, study.estimate if fitted else None)
     if options.out is not None:
-        write_report(solution, options.out)
-        if options.terms:
-            write_terms(arc, solution, options.out)
+        write_report(solution, options.out, arc if options.terms else None)
     _tell(options, solution)
     return EXIT_DONE if solution.converged or not fitted else EXIT_NOT_CONVERGED
 
@@ -253,17 +262,22 @@ def _sigmas(texts: Sequence[str]) -> dict[str, float]:
 def _monte_carlo(options: argparse.Namespace) -> int:
     if options.resume and options.out is None:
         options.parser.error("--resume needs --out DIR, where the trials are")
-    found = monte_carlo(
-        read_study(options.study),
-        options.trials,
-        options.hours,
-        seed=options.seed,
-        workers=options.workers,
-        out=options.out,
-        resume=options.resume,
-        full=options.full,
-        progress=not options.quiet,
-    )
+    try:
+        found = monte_carlo(
+            read_study(options.study),
+            options.trials,
+            options.hours,
+            seed=options.seed,
+            workers=options.workers,
+            out=options.out,
+            resume=options.resume,
+            full=options.full,
+            progress=not options.quiet,
+        )
+    except KeyboardInterrupt:
+        keeps = f"{options.out} keeps" if options.out else "with --out DIR, it keeps"
+        _complain(f"interrupted; {keeps} the trials made so far, and the same command with --resume goes on")
+        return EXIT_INTERRUPTED
     if options.out is not None:
         write_monte_carlo(found, options.out)
     _tell(options, found)
@@ -273,7 +287,7 @@ def _monte_carlo(options: argparse.Namespace) -> int:
 def _stations(options: argparse.Namespace) -> int:
     for station in StationCatalogue.default():
         x, y, z = station.itrf_m
-        print(
+        _print(
             f"{station.name:<10} {station.kind:<5} {station.quality:<8} {x:15.4f} {y:15.4f} {z:15.4f} m  "
             f"{', '.join(station.aliases)}"
         )

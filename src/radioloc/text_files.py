@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import codecs
+import errno
 import gzip
 import os
 import tempfile
@@ -19,6 +20,7 @@ BLOCK_BYTES = 2**22
 # Text of tracking data shrinks to a third or a tenth; a file made to fill the memory to a thousandth.
 _LARGEST_GROWTH = 200
 _ALWAYS_UNPACKED_BYTES = 2**26
+_DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _GZIP_MAGIC = b"\x1f\x8b"
 _COMPRESS_MAGIC = b"\x1f\x9d"
 
@@ -166,7 +168,11 @@ def write_blocks(path: str | Path, blocks: Iterable[bytes]) -> None:
 
 @contextmanager
 def replaced_file(path: str | Path) -> Iterator[Path]:
-    """An empty file beside a file, which takes its place at the end, unless there was an error."""
+    """An empty file beside a file, which takes its place at the end, unless there was an error.
+
+    What is in it is on the disk before it does, so a system that stops leaves the old content or the new one. A disk
+    that is full or fails is an :class:`OSError`, as it is not the input that is wrong.
+    """
     file = Path(path)
     if file.is_dir():
         raise FileFormatError(path, "is a directory; give the name of a file")
@@ -174,21 +180,30 @@ def replaced_file(path: str | Path) -> Iterator[Path]:
         handle, name = tempfile.mkstemp(dir=file.parent, prefix=f".{file.name}.")
         os.close(handle)
     except OSError as error:
-        problem = f"cannot be written ({error.strerror}); make the directory or choose another"
-        raise FileFormatError(path, problem) from error
+        raise _not_written(file, error, "make the directory or choose another") from error
     temporary = Path(name)
     try:
         yield temporary
+        with temporary.open("rb+") as stream:
+            os.fsync(stream.fileno())
         # mkstemp makes files that only their owner reads; give this one what the user's umask allows.
         umask = os.umask(0)
         os.umask(umask)
         temporary.chmod(0o666 & ~umask)
         temporary.replace(file)
     except OSError as error:
+        raise _not_written(file, error, "check space and permissions") from error
+    finally:
         temporary.unlink(missing_ok=True)
-        raise FileFormatError(
-            path, f"cannot be written ({error.strerror}); check space and permissions"
-        ) from error
-    except BaseException:
-        temporary.unlink(missing_ok=True)
-        raise
+
+
+def disk_failed(error: OSError) -> bool:
+    """Whether it is the disk that cannot take what is written, full or failing, and not a wrong name or permission."""
+    return error.errno in _DISK_FAILURES
+
+
+def _not_written(path: Path, error: OSError, advice: str) -> OSError | FileFormatError:
+    if disk_failed(error):
+        problem = f"cannot be written ({error.strerror}); make room on the disk, then run again"
+        return OSError(error.errno, problem, str(path))
+    return FileFormatError(path, f"cannot be written ({error.strerror}); {advice}")

@@ -65,3 +65,27 @@ def world(
 def observations(model: PhysicalModel, step_s: float, *, seed: int = 1, **options: object) -> Observations:
     """The same with noise."""
     return world(model, step_s, **options).draw(NOISE, seed=seed).observations  # type: ignore[arg-type]
+
+
+PLAN = """
+[target]
+longitude_deg = -51.9
+latitude_deg = 43.1
+height_m = -2500.0
+[estimate]
+height_prior = { height_m = -2550.0, sigma_m = 5.0 }
+[model]
+off = ["ionosphere"]
+[simulation.sessions.ranging]
+kind = "range"
+stations = ["JIAMUSI", "KASHI"]
+links = "all"
+one_uplink = true
+start = 2020-12-01T15:11:00
+stop = 2020-12-02T03:10:00
+step_s = 3600
+sigma_m = 1.0
+[simulation.noise.range]
+white_m = 1.0
+"""
+"""A study file of twelve hours of ranges, one an hour."""

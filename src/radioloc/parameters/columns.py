@@ -4,11 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Collection
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError
+from radioloc.errors import InputError, RadiolocError
 from radioloc.measurements.predictor import Predictor
 from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.rows import ObservationRows
@@ -40,7 +41,7 @@ class Columns:
 
     def design(self, rows: ObservationRows) -> NDArray[np.float64]:
         """Partial derivatives of computed values by the parameters, shape (m, number of columns)."""
-        partials = self.kind.partials(rows)
+        partials = _asked(self.kind, "partials", rows)
         components = len(self.kind.components)
         if partials.ndim != 3 or partials.shape[::2] != (len(rows), components):
             raise InputError(
@@ -59,6 +60,19 @@ class Columns:
                     for component in range(components):
                         columns[group, component] += np.where(mine, partials[:, end, component], 0.0)
         return columns.reshape(len(self), len(rows)).T
+
+
+def _asked(kind: ParameterKind, what: Literal["partials", "acts_on"], rows: ObservationRows) -> NDArray[Any]:
+    """What a function of a kind gives; an exception in it, as in one of another package, is named with the kind."""
+    try:
+        return np.asarray(getattr(kind, what)(rows))
+    except RadiolocError:
+        raise
+    except Exception as error:
+        raise InputError(
+            f"the parameter {kind.name} cannot be used: {what} fails with {type(error).__name__}: {error}; "
+            "mend the package that it is from, or leave the parameter out"
+        ) from error
 
 
 def owners(scope: Scope, rows: ObservationRows) -> NDArray[np.int32]:
@@ -87,7 +101,7 @@ def everyone(scope: Scope, predictor: Predictor) -> Members:
 def members(kind: ParameterKind, scope: Scope, predictor: Predictor) -> Members:
     """Those of them with observations that the kind acts on."""
     rows = ObservationRows(predictor)
-    acts, owner = np.asarray(kind.acts_on(rows)), owners(scope, rows)
+    acts, owner = _asked(kind, "acts_on", rows), owners(scope, rows)
     if owner.shape[1] == 1:
         acts = np.asarray(acts.any(axis=1, keepdims=True))
     there = np.bincount(owner[acts & (owner >= 0)], minlength=1)
@@ -113,7 +127,9 @@ def columns_of(
         return Columns(kind, scope, tuple(chosen), tuple(chosen), (None,) * len(chosen), by_member)
     rows = ObservationRows(predictor)
     owner, since_s = owners(scope, rows), rows.elapsed_s
-    acts = kind.acts_on(rows) if scope is Scope.PASS else kind.acts_on(rows).any(axis=1, keepdims=True)
+    acts = _asked(kind, "acts_on", rows)
+    if scope is not Scope.PASS:
+        acts = np.asarray(acts.any(axis=1, keepdims=True))
     code = np.full(owner.shape, -1, dtype=np.int32)
     names: list[str] = []
     of: list[str] = []

@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.text_files import replaced_file
 from radioloc.time import Epochs
 
 if TYPE_CHECKING:
@@ -114,7 +115,7 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: i
     Raises
     ------
     InputError
-        The format is not one that matplotlib writes.
+        The format is not one that matplotlib writes, or a file cannot be written.
 
     Examples
     --------
@@ -145,7 +146,8 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: i
                 engine.execute(figure)
             figure.set_layout_engine(None)
             for path, ending in zip(files, endings, strict=True):
-                figure.savefig(path, dpi=dpi, metadata=_UNDATED.get(ending))
+                with replaced_file(path) as temporary:
+                    figure.savefig(temporary, format=ending, dpi=dpi, metadata=_UNDATED.get(ending))
         finally:
             figure.dpi = own_dpi
             figure.set_layout_engine(engine)

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Mapping
+from collections.abc import Collection, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -21,7 +22,7 @@ from radioloc.report.figures import save_figure
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.position_figures import plot_error_by_length, plot_position, plot_trial_scatter
 from radioloc.report.residual_figures import plot_links, plot_residuals
-from radioloc.text_files import write_text
+from radioloc.text_files import disk_failed, write_text
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,15 +31,32 @@ _DECIMALS = {"observed_m": 7, "computed_m": 7, "residual_m": 6, "sigma_m": 6, "e
 RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_DECIMALS, "status")
 """Columns of ``residuals.csv``, in order."""
 
+INCOMPLETE = "INCOMPLETE"
+"""File of a folder whose other files may be of different results, as it was not written to the end."""
+_NUMBERS = ("solution.json", "residuals.csv")
+_OF_A_SOLUTION = (*_NUMBERS, "terms.csv", "residuals.[ps][nv]g", "position.[ps][nv]g")
+_OF_ARCS = (
+    "arcs.json",
+    "table1.csv",
+    "table1.md",
+    "figure2.[ps][nv]g",
+    *(f"[0-9]*h/{name}" for name in _NUMBERS),
+)
+OF_A_MONTE_CARLO = ("montecarlo.json", "trials.csv", "trials.[ps][nv]g", "error_by_length.[ps][nv]g")
+"""Files of an output folder, by name or pattern."""
 
-def write_report(solution: Solution, folder: str | Path) -> list[Path]:
+
+def write_report(solution: Solution, folder: str | Path, terms_by: Predictor | None = None) -> list[Path]:
     """Write a solution's files and plots.
 
     Parameters
     ----------
     solution : Solution
     folder : path-like
-        Made where it does not exist; files of the same names are replaced.
+        Made where it does not exist. Its files are of one result: those of the same names are replaced, others of an
+        earlier solution are removed, and until all are written there is one called ``INCOMPLETE``.
+    terms_by : Predictor, optional
+        That of the solution's study, to write ``terms.csv`` as well (:func:`write_terms`).
 
     Returns
     -------
@@ -49,6 +67,8 @@ def write_report(solution: Solution, folder: str | Path) -> list[Path]:
     ------
     InputError
         The folder cannot be made or written to, or the solution has no elevations.
+    OSError
+        The disk is full or fails.
 
     Examples
     --------
@@ -57,16 +77,44 @@ def write_report(solution: Solution, folder: str | Path) -> list[Path]:
     >>> [path.name for path in radioloc.write_report(solution, "out")][:2]
     ['solution.json', 'residuals.csv']
     """
-    written = write_numbers(solution, folder)
-    rows = solution.residuals
-    # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
-    apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
-    written += write_figure(
-        plot_links(solution) if apart else plot_residuals(solution), Path(folder), "residuals"
-    )
-    if solution.position_estimated and solution.position_determined:
-        written += write_figure(plot_position(solution), Path(folder), "position")
+    with _one_result(folder, _OF_A_SOLUTION) as written:
+        written += write_numbers(solution, folder)
+        rows = solution.residuals
+        # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
+        apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
+        written += write_figure(
+            plot_links(solution) if apart else plot_residuals(solution), Path(folder), "residuals"
+        )
+        if solution.position_estimated and solution.position_determined:
+            written += write_figure(plot_position(solution), Path(folder), "position")
+        if terms_by is not None:
+            written.append(write_terms(terms_by, solution, folder))
     return written
+
+
+@contextmanager
+def _one_result(folder: str | Path, names: tuple[str, ...]) -> Iterator[list[Path]]:
+    """A list for what is written to a folder; other files of such names, of an earlier result, are removed at the end.
+
+    Until then a file says that the folder is not complete, so it does where the program was stopped.
+    """
+    folder = made_folder(folder)
+    marker = folder / INCOMPLETE
+    write_text(
+        marker, "radioloc has not finished writing here: files may be of different results. Run it again.\n"
+    )
+    written: list[Path] = []
+    yield written
+    remove_files(folder, names, written)
+    marker.unlink()
+
+
+def remove_files(folder: Path, names: tuple[str, ...], but: Collection[Path] = ()) -> None:
+    """Remove files of a folder by name or pattern."""
+    for name in names:
+        for path in folder.glob(name):
+            if path.is_file() and path not in but:
+                path.unlink()
 
 
 def write_numbers(solution: Solution, folder: str | Path) -> list[Path]:
@@ -141,14 +189,16 @@ def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
     >>> sorted(path.suffix for path in radioloc.report.write_arcs(found, "out") if path.parent.name == "out")
     ['.csv', '.json', '.md', '.png', '.svg']
     """
-    folder = made_folder(folder)
-    written = [folder / name for name in ("table1.csv", "table1.md", "arcs.json")]
-    write_text(written[0], study.to_csv())
-    write_text(written[1], study.to_markdown())
-    write_json(written[2], study.to_dict())
-    for arc in study.arcs:
-        written += write_numbers(arc.solution, folder / f"{arc.hours:g}h")
-    return written + write_figure(plot_links(study.longest), folder, "figure2")
+    folder = Path(folder)
+    with _one_result(folder, _OF_ARCS) as written:
+        written += [folder / name for name in ("table1.csv", "table1.md", "arcs.json")]
+        write_text(written[0], study.to_csv())
+        write_text(written[1], study.to_markdown())
+        write_json(written[2], study.to_dict())
+        for arc in study.arcs:
+            written += write_numbers(arc.solution, folder / f"{arc.hours:g}h")
+        written += write_figure(plot_links(study.longest), folder, "figure2")
+    return written
 
 
 def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
@@ -167,23 +217,21 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     """
     from radioloc.io.csv_file import batches_of, write_csv
 
-    folder = made_folder(folder)
-    written = [folder / "montecarlo.json", folder / "trials.csv"]
-    write_json(written[0], study.to_dict())
-    write_csv(written[1], batches_of(study.columns_of_trials()))
-    if (study["converged"] == 1.0).any():
-        written += write_figure(plot_trial_scatter(study), folder, "trials")
-        written += write_figure(plot_error_by_length(study), folder, "error_by_length")
+    folder = Path(folder)
+    with _one_result(folder, OF_A_MONTE_CARLO) as written:
+        written += [folder / "montecarlo.json", folder / "trials.csv"]
+        write_json(written[0], study.to_dict())
+        write_csv(written[1], batches_of(study.columns_of_trials()))
+        if (study["converged"] == 1.0).any():
+            written += write_figure(plot_trial_scatter(study), folder, "trials")
+            written += write_figure(plot_error_by_length(study), folder, "error_by_length")
     return written
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:
     """Write a figure as PNG and SVG."""
     paths = [folder / f"{name}.{ending}" for ending in ("png", "svg")]
-    try:
-        save_figure(figure, paths)
-    except OSError as error:
-        raise InputError(f"{folder}: the plot of {name} cannot be written: {error.strerror}") from None
+    save_figure(figure, paths)
     return paths
 
 
@@ -193,6 +241,8 @@ def made_folder(folder: str | Path) -> Path:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
+        if disk_failed(error):
+            raise
         raise InputError(f"{folder}: the output folder cannot be made: {error.strerror}") from None
     return folder
 

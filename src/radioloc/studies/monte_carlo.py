@@ -186,7 +186,7 @@ class _Runner:
         return np.array([found[trial] for trial in range(self.trials)])
 
     def _bar(self, done: int) -> Any:
-        if not (self.progress and sys.stderr.isatty()):
+        if not (self.progress and sys.stderr and sys.stderr.isatty()):
             return contextlib.nullcontext()
         from tqdm import tqdm
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from radioloc._version import __version__
 from radioloc.errors import InputError
-from radioloc.report.files import made_folder, write_json
+from radioloc.report.files import OF_A_MONTE_CARLO, made_folder, remove_files, write_json
 from radioloc.studies.study import Study, TerrainPrior
 from radioloc.text_files import read_text, replaced_file
 
@@ -89,9 +89,9 @@ class TrialFolder:
         self._record, self._columns, self._hours = record, tuple(columns), tuple(hours)
 
     def start(self) -> None:
-        """Begin anew: trials that are there from before are removed."""
-        for path in self._parts.glob("*-*-*.*"):
-            path.unlink()
+        """Begin anew: trials that are there from before are removed, and what was made of them."""
+        remove_files(self._parts, ("*-*-*.*",))
+        remove_files(self._folder, OF_A_MONTE_CARLO)
         write_json(self._folder / "study.json", self._record)
 
     def found(self, way: str) -> dict[int, NDArray[np.float64]]:

@@ -8,14 +8,17 @@ from __future__ import annotations
 
 import os
 import pickle
+import signal
 from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from functools import lru_cache
-from multiprocessing import get_context
+from multiprocessing import get_context, parent_process
+from multiprocessing.connection import wait
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from threading import Thread
 from typing import Any, Protocol
 
 import numpy as np
@@ -30,6 +33,8 @@ Chunk = Sequence[int]
 _GUARD = 'a script that asks for several workers needs if __name__ == "__main__":, as they are spawned'
 
 _THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS", "VECLIB_MAXIMUM_THREADS")
+
+_CAN_MASK = hasattr(signal, "pthread_sigmask")
 
 
 class Job(Protocol):
@@ -87,11 +92,11 @@ class _Pool:
 
     def __init__(self, count: int) -> None:
         # Processes are spawned, not forked: a fork of a process with threads may hang, and some systems cannot.
-        self._pool = ProcessPoolExecutor(count, mp_context=get_context("spawn"))
+        self._pool = ProcessPoolExecutor(count, get_context("spawn"), _begin)
         self._folder = TemporaryDirectory(prefix="radioloc-")
         self._jobs = 0
         try:
-            with _one_thread_each():
+            with _spawning():
                 for _ in range(count):
                     self._pool.submit(_import_what_jobs_need)
         except RuntimeError:  # of a script that is being imported by a process that it has spawned itself
@@ -113,7 +118,7 @@ class _Pool:
         file.write_bytes(pickle.dumps(job))
         futures: dict[Future[NDArray[np.float64]], Chunk] = {}
         try:
-            with _one_thread_each():
+            with _spawning():
                 for chunk in chunks:
                     futures[self._pool.submit(_run_from, str(file), seed, chunk)] = chunk
             for future in as_completed(futures):
@@ -149,18 +154,39 @@ class _Cluster:
 
 
 @contextmanager
-def _one_thread_each() -> Iterator[None]:
-    """Processes that are started here do not use threads for linear algebra: the processes share the cores already."""
+def _spawning() -> Iterator[None]:
+    """Processes that are started here do not use threads for linear algebra: the processes share the cores already.
+
+    An interrupt (Ctrl-C) waits in them until they have begun.
+    """
     before = {name: os.environ.get(name) for name in _THREADS}
     os.environ.update(dict.fromkeys(_THREADS, "1"))
+    masked = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if _CAN_MASK else set()
     try:
         yield
     finally:
+        if _CAN_MASK:
+            signal.pthread_sigmask(signal.SIG_SETMASK, masked)
         for name, value in before.items():
             if value is None:
                 del os.environ[name]
             else:
                 os.environ[name] = value
+
+
+def _begin() -> None:
+    """What a worker does first: it ends with its parent, however that ends, and on an interrupt, without a word."""
+    Thread(target=_end_with_parent, daemon=True).start()
+    signal.signal(signal.SIGINT, signal.SIG_DFL)
+    if _CAN_MASK:
+        signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})
+
+
+def _end_with_parent() -> None:
+    parent = parent_process()
+    assert parent is not None  # of a worker
+    wait([parent.sentinel])
+    os._exit(1)
 
 
 def _import_what_jobs_need() -> None:

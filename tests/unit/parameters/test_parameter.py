@@ -9,7 +9,7 @@ from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet
 from radioloc.parameters import ObservationRows, Scope
 from radioloc.parameters.biases import RANGE_BIAS
-from radioloc.parameters.columns import Columns
+from radioloc.parameters.columns import Columns, members
 from radioloc.parameters.parameter import Role
 
 
@@ -93,3 +93,25 @@ def test_partials_of_another_shape_are_refused():
         words = re.escape(f"partials of range_bias have the shape {shape}; they need one of (2, ends, 1)")
         with pytest.raises(InputError, match=words):
             columns.design(ObservationRows(arc))
+
+
+def test_what_fails_in_a_kind_of_another_package_names_the_parameter():
+    def fails(rows):
+        return np.zeros(len(rows))[7]
+
+    observations = radioloc.Observations.from_columns(
+        epoch=radioloc.time.epochs_from_strings(["2020-12-01T15:00:00"]),
+        links=[radioloc.measurements.Link("KASHI", "lander", "KASHI")],
+        value_m=7.6e8,
+        sigma_m=1.0,
+    )
+    lander = radioloc.LunarPosition.from_selenographic(-51.9, 43.0, -2500.0)
+    arc, _ = radioloc.studies.arc_of(radioloc.Study(target=lander), observations)
+    groups = ("KASHI",), ("KASHI",), (None,), np.array([0, -1], np.int32)
+    columns = Columns(replace(RANGE_BIAS, partials=fails), Scope.STATION, *groups)
+    with pytest.raises(
+        InputError, match="range_bias cannot be used: partials fails with IndexError: index 7"
+    ):
+        columns.design(ObservationRows(arc))
+    with pytest.raises(InputError, match="range_bias cannot be used: acts_on fails with IndexError: index 7"):
+        members(replace(RANGE_BIAS, acts_on=fails), Scope.STATION, arc)

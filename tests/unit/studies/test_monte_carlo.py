@@ -14,7 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from change5_case import BIAS_M, LANDER, NEAR, RANGING, START, VLBI
+from change5_case import BIAS_M, LANDER, NEAR, PLAN, RANGING, START, VLBI
 
 import radioloc
 from radioloc import Study
@@ -442,29 +442,6 @@ def test_what_is_written(found, tmp_path):
     assert len(rows) == 120
     assert float(rows[3]["east_m"]) == found["east_m"][1, 1]
     assert rows[3]["hours"] == "12"
-
-
-PLAN = """
-[target]
-longitude_deg = -51.9
-latitude_deg = 43.1
-height_m = -2500.0
-[estimate]
-height_prior = { height_m = -2550.0, sigma_m = 5.0 }
-[model]
-off = ["ionosphere"]
-[simulation.sessions.ranging]
-kind = "range"
-stations = ["JIAMUSI", "KASHI"]
-links = "all"
-one_uplink = true
-start = 2020-12-01T15:11:00
-stop = 2020-12-02T03:10:00
-step_s = 3600
-sigma_m = 1.0
-[simulation.noise.range]
-white_m = 1.0
-"""
 
 
 def test_the_command(tmp_path, capsys):

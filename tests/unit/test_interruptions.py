@@ -1,0 +1,190 @@
+"""What ends a run before its end: a closed output, an interrupt, a kill, a full disk; and what it leaves behind."""
+
+import json
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from change5_case import PLAN
+from quick import some
+
+from radioloc import cli
+from radioloc.report.files import INCOMPLETE
+from radioloc.text_files import write_blocks, write_text
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+APOLLO = EXAMPLES / "apollo15" / "apollo15.toml"
+RADIOLOC = [sys.executable, "-m", "radioloc.cli"]
+
+# Killed where the first figure is written, as by a system that is short of memory.
+KILLED = """
+import os, signal, sys
+import radioloc.report.files
+from radioloc.cli import main
+radioloc.report.files.write_figure = lambda *_: os.kill(os.getpid(), signal.SIGKILL)
+main(["locate", *sys.argv[1:]])
+"""
+
+
+def run(*command, **options):
+    return subprocess.run([*map(str, command)], capture_output=True, text=True, timeout=120, **options)
+
+
+def one_line(done, status, *parts):
+    assert done.returncode == status, done.stderr
+    assert done.stderr.startswith("radioloc: ")
+    assert done.stderr.count("\n") == 1
+    for part in parts:
+        assert part in done.stderr
+
+
+@pytest.mark.parametrize("arguments", [["stations"], ["--help"], ["--version"]])
+def test_a_reader_that_stops_reading(arguments):
+    read, write = os.pipe()
+    os.close(read)
+    try:
+        done = subprocess.run([*RADIOLOC, *arguments], stdout=write, stderr=subprocess.PIPE, timeout=60)
+    finally:
+        os.close(write)
+    assert (done.returncode, done.stderr) == (0, b"")
+
+
+def test_the_exit_status_does_not_depend_on_who_reads(tmp_path):
+    """Not observable from two points, whether or not somebody reads that."""
+    lines = (APOLLO.parent / "apollo15_apollo_2006-2007.csv").read_text().splitlines(keepends=True)
+    (tmp_path / "d.csv").write_text("".join(lines[:6]))
+    study = "[target]\nlongitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n"
+    (tmp_path / "s.toml").write_text(f'{study}[observations]\nfiles = ["d.csv"]\n')
+    command = " ".join([*RADIOLOC, "locate", str(tmp_path / "s.toml")])
+    for end in ("| true", ">&-"):
+        done = run("bash", "-c", f"{command} {end}; exit ${{PIPESTATUS[0]}}")
+        assert (done.returncode, done.stderr) == (3, ""), end
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="no such device")
+def test_output_to_a_full_disk():
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run([*RADIOLOC, "stations"], stdout=full, stderr=subprocess.PIPE, text=True)
+    one_line(done, 1, "standard output: No space left on device")
+
+
+def test_a_file_that_the_disk_cannot_take(tmp_path):
+    """The limit of a file's size, which as a full disk lets a program write some of a file."""
+
+    def limited():
+        resource.setrlimit(resource.RLIMIT_FSIZE, (9000, 9000))
+
+    assert (
+        cli.main(["locate", str(APOLLO), "--quiet"]) == 0
+    )  # so that all is compiled, which writes files as well
+    done = run(*RADIOLOC, "locate", APOLLO, "--out", tmp_path, preexec_fn=limited)
+    one_line(done, 1, str(tmp_path), "cannot be written", "make room on the disk")
+    assert {path.name for path in tmp_path.iterdir()} == {INCOMPLETE}
+    done = run(*RADIOLOC, "convert", APOLLO.parent / "apollo15_apollo_2006-2007.csv", tmp_path / "a.parquet",
+               preexec_fn=limited)  # fmt: skip
+    one_line(done, 1, "a.parquet: cannot be written", "make room on the disk")
+
+
+def test_content_is_on_the_disk_before_it_replaces_other(tmp_path, monkeypatch):
+    file = tmp_path / "a.txt"
+    write_text(file, "old")
+    seen = []
+
+    def fsync(handle):
+        seen.append((os.fstat(handle).st_size, file.read_text()))
+
+    monkeypatch.setattr(os, "fsync", fsync)
+    write_blocks(file, [b"new ", b"content"])
+    assert seen == [(11, "old")]
+    assert file.read_text() == "new content"
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
+def test_a_folder_that_was_not_finished_says_so(tmp_path, capsys):
+    """New numbers beside the figures of an earlier run are not taken for one result."""
+    assert cli.main(["locate", str(APOLLO), "--out", str(tmp_path), "--quiet", "--terms"]) == 0
+    whole = {path.name for path in tmp_path.iterdir()}
+    assert INCOMPLETE not in whole
+    target = "[target]\nlongitude_deg = 3.6\nlatitude_deg = 26.1\nheight_m = -1900.0\n"
+    files = f'files = ["{APOLLO.parent / "apollo15_apollo_2006-2007.csv"}"]'
+    study = tmp_path / "other.toml"
+    study.write_text(f"{target}[observations]\n{files}\nstop = 2006-12-31\n")
+    killed = run(sys.executable, "-c", KILLED, study, "--out", tmp_path)
+    assert killed.returncode == -signal.SIGKILL
+    assert json.loads((tmp_path / "solution.json").read_text())["name"] == "other"
+    assert {path.name for path in tmp_path.iterdir()} == whole | {INCOMPLETE, "other.toml"}
+    assert cli.main(["residuals", str(study), "--out", str(tmp_path), "--quiet"]) == 0
+    here = {path.name for path in tmp_path.iterdir()}
+    assert here == {"other.toml", "solution.json", "residuals.csv", "residuals.png", "residuals.svg"}
+
+
+def started(tmp_path, *more):
+    """A Monte Carlo study under way, a session of its own with its workers."""
+    plan = tmp_path / "plan.toml"
+    plan.write_text(PLAN)
+    command = [*RADIOLOC, "montecarlo", plan, "--trials", 100_000, "--hours", 6, "--out", tmp_path, *more]
+    process = subprocess.Popen(
+        [*map(str, command)], stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+    for _ in range(1200):
+        if any((tmp_path / "parts").glob("*.npz")) or process.poll() is not None:
+            break
+        time.sleep(0.1)
+    return process
+
+
+def gone(session):
+    """Whether all processes of a session end within some seconds."""
+    for _ in range(100):
+        try:
+            os.killpg(session, 0)
+        except ProcessLookupError:
+            return True
+        time.sleep(0.1)
+    os.killpg(session, signal.SIGKILL)
+    return False
+
+
+@pytest.mark.parametrize("workers", some([1, 2], [2]))
+def test_an_interrupted_monte_carlo_study_says_how_to_go_on(workers, tmp_path):
+    process = started(tmp_path, "--workers", workers)
+    os.killpg(process.pid, signal.SIGINT)
+    _, told = process.communicate(timeout=60)
+    assert process.returncode == 130
+    kept = f"{tmp_path} keeps the trials made so far, and the same command with --resume goes on"
+    assert told == f"radioloc: interrupted; {kept}\n"
+    assert gone(process.pid)
+    count = 25 * len(list((tmp_path / "parts").iterdir()))
+    arguments = [
+        "montecarlo",
+        str(tmp_path / "plan.toml"),
+        "--trials",
+        str(count),
+        "--hours",
+        "6",
+        "--out",
+        str(tmp_path),
+    ]
+    assert cli.main([*arguments, "--resume", "--quiet"]) == 0
+
+
+@pytest.mark.skipif(not hasattr(signal, "SIGKILL"), reason="no such signal")
+def test_workers_end_with_their_parent(tmp_path):
+    process = started(tmp_path, "--workers", 2)
+    os.kill(process.pid, signal.SIGKILL)
+    process.communicate(timeout=60)
+    assert gone(process.pid)
+
+
+def test_an_interrupt_anywhere_else_is_one_line(monkeypatch, capsys):
+    def interrupted(study):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(cli, "read_study", interrupted)
+    assert cli.main(["locate", str(APOLLO)]) == 130
+    assert capsys.readouterr().err == "radioloc: interrupted\n"

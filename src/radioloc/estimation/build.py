@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -14,13 +14,21 @@ from radioloc.estimation.consider import consider
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.least_squares import FitResult
+from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, compare_with
 from radioloc.estimation.statistics import FitStatistics, Residuals
 from radioloc.estimation.time_correlation import assess_time_correlation
 from radioloc.time import Epochs
+
+
+@dataclass(frozen=True, slots=True)
+class Doubt:
+    """Why an estimate cannot be used although the fit converged: a status, and a sentence with numbers."""
+
+    status: FitStatus
+    reason: str
 
 
 def build_solution(
@@ -35,6 +43,7 @@ def build_solution(
     excess_noise_m: Mapping[str, float] | None = None,
     reference_pa_m: ArrayLike | None = None,
     reference_name: str = "reference",
+    doubts: Sequence[Doubt] = (),
     **described: Any,
 ) -> Solution:
     """Put together what a fit has to say.
@@ -60,6 +69,8 @@ def build_solution(
         A known position in the same principal axes, m.
     reference_name : str
         What it is.
+    doubts : sequence of Doubt
+        Why the estimate cannot be used although the fit converged.
     **described
         Fields of :class:`Solution` as they are: `position_pa_m`, `position_partials`, `rot_pa_to_me`, `pa_frame` and
         `me_frame` always; where there are any, `name`, `ephemeris_sigma_enu_m`, `series_weights`, `notes`,
@@ -71,6 +82,7 @@ def build_solution(
         A column or a matrix is not of the shape that the fit asks for.
     """
     fit = edited.fit
+    statuses = [fit.status if edited.complete else FitStatus.UNSETTLED, *(doubt.status for doubt in doubts)]
     types, paths = Labels.of(type), Labels.of(path)
     residuals = Residuals(
         epoch_utc=epoch_utc,
@@ -91,9 +103,10 @@ def build_solution(
         edited, SeriesOrder.of(types, paths, seconds_since_midnight(epoch_utc))
     )
     solution = Solution(
-        converged=edited.converged,
-        status=fit.status.value if edited.complete else "not converged: the editing did not settle",
-        message=edited.message,
+        status=next(
+            (status for status in statuses if status is not FitStatus.CONVERGED), FitStatus.CONVERGED
+        ),
+        message="; ".join(text for text in (*(doubt.reason for doubt in doubts), edited.message) if text),
         parameters=fit.parameters,
         values=fit.x,
         formal_covariance=fit.covariance,

@@ -57,13 +57,17 @@ _NEAR = 1.0
 stays."""
 
 
-class FitStatus(enum.Enum):
-    """How a fit ended."""
+class FitStatus(enum.StrEnum):
+    """How a fit ended, and whether what it found can be used; the value is what is shown."""
 
     CONVERGED = "converged"
     MAX_ITERATIONS = "not converged: iteration limit reached"
     DIVERGED = "not converged: no step lowers the sum of squares"
     UNOBSERVABLE = "not observable: the data do not determine every parameter"
+    UNSETTLED = "not converged: the editing did not settle"
+    HIDDEN = "not converged: a used station cannot see the point"
+    OFF_THE_MOON = "not converged: a height that the Moon does not have"
+    MISFIT = "not converged: residuals far beyond the stated sigmas"
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -16,6 +16,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.consider import Consider
 from radioloc.estimation.correlated_weights import SeriesWeight
 from radioloc.estimation.gauss_markov import TimeCorrelation
+from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.statistics import FitStatistics, Residuals, finite_or_none, read_only
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
@@ -120,12 +121,10 @@ class Solution:
     ----------
     name : str
         Name of the study or the target.
-    converged : bool
-        Whether the fit converged, everything is determined, and the editing settled.
-    status : str
-        How the fit ended, in words.
+    status : FitStatus
+        How the fit ended, and whether its estimate can be used.
     message : str
-        What went wrong or is worth knowing; empty if nothing.
+        What went wrong, with numbers, or is worth knowing; empty if nothing.
     parameters : ParameterSet
         What was solved for, with a-priori values.
     values : ndarray, shape (p,)
@@ -173,8 +172,7 @@ class Solution:
         derived from one raises :class:`~radioloc.errors.InputError`.
     """
 
-    converged: bool
-    status: str
+    status: FitStatus
     message: str
     parameters: ParameterSet
     values: NDArray[np.float64]
@@ -234,6 +232,11 @@ class Solution:
         return replace(
             self, name=name, position_pa_m=at, position_partials=partials, targets=(), reference=None
         )
+
+    @property
+    def converged(self) -> bool:
+        """Whether the estimate can be used: the fit and its editing settled, and nothing speaks against the place."""
+        return self.status is FitStatus.CONVERGED
 
     @property
     def position_me_m(self) -> NDArray[np.float64]:
@@ -417,7 +420,7 @@ class Solution:
         content: dict[str, Any] = {
             "name": self.name,
             "converged": self.converged,
-            "status": self.status,
+            "status": self.status.value,
             "message": self.message,
             "trajectory": self.trajectory,
             **self._position_dict(),

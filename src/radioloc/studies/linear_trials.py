@@ -21,6 +21,7 @@ from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.truth import DrawnErrors, position_error_m
+from radioloc.studies.verdict import heights, misfits
 
 _Floats = NDArray[np.float64]
 
@@ -58,6 +59,7 @@ class LinearArc:
     status: Labels  # before the fit
     threshold: float  # expected sigmas beyond which a residual is an outlier
     order: SeriesOrder
+    height_m: float  # of the true position
     correlated: bool  # whether series are weighed as their residuals ask for
 
     def fit(self, residual_m: _Floats) -> NoisyFit:
@@ -112,12 +114,17 @@ class LinearTrials:
         fit = found.edited.fit
         covariance, _ = estimated_covariance(found.edited, arc.order)
         x, sigmas = fit.x, np.sqrt(np.diag(covariance))
+        moved_m = arc.enu_by_parameters @ (x - arc.problem.x)
+        doubts = [
+            *misfits(found.edited, arc.noise.sigma_m, arc.order.types),
+            *heights(arc.height_m + moved_m[2]),
+        ]
         return row_of(
             self.columns,
-            converged=found.edited.converged,
+            converged=found.edited.converged and not doubts,
             used=int(fit.used.sum()),
             rejected=int((~fit.used).sum()),
-            error_m=arc.enu_by_parameters @ (x - arc.problem.x) - position_error_m(drawn),
+            error_m=moved_m - position_error_m(drawn),
             covariance_m2=arc.enu_by_parameters @ covariance @ arc.enu_by_parameters.T
             + np.diag(arc.ephemeris_sigma_m**2),
             noise_scale=fit.noise_scale,

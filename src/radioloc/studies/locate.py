@@ -11,10 +11,11 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
-from radioloc.estimation.build import build_solution, seconds_since_midnight
+from radioloc.estimation.build import Doubt, build_solution, seconds_since_midnight
 from radioloc.estimation.correlated_weights import SeriesWeight, fit_with_correlated_weights
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.labels import USED, Labels
+from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, TargetPosition
 from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
@@ -42,6 +43,7 @@ from radioloc.studies.problem import observation_model, position_in_pa, start_pa
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
+from radioloc.studies.verdict import misfits, places
 from radioloc.studies.weights import require_stations, weighted_observations
 from radioloc.time import Epochs
 
@@ -132,7 +134,8 @@ def fit_arc(
         else position_in_pa("[reference]", study.reference.position, constants)
     )
     problem = observation_model(arc, targets or None, estimate, held=study.estimate, consider=study.consider)
-    fitted = _fit(study, problem, estimate, *status_of(arc, targets))
+    noise = stated_noise(arc, study.observations)
+    fitted = _fit(problem, noise, estimate, *status_of(arc, targets))
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
     series_weights: tuple[SeriesWeight, ...] = ()
@@ -142,7 +145,13 @@ def fit_arc(
             problem.linearize, fitted.edited, SeriesOrder.of(types, paths, time_s)
         )
         fitted, series_weights = replace(fitted, edited=weighed.edited), weighed.weights
-    x = fitted.edited.fit.x
+    x, used = fitted.edited.fit.x, fitted.edited.fit.used
+    elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
+    doubts: list[Doubt] = []
+    if estimate is not None:
+        doubts += misfits(fitted.edited, noise.sigma_m, types)
+        if arc.trajectory is None and estimate.position != "none":
+            doubts += places(arc, problem.all_positions_pa_m(x), used, elevation_deg)
     lander_pa_m = problem.position_pa_m(x)
     several = tuple(
         TargetPosition(name, problem.position_pa_m(x, k), problem.position_partials(x, k))
@@ -160,7 +169,8 @@ def fit_arc(
         observed_m=observations.value_m,
         path=paths,
         type=types,
-        elevation_deg=_elevation_deg(arc, problem.all_positions_pa_m(x)),
+        elevation_deg=elevation_deg,
+        doubts=doubts,
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         excess_noise_m=fitted.additive_sigma_m,
         series_weights=series_weights,
@@ -296,13 +306,12 @@ def _reasons(status: Labels, reason: NDArray[np.int8], observations: Observation
 
 
 def _fit(
-    study: Study,
     problem: ObservationModel,
+    noise: ObservationNoise,
     estimate: EstimateChoice | None,
     status: Labels,
     reason: NDArray[np.int8],
 ) -> NoisyFit:
-    noise = stated_noise(problem.predictor, study.observations)
     if estimate is None:
         edited = fit_with_editing(problem.linearize, problem.parameters, noise, status=status, threshold=None)
         return NoisyFit(edited, {})

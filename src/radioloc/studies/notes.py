@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc._version import __version__
-from radioloc.constants import ARCSEC_RAD, MEAN_LUNAR_RADIUS_M
+from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.ephemeris import Trajectory
@@ -24,19 +24,15 @@ from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.light_path import PLANETS_MM
-from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import kernel_record
 from radioloc.measurements.predictor import Predictor
-from radioloc.measurements.registry import KINDS
 from radioloc.measurements.terms import TERMS
 from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.cards import metres
-from radioloc.studies.study import HEIGHT_LIMITS_M, EstimateChoice, Study, TerrainPrior
+from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
 
-_DOUBTFUL = 20.0
-"""Additive noise in stated sigmas that model errors no longer explain; laser ranges of DE421's time ask for 5."""
 _EQUATOR_M_S = 465.1
 """How fast a station on the Earth's equator goes round."""
 _ROUGHER = 1.5
@@ -52,9 +48,7 @@ def notes_of(
     lander_pa_m: NDArray[np.float64],
 ) -> list[str]:
     """All notes of a result, warnings first."""
-    notes = [*_doubts(fitted, arc.observations)]
-    if arc.trajectory is None:
-        notes += _height_doubt(lander_pa_m)
+    notes: list[str] = []
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
     parameters = fitted.edited.fit.parameters
@@ -75,28 +69,6 @@ def notes_of(
             if choice.names == "all" and not parameters.of_kind(key)
         ]
     return notes
-
-
-def _doubts(noise: NoisyFit, observations: Observations) -> Iterator[str]:
-    """Warnings where data of a type and model disagree by far more than the data's own noise."""
-    for kind, added_m in noise.additive_sigma_m.items():
-        typical_m = float(np.median(observations.sigma_m[observations.kind == KINDS.index(kind)]))
-        if added_m > _DOUBTFUL * typical_m:
-            yield (
-                f"WARNING: the {kind} residuals are {added_m / typical_m:.0f} times the stated sigmas; data and model "
-                "disagree: look for outliers (hard to tell among few), a wrong station or target, a term switched off"
-            )
-
-
-def _height_doubt(lander_pa_m: NDArray[np.float64]) -> Iterator[str]:
-    """A warning where the point is above or below all of the Moon's terrain."""
-    height_m = float(np.linalg.norm(lander_pa_m)) - MEAN_LUNAR_RADIUS_M
-    low_m, high_m = HEIGHT_LIMITS_M
-    if not low_m <= height_m <= high_m:
-        yield (
-            f"WARNING: a height of {height_m / 1e3:.0f} km is outside the Moon's terrain (-9.2 to 10.8 km): look at "
-            "the sigma; an a-priori height, or a-priori sigmas of biases, may be needed"
-        )
 
 
 def _terrain_doubt(

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.build import seconds_since_midnight
@@ -175,6 +176,7 @@ class Prepared:
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
             threshold=study.estimate.rejection_sigma,
             order=SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch)),
+            height_m=float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
             correlated=study.estimate.weights == "correlated",
         )
 

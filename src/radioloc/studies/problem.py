@@ -25,10 +25,8 @@ from radioloc.parameters.parameter import Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
+from radioloc.studies.verdict import LOWEST_EARTH_DEG
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
-
-_LOWEST_EARTH_DEG = -8.0
-"""The highest terrain, 10.8 km, sees 6.4 deg below the horizontal; an a-priori position 50 km off is 1.6 deg off."""
 
 
 def observation_model(
@@ -119,7 +117,7 @@ def status_of(arc: Predictor, targets: Mapping[str, LunarPosition]) -> tuple[Lab
     at, model = arc.at(start_pa_m(targets)), arc.model
     earth_deg = [partial(_earth_deg, model, position_pa_m=position.xyz_m) for position in targets.values()]
     # Of a spacecraft the arc itself knows what the Moon hides.
-    may_set = [_lowest(above, arc.observations.epoch) < _LOWEST_EARTH_DEG + 1.0 for above in earth_deg]
+    may_set = [_lowest(above, arc.observations.epoch) < LOWEST_EARTH_DEG + 1.0 for above in earth_deg]
     reason = np.zeros(len(arc.observations), dtype=np.int8)
     labels = np.zeros(len(arc.observations), dtype=np.int32)
     places = {USED: 0}
@@ -135,7 +133,7 @@ def status_of(arc: Predictor, targets: Mapping[str, LunarPosition]) -> tuple[Lab
             # The Earth moves in the lander's sky with the librations, in days.
             tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch[mine]))
             above_deg = evaluate_smooth(earth_deg[target], tdb)
-            for k in np.flatnonzero(above_deg < _LOWEST_EARTH_DEG):
+            for k in np.flatnonzero(above_deg < LOWEST_EARTH_DEG):
                 text = Status.EARTH_BELOW_HORIZON.text(above_deg[k])
                 reason[mine[k]] = Status.EARTH_BELOW_HORIZON
                 labels[mine[k]] = places.setdefault(text, len(places))

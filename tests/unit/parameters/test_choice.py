@@ -11,7 +11,6 @@ from radioloc.errors import InputError, StationError
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, VLBI_DELAY, Observations
 from radioloc.studies import EstimateChoice
-from radioloc.studies.notes import _height_doubt
 from radioloc.studies.problem import observation_model
 from radioloc.studies.study import ModelChoice, ObservationChoice
 from radioloc.time import Epochs, tai_to_utc
@@ -281,14 +280,6 @@ def test_all_of_what_no_observation_depends_on_is_told(ranges):
     solution = radioloc.locate(study(clock="all", range_bias="all"), ranges[0])
     assert any(note.startswith("no clock is estimated") for note in solution.notes)
     assert not any("no range_bias" in note for note in solution.notes)
-
-
-@pytest.mark.parametrize(("height_m", "doubtful"), [(10_700.0, False), (25_000.0, True), (-30_000.0, True)])
-def test_a_height_that_the_moon_has_not_is_told(height_m, doubtful):
-    high = LunarPosition(
-        "ME_DE421", TARGET.xyz_m * (1.0 + (height_m + 2550.4) / np.linalg.norm(TARGET.xyz_m))
-    )
-    assert any("WARNING: a height of" in text for text in _height_doubt(high.xyz_m)) == doubtful
 
 
 def test_links_have_biases_of_their_own(ranges):

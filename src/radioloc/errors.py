@@ -7,11 +7,26 @@ raises on purpose.
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
+
+# What a message repeats of a file or an argument: a text in quotes, or a word that is not the name of a file.
+_LONG = re.compile(r"""(?<!\w)(['"])(?:(?!\1).){100,}\1(?!\w)|[^\s/\\]{100,}""")
+_SHOWN_CHARACTERS = 80
+_LONGEST_PROBLEM = 1000
+
+
+def legible(message: str) -> str:
+    """A message of printable characters, in which long texts of a file or an argument are cut."""
+    message = "".join(c if c.isprintable() or c == "\n" else ascii(c)[1:-1] for c in message[:100_000])
+    return _LONG.sub(lambda found: f"{found[0][:_SHOWN_CHARACTERS]}...{found[1] or ''}", message)
 
 
 class RadiolocError(Exception):
     """Root of all errors that the library raises on purpose."""
+
+    def __init__(self, message: str) -> None:
+        super().__init__(legible(message))
 
 
 class InputError(RadiolocError, ValueError):
@@ -24,8 +39,10 @@ class FileFormatError(InputError):
     def __init__(self, path: str | Path, problem: str, line: int | None = None) -> None:
         self.path = Path(path)
         self.line = line
-        self.problem = problem
-        super().__init__(f"{path}: {problem}" if line is None else f"{path}, line {line}: {problem}")
+        problem = legible(problem)
+        self.problem = problem if len(problem) <= _LONGEST_PROBLEM else f"{problem[:_LONGEST_PROBLEM]}..."
+        where = str(path) if line is None else f"{path}, line {line}"
+        super().__init__(f"{where}: {self.problem}")
 
 
 class KernelError(RadiolocError):

@@ -64,13 +64,12 @@ CASES = {
     "csv: unknown station": csv(table(ROWS[0].replace("KASHI>l", "NOPE>l")), "line 2", "station 'NOPE'"),
     "csv: empty name": csv(table(ROWS[0].replace("lander", "")), "line 2", "path"),
     "tdm: unknown station": tdm(
-        message(TWO_WAY | {"PARTICIPANT_1": "DSS-99"}), "line 6", "PARTICIPANT_1", "DSS-99"
+        message(TWO_WAY | {"PARTICIPANT_1": "DSS-99"}), "line 12", "station 'DSS-99'"
     ),
     "xml: unknown station": tdm(
         xml((TWO_WAY | {"PARTICIPANT_1": "DSS-99"}, RANGES)),
-        "line 7",
-        "PARTICIPANT_1",
-        "DSS-99",
+        "line 14",
+        "station 'DSS-99'",
         name="data.xml",
     ),
     "tdm: path to a participant that is not there": tdm(
@@ -107,8 +106,19 @@ CASES = {
     "tdm: a spacecraft's clock": tdm(message(TWO_WAY | {"TIME_SYSTEM": "SCLK"}), "line 5", "'SCLK'"),
     "tdm: out of order": tdm(message(records=RANGES[::-1]), "line 13", "earlier than", "line 12"),
     "tdm: one epoch twice": tdm(message(records=[RANGES[0], RANGES[0]]), "line 13", "twice", "line 12"),
-    "csv: one row twice": csv(table(*ROWS, ROWS[0]), "line 5", "line 2"),
-    "tdm: one record in two segments": tdm(message(TWO_WAY, RANGES, (TWO_WAY, RANGES[:1])), "already there"),
+    "csv: two values of one observation": csv(
+        table(*ROWS, ROWS[0].replace("123.4", "133.4")), "line 5", "another value", "line 2"
+    ),
+    "csv: a delay of one station": csv(
+        table("2021-03-28T14:00:00,vlbi_delay,KASHI<lander>KASHI,0.4,0.3,receive,\n"), "line 2", "one station"
+    ),
+    "csv: a name of thousands of characters": csv(
+        table(ROWS[0].replace("lander", "l" * 5000)), "line 2", "too long a name", "l" * 70 + "...'"
+    ),
+    "csv: cut inside its last number": csv(table()[:-1] + "60", "line 4", "no line end"),
+    "tdm: two values in two segments": tdm(
+        message(TWO_WAY, RANGES, (TWO_WAY, [RANGES[0].replace("768800", "768801")])), "another value"
+    ),
     # Numbers
     "tdm: NaN": tdm(message(records=["RANGE = 2021-03-28T14:00:00 NaN"]), "line 12", "NaN"),
     "tdm: Inf": tdm(message(records=["RANGE = 2021-03-28T14:00:00 Inf"]), "line 12", "Inf"),

@@ -405,7 +405,6 @@ def test_convert_there_and_back(tmp_path, capsys):
         (["{csv}", "{folder}/a.txt"], "the ending says no format"),
         (["{csv}", "{folder}/a.tdm"], "give originator"),
         (["{csv}", "{folder}/a.csv", "--sigma", "range"], "write it as TYPE=METRES"),
-        (["{csv}", "{csv}", "{folder}/a.csv"], "already there"),
         (["{folder}/none.csv", "{folder}/a.csv"], "no such file"),
         (["{csv}"], "required: OUT"),
     ],

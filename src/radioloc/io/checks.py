@@ -1,7 +1,8 @@
-"""What all readers of observations share: canonical names, limits of lunar ranging, no measurement given twice."""
+"""What all readers of observations share: canonical names, limits of lunar ranging, no measurement counted twice."""
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Iterable
 from pathlib import Path
 from typing import Any, Protocol
@@ -10,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.errors import FileFormatError, InputError, StationError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError, StationError
 from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
@@ -103,30 +104,51 @@ def weather_near(
     return np.where(away_s <= _WEATHER_REACH_S, np.interp(wanted_s, time_s, recorded), np.nan)
 
 
-def refuse_duplicates(observations: Observations) -> None:
-    """Raise where two rows agree in epoch, kind, path and value: the measurement would count twice."""
+def without_duplicates(observations: Observations) -> Observations:
+    """Observations each once: exact copies are left out with a warning; two values of one observation are an error.
+
+    Rows are of one observation if epoch, time tag, kind, path, wavelength and count interval are the same.
+    """
     columns = (
-        observations.value_m,
         observations.epoch.fraction,
         observations.epoch.jd - observations.epoch.jd.min(initial=np.inf),
         observations.link,
         observations.kind,
+        observations.tag,
+        np.nan_to_num(observations.wavelength_um),
+        np.nan_to_num(observations.count_s),
     )
     # One number for each row, equal for equal rows and hardly ever for others; these are then compared in full.
     mixed = np.zeros(len(observations))
-    for column, weight in zip(columns, (1.0, 1.7e8, 2.3e5, 19.3, 7.7), strict=True):
+    for column, weight in zip(columns, (1.7e8, 2.3e5, 19.3, 7.7, 3.1, 0.17, 0.013), strict=True):
         mixed += weight * column
     in_order = np.sort(mixed)
     suspects = np.flatnonzero(np.isin(mixed, in_order[1:][in_order[1:] == in_order[:-1]]))
     order = suspects[np.lexsort([column[suspects] for column in columns])]
     same = np.all([column[order[1:]] == column[order[:-1]] for column in columns], axis=0)
-    pairs = list(zip(order[:-1][same].tolist(), order[1:][same].tolist(), strict=True))
-    if pairs:
-        first, second = min(pairs)
+    first, second = order[:-1][same], order[1:][same]
+    if not len(first):
+        return observations
+    other = np.flatnonzero(
+        (observations.value_m[first] != observations.value_m[second])
+        | (observations.sigma_m[first] != observations.sigma_m[second])
+    )
+    if len(other):
+        pair = other[np.argmin(second[other])]
         raise InputError(
-            f"{observations.origin(second)}: this observation is already there, in {observations.origin(first)} "
-            f"({len(pairs)} such pair(s) in all); leave one of them out"
+            f"{observations.origin(int(second[pair]))}: this observation has another value or sigma in "
+            f"{observations.origin(int(first[pair]))} ({len(other)} such pair(s) in all); leave one of them out"
         )
+    pair = int(np.argmin(second))
+    warnings.warn(
+        f"{observations.origin(int(second[pair]))}: this observation is already there, in "
+        f"{observations.origin(int(first[pair]))} ({len(first)} such pair(s) in all); it is counted once",
+        DataQualityWarning,
+        stacklevel=4,
+    )
+    kept = np.ones(len(observations), dtype=bool)
+    kept[second] = False
+    return observations.select(kept)
 
 
 def normal_points(path: str | Path, links: Iterable[Link], columns: dict[str, Any]) -> Observations:
@@ -139,5 +161,4 @@ def normal_points(path: str | Path, links: Iterable[Link], columns: dict[str, An
         files=(str(path),),
         **columns,
     )
-    refuse_duplicates(observations)
-    return observations
+    return without_duplicates(observations)

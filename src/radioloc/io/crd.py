@@ -56,7 +56,7 @@ _PASSED_OVER = frozenset(
 )
 # Least number of fields in versions 1 and 2 of the records that are read.
 _LEAST_FIELDS = {
-    "H1": (3, 3), "H2": (1, 1), "H3": (7, 8), "H4": (22, 22), "H8": (1, 1), "H9": (1, 1),
+    "H1": (3, 3), "H2": (1, 1), "H3": (6, 8), "H4": (22, 22), "H8": (1, 1), "H9": (1, 1),
     "C0": (4, 4), "11": (12, 13), "20": (5, 5), "50": (3, 3),
 }  # fmt: skip
 _DATA = ("C0", "11", "20", "50", "H8")
@@ -64,7 +64,7 @@ _WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity")
 _EVENT_TAGS = {0: TIME_TAGS.index("receive"), 1: TIME_TAGS.index("bounce"), 2: TIME_TAGS.index("transmit")}
 _UTC_TIME_SCALES = (3, 4, 7)
 _TRANSPONDERS = (3, 4)
-_H2 = re.compile(r"H2\s+(\S.*?)\s+(\d{4})\s+(\S+)\s+(\S+)\s+(\d+)(\s.*)?", re.ASCII | re.IGNORECASE)
+_H2 = re.compile(r"H2\s+(\S.*?)\s+(\d{4})\s+(\S+)\s+(\S+)\s+(\d{1,3})(\s.*)?", re.ASCII | re.IGNORECASE)
 # Flags of H4 from its sixteenth field on, with what the CRD manual requires of normal points.
 _H4_FLAGS = {
     "refraction corrected": 0,
@@ -297,7 +297,9 @@ class _File:
         return station_name((match[2], match[1]), self._catalogue)
 
     def _target_of(self, record: _Record) -> str:
-        if record.integer(6, "target class") in _TRANSPONDERS:
+        # Reflectors have no NORAD number; version 1 leaves its columns blank.
+        place = 5 if self._version == 1 and len(record.fields) == 6 else 6
+        if record.integer(place, "target class") in _TRANSPONDERS:
             record.fail("the target is a transponder; only reflectors are modelled")
         name = canonical_target(record.fields[1])
         if name not in REFLECTORS:
@@ -331,10 +333,12 @@ class _File:
         latest_s = start_s + _LONGEST_PASS_S
         if not all(text.lower() in ("na", "0", "00", "0000", "-1") for text in record.fields[8:14]):
             end_jd, end_s = record.date(8)
-            latest_s = end_s + (end_jd - jd) * SECONDS_PER_DAY
-            if not 0.0 <= latest_s - start_s <= _LONGEST_PASS_S:
-                hours = (latest_s - start_s) / 3600.0
+            lasts_s = end_s + (end_jd - jd) * SECONDS_PER_DAY - start_s
+            if not 0.0 <= lasts_s <= _LONGEST_PASS_S:
+                hours = lasts_s / 3600.0
                 record.fail(f"the pass lasts {hours:.2f} h; allowed are 0 to {_LONGEST_PASS_S / 3600.0:g} h")
+            # Where beginning and end are the same, they date the first point only.
+            latest_s = start_s + (lasts_s or _LONGEST_PASS_S)
         link = Link(self._station, self._target, self._station)
         number = self.links.setdefault(link, len(self.links))
         return _Pass(record.line, number, self._wavelengths_um, jd, start_s, latest_s)

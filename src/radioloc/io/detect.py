@@ -8,7 +8,7 @@ from pathlib import Path
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.checks import Catalogue, refuse_duplicates
+from radioloc.io.checks import Catalogue, without_duplicates
 from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.mini import looks_like_mini, read_mini
 from radioloc.io.parquet import read_parquet
@@ -132,7 +132,7 @@ def read_observations(
         The files.
     catalogue : Catalogue, optional
         Gives stations their catalogue names; the library's own by default. A station that it does not know
-        keeps the name that the file gives it, except in a TDM, where it is an error.
+        keeps the name that the file gives it.
     tdm : TdmAgreement, optional
         What Tracking Data Messages do not say; their standard deviations must be given. All messages are read as
         one, in the place of the first: clocks, weather and frequencies of one count for the others.
@@ -145,7 +145,12 @@ def read_observations(
     FileFormatError
         A file cannot be read, is of no known format, or is damaged. Names the line.
     InputError
-        No file was given, or the same observation is there twice, in one file or in two.
+        No file was given, or one observation has two values, in one file or in two.
+
+    Warns
+    -----
+    DataQualityWarning
+        The same observation is there twice, and counted once.
 
     Examples
     --------
@@ -168,9 +173,7 @@ def read_observations(
     parts = [reader.read(group, settings) for reader, group in groups]
     if len(parts) == 1:
         return parts[0]
-    observations = Observations.concatenate(parts)
-    refuse_duplicates(observations)
-    return observations
+    return without_duplicates(Observations.concatenate(parts))
 
 
 def _reader_of(path: str | Path) -> Reader:

@@ -76,6 +76,14 @@ def _from_blocks(
             line = line[1:]
         if len(line):
             reader.read(_columns(path, header, text, line), line)
+        # A text that was cut is none that is known; a number that was cut is another number.
+        if not block.endswith(b"\n") and len(line) and header[-1] not in ("type", "path", "time_tag"):
+            last = first_line + block.count(b"\n")
+            if line[-1] == last:
+                problem = (
+                    f"the last line has no line end: its {header[-1]} may be cut; end the line if it is whole"
+                )
+                raise FileFormatError(path, problem, last)
     if not header:
         raise FileFormatError(path, "has no header line; name the columns (epoch_utc,type,path,...)", 1)
     return reader.observations(lunar=lunar)

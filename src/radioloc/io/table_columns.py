@@ -22,8 +22,8 @@ from radioloc.io.checks import (
     FLIGHT_TIME_LIMITS_S,
     Catalogue,
     named_link,
-    refuse_duplicates,
     require_lunar_flight_time,
+    without_duplicates,
 )
 from radioloc.io.csv_file import batches_of
 from radioloc.io.dates import utc_from_picoseconds, utc_from_text, utc_to_picoseconds
@@ -141,8 +141,7 @@ class ColumnReader:
         if absurd.any():
             first = int(np.argmax(absurd))
             require_lunar_flight_time(self._path, int(observations.line[first]), float(flight_s[first]))
-        refuse_duplicates(observations)
-        return observations
+        return without_duplicates(observations)
 
     def _fail(self, name: str, row: int, problem: str) -> NoReturn:
         raise FileFormatError(self._path, f"{name}: {problem}", int(self._line[row]))

@@ -7,6 +7,8 @@ from dataclasses import dataclass
 
 from radioloc.errors import InputError
 
+LONGEST_NAME = 80
+"""Characters of a name of a station or a target, which also names files."""
 _PATH = re.compile(r"(?:([^<>|]+)([<>]))?([^<>|]+)(?:\|([^<>|]+))?>([^<>|]+)")
 
 
@@ -32,7 +34,8 @@ class Link:
     Raises
     ------
     InputError
-        A name is empty or holds a character that a path cannot, or the link is of none of the four forms.
+        A name is empty, too long or holds a character that a path cannot, the link is of none of the four forms, or a
+        baseline has one station only.
     """
 
     transmitter: str
@@ -50,6 +53,11 @@ class Link:
                     f"{name!r} cannot name a station or a target; "
                     "give printable text without '<', '>', '|', ',', '#' or quotes"
                 )
+        if max(map(len, names)) > LONGEST_NAME:
+            longest = max(names, key=len)
+            raise InputError(f"{longest!r} is too long a name; give up to {LONGEST_NAME} characters")
+        if self.differenced and self.transmitter == self.receiver:
+            raise InputError(f"{self.path} is a baseline of one station; name two")
         if (self.differenced and not self.transmitter) or (self.second_target and not self.differenced):
             raise InputError("a link of a baseline, and only it, has two stations and can have two targets")
 

@@ -206,9 +206,53 @@ def test_files_joined_one_after_the_other_are_read(crd_lines):
     assert len(parse_crd("a.np2", [*crd_lines, *later], None)) == 4
 
 
-def test_the_same_point_twice_is_refused(crd_lines):
-    with pytest.raises(InputError, match=r"a.np2, line 38: .* a.np2, line 11 \(3 such"):
-        parse_crd("a.np2", [*crd_lines, *crd_lines], None)
+def test_the_same_point_twice_is_counted_once(crd_lines):
+    with pytest.warns(DataQualityWarning, match=r"a.np2, line 38: .* a.np2, line 11 \(3 such.*counted once"):
+        twice = parse_crd("a.np2", [*crd_lines, *crd_lines], None)
+    assert twice.line.tolist() == parse_crd("a.np2", crd_lines, None).line.tolist()
+
+
+def test_two_values_of_one_point_are_refused(crd_lines):
+    other = [line.replace("2.581730448437", "2.581730448438") for line in crd_lines]
+    with pytest.raises(InputError, match=r"a.np2, line 38: .*another value.* a.np2, line 11 \(1 such"):
+        parse_crd("a.np2", [*crd_lines, *other], None)
+
+
+GRASSE_2015 = """\
+h1 CRD  1 2015  4 29 22
+h2 GRSM       7845 78  1  4
+h3 apollo15        103  103          0 2
+h4  1 2015  4 29 21 57 46 2015  4 29 22  9  8  0 0 0 0 1 0 2 0
+c0 0    1064.2   me09 las6 det2 tim2
+40 78719.19           0 me09       33       33   3.716   107173      0.0       84   0.000   0.000    0.0 3 3 0
+20 79114.              873.84 279.34   84 0
+11 79512.253056967700     2.660923125349 me09 2  682.7    36     232.2    .400   -.600       0.0   4.9 0
+50 me09  293.8  -1.000  -1.000   -1.0 1
+H8
+H9
+"""
+
+
+def test_version_1_as_grasse_wrote_it():
+    """A normal point of the ILRS of 2015: the reflector has no NORAD number, and its columns are blank."""
+    read = parse_crd("a.npt", GRASSE_2015.split("\n"), None)
+    assert read.paths().tolist() == ["GRSM>apollo15>GRSM"] or read.paths().tolist() == ["7845>apollo15>7845"]
+    assert read.value_m[0] / C_M_S == pytest.approx(2.660923125349, abs=1e-15)
+    assert (read.pressure_hpa[0], read.temperature_k[0]) == (873.84, 279.34)
+
+
+def test_a_header_that_dates_only_the_first_point():
+    h4 = "h4  1 2024  4 12  2 15 23 2024  4 12  2 15 23  1 0 0 0 1 0 2 0"
+    points = [point(8123), point(8123 + 5 * 3600)]
+    assert len(parse_crd("a.np2", session(*points, h4=h4), None)) == 2
+    with pytest.raises(FileFormatError, match="outside the pass dated by H4"):
+        parse_crd("a.np2", session(*points, h4=h4.replace("2 15 23  1", "2 18 23  1")), None)
+
+
+def test_a_number_of_thousands_of_digits(crd_lines):
+    lines = [line.replace("7845 78  1  7", f"7845 78  1  {'7' * 5000}") for line in crd_lines]
+    with pytest.raises(FileFormatError, match=r"line 2: record H2: is not: name"):
+        parse_crd("a.np2", lines, None)
 
 
 @pytest.mark.parametrize(("alert", "word"), [(1, "suspect"), (2, "poor")])

@@ -4,7 +4,7 @@ import gzip
 
 import pytest
 
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.detect import read_observations
 
 
@@ -23,9 +23,10 @@ def test_all_formats_together(crd_lines, mini_lines, table_lines, tmp_path):
             gzip.compress("\n".join(lines).encode()) if name == "c" else "\n".join(lines).encode()
         )
         files.append(file)
+    files[2].write_text("\n".join([*table_lines[:3], ""]))
     # The table's only row is the first of the MINI file.
-    with pytest.raises(InputError, match=r"t, line 3: this observation is already there, in .*m, line 1"):
-        read_observations(files)
+    with pytest.warns(DataQualityWarning, match=r"t, line 3: this observation is .* in .*m, line 1 .*once"):
+        assert len(read_observations(files)) == 6
     read = read_observations(files[:2])
     assert len(read) == 6
     assert read.files == (str(files[0]), str(files[1]))
@@ -35,11 +36,11 @@ def test_all_formats_together(crd_lines, mini_lines, table_lines, tmp_path):
     assert read_observations(files[:2], catalogue=NoStations()).paths()[0] == "7845>apollo15>7845"
 
 
-def test_the_same_file_twice_is_refused(mini_lines, tmp_path):
+def test_the_same_file_twice_is_counted_once(mini_lines, tmp_path):
     file = tmp_path / "m"
     file.write_text("\n".join(mini_lines))
-    with pytest.raises(InputError, match="already there"):
-        read_observations([file, file])
+    with pytest.warns(DataQualityWarning, match="already there"):
+        assert len(read_observations([file, file])) == 3
 
 
 @pytest.mark.parametrize(

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from radioloc.constants import C_M_S
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError
 from radioloc.io.mini import looks_like_mini, parse_mini
 from radioloc.time import utc_strings
 
@@ -80,9 +80,9 @@ def test_a_day_with_a_leap_second_has_second_60(mini_lines):
     assert utc_strings(read.epoch, decimals=3)[1] == "2008-12-31T23:59:60.000"
 
 
-def test_the_same_point_twice_is_refused(mini_lines):
-    with pytest.raises(InputError, match=r"a.np, line 5: .* a.np, line 1 \(3 such"):
-        parse_mini("a.np", [*mini_lines, *mini_lines], None)
+def test_the_same_point_twice_is_counted_once(mini_lines):
+    with pytest.warns(DataQualityWarning, match=r"a.np, line 5: .* a.np, line 1 \(3 such"):
+        assert len(parse_mini("a.np", [*mini_lines, *mini_lines], None)) == 3
 
 
 def test_stations_get_catalogue_names_and_unknown_ones_keep_their_code(mini_lines):

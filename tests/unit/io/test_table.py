@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from radioloc.constants import C_M_S
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io import table
 from radioloc.io.table import looks_like_table, read_table, write_table
 from radioloc.measurements.link import Link
@@ -90,8 +90,8 @@ def test_any_observations_come_back(days, fraction, value, sigma, pressure, tag,
         pressure_hpa=pressure,
         tag=tag,
     )
-    # Rows that fall together would be refused as duplicates.
-    made = made.select(np.sort(np.unique(made.value_m, return_index=True)[1]))
+    # Rows that fall together would be refused: one observation has one value.
+    made = made.select(np.sort(np.unique(made.epoch.jd, return_index=True)[1]))
     file = tmp_path_factory.mktemp("table") / "a.csv"
     write_table(file, made)
     first = read_table(file)
@@ -138,6 +138,7 @@ def test_doppler_without_its_count_interval_is_refused_with_its_line():
         "epoch_utc,type,path,observed_m,sigma_m,time_tag,count_s",
         "2020-12-01T00:00:00,doppler,A>b>A,3.5,0.001,receive,60",
         "2020-12-01T00:01:00,doppler,A>b>A,3.5,0.001,receive,",
+        "",
     ]
     with pytest.raises(FileFormatError, match="count interval") as caught:
         parse_table("a.csv", lines, None)
@@ -155,6 +156,7 @@ def test_columns_in_any_order_and_half_of_them_quoted():
         " time_tag , path,type,sigma_m,observed_m,epoch_utc",
         '"transmit","A>b>A", range ,0.01,7.9e8,2020-001T00:00:00',
         "transmit,A>b>A,range,0.01,7.8e8, 2020-01-02 ",
+        "",
     ]
     read = parse_table("a.csv", lines, None)
     assert read.value_m.tolist() == [7.9e8, 7.8e8]
@@ -207,9 +209,33 @@ def test_a_table_without_rows_is_refused(table_lines):
         parse_table("a.csv", table_lines[:1], None)
 
 
-def test_the_same_row_twice_is_refused(table_lines):
-    with pytest.raises(InputError, match=r"a.csv, line 8: .* a.csv, line 5 \(1 such"):
-        parse_table("a.csv", [*table_lines, table_lines[4]], None)
+def test_the_same_row_twice_is_counted_once(table_lines):
+    with pytest.warns(DataQualityWarning, match=r"a.csv, line 7: .* a.csv, line 5 \(1 such"):
+        assert len(parse_table("a.csv", [*table_lines[:-1], table_lines[4], ""], None)) == 3
+
+
+def test_two_values_of_one_observation_are_refused(table_lines):
+    other = table_lines[4].replace("2.4053617732419", "2.4053617732519")
+    with pytest.raises(
+        InputError, match=r"a.csv, line 7: this observation has another value .* line 5 \(1 such"
+    ):
+        parse_table("a.csv", [*table_lines[:-1], other, ""], None)
+    # At another wavelength or over another count interval it is another observation.
+    assert len(parse_table("a.csv", [*table_lines[:-1], f"{other}1.064", ""], None)) == 4
+
+
+def test_cut_inside_the_last_number():
+    """0.75 instead of 0.752 is a wavelength too."""
+    header = "epoch_utc,type,path,light_time_s,sigma_s,time_tag,wavelength_um\n"
+    row = "2006-04-07T06:26:30.0,range,APOLLO>apollo15>APOLLO,2.4053617732419,4.74e-11,receive,0.752"
+    assert parse_table("a.csv", f"{header}{row}\n".split("\n"), None).wavelength_um[0] == 0.752
+    with pytest.raises(
+        FileFormatError, match="line 2: the last line has no line end: its wavelength_um may be"
+    ):
+        parse_table("a.csv", f"{header}{row}"[:-1].split("\n"), None)
+    # A time tag that was cut is none.
+    whole = f"{header}{row}\n".replace(",wavelength_um", "").replace(",0.752\n", "")
+    assert len(parse_table("a.csv", whole.split("\n"), None)) == 1
 
 
 def test_a_hundred_thousand_rows_are_quick(tmp_path):

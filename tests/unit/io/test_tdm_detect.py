@@ -56,9 +56,9 @@ def test_without_uncertainties_it_says_what_to_give(files):
         read_observations(files[1])
 
 
-def test_a_station_must_be_known(files):
-    with pytest.raises(FileFormatError, match="PARTICIPANT_1: station 'KASHI' is not in the catalogue"):
-        read_observations(files[1], tdm=AGREEMENT, catalogue=NoStations())
+def test_a_station_need_not_be_known(files):
+    read = read_observations(files[1], tdm=AGREEMENT, catalogue=NoStations())
+    assert read.paths().tolist() == ["KASHI>lander>KASHI"]
 
 
 def test_read_tdm(files, tmp_path):

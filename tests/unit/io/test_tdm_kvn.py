@@ -31,6 +31,13 @@ def test_header_metadata_and_records():
     assert len(message) == 2
 
 
+@pytest.mark.parametrize("keyword", ["SYSTEM TIME", "TIME SYSTEM"])
+def test_time_system_as_some_files_have_it(keyword):
+    lines = [line.replace("TIME_SYSTEM = UTC", f"{keyword} = TAI") for line in kvn((TWO_WAY, RANGES))]
+    (segment,) = parse_kvn("a.kvn", lines).segments
+    assert segment.metadata["TIME_SYSTEM"] == "TAI"
+
+
 def test_spaces_and_tabs_do_not_matter():
     records = ["RANGE=2021-03-28T14:00:00.250   768800.1234567  ", "\tRANGE  =\t2021-03-28T14:01:00 768801.5"]
     plain, spaced = read((TWO_WAY, RANGES)), read((TWO_WAY, records))

@@ -518,7 +518,11 @@ REFUSED = {
         "alike but for the last station",
     ),
     "one station": (DELAY | {"PATH_2": "1,2"}, VLBI_RECORD, "alike but for the last station"),
-    "same station": (DELAY | {"PARTICIPANT_3": "SESHAN25"}, VLBI_RECORD, "end at one station, SESHAN25"),
+    "same station": (
+        DELAY | {"PARTICIPANT_3": "SESHAN25"},
+        VLBI_RECORD,
+        "SESHAN25<lander>SESHAN25 is a baseline of one station",
+    ),
     "no second path": (DELAY | {"PATH_2": None}, VLBI_RECORD, "there is no PATH_2"),
     "sent tag of a delay": (
         DELAY | {"TIMETAG_REF": "TRANSMIT"},
@@ -614,16 +618,35 @@ def test_refused(name):
     assert caught.value.line is not None or name == "nothing"
 
 
-def test_unknown_station():
-    with pytest.raises(
-        FileFormatError, match=r"line 6: PARTICIPANT_1: station 'DSS-25' is not in the catalogue"
-    ):
-        read((TWO_WAY | {"PARTICIPANT_1": "DSS-25"}, RANGES), catalogue=StationCatalogue.default())
+def test_unknown_station_keeps_its_name():
+    unknown = TWO_WAY | {"PARTICIPANT_1": "DSS-25"}
+    assert read((unknown, RANGES), catalogue=StationCatalogue.default()).paths()[0] == "DSS-25>lander>DSS-25"
 
 
 def test_same_observation_in_two_segments():
-    with pytest.raises(InputError, match=r"line 23: this observation is already there, in a.kvn, line 12"):
-        read((TWO_WAY, RANGES), (TWO_WAY, RANGES))
+    with pytest.warns(
+        DataQualityWarning, match=r"line 23: this observation is already there, in a.kvn, line 12"
+    ):
+        assert len(read((TWO_WAY, RANGES), (TWO_WAY, RANGES))) == len(RANGES)
+
+
+SPAN = {"START_TIME": "2021-03-28T14:00:00", "STOP_TIME": "2021-03-28T14:01:00"}
+
+
+def test_measurements_outside_of_start_and_stop():
+    assert len(read((TWO_WAY | SPAN, RANGES))) == len(RANGES)
+    # Bounds are rounded to seconds, and in the message's time system.
+    assert len(read((TWO_WAY | SPAN | {"START_TIME": "2021-03-28T14:00:01"}, RANGES))) == len(RANGES)
+    for keyword, wrong, line in (
+        ("START_TIME", "2021-03-28T14:00:02", 14),
+        ("STOP_TIME", "2021-087T14:00:30", 15),
+    ):
+        with pytest.raises(
+            FileFormatError, match=f"line {line}: RANGE is .* s outside of {keyword} = {wrong}"
+        ):
+            read((TWO_WAY | SPAN | {keyword: wrong}, RANGES))
+    with pytest.raises(FileFormatError, match=r"line 13: RANGE is 37\.25 s outside of STOP_TIME"):
+        read((TWO_WAY | {"TIME_SYSTEM": "TAI", "STOP_TIME": "2021-03-28T13:59:23"}, RANGES))
 
 
 def test_standard_deviations_must_be_given():

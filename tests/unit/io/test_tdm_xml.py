@@ -137,6 +137,15 @@ def test_wrong_messages(old, new, problem):
         parse_xml("a.xml", text[:place] + new + text[place + len(old) :])
 
 
+def test_a_segment_without_data_is_not_passed_over():
+    whole = xml(*SEGMENTS)
+    start = whole.index("<data>", whole.index("<data>") + 1)
+    text = whole[:start] + whole[whole.index("</data>", start) + len("</data>") :]
+    with pytest.raises(FileFormatError, match=r"the <segment> has no <data>; add them") as caught:
+        parse_xml("a.xml", text)
+    assert text.splitlines()[caught.value.line - 1].strip() == "<segment>"
+
+
 def test_no_segment_and_no_observation():
     with pytest.raises(FileFormatError, match="no header or no segment"):
         parse_xml("a.xml", '<tdm id="CCSDS_TDM_VERS" version="2.0"><body></body></tdm>')

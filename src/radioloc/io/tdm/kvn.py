@@ -17,6 +17,7 @@ from radioloc.errors import FileFormatError
 from radioloc.io.tdm.message import MessageBuilder, TdmFile
 
 _HEADER = ("CCSDS_TDM_VERS", "CREATION_DATE", "ORIGINATOR", "MESSAGE_ID")
+_OLD_KEYWORDS = {"SYSTEM TIME": "TIME_SYSTEM", "SYSTEM_TIME": "TIME_SYSTEM", "TIME SYSTEM": "TIME_SYSTEM"}
 _RECORD = r"^(?P<keyword>[!-<>-~]+)[ \t]*=[ \t]*(?P<epoch>[!-<>-~]+)[ \t]+(?P<value>[!-<>-~]+)$"
 _COMMENT_OR_BLANK = r"^(COMMENT(\s|$)|$)"
 # Lines that are taken apart at once: enough to be quick, few enough that their pieces do not fill the memory.
@@ -93,6 +94,7 @@ class _KvnReader:
             keyword, equals, value = (part.strip() for part in line.partition("="))
             if not equals:
                 raise self.fail(f"{line[:40]!r} is not a line keyword = value, nor {end}")
+            keyword = _OLD_KEYWORDS.get(keyword, keyword)
             if keyword in values:
                 raise self.fail(f"{keyword} is there twice, first in line {where[keyword]}")
             if allowed and keyword not in allowed:

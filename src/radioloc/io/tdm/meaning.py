@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
-from radioloc.io.checks import Catalogue, refuse_duplicates
+from radioloc.io.checks import Catalogue, without_duplicates
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.keywords import MEASURED, NOT_MODELLED, RANGE_RATES, RECEIVED, TYPES
 from radioloc.io.tdm.message import TdmFile, TdmSegment
@@ -68,21 +68,21 @@ def tdm_observations(
     agreement : TdmAgreement
         What the messages do not say.
     catalogue : Catalogue, optional
-        Gives stations their catalogue names; every station must be in it, and every range must be one between
-        Earth and Moon. Without one, names and values stand as they are.
+        Gives stations their catalogue names; one that it does not know keeps the name that the file gives it. With one
+        every range must be one between Earth and Moon.
 
     Raises
     ------
     FileFormatError
-        There is no measurement; a mode, path or measurement is not modelled; a station is unknown; something that
+        There is no measurement; a mode, path or measurement is not modelled; something that
         the data need is missing or contradicts them. Names the line.
     InputError
-        The agreement lacks a standard deviation, or the same observation is there twice.
+        The agreement lacks a standard deviation, or one observation has two values.
 
     Warns
     -----
     DataQualityWarning
-        A segment says of its data that they are degraded.
+        A segment says of its data that they are degraded, or the same observation is there twice, and counted once.
     """
     messages = [files] if isinstance(files, TdmFile) else list(files)
     if not messages:
@@ -99,7 +99,7 @@ def tdm_observations(
         held = ", ".join(sorted({keyword for count in counts for keyword in count}))
         raise FileFormatError(reading.files[0], f"holds no range, Doppler or VLBI delay, only {held}")
     observations = Observations.concatenate(parts) if len(parts) > 1 else parts[0]
-    refuse_duplicates(observations)
+    observations = without_duplicates(observations)
     ignored: Counter[str] = Counter()
     for segment, count in zip(segments, counts, strict=True):
         ignored.update({k: n for k, n in count.items() if (segment, k) not in reading.used})

@@ -15,12 +15,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import FileFormatError
+from radioloc.errors import FileFormatError, InputError
 from radioloc.io.dates import read_dates
-from radioloc.io.tdm.keywords import CODE, DATA, METADATA, NUMBER, ORDERED, date, exponent_of
-from radioloc.time import Epochs, to_scale
+from radioloc.io.tdm.keywords import CODE, DATA, MEASURED, METADATA, NUMBER, ORDERED, date, exponent_of
+from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_to_tai
 
 _VERSIONS = ("1.0", "2.0")
+_SPAN_SLACK_S = 1.0
 _GPS_MINUS_TAI_S = -19.0  # exact (IS-GPS-200)
 # A time tag that is corrected stays in the years that are known: UTC began in 1972.
 _EPOCH = (
@@ -213,6 +214,8 @@ class MessageBuilder:
         for name in made.counts():
             if name in ORDERED:
                 _require_order(made, name)
+            if name in MEASURED:
+                _require_span(made, name)
         self._segments.append(made)
 
     def message(self) -> TdmFile:
@@ -237,6 +240,30 @@ def _require_order(segment: TdmSegment, keyword: str) -> None:
     else:
         problem = f"is earlier than that of line {first}; put the records in order of time"
     raise segment.fail(keyword, f"{keyword} {problem}", place + 1)
+
+
+def _require_span(segment: TdmSegment, keyword: str) -> None:
+    """Refuse measurements outside START_TIME and STOP_TIME, which may be rounded and those of count intervals."""
+    slack_s = _SPAN_SLACK_S + segment.number("INTEGRATION_INTERVAL")
+    for limit, sign in (("START_TIME", 1.0), ("STOP_TIME", -1.0)):
+        if limit not in segment.metadata:
+            continue
+        system = segment.metadata["TIME_SYSTEM"]
+        try:
+            bound = epochs_from_strings(segment.metadata[limit], "TAI" if system == "GPS" else system)
+            bound_utc = _utc(bound, system)
+        except InputError as error:
+            raise segment.fail(limit, f"{limit}: {error}") from None
+        inside_s = sign * utc_to_tai(segment.epochs(keyword)).seconds_since(utc_to_tai(bound_utc))
+        if (inside_s < -slack_s).any():
+            row = int(np.argmax(inside_s < -slack_s))
+            problem = f"{keyword} is {-inside_s[row]:.6g} s outside of {limit} = {segment.metadata[limit]}"
+            raise segment.fail(keyword, f"{problem}; correct one of them", row)
+
+
+def _utc(epoch: Epochs, time_system: str) -> Epochs:
+    """Epochs of a message's time system (of GPS given as TAI) as UTC."""
+    return to_scale(epoch.shifted(-_GPS_MINUS_TAI_S) if time_system == "GPS" else epoch, "UTC")
 
 
 def read_records(
@@ -273,14 +300,13 @@ def read_records(
         says_utc = f" ends in Z, which says UTC, but TIME_SYSTEM is {time_system}"
         refuse(pc.ends_with(epochs, "Z"), epochs, says_utc)
     refuse(found.no_leap_second, epochs, f": there is no leap second then in {time_system}")
-    epoch = found.epoch.shifted(-_GPS_MINUS_TAI_S) if time_system == "GPS" else found.epoch
 
     not_finite = " is not a finite number; correct it or leave the record out"
     refuse(pc.invert(pc.match_substring_regex(values, f"^{NUMBER}$")), values, not_finite)
     exponent = np.array([exponent_of(keyword, range_units) for keyword in DATA])[codes]
     numbers = _scaled(values, exponent)
     refuse(~np.isfinite(numbers), values, not_finite)
-    return codes, to_scale(epoch, "UTC"), numbers
+    return codes, _utc(found.epoch, time_system), numbers
 
 
 def _scaled(texts: Any, exponent: NDArray[np.int64]) -> NDArray[np.float64]:

@@ -16,8 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.errors import StationError
-from radioloc.io.checks import Catalogue
+from radioloc.io.checks import Catalogue, station_name
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.keywords import CLOCKS, MEASURED, RECEIVED, SENT, SENT_RATE
 from radioloc.io.tdm.message import TdmSegment
@@ -136,27 +135,15 @@ class Reading:
         self._sent = self._sent_frequencies()
 
     def station(self, segment: TdmSegment, number: int) -> str:
-        """The catalogue's name of a participant, which must be a station of it if there is one."""
-        name = segment.participant(number)
-        if self.catalogue is None:
-            return name
-        try:
-            return str(self.catalogue.get(name).name)
-        except StationError as error:
-            keyword = f"PARTICIPANT_{number}"
-            raise segment.fail(keyword, f"{keyword}: {error}") from None
+        """The catalogue's name of a participant, or the file's where the catalogue does not know it."""
+        return station_name((segment.participant(number),), self.catalogue)
 
     def key(self, name: str) -> str:
         """Text by which the same participant is known again in another segment.
 
         Case does not matter, and an underscore is a blank (4.3.7, 4.3.8).
         """
-        if self.catalogue is not None:
-            try:
-                return str(self.catalogue.get(name).name).casefold()
-            except StationError:
-                pass
-        return " ".join(canonical_target(name).replace("_", " ").split())
+        return " ".join(canonical_target(station_name((name,), self.catalogue)).replace("_", " ").split())
 
     def _clock_differences(self) -> dict[tuple[str, str], Series]:
         """Clock of the second participant less that of the first, s, by the keys of both."""

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import InputError
 from radioloc.io.checks import weather_near
 from radioloc.io.tdm.keywords import CLOCKS, LONGEST_S, RECEIVED, SENT, SENT_RATE, WEATHER
 from radioloc.io.tdm.message import TdmSegment
@@ -223,14 +223,9 @@ def _link(reading: Reading, segment: TdmSegment) -> tuple[Link, tuple[int, int, 
         raise segment.fail(wanted[0], f"{shown} has the target among the stations; correct it")
     if segment.participant(target).upper() == "UNKNOWN":
         raise segment.fail(f"PARTICIPANT_{target}", "the target is UNKNOWN; name the point on the Moon")
+    sender, receiver = ("" if one_way else reading.station(segment, first)), reading.station(segment, second)
     try:
-        sender = "" if one_way else reading.station(segment, first)
-        name = canonical_target(segment.participant(target))
-        link = Link(sender, name, reading.station(segment, second), len(paths) == 2)
-    except FileFormatError:
-        raise
+        link = Link(sender, canonical_target(segment.participant(target)), receiver, len(paths) == 2)
     except InputError as error:
         raise segment.fail(f"PARTICIPANT_{target}", str(error)) from None
-    if link.differenced and link.transmitter == link.receiver:
-        raise segment.fail("PATH_2", f"{shown} end at one station, {link.receiver}; a delay needs two")
     return link, (first, target, second)

@@ -145,6 +145,8 @@ class _XmlReader:
         match done.name:
             case "header":
                 self.made.header(self.version, done.values, done.comments)
+            case "segment" if "data" not in done.values:
+                raise self.fail("the <segment> has no <data>; add them or leave the segment out", done.line)
             case "metadata":
                 self.made.metadata(done.values, done.lines, done.comments)
             case "observation":

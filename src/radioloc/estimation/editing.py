@@ -132,7 +132,9 @@ def fit_with_editing(
     noise = ObservationNoise.of(sigma_m, n)
     given = _given(status, n)
     usable = given.are(USED)
-    n_usable, n_free = int(usable.sum()), int(parameters.free.sum())
+    n_usable = int(usable.sum())
+    # Those with an a-priori value do without an observation.
+    n_free = int((parameters.free & np.isinf(parameters.prior_sigmas)).sum())
 
     def fit(used: NDArray[np.bool_], start: NDArray[np.float64], at_start: Linearization) -> FitResult:
         return fit_least_squares(

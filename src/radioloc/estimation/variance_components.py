@@ -118,10 +118,14 @@ def _wanted_m(
 ) -> NDArray[np.float64]:
     """Standard deviation that each group asks for; the parameters' degrees of freedom are shared in proportion.
 
+    A parameter takes one degree of freedom less the part C / s^2 that its a-priori value has in it (variance C of the
+    estimate, s of the a-priori value): the trace of the hat matrix.
     An independent error of one size in each observation of a block is one of that size in each of its combinations.
     """
     fit = edited.fit
-    free_part = float(fit.parameters.free.sum()) / max(int(fit.used.sum()), 1)
+    known = fit.parameters.free & np.isfinite(fit.parameters.prior_sigmas)
+    a_priori = (np.sqrt(np.diag(fit.covariance)[known]) / fit.parameters.prior_sigmas[known]) ** 2
+    free_part = float(fit.factor.determined.sum() - a_priori.sum()) / max(int(fit.used.sum()), 1)
     wanted_m = np.zeros(count)
     for k in range(count):
         mine = fit.used & (group == k)

@@ -160,6 +160,23 @@ def test_significance_can_be_asked_for_or_not():
     assert additive_sigma_m(residual_m * 1e6, sigma_m, 0) == 0.0
 
 
+def test_parameters_with_a_priori_values_take_only_what_these_leave_open():
+    """Three offsets of each night, known to 5 cm, outnumber the observations: noise and a blunder are found."""
+    nights, noise_m, offset_sigma_m = 120, 0.02, 0.05
+    of_night = np.repeat(np.eye(nights), 3, axis=0)
+    partials = np.column_stack([np.tile([-1.0, 0.0, 1.0], nights), of_night, of_night, of_night])
+    offsets = [Parameter(f"offset.{k}", "m", "offset", 0.0, offset_sigma_m) for k in range(3 * nights)]
+    parameters = ParameterSet([Parameter("slope", "m", "slope"), *offsets])
+    rng = np.random.default_rng(5)
+    truth = np.concatenate([[2.0], offset_sigma_m * rng.standard_normal(3 * nights)])
+    observed_m = partials @ truth + noise_m * rng.standard_normal(len(partials))
+    observed_m[100] += 1.0
+    found = fit_with_variance_components(lambda x: (observed_m - partials @ x, partials), parameters, 0.002)
+    assert np.flatnonzero(~found.edited.status.are(USED)).tolist() == [100]
+    # Two of three observations of a night are redundant: the sigma of what is found is 1 / sqrt(2 * 240), 5 %.
+    assert found.additive_sigma_m["all"] == pytest.approx(noise_m, rel=0.15)
+
+
 def test_shapes_must_agree():
     with pytest.raises(InputError, match=r"\(3,\) residuals do not fit \(2,\) sigmas"):
         additive_sigma_m(np.ones(3), np.ones(2), 1)

@@ -136,35 +136,46 @@ def likelihoods(
 
 
 @numba.njit(nogil=True, cache=True, error_model="numpy")
-def whiten(step_s: Floats, tau_s: float, ratio: float, columns: Floats, adjoint: bool) -> Floats:
-    """Innovations over their standard deviations, shape (n, m), for gains of one; or the transposed operation.
+def whiten(
+    begin: Integers,
+    step_s: Floats,
+    white: Floats,
+    tau_s: Floats,
+    ratio: Floats,
+    columns: Floats,
+    adjoint: bool,
+) -> Floats:
+    """Innovations of series over their standard deviations, shape (n, m), for gains of one; or transposed.
 
-    Both one after the other multiply by the inverse of the covariance.
+    Both operations one after the other multiply by the inverse of the covariance. Series s has the rows `begin[s]` to
+    `begin[s + 1]`.
     """
     n, m = columns.shape
-    decay, kalman, scale = np.empty(n), np.empty(n), np.empty(n)
-    variance = ratio
-    for i in range(n):
-        same = i > 0 and step_s[i] == step_s[i - 1]
-        decay[i] = decay[i - 1] if same else math.exp(-step_s[i] / tau_s)
-        predicted = ratio + decay[i] * decay[i] * (variance - ratio)
-        kalman[i] = predicted / (predicted + 1.0)
-        scale[i] = 1.0 / math.sqrt(predicted + 1.0)
-        variance = kalman[i]
     out = np.empty((n, m))
-    state = np.zeros(m)
-    for k in range(n):
-        i = n - 1 - k if adjoint else k
-        for j in range(m):
-            if adjoint:
-                left = columns[i, j] * scale[i] + kalman[i] * state[j]
-                out[i, j] = left
-                state[j] = decay[i] * (state[j] - left)
-            else:
-                predicted = decay[i] * state[j]
-                left = columns[i, j] - predicted
-                state[j] = predicted + kalman[i] * left
-                out[i, j] = left * scale[i]
+    decay, kalman, scale, state = np.empty(n), np.empty(n), np.empty(n), np.empty(m)
+    for s in range(len(begin) - 1):
+        first, end = begin[s], begin[s + 1]
+        variance = ratio[s]
+        for i in range(first, end):
+            same = i > first and step_s[i] == step_s[i - 1]
+            decay[i] = decay[i - 1] if same else math.exp(-step_s[i] / tau_s[s])
+            predicted = ratio[s] + decay[i] * decay[i] * (variance - ratio[s])
+            kalman[i] = predicted / (predicted + 1.0)
+            scale[i] = 1.0 / math.sqrt(white[s] * (predicted + 1.0))
+            variance = kalman[i]
+        state[:] = 0.0
+        for k in range(end - first):
+            i = end - 1 - k if adjoint else first + k
+            for j in range(m):
+                if adjoint:
+                    left = columns[i, j] * scale[i] + kalman[i] * state[j]
+                    out[i, j] = left
+                    state[j] = decay[i] * (state[j] - left)
+                else:
+                    predicted = decay[i] * state[j]
+                    left = columns[i, j] - predicted
+                    state[j] = predicted + kalman[i] * left
+                    out[i, j] = left * scale[i]
     return out
 
 

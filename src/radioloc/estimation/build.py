@@ -141,7 +141,9 @@ def estimated_covariance(
     """Covariance of the estimate with noise as large as the residuals show, and as correlated in time, shape (p, p)."""
     covariance = scaled_covariance(edited.fit, edited.fit.noise_scale)
     correlation = assess_time_correlation(edited.fit, order) if edited.ended else None
-    return covariance if correlation is None else covariance + correlation.added_covariance, correlation
+    if correlation is None or not correlation.series:
+        return covariance, None
+    return covariance + correlation.added_covariance, correlation
 
 
 def scaled_covariance(fit: FitResult, noise_scale: float) -> NDArray[np.float64]:

@@ -16,7 +16,7 @@ any case the covariance of the estimate is the sandwich of the weights and of th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -25,10 +25,16 @@ from numpy.typing import NDArray
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import covariance_of, gram
 from radioloc.estimation.gauss_markov import SeriesCorrelation, SeriesNoise, TimeCorrelation
-from radioloc.estimation.least_squares import FitResult, fit_least_squares, sum_of_squares
+from radioloc.estimation.least_squares import FitResult, fit_least_squares
 from radioloc.estimation.linearization import ResidualFunction, Rows
 from radioloc.estimation.series import Batch, SeriesOrder, series_of
 from radioloc.estimation.time_correlation import assess_time_correlation, in_parameters, rows_of
+from radioloc.measurements.predictor import ROWS_AT_ONCE
+
+DENSE = 3.0
+"""Observations in a correlation time, in the mean over a series, from which on its weights allow for the correlation.
+Fewer, such as laser normal points, hardly outweigh anything, and their few sessions tell a correlation badly."""
+_UNIT = SeriesNoise(1.0, np.ones(1), np.zeros(1))
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,28 +83,66 @@ class CorrelatedFit:
 class _Whitening:
     """How used observations are brought to independent ones where series have noise of their own."""
 
-    batches: Sequence[Batch]  # of one stretch each
-    steps_s: Sequence[NDArray[np.float64]]
-    noise: dict[str, SeriesNoise]
+    batches: Sequence[Batch]  # of some thousand rows, but for a longer stretch
+    errors: Sequence[_Stretches]
 
     @classmethod
-    def of(cls, batches: Sequence[Batch], noise: dict[str, SeriesNoise]) -> _Whitening:
-        steps_s = [np.diff(batch.time_s, prepend=batch.time_s[0]) for batch in batches]
-        return cls(batches, steps_s, noise)
+    def of(cls, batches: Iterable[Batch], noise: dict[str, SeriesNoise]) -> _Whitening:
+        parts = [part for batch in batches for part in batch.split(ROWS_AT_ONCE)]
+        return cls(parts, [_Stretches.of(part, noise) for part in parts])
 
     def whitened(self, rows_of: Callable[[Rows], NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
-        """Independent combinations of unit variance, from indices of rows (m,) to numbers (m, c), series by series."""
-        for batch, step_s in zip(self.batches, self.steps_s, strict=True):
-            values = batch.whitened(rows_of)
-            for k, one in enumerate(batch.series):
-                errors = self.noise.get(one.key)
-                yield values[:, k] if errors is None else errors.whitened(step_s, values[:, k])
+        """Independent combinations of unit variance, from indices of rows (m,) to numbers (m, c), part by part."""
+        for batch, errors in zip(self.batches, self.errors, strict=True):
+            yield errors.whitened(errors.in_order(batch.whitened(rows_of)))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stretches:
+    """White and Gauss-Markov noise of the series of a batch, one after another; white of unit variance by default."""
+
+    keys: tuple[str, ...]
+    begin: NDArray[np.intp]  # (s + 1,), first row of each, and n
+    step_s: NDArray[np.float64]  # (n,), time since the row before
+    white: NDArray[np.float64]  # (s,)
+    tau_s: NDArray[np.float64]  # (s,)
+    ratio: NDArray[np.float64]  # (s,)
+
+    @classmethod
+    def of(cls, batch: Batch, noise: dict[str, SeriesNoise]) -> _Stretches:
+        b, k = batch.rows.shape
+        # The combinations of shared errors, of which a batch has one stretch, one after another
+        begin = batch.begin if k == 1 else b * np.arange(k + 1)
+        errors = [noise.get(one.key, _UNIT) for one in batch.series]
+        numbers = np.array([(one.white, one.correlation_time_s, one.ratio) for one in errors])
+        step_s = np.tile(np.diff(batch.time_s, prepend=batch.time_s[0]), k)
+        step_s[begin[:-1]] = 0.0
+        keys = tuple(one.key for one in batch.series)
+        return cls(keys, begin, step_s, *np.ascontiguousarray(numbers.T))
+
+    @staticmethod
+    def in_order(values: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Numbers of combinations (b, k, c), series by series (n, c)."""
+        return np.ascontiguousarray(np.swapaxes(values, 0, 1)).reshape(-1, values.shape[2])
+
+    def whitened(self, columns: NDArray[np.float64], *, adjoint: bool = False) -> NDArray[np.float64]:
+        """Columns (n, m) by the root of the inverse covariance: innovations over their standard deviations.
+
+        Those again by the transposed root, `adjoint`, are the columns times the inverse covariance.
+        """
+        from radioloc.estimation._kernels import whiten
+
+        return whiten(self.begin, self.step_s, self.white, self.tau_s, self.ratio, columns, adjoint)
+
+    def parts(self) -> Iterator[tuple[str, slice]]:
+        """Series and their rows."""
+        return zip(self.keys, map(slice, self.begin, self.begin[1:]), strict=True)
 
 
 def fit_with_correlated_weights(
     residual_function: ResidualFunction, edited: EditedFit, order: SeriesOrder
 ) -> CorrelatedFit:
-    """Fit again, each series with time-correlated residuals weighed by the inverse of their covariance.
+    """Fit again, each dense series with time-correlated residuals weighed by the inverse of their covariance.
 
     Parameters
     ----------
@@ -115,10 +159,11 @@ def fit_with_correlated_weights(
     if not edited.ended:
         return CorrelatedFit(edited, ())
     found = assess_time_correlation(stated, order)
-    if found is None:
-        return CorrelatedFit(edited, ())
-    batches = [one for batch in series_of(order, stated.noise, stated.used) for one in batch.stretches()]
+    edited = replace(edited, fit=replace(stated, time_correlation=found))
+    batches = series_of(order, stated.noise, stated.used) if found.series else []
     weights = _weights(batches, found)
+    if not weights:
+        return CorrelatedFit(edited, ())
     whitening = _Whitening.of(batches, _weight_noise(batches, found, weights))
     fit = fit_least_squares(
         residual_function,
@@ -128,9 +173,6 @@ def fit_with_correlated_weights(
         start=stated.x,
         linearization=stated.linearization,
         whitening=whitening,
-    )
-    fit = replace(
-        fit, chi2=sum_of_squares(fit.residual_m, stated.noise.among(fit.used), fit.parameters, fit.x)
     )
     return CorrelatedFit(replace(edited, fit=_with_covariances(fit, whitening, found)), weights)
 
@@ -144,20 +186,15 @@ def _with_covariances(fit: FitResult, whitening: _Whitening, found: TimeCorrelat
     root = fit.factor.root_covariance()
     unit, added = np.eye(root.shape[1]), np.zeros((root.shape[1],) * 2)
     values_of = rows_of(fit)
-    for batch, step_s in zip(whitening.batches, whitening.steps_s, strict=True):
-        if not any(one.key in whitening.noise for one in batch.series):
-            continue
-        partials = batch.whitened(lambda rows: values_of(rows)[:, 1:] @ root)
-        for k, one in enumerate(batch.series):
-            weights, errors = whitening.noise.get(one.key), found.noise.get(one.key)
-            if weights is None:
-                continue
-            whitened = weights.whitened(step_s, partials[:, k])
-            weighted = weights.whitened(step_s, whitened, adjoint=True)
-            squares = gram(weighted, weighted)
-            unit += squares - gram(whitened, whitened)
-            if errors is not None:
-                added += errors.products(step_s, np.ones(len(step_s)), weighted) - squares
+    for batch, weights in zip(whitening.batches, whitening.errors, strict=True):
+        partials = weights.in_order(batch.whitened(lambda rows: values_of(rows)[:, 1:] @ root))
+        whitened = weights.whitened(partials)
+        weighted = weights.whitened(whitened, adjoint=True)
+        unit += gram(weighted, weighted) - gram(whitened, whitened)
+        for key, part in weights.parts():
+            if key in found.noise:
+                mine, step_s = weighted[part], weights.step_s[part]
+                added += found.noise[key].products(step_s, np.ones(len(step_s)), mine) - gram(mine, mine)
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
     return replace(fit, time_correlation=replace(found, added_covariance=in_parameters(added, fit)))
 
@@ -176,10 +213,8 @@ def _weight_noise(
         if batch.shared in factors:
             inflated = SeriesNoise(factors[batch.shared] ** 2, np.ones(1), np.zeros(1))
             noise |= {one.key: inflated for one in batch.series}
-        elif not batch.shared and batch.series[0].key in found.noise:
-            errors = found.noise[batch.series[0].key]
-            tau_s, coloured = np.array([errors.correlation_time_s]), np.array([errors.coloured.sum()])
-            noise[batch.series[0].key] = SeriesNoise(errors.white, tau_s, coloured)
+        elif not batch.shared:
+            noise |= {one.key: found.noise[one.key] for one in batch.series if one.name in factors}
     return noise
 
 
@@ -189,9 +224,15 @@ def _weights(batches: Sequence[Batch], found: TimeCorrelation) -> tuple[SeriesWe
     counts: dict[str, int] = {}
     mine: dict[str, list[SeriesCorrelation]] = {}
     for batch in batches:
-        name = batch.shared or batch.series[0].name
-        counts[name] = counts.get(name, 0) + batch.rows.size
-        mine.setdefault(name, []).extend(items[one.key] for one in batch.series if one.key in items)
+        k = batch.rows.shape[1]
+        for number, one in enumerate(batch.series):
+            name = batch.shared or one.name
+            first, end = batch.begin[number // k : number // k + 2].tolist()
+            counts[name] = counts.get(name, 0) + end - first
+            span_s = float(batch.time_s[end - 1] - batch.time_s[first])
+            item = items.get(one.key)
+            if item is not None and item.count * item.correlation_time_s >= DENSE * span_s:
+                mine.setdefault(name, []).append(item)
     weights = []
     for name, found_in in mine.items():
         # Combinations in which the errors of stations cancel, around triangles, need not be correlated.

@@ -103,18 +103,6 @@ class SeriesNoise:
 
         return products(step_s, gain, columns, width_s, self.white, self.tau_s, self.coloured)
 
-    def whitened(self, step_s: _Floats, columns: _Floats, *, adjoint: bool = False) -> _Floats:
-        """Columns (n, m) by the root of the inverse covariance: innovations over their standard deviations.
-
-        Those again by the transposed root, `adjoint`, are the columns times the inverse covariance.
-        """
-        from radioloc.estimation._kernels import whiten
-
-        innovations = whiten(
-            step_s, self.correlation_time_s, self.ratio, np.ascontiguousarray(columns), adjoint
-        )
-        return np.asarray(innovations / math.sqrt(self.white))
-
 
 @dataclass(frozen=True, slots=True)
 class SeriesCorrelation:

@@ -31,7 +31,7 @@ from radioloc.estimation.linearization import (
     check_residuals,
     evaluate,
 )
-from radioloc.estimation.observation_noise import ObservationNoise, Whitening
+from radioloc.estimation.observation_noise import Combinations, ObservationNoise, Whitening
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.parameters.parameter import ParameterSet
 
@@ -104,7 +104,7 @@ class FitResult:
     whitening : Whitening
         How the used observations were brought to independent ones.
     time_correlation : TimeCorrelation or None
-        With correlated weights, the noise of series that are correlated in time, which they were made of.
+        What is correlated in time, where that is known already, as with correlated weights.
     """
 
     parameters: ParameterSet
@@ -153,7 +153,12 @@ class FitResult:
         Correlated weights have their variances from the residuals themselves.
         """
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
-        return math.sqrt(self.chi2 / self.dof) if significant and self.time_correlation is None else 1.0
+        return math.sqrt(self.chi2 / self.dof) if significant and self.independent_weights else 1.0
+
+    @property
+    def independent_weights(self) -> bool:
+        """Whether observations were weighed by their stated noise, not by what they are found to share in time."""
+        return isinstance(self.whitening, Combinations)
 
 
 def fit_least_squares(
@@ -219,6 +224,10 @@ def fit_least_squares(
     here, factor, status, iterations = problem.iterated(here, first)
     if not factor.determined.all() and status is FitStatus.CONVERGED:
         status = FitStatus.UNOBSERVABLE
+    # That of the noise as stated; a linear problem is solved without any.
+    chi2 = here.chi2
+    if whitening is not None or math.isnan(chi2):
+        chi2 = sum_of_squares(here.linearization.residual_m, noise.among(mask), parameters, here.x)
     n_prior = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
     return FitResult(
         parameters=parameters,
@@ -227,7 +236,7 @@ def fit_least_squares(
         linearization=here.linearization,
         noise=noise,
         used=mask,
-        chi2=here.chi2,
+        chi2=chi2,
         dof=n_used + n_prior - int(factor.determined.sum()),
         status=status,
         iterations=iterations,
@@ -255,9 +264,10 @@ class _Problem:
     n_used: int
 
     def point(self, x: NDArray[np.float64], linearization: Linearization) -> _Point:
-        return _Point(
-            x, linearization, sum_of_squares(linearization.residual_m, self.whitening, self.parameters, x)
-        )
+        if isinstance(linearization, OrthonormalLinearization):
+            return _Point(x, linearization, math.nan)
+        chi2 = sum_of_squares(linearization.residual_m, self.whitening, self.parameters, x)
+        return _Point(x, linearization, chi2)
 
     def factor(self, at: _Point) -> Factor | None:
         return factorize(at.linearization, self.whitening, self.parameters, at.x)

@@ -204,7 +204,7 @@ def assess_observability(fit: FitResult) -> Observability:
     lost = _simple_basis(fit.factor.undetermined_directions() / scales)
     sigma_m = float(np.median(fit.sigma_m[fit.used])) if fit.used.any() else 0.0
     vectors, sigmas, _ = np.linalg.svd(fit.factor.root_covariance() / scales[:, None], full_matrices=False)
-    covariance = fit.covariance if fit.time_correlation is None else covariance_of(fit.factor, parameters)
+    covariance = fit.covariance if fit.independent_weights else covariance_of(fit.factor, parameters)
     return Observability(
         singular_values=fit.factor.singular_values,
         undetermined=tuple(_direction(vector, math.inf, parameters) for vector in lost),

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,18 +63,26 @@ class Batch:
     whitening: _Floats  # (b, k, k), from observations to independent combinations of unit variance
     shared: str = ""  # what the combinations are called together; empty for single observations
 
-    def stretches(self) -> Iterator[Batch]:
-        """Each stretch alone."""
+    def split(self, most: int) -> Iterator[Batch]:
+        """Parts of about as many rows or fewer, each of whole stretches."""
         k = self.rows.shape[1]
-        for s, (first, end) in enumerate(pairwise(self.begin.tolist())):
+        ends = self.begin[1:].tolist()
+        at = 0
+        while at < len(ends):
+            begin = int(self.begin[at])
+            to = at + 1
+            while to < len(ends) and (ends[to] - begin) * k <= most:
+                to += 1
+            part = slice(begin, ends[to - 1])
             yield Batch(
-                self.series[s * k : (s + 1) * k],
-                np.array([0, end - first]),
-                self.rows[first:end],
-                self.time_s[first:end],
-                self.whitening[first:end],
+                self.series[at * k : to * k],
+                self.begin[at : to + 1] - begin,
+                self.rows[part],
+                self.time_s[part],
+                self.whitening[part],
                 self.shared,
             )
+            at = to
 
     def parts(self, rows_of: Callable[[Rows], _Floats]) -> Iterator[tuple[slice, _Floats]]:
         """Some instants after others, and numbers (b, k, c) that belong to their observations, by rows (m,)."""

@@ -33,30 +33,31 @@ ABSORBED = 30.0
 """Sigmas that the estimate may be off by: what it then takes out of a series is left out of the likelihood."""
 
 
-def assess_time_correlation(fit: FitResult, order: SeriesOrder) -> TimeCorrelation | None:
+def assess_time_correlation(fit: FitResult, order: SeriesOrder) -> TimeCorrelation:
     """Find series whose residuals are significantly correlated in time, and what that does to the covariance.
 
     Parameters
     ----------
     fit : FitResult
-        Its noise should explain the size of the residuals. One with correlated weights has been assessed already.
+        Its noise should explain the size of the residuals.
     order : SeriesOrder
         Types, paths and times of the observations.
 
     Returns
     -------
-    TimeCorrelation or None
-        None where no type shows more correlation than chance does in one fit of a hundred.
+    TimeCorrelation
+        Without series where no type shows more correlation than chance does in one fit of a hundred.
     """
-    if not fit.factor.determined.any() or not fit.used.any():
-        return None
-    if fit.time_correlation is not None:
+    if fit.time_correlation is not None:  # assessed already
         return fit.time_correlation
+    nothing = TimeCorrelation((), np.zeros_like(fit.covariance), {})
+    if not fit.factor.determined.any() or not fit.used.any():
+        return nothing
     root = fit.factor.root_covariance()
     points = points_of(series_of(order, fit.noise, fit.used), rows_of(fit), root)
     noise = noise_of_series(points, ABSORBED)
     if not noise:
-        return None
+        return nothing
     columns = np.column_stack([points.unit, points.gain])
     added = np.zeros((root.shape[1],) * 2)
     found: dict[str, SeriesCorrelation] = {}

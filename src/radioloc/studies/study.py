@@ -205,8 +205,8 @@ class EstimateChoice:
         Error to be assumed of the lunar ephemeris and orientation as seen in the position: east, north, up.
     rejection_sigma : float
         An observation is rejected when its residual exceeds so many of its expected sigmas; 2 or more.
-    weights : {"independent", "correlated"}
-        Whether all observations count in full, or time-correlated ones as the few that they are worth.
+    weights : {"correlated", "independent"}
+        Whether dense series of time-correlated observations count as the few that they are worth, or all in full.
     pass_gap_h : float
         A new pass begins when a station has not observed for longer.
     parameters : mapping of str to ParameterChoice, optional
@@ -227,7 +227,7 @@ class EstimateChoice:
     )
     rejection_sigma: float = 5.0
     weights: str = entry(
-        "independent",
+        "correlated",
         choices=WEIGHTS,
         advice="sigmas by type, station and file belong to [[observations.weights]]",
     )
@@ -241,7 +241,7 @@ class EstimateChoice:
         height_prior: HeightPrior | TerrainPrior | None = None,
         ephemeris_sigma_m: float | tuple[float, float, float] = 0.0,
         rejection_sigma: float = 5.0,
-        weights: str = "independent",
+        weights: str = "correlated",
         pass_gap_h: float = PASS_GAP_H,
         parameters: Mapping[str, ParameterChoice] | None = None,
         **keys: Any,

@@ -146,7 +146,10 @@ def test_outliers_are_judged_by_the_stated_sigmas():
 def test_white_residuals_change_nothing():
     edited, found = TwoSeries(coloured=0.0).fits()
     assert found.weights == ()
-    assert found.edited.fit is edited.fit
+    assert found.edited.fit.x is edited.fit.x
+    assert found.edited.fit.whitening is edited.fit.whitening
+    # What was looked for once is not looked for again.
+    assert found.edited.fit.time_correlation.series == ()
 
 
 def test_observability_is_that_of_the_weights(monkeypatch):

@@ -71,7 +71,7 @@ def test_covariance_is_the_sandwich():
 
 
 def test_white_residuals_are_left_alone():
-    assert assessed(*line(coloured=0.0)) is None
+    assert assessed(*line(coloured=0.0)).series == ()
 
 
 def test_what_is_known_a_priori_alone_stays():
@@ -161,8 +161,11 @@ def test_words(time_s, words):
 
 def test_nothing_to_assess():
     fit, types, path, time_s = line(n=40)
-    assert assessed(fit, types, path, time_s) is None
+    assert assessed(fit, types, path, time_s).series == ()
     none = SimpleNamespace(
-        factor=SimpleNamespace(determined=np.zeros(0, dtype=bool)), used=np.ones(3, dtype=bool)
+        factor=SimpleNamespace(determined=np.zeros(0, dtype=bool)),
+        used=np.ones(3, dtype=bool),
+        covariance=np.zeros((0, 0)),
+        time_correlation=None,
     )
-    assert assessed(none, types, path, time_s) is None
+    assert assessed(none, types, path, time_s).series == ()

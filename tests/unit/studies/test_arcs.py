@@ -196,13 +196,13 @@ def test_arcs_depart_from_the_longest_by_what_they_should(found, study, tracked)
     # An error of ranges that lasts half a day: the residuals show it, and the sigmas hold it.
     hours = 24.0 * (tracked.epoch.fraction + tracked.epoch.jd - tracked.epoch.jd[0])
     wrong = np.where((tracked.types() == "range") & (hours > 30.0), 4.0, 0.0)
-    bent = radioloc.arcs(study, [24, 48], replace(tracked, value_m=tracked.value_m + wrong))
+    plain = replace(study, estimate=replace(study.estimate, weights="independent"))
+    bent = radioloc.arcs(plain, [24, 48], replace(tracked, value_m=tracked.value_m + wrong))
     assert {item.name.split()[0] for item in bent.longest.time_correlation.series} == {"range"}
     # The biases' a-priori sigmas, which stay, are half of the sigma.
     assert bent.longest.correlation_factor > 1.3
     assert "the sigmas are too small" not in str(bent)
-    correlated = replace(study, estimate=replace(study.estimate, weights="correlated"))
-    weighed = radioloc.arcs(correlated, [24, 48], replace(tracked, value_m=tracked.value_m + wrong))
+    weighed = radioloc.arcs(study, [24, 48], replace(tracked, value_m=tracked.value_m + wrong))
     assert {item.name.split()[0] for item in weighed.longest.series_weights} == {"range"}
     assert weighed.rows[0].sigma_north_m < bent.rows[0].sigma_north_m
     # As if all residuals were independent of each other, they would not.

@@ -8,6 +8,7 @@ import pytest
 
 import radioloc
 from radioloc import LunarPosition, Study
+from radioloc.estimation import correlated_weights
 from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
 
 # JPL's positions in the principal axes of DE421, m: Williams, Boggs and Folkner, "DE421 Lunar Orbit, Physical
@@ -322,7 +323,17 @@ def test_arc_for_predictions(apollo15, near15, solution):
     assert computed.value_m == pytest.approx(solution.residuals.computed_m, abs=1e-6)
 
 
-def test_weights_of_a_correlated_series(apollo15, near15, solution):
+def test_sparse_data_keep_their_weights(apollo15, near15, solution):
+    """Two normal points in the five days that residuals stay alike, in the mean."""
+    found = fit(apollo15, near15, weights="independent")
+    assert found.series_weights == solution.series_weights == ()
+    assert found.time_correlation.series == solution.time_correlation.series
+    np.testing.assert_array_equal(found.values, solution.values)
+    np.testing.assert_array_equal(found.covariance, solution.covariance)
+
+
+def test_weights_of_a_correlated_series(apollo15, near15, solution, monkeypatch):
+    monkeypatch.setattr(correlated_weights, "DENSE", 0.0)
     found = fit(apollo15, near15, weights="correlated")
     (weight,) = found.series_weights
     (item,) = found.time_correlation.series

@@ -25,7 +25,8 @@ from radioloc.time import Epochs
 from radioloc.units import as_metres, in_unit
 
 KINDS = ("llr", "vlbi", "ttc")
-QUALITIES = ("survey", "rounded")
+_SIGMA_M = {"survey": 0.01, "rounded": 100.0}
+QUALITIES = tuple(_SIGMA_M)
 MOUNTS = ("azimuth_elevation", "equatorial", "xy_north", "xy_east")
 """Antenna mounts, by the fixed axis: vertical, parallel to the Earth's, horizontal to the north or to the east."""
 
@@ -60,6 +61,8 @@ class Station:
         Ocean tide loading; None where there are no coefficients, and then the term is missing from a model.
     mount : str
         Which axis of the antenna is fixed, of :data:`MOUNTS`.
+    sigma_m : float or Quantity, optional
+        Standard deviation of each coordinate, m; by the quality where it is not given.
     axis_offset_m : float or Quantity, optional
         By how much the moving axis stands off the fixed one, on which the reference point is, towards where the
         antenna points, m; None where it is not known, and then the term is missing from a model.
@@ -81,6 +84,7 @@ class Station:
     ocean_loading: BlqCoefficients | None = None
     mount: str = "azimuth_elevation"
     axis_offset_m: float | None = None
+    sigma_m: float | None = None
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
@@ -103,6 +107,10 @@ class Station:
                 f"station {self.name} is {radius_m:.6g} m from the geocentre; the ground is between "
                 f"{_RADIUS_RANGE_M[0]:.2e} and {_RADIUS_RANGE_M[1]:.2e} m: give metres, geocentric"
             )
+        if self.sigma_m is not None:
+            self._set_numbers("sigma_m", "m", ())
+            if not self.sigma_m > 0.0:
+                raise StationError(f"station {self.name}: sigma_m must be above zero, but is {self.sigma_m}")
         if self.axis_offset_m is None:
             return
         self._set_numbers("axis_offset_m", "m", ())
@@ -137,6 +145,11 @@ class Station:
     def velocity_known(self) -> bool:
         """Whether the station has a velocity; without one it is taken to stand still."""
         return self.velocity_m_yr is not None
+
+    @property
+    def position_sigma_m(self) -> float:
+        """Standard deviation of each coordinate, m, as stated or by the quality."""
+        return _SIGMA_M[self.quality] if self.sigma_m is None else self.sigma_m
 
     def position_at(self, tt: Epochs) -> NDArray[np.float64]:
         """Give the reference point in the ITRF at epochs of TT, without tides and loading, m, shape (n, 3)."""

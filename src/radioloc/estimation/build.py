@@ -10,7 +10,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.estimation.consider import consider
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.labels import Labels
@@ -74,7 +73,7 @@ def build_solution(
     **described
         Fields of :class:`Solution` as they are: `position_pa_m`, `position_partials`, `rot_pa_to_me`, `pa_frame` and
         `me_frame` always; where there are any, `name`, `ephemeris_sigma_enu_m`, `series_weights`, `notes`,
-        `provenance`, `trajectory` and `targets`.
+        `provenance`, `trajectory`, `targets` and `consider`.
 
     Raises
     ------
@@ -127,7 +126,6 @@ def build_solution(
         observability=assess_observability(fit),
         iterations=fit.iterations,
         passes=edited.passes,
-        consider=consider(fit),
         **described,
     )
     if reference_pa_m is None:

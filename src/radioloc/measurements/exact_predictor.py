@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
+from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.measurements.light_path import (
@@ -100,10 +101,7 @@ class ExactPredictor(Predictor):
         self._tt = tt = tt[rows].shifted(half_s)
         self._paths = observations.select(rows)
         differenced = is_differenced(self._paths.kind)
-        # Without a recorded wavelength, a laser station's signal is light and any other's is radio.
-        laser = np.array([station.kind == "llr" for station in self._stations], dtype=bool)[self._receiver]
-        wavelength = self._paths.wavelength_um
-        self._radio = np.where(np.isnan(wavelength), ~laser, wavelength >= _SHORTEST_RADIO_UM)
+        self._radio = is_radio(self._paths.wavelength_um, self._stations, self._receiver)
         one_way = is_one_way(self._paths.kind)
         self._sign = np.where(differenced, -1.0, np.where(one_way, 0.0, 1.0))
         # A one-way signal begins with the bounce.
@@ -374,6 +372,14 @@ def _frequency_hz(paths: Observations, uplink: ArrayLike) -> NDArray[np.float64]
     """Frequency of a leg: the recorded uplink's where it goes up and that was recorded, else the downlink's."""
     down_hz = C_M_S / (paths.wavelength_um * 1e-6)
     return np.where(uplink & ~np.isnan(paths.uplink_hz), paths.uplink_hz, down_hz)
+
+
+def is_radio(
+    wavelength_um: NDArray[np.float64], stations: Sequence[Station], receiver: NDArray[np.int32]
+) -> NDArray[np.bool_]:
+    """Whether signals are radio, shape (n,); without a recorded wavelength those to laser stations are light."""
+    laser = np.array([station.kind == "llr" for station in stations], dtype=bool)[receiver]
+    return np.where(np.isnan(wavelength_um), ~laser, wavelength_um >= _SHORTEST_RADIO_UM)
 
 
 _PER_PATH = (

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
+from radioloc.parameters import apriori
 from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.rows import ObservationRows
 
@@ -119,6 +120,7 @@ FREQUENCY_OFFSET = ParameterKind(
     partials=_offset,
     acts_on=_counted,
     scale=1e-10,
+    considered=apriori.frequency_offsets,
 )
 FREQUENCY_RATE = ParameterKind(
     name="frequency_rate",

@@ -19,13 +19,10 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.targets import canonical_target
 from radioloc.parameters.columns import PASS_GAP_H, Columns, Members, columns_of, everyone, members
-from radioloc.parameters.kind import ParameterKind, Scope
+from radioloc.parameters.kind import Amount, ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
-
-Amount = float | tuple[float, ...] | None
-"""A number, or one for each component."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,7 +110,7 @@ def chosen_parameters(
     present = everyone(scope, predictor) if role is Role.FIXED else members(kind, scope, predictor)
 
     def member_of(key: str, name: str) -> str:
-        canonical = _canonical(key, name, scope, predictor)
+        canonical = canonical_name(key, name, scope, predictor)
         if canonical not in present:
             what = {Scope.STATION: "stations", Scope.PASS: "stations", Scope.TARGET: "targets"}.get(
                 scope, "links"
@@ -187,7 +184,7 @@ def of_part(kind: ParameterKind, choice: ParameterChoice, part: Predictor) -> Pa
     names = members(kind, scope, part)
 
     def stays(name: str) -> bool:
-        return _canonical(kind.name, name, scope, part) in names
+        return canonical_name(kind.name, name, scope, part) in names
 
     listed = choice.names
     if not names:
@@ -283,7 +280,7 @@ def _references(kind: ParameterKind, predictor: Predictor, present: Members) -> 
     return set(first.values())
 
 
-def _canonical(key: str, name: str, scope: Scope, predictor: Predictor) -> str:
+def canonical_name(key: str, name: str, scope: Scope, predictor: Predictor) -> str:
     """The name under which the predictor has a station, link or target."""
     if scope in (Scope.STATION, Scope.PASS):
         try:

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
+from radioloc.parameters import apriori
 from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.rows import TRANSMIT, ObservationRows
 
@@ -77,6 +78,7 @@ CLOCK = ParameterKind(
     acts_on=_offset_shows,
     scale=1.0 / C_M_S,
     relative=True,
+    considered=apriori.clocks,
 )
 CLOCK_RATE = ParameterKind(
     name="clock_rate",
@@ -87,6 +89,7 @@ CLOCK_RATE = ParameterKind(
     acts_on=_rate_shows,
     scale=1e-5 / C_M_S,
     relative=True,
+    considered=apriori.clock_rates,
 )
 TARGET_CLOCK = ParameterKind(
     name="target_clock",

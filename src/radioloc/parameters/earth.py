@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import EARTH_ROTATION_RAD_S
 from radioloc.earth.geodesy import rot_itrf_to_enu
+from radioloc.parameters import apriori
 from radioloc.parameters.kind import ParameterKind, Scope, both_stations, everywhere
 from radioloc.parameters.rows import ObservationRows
 
@@ -49,6 +50,7 @@ STATION_POSITION = ParameterKind(
     acts_on=both_stations,
     components=("east", "north", "up"),
     more_partials=True,
+    considered=apriori.station_positions,
 )
 UT1 = ParameterKind(
     name="ut1",
@@ -59,6 +61,7 @@ UT1 = ParameterKind(
     acts_on=everywhere,
     scale=2e-3,
     more_partials=True,
+    considered=apriori.ut1,
 )
 POLE = ParameterKind(
     name="pole",
@@ -70,4 +73,5 @@ POLE = ParameterKind(
     components=("x", "y"),
     scale=1.6e-7,
     more_partials=True,
+    considered=apriori.pole,
 )

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from enum import Enum
 
@@ -32,6 +32,10 @@ class Scope(Enum):
     def named(self) -> bool:
         """Whether there can be several, each with a name."""
         return self not in (Scope.EARTH, Scope.MOON, Scope.SESSION)
+
+
+Amount = float | tuple[float, ...] | None
+"""A number, or one for each component."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +74,12 @@ class ParameterKind:
     relative : bool
         Whether only differences between stations show; ``"all"`` then estimates all but one reference station of each
         network.
+    considered : callable, optional
+        From observations, before anything is computed, and members (names of those on whose observations the parameter
+        acts, with their indices) to the a-priori sigmas of the members that are considered where a study says nothing
+        else; or why none is, in words. Without it none is.
+    considered_per : Scope, optional
+        Whom those belong to, where it is not the first of the scopes.
 
     Raises
     ------
@@ -88,6 +98,8 @@ class ParameterKind:
     more_partials: bool = False
     term: str = ""
     relative: bool = False
+    considered: Callable[[ObservationRows, Mapping[str, int]], Mapping[str, Amount] | str] | None = None
+    considered_per: Scope | None = None
 
     def __post_init__(self) -> None:
         named = self.name.isidentifier() and self.keys["sigma"].isidentifier()

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.parameters import apriori
 from radioloc.parameters.kind import ParameterKind, Scope, both_stations
 from radioloc.parameters.rows import ObservationRows
 
@@ -34,6 +35,8 @@ ZENITH_DELAY = ParameterKind(
     acts_on=both_stations,
     scale=0.3,
     term="troposphere",
+    considered=apriori.zenith_delays,
+    considered_per=Scope.PASS,
 )
 ELECTRON_CONTENT = ParameterKind(
     name="electron_content",
@@ -44,4 +47,6 @@ ELECTRON_CONTENT = ParameterKind(
     acts_on=both_stations,
     scale=10.0,
     more_partials=True,
+    considered=apriori.electron_contents,
+    considered_per=Scope.PASS,
 )

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.tide import solid_tide
+from radioloc.parameters import apriori
 from radioloc.parameters.kind import ParameterKind, Scope, everywhere
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
@@ -78,6 +79,7 @@ MOON_POSITION = ParameterKind(
     acts_on=everywhere,
     components=("radial", "along", "normal"),
     more_partials=True,
+    considered=apriori.moon_position,
 )
 LIBRATION = ParameterKind(
     name="libration",
@@ -88,6 +90,7 @@ LIBRATION = ParameterKind(
     acts_on=everywhere,
     components=("x", "y", "z"),
     scale=6e-7,
+    considered=apriori.libration,
 )
 LOVE_NUMBERS = ParameterKind(
     name="love_numbers",

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
+from radioloc.measurements.exact_predictor import is_radio
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -163,6 +164,12 @@ class ObservationRows:
     def _light_time_s(self, tdb: Epochs) -> NDArray[np.float64]:
         """From the Moon to the Earth."""
         return length(self.model.ephemeris.geocentric("moon", tdb)[0]) / C_M_S
+
+    @cached_property
+    def radio(self) -> NDArray[np.bool_]:
+        """Whether the signal is radio, not light."""
+        stations = list(map(self.model.catalogue.get, self.predictor.stations))
+        return is_radio(self.observations.wavelength_um[self.rows], stations, self.ends[:, 1])
 
     @property
     def target(self) -> NDArray[np.int32]:

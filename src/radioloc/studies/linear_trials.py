@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.build import estimated_covariance
+from radioloc.estimation.consider import moved_by
 from radioloc.estimation.correlated_weights import fit_with_correlated_weights
 from radioloc.estimation.factorization import LinearProblem
 from radioloc.estimation.labels import Labels
@@ -60,6 +61,7 @@ class LinearArc:
     threshold: float  # expected sigmas beyond which a residual is an outlier
     order: SeriesOrder
     height_m: float  # of the true position
+    considered_m: _Floats  # (m, r), effects of independent errors of unit variance that are considered
     correlated: bool  # whether series are weighed as their residuals ask for
 
     def fit(self, residual_m: _Floats) -> NoisyFit:
@@ -113,6 +115,9 @@ class LinearTrials:
     def _row(self, arc: LinearArc, found: NoisyFit, drawn: dict[str, float]) -> _Floats:
         fit = found.edited.fit
         covariance, _ = estimated_covariance(found.edited, arc.order)
+        if arc.considered_m.size:
+            moved = moved_by(fit, lambda rows: arc.considered_m[rows], arc.considered_m.shape[1])
+            covariance = covariance + moved @ moved.T
         x, sigmas = fit.x, np.sqrt(np.diag(covariance))
         moved_m = arc.enu_by_parameters @ (x - arc.problem.x)
         doubts = [

@@ -12,6 +12,7 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import Doubt, build_solution, seconds_since_midnight
+from radioloc.estimation.consider import consider
 from radioloc.estimation.correlated_weights import SeriesWeight, fit_with_correlated_weights
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.labels import USED, Labels
@@ -36,10 +37,17 @@ from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.parameters.design import ObservationModel
-from radioloc.parameters.registry import PARAMETERS
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
-from radioloc.studies.problem import observation_model, position_in_pa, start_pa_m, status_of, targets_in_pa
+from radioloc.studies.problem import (
+    considered_errors,
+    needs_more_partials,
+    observation_model,
+    position_in_pa,
+    start_pa_m,
+    status_of,
+    targets_in_pa,
+)
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
@@ -133,7 +141,7 @@ def fit_arc(
         if study.reference is None
         else position_in_pa("[reference]", study.reference.position, constants)
     )
-    problem = observation_model(arc, targets or None, estimate, held=study.estimate, consider=study.consider)
+    problem = observation_model(arc, targets or None, estimate, held=study.estimate)
     noise = stated_noise(arc, study.observations)
     fitted = _fit(problem, noise, estimate, *status_of(arc, targets))
     paths = Labels.coded([link.path for link in observations.links], observations.link)
@@ -152,6 +160,10 @@ def fit_arc(
         doubts += misfits(fitted.edited, noise.sigma_m, types)
         if arc.trajectory is None and estimate.position != "none":
             doubts += places(arc, problem.all_positions_pa_m(x), used, elevation_deg)
+    considered, not_considered = considered_errors(study, problem, estimate, x)
+    in_sigma = any(estimate.ephemeris_sigma_m) if estimate is not None else False
+    if considered is not None:
+        in_sigma |= any(considered.parameters.of_kind(kind) for kind in ("moon_position", "libration"))
     lander_pa_m = problem.position_pa_m(x)
     several = tuple(
         TargetPosition(name, problem.position_pa_m(x, k), problem.position_partials(x, k))
@@ -177,8 +189,9 @@ def fit_arc(
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
-        notes=tuple(notes_of(study, arc, left_out, estimate, fitted, lander_pa_m)),
+        notes=(*notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, in_sigma), *not_considered),
         provenance=provenance(study, arc, left_out, estimate, problem.all_positions_pa_m(x)),
+        consider=None if considered is None else consider(fitted.edited.fit, considered),
         trajectory=None if arc.trajectory is None else str(arc.trajectory),
         targets=several,
     )
@@ -260,7 +273,7 @@ def _arc(
     study: Study, model: PhysicalModel, observations: Observations, targets: Mapping[str, LunarPosition]
 ) -> Predictor:
     start_m, trajectory, names = _aim(study, targets)
-    more = any(PARAMETERS[name].more_partials for name in (*study.estimate.parameters, *study.consider))
+    more = needs_more_partials(study)
     try:
         return prepare_predictor(
             model, observations, start_m, study.model.evaluation, trajectory, names, more

@@ -46,8 +46,9 @@ def notes_of(
     estimate: EstimateChoice | None,
     fitted: NoisyFit,
     lander_pa_m: NDArray[np.float64],
+    moon_considered: bool,
 ) -> list[str]:
-    """All notes of a result, warnings first."""
+    """All notes of a result, warnings first; `moon_considered` says whether the ephemeris' error is in the sigma."""
     notes: list[str] = []
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
@@ -58,10 +59,10 @@ def notes_of(
     notes += _of_stations(arc)
     notes += _of_model(arc)
     if estimate is not None:
-        if arc.trajectory is None and not any(estimate.ephemeris_sigma_m):
+        if arc.trajectory is None and not moon_considered:
             notes.append(
-                f"the sigma does not include the error of {arc.model.ephemeris.name}; give it as "
-                "[estimate] ephemeris_sigma_m = [east, north, up]"
+                f"the sigma does not include the error of {arc.model.ephemeris.name}: neither moon_position and "
+                "libration are considered, nor is [estimate] ephemeris_sigma_m given"
             )
         notes += [
             f'no {key} is estimated, though [estimate] asks for "all": no observation depends on one'

@@ -16,6 +16,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.build import seconds_since_midnight
+from radioloc.estimation.consider import few_errors
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder
@@ -41,7 +42,13 @@ from radioloc.studies.linear_trials import (
     true_values,
 )
 from radioloc.studies.locate import fit_arc, model_of
-from radioloc.studies.problem import observation_model, position_in_pa, status_of
+from radioloc.studies.problem import (
+    considered_errors,
+    needs_more_partials,
+    observation_model,
+    position_in_pa,
+    status_of,
+)
 from radioloc.studies.selection import ArcPart, arc_parts, selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
@@ -96,7 +103,9 @@ class Prepared:
         planned = weighted_observations(
             world.plan.observations.select(rows), study.observations.weights, study.catalogue
         )
-        longest = prepare_predictor(model, planned, target.xyz_m, study.model.evaluation)
+        longest = prepare_predictor(
+            model, planned, target.xyz_m, study.model.evaluation, more_partials=needs_more_partials(study)
+        )
         parts = arc_parts(longest, study, reversed(hours))
         names = dict.fromkeys(
             p.name
@@ -163,6 +172,7 @@ class Prepared:
         if made is None:
             return None
         observations = arc.observations
+        considered, _ = considered_errors(study, problem, part.estimate, x)
         types = Labels(observations.kind.astype(np.int32), tuple(KINDS))
         paths = Labels.coded([link.path for link in observations.links], observations.link)
         return LinearArc(
@@ -177,6 +187,7 @@ class Prepared:
             threshold=study.estimate.rejection_sigma,
             order=SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch)),
             height_m=float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
+            considered_m=np.zeros((0, 0)) if considered is None else few_errors(considered, noise.sigma_m),
             correlated=study.estimate.weights == "correlated",
         )
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError
+from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.labels import USED, Labels
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
@@ -20,8 +21,10 @@ from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.targets import canonical_target
 from radioloc.media.status import Status
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
-from radioloc.parameters.design import ObservationModel, simple_predictor
-from radioloc.parameters.parameter import Role
+from radioloc.parameters.columns import Columns
+from radioloc.parameters.considered import resolved
+from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
+from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
@@ -34,27 +37,20 @@ def observation_model(
     targets_pa: LunarPosition | Mapping[str, LunarPosition] | None,
     estimate: EstimateChoice | None,
     held: EstimateChoice | None = None,
-    consider: Mapping[str, ParameterChoice] | None = None,
 ) -> ObservationModel:
     """Set up what is solved for in an arc.
 
     The a-priori positions are in principal axes, one or several by name; of a trajectory there is none, and its offset
     is held at zero. Where `estimate` is ``None``, nothing is estimated; biases and the like have a-priori values
-    of `held`. What is considered comes from `consider`.
+    of `held`.
     """
     choice = (EstimateChoice() if held is None else held).held() if estimate is None else estimate
     simple = simple_predictor(predictor)
     kinds = []
-    tables = [("[estimate]", Role.ESTIMATED, choice.parameters)]
-    tables.append(("[consider]", Role.CONSIDERED, {} if estimate is None else consider or {}))
-    for table, role, given in tables:
-        for name, chosen in given.items():
-            try:
-                found = chosen_parameters(PARAMETERS[name], chosen, simple, role, choice.pass_gap_h)
-            except InputError as error:
-                raise type(error)(f"{table} {error}") from None
-            if found is not None:
-                kinds.append(found)
+    for name, chosen in choice.parameters.items():
+        found = _columns("[estimate]", name, chosen, simple, Role.ESTIMATED, choice)
+        if found is not None:
+            kinds.append(found)
     if isinstance(targets_pa, Mapping) and len(targets_pa) > 1:
         positions = [
             _position(predictor, place, choice, f"position.{name}") for name, place in targets_pa.items()
@@ -69,6 +65,60 @@ def observation_model(
             "use `radioloc residuals` to see residuals at the given position"
         )
     return model
+
+
+def needs_more_partials(study: Study) -> bool:
+    """Whether what is estimated or considered needs the partials that predictors compute on request only."""
+    names = (*study.estimate.parameters, *study.consider)
+    return study.consider_defaults or any(PARAMETERS[name].more_partials for name in names)
+
+
+def considered_errors(
+    study: Study, problem: ObservationModel, estimate: EstimateChoice | None, x: NDArray[np.float64]
+) -> tuple[ConsideredErrors | None, list[str]]:
+    """What is considered in an arc, with its partials at the parameters x of `problem`; and notes on what is not."""
+    if estimate is None:
+        return None, []
+    model, notes = _considered_model(problem.predictor, study, estimate)
+    if model is None:
+        return None, notes
+    positions_pa_m = problem.all_positions_pa_m(x)
+    at = problem.predictor.at(positions_pa_m)
+    nowhere = np.zeros(0)  # residuals are not asked for
+    here = DesignMatrix(model, at, positions_pa_m, model.parameters.prior_values, nowhere)
+    return ConsideredErrors(model.parameters, here.partials), notes
+
+
+def _considered_model(
+    predictor: Predictor, study: Study, estimate: EstimateChoice
+) -> tuple[ObservationModel | None, list[str]]:
+    moon_is_in = any(estimate.ephemeris_sigma_m) or predictor.trajectory is not None
+    simple = simple_predictor(predictor)
+    try:
+        choices, notes = resolved(
+            study.consider,
+            simple,
+            estimate.parameters,
+            defaults=study.consider_defaults,
+            without=("moon_position", "libration") if moon_is_in else (),
+        )
+    except InputError as error:
+        raise type(error)(f"[consider] {error}") from None
+    found = [
+        _columns("[consider]", name, choice, simple, Role.CONSIDERED, estimate)
+        for name, choice in choices.items()
+    ]
+    kinds = [item for item in found if item is not None]
+    return ObservationModel.of(predictor, (), kinds) if kinds else None, notes
+
+
+def _columns(
+    table: str, name: str, chosen: ParameterChoice, simple: Predictor, role: Role, estimate: EstimateChoice
+) -> tuple[Columns, list[Parameter]] | None:
+    try:
+        return chosen_parameters(PARAMETERS[name], chosen, simple, role, estimate.pass_gap_h)
+    except InputError as error:
+        raise type(error)(f"{table} {error}") from None
 
 
 def _position(

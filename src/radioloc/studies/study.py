@@ -374,7 +374,9 @@ class Study:
         only `target`.
     consider : mapping of str to ParameterChoice
         Parameters that are not estimated, but whose a-priori errors count in the covariance, each with its sigma:
-        of :func:`~radioloc.parameters.choice.parameter_choices`. None is estimated, too.
+        of :func:`~radioloc.parameters.considered.considered_choices`. None is estimated, too.
+    consider_defaults : bool
+        Whether kinds of parameter of which `consider` says nothing are considered as their records say.
     """
 
     target: LunarPosition | Trajectory = None  # type: ignore[assignment]  # of targets, then
@@ -388,6 +390,7 @@ class Study:
     simulation: Scenario | None = None
     targets: Mapping[str, LunarPosition] = field(default_factory=dict)
     consider: Mapping[str, ParameterChoice] = field(default_factory=dict)
+    consider_defaults: bool = True
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "references", tuple(self.references))
@@ -431,11 +434,12 @@ class Study:
 
         for key, choice in self.consider.items():
             kind = PARAMETERS[key]
-            if choice.names == "none":
-                raise InputError(f'[consider] {key} says whose is considered; give names or "all"')
             given = choice.sigma.keys() if isinstance(choice.sigma, Mapping) else ()
-            without = [name for name in choice.names if name not in given] if choice.names != "all" else []
-            if choice.sigma is None or (given and without):
+            without = [n for n in choice.names if n not in given] if not isinstance(choice.names, str) else []
+            if choice.names == "none" and choice.value is not None:
+                raise InputError(f'[consider] {key} says whose is considered; give names or "all"')
+            nothing = choice.sigma is None and choice.names != "none"
+            if kind.considered is None and (nothing or (given and without)):
                 of_whom = f" of {', '.join(without)}" if given else ""
                 raise InputError(
                     f"[consider] {kind.sigma_key}{of_whom} is missing; what is considered needs its sigma"
@@ -443,8 +447,10 @@ class Study:
             estimated = self.estimate.parameters.get(key)
             if estimated is None or estimated.names == "none":
                 continue
-            everyone = "all" in (estimated.names, choice.names)
-            both = sorted(resolved(choice) & resolved(estimated)) if not everyone else ["all"]
+            if isinstance(choice.names, str):
+                continue
+            everyone = estimated.names == "all"
+            both = sorted(resolved(choice) if everyone else resolved(choice) & resolved(estimated))
             if both:
                 raise InputError(
                     f"[consider] {key}: {', '.join(both)} is in [estimate] {key}, too; a parameter is either estimated "

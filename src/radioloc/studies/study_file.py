@@ -17,16 +17,17 @@ from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, StationError
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.choice import ParameterChoice
+from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
 from radioloc.studies.schema import Hints, TomlTable, entry, keys_of
 from radioloc.studies.simulation_file import scenario
 from radioloc.studies.study import (
+    PARAMETER_KEYS,
     EstimateChoice,
     ModelChoice,
     ObservationChoice,
     Reference,
     Study,
-    read_parameters,
 )
 from radioloc.studies.weights import Weight
 
@@ -66,6 +67,7 @@ class Site:
     aliases: tuple[str, ...] = ()
     mount: str | None = None
     axis_offset_m: float | None = None
+    sigma_m: float | None = None
 
     def __post_init__(self) -> None:
         if self.velocity_m_yr is not None and np.linalg.norm(self.velocity_m_yr) > _FASTEST_PLATE_M_YR:
@@ -157,13 +159,15 @@ def read_study(path: str | Path) -> Study:
     if targets == {}:
         raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
     target = made("target", _target) or next(iter(targets.values())).position
+    considered, defaults = made("consider", _considered) or ({}, True)
     return top.build(
         Study,
         target=target,
         targets=targets and {name: found.position for name, found in targets.items()},
         observations=made("observations", partial(_observations, needs_files=not simulated)),
         estimate=made("estimate", lambda table: table.read(EstimateChoice)),
-        consider=made("consider", _considered),
+        consider=considered,
+        consider_defaults=defaults,
         model=made("model", partial(_model, catalogue=catalogue)),
         catalogue=catalogue,
         reference=made("reference", _reference),
@@ -233,10 +237,13 @@ def _position(table: TomlTable, place: Place) -> LunarPosition:
     return table.build(LunarPosition.from_selenographic, **geographic, frame=place.frame)
 
 
-def _considered(table: TomlTable) -> dict[str, ParameterChoice]:
-    found = read_parameters(table)
+def _considered(table: TomlTable) -> tuple[dict[str, ParameterChoice], bool]:
+    """What is considered, and whether by default, too."""
+    defaults = table.get("defaults", bool)
+    given = {key: value for key in PARAMETER_KEYS if (value := table.take(key)) is not None}
+    found = table.build(considered_choices, given=given)
     table.finish()
-    return found
+    return found, defaults is not False
 
 
 def _simulation(
@@ -273,7 +280,11 @@ def _catalogue(table: TomlTable) -> StationCatalogue:
         kept = known is not None and site.itrf_m is None and site.velocity_m_yr is None and site.epoch is None
         if site.itrf_m is None and not kept:
             given.fail("itrf_m", "is missing; give the station's ITRF x, y, z in metres")
-        changes: dict[str, Any] = {"mount": site.mount, "axis_offset_m": site.axis_offset_m}
+        changes: dict[str, Any] = {
+            "mount": site.mount,
+            "axis_offset_m": site.axis_offset_m,
+            "sigma_m": site.sigma_m,
+        }
         if not kept:
             changes |= {"itrf_m": site.itrf_m, "velocity_m_yr": site.velocity_m_yr}
             changes |= {"epoch_year": site.epoch or 2000.0, "quality": "survey", "source": "study file"}

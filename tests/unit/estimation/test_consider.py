@@ -4,21 +4,28 @@ import numpy as np
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.estimation.consider import consider
+from radioloc.estimation.consider import ConsideredErrors, consider, few_errors, moved_by
 from radioloc.estimation.least_squares import fit_least_squares
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 
 RNG = np.random.default_rng(4)
-DESIGN = RNG.normal(size=(60, 5))
+DESIGN, EFFECTS = RNG.normal(size=(60, 3)), RNG.normal(size=(60, 2))
 SIGMA = 0.3 + RNG.random(60)
 PARAMETERS = ParameterSet(
     [
         Parameter("a", "m", "position"),
         Parameter("b", "m", "position", 1.0, 0.5),
-        Parameter("c", "m", "bias", 2.0, 0.7, Role.CONSIDERED),
-        Parameter("d", "s", "clock", 0.0, 3.0, Role.CONSIDERED),
         Parameter("e", "m", "bias", role=Role.FIXED),
     ]
+)
+ERRORS = ConsideredErrors(
+    ParameterSet(
+        [
+            Parameter("c", "m", "bias", 2.0, 0.7, Role.CONSIDERED),
+            Parameter("d", "s", "clock", 0.0, 3.0, Role.CONSIDERED),
+        ]
+    ),
+    lambda rows: EFFECTS[rows],
 )
 
 
@@ -27,39 +34,46 @@ def fitted(observed):
 
 
 def test_sensitivity_is_what_the_estimate_does():
-    observed = DESIGN @ np.array([3.0, 1.2, 2.0, 0.0, 0.0])
+    observed = DESIGN @ np.array([3.0, 1.2, 0.0])
     fit = fitted(observed)
-    found = consider(fit)
-    for k, sigma in ((2, 0.7), (3, 3.0)):
-        moved = fitted(observed + sigma * DESIGN[:, k]).x - fit.x
+    found = consider(fit, ERRORS)
+    for k, sigma in ((0, 0.7), (1, 3.0)):
+        moved = fitted(observed + sigma * EFFECTS[:, k]).x - fit.x
         assert found.sensitivity[:2, k] == pytest.approx(moved[:2], abs=1e-12)
-        assert found.sensitivity[k, k] == sigma
-    assert not found.sensitivity[:, [0, 1, 4]].any()
+    assert not found.sensitivity[2].any()
     assert found.covariance == pytest.approx(found.sensitivity @ found.sensitivity.T)
-    north = np.array([[0.0, 1.0, 0.0, 0.0, 0.0]])
+    north = np.array([[0.0, 1.0, 0.0]])
     moved = {record["name"]: record["position_enu_m"] for record in found.to_list(north)}
     assert sorted(moved) == ["c", "d"]
-    assert moved["d"] == pytest.approx([found.sensitivity[1, 3]])
+    assert moved["d"] == pytest.approx([found.sensitivity[1, 1]])
 
 
 def test_covariance_of_drawn_errors():
     """1000 sets of data whose considered parameters are wrong by their sigmas: the whole covariance."""
-    draws = RNG.normal(size=(1000, 62))
     fit = fitted(np.zeros(60))
-    total = (fit.covariance + consider(fit).covariance)[:2, :2]
+    total = (fit.covariance + consider(fit, ERRORS).covariance)[:2, :2]
     errors = []
-    for draw in draws:
-        truth = np.array([0.0, 1.0 + 0.5 * draw[61], 2.0 + 0.7 * draw[60], 0.0, 0.0])
-        truth[3] = 3.0 * RNG.normal()
-        observed = DESIGN @ truth + SIGMA * draw[:60]
+    for draw in RNG.normal(size=(1000, 63)):
+        truth = np.array([0.0, 1.0 + 0.5 * draw[60], 0.0])
+        observed = DESIGN @ truth + EFFECTS @ (draw[61:] * [0.7, 3.0]) + SIGMA * draw[:60]
         errors.append(fitted(observed).x[:2] - truth[:2])
     # A variance from 1000 draws is known to 4.5 %.
     assert np.var(errors, axis=0) == pytest.approx(np.diag(total), rel=0.18)
 
 
-def test_without_considered_parameters_there_is_nothing():
-    held = ParameterSet([Parameter("a", "m", "position")])
-    fit = fit_least_squares(lambda x: (np.ones(3) - x, np.ones((3, 1))), held, 1.0)
-    assert consider(fit) is None
+def test_few_errors_stand_for_many():
+    """Errors that are alike, and one too small to matter, are one; to 1 % of the sigma of the observations."""
+    effects = np.column_stack([EFFECTS[:, 0], EFFECTS[:, 0], 1e-4 * EFFECTS[:, 1]])
+    alike = [Parameter(name, "m", "bias", 0.0, 0.5, Role.CONSIDERED) for name in "xyz"]
+    errors = ConsideredErrors(ParameterSet(alike), lambda rows: effects[rows])
+    few = few_errors(errors, SIGMA)
+    assert few.shape == (60, 1)
+    fit = fitted(np.zeros(60))
+    moved = moved_by(fit, lambda rows: few[rows], 1)
+    left_out = np.diag(consider(fit, errors).covariance - moved @ moved.T)
+    assert (np.abs(left_out) < (0.01 * fit.sigmas) ** 2 + 1e-15).all()
+
+
+def test_what_is_considered_needs_a_sigma():
     with pytest.raises(InputError, match="which needs the sigma"):
         Parameter("c", "m", "bias", role=Role.CONSIDERED)

@@ -44,6 +44,7 @@ def study(**estimate):
         EstimateChoice(**({"position": "none"} | estimate)),
         ModelChoice(terms=radioloc.measurements.active_terms(["troposphere"])),
         name="owners",
+        consider_defaults=False,
     )
 
 

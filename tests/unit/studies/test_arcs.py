@@ -51,7 +51,12 @@ def tracked(model):
 @pytest.fixture(scope="module")
 def study():
     return Study(
-        target=NEAR, estimate=ESTIMATE, reference=IMAGES[0], references=IMAGES[1:], name="landing site"
+        target=NEAR,
+        estimate=ESTIMATE,
+        reference=IMAGES[0],
+        references=IMAGES[1:],
+        name="landing site",
+        consider_defaults=False,
     )
 
 

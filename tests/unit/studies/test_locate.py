@@ -203,14 +203,17 @@ def test_too_few_observations_say_what_is_missing(count, apollo15, near15):
 
 
 def test_ephemeris_error_widens_the_total_sigma_only(apollo15, near15, solution):
-    found = fit(apollo15, near15, ephemeris_sigma_m=(0.3, 0.4, 0.5))
+    choice = EstimateChoice(ephemeris_sigma_m=(0.3, 0.4, 0.5))
+    found = radioloc.locate(Study(target=near15, estimate=choice, consider_defaults=False), apollo15)
     assert apart_m(found, solution) == 0.0
     assert found.sigma_enu_m("formal") == pytest.approx(solution.sigma_enu_m("formal"))
     assert found.sigma_enu_m("total") == pytest.approx(np.hypot(found.sigma_enu_m("scaled"), (0.3, 0.4, 0.5)))
     assert "formal" in str(found)
     assert "with ephemeris error" in str(found)
     assert not any("does not include the error of DE421" in note for note in found.notes)
-    assert any("does not include the error of DE421" in note for note in solution.notes)
+    assert not any("does not include the error of DE421" in note for note in solution.notes)
+    without = radioloc.locate(Study(target=near15, consider_defaults=False), apollo15)
+    assert any("does not include the error of DE421" in note for note in without.notes)
 
 
 @pytest.fixture(scope="module")

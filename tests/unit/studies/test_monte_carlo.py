@@ -20,6 +20,7 @@ import radioloc
 from radioloc import Study
 from radioloc.cli import main
 from radioloc.errors import InputError
+from radioloc.parameters.considered import considered_choices
 from radioloc.report.trial_statistics import binomial_bounds, summarize
 from radioloc.simulation import (
     Noise,
@@ -82,6 +83,7 @@ def study_of(step_s=3600.0, *, truth_sigma=TRUTH_SIGMA, observations=None, **est
         simulation=Scenario(
             Schedule(sessions), LANDER, Truth(range_bias_m=BIAS_M), NOISE, truth_sigma, seed=5
         ),
+        consider=considered_choices({"station_position_sigma_m": 0.1}),
         name="plan",
     )
 

@@ -15,7 +15,8 @@ HEIGHT = HeightPrior(-2550.4, 5.0)
 def fit(tracked, **estimate):
     choice = EstimateChoice(range_bias="all", **estimate)
     return radioloc.locate(
-        Study(target=LANDER, estimate=choice, reference=Reference(LANDER, "truth")), tracked
+        Study(target=LANDER, estimate=choice, reference=Reference(LANDER, "truth"), consider_defaults=False),
+        tracked,
     )
 
 

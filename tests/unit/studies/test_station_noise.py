@@ -113,6 +113,7 @@ def test_delay_rates_know_the_rates_of_the_clocks_but_not_their_offsets(site):
         target=site,
         observations=ObservationChoice(vlbi_station_rate_sigma_m=1e-3),
         estimate=EstimateChoice(position="none", clock_rate="all"),
+        consider_defaults=False,
     )
     found = radioloc.locate(study, made.observations)
     assert found.converged
@@ -156,6 +157,7 @@ def locate(site, made, observations=None, **choice):
         target=site,
         observations=ObservationChoice(**choice),
         estimate=EstimateChoice(),
+        consider_defaults=False,
         model=ModelChoice(terms=radioloc.measurements.active_terms(["troposphere"])),
     )
     return radioloc.locate(study, made.observations if observations is None else observations)

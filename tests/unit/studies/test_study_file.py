@@ -565,15 +565,14 @@ def test_considered_parameters(read):
 @pytest.mark.parametrize(
     ("lines", "message"),
     [
-        ("ut1 = true", "[consider] ut1_sigma_s is missing"),
+        ("love_numbers = true", "[consider] love_numbers_sigma is missing"),
         (
             'range_bias = ["A", "B"]\nrange_bias_sigma_m = { A = 1 }',
             "[consider] range_bias_sigma_m of B is missing",
         ),
         ("range_bias_m = 3", "[consider] range_bias says whose is considered"),
         ('range_bias = ["7045"]\nrange_bias_sigma_m = 1', "[consider] range_bias: APOLLO is in [estimate]"),
-        ('range_bias = "all"\nrange_bias_sigma_m = 1', "[consider] range_bias: all is in [estimate]"),
-        ("range_bias_sigma_m = 1", "[consider] range_bias_sigma_m needs range_bias"),
+        ("defaults = 1", "[consider] defaults: must be true or false"),
         ("range_bais = 1", "[consider] 'range_bais' is not known; did you mean 'range_bias'?"),
     ],
 )

@@ -124,7 +124,7 @@ def test_considered_parameters_are_in_the_total_sigma(folder):
 
 
 def test_a_clock_that_is_wrong_by_its_sigma_moves_the_estimate_as_considered(folder):
-    text = STUDY + '[consider]\nclock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
+    text = STUDY + '[consider]\ndefaults = false\nclock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
     before = radioloc.locate(study(folder, text))
     wrong = STUDY.replace("[estimate]", "[estimate]\nclock_s = { URUMQI = -1e-9 }")
     after = radioloc.locate(study(folder, wrong))

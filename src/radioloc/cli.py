@@ -1,7 +1,7 @@
 """The command line: ``radioloc locate``, ``residuals``, ``arcs``, ``simulate``, ``montecarlo``, ``convert``, ...
 
-Exit status: 0 converged (or done), 1 the disk is full or fails, 2 bad input, 3 not converged or not observable, 130
-interrupted.
+Exit status: 0 converged (or done), 1 the disk is full or fails, 2 bad input, 3 not converged or not observable, or
+not verified, 130 interrupted.
 """
 
 from __future__ import annotations
@@ -33,6 +33,7 @@ from radioloc.studies.selection import DEFAULT_HOURS
 from radioloc.studies.simulate import simulate
 from radioloc.studies.study import PARAMETER_KEYS
 from radioloc.studies.study_file import TABLES, read_study
+from radioloc.studies.verification import verify
 from radioloc.text_files import disk_failed
 
 EXIT_DONE, EXIT_DISK, EXIT_BAD_INPUT, EXIT_NOT_CONVERGED, EXIT_INTERRUPTED = 0, 1, 2, 3, 130
@@ -196,6 +197,13 @@ def _parser() -> argparse.ArgumentParser:
     trials.add_argument("--resume", **flag, help="take over the trials that are in DIR already")
     trials.add_argument("--full", **flag, help="fit every trial with the whole model")
 
+    text = "make a solution again from what its provenance names, and compare"
+    again = command("verify", _verify, text, "")
+    again.add_argument("solution", type=Path, metavar="SOLUTION.json", help="a solution.json")
+    again.add_argument(
+        "--study", type=Path, metavar="FILE", help="the study file, if it is no longer where it was"
+    )
+
     stations = commands.add_parser("stations", help="list the stations that are known by name")
     stations.set_defaults(run=_stations)
     return parser
@@ -282,6 +290,13 @@ def _monte_carlo(options: argparse.Namespace) -> int:
         write_monte_carlo(found, options.out)
     _tell(options, found)
     return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
+
+
+def _verify(options: argparse.Namespace) -> int:
+    found = verify(options.solution, options.study)
+    if not options.quiet:
+        _print(found)
+    return EXIT_DONE if found.same else EXIT_NOT_CONVERGED
 
 
 def _stations(options: argparse.Namespace) -> int:

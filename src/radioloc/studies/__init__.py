@@ -11,6 +11,7 @@ from radioloc.studies.study import (
     TerrainPrior,
 )
 from radioloc.studies.study_file import read_study
+from radioloc.studies.verification import Verification, verify
 from radioloc.studies.weights import Weight
 
 __all__ = [
@@ -21,7 +22,9 @@ __all__ = [
     "Reference",
     "Study",
     "TerrainPrior",
+    "Verification",
     "Weight",
     "arc_of",
     "read_study",
+    "verify",
 ]

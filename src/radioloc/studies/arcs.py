@@ -62,7 +62,8 @@ def arcs(
         reasons = dict(left_out)
         if later:
             reasons["outside the time span"] = reasons.get("outside the time span", 0) + later
-        one = replace(whole, name=f"{study.name}, {part.hours:g} h")
+        of_part = replace(whole.observations, hours=part.hours)
+        one = replace(whole, name=f"{study.name}, {part.hours:g} h", observations=of_part)
         found.append(Arc(part.hours, part.span_h, fit_arc(one, part.arc, reasons, part.estimate)))
     constants = longest.model.ephemeris.constants
     references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]

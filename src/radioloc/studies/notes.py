@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import platform
 from collections.abc import Iterator
 from dataclasses import asdict
 from itertools import compress
@@ -12,7 +11,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc._version import __version__
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_prediction import orientation_errors
@@ -24,6 +22,7 @@ from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.light_path import PLANETS_MM
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import kernel_record
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.terms import TERMS
@@ -31,6 +30,7 @@ from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.cards import metres
+from radioloc.studies.record import study_origin, versions
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
 
 _EQUATOR_M_S = 465.1
@@ -177,9 +177,8 @@ def provenance(
     one_each = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}
     of_air = {"vmf3": chosen.vmf3} | {key: () if path is None else (path,) for key, path in one_each.items()}
     return {
-        "radioloc": __version__,
-        "python": platform.python_version(),
-        "numpy": np.__version__,
+        **versions(),
+        "study": study_origin(study) if _of_its_files(study, arc.observations) else None,
         "files": [Path(name).name for name in arc.observations.files],
         "not_selected": left_out,
         "extra_sigma_m": study.observations.extra_sigma_m,
@@ -200,6 +199,15 @@ def provenance(
         **model.provenance(),
         "evaluation": evaluation,
     }
+
+
+def _of_its_files(study: Study, observations: Observations) -> bool:
+    """Whether the study is from a file, and the observations are from its files, not given in Python."""
+    return (
+        study.path is not None
+        and bool(observations.files)
+        and set(observations.files) <= set(map(str, study.observations.files))
+    )
 
 
 def _target_record(target: LunarPosition | Trajectory) -> dict[str, Any]:

@@ -377,6 +377,8 @@ class Study:
         of :func:`~radioloc.parameters.considered.considered_choices`. None is estimated, too.
     consider_defaults : bool
         Whether kinds of parameter of which `consider` says nothing are considered as their records say.
+    path : Path or None
+        The file that it was read from.
     """
 
     target: LunarPosition | Trajectory = None  # type: ignore[assignment]  # of targets, then
@@ -391,6 +393,7 @@ class Study:
     targets: Mapping[str, LunarPosition] = field(default_factory=dict)
     consider: Mapping[str, ParameterChoice] = field(default_factory=dict)
     consider_defaults: bool = True
+    path: Path | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "references", tuple(self.references))

@@ -173,6 +173,7 @@ def read_study(path: str | Path) -> Study:
         reference=made("reference", _reference),
         references=tuple((made("references", _positions) or {}).values()),
         name=path.stem,
+        path=path,
         simulation=made("simulation", partial(_simulation, target=target, catalogue=catalogue)),
     )
 

@@ -6,13 +6,9 @@ Each chunk of trials is a file of its own, ``parts/linear-000000-000049.npz``, t
 
 from __future__ import annotations
 
-import hashlib
 import json
-import math
 import zlib
-from collections.abc import Mapping, Sequence
-from dataclasses import fields, is_dataclass
-from enum import Enum
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 from zipfile import BadZipFile
@@ -20,62 +16,16 @@ from zipfile import BadZipFile
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc._version import __version__
 from radioloc.errors import InputError
 from radioloc.report.files import OF_A_MONTE_CARLO, made_folder, remove_files, write_json
-from radioloc.studies.study import Study, TerrainPrior
+from radioloc.studies.record import settings_of, versions
+from radioloc.studies.study import Study
 from radioloc.text_files import read_text, replaced_file
-
-_LONGEST_LIST = 100
 
 
 def study_record(study: Study, hours: Sequence[float], seed: int) -> dict[str, Any]:
     """What the trials of a study depend on, in types that JSON has; not their number."""
-    from importlib.metadata import version
-
-    return {
-        "versions": {name: version(name) for name in ("numpy", "astropy-iers-data", "pyerfa")}
-        | {"radioloc": __version__},
-        "seed": seed,
-        "hours": list(hours),
-        "target": _plain(study.target),
-        "observations": _plain(study.observations),
-        "estimate": _plain(study.estimate),
-        "model": _plain(study.model),
-        "simulation": _plain(study.simulation),
-        "stations": _plain(list(study.catalogue)),
-    }
-
-
-def _plain(value: Any) -> Any:
-    """Plain numbers, texts, lists and tables; of files and long lists their SHA-256."""
-    if isinstance(value, TerrainPrior):
-        maps = [file.sha256 for file in value.terrain.metadata.files]
-        return {"maps": maps, "interpolation": value.terrain.interpolation, "sigma_m": value.sigma_m}
-    if isinstance(value, Path):
-        return {"file": value.name, "sha256": _sha256(value.read_bytes()) if value.is_file() else None}
-    if is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
-    if isinstance(value, Enum):
-        return _plain(value.value)
-    if isinstance(value, np.ndarray):
-        return _plain(value.tolist())
-    if isinstance(value, Mapping):
-        return {str(key): _plain(item) for key, item in value.items()}
-    if isinstance(value, set | frozenset):
-        return sorted(_plain(item) for item in value)
-    if isinstance(value, list | tuple):
-        items = [_plain(item) for item in value]
-        return items if len(items) < _LONGEST_LIST else _sha256(json.dumps(items).encode())
-    if callable(value):
-        return f"{value.__module__}.{value.__qualname__}"
-    if isinstance(value, float) and not math.isfinite(value):
-        return str(value)
-    return value
-
-
-def _sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
+    return {"versions": versions(), "seed": seed, "hours": list(hours), **settings_of(study)}
 
 
 class TrialFolder:

@@ -6,6 +6,7 @@ import codecs
 import errno
 import gzip
 import os
+import stat
 import tempfile
 import zlib
 from collections.abc import Generator, Iterable, Iterator
@@ -18,8 +19,8 @@ BLOCK_BYTES = 2**22
 """Bytes of a file that are read at once: enough to be quick, few enough that their pieces do not fill the memory."""
 
 # Text of tracking data shrinks to a third or a tenth; a file made to fill the memory to a thousandth.
-_LARGEST_GROWTH = 200
-_ALWAYS_UNPACKED_BYTES = 2**26
+_LARGEST_GROWTH = 50
+_ALWAYS_UNPACKED_BYTES = 2**24
 _DISK_FAILURES = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _GZIP_MAGIC = b"\x1f\x8b"
 _COMPRESS_MAGIC = b"\x1f\x9d"
@@ -106,14 +107,19 @@ def _pieces(path: str | Path, size: int) -> Iterator[bytes]:
 
 
 def _raw_pieces(path: str | Path, size: int) -> Generator[bytes]:
-    if Path(path).is_dir():
-        raise FileFormatError(path, "is a directory; give the files in it")
     try:
+        mode = Path(path).stat().st_mode
+        if stat.S_ISDIR(mode):
+            raise FileFormatError(path, "is a directory; give the files in it")
+        if not stat.S_ISREG(mode):  # a pipe without a writer would never be opened
+            raise FileFormatError(path, "is a pipe or a device; give a file")
         with Path(path).open("rb") as stream:
             while piece := stream.read(size):
                 yield piece
     except FileNotFoundError:
         raise FileFormatError(path, "there is no such file; check the name and the directory") from None
+    except FileFormatError:
+        raise
     except (OSError, ValueError) as error:
         raise FileFormatError(
             path, f"cannot be read ({error}); check the name and the permissions"

@@ -9,7 +9,7 @@ from radioloc.errors import FileFormatError
 from radioloc.media.gpt3 import read_gpt3
 from radioloc.media.ionex import read_ionex
 from radioloc.media.vmf3_files import read_vmf3_grids, read_vmf3_sites
-from radioloc.text_files import read_lines, write_text
+from radioloc.text_files import read_lines, read_text, write_text
 
 
 def test_plain_gzip_and_line_ends_give_the_same_lines(tmp_path):
@@ -128,7 +128,18 @@ def test_lines_are_read_as_they_are_asked_for(tmp_path):
 def test_gzip_that_would_fill_the_memory(tmp_path):
     file = tmp_path / "a.gz"
     file.write_bytes(gzip.compress(b"x" * 2**27))
-    with pytest.raises(FileFormatError, match="unpacks to more than 200 times its size"):
+    with pytest.raises(FileFormatError, match="unpacks to more than 50 times its size"):
         list(read_lines(file))
     file.write_bytes(gzip.compress(b"x,\n" * 2**20))
     assert sum(1 for _ in read_lines(file)) == 2**20 + 1
+
+
+def test_a_pipe_without_a_writer_is_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(FileFormatError, match="pipe: is a pipe or a device; give a file"):
+        read_text(tmp_path / "pipe")
+
+
+def test_a_name_that_is_too_long(tmp_path):
+    with pytest.raises(FileFormatError, match=r"cannot be read .*File name too long"):
+        read_text(tmp_path / ("a" * 300))

@@ -23,7 +23,9 @@ from radioloc.text_files import replaced_file, require_file
 
 _ROWS_AT_ONCE = 2**17
 # What measures something takes bytes, however well it is packed; a file that says otherwise would fill the memory.
-_MOST_ROWS_A_BYTE = 100
+_MOST_ROWS_A_BYTE = 2
+_LARGEST_GROWTH = 50
+_ALWAYS_UNPACKED_BYTES = 2**24
 
 
 def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None, lunar: bool = True) -> Observations:
@@ -40,10 +42,15 @@ def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None, lunar:
         with parquet.ParquetFile(path) as file:
             header = list(file.schema_arrow.names)
             require_columns(path, header, split_epoch=True)
-            if file.metadata.num_rows > _MOST_ROWS_A_BYTE * Path(path).stat().st_size:
-                raise FileFormatError(
-                    path, f"says that it has {file.metadata.num_rows} rows, more than it can hold"
-                )
+            size, rows = Path(path).stat().st_size, file.metadata.num_rows
+            groups = (file.metadata.row_group(k) for k in range(file.metadata.num_row_groups))
+            unpacked = sum(group.total_byte_size for group in groups)
+            if rows > _MOST_ROWS_A_BYTE * size or unpacked > max(
+                _LARGEST_GROWTH * size, _ALWAYS_UNPACKED_BYTES
+            ):
+                says = f"says that it has {rows} rows of {unpacked} bytes, more than it can hold"
+                bound = f"{_MOST_ROWS_A_BYTE} rows a byte and {_LARGEST_GROWTH} times its size"
+                raise FileFormatError(path, f"{says} (the bound is {bound}); it is refused")
             for batch in file.iter_batches(_ROWS_AT_ONCE):
                 # Text that is not UTF-8 and places that a dictionary does not have.
                 batch.validate(full=True)

@@ -107,7 +107,7 @@ def _announced_span(daf: DAF) -> str:
 
 def _segment(daf: DAF, path: Path, name: bytes, summary: tuple[Any, ...]) -> DafSegment:
     start_s, end_s, *integers, first, last = summary
-    text = name.decode("latin-1").strip("\0 ")
+    text = " ".join(name.decode("latin-1").strip("\0 ").split())
     segment = DafSegment(text, start_s, end_s, tuple(integers), (first, last), np.empty(0))
     # The first three records are the header and a first list of segments and their names.
     if not 3 * _RECORD_BYTES // _WORD_BYTES < first <= last < daf.free:

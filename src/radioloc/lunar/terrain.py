@@ -38,6 +38,7 @@ Floats = NDArray[np.float64]
 
 _STENCIL_CELLS = {"bilinear": 2, "bicubic": 4}
 _LARGEST_ROUGHNESS_RADIUS_M = 1.0e5
+_FARTHEST_CELL = 2.0**31  # a number of a row or column
 _RINGS = 16  # points on a radius, at most, at which roughness looks up cells
 
 
@@ -184,7 +185,7 @@ class TerrainModel:
     ) -> tuple[Floats, Floats, Floats]:
         """Heights of the cells around points, shape (n, size, size), and the points' places among them."""
         size = _STENCIL_CELLS[self.interpolation]
-        shown = np.isfinite(row) & np.isfinite(column)
+        shown = (np.abs(row) < _FARTHEST_CELL) & (np.abs(column) < _FARTHEST_CELL)  # nor NaN
         self._require(shown, longitude, latitude)
         first_row, t_row = _first_cell(row, self._grid.rows, size)
         first_column, t_column = _first_cell(column, self._grid.columns, size)

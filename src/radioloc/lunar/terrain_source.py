@@ -7,8 +7,10 @@ knows. Only the cells that are needed are read, in tiles that the reader keeps.
 from __future__ import annotations
 
 import hashlib
+import math
 import re
 import struct
+import sys
 import warnings
 from dataclasses import dataclass
 from functools import lru_cache
@@ -19,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import FileFormatError, InputError, RadiolocError
 from radioloc.lunar.terrain_grid import MapGrid, load_rasterio
 from radioloc.text_files import require_file
 
@@ -106,6 +108,8 @@ def open_map(
 ) -> tuple[TerrainMetadata, MapGrid]:
     """Open an elevation map of the Moon and find out what its numbers mean; see :meth:`TerrainModel.open`."""
     rasterio = load_rasterio()
+    from rasterio._err import CPLE_BaseError
+
     if unit is not None and unit not in _UNITS_M:
         raise InputError(f"unit = {unit!r} is not known; use 'm' or 'km'")
     if radius_m is not None and not _LUNAR_SPHERES_M[0] <= radius_m <= _LUNAR_SPHERES_M[1]:
@@ -116,10 +120,13 @@ def open_map(
     path = Path(path)
     require_file(path)
     try:
-        with _opened(path) as dataset:
+        with _opened(path) as dataset, np.errstate(over="raise", divide="raise", invalid="raise"):
             _refuse_cut_map(path, dataset)
             return _described(path, dataset, radius_m, unit)
-    except rasterio.errors.RasterioError as error:
+    except RadiolocError:
+        raise
+    # Of a damaged label or projection GDAL, PROJ and arithmetic make many kinds of error.
+    except (rasterio.errors.RasterioError, CPLE_BaseError, ArithmeticError, ValueError) as error:
         raise FileFormatError(
             path,
             f"GDAL does not read it as a map ({error}); if its label is a file of its own (.LBL, .xml), "
@@ -132,7 +139,12 @@ def _opened(path: Path) -> Any:
     with warnings.catch_warnings():
         # a map without georeferencing is refused below, with what to do about it
         warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
-        return rasterio.open(path)
+        # GDAL's messages repeat a label, and where it is not UTF-8 Python would show a traceback
+        hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+        try:
+            return rasterio.open(path)
+        finally:
+            sys.unraisablehook = hook
 
 
 def _described(
@@ -148,6 +160,9 @@ def _described(
     sphere_m = _checked_sphere(path, dataset)
     coordinate_system = _checked_body(path, dataset, label)
     grid = MapGrid.of_map(dataset.crs, dataset.transform, dataset.height, dataset.width, sphere_m)
+    if not (0.0 < grid.resolution_m < sphere_m and np.isfinite(grid.bounds()).all()):
+        problem = f"its cells of {grid.resolution_m:g} m do not lie on the Moon; correct the projection"
+        raise FileFormatError(path, problem)
     quantity, unit, reference_m = _meaning(path, dataset, label, radius_m, unit, sphere_m)
     metadata = TerrainMetadata(
         path=path,
@@ -297,9 +312,14 @@ def _meaning(
             )
     else:
         units = list(_UNITS_M)
+    scale, offset = float(dataset.scales[0]), float(dataset.offsets[0])
+    if not (math.isfinite(scale) and scale != 0.0 and math.isfinite(offset)):
+        raise FileFormatError(
+            path, f"its values are {scale:g} times a number and {offset:g}; correct the label"
+        )
     shape = (min(dataset.height, _SAMPLES), min(dataset.width, _SAMPLES))
     sample = _filled(dataset.read(1, out_shape=shape, masked=True))
-    values = sample[np.isfinite(sample)] * float(dataset.scales[0]) + float(dataset.offsets[0])
+    values = sample[np.isfinite(sample)] * scale + offset
     if values.size == 0:
         raise InputError(f"{path} is void: none of {sample.size} sampled cells has a value")
     reference_m = sphere_m if radius_m is None else radius_m
@@ -319,6 +339,12 @@ def _meaning(
     if len(meanings) > 1:
         raise InputError(
             f"{found} with no unit given, which could be metres or kilometres; say unit='m' or 'km'"
+        )
+    low_m, high_m = _LUNAR_SPHERES_M
+    if units == ["m"] and low_m <= 1e3 * abs(offset) <= high_m:
+        raise InputError(
+            f"{path} adds {offset:g} m to its values, which is the Moon's radius in kilometres; give the offset in the "
+            "unit of the values"
         )
     if meanings[0][0] == "radius" and radius_m is not None:
         raise InputError(f"{found}: these are radii, so radius_m has no meaning for this map; leave it out")

@@ -37,6 +37,7 @@ WEATHER_LIMITS = {
 }
 """Lowest and highest value that a station on Earth can have recorded; catches Celsius, percent and Pascal."""
 
+_SIGMA_LIMITS_M = (1e-9, 1e9)
 _UNITS = {
     "value_m": "m",
     "sigma_m": "m",
@@ -253,8 +254,9 @@ class Observations:
     def _validate(self) -> None:
         """Hold the observations to what can be true of each quantity and type."""
         self._refuse(~np.isfinite(self.value_m), "value_m", "must be finite")
-        wrong = ~(np.isfinite(self.sigma_m) & (self.sigma_m > 0.0))
-        self._refuse(wrong, "sigma_m", "must be finite and above zero")
+        least, most = _SIGMA_LIMITS_M
+        wrong = ~((self.sigma_m >= least) & (self.sigma_m <= most))
+        self._refuse(wrong, "sigma_m", f"must be {least:g} to {most:g}")
         wrong = is_integrated(self.kind) & ~(np.isfinite(self.count_s) & (self.count_s > 0.0))
         self._refuse(wrong, "count_s", "the measurement needs its count interval, above zero")
         for code in np.unique(self.kind):

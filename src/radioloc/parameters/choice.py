@@ -143,6 +143,8 @@ def chosen_parameters(
             raise InputError(
                 f"{kind.sigma_key}: {member} gets no {kind.name}; list it in {kind.name}, or leave its sigma out"
             )
+    if not present and choice.names != "all" and choice.value is not None:
+        raise InputError(f"{kind.value_key}: there is no observation that it acts on; leave it out")
     if choice.names == "all" and not present:
         if kind.scopes[0].named and scope is not Scope.TARGET:
             return None

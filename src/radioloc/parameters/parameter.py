@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 
+_LEAST_SIGMA = 1e-30  # in any unit; the square of its inverse is a number yet
+
 
 class Role(Enum):
     """What the estimator does with a parameter."""
@@ -73,9 +75,9 @@ class Parameter:
             raise InputError("a parameter needs a name, such as 'range_bias.APOLLO'")
         if not math.isfinite(self.prior_value):
             raise InputError(f"the a-priori value of {self.name} is {self.prior_value}; give a finite number")
-        if not self.prior_sigma > 0.0:
+        if not self.prior_sigma >= _LEAST_SIGMA:
             raise InputError(
-                f"the a-priori sigma of {self.name} is {self.prior_sigma}; give a positive number, "
+                f"the a-priori sigma of {self.name} is {self.prior_sigma}; give a number of {_LEAST_SIGMA:g} or more, "
                 "infinity to leave the parameter free, or Role.FIXED to hold it"
             )
         if self.role is Role.CONSIDERED and not math.isfinite(self.prior_sigma):

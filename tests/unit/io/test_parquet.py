@@ -260,6 +260,23 @@ def test_more_rows_than_a_file_can_hold_are_not_read(tmp_path, monkeypatch):
         read_columns(tmp_path)
 
 
+def test_a_few_bytes_that_unpack_to_many(tmp_path):
+    """A column of one value, ten million times, takes a few kilobytes."""
+    n = 10_000_000
+    table = pyarrow.table(
+        {"observed_m": pyarrow.array(np.full(n, 7.5e8)), "sigma_m": pyarrow.array(np.ones(n))}
+    )
+    pq.write_table(table, tmp_path / "a.parquet", compression="zstd")
+    names = ("epoch_utc", "type", "path", "time_tag")
+    texts = {name: pyarrow.DictionaryArray.from_arrays(np.zeros(n, dtype=np.int8), ["x"]) for name in names}
+    pq.write_table(pyarrow.table(texts | {c: table[c] for c in table.column_names}), tmp_path / "a.parquet")
+    assert (tmp_path / "a.parquet").stat().st_size < 1e6
+    with pytest.raises(
+        FileFormatError, match=r"has 10000000 rows .* \(the bound is 2 rows a byte and 50 times"
+    ):
+        read_parquet(tmp_path / "a.parquet")
+
+
 def test_a_hundred_thousand_rows_are_quick(tmp_path):
     made = some_observations(3000)
     made = Observations.concatenate([made.select(slice(3, None))] * 34)

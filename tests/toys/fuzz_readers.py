@@ -1,0 +1,347 @@
+"""Gives every reader damaged copies of sound files; to be run by itself, for a process may end or ask for much memory.
+
+The outcome must be a result or a RadiolocError: one printable line of some hundred characters that names the file.
+Damage knows the structure of files: fields are exchanged, numbers go to extremes, lines and blocks are lost, repeated
+and moved, parts of other files put in, encodings changed. What was printed last names the damage that ended a process;
+the damaged file is kept.
+"""
+
+from __future__ import annotations
+
+import gzip
+import logging
+import random
+import re
+import resource
+import signal
+import struct
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from atmosphere_files import orography_text, vmf3_map_text
+from numpy.typing import ArrayLike
+from reader_cases import BINARIES, EXAMPLES, SEGMENTS, TABLE, TEXTS
+from tdm_messages import kvn, xml
+from terrain_maps import write_pds3
+
+from radioloc.errors import RadiolocError, RadiolocWarning
+from radioloc.io.parquet import write_parquet
+from radioloc.io.table import read_table
+from radioloc.kernels import find_kernel
+from radioloc.time import Epochs, epochs_from_strings
+
+MEMORY_BYTES = 1 << 30  # beyond what the process has when it starts to read
+LONGEST_S = 20
+LONGEST_MESSAGE = 800
+EXTREMES = (
+    *(
+        "nan",
+        "inf",
+        "-1",
+        "0",
+        "1e999",
+        "1e300",
+        "-1e-300",
+        "1e-300",
+        "9" * 25,
+        "9" * 5000,
+        "-900",
+        "30",
+        "1e18",
+    ),
+    *(
+        "",
+        "0x10",
+        "1_0",
+        "na",
+        "²",
+        "١٢",
+        "2021-03-28T14:00:00",
+        "1e-999",
+        "2147483648",
+        "-9223372036854775809",
+    ),
+    *(
+        "0.1234567890123456789012345",
+        "A" * 500,
+        "\U0001f600",
+        "é",
+        "\x7f",
+        "\0",
+        "[" * 3000,
+        "'",
+        '"',
+        "\\",
+        "%s",
+        "{0}",
+    ),
+    *(
+        "00",
+        "1.5",
+        "-1.5e3",
+        "366",
+        "60",
+        "61",
+        "24:00:00",
+        "1972-01-01",
+        "9999-12-31",
+        "0001-01-01",
+        "UTC",
+        "true",
+    ),
+)
+NOON = Epochs.from_jd(2460310.5, 0.0, "UTC")
+NUMBER = re.compile(r"[-+]?\d+(?:\.\d+)?(?:[eE][-+]?\d+)?")
+FIELD = re.compile(r"[^\s,=<>:;\"'\[\](){}]+")
+WORDS = (-1, 0, 1, 2, 5, 100, 2**15, 2**31 - 1, -(2**31))
+DOUBLES = (float("nan"), float("inf"), -1.0, 0.0, 1e300, -1e300, 1e-300, 100.0, 5e8)
+
+
+def replaced(text: str, pattern: re.Pattern[str], by: Callable[[str], str], rng: random.Random) -> str:
+    """The text with one match, of those in some thousand characters, made another."""
+    start = rng.randrange(max(1, len(text) - 4000)) if rng.random() < 0.3 else 0
+    found = list(pattern.finditer(text, start, start + 8000))
+    if not found:
+        return text
+    match = rng.choice(found)
+    return text[: match.start()] + by(match[0]) + text[match.end() :]
+
+
+def damaged_text(text: str, others: list[bytes], rng: random.Random) -> tuple[str, bytes]:
+    lines = text.split("\n")
+    k, m = rng.randrange(len(lines)), rng.randrange(len(lines))
+    what = rng.choice(
+        [
+            "number",
+            "number",
+            "number",
+            "scaled",
+            "field",
+            "swap",
+            "lose",
+            "repeat",
+            "move",
+            "insert",
+            "encode",
+            "bytes",
+        ]
+    )
+    match what:
+        case "number":
+            text = replaced(text, NUMBER, lambda _: rng.choice(EXTREMES), rng)
+        case "scaled":
+            factor = rng.choice([1e3, 1e-3, 100.0, -1.0, 10.0, 1e30])
+            text = replaced(text, NUMBER, lambda number: f"{float(number) * factor:g}", rng)
+        case "field":
+            text = replaced(text, FIELD, lambda _: rng.choice(EXTREMES), rng)
+        case "swap":
+            taken: list[str] = []
+            replaced(text, FIELD, lambda field: taken.append(field) or field, rng)
+            text = replaced(text, FIELD, lambda _: "".join(taken), rng)
+        case "lose":
+            del lines[min(k, m) : min(k, m) + rng.choice([1, 1, 2, 10, len(lines)])]
+            text = "\n".join(lines)
+        case "repeat":
+            text = "\n".join(
+                lines[:k] + lines[k : k + rng.choice([1, 2, 20])] * rng.choice([2, 2, 3, 500]) + lines[k:]
+            )
+        case "move":
+            lines[k], lines[m] = lines[m], lines[k]
+            text = "\n".join(lines)
+        case "insert":
+            place = rng.randrange(len(text) + 1)
+            text = (
+                text[:place]
+                + rng.choice(["\0", ",", "\n", "\r", "\t", "<", "&", "#", '"', "ü", "="])
+                + text[place:]
+            )
+        case "encode":
+            encoding = rng.choice(["utf-16", "utf-16-le", "utf-32", "utf-8-sig", "cp037", "utf-7"])
+            return f"{what} {encoding}", text.encode(encoding, "replace")
+        case "bytes":
+            return damaged_bytes(text.encode(), others, rng)
+    return what, text.encode("utf-8", "surrogatepass")
+
+
+def damaged_bytes(data: bytes, others: list[bytes], rng: random.Random) -> tuple[str, bytes]:
+    copy = bytearray(data)
+    # What decides is at the start or at the end; the middle is mostly numbers.
+    near = rng.choice([64, 1024, 4096, len(data)])
+    place = rng.randrange(min(near, len(data)))
+    place = place if rng.random() < 0.6 else len(data) - 1 - place
+    what = rng.choice(
+        ["flip", "flip", "integer", "double", "cut", "lose", "splice", "insert", "gzip", "gzip cut"]
+    )
+    match what:
+        case "flip":
+            for _ in range(rng.choice([1, 1, 4, 40])):
+                copy[rng.randrange(len(copy)) if rng.random() < 0.5 else place] = rng.randrange(256)
+        case "integer":
+            form = rng.choice("<>") + rng.choice("bhiq")
+            value = rng.choice(WORDS)
+            size = struct.calcsize(form)
+            value = max(-(2 ** (8 * size - 1)), min(2 ** (8 * size - 1) - 1, value))
+            place -= place % size
+            copy[place : place + size] = struct.pack(form, value)
+        case "double":
+            place -= place % 8
+            copy[place : place + 8] = struct.pack("<d", rng.choice(DOUBLES))
+        case "cut":
+            del copy[place:]
+        case "lose":
+            del copy[place : place + rng.choice([1, 2, 8, 100, 1024])]
+        case "splice":
+            other = rng.choice([data, *others])
+            start = rng.randrange(len(other))
+            copy[place:] = other[start : start + 2_000_000]
+        case "insert":
+            copy[place:place] = rng.randbytes(rng.choice([1, 2, 8, 1024]))
+        case "gzip":
+            copy = bytearray(gzip.compress(bytes(copy), 1))
+        case "gzip cut":
+            packed = gzip.compress(bytes(copy), 1)
+            copy = bytearray(packed[: rng.randrange(len(packed))])
+    return f"{what} at {place}", bytes(copy)
+
+
+def cases(folder: Path) -> dict[str, tuple[Callable[[Path], object], bytes]]:
+    """Readers by name, with the content of a sound file."""
+    (folder / "orography").write_text(orography_text())
+    (folder / "map").write_text(vmf3_map_text(0))
+    (folder / "table").write_text(TABLE)
+    write_parquet(folder / "rows", read_table(folder / "table"))
+    pds3 = {"projection": "SIMPLE CYLINDRICAL", "map_scale": "151616.75 <m/pix>"}
+    write_pds3(folder, np.add.outer(np.arange(36) * 10.0, np.arange(72) * 30.0), **pds3)
+    found = {name: (read, text.encode()) for name, (read, text) in TEXTS.items()}
+    binaries = {
+        "spk": find_kernel("DE421", "SPK"),
+        "pck": find_kernel("DE421", "PCK"),
+        "trajectory": EXAMPLES / "orbiter" / "orbiter.bsp",
+        "terrain": EXAMPLES / "change5" / "ldem_4_landing_site.tif",
+        "parquet": folder / "rows",
+    }
+    found |= {name: (BINARIES[name], path.read_bytes()) for name, path in binaries.items()}
+    found["pds3"] = (BINARIES["terrain"], (folder / "MAP.LBL").read_bytes())
+    found["tdm"] = (TEXTS["tdm"][0], "\n".join(kvn(*SEGMENTS)).encode())
+    found["tdm_xml"] = (TEXTS["tdm_xml"][0], xml(*SEGMENTS).encode())
+    return found
+
+
+@contextmanager
+def limited() -> Iterator[None]:
+    """Not much more memory than now, and not for long."""
+    pages = int(Path("/proc/self/statm").read_text().split()[0])
+    most = pages * resource.getpagesize() + MEMORY_BYTES
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    resource.setrlimit(resource.RLIMIT_AS, (most, before[1]))
+    signal.alarm(LONGEST_S)
+    try:
+        yield
+    finally:
+        signal.alarm(0)
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
+def used(name: str, result: Any) -> ArrayLike:
+    """Numbers that come of what was read, which must be finite."""
+    match name:
+        case "terrain":
+            return result.height_and_slope(*np.radians([-51.9, 43.1]))
+        case "pds3":
+            return result.height_and_slope([0.1, 3.0], [0.2, -1.0])
+        case "ionex":
+            return result.vertical_tec(
+                [0.1, 1.0], [0.2, 3.0], epochs_from_strings(["2019-01-15T00:30:00"] * 2)
+            )
+        case "blq":
+            return [site.amplitude_m for site in result.values()]
+        case "eop":
+            return result.interpolate(Epochs.from_jd(2458851.5, 0.2, "TT")).ut1_minus_tt_s
+        case "gpt3":
+            return result.at(NOON, 0.8, 0.2, 500.0).pressure_hpa
+        case "vmf3_grids" | "orography":
+            return result.at(NOON, 0.8, 0.2, 500.0).zenith_wet_m
+        case "vmf3_sites":
+            return np.concatenate([site.values for site in result.values()])
+        case "trajectory":
+            et_s = np.concatenate([np.linspace(*span, 7) for span in result.spans_s()[:20]])
+            which = result.segment_at(et_s)
+            return result.states(et_s[which >= 0], which[which >= 0])
+        case "crd" | "mini" | "table" | "observations" | "tdm" | "tdm_xml" | "parquet":
+            assert len(result) > 0
+            assert (result.sigma_m > 0.0).all()
+            assert ((result.epoch.fraction >= 0.0) & (result.epoch.fraction < 1.0)).all()
+            return result.value_m
+    return 0.0
+
+
+def is_refused(name: str, read: Callable[[Path], object], path: Path) -> bool:
+    """Whether a reader refuses a file; anything but that or a result is raised."""
+    try:
+        with limited():
+            result = read(path)
+            with suppress(RadiolocError):  # by then the file need not be named
+                assert np.isfinite(used(name, result)).all()
+    except RadiolocError as error:
+        message = str(error)
+        assert path.name in message, f"does not name the file: {message[:1000]}"
+        assert message.isprintable(), f"is not printable: {message!r}"
+        assert len(message) - len(str(path)) < LONGEST_MESSAGE, (
+            f"is {len(message)} characters long: {message[:3000]}"
+        )
+        return True
+    return False
+
+
+def main(folder: Path, seed: int, seconds: float, names: list[str]) -> None:
+    logging.getLogger("rasterio").setLevel(logging.CRITICAL)
+    warnings.simplefilter("error")
+    warnings.simplefilter("ignore", RadiolocWarning)
+    found = cases(folder)
+    contents = [content for _, content in found.values() if len(content) < 2_000_000]
+    names = names or list(found)
+    failures: dict[str, str] = {}
+    for name in names:
+        read, content = found[name]
+        is_text = name in TEXTS or name == "pds3"
+        rng = random.Random(f"{seed} {name}")
+        path = folder / f"given.{name}"
+        path.write_bytes(content)
+        assert not is_refused(name, read, path), name
+        count = refused = 0
+        until = time.monotonic() + seconds / len(names)
+        while time.monotonic() < until or count < 3:
+            damages, damaged = [], content
+            for _ in range(rng.choice([1, 1, 1, 2, 3])):
+                if is_text and rng.random() < 0.9:
+                    what, damaged = damaged_text(damaged.decode("utf-8", "replace") or " ", contents, rng)
+                else:
+                    what, damaged = damaged_bytes(damaged or b" ", contents, rng)
+                damages.append(what)
+            path.write_bytes(damaged)
+            print(f"{name} {count}: {', '.join(damages)}", flush=True)
+            try:
+                refused += is_refused(name, read, path)
+            except Exception as error:
+                frames = traceback.extract_tb(error.__traceback__)
+                where = next((f for f in reversed(frames) if "/radioloc/" in f.filename), frames[-1])
+                kind = f"{name}: {type(error).__name__} at {Path(where.filename).name}:{where.lineno}"
+                if kind not in failures:
+                    kept = folder / f"failed.{len(failures)}.{name}"
+                    kept.write_bytes(damaged)
+                    failures[kind] = f"{kept} ({', '.join(damages)}): {str(error)[:300]}"
+            count += 1
+        print(f"{name} done: {refused} of {count} refused", flush=True)
+    if failures:
+        sys.exit("\n".join(f"{kind}: {what}" for kind, what in failures.items()))
+
+
+if __name__ == "__main__":
+    main(Path(sys.argv[1]), int(sys.argv[2]), float(sys.argv[3]), sys.argv[4:])

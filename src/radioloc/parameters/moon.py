@@ -1,7 +1,7 @@
 """Where the Moon is and how it is turned, its tide and its lengths, each beyond the model's.
 
-The Moon's place acts along the way from the Earth, along its orbit and along the orbit's normal; constant amounts in
-these directions.
+The Moon's place acts along the way from the Earth, along its orbit and along the orbit's normal. Errors of place and
+librations are constant amounts, and others in each session.
 """
 
 from __future__ import annotations
@@ -74,7 +74,7 @@ MOON_POSITION = ParameterKind(
     name="moon_position",
     unit="m",
     description="Moon off its ephemeris: away from the Earth, along the orbit and along the orbit's normal",
-    scopes=(Scope.MOON, Scope.SESSION),
+    scopes=(Scope.MOON,),
     partials=_moon_position,
     acts_on=everywhere,
     components=("radial", "along", "normal"),
@@ -85,12 +85,27 @@ LIBRATION = ParameterKind(
     name="libration",
     unit="rad",
     description="Moon turned about its principal axes x (to the Earth), y and z (the pole)",
-    scopes=(Scope.MOON, Scope.SESSION),
+    scopes=(Scope.MOON,),
     partials=_libration,
     acts_on=everywhere,
     components=("x", "y", "z"),
     scale=6e-7,
     considered=apriori.libration,
+)
+# What an ephemeris has wrong in the month and in the year: constant for a night, of no memory from one to the next.
+MOON_POSITION_VARIATION = replace(
+    MOON_POSITION,
+    name="moon_position_variation",
+    description="how much farther off it is in one session than `moon_position` says, in the same directions",
+    scopes=(Scope.SESSION,),
+    considered=apriori.moon_position_variation,
+)
+LIBRATION_VARIATION = replace(
+    LIBRATION,
+    name="libration_variation",
+    description="how much farther it is turned in one session than `libration` says",
+    scopes=(Scope.SESSION,),
+    considered=apriori.libration_variation,
 )
 LOVE_NUMBERS = ParameterKind(
     name="love_numbers",

@@ -20,7 +20,14 @@ from radioloc.parameters.clocks import CLOCK, CLOCK_RATE, TARGET_CLOCK, TARGET_F
 from radioloc.parameters.earth import POLE, STATION_POSITION, UT1
 from radioloc.parameters.kind import ParameterKind
 from radioloc.parameters.media import ELECTRON_CONTENT, ZENITH_DELAY
-from radioloc.parameters.moon import LIBRATION, LOVE_NUMBERS, LUNAR_LENGTHS, MOON_POSITION
+from radioloc.parameters.moon import (
+    LIBRATION,
+    LIBRATION_VARIATION,
+    LOVE_NUMBERS,
+    LUNAR_LENGTHS,
+    MOON_POSITION,
+    MOON_POSITION_VARIATION,
+)
 from radioloc.plugins import registry
 
 PARAMETERS: Mapping[str, ParameterKind] = registry(
@@ -43,7 +50,9 @@ PARAMETERS: Mapping[str, ParameterKind] = registry(
         UT1,
         POLE,
         MOON_POSITION,
+        MOON_POSITION_VARIATION,
         LIBRATION,
+        LIBRATION_VARIATION,
         LOVE_NUMBERS,
         LUNAR_LENGTHS,
     ],

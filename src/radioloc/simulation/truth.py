@@ -38,6 +38,7 @@ _LARGEST = {
     "pole": (5e-6, "the square of it times the radius then is below 0.2 mm"),
     "ut1": (0.07, "the square of the angle times the radius then is below 0.2 mm"),
 }
+_LARGEST |= {f"{name}_variation": _LARGEST[name] for name in ("moon_position", "libration")}
 """Errors up to which first order is enough, and why."""
 
 

@@ -31,6 +31,8 @@ from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
 from radioloc.studies.verdict import LOWEST_EARTH_DEG
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
 
+_OF_THE_EPHEMERIS = ("moon_position", "moon_position_variation", "libration", "libration_variation")
+
 
 def observation_model(
     predictor: Predictor,
@@ -100,7 +102,7 @@ def _considered_model(
             simple,
             estimate.parameters,
             defaults=study.consider_defaults,
-            without=("moon_position", "libration") if moon_is_in else (),
+            without=_OF_THE_EPHEMERIS if moon_is_in else (),
         )
     except InputError as error:
         raise type(error)(f"[consider] {error}") from None

@@ -215,14 +215,14 @@ def test_sessions_of_all_stations_have_a_moon_of_their_own(ranges):
     hours = np.array([hour for station in HOURS for hour in HOURS[station]])
     farther_m = np.where(hours < 24.0, 1.0, 3.0)
     found = radioloc.locate(
-        study(moon_position=True, moon_position_per="session", moon_position_sigma_m=[1e3, 1e-6, 1e-6]),
+        study(moon_position_variation=True, moon_position_variation_sigma_m=[1e3, 1e-6, 1e-6]),
         with_values(observations, observations.value_m + 2.0 * farther_m),
     )
     radial = {name: found.values[k] for k, name in enumerate(found.parameters.names) if "radial" in name}
-    assert list(radial) == ["moon_position.1.radial", "moon_position.2.radial"]
+    assert list(radial) == ["moon_position_variation.1.radial", "moon_position_variation.2.radial"]
     # The path to the station is as far from that to the geocentre as 1 degree, 0.00015 in its cosine.
     assert list(radial.values()) == pytest.approx([1.0, 3.0], abs=1e-3)
-    assert "moon_position.2.radial: 2020-12-03T11:59:23 to 2020-12-03T18:23:23 UTC" in " ".join(
+    assert "moon_position_variation.2.radial: 2020-12-03T11:59:23 to 2020-12-03T18:23:23 UTC" in " ".join(
         str(found).split()
     )
 

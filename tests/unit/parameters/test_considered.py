@@ -78,7 +78,7 @@ def test_defaults_are_by_quality_of_the_source(tracked):
     assert found["pole"][""] == pytest.approx(60e-6 * ARCSEC_RAD, rel=0.5)
     assert set(found) == {
         "station_position", "clock", "clock_rate", "frequency_offset", "zenith_delay", "electron_content",
-        "ut1", "pole", "moon_position", "libration",
+        "ut1", "pole", "moon_position", "moon_position_variation", "libration", "libration_variation",
     }  # fmt: skip
 
 

@@ -262,7 +262,10 @@ def test_bad_data(text, parts, run, folder):
         (study_of(more='[model]\nlibration = "cut.bpc"\n'), ["cut.bpc", "cut short"]),
         (study_of(more='[model]\nearth_orientation = "d.csv"\n'), ["d.csv"]),
         (study_of(more='[model]\nearth_orientation = "no.txt"\n'), ["[model] earth_orientation", "no.txt"]),
-        (study_of().replace("3.5", "178.5"), ["all 22 are rejected", "below the target's horizon"]),
+        (
+            study_of(more='[estimate]\nposition = "none"\nrange_bias = "all"\n').replace("3.5", "178.5"),
+            ["all 22 are rejected", "below the target's horizon"],
+        ),
     ],
 )
 def test_bad_studies(content, parts, run, folder):

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
 from radioloc.estimation.labels import Labels
+from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
@@ -87,6 +88,8 @@ def fit_with_variance_components(
 
     tried_m = [np.zeros(len(labels))]
     for _ in range(_MAX_PASSES):
+        if edited.fit.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
+            return noisy(edited, tried_m[-1])
         # Significance is asked for once; asked again, it would take away what it had just found to be there.
         probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
         wanted_m = _wanted_m(edited, stated, group, len(labels), probability)
@@ -116,16 +119,12 @@ def _wanted_m(
     count: int,
     probability: float | None,
 ) -> NDArray[np.float64]:
-    """Standard deviation that each group asks for; the parameters' degrees of freedom are shared in proportion.
+    """Standard deviation that each group asks for.
 
-    A parameter takes one degree of freedom less the part C / s^2 that its a-priori value has in it (variance C of the
-    estimate, s of the a-priori value): the trace of the hat matrix.
     An independent error of one size in each observation of a block is one of that size in each of its combinations.
     """
     fit = edited.fit
-    known = fit.parameters.free & np.isfinite(fit.parameters.prior_sigmas)
-    a_priori = (np.sqrt(np.diag(fit.covariance)[known]) / fit.parameters.prior_sigmas[known]) ** 2
-    free_part = float(fit.factor.determined.sum() - a_priori.sum()) / max(int(fit.used.sum()), 1)
+    free_part = part_of_parameters(fit)
     wanted_m = np.zeros(count)
     for k in range(count):
         mine = fit.used & (group == k)
@@ -133,6 +132,17 @@ def _wanted_m(
         residual_m, sigma_m = stated.among(mine).combined(fit.residual_m)
         wanted_m[k] = additive_sigma_m(residual_m, sigma_m, dof, probability)
     return wanted_m
+
+
+def part_of_parameters(fit: FitResult) -> float:
+    """Part of the observations' degrees of freedom that the parameters take, shared by all in proportion.
+
+    A parameter takes one less the part C / s^2 that its a-priori value has in it (variance C of the estimate, s of the
+    a-priori value): the trace of the hat matrix.
+    """
+    known = fit.parameters.free & np.isfinite(fit.parameters.prior_sigmas)
+    a_priori = (np.sqrt(np.diag(fit.covariance)[known]) / fit.parameters.prior_sigmas[known]) ** 2
+    return float(fit.factor.determined.sum() - a_priori.sum()) / max(int(fit.used.sum()), 1)
 
 
 def _same(one_m: NDArray[np.float64], other_m: NDArray[np.float64]) -> bool:

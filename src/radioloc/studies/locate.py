@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,6 +38,7 @@ from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.parameters.design import ObservationModel
+from radioloc.studies.coarse_search import near_start
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.problem import (
@@ -141,7 +143,13 @@ def fit_arc(
         if study.reference is None
         else position_in_pa("[reference]", study.reference.position, constants)
     )
-    problem = observation_model(arc, targets or None, estimate, held=study.estimate)
+    set_up = partial(observation_model, arc, estimate=estimate, held=study.estimate)
+    problem, away_m = set_up(targets or None), 0.0
+    if estimate is not None and len(targets) == 1:
+        [(name, given)] = targets.items()
+        if found := near_start(arc, given, estimate):
+            targets[name], away_m = found
+            problem = set_up(targets)
     noise = stated_noise(arc, study.observations)
     fitted = _fit(problem, noise, estimate, *status_of(arc, targets))
     paths = Labels.coded([link.path for link in observations.links], observations.link)
@@ -189,12 +197,24 @@ def fit_arc(
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
-        notes=(*notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, in_sigma), *not_considered),
+        notes=(
+            *_of_the_start(away_m),
+            *notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, in_sigma),
+            *not_considered,
+        ),
         provenance=provenance(study, arc, left_out, estimate, problem.all_positions_pa_m(x)),
         consider=None if considered is None else consider(fitted.edited.fit, considered),
         trajectory=None if arc.trajectory is None else str(arc.trajectory),
         targets=several,
     )
+
+
+def _of_the_start(away_m: float) -> Iterator[str]:
+    if away_m:
+        yield (
+            f"the fit began {away_m / 1e3:.0f} km from the a-priori position, where a coarse search over the near side "
+            "found that the data fit better"
+        )
 
 
 def model_of(study: Study) -> PhysicalModel:

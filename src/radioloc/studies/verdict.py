@@ -17,6 +17,7 @@ from radioloc.estimation.build import Doubt
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitStatus
+from radioloc.estimation.variance_components import part_of_parameters
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS, is_integrated
@@ -42,7 +43,7 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> 
     """Types whose used residuals are far beyond their stated sigmas (n,), or which are mostly outliers."""
     fit = edited.fit
     usable = edited.given.are(USED)
-    free_part = float(fit.parameters.free.sum()) / max(int(fit.used.sum()), 1)
+    free_part = part_of_parameters(fit)
     for name in types.present():
         mine = fit.used & types.are(name)
         count, outliers = int(mine.sum()), int((usable & types.are(name)).sum() - mine.sum())

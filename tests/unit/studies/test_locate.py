@@ -249,14 +249,24 @@ def test_extra_sigma_is_added_in_quadrature(apollo15, near15):
 
 
 def test_far_side_is_refused_in_words(apollo15):
+    far = LunarPosition.from_selenographic(178.0, 26.0, 0.0)
+    held = radioloc.studies.EstimateChoice(position="none", range_bias="all")
     with pytest.raises(
         radioloc.errors.InputError,
         match=r"all 153 are rejected.*the Earth is .* deg below the target's horizon",
     ):
-        fit(apollo15, LunarPosition.from_selenographic(178.0, 26.0, 0.0))
-    found = radioloc.residuals(Study(target=LunarPosition.from_selenographic(178.0, 26.0, 0.0)), apollo15)
+        radioloc.locate(Study(target=far, estimate=held), apollo15)
+    found = radioloc.residuals(Study(target=far), apollo15)
     assert found.fit.total.used == 0
     assert found.fit.total.rejected == len(apollo15)
+
+
+def test_a_fit_comes_home_from_the_far_side(apollo15, near15):
+    home = fit(apollo15, near15)
+    found = fit(apollo15, LunarPosition.from_selenographic(178.0, 26.0, 0.0))
+    assert found.converged
+    assert "km from the a-priori position" in found.notes[0]
+    assert apart_m(found, home) < 1e-3
 
 
 def test_below_the_stations_horizon_is_rejected_with_the_reason(apollo15, near15):

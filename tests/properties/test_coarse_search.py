@@ -1,0 +1,73 @@
+"""From wherever on the near side a fit starts, it ends at the same place."""
+
+import math
+
+import change5_case
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+import radioloc
+from radioloc import LunarPosition
+from radioloc.measurements import PhysicalModel, active_terms
+from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
+from radioloc.studies.study import HeightPrior
+
+HEIGHT = HeightPrior(-2550.4, 5.0)
+KINDS_OF_FIT = {
+    "biases": (None, EstimateChoice(range_bias="all", range_bias_sigma_m=10.0, height_prior=HEIGHT)),
+    "ranges": (change5_case.RANGING, EstimateChoice(range_bias="all", height_prior=HEIGHT)),
+    "delays": (change5_case.VLBI, EstimateChoice(height_prior=HEIGHT)),
+    "cartesian": (None, EstimateChoice(position="cartesian")),
+}
+SAME_SIGMAS = 1e-2  # fits end within a thousandth of a sigma of the least sum of squares
+
+
+@pytest.fixture(scope="module")
+def tracking():
+    return change5_case.observations(PhysicalModel.build(), 1200.0)
+
+
+def located(tracking, fit, target):
+    stations, estimate = KINDS_OF_FIT[fit]
+    return radioloc.locate(
+        radioloc.Study(
+            target,
+            ObservationChoice(hours=4.0, stations=stations),
+            estimate,
+            ModelChoice(terms=active_terms(["ionosphere"])),
+        ),
+        tracking,
+    )
+
+
+@pytest.fixture(scope="module")
+def home(tracking):
+    return {fit: located(tracking, fit, change5_case.NEAR) for fit in KINDS_OF_FIT}
+
+
+@settings(max_examples=20)
+@given(
+    st.sampled_from(sorted(KINDS_OF_FIT)),
+    st.floats(0.0, math.radians(85.0)),
+    st.floats(0.0, 2.0 * math.pi),
+)
+def test_fits_come_home_from_the_whole_near_side(tracking, home, fit, from_middle_rad, azimuth_rad):
+    across = math.sin(from_middle_rad)
+    start = LunarPosition.from_selenographic(
+        math.degrees(math.atan2(across * math.sin(azimuth_rad), math.cos(from_middle_rad))),
+        math.degrees(math.asin(across * math.cos(azimuth_rad))),
+        0.0,
+    )
+    solution, known = located(tracking, fit, start), home[fit]
+    assert solution.converged
+    off_m = solution.rot_pa_to_enu @ (solution.position_pa_m - known.position_pa_m)
+    assert (np.abs(off_m) < SAME_SIGMAS * known.sigma_enu_m()).all()
+
+
+def test_a_good_start_is_kept_and_a_bad_one_told(tracking, home):
+    assert not any("the fit began" in note for note in home["biases"].notes)
+    far = located(tracking, "biases", LunarPosition.from_selenographic(8.0, 43.0, 0.0))
+    [note] = [note for note in far.notes if "the fit began" in note]
+    assert "km from the a-priori position" in note

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
+from radioloc.estimation.budget import prior_effects
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.labels import Labels
@@ -124,6 +125,7 @@ def build_solution(
         ),
         residuals=residuals,
         observability=assess_observability(fit),
+        prior_effects=prior_effects(fit),
         iterations=fit.iterations,
         passes=edited.passes,
         **described,

@@ -20,7 +20,7 @@ from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Rows
 from radioloc.parameters.parameter import ParameterSet
 
-_NEGLIGIBLE = 0.01
+_NEGLIGIBLE = 0.1
 """Length of errors, in the sigmas of the observations, that move no combination of parameters by more of its sigmas."""
 
 
@@ -91,7 +91,7 @@ def moved_by(
 def few_errors(errors: ConsideredErrors, sigma_m: NDArray[np.float64]) -> NDArray[np.float64]:
     """Independent errors of unit variance that stand for all of them: their effects on observations, m, shape (n, r).
 
-    What is left out of a covariance is below 1 % of the sigma that observations of `sigma_m` (n,) would give.
+    What is left out of a variance is below 1 % of that which observations of `sigma_m` (n,) would leave.
     """
     effects = errors.partials(np.arange(len(sigma_m))) * errors.parameters.prior_sigmas
     weighted = effects / sigma_m[:, None]

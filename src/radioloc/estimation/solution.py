@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
+from radioloc.estimation.budget import BudgetItem, error_budget
 from radioloc.estimation.consider import Consider
 from radioloc.estimation.correlated_weights import SeriesWeight
 from radioloc.estimation.gauss_markov import TimeCorrelation
@@ -165,6 +166,8 @@ class Solution:
         Kernels with their hashes, tables, versions, settings.
     consider : Consider or None
         What the considered parameters do to the estimate.
+    prior_effects : ndarray, shape (p, p)
+        Change of the estimate by an error of one sigma of each a-priori value (columns).
     targets : tuple of TargetPosition
         The positions of all targets where there are several; that of the solution is the first's.
     trajectory : str or None
@@ -198,6 +201,7 @@ class Solution:
     provenance: Mapping[str, Any] = field(default_factory=dict)
     trajectory: str | None = None
     consider: Consider | None = None
+    prior_effects: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
     targets: tuple[TargetPosition, ...] = ()
 
     def __post_init__(self) -> None:
@@ -210,7 +214,10 @@ class Solution:
             "position_partials": (3, p),
             "rot_pa_to_me": (3, 3),
             "ephemeris_sigma_enu_m": (3,),
+            "prior_effects": (p, p),
         }
+        if not self.prior_effects.size:
+            object.__setattr__(self, "prior_effects", np.zeros((p, p)))
         for name, shape in shapes.items():
             array = read_only(getattr(self, name))
             if array.shape != shape:
@@ -358,46 +365,22 @@ class Solution:
             for k in self.parameters.of_kind(kind)
         }
 
-    def variance_shares(self) -> dict[str, float]:
-        """Name what the position's total variance comes from: parts that add up to one, the largest first.
+    @property
+    def budget(self) -> tuple[BudgetItem, ...]:
+        """What the position's total sigma comes from, the largest first; empty where it is held or not determined.
 
-        Notes
-        -----
-        ``noise``: the stated noise, were all other parameters known (conditional covariance). ``other
-        parameters``: what solving for them adds (marginal less conditional). ``misfit``: what scaling to
-        the residuals adds. ``correlation``: what residuals add that are correlated in time. ``considered``: the
-        considered parameters. ``ephemeris``: its assumed error. Empty if the position is held or not determined.
+        The squares add up to those of :meth:`sigma_enu_m`.
         """
-        if not (self.position_estimated and self.position_determined):
-            return {}
-        involved, variances = self._involved, np.diag(self.formal_covariance)
-        others = np.isfinite(variances) & (variances > 0.0) & ~involved
-        conditional = self.formal_covariance[np.ix_(involved, involved)]
-        if others.any():
-            cross = self.formal_covariance[np.ix_(involved, others)]
-            of_others = self.formal_covariance[np.ix_(others, others)]
-            conditional = conditional - cross @ np.linalg.lstsq(of_others, cross.T, rcond=None)[0]
-        root = self.position_partials[:, involved]
-        noise = float(np.trace(root @ conditional @ root.T))
-        formal, scaled, total = (
-            float((self.sigma_enu_m(level) ** 2).sum()) for level in ("formal", "scaled", "total")
+        if self.trajectory is not None or not (self.position_estimated and self.position_determined):
+            return ()
+        return error_budget(
+            self.parameters,
+            self.enu_by_parameters,
+            self.position_covariance("enu", "scaled"),
+            self.prior_effects,
+            self.consider,
+            self.ephemeris_sigma_enu_m,
         )
-        correlated = self._correlation_variance_m2()
-        considered = 0.0
-        if self.consider is not None:
-            considered = float(((self.enu_by_parameters @ self.consider.sensitivity) ** 2).sum())
-        parts = {
-            "noise": noise,
-            "other parameters": formal - noise,
-            "misfit": scaled - correlated - formal,
-            "correlation": correlated,
-            "considered": considered,
-            "ephemeris": total - scaled - considered,
-        }
-        if self.consider is None:
-            del parts["considered"]
-        shares = {name: part / total for name, part in parts.items()}
-        return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
     @property
     def correlation_factor(self) -> float:
@@ -445,6 +428,7 @@ class Solution:
         if self.consider is not None:
             moved = None if self.trajectory is not None else self.enu_by_parameters
             content["considered"] = self.consider.to_list(moved)
+        content["budget"] = [item.to_dict() for item in self.budget]
         return content | {
             "rejected": self.residuals.rejected(),
             "observability": self.observability.to_dict(),

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, fields
 from typing import Any, Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.solution import Solution
@@ -261,9 +262,10 @@ def sigmas_apart(part: Solution, whole: Solution) -> float | None:
     Notes
     -----
     An estimate from all data is uncorrelated with what a part of them differs from it, if both are weighted rightly.
-    The difference then has the covariance of the part less that of the whole (Hausman 1978, Econometrica 46, 1251).
-    The length is Mahalanobis', in two dimensions below 2.45 in 95 % and below 3.72 in 99.9 %. None where the part is
-    stated to know as much as the whole, or a position is not determined.
+    The difference then has the covariance of the part less that of the whole (Hausman 1978, Econometrica 46, 1251), and
+    what considered parameters move the one otherwise than the other: what they move alike cancels. The length is
+    Mahalanobis', in two dimensions below 2.45 in 95 % and below 3.72 in 99.9 %. None where the part is stated to know
+    as much as the whole, or a position is not determined.
     """
     axes = part.rot_pa_to_enu[:2]
     difference_m = axes @ (part.position_pa_m - whole.position_pa_m)
@@ -271,11 +273,21 @@ def sigmas_apart(part: Solution, whole: Solution) -> float | None:
     if not np.isfinite(covariance_pa).all():
         return None
     covariance = axes @ covariance_pa @ axes.T
-    try:
-        root = np.linalg.cholesky(covariance)
-    except np.linalg.LinAlgError:
+    if not (np.linalg.eigvalsh(covariance) > 0.0).all():
         return None
-    return float(np.linalg.norm(np.linalg.solve(root, difference_m)))
+    effects = {solution: _considered_m(solution, axes) for solution in (part, whole)}
+    for name in dict.fromkeys(name for of in effects.values() for name in of):
+        moved_m = effects[part].get(name, np.zeros(2)) - effects[whole].get(name, np.zeros(2))
+        covariance += np.outer(moved_m, moved_m)
+    return math.sqrt(difference_m @ np.linalg.solve(covariance, difference_m))
+
+
+def _considered_m(solution: Solution, axes: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
+    """How far each considered parameter moves the position along axes (k, 3), m."""
+    if solution.consider is None:
+        return {}
+    moved_m = axes @ solution.position_partials @ solution.consider.sensitivity
+    return dict(zip(solution.consider.parameters.names, moved_m.T, strict=True))
 
 
 def _place(place: Place, benchmark: Place | None) -> dict[str, Any]:

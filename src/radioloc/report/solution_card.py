@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable, Iterator
+from dataclasses import replace
 
 import numpy as np
 
 from radioloc.constants import SECONDS_PER_DAY
+from radioloc.estimation.budget import A_PRIORI, NOISE, BudgetItem, by_source
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Level, Solution, card_of
 from radioloc.estimation.statistics import Residuals
@@ -34,17 +36,18 @@ _MAX_PARAMETERS = 12
 _MAX_OUTLIERS = 3
 _MAX_SENTENCES = 4
 _MAX_SERIES = 3
+_LEAST_SHARE = 0.005
+"""Sources with a smaller part of the variance are shown together."""
+_ADVICE = {
+    NOISE: "measurement noise, by more or better observations",
+    A_PRIORI: "the a-priori value",
+    "moon_position": "the ephemeris, the Moon's position",
+    "libration": "the ephemeris, the Moon's librations",
+    "station_position": "the coordinates",
+}
+"""What is improved where a source is the largest; others are called by their names."""
 _MUCH_LARGER = 3.0
 """A sigma that grows by more belongs to an estimate that other weights make much better."""
-
-_VARIANCE_SOURCES = {
-    "noise": "measurement noise",
-    "other parameters": "estimating the other parameters",
-    "misfit": "residuals larger than the stated sigmas",
-    "correlation": "time correlation of the residuals",
-    "considered": "considered parameters",
-    "ephemeris": "assumed ephemeris error",
-}
 
 
 @card_of.register(Solution)
@@ -61,12 +64,11 @@ def solution_card(solution: Solution) -> Card:
             Field("status", _status(solution)),
             *where,
             Field("targets", _targets(solution)),
-            Field("variance", _variance_sources(solution)),
+            _budget(solution),
             Field("reference", _reference(solution)),
             Field("a priori", _position_priors(solution)),
             _other_parameters(solution),
             Field("held", _held(solution)),
-            Field("considered", _considered(solution)),
             Field("passes", _passes(solution)),
             Field("data", _data(solution)),
             Field("fit", _fit(solution)),
@@ -151,30 +153,42 @@ def _targets(solution: Solution) -> Iterator[str]:
         )
 
 
-def _considered(solution: Solution) -> Iterator[str]:
-    """Considered parameters, those that move the position most first."""
-    if solution.consider is None:
-        return
-    records = solution.consider.to_list(
-        None if solution.trajectory is not None else solution.enu_by_parameters
-    )
-    for record in records[:_MAX_PARAMETERS]:
-        moved = zip(("east", "north", "up"), record.get("position_enu_m", ()), strict=False)
-        text = "".join(f"; {word} {signed_metres(x)}" for word, x in moved)
-        yield f"{record['name']} +- {record['sigma']:.3g} {record['unit']}{text}{' m' * bool(text)}"
-    yield from more(len(records), _MAX_PARAMETERS)
-
-
-def _variance_sources(solution: Solution) -> Iterator[str]:
+def _budget(solution: Solution) -> Field:
+    """What the sigma comes from, by source, and what to improve first."""
     if not solution.position_estimated:
+        return Field("budget")
+    if not solution.position_determined:
+        return Field("budget", ("the position is not determined",))
+    items = solution.budget
+    total_m2 = sum(item.total_m**2 for item in items)
+    rows: list[tuple[str, ...]] = []
+    rest: list[BudgetItem] = []
+    for whole, most in by_source(items):
+        if len(rows) < _MAX_ROWS and whole.total_m**2 > _LEAST_SHARE * total_m2:
+            largest = f"{most.name} {metres(most.total_m)}" if most.name else ""
+            rows.append((whole.source, *_sides(whole), largest))
+        else:
+            rest.append(replace(whole, source="others"))
+    rows += [("others", *_sides(whole), "") for whole, _ in by_source(rest)]
+    return Field(
+        "budget", (), ("1 sigma, m", "east", "north", "up", "3D", "most by"), rows, _advice(solution)
+    )
+
+
+def _sides(item: BudgetItem) -> tuple[str, ...]:
+    return tuple(metres(side) for side in (item.east_m, item.north_m, item.up_m, item.total_m))
+
+
+def _advice(solution: Solution) -> Iterator[str]:
+    """What to improve first."""
+    items = solution.budget
+    if not items:
         return
-    if shares := solution.variance_shares():
-        parts = (
-            f"{100.0 * part:.0f} % {_VARIANCE_SOURCES[k]}" for k, part in shares.items() if part >= 0.005
-        )
-        yield f"of the position: {', '.join(parts)}"
-    else:
-        yield "the position is not determined"
+    largest, total_m = items[0], math.sqrt(sum(item.total_m**2 for item in items))
+    of = f" of {largest.name}" if largest.name else ""
+    advice = _ADVICE.get(largest.source, largest.source.replace("_", " "))
+    without_m = math.sqrt(max(0.0, total_m**2 - largest.total_m**2))
+    yield f"to improve first: {advice}{of}; without it {metres(without_m)} m in place of {metres(total_m)} m"
 
 
 def _reference(solution: Solution) -> Iterator[str]:

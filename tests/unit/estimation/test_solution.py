@@ -104,7 +104,7 @@ def test_geographic_parameters_give_the_same_solution_as_cartesian():
     # A hundredth of a sigma (metres here): both stop within a thousandth.
     np.testing.assert_allclose(geographic.position_me_m, cartesian.position_me_m, rtol=0.0, atol=0.01)
     np.testing.assert_allclose(geographic.sigma_enu_m(), cartesian.sigma_enu_m(), rtol=1e-4)
-    assert geographic.variance_shares()["noise"] == pytest.approx(1.0)
+    assert [item.source for item in geographic.budget] == ["measurement noise"]
 
 
 def test_scaling_only_when_significant():
@@ -152,15 +152,6 @@ def test_ellipse_axes_and_azimuth():
     assert ellipse.semi_major_m**2 == pytest.approx(factor * along @ covariance @ along)
     assert ellipse.semi_minor_m <= ellipse.semi_major_m
     assert 0.0 <= ellipse.azimuth_deg <= 180.0
-
-
-def test_variance_shares_name_the_biases():
-    weak = toy_solution(ToyMoon(200, 12.0))
-    shares = weak.variance_shares()
-    assert next(iter(shares)) == "other parameters"
-    assert sum(shares.values()) == pytest.approx(1.0)
-    assert shares["other parameters"] > 0.99
-    assert "100 % estimating the other parameters" in str(weak)
 
 
 def test_dictionary_has_the_promised_fields_and_is_json(solution):
@@ -228,7 +219,7 @@ def test_undetermined_position_has_no_numbers():
     assert content["sigma"]["east_m"] is None
     assert content["reference"]["combined_sigmas"] is None
     assert solution.ellipse() is None
-    assert solution.variance_shares() == {}
+    assert solution.budget == ()
     assert "undetermined" in str(solution)
 
 

@@ -1,0 +1,111 @@
+"""The error budget of a position: sources that add up, against the sums by hand and against the whole of solutions."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc.estimation.budget import by_source, prior_effects
+from radioloc.estimation.least_squares import fit_least_squares
+from radioloc.parameters.considered import considered_choices
+from radioloc.parameters.parameter import Parameter, ParameterSet
+from radioloc.report.arc_study import sigmas_apart
+
+RNG = np.random.default_rng(7)
+
+
+@pytest.fixture(scope="module")
+def study():
+    return radioloc.read_study("examples/change5/change5.toml")
+
+
+@pytest.fixture(scope="module")
+def solution(study):
+    return radioloc.locate(study)
+
+
+def squares(items):
+    return sum(np.array([item.east_m, item.north_m, item.up_m]) ** 2 for item in items)
+
+
+def test_a_priori_values_and_noise_are_told_apart():
+    """Of refits to observations and a-priori values that are wrong, one at a time."""
+    design, sigma = RNG.normal(size=(40, 3)), 0.5 + RNG.random(40)
+    items = [
+        Parameter(name, "m", "position", 0.0, prior)
+        for name, prior in zip("abc", (0.1, 0.2, np.inf), strict=True)
+    ]
+
+    def fitted(values_m, priors=(0.0, 0.0, 0.0)):
+        parameters = ParameterSet([replace(p, prior_value=v) for p, v in zip(items, priors, strict=True)])
+        return fit_least_squares(lambda x: (values_m - design @ x, design), parameters, sigma)
+
+    fit = fitted(np.zeros(40))
+    effects = prior_effects(fit)
+    for k, prior in enumerate((0.1, 0.2)):
+        wrong = np.where(np.arange(3) == k, prior, 0.0)
+        assert effects[:, k] == pytest.approx(fitted(np.zeros(40), wrong).x, abs=1e-12)
+    assert not effects[:, 2].any()
+    of_noise = np.array([fitted(sigma * one).x for one in np.eye(40)]).T
+    assert of_noise @ of_noise.T == pytest.approx(fit.covariance - effects @ effects.T, abs=1e-12)
+
+
+def test_the_budget_adds_up(solution):
+    budget = solution.budget
+    np.testing.assert_allclose(squares(budget), solution.sigma_enu_m() ** 2, rtol=1e-9)
+    totals = [item.total_m for item in budget]
+    assert totals == sorted(totals, reverse=True)
+    for item in budget:
+        assert item.total_m == pytest.approx(np.linalg.norm([item.east_m, item.north_m, item.up_m]))
+    sources = [(item.source, item.name) for item in budget]
+    assert len(set(sources)) == len(sources)
+    assert {("clock", "URUMQI"), ("a priori", "position.height"), ("measurement noise", "")} < set(sources)
+    assert ("ephemeris", "") in sources
+    assert not {"moon_position", "libration"} & {source for source, _ in sources}
+    # Passes and components of a station are one.
+    kashi = [r for r in solution.to_dict()["considered"] if r["name"].startswith("zenith_delay.KASHI ")]
+    assert len(kashi) > 1
+    [item] = [item for item in budget if (item.source, item.name) == ("zenith_delay", "KASHI")]
+    assert item.total_m**2 == pytest.approx(np.sum([np.square(r["position_enu_m"]) for r in kashi]))
+    wholes = by_source(budget)
+    assert sum(whole.total_m**2 for whole, _ in wholes) == pytest.approx(np.sum(np.square(totals)))
+
+
+def test_it_is_on_the_card_and_in_the_file(solution):
+    made = solution.to_dict()["budget"]
+    assert made[0].keys() == {"source", "name", "east_m", "north_m", "up_m", "total_m"}
+    assert [item["total_m"] for item in made] == [item.total_m for item in solution.budget]
+    text = " ".join(str(solution).split())
+    assert "1 sigma, m east north up 3D most by" in text
+    largest = solution.budget[0]
+    without_m = np.sqrt(np.linalg.norm(solution.sigma_enu_m()) ** 2 - largest.total_m**2)
+    assert f"without it {without_m:.3g} m in place of {np.linalg.norm(solution.sigma_enu_m()):.3g} m" in text
+
+
+def test_a_rounded_station_dominates(study):
+    one = replace(study, consider=considered_choices({"station_position_sigma_m": {"MIYUN50": 0.05}}))
+    found = radioloc.locate(replace(one, observations=replace(one.observations, hours=12.0)))
+    sources = {(item.source, item.name): item.total_m for item in found.budget}
+    assert found.budget[0].source == "station_position"
+    assert found.budget[0].name in ("JIAMUSI", "KASHI", "NEUQUEN")
+    assert sources["station_position", "MIYUN50"] < 0.1 * found.budget[0].total_m
+    assert f"to improve first: the coordinates of {found.budget[0].name}" in " ".join(str(found).split())
+
+
+def test_without_a_determined_position_there_is_none(study):
+    held = replace(study, estimate=radioloc.studies.EstimateChoice(position="none", range_bias="all"))
+    assert radioloc.locate(held).budget == ()
+
+
+def test_errors_in_common_cancel_between_arcs(solution):
+    """A part that leads elsewhere is no wonder where considered errors move it otherwise than the whole."""
+    moved_m = solution.rot_pa_to_enu.T @ [30.0, 0.0, 0.0]
+    part = replace(
+        solution, position_pa_m=solution.position_pa_m + moved_m, covariance=1.5 * solution.covariance
+    )
+    same = sigmas_apart(part, solution)
+    without = sigmas_apart(replace(part, consider=None), replace(solution, consider=None))
+    assert same == pytest.approx(without)
+    considered = replace(solution.consider, sensitivity=2.0 * solution.consider.sensitivity)
+    assert sigmas_apart(replace(part, consider=considered), solution) < 0.8 * same

@@ -7,9 +7,10 @@ release the interpreter's lock; every number is computed by the same operations 
 
 import math
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from radioloc.compiled import compiled
 
 Floats = NDArray[np.float64]
 Integers = NDArray[np.intp]
@@ -20,7 +21,7 @@ _EVERY = 16
 """Innovation variances multiplied before a logarithm is taken; each is below 1e15."""
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def filter_grid(
     step_s: Floats, gain: Floats, columns: Floats, tau_s: Floats, ratio: Floats
 ) -> tuple[Floats, Floats]:
@@ -89,7 +90,7 @@ def filter_grid(
     return log_determinant[:cells].copy().reshape(taus, ratios), squares[:cells].copy().reshape(taus, ratios)
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def mean_correlation(width_s: float, tau_s: Floats) -> Floats:
     """Mean of exp(-|dt| / tau) over pairs of instants of a bin, shape (taus,)."""
     if width_s == 0.0:
@@ -98,7 +99,7 @@ def mean_correlation(width_s: float, tau_s: Floats) -> Floats:
     return 2.0 * (x - 1.0 + np.exp(-x)) / x**2
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def likelihoods(
     first: Integers,
     end: Integers,
@@ -135,7 +136,7 @@ def likelihoods(
     return log, white
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def whiten(
     begin: Integers,
     step_s: Floats,
@@ -179,7 +180,7 @@ def whiten(
     return out
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def products(
     step_s: Floats,
     gain: Floats,
@@ -221,7 +222,7 @@ def products(
     return out + out.T
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def bins(time_s: Floats, begin: Integers, most: int) -> tuple[Integers, Integers, Floats]:
     """Bin of each of some times (n,), first bin of each series and one more, and durations of its bins, s.
 
@@ -256,7 +257,7 @@ def bins(time_s: Floats, begin: Integers, most: int) -> tuple[Integers, Integers
     return place, first, width_s
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def add_to_bins(place: Integers, whitening: Floats, values: Floats, sums: Floats, squares: Floats) -> None:
     """Add whitened values (b, k, c) to the sums (k, m, c) of their bins, and squares of the first column to (k, m)."""
     b, k, c = values.shape

@@ -4,9 +4,10 @@ Every row is computed by the same operations in the same order whatever rows are
 are divided among threads, so results do not depend on either. The functions release the interpreter's lock.
 """
 
-import numba
 import numpy as np
 from numpy.typing import NDArray
+
+from radioloc.compiled import compiled
 
 Floats = NDArray[np.float64]
 
@@ -26,7 +27,7 @@ EXACT = -1
 """A segment's index from here down marks a row that is not interpolated."""
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled()
 def _polynomial(coefficients: Floats, s: int, q: int, begin: int, t: Floats, out: Floats, m: int) -> None:
     """Polynomial of quantity `q` in segment `s` at the first `m` of `t`, by Horner's rule.
 
@@ -51,7 +52,7 @@ def _polynomial(coefficients: Floats, s: int, q: int, begin: int, t: Floats, out
             out[j] = (((out[j] * u + c) * u + d) * u + e) * u + f
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled()
 def _leading(coefficients: Floats, s: int, q: int) -> int:
     """Index of the first coefficient that is not zero, or of the last one."""
     k, last = 0, coefficients.shape[2] - 1
@@ -60,7 +61,7 @@ def _leading(coefficients: Floats, s: int, q: int) -> int:
     return k
 
 
-@numba.njit(nogil=True, cache=True)
+@compiled()
 def quantities(
     segment: NDArray[np.int32], x: Floats, coefficients: Floats, out: Floats, begin: int, end: int
 ) -> None:

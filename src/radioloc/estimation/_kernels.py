@@ -271,3 +271,68 @@ def add_to_bins(place: Integers, whitening: Floats, values: Floats, sums: Floats
                 for column in range(c):
                     into[column] += weight * from_other[column]
             squares[j, place[i]] += first * first
+
+
+@numba.njit(nogil=True, cache=True, error_model="numpy")
+def filter_processes(
+    time_s: Floats,
+    process: Integers,
+    sign: Floats,
+    white_m2: Floats,
+    least_m2: Floats,
+    variance_m2: Floats,
+    tau_s: Floats,
+    walk_m2_s: Floats,
+    covariance: Floats,
+    state: Floats,
+    last_s: Floats,
+    columns: Floats,
+) -> Floats:
+    """Innovations of columns (n, m) over their standard deviations, of white noise and shared processes.
+
+    Covariance (s, s) and estimates (s, m) of the processes and the time `last_s` (1,) that they belong to go on from
+    one call to the next. An innovation whose variance is not above `least_m2` tells nothing: zeros.
+    """
+    n, m = columns.shape
+    s, most = len(tau_s), process.shape[1]
+    decay, gain = np.empty(s), np.empty(s)
+    out = np.empty((n, m))
+    for i in range(n):
+        step_s = time_s[i] - last_s[0]
+        if step_s > 0.0:
+            last_s[0] = time_s[i]
+            for a in range(s):
+                decay[a] = math.exp(-step_s / tau_s[a]) if tau_s[a] > 0.0 else 0.0
+                if walk_m2_s[a] > 0.0:
+                    decay[a] = 1.0
+                for j in range(m):
+                    state[a, j] *= decay[a]
+            for a in range(s):
+                for b in range(s):
+                    covariance[a, b] *= decay[a] * decay[b]
+                covariance[a, a] += variance_m2[a] * (1.0 - decay[a] * decay[a]) + walk_m2_s[a] * step_s
+        variance = white_m2[i]
+        gain[:] = 0.0
+        for k in range(most):
+            if process[i, k] >= 0:
+                for a in range(s):
+                    gain[a] += sign[i, k] * covariance[a, process[i, k]]
+        for k in range(most):
+            if process[i, k] >= 0:
+                variance += sign[i, k] * gain[process[i, k]]
+        if not variance > least_m2[i]:
+            out[i] = 0.0
+            continue
+        scale = 1.0 / math.sqrt(variance)
+        for j in range(m):
+            left = columns[i, j]
+            for k in range(most):
+                if process[i, k] >= 0:
+                    left -= sign[i, k] * state[process[i, k], j]
+            out[i, j] = left * scale
+            for a in range(s):
+                state[a, j] += gain[a] / variance * left
+        for a in range(s):
+            for b in range(s):
+                covariance[a, b] -= gain[a] * gain[b] / variance
+    return out

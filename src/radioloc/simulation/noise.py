@@ -10,14 +10,16 @@ from __future__ import annotations
 import hashlib
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.process_noise import NONE, Process, ProcessNoise
 from radioloc.measurements.registry import KINDS
 from radioloc.simulation.schedule import Plan
+from radioloc.time import utc_to_tai
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,6 +48,15 @@ class Noise:
             raise InputError(f"noise: outlier_fraction is {self.outlier_fraction}; it is a part of one")
         if self.coloured_m > 0.0 and self.correlation_s == 0.0:
             raise InputError("noise: coloured_m needs a correlation_s; use white_m for none")
+
+    def processes(self, start_s: float) -> list[Process]:
+        """Its parts that last, of a series that begins at a time; outliers are left to the editing."""
+        lasting = []
+        if self.coloured_m:
+            lasting.append(Process(self.coloured_m**2, self.correlation_s))
+        if self.walk_m_sqrt_s:
+            lasting.append(Process(walk_m2_s=self.walk_m_sqrt_s**2, start_s=start_s))
+        return lasting
 
     def series(
         self, n: int, step_s: float, seeds: Sequence[int], label: str
@@ -97,6 +108,35 @@ class NoiseModel:
         for kind in self.link:
             if kind not in KINDS:
                 raise InputError(f"noise of kind {kind!r} is not known; use {', '.join(KINDS)}")
+
+    def processes(self, plan: Plan) -> ProcessNoise:
+        """The same as covariances; where nothing is given, white noise as the schedule states it."""
+        observations = plan.observations
+        tai = utc_to_tai(observations.epoch)
+        time_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=np.intp)])
+        white_m2 = np.zeros(len(tai))
+        processes: list[Process] = []
+        entries: list[tuple[NDArray[np.intp], int, float]] = []
+        for one in NoiseDraws.of(self, plan).series:
+            _, rows, slot = one.uses[0]
+            lasting = one.noise.processes(float(time_s[rows[0]] - one.step_s * slot[0]))
+            if len(one.uses) == 1:
+                white_m2[rows] += one.noise.white_m**2
+            elif one.noise.white_m:
+                lasting.append(Process(one.noise.white_m**2))
+            for process in lasting:
+                entries += [(rows, len(processes), sign) for sign, rows, _ in one.uses]
+                processes.append(process)
+        count = np.zeros(len(tai), dtype=np.intp)
+        np.add.at(count, np.concatenate([rows for rows, _, _ in entries] or [count[:0]]), 1)
+        which = np.full((len(tai), int(count.max(initial=0))), NONE)
+        signs = np.zeros(which.shape)
+        count[:] = 0
+        for rows, number, sign in entries:
+            which[rows, count[rows]], signs[rows, count[rows]] = number, sign
+            count[rows] += 1
+        noise = ProcessNoise(time_s, white_m2, which, signs, tuple(processes))
+        return replace(noise, white_m2=np.where(noise.sigma_m > 0.0, white_m2, observations.sigma_m**2))
 
     def draw(self, plan: Plan, seed: int) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """One realization for everything planned, m, and in what an outlier of a link or station is, both (n,)."""

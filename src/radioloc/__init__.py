@@ -25,6 +25,7 @@ from radioloc.measurements import Observations
 from radioloc.report import plot_links, plot_position, plot_residuals, write_report
 from radioloc.studies import Study, read_study
 from radioloc.studies.arcs import arcs
+from radioloc.studies.covariance import covariance
 from radioloc.studies.locate import locate, residuals
 from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.simulate import simulate
@@ -40,6 +41,7 @@ __all__ = [
     "Study",
     "__version__",
     "arcs",
+    "covariance",
     "locate",
     "monte_carlo",
     "plot_links",

@@ -24,9 +24,11 @@ from radioloc.io.tdm import TdmAgreement
 from radioloc.io.write import require_writable, write_observations
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.report.files import write_arcs, write_monte_carlo, write_report
+from radioloc.report.covariance import plans_card
+from radioloc.report.files import write_arcs, write_covariance, write_monte_carlo, write_report
 from radioloc.studies import locate
 from radioloc.studies.arcs import arcs
+from radioloc.studies.covariance import covariance
 from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.schema import keys_of
 from radioloc.studies.selection import DEFAULT_HOURS
@@ -204,6 +206,23 @@ def _parser() -> argparse.ArgumentParser:
         "--study", type=Path, metavar="FILE", help="the study file, if it is no longer where it was"
     )
 
+    text = "say how well plans of tracking, or the epochs of data, would tell the position, without trials"
+    plans = command("covariance", _covariance, text, study="")
+    plans.add_argument(
+        "studies", type=Path, nargs="+", metavar="STUDY.toml", help="study files, each a plan or data"
+    )
+    plans.add_argument(
+        "--hours",
+        **(hours | {"default": None, "help": "lengths from the start (default: doubled up to the end)"}),
+    )
+    plans.add_argument(
+        "--reach", type=float, metavar="METRES", help="say how long it takes to a 95 %% radius of so much"
+    )
+    plans.add_argument(
+        "--out", **folder, help="write tables and figure there; of several plans by their names"
+    )
+    plans.more = _keys_of_a_study
+
     stations = commands.add_parser("stations", help="list the stations that are known by name")
     stations.set_defaults(run=_stations)
     return parser
@@ -297,6 +316,19 @@ def _verify(options: argparse.Namespace) -> int:
     if not options.quiet:
         _print(found)
     return EXIT_DONE if found.same else EXIT_NOT_CONVERGED
+
+
+def _covariance(options: argparse.Namespace) -> int:
+    studies = [read_study(path) for path in options.studies]
+    if len({study.name for study in studies}) < len(studies):
+        options.parser.error("two study files have one name, by which their plans are told apart; rename one")
+    found = [covariance(study, options.hours, reach_m=options.reach) for study in studies]
+    for plan in found:
+        if options.out is not None:
+            write_covariance(plan, options.out / plan.name if len(found) > 1 else options.out)
+    cards = [str(plan) for plan in found]
+    _tell(options, "\n\n".join([*cards, str(plans_card(found))] if len(found) > 1 else cards))
+    return EXIT_DONE if all(plan.determined for plan in found) else EXIT_NOT_CONVERGED
 
 
 def _stations(options: argparse.Namespace) -> int:

@@ -523,6 +523,7 @@ def test_toml_is_a_study_or_part_of_one(page, workspace):
             "observations",
             "estimate",
             "consider",
+            "covariance",
             "model",
             "stations",
             "reference",
@@ -542,7 +543,10 @@ def test_every_command_and_option_is_described(capsys):
     texts = []
     for arguments in (
         ["--help"],
-        *([command, "--help"] for command in ("locate", "residuals", "arcs", "simulate", "convert")),
+        *(
+            [command, "--help"]
+            for command in ("locate", "residuals", "arcs", "simulate", "convert", "covariance")
+        ),
     ):
         with pytest.raises(SystemExit):
             main(arguments)

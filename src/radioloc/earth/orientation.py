@@ -75,7 +75,7 @@ class EarthOrientation:
         )
 
     def evaluate(self, tt: Epochs) -> EarthRotation:
-        """Orientation at epochs of TT; a :class:`PredictedEopWarning` where any rests on predictions.
+        """Orientation at epochs of TT; a :class:`PredictedEopWarning` where any rests on predictions not asked for.
 
         Examples
         --------
@@ -86,7 +86,7 @@ class EarthOrientation:
         (1, 3, 3)
         """
         eop = self.table.interpolate(tt, zonal=self.zonal_tides)
-        if eop.predicted.any():
+        if eop.predicted.any() and self.table.beyond is None:
             days = np.sort(tt[eop.predicted].day_strings())
             warnings.warn(
                 f"Earth orientation is predicted, not measured, at {eop.predicted.sum()} of {len(tt)} epochs "

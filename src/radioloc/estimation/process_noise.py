@@ -88,12 +88,10 @@ class ProcessNoise:
         if not self.process.shape[1]:
             return np.full(len(self.time_s), NONE)
         first = self.process.max(axis=1)
-        together = [np.stack([first, other], axis=1)[other != NONE] for other in self.process.T]
-        pairs = np.unique(np.concatenate(together), axis=0)
-        shape = (len(self.processes),) * 2
-        _, network = connected_components(
-            coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape), directed=False
-        )
+        together = np.zeros((len(self.processes),) * 2)
+        for other in self.process.T:
+            together[first[other != NONE], other[other != NONE]] = 1.0
+        _, network = connected_components(coo_array(together), directed=False)
         return np.where(first == NONE, NONE, network[first])
 
 

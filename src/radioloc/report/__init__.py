@@ -1,20 +1,24 @@
 """Everything that shows results: cards, tables, figures, and the files of an output folder."""
 
 from radioloc.report.arc_study import ArcStudy
+from radioloc.report.covariance import CovarianceStudy, plot_covariance
 from radioloc.report.figures import save_figure
-from radioloc.report.files import write_arcs, write_monte_carlo, write_report, write_terms
+from radioloc.report.files import write_arcs, write_covariance, write_monte_carlo, write_report, write_terms
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.position_figures import plot_position
 from radioloc.report.residual_figures import plot_links, plot_residuals
 
 __all__ = [
     "ArcStudy",
+    "CovarianceStudy",
     "MonteCarlo",
+    "plot_covariance",
     "plot_links",
     "plot_position",
     "plot_residuals",
     "save_figure",
     "write_arcs",
+    "write_covariance",
     "write_monte_carlo",
     "write_report",
     "write_terms",

@@ -1,4 +1,4 @@
-"""The files of an output folder: of a solution, of an arc-length study, of a Monte Carlo study."""
+"""The files of an output folder: of a solution, of an arc-length study, of trials, of a plan."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.report.arc_study import ArcStudy
+from radioloc.report.covariance import CovarianceStudy, plot_covariance
 from radioloc.report.figures import save_figure
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.position_figures import plot_error_by_length, plot_position, plot_trial_scatter
@@ -43,6 +44,7 @@ _OF_ARCS = (
     *(f"[0-9]*h/{name}" for name in _NUMBERS),
 )
 OF_A_MONTE_CARLO = ("montecarlo.json", "trials.csv", "trials.[ps][nv]g", "error_by_length.[ps][nv]g")
+_OF_A_COVARIANCE = ("covariance.json", "covariance.csv", "covariance.[ps][nv]g")
 """Files of an output folder, by name or pattern."""
 
 
@@ -225,6 +227,28 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
         if (study["converged"] == 1.0).any():
             written += write_figure(plot_trial_scatter(study), folder, "trials")
             written += write_figure(plot_error_by_length(study), folder, "error_by_length")
+    return written
+
+
+def write_covariance(study: CovarianceStudy, folder: str | Path) -> list[Path]:
+    """Write ``covariance.json``, ``covariance.csv``, ``covariance.png`` and ``covariance.svg``.
+
+    There are no figures where the position is not determined. All else is as of :func:`write_report`.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> found = radioloc.covariance(radioloc.read_study("examples/change5/short_arc.toml"))
+    >>> [path.name for path in radioloc.report.write_covariance(found, "out")][:2]
+    ['covariance.json', 'covariance.csv']
+    """
+    folder = Path(folder)
+    with _one_result(folder, _OF_A_COVARIANCE) as written:
+        written += [folder / "covariance.json", folder / "covariance.csv"]
+        write_json(written[0], study.to_dict())
+        write_text(written[1], study.to_csv())
+        if study.determined:
+            written += write_figure(plot_covariance(study), folder, "covariance")
     return written
 
 

@@ -55,9 +55,7 @@ def notes_of(
     parameters = fitted.edited.fit.parameters
     if estimate is not None and isinstance(estimate.height_prior, TerrainPrior):
         notes += _terrain_doubt(arc, estimate.height_prior, parameters, lander_pa_m)
-    notes += [f"{_count(count)} not selected: {reason}" for reason, count in left_out.items()]
-    notes += _of_stations(arc)
-    notes += _of_model(arc)
+    notes += notes_of_plan(arc, left_out)
     if estimate is not None:
         if arc.trajectory is None and not moon_considered:
             notes.append(
@@ -70,6 +68,12 @@ def notes_of(
             if choice.names == "all" and not parameters.of_kind(key)
         ]
     return notes
+
+
+def notes_of_plan(arc: Predictor, left_out: dict[str, int]) -> list[str]:
+    """Those of them that need no values: what was not selected, what is not known of stations and model."""
+    not_selected = [f"{_count(count)} not selected: {reason}" for reason, count in left_out.items()]
+    return [*not_selected, *_of_stations(arc), *_of_model(arc)]
 
 
 def _terrain_doubt(

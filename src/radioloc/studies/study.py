@@ -342,6 +342,13 @@ class ModelChoice:
 
 
 @dataclass(frozen=True, slots=True)
+class CovarianceChoice:
+    """Keys of ``[covariance]``, for covariance studies."""
+
+    candidates: tuple[str, ...] | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class Reference:
     """A known position to compare with."""
 
@@ -379,6 +386,9 @@ class Study:
         Whether kinds of parameter of which `consider` says nothing are considered as their records say.
     path : Path or None
         The file that it was read from.
+    candidates : iterable of str or None
+        Stations, and links by their paths, of which a covariance study says what each would buy; all stations of the
+        catalogue where ``None``.
     """
 
     target: LunarPosition | Trajectory = None  # type: ignore[assignment]  # of targets, then
@@ -394,9 +404,12 @@ class Study:
     consider: Mapping[str, ParameterChoice] = field(default_factory=dict)
     consider_defaults: bool = True
     path: Path | None = None
+    candidates: tuple[str, ...] | None = None
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "references", tuple(self.references))
+        if self.candidates is not None:
+            object.__setattr__(self, "candidates", tuple(self.candidates))
         self._name_targets()
         self._require_considered()
         if isinstance(self.target, Trajectory):

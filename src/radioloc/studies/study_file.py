@@ -23,6 +23,7 @@ from radioloc.studies.schema import Hints, TomlTable, entry, keys_of
 from radioloc.studies.simulation_file import scenario
 from radioloc.studies.study import (
     PARAMETER_KEYS,
+    CovarianceChoice,
     EstimateChoice,
     ModelChoice,
     ObservationChoice,
@@ -88,6 +89,7 @@ TABLES: dict[str, type] = {
     "estimate": EstimateChoice,
     "model": ModelChoice,
     "stations.NAME": Site,
+    "covariance": CovarianceChoice,
 }
 """The records of the tables of a study file; beside them ``[consider]`` and those of ``[simulation]``."""
 
@@ -160,6 +162,7 @@ def read_study(path: str | Path) -> Study:
         raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
     target = made("target", _target) or next(iter(targets.values())).position
     considered, defaults = made("consider", _considered) or ({}, True)
+    planned = made("covariance", lambda table: table.read(CovarianceChoice))
     return top.build(
         Study,
         target=target,
@@ -174,6 +177,7 @@ def read_study(path: str | Path) -> Study:
         references=tuple((made("references", _positions) or {}).values()),
         name=path.stem,
         path=path,
+        candidates=None if planned is None else planned.candidates,
         simulation=made("simulation", partial(_simulation, target=target, catalogue=catalogue)),
     )
 

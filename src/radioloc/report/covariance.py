@@ -1,0 +1,411 @@
+"""What tracking would tell of a position: sigmas by length, their budget, what each part tells and what more would buy.
+
+The 95 % radius is that of the horizontal circle around the estimate that holds the true point in 95 % of cases. With
+the covariance C of east and north, a direction u and k = u^T C^-1 u, the probability within a radius R is the mean over
+all directions of (1 - exp(-R^2 k / 2)) / (k sqrt(det C)).
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.estimation.statistics import finite_or_none
+from radioloc.report.cards import Card, Field, metres, more
+from radioloc.report.figures import COLORS, new_figure, style_axes
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_Floats = NDArray[np.float64]
+_AXES = ("east", "north", "up")
+_DIRECTIONS = np.linspace(0.0, np.pi, 721)[:-1]
+NOISE, A_PRIORI = "measurement noise", "a priori: "
+"""Sources of what is estimated: the observations, and a-priori values by their parameters; others are considered."""
+_MOST_SOURCES, _MOST_GAINS = 8, 12
+_WORTH = 0.005
+"""Part of the 95 % radius below which a gain is not shown on the card."""
+
+
+def radius_95_m(covariance_m2: _Floats) -> float:
+    """Radius of the circle that holds 95 % of a plane normal distribution, m; infinite where that is."""
+    if not np.isfinite(covariance_m2).all():
+        return math.inf
+    variances = np.linalg.eigvalsh(covariance_m2)
+    if variances[1] <= 0.0:
+        return 0.0
+    minor, major = np.sqrt(np.maximum(variances, 1e-4 * variances[1]))
+    k = (np.cos(_DIRECTIONS) / minor) ** 2 + (np.sin(_DIRECTIONS) / major) ** 2
+
+    def missing(radius_m: float) -> float:
+        inside = -np.expm1(-0.5 * radius_m**2 * k) / (k * minor * major)
+        return float(inside.mean()) - 0.95
+
+    from scipy.optimize import brentq
+
+    # Between that of a line and that of a circle of the major axis.
+    return float(brentq(missing, 1.9 * major, 2.5 * major, rtol=1e-9))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ErrorSource:
+    """A part of the position's covariance."""
+
+    source: str
+    """``"measurement noise"``, ``"a priori: range_bias"``, or a considered kind such as ``"station_position"``."""
+    name: str
+    """Whose it is, such as a station; empty where it is nobody's."""
+    covariance_m2: _Floats
+    """East, north, up, shape (3, 3)."""
+
+    @property
+    def label(self) -> str:
+        """Both in one text."""
+        return f"{self.source} {self.name}".strip()
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its standard deviations, in types that JSON has."""
+        sigma_m = np.sqrt(np.maximum(np.diag(self.covariance_m2), 0.0))
+        total_m = math.sqrt(float(sigma_m @ sigma_m))
+        axes = {f"{axis}_m": float(s) for axis, s in zip(_AXES, sigma_m, strict=True)}
+        return {"source": self.source, "name": self.name, **axes, "total_m": total_m}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PlannedArc:
+    """What the first hours of tracking would tell."""
+
+    hours: float
+    span_h: float
+    """From the start to the last observation."""
+    count: int
+    """Observations."""
+    sources: tuple[ErrorSource, ...]
+    """They add up to the covariance; none where the position is not determined."""
+    missing: tuple[str, ...]
+    """What is not determined, in words."""
+
+    @property
+    def determined(self) -> bool:
+        """Whether the observations determine the position."""
+        return bool(self.sources)
+
+    @property
+    def covariance_m2(self) -> _Floats:
+        """East, north, up, shape (3, 3); infinite where not determined."""
+        if not self.sources:
+            return np.full((3, 3), np.inf)
+        return np.asarray(sum(source.covariance_m2 for source in self.sources))
+
+    @property
+    def sigma_m(self) -> _Floats:
+        """Standard deviations east, north, up, shape (3,)."""
+        return np.sqrt(np.diag(self.covariance_m2))
+
+    @property
+    def radius_95_m(self) -> float:
+        """Radius of the horizontal circle that holds the true point in 95 % of cases."""
+        return radius_95_m(self.covariance_m2[:2, :2])
+
+    def without(self, *sources: ErrorSource) -> float:
+        """The 95 % radius were some sources without error."""
+        return radius_95_m(
+            sum((s.covariance_m2 for s in self.sources if s not in sources), np.zeros((3, 3)))[:2, :2]
+        )
+
+    def by_source(self) -> dict[str, _Floats]:
+        """Variances east, north and up of the sources, all of one kind together, shape (3,)."""
+        found: dict[str, _Floats] = {}
+        for source in self.sources:
+            found[source.source] = found.get(source.source, np.zeros(3)) + np.diag(source.covariance_m2)
+        return dict(sorted(found.items(), key=lambda item: -float(item[1][:2].sum())))
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its numbers, in types that JSON has."""
+        sources = sorted((s.to_dict() for s in self.sources), key=lambda record: -record["total_m"])
+        axes = zip(_AXES, self.sigma_m.tolist(), strict=True)
+        return {
+            "hours": self.hours,
+            "span_h": self.span_h,
+            "observations": self.count,
+            "determined": self.determined,
+            "missing": list(self.missing),
+            **{f"sigma_{axis}_m": finite_or_none(sigma) for axis, sigma in axes},
+            "radius_95_m": finite_or_none(self.radius_95_m),
+            "covariance_enu_m2": self.covariance_m2.tolist() if self.determined else None,
+            "budget": sources,
+        }
+
+
+@dataclass(frozen=True, slots=True)
+class Share:
+    """What the observations of a type or of a station tell."""
+
+    group: str
+    """``"type"`` or ``"station"``."""
+    name: str
+    count: int
+    alone_m: float
+    """95 % radius from these alone; infinite where they do not determine the position."""
+    without_m: float
+    """95 % radius without them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gain:
+    """What one thing more would make of the longest arc."""
+
+    what: str
+    """Such as ``"station TIANMA65"`` or ``"station_position KASHI known"``."""
+    radius_95_m: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CovarianceStudy:
+    """What a tracking plan would tell of a position.
+
+    ``str()`` is a card that fits a terminal; ``_repr_html_`` shows the same.
+    """
+
+    name: str
+    arcs: tuple[PlannedArc, ...]
+    """The shortest first."""
+    shares: tuple[Share, ...]
+    gains: tuple[Gain, ...]
+    """The best first."""
+    reach_m: float | None = None
+    """95 % radius that was asked for."""
+    reach_h: float | None = None
+    """After how many hours it is reached; None where it is not."""
+    notes: tuple[str, ...] = ()
+
+    @property
+    def longest(self) -> PlannedArc:
+        """The whole."""
+        return self.arcs[-1]
+
+    @property
+    def determined(self) -> bool:
+        """Whether the longest arc determines the position."""
+        return self.longest.determined
+
+    def to_dict(self) -> dict[str, Any]:
+        """Everything, in types that JSON has."""
+        return {
+            "name": self.name,
+            "determined": self.determined,
+            "reach": None if self.reach_m is None else {"radius_95_m": self.reach_m, "hours": self.reach_h},
+            "arcs": [arc.to_dict() for arc in self.arcs],
+            "information": [
+                {
+                    share.group: share.name,
+                    "observations": share.count,
+                    "alone_radius_95_m": finite_or_none(share.alone_m),
+                    "without_radius_95_m": finite_or_none(share.without_m),
+                }
+                for share in self.shares
+            ],
+            "gains": [
+                {"what": gain.what, "radius_95_m": finite_or_none(gain.radius_95_m)} for gain in self.gains
+            ],
+            "notes": list(self.notes),
+        }
+
+    def to_csv(self) -> str:
+        """One row for each length, with the standard deviation by each kind of source, east, north and up together."""
+        kinds = dict.fromkeys(kind for arc in reversed(self.arcs) for kind in arc.by_source())
+        stream = io.StringIO()
+        writer = csv.writer(stream, lineterminator="\n")
+        sigmas = [f"sigma_{axis}_m" for axis in _AXES]
+        writer.writerow(
+            ["hours", "span_h", "observations", *sigmas, "radius_95_m", *(f"{k}_m" for k in kinds)]
+        )
+        for arc in self.arcs:
+            by_source = arc.by_source()
+            parts = [math.sqrt(by_source[k].sum()) if k in by_source else math.inf for k in kinds]
+            numbers = [*arc.sigma_m.tolist(), arc.radius_95_m, *parts]
+            shown = [f"{x:.6g}" if math.isfinite(x) else "" for x in numbers]
+            writer.writerow([f"{arc.hours:g}", f"{arc.span_h:.4f}", arc.count, *shown])
+        return stream.getvalue()
+
+    def card(self) -> Card:
+        """Card of the study."""
+        heading = ("length", "span, h", "obs.", "east", "north", "up", "95 % radius")
+        return Card(
+            (
+                Field("covariance", (self.name,)),
+                Field("status", _status(self)),
+                Field("1 sigma, m", (), heading, map(_length_cells, self.arcs)),
+                Field(
+                    "", ("95 % radius: of the horizontal circle that holds the true point in 95 % of cases",)
+                ),
+                *_budget(self.longest),
+                *_information(self),
+                *_gains(self),
+                Field("notes", self.notes),
+            )
+        )
+
+    def __str__(self) -> str:
+        return str(self.card())
+
+    def __repr__(self) -> str:
+        return f"<CovarianceStudy {self.name}: 95 % within {metres(self.longest.radius_95_m)} m>"
+
+    def _repr_html_(self) -> str:
+        return self.card().html()
+
+
+def plans_card(plans: Iterable[CovarianceStudy]) -> Card:
+    """Card that compares several plans."""
+    plans = tuple(plans)
+    reach_m = plans[0].reach_m
+    heading = ["", "span, h", "obs.", "east", "north", "up", "95 % radius"]
+    lines = ["1 sigma, m, of the whole of each plan"]
+    if reach_m is not None:
+        heading.append(f"{metres(reach_m)} m after")
+        lines.append(f"how long each has to last until its 95 % radius is {metres(reach_m)} m or less")
+    rows = (
+        (plan.name, *_length_cells(plan.longest)[1:], *([] if reach_m is None else [_hours(plan.reach_h)]))
+        for plan in plans
+    )
+    return Card((Field("plans", lines, heading, rows),))
+
+
+def _hours(hours: float | None) -> str:
+    return "never" if hours is None else f"{hours:.2f} h" if hours < 1.0 else f"{hours:.1f} h"
+
+
+def _status(study: CovarianceStudy) -> Iterator[str]:
+    arc = study.longest
+    if not arc.determined:
+        yield f"NOT OBSERVABLE: {'; '.join(arc.missing)}"
+        return
+    yield f"{arc.hours:g} h: 95 % within {metres(arc.radius_95_m)} m"
+    if study.reach_m is not None and study.reach_h is None:
+        yield f"a 95 % radius of {metres(study.reach_m)} m is not reached: {_what_first(arc)}"
+    elif study.reach_m is not None:
+        yield f"a 95 % radius of {metres(study.reach_m)} m is reached after {_hours(study.reach_h)}"
+
+
+def _what_first(arc: PlannedArc) -> str:
+    kind = next(iter(arc.by_source()))
+    if kind == NOISE:
+        return "more observations would help most"
+    return f"{kind.removeprefix('a priori: ')} is what to know better first"
+
+
+def plot_covariance(study: CovarianceStudy) -> Figure:
+    """Figure of the sigmas by length, and of what they are made of.
+
+    Parameters
+    ----------
+    study : CovarianceStudy
+
+    Raises
+    ------
+    InputError
+        No length determines the position.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> found = radioloc.covariance(radioloc.read_study("examples/change5/short_arc.toml"))
+    >>> figure = radioloc.report.plot_covariance(found)
+    """
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    arcs = [arc for arc in study.arcs if arc.determined]
+    if not arcs:
+        raise InputError(f"{study.name}: no length determines the position; there is nothing to draw")
+    hours = np.array([arc.hours for arc in arcs])
+    figure = new_figure(7.5, 6.5, study.name)
+    above, below = figure.subplots(2, 1, sharex=True)
+    radius_m = np.array([arc.radius_95_m for arc in arcs])
+    above.plot(hours, radius_m, "o-", color="0.1", linewidth=2.0, label="95 % radius, horizontal")
+    for k, axis in enumerate(_AXES):
+        sigma_m = [arc.sigma_m[k] for arc in arcs]
+        above.plot(hours, sigma_m, ".-", color=COLORS[k], label=f"1 sigma {axis}")
+    if study.reach_m is not None:
+        above.axhline(study.reach_m, color="0.5", linestyle="--", linewidth=1.0)
+        above.annotate(
+            f"{metres(study.reach_m)} m", (hours[-1], study.reach_m), fontsize=8, va="bottom", ha="right"
+        )
+    above.set_ylabel("metres")
+    kinds = dict.fromkeys(kind for arc in reversed(arcs) for kind in arc.by_source())
+    for k, kind in enumerate(kinds):
+        variance = [arc.by_source().get(kind, np.zeros(3))[:2].sum() for arc in arcs]
+        line = "-" if k < len(COLORS) else "--"
+        below.plot(hours, np.sqrt(variance), f".{line}", color=COLORS[k % len(COLORS)], label=kind)
+    below.set_ylabel("horizontal 1 sigma from each, m")
+    below.set_xlabel("hours from the start")
+    largest = max(float(np.sqrt(arc.by_source()[kind][:2].sum())) for arc in arcs for kind in arc.by_source())
+    below.set_ylim(bottom=max(1e-3 * largest, 1e-4), top=2.0 * largest)
+    for axes in (above, below):
+        axes.set_xscale("log")
+        axes.set_yscale("log")
+        style_axes(axes)
+        axes.legend(fontsize=7, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
+        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axes.yaxis.set_major_formatter("{x:g}")
+        axes.yaxis.set_minor_formatter(NullFormatter())
+    below.set_xticks(hours, [f"{h:.3g}" for h in hours])
+    below.minorticks_off()
+    return figure
+
+
+def _length_cells(arc: PlannedArc) -> tuple[str, ...]:
+    sigmas = map(metres, arc.sigma_m.tolist()) if arc.determined else ("-", "-", "-")
+    radius = metres(arc.radius_95_m) if arc.determined else "not observable"
+    return (f"{arc.hours:g} h", f"{arc.span_h:.2f}", str(arc.count), *sigmas, radius)
+
+
+def _budget(arc: PlannedArc) -> Iterator[Field]:
+    records = sorted((s.to_dict() for s in arc.sources), key=lambda record: -record["total_m"])
+    rows = (
+        (
+            f"{r['source']} {r['name']}".strip(),
+            *(metres(r[key]) for key in ("east_m", "north_m", "up_m", "total_m")),
+        )
+        for r in records[:_MOST_SOURCES]
+    )
+    yield Field(
+        "budget",
+        (),
+        (f"of {arc.hours:g} h, m", "east", "north", "up", "3D"),
+        rows,
+        more(len(records), _MOST_SOURCES, "covariance.json"),
+    )
+
+
+def _information(study: CovarianceStudy) -> Iterator[Field]:
+    rows = (
+        (f"{share.group} {share.name}", str(share.count), _radius(share.alone_m), _radius(share.without_m))
+        for share in study.shares
+    )
+    yield Field("information", (), ("95 % radius, m", "obs.", "alone", "without"), rows)
+
+
+def _radius(radius_m: float) -> str:
+    return metres(radius_m) if math.isfinite(radius_m) else "not observable"
+
+
+def _gains(study: CovarianceStudy) -> Iterator[Field]:
+    now_m = study.longest.radius_95_m
+    better = [gain for gain in study.gains if gain.radius_95_m < (1.0 - _WORTH) * now_m]
+    rows = (
+        (gain.what, metres(gain.radius_95_m), f"-{100.0 * (1.0 - gain.radius_95_m / now_m):.0f} %")
+        for gain in better[:_MOST_GAINS]
+    )
+    below = list(more(len(better), _MOST_GAINS, "covariance.json"))
+    if little := len(study.gains) - len(better):
+        below.append(f"{little} others would buy less than {100.0 * _WORTH:g} %")
+    yield Field("would buy", (), ("95 % radius, m, with", "", ""), rows, below)

@@ -1,0 +1,392 @@
+"""What tracking would tell of a position, before there is any: covariance analysis without trials.
+
+The observations are those of a study's ``[simulation]`` schedule with the noise that it states, or the epochs of its
+data with their stated sigmas. They are weighed by the inverse of their covariance, so that the estimate has the least
+variance (Aitken 1935); to that come the errors of considered parameters, which weights know nothing of (Tapley, Schutz
+and Born 2004, chapter 6). No value of an observation is needed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.earth.stations import StationCatalogue
+from radioloc.ephemeris import Trajectory
+from radioloc.errors import InputError
+from radioloc.estimation.build import seconds_since_midnight
+from radioloc.estimation.consider import ConsideredErrors, consider
+from radioloc.estimation.factorization import covariance_of, factorize
+from radioloc.estimation.labels import USED
+from radioloc.estimation.least_squares import FitResult, FitStatus
+from radioloc.estimation.observability import assess_observability
+from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.process_noise import ProcessNoise
+from radioloc.measurements.link import Link
+from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import KINDS
+from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.parameter import Role
+from radioloc.report.covariance import A_PRIORI, NOISE, CovarianceStudy, ErrorSource, Gain, PlannedArc, Share
+from radioloc.simulation import Scenario, Session
+from radioloc.simulation.schedule import Pair
+from radioloc.simulation.simulate import rot_pa_to_enu
+from radioloc.studies.locate import model_of, prepared_arc
+from radioloc.studies.notes import notes_of_plan
+from radioloc.studies.one_thread import on_one_blas_thread
+from radioloc.studies.problem import (
+    considered_errors,
+    observation_model,
+    start_pa_m,
+    status_of,
+    targets_in_pa,
+)
+from radioloc.studies.selection import ArcPart, arc_lengths, arc_parts, selected
+from radioloc.studies.station_noise import stated_noise
+from radioloc.studies.study import Study
+from radioloc.studies.weights import ends_of
+
+_Floats = NDArray[np.float64]
+_Mask = NDArray[np.bool_]
+
+HOURS = (0.5, 1.0, 2.0, 3.0, 6.0, 12.0, 24.0, 48.0)
+"""Lengths that are shown where none are asked for, as far as the plan goes; then days, doubled."""
+_TO_H = 1.0 / 12.0
+"""When a radius is reached is found to five minutes."""
+
+
+@on_one_blas_thread
+def covariance(
+    study: Study, hours: Iterable[float] | float | None = None, *, reach_m: float | None = None
+) -> CovarianceStudy:
+    """Find how well the tracking of a study would tell a position, in seconds and without trials.
+
+    Parameters
+    ----------
+    study : Study
+        With a simulation, whose schedule and noise are taken, or with files, whose epochs and stated sigmas are.
+    hours : iterable of float, optional
+        Lengths from the start, h; up to the end of the plan, doubled again and again, where not given.
+    reach_m : float, optional
+        A 95 % radius: find after how many hours it is reached, m.
+
+    Returns
+    -------
+    CovarianceStudy
+        Sigmas and their budget by length, what each type and station tells, and what better knowledge and, of a
+        schedule, other stations would buy: those of ``[covariance] candidates``, or of the whole catalogue.
+
+    Raises
+    ------
+    RadiolocError
+        The study is not of one position that is estimated, or it cannot be simulated.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> found = radioloc.covariance(radioloc.read_study("examples/change5/short_arc.toml"), reach_m=1000.0)
+    >>> found.determined, found.reach_h
+    (True, 0.5)
+    """
+    if isinstance(study.target, Trajectory) or len(study.targets) > 1:
+        raise InputError(f"{study.name}: a covariance study is of one position on the Moon")
+    if study.estimate.position == "none":
+        raise InputError('a covariance study needs the position estimated: [estimate] position is "none"')
+    if reach_m is not None and not (np.isfinite(reach_m) and reach_m > 0.0):
+        raise InputError(f"the 95 % radius to be reached is {reach_m!r} m; give a number above zero")
+    plan = _Planned.of(study)
+    solved = [_Solved.of(plan, part) for part in plan.parts(hours)]
+    arcs = [one.planned for one in solved]
+    longest = solved[-1]
+    reach_h = None if reach_m is None else _reached_h(plan, arcs, reach_m)
+    gains = [*_better_known(longest), *_more_stations(plan, longest)] if arcs[-1].determined else []
+    return CovarianceStudy(
+        name=study.name,
+        arcs=tuple(arcs),
+        shares=tuple(_shares(longest)),
+        gains=tuple(sorted(gains, key=lambda gain: gain.radius_95_m)),
+        reach_m=reach_m,
+        reach_h=reach_h,
+        notes=(*plan.notes, *longest.not_considered),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Planned:
+    """A study's observations without their values, and their noise."""
+
+    study: Study  # its target is where the point truly stands
+    longest: Predictor
+    noise: ProcessNoise
+    usable: _Mask
+    notes: tuple[str, ...]
+
+    @classmethod
+    def of(cls, study: Study) -> _Planned:
+        """That of the schedule, or of the files."""
+        scenario, notes = study.simulation, []
+        if scenario is None:
+            longest, left_out = prepared_arc(study)
+            time_s = seconds_since_midnight(longest.observations.epoch)
+            noise = ProcessNoise.stated(stated_noise(longest, study.observations), time_s)
+            notes.append(
+                "the noise is white and as stated: how long errors last is known from residuals only"
+            )
+        else:
+            study = replace(study, target=scenario.position, reference=None, references=())
+            model = model_of(study)
+            plan = scenario.schedule.plan(
+                model, start_pa_m(targets_in_pa(study, model.ephemeris.constants)), scenario.name
+            )
+            rows = np.flatnonzero(selected(plan.observations, study.observations, study.catalogue)[0])
+            longest, left_out = prepared_arc(study, plan.observations.select(rows))
+            noise = scenario.noise.processes(plan).select(rows)
+            silent = [kind for kind in longest.observations.types() if kind not in scenario.noise.link]
+            notes += [
+                f"[simulation.noise.{kind}] is not given: white noise of the sessions' sigma_m"
+                for kind in dict.fromkeys(silent)
+            ]
+        usable = status_of(longest, targets_in_pa(study, longest.model.ephemeris.constants))[0].are(USED)
+        if not usable.all():
+            notes.append(f"{int((~usable).sum())} observations cannot be used: too low, or out of sight")
+        return cls(study, longest, noise, usable, (*notes, *notes_of_plan(longest, left_out)))
+
+    @property
+    def span_h(self) -> float:
+        """From the start to the last observation."""
+        return arc_parts(self.longest, self.study, [1e9])[0].span_h
+
+    def parts(self, hours: Iterable[float] | float | None) -> list[ArcPart]:
+        """Parts of some lengths, the shortest first; of lengths that are not asked for those that hold anything."""
+        if hours is not None:
+            return arc_parts(self.longest, self.study, arc_lengths(hours, self.study.observations))
+        span_h = self.span_h
+        lengths = [length for length in HOURS if length < 0.98 * span_h]
+        while lengths and 2.0 * lengths[-1] < 0.98 * span_h:
+            lengths.append(2.0 * lengths[-1])
+        found: list[ArcPart] = []
+        for length in [*lengths, float(np.ceil(10.0 * span_h - 1e-6) / 10.0)]:
+            try:
+                part = arc_parts(self.longest, self.study, [length])[0]
+            except InputError:  # nothing is seen yet
+                continue
+            if not found or len(part.rows) > len(found[-1].rows):
+                found.append(part)
+        return found
+
+
+@dataclass(frozen=True, eq=False)
+class _Solved:
+    """The first hours of a plan, solved with all observations or with some."""
+
+    plan: _Planned
+    part: ArcPart
+    problem: ObservationModel
+    x: _Floats
+    fit: FitResult
+    considered: ConsideredErrors | None
+    not_considered: tuple[str, ...]  # notes
+
+    @classmethod
+    def of(cls, plan: _Planned, part: ArcPart) -> _Solved:
+        """Solve a part of a plan."""
+        study, arc = plan.study, part.arc
+        targets = targets_in_pa(study, arc.model.ephemeris.constants)
+        problem = observation_model(arc, targets, part.estimate)
+        x = problem.parameters.prior_values
+        fit = _solve(problem, plan.noise.select(part.rows), plan.usable[part.rows], x)
+        considered, not_considered = considered_errors(study, problem, part.estimate, x)
+        return cls(plan, part, problem, x, fit, considered, tuple(not_considered))
+
+    def among(self, used: _Mask) -> PlannedArc:
+        """The same with some of its observations only."""
+        noise = self.plan.noise.select(self.part.rows)
+        return replace(self, fit=_solve(self.problem, noise, used & self.fit.used, self.x)).planned
+
+    def known(self, kind: str) -> PlannedArc:
+        """The same with the parameters of a kind that is estimated known."""
+        parameters = self.problem.parameters
+        for k in parameters.of_kind(kind):
+            if kind != "position" or parameters.names[k].startswith("position.height"):
+                parameters = parameters.changed(parameters.names[k], role=Role.FIXED)
+        problem = replace(self.problem, parameters=parameters)
+        noise = self.plan.noise.select(self.part.rows)
+        return replace(self, problem=problem, fit=_solve(problem, noise, self.fit.used, self.x)).planned
+
+    @cached_property
+    def planned(self) -> PlannedArc:
+        """What it tells."""
+        fit, involved = self.fit, (self.problem.position_partials(self.x) != 0.0).any(axis=0)
+        missing: tuple[str, ...] = ()
+        sources: tuple[ErrorSource, ...] = ()
+        if np.isfinite(np.diag(fit.covariance)[involved]).all():
+            sources = tuple(self._sources())
+        else:
+            missing = assess_observability(fit).describe()[:1]
+        return PlannedArc(self.part.hours, self.part.span_h, int(fit.used.sum()), sources, missing)
+
+    def _sources(self) -> Iterator[ErrorSource]:
+        """Parts of the covariance of the position: C A C + C P C of the estimate, and what is considered."""
+        fit, parameters = self.fit, self.fit.parameters
+        position_pa_m = self.problem.position_pa_m(self.x)
+        enu = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ self.problem.position_partials(self.x)
+        formal = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
+        left = enu @ formal
+        of_priors: dict[str, _Floats] = {}
+        for k in np.flatnonzero(parameters.free & np.isfinite(parameters.prior_sigmas)).tolist():
+            item = parameters.parameters[k]
+            name = item.name if item.kind == "position" else item.kind
+            of_one = np.outer(left[:, k], left[:, k]) / item.prior_sigma**2
+            of_priors[name] = of_priors.get(name, np.zeros((3, 3))) + of_one
+        yield ErrorSource(NOISE, "", left @ enu.T - sum(of_priors.values(), np.zeros((3, 3))))
+        for name, covariance_m2 in of_priors.items():
+            yield ErrorSource(f"{A_PRIORI}{name}", "", covariance_m2)
+        grouped: dict[tuple[str, str], _Floats] = {}
+        for record in consider(fit, self.considered).to_list(enu) if self.considered is not None else ():
+            moved_m = np.array(record["position_enu_m"])
+            kind, _, of_whom = record["name"].partition(".")
+            whose = of_whom.split(" ")[0].split(".")[0]
+            key = kind, whose if whose in self.part.arc.stations else ""
+            grouped[key] = grouped.get(key, np.zeros((3, 3))) + np.outer(moved_m, moved_m)
+        for (kind, whose), covariance_m2 in grouped.items():
+            yield ErrorSource(kind, whose, covariance_m2)
+        ephemeris_m = np.array(self.part.estimate.ephemeris_sigma_m)
+        if ephemeris_m.any():
+            yield ErrorSource("ephemeris", "", np.diag(ephemeris_m**2))
+
+
+def _solve(problem: ObservationModel, noise: ProcessNoise, used: _Mask, x: _Floats) -> FitResult:
+    """Fit without values: what determines what, and how well."""
+    linearization, whitening = problem.linearize(x), noise.among(used)
+    factor = factorize(linearization, whitening, problem.parameters, x)
+    if factor is None:
+        raise InputError("the partials of the observations are not finite numbers")
+    determined = bool(factor.determined.all())
+    return FitResult(
+        parameters=problem.parameters,
+        x=x,
+        covariance=covariance_of(factor, problem.parameters),
+        linearization=linearization,
+        noise=ObservationNoise(noise.sigma_m),
+        used=used,
+        chi2=0.0,
+        dof=0,
+        status=FitStatus.CONVERGED if determined else FitStatus.UNOBSERVABLE,
+        iterations=0,
+        factor=factor,
+        whitening=whitening,
+    )
+
+
+def _reached_h(plan: _Planned, arcs: Sequence[PlannedArc], reach_m: float) -> float | None:
+    """Length at which a 95 % radius is reached first, h; None where it is not."""
+    k = next((k for k, arc in enumerate(arcs) if arc.radius_95_m <= reach_m), None)
+    if k is None:
+        return None
+    low, high = (arcs[k - 1].hours, arcs[k].hours) if k else (0.0, arcs[0].hours)
+    while k and high - low > _TO_H:
+        middle = 0.5 * (low + high)
+        part = arc_parts(plan.longest, plan.study, [middle])[0]
+        if _Solved.of(plan, part).planned.radius_95_m <= reach_m:
+            high = middle
+        else:
+            low = middle
+    return high
+
+
+def _shares(solved: _Solved) -> Iterator[Share]:
+    """What the observations of each type and of each station tell, alone and by what is lost without them."""
+    observations = solved.part.arc.observations
+    kinds, ends = observations.kind, ends_of(observations.links, solved.plan.study.catalogue)
+    groups = [("type", KINDS[kind], kinds == kind) for kind in np.unique(kinds).tolist()]
+    for name in sorted(set().union(*ends)):
+        groups.append(("station", name, np.array([name in of_link for of_link in ends])[observations.link]))
+    for group, name, mine in groups:
+        if mine.all() and group == "type":
+            continue
+        count = int((mine & solved.fit.used).sum())
+        if count:
+            alone_m = solved.among(mine).radius_95_m
+            yield Share(
+                group, name, count, alone_m, solved.among(~mine).radius_95_m if not mine.all() else np.inf
+            )
+
+
+def _better_known(solved: _Solved) -> Iterator[Gain]:
+    """What it would buy to know each considered source, and each kind that is estimated, without error."""
+    arc = solved.planned
+    considered = [
+        source for source in arc.sources if source.source != NOISE and not source.source.startswith(A_PRIORI)
+    ]
+    for kind in dict.fromkeys(source.source for source in considered):
+        mine = [source for source in considered if source.source == kind]
+        yield Gain(f"{kind} known{' at all stations' if len(mine) > 1 else ''}", arc.without(*mine))
+        if len(mine) > 1:
+            yield from (Gain(f"{source.label} known", arc.without(source)) for source in mine)
+    kinds = dict.fromkeys(item.kind for item in solved.problem.parameters if not item.fixed)
+    for kind in kinds:
+        of_height = any(name.startswith("position.height") for name in solved.problem.parameters.names)
+        if kind != "position" or of_height:
+            yield Gain(f"{'height' if kind == 'position' else kind} known", solved.known(kind).radius_95_m)
+
+
+def _more_stations(plan: _Planned, solved: _Solved) -> Iterator[Gain]:
+    """What one station or link more in the schedule's sessions would buy."""
+    scenario, catalogue = plan.study.simulation, plan.study.catalogue
+    if scenario is None:
+        return
+    asked = plan.study.candidates
+    for name in [station.name for station in catalogue] if asked is None else asked:
+        what, sessions = _with_candidate(name, scenario, catalogue)
+        if sessions == list(scenario.schedule.sessions):
+            if asked is not None:
+                raise InputError(
+                    f"[covariance] candidates: {name} adds nothing: it takes part already, or no session is of its kind"
+                )
+            continue
+        larger = replace(scenario, schedule=replace(scenario.schedule, sessions=sessions))
+        more = _Planned.of(replace(plan.study, simulation=larger))
+        [part] = arc_parts(more.longest, more.study, [solved.part.hours])
+        yield Gain(what, _Solved.of(more, part).planned.radius_95_m)
+
+
+def _with_candidate(name: str, scenario: Scenario, catalogue: StationCatalogue) -> tuple[str, list[Session]]:
+    """The sessions with a station, or a link given by its path, added where they are of its kind."""
+    sessions = list(scenario.schedule.sessions)
+    added: list[tuple[Pair, ...]] = []
+    if "<" in name or ">" in name:
+        link = Link.from_path(name)
+        pair = (catalogue.get(link.stations[0]).name, catalogue.get(link.stations[-1]).name)
+        added = [(pair,) if session.baseline == ("<" in name) else () for session in sessions]
+        what = f"link {name}"
+    else:
+        station = catalogue.get(name)
+        for session in sessions:
+            ends = dict.fromkeys(end for pair in session.pairs for end in pair if end)
+            known = {catalogue.get(end).name for end in ends}
+            fits = station.kind in {catalogue.get(end).kind for end in ends} and station.name not in known
+            added.append(_pairs_with(station.name, session) if fits else ())
+        what = f"station {station.name}"
+    return what, [
+        replace(session, pairs=(*session.pairs, *(pair for pair in more if pair not in session.pairs)))
+        for session, more in zip(sessions, added, strict=True)
+    ]
+
+
+def _pairs_with(station: str, session: Session) -> tuple[Pair, ...]:
+    """Pairs of one station more, of the kinds that a session has: by itself, with senders, with receivers."""
+    senders = dict.fromkeys(first for first, _ in session.pairs)
+    receivers = dict.fromkeys(second for _, second in session.pairs)
+    if session.baseline:
+        return tuple((other, station) for other in {**senders, **receivers})
+    itself = any(first == second for first, second in session.pairs)
+    pairs = [(station, station)] if itself else []
+    if any(first != second for first, second in session.pairs):
+        pairs += [(sender, station) for sender in senders]
+        if len(senders) > 1:
+            pairs += [(station, receiver) for receiver in receivers]
+    return tuple(pairs)

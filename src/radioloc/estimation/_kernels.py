@@ -273,7 +273,7 @@ def add_to_bins(place: Integers, whitening: Floats, values: Floats, sums: Floats
             squares[j, place[i]] += first * first
 
 
-@numba.njit(nogil=True, cache=True, error_model="numpy")
+@compiled(error_model="numpy")
 def filter_processes(
     time_s: Floats,
     process: Integers,

@@ -37,7 +37,7 @@ WEATHER_LIMITS = {
 }
 """Lowest and highest value that a station on Earth can have recorded; catches Celsius, percent and Pascal."""
 
-_SIGMA_LIMITS_M = (1e-9, 1e9)
+_SIGMA_LIMITS_M = (1e-9, 1e12)
 _UNITS = {
     "value_m": "m",
     "sigma_m": "m",

@@ -224,6 +224,24 @@ def test_two_values_of_one_observation_are_refused(table_lines):
     assert len(parse_table("a.csv", [*table_lines[:-1], f"{other}1.064", ""], None)) == 4
 
 
+@pytest.mark.parametrize("decimals", [0, 18, 25, 250])
+def test_epochs_of_any_number_of_decimals(table_lines, decimals):
+    epoch = f"2006-04-07T06:26:30.{'5' * decimals}"
+    lines = [line.replace("2006-04-07T06:26:30.0", epoch) for line in table_lines]
+    second = 86400.0 * parse_table("a.csv", lines, None).epoch.fraction[0] - 23190.0
+    assert second == pytest.approx(5.0 / 9.0 if decimals else 0.0, abs=1e-10)
+
+
+@pytest.mark.parametrize(
+    "epoch", ["9" * 25, "1" * 5000, "2006-04-07" + "0" * 15, "\u0662\u0660\u0660\u0666-04-07"]
+)
+def test_digits_that_are_no_epoch(table_lines, epoch):
+    lines = [line.replace("2006-04-07T06:26:30.0", epoch) for line in table_lines]
+    with pytest.raises(FileFormatError, match=r"line 3: epoch_utc: .* is not a date") as caught:
+        parse_table("a.csv", lines, None)
+    assert len(str(caught.value)) < 200
+
+
 def test_cut_inside_the_last_number():
     """0.75 instead of 0.752 is a wavelength too."""
     header = "epoch_utc,type,path,light_time_s,sigma_s,time_tag,wavelength_um\n"

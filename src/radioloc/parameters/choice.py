@@ -132,7 +132,8 @@ def chosen_parameters(
         return found
 
     listed = set(present) if choice.names == "all" else set()
-    if choice.names == "all" and kind.relative and role is Role.ESTIMATED:
+    of_stations = scope in (Scope.STATION, Scope.PASS)
+    if choice.names == "all" and kind.relative and role is Role.ESTIMATED and of_stations:
         listed -= _references(kind, predictor, present)
     elif not isinstance(choice.names, str):
         listed = {member_of(kind.name, name) for name in choice.names}

@@ -42,6 +42,8 @@ class Columns:
     def design(self, rows: ObservationRows) -> NDArray[np.float64]:
         """Partial derivatives of computed values by the parameters, shape (m, number of columns)."""
         partials = _asked(self.kind, "partials", rows)
+        if self.kind.of_links_second and self.scope in (Scope.LINK, Scope.LINK_AND_PASS):
+            partials = partials[:, -1:]
         components = len(self.kind.components)
         if partials.ndim != 3 or partials.shape[::2] != (len(rows), components):
             raise InputError(

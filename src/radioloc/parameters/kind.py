@@ -74,6 +74,8 @@ class ParameterKind:
     relative : bool
         Whether only differences between stations show; ``"all"`` then estimates all but one reference station of each
         network.
+    of_links_second : bool
+        Whether that of a link is that of its second station alone, as both stations' would cancel.
     considered : callable, optional
         From observations, before anything is computed, and members (names of those on whose observations the parameter
         acts, with their indices) to the a-priori sigmas of the members that are considered where a study says nothing
@@ -98,6 +100,7 @@ class ParameterKind:
     more_partials: bool = False
     term: str = ""
     relative: bool = False
+    of_links_second: bool = False
     considered: Callable[[ObservationRows, Mapping[str, int]], Mapping[str, Amount] | str] | None = None
     considered_per: Scope | None = None
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Iterator
 from dataclasses import replace
+from itertools import combinations
 
 import numpy as np
 
@@ -46,6 +47,8 @@ _ADVICE = {
     "station_position": "the coordinates",
 }
 """What is improved where a source is the largest; others are called by their names."""
+_SPLIT_SIGMAS = 3.3
+"""Means of two links that differ by more do so by chance in 1 of 1000 cases."""
 _MUCH_LARGER = 3.0
 """A sigma that grows by more belongs to an estimate that other weights make much better."""
 
@@ -371,7 +374,36 @@ def _groups(solution: Solution) -> Iterator[Field]:
         for group in groups[:most]:
             sizes = ("-" if x is None else metres(x) for x in (group.mean_m, group.rms_m, group.wrms_m))
             cells.append((group.label, str(group.used), str(group.rejected), *sizes))
-        yield Field(label, (), heading, cells, more(len(groups), most))
+        split = _split(solution) if label == "links" else ()
+        yield Field(label, (), heading, cells, (*more(len(groups), most), *split))
+
+
+def _split(solution: Solution) -> Iterator[str]:
+    """Ranges of two links of one station whose means differ significantly, which the station's mean can hide."""
+    worth = {}
+    if solution.time_correlation is not None:
+        worth = {item.name: max(item.effective_count, 1.0) for item in solution.time_correlation.series}
+    of_station: dict[str, list[tuple[str, float, float]]] = {}
+    for group in solution.fit.by_path:
+        kind, _, path = group.label.partition(" ")
+        if kind != "range" or not group.used or group.mean_m is None or group.rms_m is None:
+            continue
+        link = Link.from_path(path)
+        scatter_m = max(group.rms_m**2 - group.mean_m**2, 0.0) ** 0.5
+        count = worth.get(group.label, float(group.used))
+        way = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"
+        of_station.setdefault(link.receiver, []).append((way, group.mean_m, scatter_m / count**0.5))
+    for station, means in of_station.items():
+        pairs = list(combinations(means, 2))
+        apart = [
+            (abs(one[1] - two[1]) / max(math.hypot(one[2], two[2]), 1e-9), one, two) for one, two in pairs
+        ]
+        sigmas, one, two = max(apart, default=(0.0, None, None), key=lambda found: found[0])
+        if sigmas > _SPLIT_SIGMAS and one is not None and two is not None:
+            yield (
+                f"ranges of {station}, {one[0]} {signed_metres(one[1])} m and {two[0]} {signed_metres(two[1])} m, "
+                f'disagree by {sigmas:.1f} sigmas: [estimate] clock = "all" or range_bias_per = "link" would absorb it'
+            )
 
 
 def _left_out(solution: Solution) -> Iterator[str]:

@@ -1,5 +1,6 @@
 """A status of "converged" means that the position can be used."""
 
+import re
 from dataclasses import replace
 
 import change5_case
@@ -8,7 +9,7 @@ import pytest
 
 import radioloc
 from radioloc.estimation import FitStatus
-from radioloc.measurements import Link, PhysicalModel, active_terms
+from radioloc.measurements import MEASUREMENTS, Link, PhysicalModel, active_terms
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, all_ranges
 from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
 from radioloc.studies.locate import prepared_arc
@@ -106,3 +107,18 @@ def test_trials_are_judged_as_solutions_are():
     assert found.linear
     assert found.proof.passed
     assert not found["converged"].any()
+
+
+def test_a_split_of_two_links_of_a_station_is_told(tracking):
+    """Three-way ranges 5 m off: a bias of the station is the mean of both, and its own mean hides it."""
+    three_way = np.array([link.transmitter not in ("", link.receiver) for link in tracking.links])[
+        tracking.link
+    ]
+    ranges = tracking.kind == list(MEASUREMENTS).index("range")
+    off = replace(tracking, value_m=tracking.value_m + 5.0 * (three_way & ranges))
+    said = " ".join(str(radioloc.locate(study(range_bias="all"), off)).split())
+    assert re.search(
+        r'ranges of KASHI, .* disagree by \d+\.\d sigmas: \[estimate\] clock = "all" or range_bias_per', said
+    )
+    for absorbed in ({"range_bias_per": "link"}, {"clock": "all"}):
+        assert "disagree by" not in str(radioloc.locate(study(range_bias="all", **absorbed), off))

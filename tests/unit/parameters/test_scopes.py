@@ -1,0 +1,103 @@
+"""Every kind of parameter, estimated and considered, in every scope that it can have."""
+
+from dataclasses import replace
+
+import change5_case
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc import Observations
+from radioloc.measurements import MEASUREMENTS, Link, active_terms
+from radioloc.parameters.choice import parameter_choices
+from radioloc.parameters.registry import PARAMETERS
+from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
+from radioloc.time import epochs_from_strings
+
+PATHS = {
+    "range": ("KASHI>lander>KASHI", "JIAMUSI>lander>KASHI", "JIAMUSI>lander>JIAMUSI"),
+    "vlbi_delay": ("SESHAN25<lander>KUNMING", "SESHAN25<lander>URUMQI"),
+    "doppler": ("JIAMUSI>lander>KASHI",),
+    "vlbi_delay_rate": ("SESHAN25<lander>KUNMING",),
+    "one_way_range": ("lander>KUNMING",),
+    "one_way_doppler": ("lander>KUNMING",),
+}
+KIND_AND_SCOPE = [(name, scope.value) for name, kind in PARAMETERS.items() for scope in kind.scopes]
+LEFT_M = 1e-2
+"""Of what a parameter adds, some 10 m, an a-priori sigma of ten times as much takes 1e-4."""
+
+
+@pytest.fixture(scope="module")
+def tracking():
+    """Two passes of all types, some of which any parameter acts on; values mean nothing yet."""
+    days = [
+        f"2020-12-0{day}T{hour:02d}:{minute:02d}:00"
+        for day in (1, 2)
+        for hour in (16, 18, 20)
+        for minute in (0, 30)
+    ]
+    kinds = list(MEASUREMENTS)
+    parts = [
+        Observations.from_columns(
+            epoch=epochs_from_strings(days, "UTC"),
+            links=[Link.from_path(path)],
+            kind=kinds.index(kind),
+            tag=1,
+            value_m=1.0,
+            sigma_m=0.1,
+            count_s=60.0 if MEASUREMENTS[kind].integrated else np.nan,
+            uplink_hz=7.2e9,
+            wavelength_um=35394.6,
+        )
+        for kind, paths in PATHS.items()
+        for path in paths
+    ]
+    return Observations.concatenate(parts)
+
+
+def study(consider=None, **keys):
+    return radioloc.Study(
+        change5_case.LANDER,
+        ObservationChoice(),
+        EstimateChoice(**keys),
+        ModelChoice(terms=active_terms(["ionosphere"])),
+        consider=consider or {},
+    )
+
+
+def with_values(tracking, chosen):
+    """The values that the model computes with the a-priori values of a study."""
+    found = radioloc.residuals(chosen, tracking)
+    return replace(tracking, value_m=np.array(tracking.value_m - found.residuals.residual_m))
+
+
+@pytest.mark.parametrize(("name", "scope"), KIND_AND_SCOPE)
+def test_estimated_in_every_scope(tracking, name, scope):
+    kind = PARAMETERS[name]
+    per = {kind.keys["per"]: scope} if scope != kind.scopes[0].value else {}
+    biased = with_values(tracking, study(position="none", **{kind.value_key: 10.0 * kind.scale}))
+    names = "all" if kind.scopes[0].named else True
+    if kind.relative and scope in ("station", "pass"):  # "all" leaves one out, which one-way ranges show
+        names = ["JIAMUSI", "KASHI", "SESHAN25", "KUNMING", "URUMQI"]
+    sigma = {kind.sigma_key: 100.0 * kind.scale}
+    found = radioloc.locate(study(position="none", **{name: names}, **sigma, **per), biased)
+    assert found.converged
+    assert len(found.parameters.of_kind(name)) >= len(kind.components)
+    assert np.abs(found.residuals.residual_m).max() < LEFT_M
+
+
+@pytest.mark.parametrize(("name", "scope"), KIND_AND_SCOPE)
+def test_considered_in_every_scope(tracking, name, scope):
+    kind = PARAMETERS[name]
+    per = {kind.keys["per"]: scope} if scope != kind.scopes[0].value else {}
+    names = "all" if kind.scopes[0].named else True
+    keys = {name: names, kind.sigma_key: kind.scale} | per
+    found = radioloc.locate(study(parameter_choices(keys)), with_values(tracking, study(position="none")))
+    assert found.consider is not None
+    mine = [
+        record
+        for record in found.consider.to_list(found.enu_by_parameters)
+        if record["name"].startswith(name)
+    ]
+    assert mine
+    assert max(np.abs(record["position_enu_m"]).max() for record in mine) > 1e-6

@@ -11,6 +11,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.budget import prior_effects
+from radioloc.estimation.consider import ConsideredErrors, consider
+from radioloc.estimation.consistency import assess_consistency
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.labels import Labels
@@ -43,6 +45,7 @@ def build_solution(
     excess_noise_m: Mapping[str, float] | None = None,
     reference_pa_m: ArrayLike | None = None,
     reference_name: str = "reference",
+    considered: ConsideredErrors | None = None,
     doubts: Sequence[Doubt] = (),
     **described: Any,
 ) -> Solution:
@@ -69,12 +72,14 @@ def build_solution(
         A known position in the same principal axes, m.
     reference_name : str
         What it is.
+    considered : ConsideredErrors, optional
+        Errors that the data do not tell, with their partials.
     doubts : sequence of Doubt
         Why the estimate cannot be used although the fit converged.
     **described
         Fields of :class:`Solution` as they are: `position_pa_m`, `position_partials`, `rot_pa_to_me`, `pa_frame` and
         `me_frame` always; where there are any, `name`, `ephemeris_sigma_enu_m`, `series_weights`, `notes`,
-        `provenance`, `trajectory`, `targets` and `consider`.
+        `provenance`, `trajectory` and `targets`.
 
     Raises
     ------
@@ -99,9 +104,8 @@ def build_solution(
         [f"{kind} {path}" for kind in types.texts for path in paths.texts],
         types.codes * len(paths.texts) + paths.codes,
     )
-    covariance, correlation = estimated_covariance(
-        edited, SeriesOrder.of(types, paths, seconds_since_midnight(epoch_utc))
-    )
+    order = SeriesOrder.of(types, paths, seconds_since_midnight(epoch_utc))
+    covariance, correlation = estimated_covariance(edited, order)
     solution = Solution(
         status=next(
             (status for status in statuses if status is not FitStatus.CONVERGED), FitStatus.CONVERGED
@@ -128,7 +132,13 @@ def build_solution(
         prior_effects=prior_effects(fit),
         iterations=fit.iterations,
         passes=edited.passes,
+        consider=None if considered is None else consider(fit, considered),
         **described,
+    )
+    by_parameters = None if solution.trajectory is not None else solution.enu_by_parameters
+    solution = replace(
+        solution,
+        consistency=assess_consistency(edited, order, correlation, epoch_utc, by_parameters, considered),
     )
     if reference_pa_m is None:
         return solution

@@ -49,7 +49,11 @@ class SeriesOrder:
 
     def name_of(self, code: int) -> str:
         """Kind of measurement and path."""
-        return f"{self.type_of(code)} {self.paths.texts[code % len(self.paths.texts)]}"
+        return f"{self.type_of(code)} {self.path_of(code)}"
+
+    def path_of(self, code: int) -> str:
+        """Path."""
+        return self.paths.texts[code % len(self.paths.texts)]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

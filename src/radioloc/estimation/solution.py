@@ -15,6 +15,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.budget import BudgetItem, error_budget
 from radioloc.estimation.consider import Consider
+from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.correlated_weights import SeriesWeight
 from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
@@ -170,6 +171,8 @@ class Solution:
         Change of the estimate by an error of one sigma of each a-priori value (columns).
     targets : tuple of TargetPosition
         The positions of all targets where there are several; that of the solution is the first's.
+    consistency : Consistency
+        Groups of observations against the rest, and what does not fit.
     trajectory : str or None
         What the target moves along, if it is no point fixed to the Moon. Such a solution has no position: what is
         derived from one raises :class:`~radioloc.errors.InputError`.
@@ -203,6 +206,7 @@ class Solution:
     consider: Consider | None = None
     prior_effects: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
     targets: tuple[TargetPosition, ...] = ()
+    consistency: Consistency = field(default_factory=Consistency)
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
@@ -432,6 +436,7 @@ class Solution:
         return content | {
             "rejected": self.residuals.rejected(),
             "observability": self.observability.to_dict(),
+            "consistency": self.consistency.to_list(),
             "reference": None if self.reference is None else self.reference.to_dict(),
             "notes": list(self.notes),
             "provenance": dict(self.provenance),

@@ -11,6 +11,7 @@ import numpy as np
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.budget import A_PRIORI, NOISE, BudgetItem, by_source
+from radioloc.estimation.consistency import Inconsistency
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Level, Solution, card_of
 from radioloc.estimation.statistics import Residuals
@@ -75,6 +76,9 @@ def solution_card(solution: Solution) -> Card:
             Field("passes", _passes(solution)),
             Field("data", _data(solution)),
             Field("fit", _fit(solution)),
+            Field(
+                "misfit", (str(item) for item in solution.consistency.found if not _strong(solution, item))
+            ),
             *_groups(solution),
             Field("left out", _left_out(solution)),
             Field("observable", sentences),
@@ -108,6 +112,16 @@ def _status(solution: Solution) -> Iterator[str]:
     yield f"{state} ({iterations}, {plural(solution.passes, 'editing pass', 'es')})"
     if solution.message:
         yield solution.message
+    for item in solution.consistency.found:
+        if _strong(solution, item):
+            yield f"WARNING: {item}"
+
+
+def _strong(solution: Solution, item: Inconsistency) -> bool:
+    """Whether what does not fit moves the position by more than its sigma."""
+    if item.shift_enu_m is None:
+        return False
+    return math.hypot(*item.shift_enu_m) > float(np.linalg.norm(solution.sigma_enu_m()))
 
 
 def _position(solution: Solution) -> Iterator[str]:

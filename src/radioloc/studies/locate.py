@@ -13,7 +13,6 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import Doubt, build_solution, seconds_since_midnight
-from radioloc.estimation.consider import consider
 from radioloc.estimation.correlated_weights import SeriesWeight, fit_with_correlated_weights
 from radioloc.estimation.editing import fit_with_editing
 from radioloc.estimation.labels import USED, Labels
@@ -203,7 +202,7 @@ def fit_arc(
             *not_considered,
         ),
         provenance=provenance(study, arc, left_out, estimate, problem.all_positions_pa_m(x)),
-        consider=None if considered is None else consider(fitted.edited.fit, considered),
+        considered=considered,
         trajectory=None if arc.trajectory is None else str(arc.trajectory),
         targets=several,
     )

@@ -1,0 +1,513 @@
+"""Who does not fit: stations, links, passes and types against the rest, a-priori values, steps and offsets in time.
+
+Each group of observations is taken out of the fit by parameters of its own, and the estimate without it is held against
+the one with it. Then explanations are tried by :mod:`~radioloc.estimation.group_tests`: an a-priori value that is wrong
+(of a bias, or of a considered parameter such as a station's place), a step of a link or of all baselines of a station
+at the epoch that fits best, an offset of a link in one pass or throughout. The chance of each allows for the number of
+those that were tried (Bonferroni). The best one joins the parameters and the search goes on until nothing is left.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S
+from radioloc.estimation.consider import ConsideredErrors
+from radioloc.estimation.editing import EditedFit
+from radioloc.estimation.gauss_markov import TimeCorrelation
+from radioloc.estimation.group_tests import BinnedProblem, Verdict, log_probability
+from radioloc.estimation.labels import USED
+from radioloc.estimation.least_squares import FitResult
+from radioloc.estimation.series import SeriesOrder
+from radioloc.measurements.link import Link
+from radioloc.parameters.columns import PASS_GAP_H
+from radioloc.time import Epochs, utc_strings
+
+_Floats = NDArray[np.float64]
+
+CHANCE = 1e-3
+"""An inconsistency is told that occurs by chance in fewer than one solution of a thousand."""
+_SIMPLER = 0.01
+"""Components are left out of an explanation that chance makes as large in more cases than that."""
+_MOST_KEPT = 0.5
+"""Part of a series below which what is left of it does not stand for it."""
+_FAMILIES = 4
+"""Groups, a-priori values, steps, offsets."""
+_MOST_FOUND = 3
+_MOST_GROUPS = 200
+_FEWEST = 3
+"""Points on either side of a step."""
+
+
+@dataclass(frozen=True, slots=True)
+class Inconsistency:
+    """A group of observations, or an explanation, and how it fits the rest.
+
+    Parameters
+    ----------
+    kind : str
+        What is tested: ``"station"``, ``"link"``, ``"type"`` or ``"pass"``, taken out of the fit; ``"a priori"``, a
+        value set free; ``"jump"`` or ``"offset"``, added.
+    name : str
+        Whose it is.
+    chi2 : float
+        Test statistic.
+    dof : int
+        Its degrees of freedom.
+    log10_chance : float
+        Logarithm to base 10 of the probability that chance alone makes it as large, all that were tried allowed for.
+    shift_enu_m : tuple of float, or None
+        By how much the position moves without the group or with the explanation, m; None where there is no position.
+    shift_sigma_enu_m : tuple of float, or None
+        How much it would move by chance, one standard deviation, m.
+    amounts : dict of str to float
+        What explains it, by component, in `unit`.
+    unit : str
+        Of the amounts.
+    first_utc, last_utc : str
+        From when to when; empty where all the time.
+    """
+
+    kind: str
+    name: str
+    chi2: float
+    dof: int
+    log10_chance: float
+    shift_enu_m: tuple[float, float, float] | None
+    shift_sigma_enu_m: tuple[float, float, float] | None
+    amounts: dict[str, float]
+    unit: str = ""
+    first_utc: str = ""
+    last_utc: str = ""
+
+    @property
+    def significant(self) -> bool:
+        """Whether chance hardly explains it."""
+        return self.log10_chance < math.log10(CHANCE)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Its numbers, with the sentence as ``text`` where it is significant."""
+        content: dict[str, Any] = {
+            name: getattr(self, name) for name in ("kind", "name", "chi2", "dof", "log10_chance")
+        }
+        for key in ("shift", "shift_sigma"):
+            values = getattr(self, f"{key}_enu_m") or (None, None, None)
+            content[key] = dict(zip(("east_m", "north_m", "up_m"), values, strict=True))
+        content |= {"amounts": self.amounts, "unit": self.unit}
+        content |= {"first_utc": self.first_utc or None, "last_utc": self.last_utc or None}
+        return content | {"significant": self.significant, "text": str(self) if self.significant else None}
+
+    def __str__(self) -> str:
+        return f"{self._what()}{self._effect()}"
+
+    def _what(self) -> str:
+        value = next(iter(self.amounts.values()), 0.0)
+        if self.kind == "jump":
+            return f"{self.name} jumps by {_length(value)} at {self.first_utc}"
+        if self.kind == "offset":
+            when = f" from {self.first_utc} to {self.last_utc}" if self.first_utc else ""
+            return f"{self.name} is off by {_length(value)}{when}"
+        if self.kind == "a priori":
+            kind, _, of = self.name.partition(".")
+            parts = " ".join(
+                f"{value:+.3g} {self.unit}{f' {name}' if name else ''}".replace("  ", " ")
+                for name, value in self.amounts.items()
+            )
+            what = {"station_position": "a displacement"}.get(kind, f"{_article(kind)}")
+            if kind == "position":
+                return f"the a-priori {of} does not fit the observations ({parts} explains it)"
+            return f"{of or kind} does not fit the others ({what} of {parts} explains it)"
+        span = f" from {self.first_utc} to {self.last_utc}" if self.first_utc else ""
+        return f"{self.name}{span} does not fit the others"
+
+    def _effect(self) -> str:
+        if self.shift_enu_m is None:
+            return ""
+        distance_m = math.hypot(*self.shift_enu_m)
+        how = "with that" if self.amounts else "without it"
+        return f"; {how} the position moves by {distance_m:.3g} m"
+
+
+def _article(kind: str) -> str:
+    words = kind.replace("_", " ")
+    return f"{'an' if words[0] in 'aeio' else 'a'} {words}"
+
+
+def _length(value_m: float) -> str:
+    return f"{value_m:+.3g} m ({1e9 * value_m / C_M_S:+.3g} ns)"
+
+
+@dataclass(frozen=True, slots=True)
+class Consistency:
+    """Whether the observations agree with each other and with the a-priori values.
+
+    Parameters
+    ----------
+    groups : tuple of Inconsistency
+        Stations, links, types and passes, each without the rest; those that fit too.
+    found : tuple of Inconsistency
+        What does not fit, the clearest first, each with those before it taken into account.
+    """
+
+    groups: tuple[Inconsistency, ...] = ()
+    found: tuple[Inconsistency, ...] = ()
+
+    def to_list(self) -> list[dict[str, Any]]:
+        """What was found, then the groups, in types that JSON has."""
+        return [item.to_dict() for item in (*self.found, *self.groups)]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Tried:
+    """An explanation before it has a name in words."""
+
+    log_chance: float
+    kind: str
+    name: str
+    columns: Mapping[int, _Floats]
+    components: tuple[str, ...] = ("",)
+    scale: float | _Floats = 1.0
+    unit: str = "m"
+    span_s: tuple[float, float] | None = None
+    links: Mapping[int, float] = field(default_factory=dict)
+    width_s: float = 0.0  # of the bins that a step was found in
+
+    @property
+    def length(self) -> float:
+        """Root of the sum of squares of the columns."""
+        return math.sqrt(sum(float(np.square(columns).sum()) for columns in self.columns.values()))
+
+    @property
+    def normalized(self) -> dict[int, _Floats]:
+        """Columns over that."""
+        return {k: columns / self.length for k, columns in self.columns.items()}
+
+
+def _one_component(after: BinnedProblem, tried: _Tried) -> _Tried | None:
+    """The same with one component where the others, known as well as with the misfit explained, may be zero."""
+    count = len(tried.components)
+    if count < 2:
+        return None
+    values, covariance = after.estimate[-count:], after.inverse[-count:, -count:]
+    simplest: tuple[float, int] = (math.log(_SIMPLER), -1)
+    for k in range(count):
+        others = np.delete(np.arange(count), k)
+        chi2 = float(values[others] @ np.linalg.solve(covariance[np.ix_(others, others)], values[others]))
+        simplest = max(simplest, (log_probability(chi2, count - 1), k))
+    k = simplest[1]
+    if k < 0:
+        return None
+    columns = {piece: both[:, [k]] for piece, both in tried.columns.items()}
+    return replace(
+        tried, columns=columns, components=tried.components[k : k + 1], scale=np.asarray(tried.scale)[[k]]
+    )
+
+
+def assess_consistency(
+    edited: EditedFit,
+    order: SeriesOrder,
+    correlation: TimeCorrelation | None,
+    epoch_utc: Epochs,
+    enu_by_parameters: _Floats | None,
+    considered: ConsideredErrors | None = None,
+) -> Consistency:
+    """Test groups of observations and a-priori values against the rest, and look for steps and offsets.
+
+    Parameters
+    ----------
+    edited : EditedFit
+        The fit; there is nothing to say of one that did not converge.
+    order : SeriesOrder
+        Types, paths and times of the observations.
+    correlation : TimeCorrelation or None
+        Noise of series that are correlated in time.
+    epoch_utc : Epochs
+        UTC of the observations.
+    enu_by_parameters : ndarray, shape (3, p), or None
+        d(position east, north, up)/d(parameter); None where there is no position.
+    considered : ConsideredErrors or None
+        What else may be wrong, and by how much.
+    """
+    fit = edited.fit
+    if not edited.converged or fit.dof < 1 or not fit.parameters.free.any():
+        return Consistency()
+    fit = replace(fit, used=_readmitted(edited, order))
+    search = _Search(fit, order, epoch_utc, enu_by_parameters, considered)
+    problem = BinnedProblem.of(fit, order, {} if correlation is None else correlation.noise, considered)
+    tested = search.groups(problem)
+    groups = [search.named(*item) for item in tested]
+    explained: list[tuple[_Tried, Verdict]] = []
+    width = len(problem.estimate)
+    while len(explained) < _MOST_FOUND:
+        everything = [*search.explanations(problem), *(tried for tried, _ in tested)]
+        best = min(everything, key=lambda tried: tried.log_chance, default=None)
+        if best is None or best.log_chance > math.log(CHANCE):
+            break
+        # What explains the misfit is no noise: with that which is left the position is known far better.
+        after = problem.with_columns(best.normalized)
+        if (simpler := _one_component(after, best)) is not None:
+            best, after = simpler, problem.with_columns(simpler.normalized)
+        verdict = problem.test(problem.added(best.columns))
+        if verdict is None:
+            break
+        problem, tested = after, search.groups(after)
+        explained.append((best, replace(verdict, shift=problem.estimate[:width])))
+        if not best.components:
+            break
+    found = []
+    for tried, verdict in explained:
+        end = width + len(verdict.estimate)
+        estimate = problem.estimate[width:end] / tried.length
+        found.append(search.named(tried, replace(verdict, estimate=estimate)))
+        width = end
+    return Consistency(tuple(groups), tuple(found))
+
+
+def _readmitted(edited: EditedFit, order: SeriesOrder) -> NDArray[np.bool_]:
+    """Observations in use, and those of series of which the editing has left out most: these are no outliers."""
+    usable, used = edited.given.are(USED), edited.fit.used
+    count, kept = (
+        np.bincount(order.code[usable]),
+        np.bincount(order.code[used], minlength=order.code.max() + 1),
+    )
+    few = kept[: len(count)] < _MOST_KEPT * count
+    return np.asarray(used | (usable & few[np.minimum(order.code, len(few) - 1)]))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """What is tested in a problem."""
+
+    fit: FitResult
+    order: SeriesOrder
+    epoch_utc: Epochs
+    enu_by_parameters: _Floats | None
+    considered: ConsideredErrors | None
+
+    def links_by_name(self, problem: BinnedProblem) -> Iterator[tuple[str, str, dict[int, float]]]:
+        """Kind, name and series of single observations of each group, with the sign of what is at a station."""
+        codes = sorted({code for piece in problem.pieces for code in piece.links})
+        yield from (("link", self.order.name_of(code), {code: 1.0}) for code in codes)
+        types: dict[str, dict[int, float]] = {}
+        stations: dict[str, dict[int, float]] = {}
+        for code in codes:
+            types.setdefault(self.order.type_of(code), {})[code] = 1.0
+            for station, sign in _stations(self.order.path_of(code)).items():
+                stations.setdefault(station, {})[code] = sign
+        yield from (("type", name, mine) for name, mine in types.items())
+        yield from (("station", name, mine) for name, mine in stations.items())
+
+    def groups(self, problem: BinnedProblem) -> list[tuple[_Tried, Verdict]]:
+        """The estimate without each group: stations and their passes, links, types."""
+        tested: list[
+            tuple[str, str, Mapping[int, _Floats], tuple[float, float] | None, Mapping[int, float]]
+        ] = []
+        width = self.fit.factor.root_covariance().shape[1]
+        for kind, name, mine in self.links_by_name(problem):
+            if kind == "station":
+                spans = _passes(problem, mine)
+                for span_s in spans if 1 < len(spans) < _MOST_GROUPS - len(tested) else ():
+                    columns = _columns(problem, mine, slice(1, 1 + width), span_s)
+                    tested.append(("pass", name, columns, span_s, mine))
+            whole = _columns(problem, mine, slice(1, 1 + width))
+            rest = sum(len(piece.time_s) for piece in problem.pieces[:-1])
+            if sum(len(columns) for columns in whole.values()) < rest:
+                tested.append((kind, name, whole, None, mine))
+        found = []
+        for kind, name, chosen, span, links in tested:
+            added = problem.added(chosen)
+            if (verdict := problem.test(added)) is not None:
+                likely = verdict.chi2 / problem.inflation(links, added, verdict)
+                chance = log_probability(likely, verdict.dof) + math.log(_FAMILIES * len(tested))
+                found.append((_Tried(chance, kind, name, chosen, (), span_s=span, links=links), verdict))
+        return found
+
+    def explanations(self, problem: BinnedProblem) -> Iterator[_Tried]:
+        """The best explanation of each kind."""
+        yield from self._wrong_priors(problem)
+        yield from self._steps(problem)
+        yield from self._offsets(problem)
+
+    def _wrong_priors(self, problem: BinnedProblem) -> Iterator[_Tried]:
+        """A-priori values that are set free, all components of one together."""
+        known = [item for item in self.fit.parameters if not item.fixed and math.isfinite(item.prior_sigma)]
+        known += [] if self.considered is None else self.considered.parameters.parameters
+        sets: dict[str, list[int]] = {}
+        for place, item in enumerate(known):
+            sets[item.name] = [place]
+            if item.kind != "position" and item.name.count(".") == 2:  # one of several components
+                sets.setdefault(item.name.rpartition(".")[0], []).append(place)
+        last = len(problem.pieces) - 1
+        for places in sets.values():
+            columns = np.zeros((len(known), len(places)))
+            columns[places, np.arange(len(places))] = 1.0
+            if (verdict := problem.test(problem.added({last: columns}))) is None:
+                continue
+            chance = log_probability(verdict.chi2, verdict.dof) + math.log(_FAMILIES * len(sets))
+            items = [known[place] for place in places]
+            kind, _, of = items[0].name.partition(".")
+            whose, _, component = of.partition(".") if kind != "position" else (of, "", "")
+            parts = tuple(item.name.rpartition(".")[2] if component else "" for item in items)
+            # The residual is the a-priori value less the estimate
+            sigmas = -np.array([item.prior_sigma for item in items])
+            named = f"{kind}.{whose}".rstrip(".")
+            yield _Tried(chance, "a priori", named, {last: columns}, parts, sigmas, items[0].unit)
+
+    def _sets(self, problem: BinnedProblem) -> list[tuple[str, dict[int, float]]]:
+        """Links, and stations with several links of one type, with signs."""
+        sets = []
+        for kind, name, mine in self.links_by_name(problem):
+            if kind == "link":
+                sets.append((name, mine))
+            elif kind == "station":
+                for of in sorted({self.order.type_of(code) for code in mine}):
+                    some = {
+                        code: sign for code, sign in mine.items() if self.order.type_of(code) == of and sign
+                    }
+                    if len(some) > 1:
+                        sets.append((f"{name} {of}", some))
+        return sets
+
+    def _steps(self, problem: BinnedProblem) -> Iterator[_Tried]:
+        """The step that fits best of each set, all epochs allowed for."""
+        tried: list[_Tried] = []
+        total = 0
+        for name, mine in self._sets(problem):
+            edges_s = _edges(problem, mine)
+            if not len(edges_s):
+                continue
+            total += len(edges_s)
+            chi2, _ = problem.each(_columns(problem, mine, slice(0, 1), (edges_s, np.inf)))
+            best = float(edges_s[int(np.argmax(chi2))])
+            columns = _columns(problem, mine, slice(0, 1), (best, np.inf))
+            added = problem.added(columns)
+            if (verdict := problem.test(added)) is not None:
+                likely = verdict.chi2 / problem.inflation(mine, added, verdict)
+                width_s = max(problem.pieces[k].width_s for k in columns)
+                tried.append(
+                    _Tried(likely, "jump", name, columns, span_s=(best, np.inf), links=mine, width_s=width_s)
+                )
+        yield from _judged(tried, total)
+
+    def _offsets(self, problem: BinnedProblem) -> Iterator[_Tried]:
+        """Links that are off in one pass or throughout."""
+        tried: list[_Tried] = []
+        for name, mine in self._sets(problem):
+            spans = [None, *_passes(problem, mine)]
+            for span_s in spans if len(spans) > 2 else spans[:1]:
+                columns = _columns(problem, mine, slice(0, 1), span_s)
+                added = problem.added(columns)
+                if (verdict := problem.test(added)) is not None:
+                    likely = verdict.chi2 / problem.inflation(mine, added, verdict)
+                    tried.append(_Tried(likely, "offset", name, columns, span_s=span_s, links=mine))
+        yield from _judged(tried, len(tried))
+
+    def named(self, tried: _Tried, verdict: Verdict) -> Inconsistency:
+        """What was found, with its numbers."""
+        shift = sigma = None
+        if self.enu_by_parameters is not None:
+            root = self.fit.factor.root_covariance()
+            by_unit = self.enu_by_parameters[:, self.fit.parameters.free] @ root
+            width = root.shape[1]
+            shift = tuple((by_unit @ verdict.shift[:width]).tolist())
+            sigma = tuple(np.linalg.norm(by_unit @ verdict.root_of_shift[:width], axis=1).tolist())
+        amounts = verdict.estimate * tried.scale if tried.components else np.zeros(0)
+        first, last = self._span(tried)
+        return Inconsistency(
+            tried.kind,
+            tried.name,
+            verdict.chi2,
+            verdict.dof,
+            min(tried.log_chance, 0.0) / math.log(10.0),
+            shift,
+            sigma,
+            dict(zip(tried.components, amounts.tolist(), strict=True)),
+            tried.unit if tried.components else "",
+            first,
+            last,
+        )
+
+    def _span(self, tried: _Tried) -> tuple[str, str]:
+        """First and last epoch, of the observations that are in it."""
+        if tried.span_s is None:
+            return "", ""
+        order, (begin_s, end_s) = self.order, tried.span_s
+        rows = np.flatnonzero(self.fit.used & np.isin(order.code, list(tried.links)))
+        rows = rows[np.argsort(order.time_s[rows], kind="stable")]
+        time_s = order.time_s[rows]
+        first = int(np.searchsorted(time_s, begin_s))
+        if tried.width_s > 0.0:
+            near = np.flatnonzero(np.abs(time_s - begin_s) <= 3.0 * tried.width_s)
+            signs = np.array([tried.links[code] for code in order.code[rows[near]].tolist()])
+            sums = np.cumsum(signs * self.fit.residual_m[rows[near]])
+            before = np.arange(1, len(near))
+            steps = (sums[:-1] - before * sums[-1] / len(near)) ** 2 / (before * (len(near) - before))
+            first = int(near[1 + int(np.argmax(steps))])
+        last = int(np.searchsorted(time_s, end_s, side="right")) - 1
+        epochs = utc_strings(self.epoch_utc[rows[[first, last]]], decimals=0)
+        return str(epochs[0]), "" if math.isinf(end_s) else str(epochs[1])
+
+
+def _judged(tried: Iterable[_Tried], count: int) -> Iterator[_Tried]:
+    """Of a chi-square of one degree of freedom in its place the chance, so many having been tried."""
+    for one in tried:
+        yield replace(one, log_chance=log_probability(one.log_chance, 1) + math.log(_FAMILIES * count))
+
+
+def _stations(path: str) -> dict[str, float]:
+    """Stations at the ends of a path, and the sign with which the delay of each one's reception is in the value."""
+    if ">" not in path:
+        return {path: 1.0}
+    link = Link.from_path(path)
+    signs = dict.fromkeys(link.stations, 0.0)
+    if link.differenced:
+        signs[link.transmitter] = -1.0
+    signs[link.receiver] = 1.0
+    return signs
+
+
+def _columns(
+    problem: BinnedProblem,
+    mine: Mapping[int, float],
+    which: slice,
+    span_s: tuple[Any, float] | None = None,
+) -> dict[int, _Floats]:
+    """Columns of some series of single observations by piece, where `span_s` is given for that time.
+
+    Of several beginnings there is one column for each; all signs are one but of the constant.
+    """
+    found: dict[int, _Floats] = {}
+    for k, piece in enumerate(problem.pieces):
+        for code in mine.keys() & piece.links.keys():
+            sign = mine[code] if which.stop == 1 else 1.0
+            columns = sign * piece.links[code][:, which]
+            if span_s is not None:
+                times = piece.time_s[:, None]
+                columns = columns * ((times >= span_s[0]) & (times <= span_s[1]))
+            found[k] = found[k] + columns if k in found else columns
+    return found
+
+
+def _times_s(problem: BinnedProblem, mine: Iterable[int]) -> _Floats:
+    """Instants of the points of some series, in order."""
+    pieces = (piece for piece in problem.pieces if piece.links.keys() & set(mine))
+    return np.unique(np.concatenate([piece.time_s for piece in pieces]))
+
+
+def _edges(problem: BinnedProblem, mine: Iterable[int]) -> _Floats:
+    """Instants at which a step of some series may be, some observations before it and after it."""
+    return _times_s(problem, mine)[_FEWEST : 1 - _FEWEST]
+
+
+def _passes(problem: BinnedProblem, mine: Iterable[int]) -> list[tuple[float, float]]:
+    """Begin and end of the passes of some series."""
+    time_s = _times_s(problem, mine)
+    gaps = np.flatnonzero(np.diff(time_s) > 3600.0 * PASS_GAP_H)
+    begin, end = np.append(0, gaps + 1), np.append(gaps, len(time_s) - 1)
+    return list(zip(time_s[begin].tolist(), time_s[end].tolist(), strict=True))

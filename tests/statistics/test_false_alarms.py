@@ -1,0 +1,25 @@
+"""Data that fit raise no sentence: draws of the example, whose errors beyond noise are considered by default."""
+
+import pytest
+
+import radioloc
+from radioloc.simulation import World
+from radioloc.studies.locate import fit_arc, model_of, prepared_arc
+from radioloc.studies.simulate import scenario_of
+
+pytestmark = pytest.mark.slow
+
+DRAWS = 100
+
+
+def test_at_most_one_of_a_hundred():
+    study = radioloc.read_study("examples/change5/simulation.toml")
+    world: World = scenario_of(study).world(model_of(study))
+    arc, left_out = prepared_arc(study, world.plan.observations)
+    said = []
+    for seed in range(DRAWS):
+        value_m = world.value_m + world.scenario.noise.draw(world.plan, seed)[0]
+        solution = fit_arc(study, arc.with_values(value_m), left_out, study.estimate)
+        assert solution.converged
+        said += [str(item) for item in solution.consistency.found[:1]]
+    assert len(said) <= 1, said

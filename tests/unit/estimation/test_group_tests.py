@@ -1,0 +1,119 @@
+"""Groups taken out of a fit, and columns added to it, from products of matrices: against fits without them."""
+
+import numpy as np
+import pytest
+
+from radioloc.estimation import (
+    Labels,
+    ObservationNoise,
+    Parameter,
+    ParameterSet,
+    SharedErrors,
+    fit_least_squares,
+)
+from radioloc.estimation.consistency import _columns
+from radioloc.estimation.gauss_markov import SeriesNoise
+from radioloc.estimation.group_tests import BinnedProblem, log_probability
+from radioloc.estimation.series import SeriesOrder, series_of
+
+PATHS = ("A<x>B", "A<x>C", "B<x>C")
+N = 36  # epochs: too few for sums over time to say anything
+STOPPED = 2e-3
+"""Fits stop within a thousandth of a sigma, two of them within twice that; all sigmas here are about one."""
+
+
+def problem(seed, noise):
+    rng = np.random.default_rng(seed)
+    n = N * len(PATHS)
+    matrix = rng.normal(size=(n, 4))
+    x = np.array([3.0, -2.0, 0.5, 0.0])
+    residual_m = matrix @ x + rng.normal(size=n)
+    parameters = ParameterSet(
+        [Parameter(name, "m", "position", prior_sigma=2.0) for name in ("position.a", "position.b")]
+        + [Parameter("range_bias.c", "m", "range_bias"), Parameter("clock.d", "m", "clock")]
+    )
+
+    def linear(at):
+        return residual_m - matrix @ at, matrix
+
+    paths = Labels(np.tile(np.arange(3, dtype=np.int32), N), PATHS)
+    order = SeriesOrder.of(
+        Labels(np.zeros(n, dtype=np.int32), ("vlbi_delay",)), paths, np.repeat(60.0 * np.arange(N), 3)
+    )
+    fit = fit_least_squares(linear, parameters, noise)
+    white = {
+        one.key: SeriesNoise(1.0, np.ones(1), np.zeros(1))
+        for batch in series_of(order, fit.noise, fit.used)
+        for one in batch.series
+    }
+    return linear, order, fit, BinnedProblem.of(fit, order, white)
+
+
+def shared():
+    n = 3 * N
+    stations = np.array([(0, 1), (0, 2), (1, 2)])
+    return ObservationNoise(
+        np.full(n, 1.0),
+        SharedErrors(np.repeat(np.arange(N), 3), np.tile(stations, (N, 1)), np.tile([[-0.7, 0.7]], (n, 1))),
+    )
+
+
+def test_without_a_group():
+    linear, order, fit, binned = problem(1, ObservationNoise(np.full(3 * N, 0.9)))
+    for code in range(3):
+        verdict = binned.test(binned.added(_columns(binned, {code: 1.0}, slice(1, 5))))
+        without = fit_least_squares(linear, fit.parameters, fit.noise, used=order.code != code)
+        shift = fit.factor.root_covariance() @ verdict.shift
+        np.testing.assert_allclose(shift, without.x - fit.x, atol=STOPPED)
+        # Of efficient estimates the covariance of the difference is the difference of the covariances
+        root = fit.factor.root_covariance() @ verdict.root_of_shift
+        np.testing.assert_allclose(root @ root.T, without.covariance - fit.covariance, atol=1e-9)
+        assert verdict.dof == 4
+
+
+@pytest.mark.parametrize("noise", [ObservationNoise(np.full(3 * N, 0.9)), shared()], ids=["alone", "shared"])
+def test_added_columns(noise):
+    """A step of a station, with its sign in two baselines, is what a fit with the step estimates."""
+    linear, order, fit, binned = problem(2, noise)
+    signs = {0: -1.0, 1: -1.0}
+    column = np.where(order.time_s >= 600.0, np.array([signs.get(c, 0.0) for c in order.code.tolist()]), 0.0)
+    more = ParameterSet([*fit.parameters, Parameter("step", "m", "step")])
+
+    def with_step(at):
+        residual_m, matrix = linear(at[:-1])
+        return residual_m - column * at[-1], np.column_stack([matrix, column])
+
+    refit = fit_least_squares(with_step, more, noise)
+    raw = _columns(binned, signs, slice(0, 1), (600.0, np.inf))
+    verdict = binned.test(binned.added(raw))
+    assert verdict.estimate[0] == pytest.approx(refit.x[-1], abs=STOPPED)
+    np.testing.assert_allclose(
+        fit.factor.root_covariance() @ verdict.shift, refit.x[:-1] - fit.x, atol=STOPPED
+    )
+    assert verdict.chi2 == pytest.approx(fit.chi2 - refit.chi2, rel=1e-4)
+    chi2, estimate = binned.each(raw)
+    assert (chi2[0], estimate[0]) == pytest.approx((verdict.chi2, verdict.estimate[0]))
+
+
+def test_a_column_that_the_parameters_hold_already():
+    *_, fit, binned = problem(3, ObservationNoise(np.ones(3 * N)))
+    clock = np.linalg.inv(fit.factor.root_covariance())[:, 3:]  # it has no a-priori sigma
+    held = {k: piece.raw[:, 1:] @ clock for k, piece in enumerate(binned.pieces[:-1])}
+    assert binned.test(binned.added(held)) is None
+    assert binned.each(held)[0] == 0.0
+
+
+def test_chance_is_uniform():
+    """Of chi-square of 200 problems without misfit: the mean of -log of the chance is one, to 3 / sqrt(200)."""
+    logs = []
+    for seed in range(200):
+        *_, binned = problem(seed, ObservationNoise(np.ones(3 * N)))
+        verdict = binned.test(binned.added(_columns(binned, {1: 1.0}, slice(1, 5))))
+        logs.append(log_probability(verdict.chi2, verdict.dof))
+    assert -np.mean(logs) == pytest.approx(1.0, abs=0.22)
+
+
+def test_chances_far_below_what_floats_hold():
+    assert log_probability(3.841, 1) == pytest.approx(np.log(0.05), rel=1e-3)
+    near, far = log_probability(1280.0, 3), log_probability(1300.0, 3)
+    assert far - near == pytest.approx(-10.0, abs=0.1)

@@ -1,0 +1,91 @@
+"""What does not fit is named, with its time: cases in which residuals, sigmas and status said nothing."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from change5_case import RANGING
+
+import radioloc
+from radioloc.constants import C_M_S
+from radioloc.parameters.earth import STATION_POSITION
+from radioloc.parameters.rows import ObservationRows
+
+
+@pytest.fixture(scope="module")
+def study():
+    return radioloc.read_study("examples/change5/change5.toml")
+
+
+@pytest.fixture(scope="module")
+def tracking(study):
+    return radioloc.read_observations(study.observations.files)
+
+
+def found(study, observations, added_m):
+    solution = radioloc.locate(study, replace(observations, value_m=observations.value_m + added_m))
+    assert str(solution.consistency.found[0]) in " ".join(str(solution).split())
+    return solution, solution.consistency.found[0]
+
+
+def test_clock_of_a_vlbi_station(study, tracking):
+    """5 ns from the middle on."""
+    paths = np.array(tracking.paths())
+    second = np.char.endswith(paths, ">SESHAN25") & (np.char.find(paths, "<") > 0)
+    signs = 1.0 * second - np.char.startswith(paths, "SESHAN25<")
+    mjd = tracking.epoch.mjd
+    middle = 0.5 * (mjd.min() + mjd.max())
+    solution, first = found(study, tracking, 5e-9 * C_M_S * signs * (mjd > middle))
+    assert (first.kind, first.name) == ("jump", "SESHAN25 vlbi_delay")
+    assert first.amounts[""] / C_M_S == pytest.approx(
+        5e-9, abs=0.5e-9
+    )  # of 0.4 m in a minute, lasting for hours
+    assert first.first_utc.startswith("2020-12-02T15:1")
+    assert "SESHAN25 vlbi_delay jumps by +" in " ".join(str(solution).split())
+    assert solution.to_dict()["consistency"][0]["text"] == str(first)
+
+
+def test_ranging_station_off_its_place(study, tracking):
+    """Kashi 50 m east; the editing leaves out nearly all of its two-way ranges."""
+    arc, position_pa_m = radioloc.studies.arc_of(study, tracking)
+    at = arc.at(position_pa_m)
+    rows = ObservationRows(arc, np.arange(len(tracking)), None, at, position_pa_m)
+    kashi = rows.ends == arc.stations.index("KASHI")
+    east_m = 50.0 * (STATION_POSITION.partials(rows)[..., 0] * kashi).sum(axis=1)
+    solution, first = found(study, tracking, east_m)
+    assert (first.kind, first.name) == ("a priori", "station_position.KASHI")
+    assert "WARNING: KASHI does not fit the others" in str(solution)
+    assert first.amounts == {"east": pytest.approx(50.0, abs=2.0)}
+    assert str(first).startswith("KASHI does not fit the others (a displacement of +")
+    # Without a place to move: the station all the same
+    _, first = found(replace(study, consider={}, consider_defaults=False), tracking, east_m)
+    assert (first.kind, first.name) == ("station", "KASHI")
+
+
+def test_laser_points_of_later_nights():
+    study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    points = radioloc.read_observations(study.observations.files)
+    late = np.argsort(np.argsort(points.epoch.mjd)) >= len(points) // 2
+    _, first = found(study, points, 30.0 * late)
+    assert (first.kind, first.name) == ("jump", "range APOLLO>apollo15>APOLLO")
+    assert first.amounts[""] == pytest.approx(30.0, abs=0.1)
+    assert first.first_utc == "2006-12-01T00:58:25"
+
+
+def test_nothing_is_said_of_data_that_fit(study, tracking):
+    solution = radioloc.locate(study, tracking)
+    assert not solution.consistency.found
+    groups = solution.consistency.groups
+    assert {"station", "link", "type", "pass"} == {item.kind for item in groups}
+    assert {item.name for item in groups if item.kind == "station"} >= set(RANGING)
+    assert "misfit" not in str(solution)
+
+
+def test_baseline_that_is_off(study, tracking):
+    """One of six, by 1 m, against the triangles that it closes."""
+    off = np.array(tracking.paths()) == "SESHAN25<change5>MIYUN50"
+    _, first = found(study, tracking, 1.0 * off)
+    assert (first.kind, first.name) == ("offset", "vlbi_delay SESHAN25<change5>MIYUN50")
+    assert first.amounts[""] == pytest.approx(
+        1.0, abs=0.25
+    )  # clocks and weather of both stations are 0.1 m each

@@ -3,8 +3,8 @@
     python make_table.py DIRECTORY
 
 DIRECTORY holds APOLLO's public release of 2006 to 2007 in the MINI layout (*.mini.np) and the ILRS's normal
-points of spring 2024 in CRD (*.np2). The tables that ship beside this script, in ../reflectors_2006-2007 and
-in ../reflectors_2024 were made so; it is kept to show where they come from, and needs no running.
+points of spring 2024 in CRD (*.np2). The tables that ship beside this script, in ../reflectors/2006-2007 and
+in ../reflectors/2024 were made so; it is kept to show where they come from, and needs no running.
 """
 
 import sys
@@ -55,8 +55,8 @@ def write_by_target(observations, directory, name, source):
 def main(source):
     early = read_observations(sorted(source.glob("*.mini.np")))
     late = read_observations(sorted(source.glob("*.np2")))
-    assert write_by_target(early, "reflectors_2006-2007", "apollo_2006-2007", APOLLO) == len(early)
-    assert write_by_target(late, "reflectors_2024", "2024", ILRS) == len(late)
+    assert write_by_target(early, "reflectors/2006-2007", "apollo_2006-2007", APOLLO) == len(early)
+    assert write_by_target(late, "reflectors/2024", "2024", ILRS) == len(late)
     print(f"{len(early)} + {len(late)} light times written")
 
 

@@ -21,7 +21,7 @@ from radioloc.time import tt_to_tdb, utc_to_tt
 pytestmark = pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
-FOLDERS = ("apollo15", "reflectors_2006-2007", "reflectors_2024")
+FOLDERS = ("apollo15", "reflectors/2006-2007", "reflectors/2024")
 REFLECTORS = {  # east, north, deg, to a hundred metres: where the light times end does not matter here
     "apollo11": (23.473, 0.673),
     "apollo14": (-17.478, -3.644),

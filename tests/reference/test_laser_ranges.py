@@ -20,9 +20,9 @@ from radioloc.measurements.physical_model import PhysicalModel
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 EARLY = [
     EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv",
-    *sorted((EXAMPLES / "reflectors_2006-2007").glob("*.csv")),
+    *sorted((EXAMPLES / "reflectors/2006-2007").glob("*.csv")),
 ]
-LATE = sorted((EXAMPLES / "reflectors_2024").glob("*.csv"))
+LATE = sorted((EXAMPLES / "reflectors/2024").glob("*.csv"))
 
 # One way. DE421 holds ranges to a few centimetres in 2006-07, which its lunar fit covers (with data up to the end of
 # 2007), and the published coordinates are rounded to 1e-7 deg, 3 mm.
@@ -181,7 +181,7 @@ def fitted(ephemeris, file_name):
 
 def test_de440_fits_better_and_keeps_the_position():
     """Fitted to lasers until 2019, it leaves less in the ranges, and seventeen years move the position by less."""
-    early, late = "apollo15/apollo15_apollo_2006-2007.csv", "reflectors_2024/apollo15_2024.csv"
+    early, late = "apollo15/apollo15_apollo_2006-2007.csv", "reflectors/2024/apollo15_2024.csv"
     rms_m, moved_m = {}, {}
     for ephemeris in ("DE421", "DE440"):
         first, second = fitted(ephemeris, early), fitted(ephemeris, late)

@@ -20,9 +20,9 @@ EARLY = {"apollo11": 23, "apollo14": 19, "apollo15": 153, "luna21": 5}
 LATE = {"apollo11": 2, "apollo14": 2, "apollo15": 28, "luna17": 1, "luna21": 1}
 SHIPPED_EARLY = [
     EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv",
-    *sorted((EXAMPLES / "reflectors_2006-2007").glob("*.csv")),
+    *sorted((EXAMPLES / "reflectors/2006-2007").glob("*.csv")),
 ]
-SHIPPED_LATE = sorted((EXAMPLES / "reflectors_2024").glob("*.csv"))
+SHIPPED_LATE = sorted((EXAMPLES / "reflectors/2024").glob("*.csv"))
 
 
 def count_by_target(observations):

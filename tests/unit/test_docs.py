@@ -40,7 +40,13 @@ DOCS = ROOT / "docs"
 PAGES = sorted(DOCS.rglob("*.md"))
 OTHER_PAGES = [
     ROOT / name
-    for name in ("README.md", "CONTRIBUTING.md", "kernels/README.md", "examples/change5/README.md")
+    for name in (
+        "README.md",
+        "CONTRIBUTING.md",
+        "kernels/README.md",
+        "examples/change5/README.md",
+        "examples/reflectors/README.md",
+    )
 ]
 PHYSICS = DOCS / "physics.md"
 
@@ -313,7 +319,7 @@ def laser_ranges():
     }
     files = [
         *(ROOT / "examples/apollo15").glob("*.csv"),
-        *(ROOT / "examples/reflectors_2006-2007").glob("*.csv"),
+        *(ROOT / "examples/reflectors/2006-2007").glob("*.csv"),
     ]
     observed = {o.links[0].target: o for o in map(radioloc.read_observations, sorted(files))}
     assert sum(len(o) for o in observed.values()) == 200

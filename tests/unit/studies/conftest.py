@@ -18,7 +18,7 @@ def apollo15():
 @pytest.fixture(scope="session")
 def late15():
     """28 light times of three stations, May 2024."""
-    return radioloc.read_observations(EXAMPLES / "reflectors_2024" / "apollo15_2024.csv")
+    return radioloc.read_observations(EXAMPLES / "reflectors/2024" / "apollo15_2024.csv")
 
 
 @pytest.fixture(scope="session")

@@ -56,7 +56,7 @@ def test_apollo15_is_where_jpl_has_it(solution):
 @pytest.mark.parametrize("name", ["apollo11", "apollo14"])
 def test_other_reflectors_are_where_jpl_has_them(name):
     near_m = np.array(JPL_PA_M[name]) + np.array([-1500.0, 2000.0, 1000.0])
-    file = EXAMPLES / "reflectors_2006-2007" / f"{name}_apollo_2006-2007.csv"
+    file = EXAMPLES / "reflectors/2006-2007" / f"{name}_apollo_2006-2007.csv"
     found = fit(radioloc.read_observations(file), LunarPosition.from_cartesian(near_m))
     assert found.converged
     assert np.linalg.norm(found.position_pa_m - JPL_PA_M[name]) < 0.8

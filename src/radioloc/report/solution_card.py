@@ -45,6 +45,8 @@ _ADVICE = {
     A_PRIORI: "the a-priori value",
     "moon_position": "the ephemeris, the Moon's position",
     "libration": "the ephemeris, the Moon's librations",
+    "moon_position_variation": "the ephemeris, the Moon's position from night to night",
+    "libration_variation": "the ephemeris, the Moon's librations from night to night",
     "station_position": "the coordinates",
 }
 """What is improved where a source is the largest; others are called by their names."""
@@ -183,7 +185,7 @@ def _budget(solution: Solution) -> Field:
     for whole, most in by_source(items):
         if len(rows) < _MAX_ROWS and whole.total_m**2 > _LEAST_SHARE * total_m2:
             largest = f"{most.name} {metres(most.total_m)}" if most.name else ""
-            rows.append((whole.source, *_sides(whole), largest))
+            rows.append((whole.source.replace("_variation", " var."), *_sides(whole), largest))
         else:
             rest.append(replace(whole, source="others"))
     rows += [("others", *_sides(whole), "") for whole, _ in by_source(rest)]

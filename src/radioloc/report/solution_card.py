@@ -184,14 +184,20 @@ def _budget(solution: Solution) -> Field:
     rest: list[BudgetItem] = []
     for whole, most in by_source(items):
         if len(rows) < _MAX_ROWS and whole.total_m**2 > _LEAST_SHARE * total_m2:
-            largest = f"{most.name} {metres(most.total_m)}" if most.name else ""
-            rows.append((whole.source.replace("_variation", " var."), *_sides(whole), largest))
+            largest = f"{_short(most.name)} {metres(most.total_m)}" if most.name else ""
+            rows.append((_short(whole.source), *_sides(whole), largest))
         else:
             rest.append(replace(whole, source="others"))
     rows += [("others", *_sides(whole), "") for whole, _ in by_source(rest)]
     return Field(
         "budget", (), ("1 sigma, m", "east", "north", "up", "3D", "most by"), rows, _advice(solution)
     )
+
+
+def _short(name: str) -> str:
+    """A name that leaves room for numbers: of what varies from session to session the kind."""
+    kind, variation, _ = name.partition("_variation")
+    return f"{kind.removesuffix('_position')} var." if variation else name
 
 
 def _sides(item: BudgetItem) -> tuple[str, ...]:

@@ -1,8 +1,9 @@
-"""Compiled scalar Kalman filter of white noise plus a first-order Gauss-Markov process.
+"""Compiled Kalman filter of white noise plus first-order Gauss-Markov processes.
 
 Observations y_i = gain_i s_i + e_i, with e_i white of unit variance and s a stationary first-order Gauss-Markov process
-of variance `ratio` and correlation time `tau_s`; `step_s[i]` is the time from the observation before. The functions
-release the interpreter's lock; every number is computed by the same operations in the same order on any machine load.
+of variance `ratio` and correlation time `tau_s`, or a sum of such; `step_s[i]` is the time from the observation before.
+The functions release the interpreter's lock; every number is computed by the same operations in the same order on any
+machine load.
 """
 
 import math
@@ -23,45 +24,76 @@ _EVERY = 16
 
 @compiled(error_model="numpy")
 def filter_grid(
-    step_s: Floats, gain: Floats, columns: Floats, tau_s: Floats, ratio: Floats
+    step_s: Floats, gain: Floats, columns: Floats, tau_s: Floats, part: Floats, ratio: Floats
 ) -> tuple[Floats, Floats]:
-    """Log-determinants, and squares that are left of the last column, for every correlation time and ratio."""
+    """Log-determinants, and squares that are left of the last column, for every shape (k, p) and ratio (r,), (k, r).
+
+    A shape is a sum of p processes that have each a part of the variance.
+    """
     n, m = columns.shape
-    taus, ratios = ratio.shape
-    cells = taus * ratios
+    shapes, p = tau_s.shape
+    ratios = len(ratio)
+    cells = shapes * ratios
     size = -(-cells // _LANES) * _LANES
-    stationary, decay = np.ones(size), np.zeros(size)
-    stationary[:cells] = ratio.ravel()
-    variance, inverse = stationary.copy(), np.empty(size)
+    stationary, decay = np.zeros((p, size)), np.zeros((p, size))
+    stationary[0, cells:] = 1.0
+    for k in range(shapes):
+        for a in range(p):
+            stationary[a, k * ratios : (k + 1) * ratios] = part[k, a] * ratio
+    covariance, projected, inverse = np.zeros((p, p, size)), np.empty((p, size)), np.empty(size)
+    for a in range(p):
+        covariance[a, a] = stationary[a]
     determinant, log_determinant = np.ones(size), np.zeros(size)
-    state, innovation, products = np.zeros((m, size)), np.empty((m, size)), np.zeros((m * m, size))
+    state, innovation, products = np.zeros((m, p, size)), np.empty((m, size)), np.zeros((m * m, size))
     weighted = np.empty(size)
     last_s = -1.0
     # Short loops over few arrays: compilers turn them to vector instructions.
     for i in range(n):
         if step_s[i] != last_s:
             last_s = step_s[i]
-            for k in range(taus):
-                decay[k * ratios : (k + 1) * ratios] = math.exp(-last_s / tau_s[k])
+            for k in range(shapes):
+                for a in range(p):
+                    decay[a, k * ratios : (k + 1) * ratios] = math.exp(-last_s / tau_s[k, a])
         h = gain[i]
+        inverse[:] = 1.0
+        for a in range(p):
+            into, d, q = projected[a], decay[a], stationary[a]
+            for g in range(size):
+                into[g] = h * q[g] * (1.0 - d[g] * d[g])
+            for b in range(p):
+                one, other = covariance[a, b], decay[b]
+                for g in range(size):
+                    one[g] *= d[g] * other[g]
+                    into[g] += h * one[g]
+            same = covariance[a, a]
+            for g in range(size):
+                same[g] += q[g] * (1.0 - d[g] * d[g])
+                inverse[g] += h * into[g]
         for g in range(size):
-            variance[g] = stationary[g] + decay[g] * decay[g] * (variance[g] - stationary[g])
-        for g in range(size):
-            f = h * h * variance[g] + 1.0
-            determinant[g] *= f
-            inverse[g] = 1.0 / f
-        for g in range(size):
-            variance[g] *= inverse[g]
+            determinant[g] *= inverse[g]
+            inverse[g] = 1.0 / inverse[g]
+        for a in range(p):
+            for b in range(p):
+                one, left, right = covariance[a, b], projected[a], projected[b]
+                for g in range(size):
+                    one[g] -= left[g] * right[g] * inverse[g]
         if i % _EVERY == _EVERY - 1:
             for g in range(size):
                 log_determinant[g] += math.log(determinant[g])
                 determinant[g] = 1.0
         for j in range(m):
-            y, s, e = columns[i, j], state[j], innovation[j]
+            y, e = columns[i, j], innovation[j]
             for g in range(size):
-                predicted = decay[g] * s[g]
-                e[g] = y - h * predicted
-                s[g] = predicted + h * variance[g] * e[g]
+                e[g] = y
+            for a in range(p):
+                s, d = state[j, a], decay[a]
+                for g in range(size):
+                    s[g] *= d[g]
+                    e[g] -= h * s[g]
+            for a in range(p):
+                s, into = state[j, a], projected[a]
+                for g in range(size):
+                    s[g] += into[g] * inverse[g] * e[g]
         for j in range(m):
             one = innovation[j]
             for g in range(size):
@@ -87,7 +119,9 @@ def filter_grid(
                     log_determinant[g] += 2.0 * math.log(triangle[j, j])
                 else:
                     squares[g] = value
-    return log_determinant[:cells].copy().reshape(taus, ratios), squares[:cells].copy().reshape(taus, ratios)
+    return log_determinant[:cells].copy().reshape(shapes, ratios), squares[:cells].copy().reshape(
+        shapes, ratios
+    )
 
 
 @compiled(error_model="numpy")
@@ -109,25 +143,26 @@ def likelihoods(
     gain: Floats,
     columns: Floats,
     tau_s: Floats,
+    part: Floats,
     ratio: Floats,
 ) -> tuple[Floats, Floats]:
-    """Logarithm of the restricted likelihood over that of white noise, and the variance w; (series, taus, ratios).
+    """Logarithm of the restricted likelihood over that of white noise, and the variance w; (series, shapes, ratios).
 
-    Of s series: their points `first` to `end` and last `absorbed` + 1 columns. `numbers` (s, 4) are observations,
-    duration of bins, squares of the deviations from the bins' means, and squares that no parameter absorbs. Exact where
-    points are single observations. The mean of a bin has less of the process by the mean correlation within it, and the
-    deviations from that mean, taken as white, have the rest.
+    Shapes are those of :func:`filter_grid`. Of s series: their points `first` to `end` and last `absorbed` + 1
+    columns. `numbers` (s, 4) are observations, duration of bins, squares of the deviations from the bins' means, and
+    squares that no parameter absorbs. Exact where points are single observations. The mean of a bin has less of a
+    process by the mean correlation within it, and the deviations from that mean, taken as white, have the rest.
     """
     shape = (len(first), len(tau_s), len(ratio))
     log, white = np.empty(shape), np.empty(shape)
     for k in range(len(first)):
-        part = slice(first[k], end[k])
-        mine = columns[part, columns.shape[1] - 1 - absorbed[k] :]
+        rows = slice(first[k], end[k])
+        mine = columns[rows, columns.shape[1] - 1 - absorbed[k] :]
         count, width_s, inside, null = numbers[k]
         dof, inside_dof = count - absorbed[k], count - (end[k] - first[k])
-        mean = mean_correlation(width_s, tau_s).reshape(-1, 1)
-        log_determinant, squares = filter_grid(step_s[part], gain[part], mine, tau_s, mean * ratio)
-        deviation = 1.0 + ratio * (1.0 - mean)
+        mean = part * mean_correlation(width_s, tau_s.ravel()).reshape(tau_s.shape)
+        log_determinant, squares = filter_grid(step_s[rows], gain[rows], mine, tau_s, mean, ratio)
+        deviation = 1.0 + ratio * (1.0 - mean.sum(axis=1)).reshape(-1, 1)
         white[k] = (squares + inside / deviation) / dof
         log[k] = -0.5 * (
             dof * np.log(white[k] * dof / null) + log_determinant + inside_dof * np.log(deviation)

@@ -24,16 +24,13 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import covariance_of, gram
-from radioloc.estimation.gauss_markov import SeriesCorrelation, SeriesNoise, TimeCorrelation
+from radioloc.estimation.gauss_markov import DENSE, SeriesCorrelation, SeriesNoise, TimeCorrelation
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
 from radioloc.estimation.linearization import ResidualFunction, Rows
 from radioloc.estimation.series import Batch, SeriesOrder, series_of
 from radioloc.estimation.time_correlation import assess_time_correlation, in_parameters, rows_of
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 
-DENSE = 3.0
-"""Observations in a correlation time, in the mean over a series, from which on its weights allow for the correlation.
-Fewer, such as laser normal points, hardly outweigh anything, and their few sessions tell a correlation badly."""
 _UNIT = SeriesNoise(1.0, np.ones(1), np.zeros(1))
 
 

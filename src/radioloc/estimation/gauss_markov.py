@@ -1,16 +1,20 @@
-"""White noise plus a first-order Gauss-Markov process: its restricted likelihood and its inverse covariance.
+"""White noise plus a first-order Gauss-Markov process or flicker noise: restricted likelihood, covariance.
 
 The whitened errors of a series have the covariance
 
     V_ij = w d_ij + c exp(-|t_i - t_j| / tau).
 
-A scalar Kalman filter (Kalman 1960; Tapley, Schutz and Born 2004, section 4.9) turns residuals and design matrix to
-independent innovations, so the likelihood is exact and its cost linear in the observations (Schweppe 1965). What the
-estimated parameters can absorb is projected out (restricted maximum likelihood, Patterson and Thompson 1971):
+Flicker noise, whose spectral density falls as 1/f, is a sum of such processes of equal variance with correlation times
+evenly spaced by logarithm (van der Ziel 1950), up to three times the span of the data. One process alone that is fitted
+to it has too little at low frequencies, which is what an estimate is uncertain by. A Kalman filter (Kalman 1960;
+Tapley, Schutz and Born 2004, section 4.9) turns residuals and design matrix to independent innovations, so the
+likelihood is exact and its cost linear in the observations (Schweppe 1965). What the estimated parameters can absorb is
+projected out (restricted maximum likelihood, Patterson and Thompson 1971):
 
     -2 log L = log det V + log det(A^T V^-1 A) + (n - d) log w,    w = r^T P r / (n - d),
 
-for d columns A and V over w. Correlation times tau and ratios c / w are tried on a grid, coarse first.
+for d columns A and V over w. Correlation times tau and ratios c / w are tried on a grid, coarse first. One process and
+flicker noise are as likely before the data are seen; the covariance is the mean over both.
 """
 
 from __future__ import annotations
@@ -33,10 +37,20 @@ _TAU_STEP = 0.25
 """Common logarithm of the factor from one correlation time that is tried to the next."""
 _EACH_TAU, _EACH_RATIO = 2, 4
 """Of those every so many are tried first."""
+_EACH_FLICKER = 2
+"""Of the ratios every so many are tried for flicker noise."""
+_FLICKER_STEP = 1.0
+"""Common logarithm of the factor from one correlation time of flicker noise to the next, about."""
+_FLICKER_SPANS = 3.0
+"""Longest correlation time of flicker noise in spans of the data: what lasts longer is the same all the time."""
 _NEAR = 6.0
 """Logarithm of the likelihood below the largest at which nothing need be looked at."""
 _TOLD = 3.0
 """Logarithm of the likelihood by which white noise must be likelier than another series' noise to rule that out."""
+DENSE = 3.0
+"""Observations in a correlation time, in the mean over a series, from which on its weights allow for the correlation
+and flicker noise is considered. Fewer, such as laser normal points, hardly outweigh anything, and their few sessions
+tell a correlation badly."""
 FEWEST = 20
 """Points beyond the number of parameters that a verdict takes."""
 _CHANCE = 0.01
@@ -212,13 +226,22 @@ class RestrictedLikelihood:
         """Points of each series beyond what the parameters absorb, (s,); none where there are no residuals."""
         return np.where(self.points.squares > 0.0, np.diff(self.points.begin) - self.absorbed, 0)
 
-    def of_series(self, mine: NDArray[np.intp], tau_s: _Floats, ratio: _Floats) -> tuple[_Floats, _Floats]:
-        """Logarithm of the likelihood over that of white noise, and the variance w; (series, taus, ratios)."""
+    def of_series(
+        self, mine: NDArray[np.intp], tau_s: _Floats, ratio: _Floats, part: _Floats | None = None
+    ) -> tuple[_Floats, _Floats]:
+        """Logarithm of the likelihood over that of white noise, and the variance w; (series, shapes, ratios).
+
+        A shape is a process of one correlation time, or of several (k, p) that have each a part of its variance (k, p).
+        """
         from radioloc.estimation._kernels import likelihoods
+
+        if part is None:
+            tau_s = tau_s[:, None]
+            part = np.ones(tau_s.shape)
 
         begin, end = self.points.begin[mine], self.points.begin[mine + 1]
         chosen = (begin, end, self.absorbed[mine], self.numbers[mine])
-        tried = (np.ascontiguousarray(tau_s), np.ascontiguousarray(ratio))
+        tried = (np.ascontiguousarray(tau_s), np.ascontiguousarray(part), np.ascontiguousarray(ratio))
         return likelihoods(*chosen, self.points.step_s, self.points.gain, self.columns, *tried)
 
 
@@ -233,12 +256,14 @@ def _taken_over(likelihood: RestrictedLikelihood, found: dict[int, SeriesNoise])
         known.setdefault(series[k].kind, []).append(noise)
     more: dict[int, SeriesNoise] = {}
     for kind, noises in known.items():
-        tau_s = np.exp(np.mean([[math.log(one.correlation_time_s)] for one in noises], axis=0))
-        coloured = np.mean([[one.coloured.sum()] for one in noises], axis=0)
-        mean = SeriesNoise(float(np.mean([one.white for one in noises])), tau_s, coloured)
+        tau_s, coloured = (
+            np.concatenate(c) for c in zip(*((n.tau_s, n.coloured) for n in noises), strict=True)
+        )
+        mean = SeriesNoise(float(np.mean([one.white for one in noises])), tau_s, coloured / len(noises))
         others = [k for k, one in enumerate(series) if one.kind == kind and k not in found]
         if others:
-            log, _ = likelihood.of_series(np.array(others), tau_s, np.array([mean.ratio]))
+            shape = np.array([mean.correlation_time_s])
+            log, _ = likelihood.of_series(np.array(others), shape, np.array([mean.ratio]))
             short = likelihood.points_left[others] < FEWEST
             more |= {
                 k: mean for k, taken in zip(others, short | (log[:, 0, 0] > -_TOLD), strict=True) if taken
@@ -265,24 +290,49 @@ def _fitted(
         slice(max(0, int(at.min() - 1) * each), int(at.max() + 1) * each + 1)
         for at, each in ((at_tau, _EACH_TAU), (at_ratio, _EACH_RATIO))
     )
-    tau_s, ratio = tau_s[taus], RATIOS[ratios]
-    log, white = likelihood.of_series(mine, tau_s, ratio)
+    taus_of_flicker_s, part = _flicker_shape(points, mine, tau_s[0])
+    # Either is as likely before: cells of both have the same weight together.
+    odds = math.log(len(tau_s) * _EACH_FLICKER)
+    spans_s = [float(points.step_s[points.of(k)].sum()) for k in mine]
+    in_tau = points.count[mine].sum() * tau_s[::_EACH_TAU][best[0]] / sum(spans_s)
+    if in_tau < DENSE:
+        odds = -math.inf
+    wider = slice(max(0, ratios.start - _EACH_RATIO), ratios.stop + _EACH_RATIO, _EACH_FLICKER)
+    tau_s, ratio, flicker_ratio = tau_s[taus], RATIOS[ratios], RATIOS[wider]
+    shapes = ((tau_s, ratio, None), (taus_of_flicker_s, flicker_ratio, part))
+    tried = [likelihood.of_series(mine, *shape) for shape in shapes]
+    log, white = (np.concatenate([one[k].reshape(len(mine), -1) for one in tried], axis=1) for k in range(2))
+    ratio = np.concatenate([np.tile(ratio, len(tau_s)), flicker_ratio])
+    cells = tried[0][0][0].size
+    if odds == -math.inf:
+        log[:, cells:] = odds
     together = log.sum(axis=0)
     # Two parameters more than white noise: chi-square of two degrees of freedom, 1 - exp(-x / 2).
     if together.max() < threshold:
         return {}
-    best = np.unravel_index(int(together.argmax()), together.shape)
-    own = log.max(axis=(1, 2)) - log[:, best[0], best[1]] > differing
-    chosen = np.where(own[:, None, None], log, together)
+    own = log.max(axis=1) - log[:, int(together.argmax())] > differing
+    chosen = np.where(own[:, None], log, together)
+    chosen[:, cells:] += odds
     coloured = white * ratio
-    variance = (points.squares[mine] / points.count[mine])[:, None, None]
-    weight = np.exp(chosen - chosen.max(axis=(1, 2), keepdims=True)) / (1.0 + coloured / variance)
-    weight /= weight.sum(axis=(1, 2), keepdims=True)
-    mean_white, mean_coloured = (weight * white).sum(axis=(1, 2)), (weight * coloured).sum(axis=2)
+    variance = (points.squares[mine] / points.count[mine])[:, None]
+    weight = np.exp(chosen - chosen.max(axis=1, keepdims=True)) / (1.0 + coloured / variance)
+    weight /= weight.sum(axis=1, keepdims=True)
+    coloured *= weight
+    of_taus = coloured[:, :cells].reshape(len(mine), len(tau_s), -1).sum(axis=2)
+    mean_coloured = np.concatenate([of_taus, coloured[:, cells:].sum(axis=1)[:, None] * part], axis=1)
+    tau_s = np.concatenate([tau_s, taus_of_flicker_s[0]])
     return {
         k: SeriesNoise(w, tau_s, c)
-        for k, w, c in zip(mine.tolist(), mean_white.tolist(), mean_coloured, strict=True)
+        for k, w, c in zip(mine.tolist(), (weight * white).sum(axis=1).tolist(), mean_coloured, strict=True)
     }
+
+
+def _flicker_shape(points: Points, mine: NDArray[np.intp], least_s: float) -> tuple[_Floats, _Floats]:
+    """Correlation times, up to the longest span, and shares of processes that add up to flicker noise, both (1, p)."""
+    span_s = _FLICKER_SPANS * max(float(points.step_s[points.of(k)].sum()) for k in mine)
+    p = math.ceil(math.log10(max(span_s / least_s, 10.0)) / _FLICKER_STEP) + 1
+    tau_s = np.logspace(math.log10(least_s), math.log10(max(span_s, 10.0 * least_s)), p)
+    return tau_s[None], np.full((1, p), 1.0 / p)
 
 
 def _tried_taus_s(points: Points, mine: NDArray[np.intp]) -> _Floats:

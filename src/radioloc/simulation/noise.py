@@ -1,4 +1,4 @@
-"""Random errors of simulated observations: white, coloured, drifting and wild.
+"""Random errors of simulated observations: white, coloured, flicker noise, drifting and wild.
 
 Every series of random numbers has its own stream, seeded by the seed and by a label that says what it is for: kind,
 link or station, first epoch and step of the session. A link's errors are therefore the same whatever else is simulated,
@@ -21,6 +21,9 @@ from radioloc.measurements.registry import KINDS
 from radioloc.simulation.schedule import Plan
 from radioloc.time import utc_to_tai
 
+_FLICKER_PER_DECADE = 2
+"""Gauss-Markov processes by which flicker noise is drawn, in each factor of ten of correlation times."""
+
 
 @dataclass(frozen=True, slots=True)
 class Noise:
@@ -38,6 +41,9 @@ class Noise:
     """Fraction of the epochs that get an outlier."""
     outlier_m: float = 0.0
     """Its size: even between half and one and a half of it, of either sign."""
+    flicker_m: float = 0.0
+    """Standard deviation of flicker noise in each factor of ten of frequency, from one over the step down to one over
+    the session's length: a power spectral density that falls as 1/f."""
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -76,6 +82,13 @@ class Noise:
         if self.coloured_m:
             correlation = math.exp(-step_s / self.correlation_s)
             error_m += self.coloured_m * gauss_markov(normal("coloured"), correlation)
+        if self.flicker_m:
+            # Processes of correlation times that are evenly spaced by logarithm add up to 1/f (van der Ziel 1950).
+            times = max(1, math.ceil(_FLICKER_PER_DECADE * math.log10(max(n, 2)))) + 1
+            each_m = self.flicker_m / math.sqrt(_FLICKER_PER_DECADE)
+            for k in range(times):
+                correlation = math.exp(-(10.0 ** (-k / _FLICKER_PER_DECADE)))
+                error_m += each_m * gauss_markov(normal(f"flicker {k}"), correlation)
         if self.walk_m_sqrt_s:
             steps = normal("walk")
             steps[:, :1] = 0.0

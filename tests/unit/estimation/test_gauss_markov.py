@@ -11,7 +11,7 @@ from radioloc.estimation.gauss_markov import (
     SeriesNoise,
     noise_of_series,
 )
-from radioloc.simulation.noise import gauss_markov
+from radioloc.simulation.noise import Noise, gauss_markov
 
 ROUNDING = 1e-10
 
@@ -40,9 +40,12 @@ TAU_S, RATIO = np.array([30.0, 600.0, 50000.0]), np.array([1e-4, 0.3, 200.0])
 
 def test_determinants_and_squares_are_those_of_the_dense_covariance(case):
     step_s, gain, columns = case
-    determinant, squares = filter_grid(step_s, gain, columns, TAU_S, np.tile(RATIO, (3, 1)))
+    tau_s = np.stack([TAU_S, TAU_S[::-1]], axis=-1)
+    part = np.array([[1.0, 0.0], [0.4, 0.6], [0.3, 0.5]])
+    determinant, squares = filter_grid(step_s, gain, columns, tau_s, part, RATIO)
     for k in range(9):
-        covariance = dense(step_s, gain, TAU_S[k // 3], RATIO[k % 3])
+        each = zip(tau_s[k // 3], part[k // 3] * RATIO[k % 3], strict=True)
+        covariance = np.sum([dense(step_s, gain, *one) for one in each], axis=0) - np.eye(150)
         products = columns.T @ np.linalg.solve(covariance, columns)
         expected = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(products[:2, :2])[1]
         assert determinant.flat[k] == pytest.approx(expected, rel=ROUNDING)
@@ -114,6 +117,23 @@ def points(residual, step_s=None, gain=None, unit=None):
         residual=residual,
         unit=np.zeros((n, 1)) if unit is None else unit,
     )
+
+
+def test_flicker_noise_is_not_taken_for_one_short_process():
+    """What matters is how uncertain a mean is: one process alone, of the likeliest time, has too little there."""
+    stated, one, true = np.zeros(40), np.zeros(40), np.zeros(40)
+    for seed in range(40):
+        residual = Noise(white_m=1.0, flicker_m=0.7).series(1440, 60.0, [seed], "a")[0][0]
+        true[seed] = residual.mean() ** 2
+        data = points(residual - residual.mean(), unit=np.full((1440, 1), 1440.0**-0.5))
+        noise = noise_of_series(data, 30.0)["a"]
+        stated[seed] = noise.products(data.step_s, data.gain, np.full((1440, 1), 1.0 / 1440.0))[0, 0]
+        single = SeriesNoise(noise.white, np.array([noise.correlation_time_s]), noise.coloured.sum()[None])
+        one[seed] = single.products(data.step_s, data.gain, np.full((1440, 1), 1.0 / 1440.0))[0, 0]
+    # Chi-square of 40 over 40 is below 1.48 but for 2.5 %; what is stated has more, as flicker noise goes on below the
+    # frequencies that were drawn: a fifth process, three times as long as the data, nearly doubles it.
+    assert 0.4 < (true / stated).mean() < 1.48
+    assert (true / one).mean() > 1.48
 
 
 def test_process_is_found():

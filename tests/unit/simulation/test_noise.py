@@ -117,6 +117,19 @@ def test_gauss_markov_recursion():
     np.testing.assert_array_equal(gauss_markov(drive, 1.0), np.ones(3))
 
 
+def test_flicker_noise_has_the_same_variance_in_each_decade():
+    n, step_s = 4096, 10.0
+    error_m, _ = Noise(flicker_m=2.0).series(n, step_s, range(200), "a")
+    window = np.hanning(n)
+    power = np.mean(np.abs(np.fft.rfft(error_m * window, axis=1)) ** 2, axis=0) / (window**2).sum()
+    power *= 2.0 * step_s
+    frequency = np.fft.rfftfreq(n, step_s)
+    for low in (1e-4, 3e-4, 1e-3):
+        band = (frequency >= low) & (frequency < 10.0 * low)
+        # Processes are half a decade apart, and aliases add a little near half a cycle a step.
+        assert power[band].sum() * frequency[1] == pytest.approx(2.0**2, rel=0.2)
+
+
 def test_random_walk_starts_at_zero_and_grows_with_the_root_of_time():
     ends = [Noise(walk_m_sqrt_s=0.5).series(101, 4.0, [seed], "a")[0][0] for seed in range(400)]
     assert all(walk[0] == 0.0 for walk in ends)

@@ -363,14 +363,19 @@ def test_weights_of_a_correlated_series(apollo15, near15, solution, monkeypatch)
     inverse = np.linalg.inv(design.T @ np.linalg.solve(covariance, design))
     gain = np.linalg.solve(covariance, design @ inverse).T
     assert np.linalg.norm(gain @ residual_m) < SAME_M
-    white = residual_m @ np.linalg.solve(covariance, residual_m) / (len(residual_m) - 3)
+    (noise,) = found.time_correlation.noise.values()
+    processes = zip(noise.coloured, noise.tau_s, strict=True)
+    errors = noise.white * np.eye(len(time_s)) + sum(
+        c * np.exp(-np.abs(time_s[:, None] - time_s) / tau_s) for c, tau_s in processes
+    )
 
     def sigma_enu_m(position):
         return np.sqrt(np.diag(found.rot_pa_to_enu @ position @ found.rot_pa_to_enu.T))
 
     assert found.sigma_enu_m("formal") == pytest.approx(sigma_enu_m(gain @ stated**2 @ gain.T), rel=1e-6)
-    # Those of the card are the mean over the noise models that are as likely.
-    assert found.sigma_enu_m("scaled") == pytest.approx(sigma_enu_m(white * inverse), rel=0.03)
+    # Those of the card are the sandwich with the mean over the noise models that are as likely.
+    sandwich = gain @ stated @ errors @ stated @ gain.T
+    assert found.sigma_enu_m("scaled") == pytest.approx(sigma_enu_m(sandwich), rel=1e-3)
     # The best estimate is better known than another, and were errors as stated, it would be worse.
     assert (found.sigma_enu_m("scaled") < 0.95 * solution.sigma_enu_m("scaled")).all()
     assert (found.sigma_enu_m("formal") > 1.05 * solution.sigma_enu_m("formal")).all()

@@ -18,6 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.budget import NOISE
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.report.cards import Card, Field, metres, more
 from radioloc.report.figures import COLORS, new_figure, style_axes
@@ -28,8 +29,6 @@ if TYPE_CHECKING:
 _Floats = NDArray[np.float64]
 _AXES = ("east", "north", "up")
 _DIRECTIONS = np.linspace(0.0, np.pi, 721)[:-1]
-NOISE, A_PRIORI = "measurement noise", "a priori: "
-"""Sources of what is estimated: the observations, and a-priori values by their parameters; others are considered."""
 _MOST_SOURCES, _MOST_GAINS = 8, 12
 _WORTH = 0.005
 """Part of the 95 % radius below which a gain is not shown on the card."""
@@ -60,9 +59,8 @@ class ErrorSource:
     """A part of the position's covariance."""
 
     source: str
-    """``"measurement noise"``, ``"a priori: range_bias"``, or a considered kind such as ``"station_position"``."""
+    """As of :class:`~radioloc.estimation.budget.BudgetItem`, as the next."""
     name: str
-    """Whose it is, such as a station; empty where it is nobody's."""
     covariance_m2: _Floats
     """East, north, up, shape (3, 3)."""
 

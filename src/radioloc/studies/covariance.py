@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
+from radioloc.estimation.budget import A_PRIORI, EPHEMERIS, NOISE, owner, prior_effects
 from radioloc.estimation.build import seconds_since_midnight
 from radioloc.estimation.consider import ConsideredErrors, consider
 from radioloc.estimation.factorization import covariance_of, factorize
@@ -31,7 +32,7 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.design import ObservationModel
 from radioloc.parameters.parameter import Role
-from radioloc.report.covariance import A_PRIORI, NOISE, CovarianceStudy, ErrorSource, Gain, PlannedArc, Share
+from radioloc.report.covariance import CovarianceStudy, ErrorSource, Gain, PlannedArc, Share
 from radioloc.simulation import Scenario, Session
 from radioloc.simulation.schedule import Pair
 from radioloc.simulation.simulate import rot_pa_to_enu
@@ -235,28 +236,21 @@ class _Solved:
         position_pa_m = self.problem.position_pa_m(self.x)
         enu = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ self.problem.position_partials(self.x)
         formal = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
-        left = enu @ formal
-        of_priors: dict[str, _Floats] = {}
-        for k in np.flatnonzero(parameters.free & np.isfinite(parameters.prior_sigmas)).tolist():
-            item = parameters.parameters[k]
-            name = item.name if item.kind == "position" else item.kind
-            of_one = np.outer(left[:, k], left[:, k]) / item.prior_sigma**2
-            of_priors[name] = of_priors.get(name, np.zeros((3, 3))) + of_one
-        yield ErrorSource(NOISE, "", left @ enu.T - sum(of_priors.values(), np.zeros((3, 3))))
-        for name, covariance_m2 in of_priors.items():
-            yield ErrorSource(f"{A_PRIORI}{name}", "", covariance_m2)
+        moved_m = enu @ prior_effects(fit)
+        yield ErrorSource(NOISE, "", enu @ formal @ enu.T - moved_m @ moved_m.T)
+        for k in np.flatnonzero(moved_m.any(axis=0)).tolist():
+            yield ErrorSource(A_PRIORI, parameters.names[k], np.outer(moved_m[:, k], moved_m[:, k]))
         grouped: dict[tuple[str, str], _Floats] = {}
-        for record in consider(fit, self.considered).to_list(enu) if self.considered is not None else ():
-            moved_m = np.array(record["position_enu_m"])
-            kind, _, of_whom = record["name"].partition(".")
-            whose = of_whom.split(" ")[0].split(".")[0]
-            key = kind, whose if whose in self.part.arc.stations else ""
-            grouped[key] = grouped.get(key, np.zeros((3, 3))) + np.outer(moved_m, moved_m)
+        if self.considered is not None:
+            moved_m = enu @ consider(fit, self.considered).sensitivity
+            for k, item in enumerate(self.considered.parameters):
+                key = item.kind, owner(item)
+                grouped[key] = grouped.get(key, np.zeros((3, 3))) + np.outer(moved_m[:, k], moved_m[:, k])
         for (kind, whose), covariance_m2 in grouped.items():
             yield ErrorSource(kind, whose, covariance_m2)
         ephemeris_m = np.array(self.part.estimate.ephemeris_sigma_m)
         if ephemeris_m.any():
-            yield ErrorSource("ephemeris", "", np.diag(ephemeris_m**2))
+            yield ErrorSource(EPHEMERIS, "", np.diag(ephemeris_m**2))
 
 
 def _solve(problem: ObservationModel, noise: ProcessNoise, used: _Mask, x: _Floats) -> FitResult:
@@ -319,12 +313,10 @@ def _shares(solved: _Solved) -> Iterator[Share]:
 def _better_known(solved: _Solved) -> Iterator[Gain]:
     """What it would buy to know each considered source, and each kind that is estimated, without error."""
     arc = solved.planned
-    considered = [
-        source for source in arc.sources if source.source != NOISE and not source.source.startswith(A_PRIORI)
-    ]
+    considered = [source for source in arc.sources if source.source not in (NOISE, A_PRIORI)]
     for kind in dict.fromkeys(source.source for source in considered):
         mine = [source for source in considered if source.source == kind]
-        yield Gain(f"{kind} known{' at all stations' if len(mine) > 1 else ''}", arc.without(*mine))
+        yield Gain(f"{kind} known{' for all' if len(mine) > 1 else ''}", arc.without(*mine))
         if len(mine) > 1:
             yield from (Gain(f"{source.label} known", arc.without(source)) for source in mine)
     kinds = dict.fromkeys(item.kind for item in solved.problem.parameters if not item.fixed)

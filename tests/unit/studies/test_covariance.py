@@ -162,7 +162,7 @@ def test_budget_adds_up(found):
         records = arc.to_dict()["budget"]
         assert [r["total_m"] for r in records] == sorted((r["total_m"] for r in records), reverse=True)
         assert np.sqrt(sum(r["total_m"] ** 2 for r in records)) == pytest.approx(np.linalg.norm(arc.sigma_m))
-    assert {"measurement noise", "a priori: range_bias"} <= set(found.longest.by_source())
+    assert {"measurement noise", "a priori"} <= set(found.longest.by_source())
 
 
 def test_longer_is_better_and_the_reach_lies_between(found):

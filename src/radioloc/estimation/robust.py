@@ -27,6 +27,14 @@ _REPEATED_ROWS = 1000
 """The same where one problem is fitted again and again: the start only has to tell outliers from the rest."""
 _FEWEST_DRAWS = 200  # for each parameter
 _SEED = 20201201
+_CLEAN = 3.0
+"""Spread, in stated sigmas, above which a majority is looked for that agrees much better."""
+_MUCH_LESS = 0.5
+"""Part of the spread of all that it is then to have."""
+_KEPT = 0.6
+"""Part of the observations that least trimmed squares keep: up to 40 % may be wrong."""
+_SUBSETS = 500
+_RIDGE = 1e-9
 _SETTLED = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
 
 
@@ -58,7 +66,9 @@ def robust_start(
     Minimizes Huber's loss (1964) with its corner at one stated sigma, so that far from the solution it is
     the sum of absolute residuals, by iteratively reweighted least squares on each linearization. The loss
     is convex: far from the solution there is no false minimum of a linear model to fall into, and no scale
-    has to be guessed. Of more than :data:`_MOST_ROWS` observations a sample makes the start (:func:`sample`).
+    has to be guessed. Where its residuals spread beyond their sigmas, gross errors on one side may have carried
+    it away: least trimmed squares (Rousseeuw 1984) then look for a majority that agrees much better. Of more
+    than :data:`_MOST_ROWS` observations a sample makes the start (:func:`sample`).
     `whole` is the linearization at the a-priori values; returned is that at the estimate.
     """
     x = parameters.prior_values
@@ -69,6 +79,7 @@ def robust_start(
     sigma_m = sigma_m[rows]
     residual_m, partials = whole.residual_m[rows], whole.partials(rows)
     loss = _huber_loss(residual_m / sigma_m, parameters, x)
+    root = np.zeros((len(free), 0))
     for _ in range(_MAX_LINEARIZATIONS):
         if prepared is None:
             dense = DenseLinearization(residual_m, partials)
@@ -98,6 +109,14 @@ def robust_start(
         residual_m, partials = trial_residual_m, whole.partials(rows)
         if prepared is not None:  # linear: another step would be none
             break
+    spread = robust_scale(residual_m / sigma_m, len(free))
+    trimmed = _trimmed_step(residual_m, partials, sigma_m, parameters, x, root) if spread > _CLEAN else None
+    if trimmed is not None:
+        trial = x.copy()
+        trial[free] += trimmed
+        trial_whole = evaluate(residual_function, trial)
+        if robust_scale(trial_whole.residual_m[rows] / sigma_m, len(free)) < _MUCH_LESS * spread:
+            return trial, trial_whole
     return x, whole
 
 
@@ -196,6 +215,49 @@ def _huber_step(
         if moved < _SETTLED or moved < _SETTLED * robust_scale(remaining, len(root)):
             break
     return np.asarray(root @ y)
+
+
+def _trimmed_step(
+    residual_m: NDArray[np.float64],
+    partials: NDArray[np.float64],
+    sigma_m: NDArray[np.float64],
+    parameters: ParameterSet,
+    x: NDArray[np.float64],
+    root: NDArray[np.float64],
+) -> NDArray[np.float64] | None:
+    """Change of the free parameters to least trimmed squares of linearized residuals, (q,); none where these are few.
+
+    From subsets that are just large enough, drawn at random, concentration steps lead down: the next estimate is from
+    the observations that fit the last one best (Rousseeuw and Van Driessen 2006).
+    """
+    random = np.random.Generator(np.random.PCG64(_SEED))
+    rows = np.sort(random.permutation(len(residual_m))[:_REPEATED_ROWS])
+    n, q = len(rows), root.shape[1]
+    if n < 3 * q or not q:
+        return None
+    basis = partials[rows][:, parameters.free] @ root / sigma_m[rows, None]
+    normalized = residual_m[rows] / sigma_m[rows]
+    prior_sigmas = parameters.prior_sigmas[parameters.free]
+    prior = root / prior_sigmas[:, None]
+    off = (parameters.prior_values - x)[parameters.free] / prior_sigmas
+    kept = int(_KEPT * n)
+
+    def fitted(chosen: NDArray[np.intp]) -> NDArray[np.float64]:
+        # As few observations as parameters need not determine all of them
+        normal = gram(basis[chosen], basis[chosen]) + prior.T @ prior + _RIDGE * np.eye(q)
+        return np.linalg.solve(normal, basis[chosen].T @ normalized[chosen] + prior.T @ off).astype(
+            np.float64
+        )
+
+    def concentrated(y: NDArray[np.float64], steps: int) -> tuple[float, NDArray[np.float64]]:
+        for _ in range(steps):
+            y = fitted(np.argpartition(np.abs(normalized - basis @ y), kept)[:kept])
+        return float(np.partition(np.square(normalized - basis @ y), kept)[:kept].sum()), y
+
+    subsets = (random.permutation(n)[:q] for _ in range(_SUBSETS))
+    tried = sorted((concentrated(fitted(chosen), 2) for chosen in subsets), key=lambda one: one[0])
+    _, best = min((concentrated(y, 20) for _, y in tried[:5]), key=lambda one: one[0])
+    return np.asarray(root @ best)
 
 
 def _huber_loss(normalized: NDArray[np.float64], parameters: ParameterSet, x: NDArray[np.float64]) -> float:

@@ -123,7 +123,7 @@ def circling():
 
     Found by search; what it takes is that a larger excess lets a different set of observations in.
     """
-    rng = np.random.default_rng(1078)
+    rng = np.random.default_rng(1002)
     n, p = int(rng.integers(5, 60)), int(rng.integers(1, 4))
     partials = rng.standard_normal((n, p))
     stated_m = 0.005 * np.exp(rng.uniform(0, 2.5) * rng.standard_normal(n))

@@ -5,13 +5,17 @@ from radioloc.report.covariance import CovarianceStudy, plot_covariance
 from radioloc.report.figures import save_figure
 from radioloc.report.files import write_arcs, write_covariance, write_monte_carlo, write_report, write_terms
 from radioloc.report.monte_carlo import MonteCarlo
+from radioloc.report.parameter_figures import plot_contours, plot_correlations
 from radioloc.report.position_figures import plot_position
 from radioloc.report.residual_figures import plot_links, plot_residuals
+from radioloc.report.sinex import write_sinex
 
 __all__ = [
     "ArcStudy",
     "CovarianceStudy",
     "MonteCarlo",
+    "plot_contours",
+    "plot_correlations",
     "plot_covariance",
     "plot_links",
     "plot_position",
@@ -21,5 +25,6 @@ __all__ = [
     "write_covariance",
     "write_monte_carlo",
     "write_report",
+    "write_sinex",
     "write_terms",
 ]

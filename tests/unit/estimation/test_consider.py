@@ -44,7 +44,8 @@ def test_sensitivity_is_what_the_estimate_does():
     assert found.covariance == pytest.approx(found.sensitivity @ found.sensitivity.T)
     north = np.array([[0.0, 1.0, 0.0]])
     moved = {record["name"]: record["position_enu_m"] for record in found.to_list(north)}
-    assert sorted(moved) == ["c", "d"]
+    assert list(moved) == sorted(moved, key=lambda name: -abs(moved[name][0]))
+    assert set(moved) == {"c", "d"}
     assert moved["d"] == pytest.approx([found.sensitivity[1, 1]])
 
 
@@ -72,6 +73,14 @@ def test_few_errors_stand_for_many():
     moved = moved_by(fit, lambda rows: few[rows], 1)
     left_out = np.diag(consider(fit, errors).covariance - moved @ moved.T)
     assert (np.abs(left_out) < (0.01 * fit.sigmas) ** 2 + 1e-15).all()
+
+
+def test_what_matters_is_told_by_the_sigma_of_each_observation():
+    """One error is 0.2 % of the sigma of the observation that it is of, the other 5 %."""
+    both = ParameterSet([Parameter(name, "m", "bias", 0.0, 1.0, Role.CONSIDERED) for name in "xy"])
+    errors = ConsideredErrors(both, lambda rows: np.diag([0.02, 0.005])[rows])
+    few = few_errors(errors, np.array([10.0, 0.1]))
+    np.testing.assert_allclose(np.abs(few), [[0.0], [0.005]], rtol=0, atol=1e-15)
 
 
 def test_what_is_considered_needs_a_sigma():

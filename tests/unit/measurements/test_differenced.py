@@ -95,13 +95,6 @@ def test_delay_seen_from_the_other_station(model, ends):
     np.testing.assert_allclose(other.value_m, -delay_m, rtol=0, atol=SAME_M)
 
 
-def test_delay_of_a_station_behind_itself(model):
-    found = compute(model, "vlbi_delay", ("KASHI", "KASHI"))
-    assert np.abs(found.value_m).max() < SAME_M
-    assert np.abs(found.by_position_pa).max() < 1e-12
-    assert np.abs(found.by_time_m_s).max() < 1e-6
-
-
 @pytest.mark.parametrize("tag", TIME_TAGS)
 @pytest.mark.parametrize("ends", LINKS, ids="-".join)
 def test_doppler_is_range_at_the_end_less_range_at_the_start(model, ends, tag):

@@ -80,7 +80,8 @@ def plot_position(
     center_m = 0.5 * (corners_m.min(axis=0) + corners_m.max(axis=0))
     reach_m = 0.58 * float((corners_m.max(axis=0) - corners_m.min(axis=0)).max())
     factor, unit = length_unit(reach_m)
-    title = f"{solution.name}: position" if title is None else title
+    of = f" of {solution.targets[0].name}" if solution.targets else ""
+    title = f"{solution.name}: position{of}" if title is None else title
     axes = new_figure(5.2, 5.4, title).add_subplot() if ax is None else ax
     style_axes(axes)
     axes.set_aspect("equal")

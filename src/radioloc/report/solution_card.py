@@ -63,7 +63,8 @@ def solution_card(solution: Solution) -> Card:
     if solution.trajectory is not None:
         where = [Field("target", (f"on a trajectory, {solution.trajectory}", "taken as given"))]
     else:
-        where = [Field("position", _position(solution)), _sigmas(solution)]
+        of = (f"of {solution.targets[0].name}, the first of the targets",) if solution.targets else ()
+        where = [Field("position", (*of, *_position(solution))), _sigmas(solution)]
     return Card(
         (
             Field("solution", (solution.name,)),

@@ -89,6 +89,9 @@ def test_a_lander_and_its_rover(folder):
             found.selenographic[0], abs=1e-12
         )
         assert name in str(solution)
+    assert f"of {solution.targets[0].name}, the first of the targets" in str(solution)
+    figure = radioloc.plot_position(solution)
+    assert figure.get_suptitle().endswith(f"position of {solution.targets[0].name}")
     # Across the line of sight the rover is known beside the lander far better than on the Moon.
     partials = solution.targets[1].position_partials - solution.targets[0].position_partials
     beside = np.linalg.eigvalsh(partials @ solution.covariance @ partials.T)

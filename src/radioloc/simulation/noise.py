@@ -55,11 +55,15 @@ class Noise:
         if self.coloured_m > 0.0 and self.correlation_s == 0.0:
             raise InputError("noise: coloured_m needs a correlation_s; use white_m for none")
 
-    def processes(self, start_s: float) -> list[Process]:
-        """Its parts that last, of a series that begins at a time; outliers are left to the editing."""
+    def processes(self, n: int, step_s: float, start_s: float) -> list[Process]:
+        """Its parts that last, of a series of n epochs that begins at a time; outliers are left to the editing."""
         lasting = []
         if self.coloured_m:
             lasting.append(Process(self.coloured_m**2, self.correlation_s))
+        if self.flicker_m:
+            times = max(1, math.ceil(_FLICKER_PER_DECADE * math.log10(max(n, 2)))) + 1
+            taus_s = step_s * 10.0 ** (np.arange(times) / _FLICKER_PER_DECADE)
+            lasting += [Process(self.flicker_m**2 / _FLICKER_PER_DECADE, tau_s) for tau_s in taus_s.tolist()]
         if self.walk_m_sqrt_s:
             lasting.append(Process(walk_m2_s=self.walk_m_sqrt_s**2, start_s=start_s))
         return lasting
@@ -132,7 +136,9 @@ class NoiseModel:
         entries: list[tuple[NDArray[np.intp], int, float]] = []
         for one in NoiseDraws.of(self, plan).series:
             _, rows, slot = one.uses[0]
-            lasting = one.noise.processes(float(time_s[rows[0]] - one.step_s * slot[0]))
+            lasting = one.noise.processes(
+                one.epochs, one.step_s, float(time_s[rows[0]] - one.step_s * slot[0])
+            )
             if len(one.uses) == 1:
                 white_m2[rows] += one.noise.white_m**2
             elif one.noise.white_m:

@@ -29,8 +29,9 @@ _FEWEST_DRAWS = 200  # for each parameter
 _SEED = 20201201
 _CLEAN = 3.0
 """Spread, in stated sigmas, above which a majority is looked for that agrees much better."""
-_MUCH_LESS = 0.5
-"""Part of the spread of all that it is then to have."""
+_MUCH_LESS = 0.1
+"""Part of the spread of all that it is then to have: a few observations can always be left out so that the rest agree
+somewhat better, of weakly determined positions several times better."""
 _KEPT = 0.6
 """Part of the observations that least trimmed squares keep: up to 40 % may be wrong."""
 _SUBSETS = 500

@@ -64,7 +64,7 @@ def plot_position(
     >>> import radioloc
     >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
     >>> radioloc.plot_position(solution).axes[0].get_xlabel()
-    'east of JPL, DE421 solution (cm)'
+    'east of JPL, DE421 solution (m)'
     """
     if not (solution.position_estimated and solution.position_determined):
         raise InputError("the position is held or not determined, so there is no error ellipse to draw")

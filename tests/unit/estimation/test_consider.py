@@ -76,11 +76,11 @@ def test_few_errors_stand_for_many():
 
 
 def test_what_matters_is_told_by_the_sigma_of_each_observation():
-    """One error is 0.2 % of the sigma of the observation that it is of, the other 5 %."""
+    """One error is 0.2 % of the sigma of the observation that it is of, the other 20 %."""
     both = ParameterSet([Parameter(name, "m", "bias", 0.0, 1.0, Role.CONSIDERED) for name in "xy"])
-    errors = ConsideredErrors(both, lambda rows: np.diag([0.02, 0.005])[rows])
+    errors = ConsideredErrors(both, lambda rows: np.diag([0.02, 0.02])[rows])
     few = few_errors(errors, np.array([10.0, 0.1]))
-    np.testing.assert_allclose(np.abs(few), [[0.0], [0.005]], rtol=0, atol=1e-15)
+    np.testing.assert_allclose(np.abs(few), [[0.0], [0.02]], rtol=0, atol=1e-15)
 
 
 def test_what_is_considered_needs_a_sigma():

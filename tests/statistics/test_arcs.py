@@ -46,6 +46,7 @@ def matched():
             height_prior=HeightPrior(-2550.4, HEIGHT_SIGMA_M),
         ),
         model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
+        consider_defaults=False,  # the world has no other errors
         simulation=Scenario(Schedule(sessions), LANDER, Truth(), NOISE, truth_sigma, seed=20201201),
     )
     found = radioloc.monte_carlo(study, TRIALS, HOURS, workers=2)

@@ -61,6 +61,7 @@ def trials(step_s, noise, weights, station_sigma_m=0.18):
         ),
         observations=ObservationChoice(vlbi_station_sigma_m=station_sigma_m),
         model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
+        consider_defaults=False,  # the world has no other errors
         simulation=Scenario(Schedule(sessions), LANDER, Truth(), noise, truth_sigma, seed=20201201),
         name="plan",
     )

@@ -110,13 +110,13 @@ def owner(item: Parameter) -> str:
     return name.rpartition(" ")[0] if item.span_utc is not None else name
 
 
-def by_source(items: Iterable[BudgetItem]) -> list[tuple[BudgetItem, BudgetItem]]:
-    """Each source as a whole with its largest part, the largest source first."""
+def by_source(items: Iterable[BudgetItem]) -> list[BudgetItem]:
+    """Each source as a whole, the largest first."""
     groups: dict[str, list[BudgetItem]] = {}
     for item in items:
         groups.setdefault(item.source, []).append(item)
     wholes = []
     for source, parts in groups.items():
         squares = np.array([(p.east_m**2, p.north_m**2, p.up_m**2) for p in parts]).sum(axis=0)
-        wholes.append((BudgetItem.of(source, "", squares), max(parts, key=lambda part: part.total_m)))
-    return sorted(wholes, key=lambda pair: -pair[0].total_m)
+        wholes.append(BudgetItem.of(source, "", squares))
+    return sorted(wholes, key=lambda whole: -whole.total_m)

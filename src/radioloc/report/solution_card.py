@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import replace
 from itertools import combinations
 
@@ -183,33 +183,26 @@ def _budget(solution: Solution) -> Field:
     total_m2 = sum(item.total_m**2 for item in items)
     rows: list[tuple[str, ...]] = []
     rest: list[BudgetItem] = []
-    for whole, most in by_source(items):
+    for whole in by_source(items):
         if len(rows) < _MAX_ROWS and whole.total_m**2 > _LEAST_SHARE * total_m2:
-            largest = f"{_short(most.name)} {metres(most.total_m)}" if most.name else ""
-            rows.append((_short(whole.source), *_sides(whole), largest))
+            rows.append((whole.source, *_sides(whole)))
         else:
             rest.append(replace(whole, source="others"))
-    rows += [("others", *_sides(whole), "") for whole, _ in by_source(rest)]
-    return Field(
-        "budget", (), ("1 sigma, m", "east", "north", "up", "3D", "most by"), rows, _advice(solution)
-    )
-
-
-def _short(name: str) -> str:
-    """A name that leaves room for numbers: of what varies from session to session the kind."""
-    kind, variation, _ = name.partition("_variation")
-    return f"{kind.removesuffix('_position')} var." if variation else name
+    rows += [("others", *_sides(whole)) for whole in by_source(rest)]
+    return Field("budget", (), ("1 sigma, m", "east", "north", "up", "3D"), rows, _advice(items))
 
 
 def _sides(item: BudgetItem) -> tuple[str, ...]:
     return tuple(metres(side) for side in (item.east_m, item.north_m, item.up_m, item.total_m))
 
 
-def _advice(solution: Solution) -> Iterator[str]:
-    """What to improve first."""
-    items = solution.budget
+def _advice(items: Sequence[BudgetItem]) -> Iterator[str]:
+    """The largest that are somebody's, and what to improve first."""
     if not items:
         return
+    if named := [item for item in items if item.name][:_MAX_OUTLIERS]:
+        of_them = (f"{item.source} of {item.name} {metres(item.total_m)} m" for item in named)
+        yield f"largest in these: {', '.join(of_them)}"
     largest, total_m = items[0], math.sqrt(sum(item.total_m**2 for item in items))
     of = f" of {largest.name}" if largest.name else ""
     advice = _ADVICE.get(largest.source, largest.source.replace("_", " "))

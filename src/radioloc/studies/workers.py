@@ -107,6 +107,8 @@ class _Pool:
         return self
 
     def __exit__(self, *exception: object) -> None:
+        # The pool cancels what is left itself: of futures that are cancelled here it would say, where an interrupt has
+        # ended its processes at the same moment, that their state is invalid.
         self._pool.shutdown(cancel_futures=True)
         self._folder.cleanup()
 
@@ -128,9 +130,6 @@ class _Pool:
                 f"a worker process ended before its trials did: {_GUARD}; or it was killed, as by a system that is "
                 "short of memory"
             ) from None
-        finally:
-            for future in futures:
-                future.cancel()
 
 
 class _Cluster:

@@ -8,7 +8,7 @@ Tapley, Schutz and Born (2004), section 6.2.
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from dataclasses import asdict, dataclass
 from typing import Any
 
@@ -66,15 +66,15 @@ def prior_effects(fit: FitResult) -> NDArray[np.float64]:
     return effects
 
 
-def error_budget(
+def sources(
     parameters: ParameterSet,
     enu_by_parameters: NDArray[np.float64],
     enu_covariance_m2: NDArray[np.float64],
     effects: NDArray[np.float64],
     considered: Consider | None,
     ephemeris_sigma_enu_m: NDArray[np.float64],
-) -> tuple[BudgetItem, ...]:
-    """Sources, the largest first.
+) -> dict[tuple[str, str], NDArray[np.float64]]:
+    """Covariance of the position by each source that there may be and its name, m^2, shape (3, 3).
 
     Parameters
     ----------
@@ -89,16 +89,22 @@ def error_budget(
     considered : Consider or None
     ephemeris_sigma_enu_m : ndarray, shape (3,)
     """
-    of_priors_m2 = (enu_by_parameters @ effects) ** 2
-    found = {(NOISE, ""): np.diag(enu_covariance_m2) - of_priors_m2.sum(axis=1)}
-    found |= {(A_PRIORI, item.name): of_priors_m2[:, k] for k, item in enumerate(parameters)}
+    of_priors_m = enu_by_parameters @ effects
+    found = {(NOISE, ""): enu_covariance_m2 - of_priors_m @ of_priors_m.T}
+    for k, item in enumerate(parameters):
+        found[A_PRIORI, item.name] = np.outer(of_priors_m[:, k], of_priors_m[:, k])
     if considered is not None:
-        of_errors_m2 = (enu_by_parameters @ considered.sensitivity) ** 2
+        of_errors_m = enu_by_parameters @ considered.sensitivity
         for k, item in enumerate(considered.parameters):
             key = item.kind, owner(item)
-            found[key] = found.get(key, 0.0) + of_errors_m2[:, k]
-    found[EPHEMERIS, ""] = ephemeris_sigma_enu_m**2
-    items = (BudgetItem.of(*key, variances_m2) for key, variances_m2 in found.items())
+            found[key] = found.get(key, 0.0) + np.outer(of_errors_m[:, k], of_errors_m[:, k])
+    found[EPHEMERIS, ""] = np.diag(ephemeris_sigma_enu_m**2)
+    return found
+
+
+def error_budget(found: Mapping[tuple[str, str], NDArray[np.float64]]) -> tuple[BudgetItem, ...]:
+    """Sigmas by those of the :func:`sources` that have any, the largest first."""
+    items = (BudgetItem.of(*key, np.diag(covariance_m2)) for key, covariance_m2 in found.items())
     return tuple(sorted((item for item in items if item.total_m > 0.0), key=lambda item: -item.total_m))
 
 

@@ -198,10 +198,7 @@ def _huber_step(
     `root` leads from these to the parameters.
     """
     basis = partials[:, parameters.free] @ root / sigma_m[:, None]
-    prior_sigmas = parameters.prior_sigmas[parameters.free]
-    prior_rows = root / prior_sigmas[:, None]
-    prior_normal = prior_rows.T @ prior_rows
-    prior_side = prior_rows.T @ ((parameters.prior_values - x)[parameters.free] / prior_sigmas)
+    prior_normal, prior_side = _prior_terms(parameters, x, root)
     normalized = residual_m / sigma_m
     y: NDArray[np.float64] = np.zeros(basis.shape[1])
     remaining = normalized
@@ -238,17 +235,14 @@ def _trimmed_step(
         return None
     basis = partials[rows][:, parameters.free] @ root / sigma_m[rows, None]
     normalized = residual_m[rows] / sigma_m[rows]
-    prior_sigmas = parameters.prior_sigmas[parameters.free]
-    prior = root / prior_sigmas[:, None]
-    off = (parameters.prior_values - x)[parameters.free] / prior_sigmas
+    prior_normal, prior_side = _prior_terms(parameters, x, root)
     kept = int(_KEPT * n)
 
     def fitted(chosen: NDArray[np.intp]) -> NDArray[np.float64]:
         # As few observations as parameters need not determine all of them
-        normal = gram(basis[chosen], basis[chosen]) + prior.T @ prior + _RIDGE * np.eye(q)
-        return np.linalg.solve(normal, basis[chosen].T @ normalized[chosen] + prior.T @ off).astype(
-            np.float64
-        )
+        normal = gram(basis[chosen], basis[chosen]) + prior_normal + _RIDGE * np.eye(q)
+        side = basis[chosen].T @ normalized[chosen] + prior_side
+        return np.linalg.solve(normal, side).astype(np.float64)
 
     def concentrated(y: NDArray[np.float64], steps: int) -> tuple[float, NDArray[np.float64]]:
         for _ in range(steps):
@@ -261,8 +255,22 @@ def _trimmed_step(
     return np.asarray(root @ best)
 
 
+def _prior_terms(
+    parameters: ParameterSet, x: NDArray[np.float64], root: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Normal matrix and right-hand side of the a-priori values, in the coordinates of `root`."""
+    sigmas = parameters.prior_sigmas[parameters.free]
+    rows = root / sigmas[:, None]
+    return rows.T @ rows, rows.T @ ((parameters.prior_values - x)[parameters.free] / sigmas)
+
+
 def _huber_loss(normalized: NDArray[np.float64], parameters: ParameterSet, x: NDArray[np.float64]) -> float:
-    size = np.abs(normalized)
     prior = ((x - parameters.prior_values) / parameters.prior_sigmas)[parameters.free]
-    loss = float(np.where(size < 1.0, 0.5 * size**2, size - 0.5).sum() + 0.5 * prior @ prior)
+    loss = float(huber(normalized).sum() + 0.5 * prior @ prior)
     return loss if np.isfinite(loss) else np.inf
+
+
+def huber(normalized: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Huber's loss (1964) of each residual, its corner at one sigma."""
+    size = np.abs(normalized)
+    return np.where(size < 1.0, 0.5 * size**2, size - 0.5)

@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.estimation.budget import BudgetItem, error_budget
+from radioloc.estimation.budget import BudgetItem, error_budget, sources
 from radioloc.estimation.consider import Consider
 from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.correlated_weights import SeriesWeight
@@ -377,7 +377,7 @@ class Solution:
         """
         if self.trajectory is not None or not (self.position_estimated and self.position_determined):
             return ()
-        return error_budget(
+        found = sources(
             self.parameters,
             self.enu_by_parameters,
             self.position_covariance("enu", "scaled"),
@@ -385,6 +385,7 @@ class Solution:
             self.consider,
             self.ephemeris_sigma_enu_m,
         )
+        return error_budget(found)
 
     @property
     def correlation_factor(self) -> float:

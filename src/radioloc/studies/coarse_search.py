@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.estimation.robust import huber
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import Observations
@@ -140,8 +141,7 @@ class _Linearized:
             normal = (weights.T @ products).reshape(-1, p, p) + prior
             shift = np.linalg.solve(normal, ((weights * residual).T @ partials)[..., None])[..., 0]
             left = residual - partials @ shift.T
-        size = np.abs(left)
-        loss = np.where(size < 1.0, 0.5 * size**2, size - 0.5).sum(axis=0)
+        loss = huber(left).sum(axis=0)
         loss += 0.5 * np.einsum("ki,kij,kj->k", shift, prior, shift)
         return loss, places_m + shift[:, :3] / norm[:3]
 

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
-from radioloc.estimation.budget import A_PRIORI, EPHEMERIS, NOISE, owner, prior_effects
+from radioloc.estimation.budget import A_PRIORI, EPHEMERIS, NOISE, prior_effects, sources
 from radioloc.estimation.build import seconds_since_midnight
 from radioloc.estimation.consider import ConsideredErrors, consider
 from radioloc.estimation.factorization import covariance_of, factorize
@@ -186,6 +186,7 @@ class _Solved:
 
     plan: _Planned
     part: ArcPart
+    noise: ProcessNoise  # of the part
     problem: ObservationModel
     x: _Floats
     fit: FitResult
@@ -199,14 +200,14 @@ class _Solved:
         targets = targets_in_pa(study, arc.model.ephemeris.constants)
         problem = observation_model(arc, targets, part.estimate)
         x = problem.parameters.prior_values
-        fit = _solve(problem, plan.noise.select(part.rows), plan.usable[part.rows], x)
+        noise = plan.noise.select(part.rows)
+        fit = _solve(problem, noise, plan.usable[part.rows], x)
         considered, not_considered = considered_errors(study, problem, part.estimate, x)
-        return cls(plan, part, problem, x, fit, considered, tuple(not_considered))
+        return cls(plan, part, noise, problem, x, fit, considered, tuple(not_considered))
 
     def among(self, used: _Mask) -> PlannedArc:
         """The same with some of its observations only."""
-        noise = self.plan.noise.select(self.part.rows)
-        return replace(self, fit=_solve(self.problem, noise, used & self.fit.used, self.x)).planned
+        return replace(self, fit=_solve(self.problem, self.noise, used & self.fit.used, self.x)).planned
 
     def known(self, kind: str) -> PlannedArc:
         """The same with the parameters of a kind that is estimated known."""
@@ -215,8 +216,7 @@ class _Solved:
             if kind != "position" or parameters.names[k].startswith("position.height"):
                 parameters = parameters.changed(parameters.names[k], role=Role.FIXED)
         problem = replace(self.problem, parameters=parameters)
-        noise = self.plan.noise.select(self.part.rows)
-        return replace(self, problem=problem, fit=_solve(problem, noise, self.fit.used, self.x)).planned
+        return replace(self, problem=problem, fit=_solve(problem, self.noise, self.fit.used, self.x)).planned
 
     @cached_property
     def planned(self) -> PlannedArc:
@@ -236,21 +236,17 @@ class _Solved:
         position_pa_m = self.problem.position_pa_m(self.x)
         enu = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ self.problem.position_partials(self.x)
         formal = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
-        moved_m = enu @ prior_effects(fit)
-        yield ErrorSource(NOISE, "", enu @ formal @ enu.T - moved_m @ moved_m.T)
-        for k in np.flatnonzero(moved_m.any(axis=0)).tolist():
-            yield ErrorSource(A_PRIORI, parameters.names[k], np.outer(moved_m[:, k], moved_m[:, k]))
-        grouped: dict[tuple[str, str], _Floats] = {}
-        if self.considered is not None:
-            moved_m = enu @ consider(fit, self.considered).sensitivity
-            for k, item in enumerate(self.considered.parameters):
-                key = item.kind, owner(item)
-                grouped[key] = grouped.get(key, np.zeros((3, 3))) + np.outer(moved_m[:, k], moved_m[:, k])
-        for (kind, whose), covariance_m2 in grouped.items():
-            yield ErrorSource(kind, whose, covariance_m2)
-        ephemeris_m = np.array(self.part.estimate.ephemeris_sigma_m)
-        if ephemeris_m.any():
-            yield ErrorSource(EPHEMERIS, "", np.diag(ephemeris_m**2))
+        found = sources(
+            parameters,
+            enu,
+            enu @ formal @ enu.T,
+            prior_effects(fit),
+            None if self.considered is None else consider(fit, self.considered),
+            np.array(self.part.estimate.ephemeris_sigma_m),
+        )
+        for (source, name), covariance_m2 in found.items():
+            if source not in (A_PRIORI, EPHEMERIS) or covariance_m2.any():
+                yield ErrorSource(source, name, covariance_m2)
 
 
 def _solve(problem: ObservationModel, noise: ProcessNoise, used: _Mask, x: _Floats) -> FitResult:

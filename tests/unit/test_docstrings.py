@@ -24,7 +24,7 @@ def workspace(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
 
 
-@pytest.mark.parametrize("package", ["time", "ephemeris", "earth", "lunar"])
+@pytest.mark.parametrize("package", ["time", "ephemeris", "earth", "lunar", "imaging"])
 def test_examples(package):
     results = [
         doctest.testmod(importlib.import_module(name))

@@ -1,0 +1,10 @@
+"""Images: cameras and their orientation, from pixels to the ground and back.
+
+A pixel is (sample, line), to the right and down; the centre of the first is (0, 0). Points on the Moon are in
+mean-Earth axes, m, unless a name says otherwise.
+"""
+
+from radioloc.imaging.cameras import Camera
+from radioloc.imaging.distortion import Distortion
+
+__all__ = ["Camera", "Distortion"]

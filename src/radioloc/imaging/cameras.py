@@ -1,0 +1,167 @@
+"""Interior orientation: from pixels to directions in the camera's axes, and back.
+
+A pixel is (sample, line), to the right and down; the centre of the first is (0, 0). The focal plane has axes x and y
+in millimetres. A direction is (x, y, f) without distortion, over f: (x / f, y / f, 1) for a camera that looks along +z.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.errors import InputError
+from radioloc.imaging.distortion import Distortion
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Camera:
+    """Interior orientation of a camera; of a common one, see :meth:`of_pinhole`.
+
+    Parameters
+    ----------
+    focal_length_mm : float
+    pixel_per_mm : array_like, shape (2, 2)
+        Derivatives of (sample, line) by the focal plane's (x, y), pixels per millimetre.
+    principal_point_px : array_like, shape (2,)
+        The pixel at which x = y = 0.
+    distortion : Distortion
+    looks_along_z : int
+        1, or -1 where the camera looks along -z.
+
+    Raises
+    ------
+    InputError
+        A number is not finite, the focal length not positive, or pixels do not span the focal plane.
+    """
+
+    focal_length_mm: float
+    pixel_per_mm: Floats
+    principal_point_px: Floats
+    distortion: Distortion = field(default_factory=lambda: Distortion("none", ()))
+    looks_along_z: int = 1
+
+    def __post_init__(self) -> None:
+        matrix, point = (
+            np.array(value, dtype=np.float64) for value in (self.pixel_per_mm, self.principal_point_px)
+        )
+        if not (np.isfinite(self.focal_length_mm) and self.focal_length_mm > 0.0):
+            raise InputError(
+                f"focal_length_mm = {self.focal_length_mm!r} is not a positive number of millimetres"
+            )
+        if point.shape != (2,) or not np.isfinite(point).all():
+            raise InputError(
+                f"principal_point_px = {self.principal_point_px!r} is not two finite numbers (sample, line)"
+            )
+        if matrix.shape != (2, 2) or not np.isfinite(matrix).all() or np.linalg.matrix_rank(matrix) < 2:
+            raise InputError(
+                f"pixel_per_mm = {matrix.tolist()} does not lead from the focal plane to pixels and back; "
+                "is the size of the pixels right?"
+            )
+        for name, value in (("pixel_per_mm", matrix), ("principal_point_px", point)):
+            value.flags.writeable = False
+            object.__setattr__(self, name, value)
+
+    @classmethod
+    def of_pinhole(
+        cls,
+        focal_length_mm: float,
+        pixel_size_um: float,
+        principal_point_px: ArrayLike,
+        distortion: Sequence[float] = (),
+    ) -> Camera:
+        """A camera with x to the right, y down and z forward, as OpenCV has it.
+
+        Parameters
+        ----------
+        focal_length_mm, pixel_size_um : float
+        principal_point_px : array_like, shape (2,)
+            Sample and line.
+        distortion : sequence of float
+            k1, k2, p1, p2, k3; those left out are zero.
+
+        Examples
+        --------
+        >>> from radioloc.imaging import Camera
+        >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
+        >>> camera.directions([[511.5, 511.5]]).tolist()
+        [[0.0, 0.0, 1.0]]
+        """
+        if not (np.isfinite(pixel_size_um) and pixel_size_um > 0.0):
+            raise InputError(f"pixel_size_um = {pixel_size_um!r} is not a positive number of micrometres")
+        lens = Distortion("brown", distortion) if len(distortion) else Distortion("none", ())
+        return cls(focal_length_mm, np.eye(2) * 1e3 / pixel_size_um, np.asarray(principal_point_px), lens)
+
+    def directions(self, pixels: ArrayLike) -> Floats:
+        """Directions in the camera's axes, not normalized, shape (n, 3), of pixels, shape (n, 2).
+
+        Raises
+        ------
+        InputError
+            Not two finite numbers a pixel, or a pixel for which the distortion has no point without it.
+        """
+        return self.directions_and_partials(pixels)[0]
+
+    def directions_and_partials(self, pixels: ArrayLike) -> tuple[Floats, Floats]:
+        """As :meth:`directions`, with derivatives by (sample, line), shape (n, 3, 2)."""
+        pixel = as_points(pixels, 2, "pixels")
+        to_plane = np.linalg.inv(self.pixel_per_mm) * self._unit_per_mm
+        ideal, by_measured, valid = self.distortion.ideal((pixel - self.principal_point_px) @ to_plane.T)
+        if not valid.all():
+            worst = pixel[np.flatnonzero(~valid)[0]]
+            raise InputError(
+                f"the distortion has no point without it for the pixel (sample {worst[0]:.6g}, line {worst[1]:.6g}); "
+                "is the pixel in the image, are the coefficients in the right unit and order?"
+            )
+        scale = self.looks_along_z / (self.focal_length_mm * self._unit_per_mm)
+        directions = np.full((len(pixel), 3), float(self.looks_along_z))
+        directions[:, :2] = ideal * scale
+        partials = np.zeros((len(pixel), 3, 2))
+        partials[:, :2] = by_measured @ to_plane * scale
+        return directions, partials
+
+    def pixels(self, directions: ArrayLike) -> tuple[Floats, NDArray[np.bool_]]:
+        """Pixels, shape (n, 2), of directions in the camera's axes, shape (n, 3), and whether the camera can see them.
+
+        What is behind the camera, or where the distortion is not a lens's any more, cannot be seen; nothing is said of
+        the image's edges. Pixels of what cannot be seen have no meaning.
+        """
+        pixel, _, seen = self.pixels_and_partials(directions)
+        return pixel, seen
+
+    def pixels_and_partials(self, directions: ArrayLike) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """As :meth:`pixels`, with derivatives by the direction's components in the middle, shape (n, 2, 3)."""
+        direction = as_points(directions, 3, "directions")
+        ahead = self.looks_along_z * direction[:, 2] > 0.0
+        depth = np.where(ahead, direction[:, 2], 1.0)
+        focal = self.focal_length_mm * self._unit_per_mm
+        ideal = direction[:, :2] / depth[:, None] * focal
+        measured, by_ideal, valid = self.distortion.measured(ideal)
+        to_pixel = self.pixel_per_mm / self._unit_per_mm
+        by_direction = np.zeros((len(direction), 2, 3))
+        by_direction[:, 0, 0] = by_direction[:, 1, 1] = focal / depth
+        by_direction[:, :, 2] = -ideal / depth[:, None]
+        partials = to_pixel @ by_ideal @ by_direction
+        return measured @ to_pixel.T + self.principal_point_px, partials, ahead & valid
+
+    @property
+    def _unit_per_mm(self) -> float:
+        """The unit in which the distortion is given: a millimetre, or the focal length."""
+        return 1.0 if self.distortion.about.in_millimetres else 1.0 / self.focal_length_mm
+
+
+def as_points(values: ArrayLike, components: int, name: str) -> Floats:
+    """Finite points as an array of floats, shape (n, components)."""
+    try:
+        points = np.asarray(values, dtype=np.float64)
+    except (TypeError, ValueError):
+        points = np.empty(0)
+    if points.ndim != 2 or points.shape[1] != components:
+        raise InputError(f"{name}: {components} numbers a point are needed, shape (n, {components})")
+    if not np.isfinite(points).all():
+        raise InputError(f"{name}: a number is not finite")
+    return points

@@ -1,0 +1,156 @@
+"""Lens distortion and interior orientation: published formulas, round trips, folds, partials."""
+
+import numpy as np
+import pytest
+
+from radioloc.errors import InputError
+from radioloc.imaging import Camera, Distortion
+from radioloc.imaging.distortion import KINDS
+
+ROUND_TRIP_PX = 1e-7
+"""Newton's method ends far below; the pixels are of 7 micrometres on 25 mm."""
+
+PARTIALS_RELATIVE = 1e-6
+"""Central differences over 1e-4 of a pixel or 1e-6 of a direction."""
+
+# The cubic polynomial is one of a real frame camera's size; the others are of LRO NAC, Kaguya TC 1, Apollo 15 metric.
+KAGUYA = [
+    -0.0725,
+    -0.00096499,
+    0.00098441,
+    8.5773e-06,
+    -3.7438e-06,
+    0.0214,
+    -0.0013796,
+    1.3502e-05,
+    2.7251e-06,
+    -6.1938e-06,
+]
+CUBIC_X = [0.01, 1.001, 2e-3, 1e-5, -2e-5, 3e-5, 1e-6, 2e-7, 1e-6, 0.0]
+CUBIC_Y = [-0.02, -1e-3, 0.999, 2e-5, 1e-5, 0.0, 0.0, 1e-6, 2e-7, 1e-6]
+LENSES = {
+    "none": [],
+    "radial": [-1.3361854e-06, 5.2261757e-10, -5.0728336e-14],
+    "brown": [-0.12, 0.03, 1e-3, -2e-3, 0.01],
+    "transverse": CUBIC_X + CUBIC_Y,
+    "lrolrocnac": [1.81e-05],
+    "kaguyalism": KAGUYA,
+}
+
+
+def camera(kind, **changes):
+    given = {
+        "focal_length_mm": 72.45,
+        "pixel_per_mm": [[1.0, -142.857], [142.857, 0.5]],
+        "principal_point_px": [2047.0, 1000.0],
+        "distortion": Distortion(kind, LENSES[kind]),
+    }
+    return Camera(**(given | changes))
+
+
+def pixels(rng, n=400):
+    return rng.uniform([0.0, 0.0], [4095.0, 2000.0], size=(n, 2))
+
+
+def test_every_kind_is_tested():
+    assert set(LENSES) == set(KINDS)
+
+
+@pytest.mark.parametrize("kind", LENSES)
+@pytest.mark.parametrize("looks_along_z", [1, -1])
+def test_pixels_to_directions_and_back(kind, looks_along_z):
+    model = camera(kind, looks_along_z=looks_along_z)
+    given = pixels(np.random.default_rng(1))
+    directions = model.directions(given)
+    assert (directions[:, 2] == looks_along_z).all()
+    found, seen = model.pixels(directions * np.linspace(0.1, 1e6, len(given))[:, None])  # at any distance
+    assert seen.all()
+    assert np.abs(found - given).max() < ROUND_TRIP_PX
+
+
+@pytest.mark.parametrize("kind", LENSES)
+def test_partials_are_those_of_central_differences(kind):
+    model = camera(kind)
+    given = pixels(np.random.default_rng(2))
+    directions, by_pixel = model.directions_and_partials(given)
+    _, by_direction, _ = model.pixels_and_partials(directions)
+    step_px, step = 1e-2, 1e-5
+    for k in range(2):
+        change = np.eye(2)[k] * step_px
+        slope = (model.directions(given + change) - model.directions(given - change)) / (2 * step_px)
+        assert np.abs(by_pixel[:, :, k] - slope).max() < PARTIALS_RELATIVE * np.abs(by_pixel).max()
+    for k in range(3):
+        change = np.eye(3)[k] * step
+        slope = (model.pixels(directions + change)[0] - model.pixels(directions - change)[0]) / (2 * step)
+        assert np.abs(by_direction[:, :, k] - slope).max() < PARTIALS_RELATIVE * np.abs(by_direction).max()
+
+
+def test_distortions_by_their_published_formulas():
+    """One point of each, by hand."""
+    at = np.array([[3.0, 4.0]])  # r = 5 mm
+    k0, k1, k2 = LENSES["radial"]
+    assert Distortion("radial", LENSES["radial"]).ideal(at)[0] == pytest.approx(
+        at * (1 - k0 - 25 * k1 - 625 * k2), abs=1e-15
+    )
+    assert Distortion("lrolrocnac", [1.81e-5]).ideal(at)[0] == pytest.approx(
+        np.array([[3.0, 4.0 / (1 + 16 * 1.81e-5)]]), abs=1e-15
+    )
+    x = 3.0 - 0.0725 - 0.00096499 + 5 * 0.00098441 + 25 * 8.5773e-06 - 125 * 3.7438e-06
+    y = 4.0 + 0.0214 - 0.0013796 + 5 * 1.3502e-05 + 25 * 2.7251e-06 - 125 * 6.1938e-06
+    assert Distortion("kaguyalism", KAGUYA).ideal(at)[0] == pytest.approx(np.array([[x, y]]), abs=1e-15)
+    ones = Distortion("transverse", [1.0, 0.0] * 5 + [0.0, 1.0] * 5)
+    # of usgscsm's own tests (distortMe_AlternatingOnes): (7.5, 7.5) to (908.5, 963.75)
+    there, _ = KINDS["transverse"].formula(np.array([[7.5, 7.5]]), ones.coefficients)
+    assert there == pytest.approx(np.array([[908.5, 963.75]]), abs=1e-12)
+    k1, k2, p1, p2, k3 = LENSES["brown"]
+    radial = 1 + k1 * 0.05 + k2 * 0.05**2 + k3 * 0.05**3
+    brown = [
+        0.1 * radial + 2 * p1 * 0.02 + p2 * (0.05 + 0.02),
+        0.2 * radial + p1 * (0.05 + 0.08) + 2 * p2 * 0.02,
+    ]
+    assert Distortion("brown", LENSES["brown"]).measured(np.array([[0.1, 0.2]]))[0] == pytest.approx(
+        np.array([brown]), abs=1e-15
+    )
+
+
+def test_a_ray_far_outside_does_not_fold_into_the_image():
+    """x (1 - 0.3 x^2) comes back to zero at 1.8 focal lengths: there the lens sees nothing."""
+    model = Camera.of_pinhole(10.0, 10.0, [500.0, 500.0], [-0.3])
+    folded, seen = model.pixels([[1.8, 0.0, 1.0], [0.5, 0.0, 1.0]])
+    assert abs(folded[0, 0] - 500.0) < 100.0  # where it would seem to be
+    assert seen.tolist() == [False, True]
+
+
+def test_what_is_behind_the_camera_is_not_seen():
+    model = Camera.of_pinhole(10.0, 10.0, [500.0, 500.0])
+    assert model.pixels([[0.1, 0.0, -1.0], [0.1, 0.0, 0.0], [0.1, 0.0, 1.0]])[1].tolist() == [
+        False,
+        False,
+        True,
+    ]
+
+
+def test_a_pixel_beyond_what_the_distortion_reaches_is_refused():
+    model = Camera.of_pinhole(10.0, 10.0, [500.0, 500.0], [-0.3])  # its largest radius is 0.70 focal lengths
+    with pytest.raises(InputError, match=r"no point without it for the pixel \(sample 1400, line 500\)"):
+        model.directions([[600.0, 500.0], [1400.0, 500.0]])
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Distortion("barrel", []), "'barrel' is not known; use one of none, radial, brown"),
+        (lambda: Distortion("radial", [0.0]), "takes 3 finite numbers, k0, k1, k2"),
+        (lambda: Distortion("brown", [np.nan]), "takes 1 to 5 finite numbers"),
+        (lambda: Distortion("brown", ["x"]), "takes 1 to 5 finite numbers"),
+        (lambda: camera("none", focal_length_mm=0.0), "focal_length_mm = 0.0 is not a positive"),
+        (lambda: camera("none", principal_point_px=[1.0]), "not two finite numbers"),
+        (lambda: camera("none", pixel_per_mm=[[1.0, 1.0], [1.0, 1.0]]), "is the size of the pixels right"),
+        (lambda: Camera.of_pinhole(8.3, -6.7, [0.0, 0.0]), "pixel_size_um = -6.7 is not a positive"),
+        (lambda: camera("none").directions([[1.0, 2.0, 3.0]]), r"pixels: 2 numbers a point are needed"),
+        (lambda: camera("none").pixels([[1.0, 2.0, np.inf]]), r"directions: a number is not finite"),
+    ],
+)
+def test_bad_input_is_one_clear_error(make, message):
+    with pytest.raises(InputError, match=message):
+        make()

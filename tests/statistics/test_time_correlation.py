@@ -37,7 +37,7 @@ def solution(n, coloured_m, tau_h, seed):
     status = np.where(up, "used", "below the horizon")
     edited = fit_with_variance_components(
         model.residual_function(observed_m), parameters, WHITE_M, status=status
-    ).edited
+    )
     return build_solution(
         edited,
         position_pa_m=edited.fit.x[:3],

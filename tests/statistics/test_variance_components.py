@@ -20,7 +20,7 @@ def trial(excess_m, seed):
     found = fit_with_variance_components(
         lambda x: (observed_m - partials @ x, partials), parameters, stated_m
     )
-    return found, (found.edited.fit.x - truth) / found.edited.fit.sigmas
+    return found, (found.fit.x - truth) / found.fit.sigmas
 
 
 def test_seldom_added_for_nothing():
@@ -33,7 +33,7 @@ def test_size_and_coverage(excess_m):
     excesses, errors = [], []
     for seed in range(TRIALS):
         found, error = trial(excess_m, seed)
-        assert found.edited.converged
+        assert found.converged
         excesses.append(found.additive_sigma_m["all"])
         errors.append(error)
     # Standard error of the mean: about 1 / sqrt(2 * 57 * 300) = 0.5 % of it; it is biased by as much.

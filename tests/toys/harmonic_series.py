@@ -73,7 +73,7 @@ def solved(series: Series) -> Solution:
     types = Labels(np.zeros(n, dtype=np.int32), ("range",))
     found = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m, groups=types)
     return build_solution(
-        found.edited,
+        found,
         position_pa_m=np.array([1.7e6, 0.0, 0.0]),
         position_partials=np.eye(3, series.p),
         rot_pa_to_me=np.eye(3),
@@ -84,5 +84,4 @@ def solved(series: Series) -> Solution:
         path=paths,
         type=types,
         observed_m=series.observed_m,
-        excess_noise_m=found.additive_sigma_m,
     )

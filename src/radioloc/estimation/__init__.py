@@ -6,13 +6,9 @@ together as a :class:`Solution`.
 """
 
 from radioloc.estimation.build import build_solution
-from radioloc.estimation.correlated_weights import (
-    CorrelatedFit,
-    SeriesWeight,
-    fit_with_correlated_weights,
-)
+from radioloc.estimation.correlated_weights import fit_with_correlated_weights
 from radioloc.estimation.editing import EditedFit, fit_with_editing
-from radioloc.estimation.gauss_markov import SeriesCorrelation, TimeCorrelation
+from radioloc.estimation.gauss_markov import SeriesCorrelation, SeriesWeight, TimeCorrelation
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
 from radioloc.estimation.linearization import DenseLinearization, Linearization, ResidualFunction
@@ -21,13 +17,12 @@ from radioloc.estimation.observation_noise import ALONE, ObservationNoise, Share
 from radioloc.estimation.solution import Ellipse, ReferenceComparison, Solution, compare_with
 from radioloc.estimation.statistics import FitStatistics, GroupStatistics, Residuals
 from radioloc.estimation.time_correlation import assess_time_correlation
-from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
+from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.parameters.parameter import Parameter, ParameterSet
 
 __all__ = [
     "ALONE",
     "USED",
-    "CorrelatedFit",
     "Correlation",
     "DenseLinearization",
     "Direction",
@@ -39,7 +34,6 @@ __all__ = [
     "GroupStatistics",
     "Labels",
     "Linearization",
-    "NoisyFit",
     "Observability",
     "ObservationNoise",
     "Parameter",

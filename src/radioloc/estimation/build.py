@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -42,7 +42,6 @@ def build_solution(
     type: Labels | Sequence[str] | NDArray[np.str_],
     observed_m: NDArray[np.float64],
     elevation_deg: NDArray[np.float64] | None = None,
-    excess_noise_m: Mapping[str, float] | None = None,
     reference_pa_m: ArrayLike | None = None,
     reference_name: str = "reference",
     considered: ConsideredErrors | None = None,
@@ -66,8 +65,6 @@ def build_solution(
         Observed values, m of the whole light path.
     elevation_deg : array_like, shape (n,), optional
         Lower of the stations' elevations, deg.
-    excess_noise_m : mapping of str to float, optional
-        Noise that was added in quadrature to the stated sigmas of each type, m.
     reference_pa_m : array_like, shape (3,), optional
         A known position in the same principal axes, m.
     reference_name : str
@@ -78,8 +75,8 @@ def build_solution(
         Why the estimate cannot be used although the fit converged.
     **described
         Fields of :class:`Solution` as they are: `position_pa_m`, `position_partials`, `rot_pa_to_me`, `pa_frame` and
-        `me_frame` always; where there are any, `name`, `ephemeris_sigma_enu_m`, `series_weights`, `notes`,
-        `provenance`, `trajectory` and `targets`.
+        `me_frame` always; where there are any, `name`, `ephemeris_sigma_enu_m`, `notes`, `provenance`,
+        `trajectory` and `targets`.
 
     Raises
     ------
@@ -125,13 +122,14 @@ def build_solution(
             chi2=fit.chi2,
             dof=fit.dof,
             robust_scale=edited.robust_scale,
-            excess_noise_m=dict(excess_noise_m or {}),
+            excess_noise_m=dict(edited.additive_sigma_m),
         ),
         residuals=residuals,
         observability=assess_observability(fit),
         prior_effects=prior_effects(fit),
         iterations=fit.iterations,
         passes=edited.passes,
+        series_weights=edited.series_weights,
         consider=None if considered is None else consider(fit, considered),
         **described,
     )

@@ -24,7 +24,13 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import covariance_of, gram
-from radioloc.estimation.gauss_markov import DENSE, SeriesCorrelation, SeriesNoise, TimeCorrelation
+from radioloc.estimation.gauss_markov import (
+    DENSE,
+    SeriesCorrelation,
+    SeriesNoise,
+    SeriesWeight,
+    TimeCorrelation,
+)
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
 from radioloc.estimation.linearization import ResidualFunction, Rows
 from radioloc.estimation.series import Batch, SeriesOrder, series_of
@@ -32,48 +38,6 @@ from radioloc.estimation.time_correlation import assess_time_correlation, in_par
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 
 _UNIT = SeriesNoise(1.0, np.ones(1), np.zeros(1))
-
-
-@dataclass(frozen=True, slots=True)
-class SeriesWeight:
-    """What a series with time-correlated residuals weighs.
-
-    Parameters
-    ----------
-    name : str
-        The series; observations of a type that share errors are one.
-    count : int
-        Its used observations.
-    sigma_factor : float
-        Factor on the stated sigmas by which independent observations would tell the mean of the series as well, 1 or
-        more.
-    """
-
-    name: str
-    count: int
-    sigma_factor: float
-
-    @property
-    def weighed_as(self) -> float:
-        """How many independent observations would have the same weight together."""
-        return self.count / self.sigma_factor**2
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class CorrelatedFit:
-    """A fit weighed as its residuals ask for.
-
-    Parameters
-    ----------
-    edited : EditedFit
-        Its noise, sum of squares and formal covariance are those of the stated sigmas; its estimate and factor those of
-        the weights.
-    weights : tuple of SeriesWeight
-        Series with time-correlated residuals.
-    """
-
-    edited: EditedFit
-    weights: tuple[SeriesWeight, ...]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -138,7 +102,7 @@ class _Stretches:
 
 def fit_with_correlated_weights(
     residual_function: ResidualFunction, edited: EditedFit, order: SeriesOrder
-) -> CorrelatedFit:
+) -> EditedFit:
     """Fit again, each dense series with time-correlated residuals weighed by the inverse of their covariance.
 
     Parameters
@@ -150,17 +114,23 @@ def fit_with_correlated_weights(
         sigmas.
     order : SeriesOrder
         Types, paths and times of the observations.
+
+    Returns
+    -------
+    EditedFit
+        With the weights of series. Noise, sum of squares and formal covariance are those of the stated sigmas; estimate
+        and factor those of the weights.
     """
     stated = edited.fit
     # A fit that did not come to its end says itself what is wrong with it.
     if not edited.ended:
-        return CorrelatedFit(edited, ())
+        return edited
     found = assess_time_correlation(stated, order)
     edited = replace(edited, fit=replace(stated, time_correlation=found))
     batches = series_of(order, stated.noise, stated.used) if found.series else []
     weights = _weights(batches, found)
     if not weights:
-        return CorrelatedFit(edited, ())
+        return edited
     whitening = _Whitening.of(batches, _weight_noise(batches, found, weights))
     fit = fit_least_squares(
         residual_function,
@@ -171,7 +141,7 @@ def fit_with_correlated_weights(
         linearization=stated.linearization,
         whitening=whitening,
     )
-    return CorrelatedFit(replace(edited, fit=_with_covariances(fit, whitening, found)), weights)
+    return replace(edited, fit=_with_covariances(fit, whitening, found), series_weights=weights)
 
 
 def _with_covariances(fit: FitResult, whitening: _Whitening, found: TimeCorrelation) -> FitResult:

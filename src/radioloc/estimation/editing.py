@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
+from radioloc.estimation.gauss_markov import SeriesWeight
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
 from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate
@@ -46,6 +48,10 @@ class EditedFit:
         Whether the editing settled on a set of observations.
     message : str
         What went wrong or is worth knowing; empty if nothing.
+    additive_sigma_m : mapping of str to float
+        Standard deviation added in quadrature to every stated one of a group, m; zero where those are enough.
+    series_weights : tuple of SeriesWeight
+        Series weighed as fewer observations, since their residuals are correlated in time.
     """
 
     fit: FitResult
@@ -54,6 +60,8 @@ class EditedFit:
     passes: int = 1
     complete: bool = True
     message: str = ""
+    additive_sigma_m: Mapping[str, float] = field(default_factory=dict)
+    series_weights: tuple[SeriesWeight, ...] = ()
 
     @property
     def status(self) -> Labels:

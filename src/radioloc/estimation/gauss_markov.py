@@ -154,6 +154,31 @@ class SeriesCorrelation:
         )
 
 
+@dataclass(frozen=True, slots=True)
+class SeriesWeight:
+    """What a series with time-correlated residuals weighs.
+
+    Parameters
+    ----------
+    name : str
+        The series; observations of a type that share errors are one.
+    count : int
+        Its used observations.
+    sigma_factor : float
+        Factor on the stated sigmas by which independent observations would tell the mean of the series as well, 1 or
+        more.
+    """
+
+    name: str
+    count: int
+    sigma_factor: float
+
+    @property
+    def weighed_as(self) -> float:
+        """How many independent observations would have the same weight together."""
+        return self.count / self.sigma_factor**2
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TimeCorrelation:
     """What correlation in time adds to the uncertainty.

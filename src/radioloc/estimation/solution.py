@@ -16,8 +16,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.budget import BudgetItem, error_budget, sources
 from radioloc.estimation.consider import Consider
 from radioloc.estimation.consistency import Consistency
-from radioloc.estimation.correlated_weights import SeriesWeight
-from radioloc.estimation.gauss_markov import TimeCorrelation
+from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.statistics import FitStatistics, Residuals, finite_or_none, read_only

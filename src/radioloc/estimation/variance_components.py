@@ -9,7 +9,7 @@ one).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -29,22 +29,6 @@ _SETTLED = 1e-3
 """A component has settled when its sigma changes by less than this part of itself; it is known far worse."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class NoisyFit:
-    """An edited fit with the noise that was added to the stated sigmas.
-
-    Parameters
-    ----------
-    edited : EditedFit
-        The fit; its sigmas contain the components.
-    additive_sigma_m : dict of str to float
-        Standard deviation added in quadrature to every stated one of a group, m; zero where those are enough.
-    """
-
-    edited: EditedFit
-    additive_sigma_m: dict[str, float]
-
-
 def fit_with_variance_components(
     residual_function: ResidualFunction,
     parameters: ParameterSet,
@@ -53,7 +37,7 @@ def fit_with_variance_components(
     groups: ArrayLike | Labels | None = None,
     status: ArrayLike | Labels | None = None,
     threshold: float | None = THRESHOLD,
-) -> NoisyFit:
+) -> EditedFit:
     """Fit with editing, adding noise to the stated sigmas where the residuals ask for it.
 
     Parameters and errors as :func:`~radioloc.estimation.editing.fit_with_editing`, and `groups`, labels of shape (n,):
@@ -81,10 +65,10 @@ def fit_with_variance_components(
             previous=previous if previous.converged else None,
         )
 
-    def noisy(edited: EditedFit, added_m: NDArray[np.float64]) -> NoisyFit:
+    def noisy(edited: EditedFit, added_m: NDArray[np.float64]) -> EditedFit:
         present = set(named.present())
         found = {name: value for name, value in zip(labels, added_m.tolist(), strict=True) if name in present}
-        return NoisyFit(edited, dict(sorted(found.items())))
+        return replace(edited, additive_sigma_m=dict(sorted(found.items())))
 
     tried_m = [np.zeros(len(labels))]
     for _ in range(_MAX_PASSES):

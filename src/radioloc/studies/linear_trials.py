@@ -6,7 +6,7 @@ A trial is a sum of vectors (noise, and partials times drawn errors) and a linea
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,11 +14,12 @@ from numpy.typing import NDArray
 from radioloc.estimation.build import estimated_covariance
 from radioloc.estimation.consider import moved_by
 from radioloc.estimation.correlated_weights import fit_with_correlated_weights
+from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import LinearProblem
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
+from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.truth import DrawnErrors, position_error_m
@@ -64,7 +65,7 @@ class LinearArc:
     considered_m: _Floats  # (m, r), effects of independent errors of unit variance that are considered
     correlated: bool  # whether series are weighed as their residuals ask for
 
-    def fit(self, residual_m: _Floats) -> NoisyFit:
+    def fit(self, residual_m: _Floats) -> EditedFit:
         """Fit to residuals, as a study does."""
         linear = self.problem.of(residual_m)
         found = fit_with_variance_components(
@@ -77,8 +78,7 @@ class LinearArc:
         )
         if not self.correlated:
             return found
-        weighed = fit_with_correlated_weights(linear, found.edited, self.order)
-        return replace(found, edited=weighed.edited)
+        return fit_with_correlated_weights(linear, found, self.order)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,28 +112,28 @@ class LinearTrials:
                 out[k, i] = self._row(arc, found, self.drawn.by_name(errors))
         return out
 
-    def _row(self, arc: LinearArc, found: NoisyFit, drawn: dict[str, float]) -> _Floats:
-        fit = found.edited.fit
-        covariance, _ = estimated_covariance(found.edited, arc.order)
+    def _row(self, arc: LinearArc, found: EditedFit, drawn: dict[str, float]) -> _Floats:
+        fit = found.fit
+        covariance, _ = estimated_covariance(found, arc.order)
         if arc.considered_m.size:
             moved = moved_by(fit, lambda rows: arc.considered_m[rows], arc.considered_m.shape[1])
             covariance = covariance + moved @ moved.T
         x, sigmas = fit.x, np.sqrt(np.diag(covariance))
         moved_m = arc.enu_by_parameters @ (x - arc.problem.x)
         doubts = [
-            *misfits(found.edited, arc.noise.sigma_m, arc.order.types),
+            *misfits(found, arc.noise.sigma_m, arc.order.types),
             *heights(arc.height_m + moved_m[2]),
         ]
         return row_of(
             self.columns,
-            converged=found.edited.converged and not doubts,
+            converged=found.converged and not doubts,
             used=int(fit.used.sum()),
             rejected=int((~fit.used).sum()),
             error_m=moved_m - position_error_m(drawn),
             covariance_m2=arc.enu_by_parameters @ covariance @ arc.enu_by_parameters.T
             + np.diag(arc.ephemeris_sigma_m**2),
             noise_scale=fit.noise_scale,
-            excess_noise_m=found.additive_sigma_m,
+            excess_noise_m=dict(found.additive_sigma_m),
             parameters={p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
             true=true_values(self.errors, drawn),
         )

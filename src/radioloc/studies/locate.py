@@ -13,13 +13,13 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import Doubt, build_solution, seconds_since_midnight
-from radioloc.estimation.correlated_weights import SeriesWeight, fit_with_correlated_weights
-from radioloc.estimation.editing import fit_with_editing
+from radioloc.estimation.correlated_weights import fit_with_correlated_weights
+from radioloc.estimation.editing import EditedFit, fit_with_editing
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, TargetPosition
-from radioloc.estimation.variance_components import NoisyFit, fit_with_variance_components
+from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm.agreement import LightTime
 from radioloc.lunar import rot_pa_to_me
@@ -153,18 +153,15 @@ def fit_arc(
     fitted = _fit(problem, noise, estimate, *status_of(arc, targets))
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
-    series_weights: tuple[SeriesWeight, ...] = ()
     if estimate is not None and estimate.weights == "correlated":
         time_s = seconds_since_midnight(observations.epoch)
-        weighed = fit_with_correlated_weights(
-            problem.linearize, fitted.edited, SeriesOrder.of(types, paths, time_s)
-        )
-        fitted, series_weights = replace(fitted, edited=weighed.edited), weighed.weights
-    x, used = fitted.edited.fit.x, fitted.edited.fit.used
+        order = SeriesOrder.of(types, paths, time_s)
+        fitted = fit_with_correlated_weights(problem.linearize, fitted, order)
+    x, used = fitted.fit.x, fitted.fit.used
     elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
     doubts: list[Doubt] = []
     if estimate is not None:
-        doubts += misfits(fitted.edited, noise.sigma_m, types)
+        doubts += misfits(fitted, noise.sigma_m, types)
         if arc.trajectory is None and estimate.position != "none":
             doubts += places(arc, problem.all_positions_pa_m(x), used, elevation_deg)
     considered, not_considered = considered_errors(study, problem, estimate, x)
@@ -177,7 +174,7 @@ def fit_arc(
         for k, name in enumerate(targets if len(targets) > 1 else ())
     )
     return build_solution(
-        fitted.edited,
+        fitted,
         position_pa_m=lander_pa_m,
         position_partials=problem.position_partials(x),
         rot_pa_to_me=rot_pa_to_me(constants),
@@ -191,8 +188,6 @@ def fit_arc(
         elevation_deg=elevation_deg,
         doubts=doubts,
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
-        excess_noise_m=fitted.additive_sigma_m,
-        series_weights=series_weights,
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
@@ -343,10 +338,9 @@ def _fit(
     estimate: EstimateChoice | None,
     status: Labels,
     reason: NDArray[np.int8],
-) -> NoisyFit:
+) -> EditedFit:
     if estimate is None:
-        edited = fit_with_editing(problem.linearize, problem.parameters, noise, status=status, threshold=None)
-        return NoisyFit(edited, {})
+        return fit_with_editing(problem.linearize, problem.parameters, noise, status=status, threshold=None)
     if not status.are(USED).any():
         raise InputError(
             f"no observations left: all {len(status)} are rejected: "

@@ -16,7 +16,7 @@ from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
-from radioloc.estimation.variance_components import NoisyFit
+from radioloc.estimation.editing import EditedFit
 from radioloc.kernels import sha256_of
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
@@ -44,7 +44,7 @@ def notes_of(
     arc: Predictor,
     left_out: dict[str, int],
     estimate: EstimateChoice | None,
-    fitted: NoisyFit,
+    fitted: EditedFit,
     lander_pa_m: NDArray[np.float64],
     moon_considered: bool,
 ) -> list[str]:
@@ -52,7 +52,7 @@ def notes_of(
     notes: list[str] = []
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
-    parameters = fitted.edited.fit.parameters
+    parameters = fitted.fit.parameters
     if estimate is not None and isinstance(estimate.height_prior, TerrainPrior):
         notes += _terrain_doubt(arc, estimate.height_prior, parameters, lander_pa_m)
     notes += notes_of_plan(arc, left_out)

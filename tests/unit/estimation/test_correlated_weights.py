@@ -90,11 +90,11 @@ def test_nearly_generalized_least_squares(seed):
     case = TwoSeries(seed=seed)
     edited, found = case.fits()
     assert edited.fit.time_correlation is None
-    assert [item.name for item in found.weights] == ["range A"]
+    assert [item.name for item in found.series_weights] == ["range A"]
     stated = np.diag(case.sigma**2)
     generalized, _ = case.covariances(case.covariance, stated)
     plain, weighed = (
-        case.covariances(model, case.covariance)[1] for model in (stated, case.model(found.edited.fit))
+        case.covariances(model, case.covariance)[1] for model in (stated, case.model(found.fit))
     )
     best, better, worse = (np.sqrt(np.diag(c))[:2] for c in (generalized, weighed, plain))
     # No linear estimate is better than the generalized one (Aitken); 20 correlation times tell the noise model within
@@ -106,7 +106,7 @@ def test_nearly_generalized_least_squares(seed):
 
 def test_estimate_and_covariance_are_those_of_the_weights():
     case = TwoSeries()
-    fit = case.fits()[1].edited.fit
+    fit = case.fits()[1].fit
     model = case.model(fit)
     inverse, formal = case.covariances(model, np.diag(case.sigma**2))
     # Formal: errors as stated, weighed otherwise.
@@ -124,7 +124,7 @@ def test_estimate_and_covariance_are_those_of_the_weights():
 def test_what_is_said_of_the_noise_is_as_stated():
     case = TwoSeries()
     edited, found = case.fits()
-    fit = found.edited.fit
+    fit = found.fit
     assert fit.noise is edited.fit.noise
     np.testing.assert_array_equal(fit.sigma_m, case.sigma)
     prior = float(fit.x @ case.prior @ fit.x)
@@ -137,19 +137,19 @@ def test_outliers_are_judged_by_the_stated_sigmas():
     case = TwoSeries()
     case.observed[700] += 12.0  # eight of its sigmas, below two of those it is weighed with
     edited, found = case.fits()
-    assert found.weights
-    assert not found.edited.fit.used[700]
-    np.testing.assert_array_equal(found.edited.fit.used, edited.fit.used)
-    assert found.weights[0].count == int(edited.fit.used[:N].sum())
+    assert found.series_weights
+    assert not found.fit.used[700]
+    np.testing.assert_array_equal(found.fit.used, edited.fit.used)
+    assert found.series_weights[0].count == int(edited.fit.used[:N].sum())
 
 
 def test_white_residuals_change_nothing():
     edited, found = TwoSeries(coloured=0.0).fits()
-    assert found.weights == ()
-    assert found.edited.fit.x is edited.fit.x
-    assert found.edited.fit.whitening is edited.fit.whitening
+    assert found.series_weights == ()
+    assert found.fit.x is edited.fit.x
+    assert found.fit.whitening is edited.fit.whitening
     # What was looked for once is not looked for again.
-    assert found.edited.fit.time_correlation.series == ()
+    assert found.fit.time_correlation.series == ()
 
 
 def test_observability_is_that_of_the_weights(monkeypatch):
@@ -157,7 +157,7 @@ def test_observability_is_that_of_the_weights(monkeypatch):
     monkeypatch.setattr(observability, "WEAK_FACTOR", 1e-4)
     monkeypatch.setattr(observability, "STRONG_CORRELATION", 0.01)
     case = TwoSeries(bias_sigma=1.0)
-    fit = case.fits()[1].edited.fit
+    fit = case.fits()[1].fit
     covariance, _ = case.covariances(case.model(fit), np.diag(case.sigma**2))
     assert (np.diag(covariance) > 1.5 * np.diag(fit.covariance)).any()
     found = observability.assess_observability(fit)
@@ -174,8 +174,8 @@ def test_a_fit_that_did_not_converge_is_left_alone():
     case = TwoSeries()
     edited = replace(case.fits()[0], complete=False)
     found = weighed(case.residuals, edited, case.types, labels(2 * N, "A"), case.time_s)
-    assert found.edited.fit is edited.fit
-    assert found.edited.message == edited.message
+    assert found.fit is edited.fit
+    assert found.message == edited.message
 
 
 def network(epochs=400, seed=3):
@@ -199,11 +199,11 @@ def test_observations_that_share_errors_are_weighed_together():
     paths = Labels.of([f"{a}<x>{b}" for a, b in zip(case.first, case.second, strict=True)])
     edited = fit_with_editing(case.residual_function(observed), case.parameters(), case.noise)
     found = weighed(case.residual_function(observed), edited, labels(n, "delay"), paths, time_s)
-    (weight,) = found.weights
+    (weight,) = found.series_weights
     assert weight.name == "delay that share errors"
     assert weight.count == n
     assert weight.sigma_factor > 5.0
-    fit = found.edited.fit
+    fit = found.fit
     assert len(fit.time_correlation.noise) == 3
     # One factor on all sigmas: the estimate is that of the stated covariance, dense.
     x, covariance, _ = case.generalized(observed)

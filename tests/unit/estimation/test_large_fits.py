@@ -33,9 +33,9 @@ def test_rows_on_demand_are_the_same_as_all_at_once():
     series = Series(5000, excess_m=0.02, blunders=0.02)
     dense = fit_with_variance_components(series.dense, series.parameters, series.sigma_m)
     by_rows = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m)
-    np.testing.assert_array_equal(by_rows.edited.fit.used, dense.edited.fit.used)
-    np.testing.assert_allclose(by_rows.edited.fit.x, dense.edited.fit.x, rtol=PARTS * 1e3)
-    np.testing.assert_allclose(by_rows.edited.fit.covariance, dense.edited.fit.covariance, rtol=PARTS * 1e3)
+    np.testing.assert_array_equal(by_rows.fit.used, dense.fit.used)
+    np.testing.assert_allclose(by_rows.fit.x, dense.fit.x, rtol=PARTS * 1e3)
+    np.testing.assert_allclose(by_rows.fit.covariance, dense.fit.covariance, rtol=PARTS * 1e3)
 
 
 @pytest.mark.parametrize("rows_at_once", [7, 500, 10**6])
@@ -159,7 +159,7 @@ import numpy as np
 from harmonic_series import Series
 from radioloc.estimation import fit_with_variance_components
 series = Series(200_000, p=12, excess_m=0.02, blunders=0.02)
-fit = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m).edited.fit
+fit = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m).fit
 print(fit.x.tobytes().hex(), fit.covariance.tobytes().hex(), fit.chi2.hex(), int(fit.used.sum()))
 """
 

@@ -69,7 +69,7 @@ def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
 def test_the_same_as_the_general_fit(case):
     for seed in range(5):
         found, known = both(seed, **case)
-        one, fit = found.edited.fit, known.edited.fit
+        one, fit = found.fit, known.fit
         free = fit.parameters.free
         np.testing.assert_allclose((one.x - fit.x)[free] / fit.sigmas[free], 0.0, atol=SAME_SIGMAS)
         np.testing.assert_allclose(one.covariance, fit.covariance, rtol=1e-6, atol=1e-9 * fit.sigmas.max())
@@ -84,13 +84,13 @@ def test_the_same_as_the_general_fit(case):
         root = one.factor.root_covariance()
         np.testing.assert_allclose(root @ root.T, fit.covariance[np.ix_(free, free)], rtol=1e-6)
         assert one.chi2 == pytest.approx(fit.chi2)
-        assert found.edited.converged == known.edited.converged
+        assert found.converged == known.converged
 
 
 def test_too_many_outliers_are_not_left_out():
     found, known = both(1, outliers=220)
-    assert (found.edited.fit.used == known.edited.fit.used).all()
-    assert found.edited.converged == known.edited.converged
+    assert (found.fit.used == known.fit.used).all()
+    assert found.converged == known.converged
     sigma_m = list(found.additive_sigma_m.values())
     np.testing.assert_allclose(sigma_m, list(known.additive_sigma_m.values()), rtol=1e-6)
     assert min(sigma_m) > 5.0

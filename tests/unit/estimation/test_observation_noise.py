@@ -164,7 +164,7 @@ def test_excess_noise_is_on_the_diagonal():
     excess_m = found.additive_sigma_m["delay"]
     # Half of 1800 squares show it: 3 % of scatter.
     assert excess_m == pytest.approx(more_m, rel=0.1)
-    fit = found.edited.fit
+    fit = found.fit
     expected_m = np.sqrt(OWN_M**2 + delays * (excess_m**2 + 2.0 * STATION_M**2))
     assert fit.sigma_m == pytest.approx(expected_m, rel=1e-12)
     assert fit.noise.own_m == pytest.approx(np.hypot(OWN_M, excess_m * delays), rel=1e-12)
@@ -180,7 +180,7 @@ def test_correlated_noise_is_no_excess():
     function, parameters = network.residual_function(observed_m), network.parameters()
     found = fit_with_variance_components(function, parameters, network.noise)
     assert found.additive_sigma_m == {"all": 0.0}
-    assert found.edited.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / 597.0))
+    assert found.fit.chi2_per_dof == pytest.approx(1.0, abs=5.0 * math.sqrt(2.0 / 597.0))
     assert (
         fit_with_variance_components(function, parameters, network.own_m).additive_sigma_m["all"] > STATION_M
     )

@@ -33,8 +33,8 @@ def fit(partials, observed_m, stated_m, **options):
 
 
 def reduced(found, excess_m, stated_m):
-    used = found.edited.fit.used
-    residual_m = found.edited.fit.residual_m[used]
+    used = found.fit.used
+    residual_m = found.fit.residual_m[used]
     return float((residual_m**2 / (stated_m[used] ** 2 + excess_m**2)).sum() / (used.sum() - 2))
 
 
@@ -42,21 +42,21 @@ def test_nothing_is_added_to_sigmas_that_suffice():
     problem = line(200, 0.01, 0.0, 1)
     found = fit(*problem)
     assert found.additive_sigma_m["all"] == 0.0
-    assert found.edited.converged
+    assert found.converged
     parameters = ParameterSet(Parameter(f"slope.{k}", "m", "slope") for k in range(2))
     plain = fit_with_editing(lambda x: (problem[1] - problem[0] @ x, problem[0]), parameters, problem[2])
-    assert np.array_equal(found.edited.fit.x, plain.fit.x)
+    assert np.array_equal(found.fit.x, plain.fit.x)
 
 
 def test_excess_makes_the_residuals_fit():
     problem = line(400, 0.005, 0.05, 2)
     found = fit(*problem)
-    assert found.edited.converged
+    assert found.converged
     assert found.additive_sigma_m["all"] == pytest.approx(
         0.05, rel=0.1
     )  # its own sigma is 1 / sqrt(2 * 400) = 3.5 %
     assert reduced(found, found.additive_sigma_m["all"], problem[2]) == pytest.approx(1.0, abs=5e-3)
-    assert found.edited.fit.sigma_m == pytest.approx(np.hypot(problem[2], found.additive_sigma_m["all"]))
+    assert found.fit.sigma_m == pytest.approx(np.hypot(problem[2], found.additive_sigma_m["all"]))
 
 
 def test_strong_observations_do_not_decide_alone():
@@ -65,9 +65,9 @@ def test_strong_observations_do_not_decide_alone():
     stated_m = stated_m.copy()
     stated_m[10], observed_m[10] = 3e-5, observed_m[10] + 0.06
     found = fit(partials, observed_m, stated_m)
-    assert found.edited.converged
-    assert abs(found.edited.fit.x - [2.0, -3.0]).max() < 0.03
-    assert found.edited.fit.sigma_m.min() > 0.01
+    assert found.converged
+    assert abs(found.fit.x - [2.0, -3.0]).max() < 0.03
+    assert found.fit.sigma_m.min() > 0.01
 
 
 def test_outliers_are_not_taken_for_noise():
@@ -75,7 +75,7 @@ def test_outliers_are_not_taken_for_noise():
     observed_m[[3, 77, 140]] += [19.0, -2.0, 400.0]
     found = fit(partials, observed_m, stated_m)
     assert found.additive_sigma_m["all"] == pytest.approx(0.04, rel=0.2)
-    assert np.flatnonzero(~found.edited.status.are(USED)).tolist() == [3, 77, 140]
+    assert np.flatnonzero(~found.status.are(USED)).tolist() == [3, 77, 140]
 
 
 def test_observations_left_out_from_the_beginning_stay_out():
@@ -84,7 +84,7 @@ def test_observations_left_out_from_the_beginning_stay_out():
     status[::6] = "below the horizon"
     observed_m[::6] += 1e3
     found = fit(partials, observed_m, stated_m, status=status)
-    assert (found.edited.status[::6] == "below the horizon").all()
+    assert (found.status[::6] == "below the horizon").all()
     assert found.additive_sigma_m["all"] < 0.08
 
 
@@ -92,7 +92,7 @@ def test_editing_settings_are_handed_on():
     partials, observed_m, stated_m = line(60, 0.01, 0.0, 6)
     observed_m[7] += 0.5
     found = fit(partials, observed_m, stated_m, threshold=None)
-    assert found.edited.status.are(USED).all()
+    assert found.status.are(USED).all()
     assert found.additive_sigma_m["all"] > 0.03
 
 
@@ -100,7 +100,7 @@ def test_editing_settings_are_handed_on():
 def test_no_redundancy_no_excess(n):
     found = fit(*line(n, 0.01, 5.0, 7))
     assert found.additive_sigma_m["all"] == 0.0
-    assert found.edited.converged == (n == 2)
+    assert found.converged == (n == 2)
 
 
 @pytest.mark.parametrize("seed", range(40))
@@ -113,8 +113,8 @@ def test_comes_to_an_end_that_holds_together(seed):
         rng.uniform(-4.0, 3.0, len(hit))
     )
     found = fit(partials, observed_m, stated_m)
-    assert found.edited.converged
-    if found.additive_sigma_m["all"] > 0.0 and not found.edited.message:
+    assert found.converged
+    if found.additive_sigma_m["all"] > 0.0 and not found.message:
         assert reduced(found, found.additive_sigma_m["all"], stated_m) == pytest.approx(1.0, abs=5e-3)
 
 
@@ -137,10 +137,10 @@ def circling():
 def test_a_circle_ends_at_its_largest_excess():
     partials, observed_m, stated_m = circling()
     found = fit(partials, observed_m, stated_m)
-    assert found.edited.converged
-    assert found.edited.message.startswith("variance components and outliers depend on each other")
+    assert found.converged
+    assert found.message.startswith("variance components and outliers depend on each other")
     assert found.additive_sigma_m["all"] > 0.0
-    assert found.edited.fit.sigma_m == pytest.approx(np.hypot(stated_m, found.additive_sigma_m["all"]))
+    assert found.fit.sigma_m == pytest.approx(np.hypot(stated_m, found.additive_sigma_m["all"]))
 
 
 def test_excess_by_hand():
@@ -172,7 +172,7 @@ def test_parameters_with_a_priori_values_take_only_what_these_leave_open():
     observed_m = partials @ truth + noise_m * rng.standard_normal(len(partials))
     observed_m[100] += 1.0
     found = fit_with_variance_components(lambda x: (observed_m - partials @ x, partials), parameters, 0.002)
-    assert np.flatnonzero(~found.edited.status.are(USED)).tolist() == [100]
+    assert np.flatnonzero(~found.status.are(USED)).tolist() == [100]
     # Two of three observations of a night are redundant: the sigma of what is found is 1 / sqrt(2 * 240), 5 %.
     assert found.additive_sigma_m["all"] == pytest.approx(noise_m, rel=0.15)
 

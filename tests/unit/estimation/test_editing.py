@@ -106,6 +106,7 @@ def test_too_many_outliers_are_not_cut_away():
     observed_m[np.random.default_rng(2).choice(100, 40, replace=False)] += np.linspace(50.0, 500.0, 40)
     edited = fit_with_editing(model.residual_function(observed_m), model.parameters(), 0.01)
     assert not edited.converged
+    assert not edited.ended
     assert edited.fit.used.all()
     assert "40 of 100 observations exceed 5 sigmas, more than the 30 that may be left out" in edited.message
     assert "check stations, sigmas and model" in edited.message
@@ -163,6 +164,7 @@ def test_undetermined_problems_are_edited_too():
     )
     edited = fit_with_editing(with_double, parameters, 0.01)
     assert edited.fit.status is FitStatus.UNOBSERVABLE
+    assert edited.ended
     assert not edited.converged
     assert np.flatnonzero(~edited.fit.used).tolist() == [30]
 

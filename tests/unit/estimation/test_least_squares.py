@@ -169,6 +169,20 @@ def test_identical_columns_are_undetermined_and_not_inverted():
     assert fit.dof == reduced.dof
 
 
+def test_what_is_undetermined_is_told_whatever_the_units():
+    """A rate (1e-6 s) that acts as a bias does, and another that does nothing at all."""
+    design, observed, sigma = linear()
+    design[:, 3], design[:, 4] = 1e6 * design[:, 2], 0.0
+    parameters = free_parameters(5)
+    for name in ("p.3", "p.4"):
+        parameters = parameters.changed(name, scale=1e-6)
+    fit = fit_least_squares(function(design, observed), parameters, sigma)
+    reduced = fit_least_squares(function(design[:, :3], observed), free_parameters(3), sigma)
+    assert fit.status is FitStatus.UNOBSERVABLE
+    assert np.isinf(fit.sigmas).tolist() == [False, False, True, True, True]
+    np.testing.assert_allclose(fit.sigmas[:2], reduced.sigmas[:2], rtol=LINEAR_RTOL)
+
+
 def test_with_all_fixed_the_residuals_are_reported():
     design, observed, sigma = linear()
     fit = fit_least_squares(function(design, observed), free_parameters(5, role=Role.FIXED), sigma)

@@ -62,6 +62,7 @@ def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
         {"fixed": True},
         {"unusable": 100, "outliers": 5},
         {"n": 12},
+        {"n": 3000, "outliers": 30},
         {"n": 40, "outliers": 3},
     ],
     ids=str,

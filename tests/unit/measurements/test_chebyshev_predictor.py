@@ -248,7 +248,8 @@ def test_rows_and_select(untidy_arc, which):
     part = untidy_arc.select(rows)
     same(part.compute(APOLLO15_PA_M), whole.rows(rows))
     assert (part.at(APOLLO15_PA_M).value_m == whole.value_m[rows]).all()
-    assert part.accuracy.interpolated + part.accuracy.exact == len(part.observations)
+    assert part.accuracy.interpolated + part.accuracy.exact == len(whole.value_m[rows])
+    assert (part.observations.link == untidy_arc.observations.link[rows]).all()
     same(part.select([5]).compute(APOLLO15_PA_M), part.compute(APOLLO15_PA_M).rows([5]))
 
 

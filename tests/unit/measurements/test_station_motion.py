@@ -200,6 +200,16 @@ def test_clock(model):
     )
 
 
+def test_clock_of_the_geocentre_at_another_instant(model):
+    """What a one-way range compares with; at offsets of a second the rate tells, 1e-10, and its change does not."""
+    station, step_s = motion(model, 0.5), np.full(COUNT, 1.0)
+    for offset_s in (0.5 + step_s, 0.5 - step_s):
+        found = station.geocentric_tdb_minus_tt_at(offset_s)
+        expected = geocentric_tdb_minus_tt(REFERENCE.shifted(offset_s))
+        np.testing.assert_allclose(found, expected, rtol=0, atol=4e-12)
+    assert np.abs(station.geocentric_tdb_rate).max() > 1e-10
+
+
 def test_vertical_and_place(model):
     station = motion(model)
     np.testing.assert_allclose(np.linalg.norm(station.up_gcrs, axis=-1), 1.0, rtol=0, atol=1e-14)

@@ -6,5 +6,7 @@ mean-Earth axes, m, unless a name says otherwise.
 
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import Distortion
+from radioloc.imaging.frames import read_frame
+from radioloc.imaging.maps import Map, TangentPlane
 
-__all__ = ["Camera", "Distortion"]
+__all__ = ["Camera", "Distortion", "Map", "TangentPlane", "read_frame"]

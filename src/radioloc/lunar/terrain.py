@@ -17,13 +17,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
+from radioloc.lunar.map_grid import MapGrid
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
     checked,
     east_north_up,
     selenographic_to_cartesian,
 )
-from radioloc.lunar.terrain_grid import MapGrid
 from radioloc.lunar.terrain_source import (
     HIGHEST_M,
     LOWEST_M,

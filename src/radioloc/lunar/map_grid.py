@@ -26,7 +26,7 @@ _ROWS_EVEN_IN_LATITUDE = {"longlat", "latlong", "eqc"}
 
 def load_rasterio() -> ModuleType:
     """The module ``rasterio``, imported when the first map is opened."""
-    need = "terrain maps are read through rasterio, which is not installed;"
+    need = "maps are read through rasterio, which is not installed;"
     optional("rasterio.warp", need, "terrain")
     return optional("rasterio", need, "terrain")
 

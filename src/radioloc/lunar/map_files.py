@@ -1,0 +1,250 @@
+"""Maps of the Moon as files: opened whole, with a projection, of the Moon and in mean-Earth axes, or refused.
+
+Read through rasterio (GDAL): PDS3 and PDS4 images by their label, ISIS cubes, GeoTIFF and whatever else GDAL knows.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+import struct
+import sys
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, BinaryIO
+
+import numpy as np
+
+from radioloc.errors import FileFormatError, InputError, RadiolocError
+from radioloc.lunar.map_grid import MapGrid, load_rasterio
+from radioloc.text_files import require_file
+
+# maps have used spheres from 1735.97 (polar) to 1738.14 km (equatorial)
+LUNAR_SPHERES_M = (1.735e6, 1.739e6)
+_DIGEST_LIMIT_BYTES = 256 * 1024 * 1024
+_LABEL_BYTES = 262144
+_TIFF_BYTES = dict(
+    zip((*range(1, 14), 16, 17, 18), (1, 1, 2, 4, 8, 1, 1, 2, 4, 8, 4, 8, 4, 8, 8, 8), strict=True)
+)
+"""Bytes of a value of each type of TIFF 6.0 and BigTIFF."""
+
+
+@dataclass(frozen=True, slots=True)
+class SourceFile:
+    """One file of a map, for the record; ``sha256`` is None for files over 256 MiB."""
+
+    path: Path
+    size_bytes: int
+    sha256: str | None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class MapFile:
+    """An open map: rasterio's dataset of one band, and what the file says of it."""
+
+    dataset: Any
+    label: str  # text of a planetary label, empty for other formats
+    coordinate_system: str | None  # axes that the label names; without one, mean-Earth
+    sphere_m: float  # radius of the sphere of its reference system
+    grid: MapGrid
+
+    def files(self) -> tuple[SourceFile, ...]:
+        """All files that the map consists of."""
+        return tuple(_fingerprint(Path(name)) for name in self.dataset.files if Path(name).is_file())
+
+
+@contextmanager
+def open_map_file(path: Path, kinds: str, what: str) -> Iterator[MapFile]:
+    """Open a map of one band whose type is one of NumPy's ``kinds``, as ``what`` is; errors name the file.
+
+    Raises
+    ------
+    FileFormatError
+        No such file, a part of one, or none that GDAL reads as one band of such numbers with a map projection.
+    InputError
+        rasterio is not installed; another body's map, axes that are not mean-Earth, longitudes that count west,
+        an ellipsoid.
+    """
+    rasterio = load_rasterio()
+    from rasterio._err import CPLE_BaseError
+
+    require_file(path)
+    try:
+        with open_dataset(path) as dataset, np.errstate(over="raise", divide="raise", invalid="raise"):
+            refuse_cut_map(path, dataset)
+            kind = np.dtype(dataset.dtypes[0])
+            if dataset.count != 1 or f"{kind.kind}{kind.itemsize}" not in kinds.split():
+                raise FileFormatError(path, f"{dataset.count} band(s) of type {kind} are no {what}")
+            label = _label(path, dataset.driver)
+            sphere_m = _checked_sphere(path, dataset)
+            coordinate_system = _checked_body(path, dataset, label)
+            grid = MapGrid.of_map(dataset.crs, dataset.transform, dataset.height, dataset.width, sphere_m)
+            if not (0.0 < grid.resolution_m < sphere_m and np.isfinite(grid.bounds()).all()):
+                problem = (
+                    f"its cells of {grid.resolution_m:g} m do not lie on the Moon; correct the projection"
+                )
+                raise FileFormatError(path, problem)
+            yield MapFile(dataset, label, coordinate_system, sphere_m, grid)
+    except RadiolocError:
+        raise
+    # Of a damaged label or projection GDAL, PROJ and arithmetic make many kinds of error.
+    except (rasterio.errors.RasterioError, CPLE_BaseError, ArithmeticError, ValueError) as error:
+        raise FileFormatError(
+            path,
+            f"GDAL does not read it as a map ({error}); if its label is a file of its own (.LBL, .xml), "
+            "give that one",
+        ) from error
+
+
+def open_dataset(path: Path) -> Any:
+    """A file opened by rasterio without its warnings."""
+    rasterio = load_rasterio()
+    with warnings.catch_warnings():
+        # a map without georeferencing is refused below, with what to do about it
+        warnings.simplefilter("ignore", rasterio.errors.NotGeoreferencedWarning)
+        # GDAL's messages repeat a label, and where it is not UTF-8 Python would show a traceback
+        hook, sys.unraisablehook = sys.unraisablehook, lambda _: None
+        try:
+            return rasterio.open(path)
+        finally:
+            sys.unraisablehook = hook
+
+
+def refuse_cut_map(path: Path, dataset: Any) -> None:
+    """GDAL reads truncated maps without complaint: without their scale, or with zeros for what is missing."""
+    with path.open("rb") as stream:
+        if dataset.driver == "GTiff":
+            needed = _tiff_bytes(stream)
+        elif dataset.driver == "ENVI" and stream.read(2) != b"\x1f\x8b":
+            cells = dataset.width * dataset.height * np.dtype(dataset.dtypes[0]).itemsize
+            needed = cells + int(dataset.tags(ns="ENVI").get("header_offset", 0))
+        elif dataset.driver == "PNG":
+            needed = _png_bytes(stream)
+        else:
+            return
+    held = path.stat().st_size
+    if held < needed:
+        raise FileFormatError(
+            path, f"was cut: it has {held} bytes of at least {needed} that it announces; fetch it again"
+        )
+
+
+def _tiff_bytes(stream: BinaryIO) -> int:
+    """How long a TIFF file has to be to hold the values of all its tags.
+
+    Where the last of them are lost, among them GDAL's scale and unit, they are left aside with a warning in a log.
+    """
+    order = {b"II": "<", b"MM": ">"}.get(stream.read(2), "<")
+    big = _numbers(stream, order + "H") == (43,)
+    if big:
+        stream.seek(8)
+    count_format, entry_format, offset_format = ("Q", "HHQ", "Q") if big else ("H", "HHI", "I")
+    needed, seen = 0, set[int]()
+    (directory,) = _numbers(stream, order + offset_format) or (0,)
+    while directory and directory not in seen:
+        seen.add(directory)
+        stream.seek(directory)
+        (count,) = _numbers(stream, order + count_format) or (0,)
+        for _ in range(count):
+            entry = _numbers(stream, order + entry_format)
+            place = _numbers(stream, order + offset_format)
+            if not entry or not place:
+                return max(needed, stream.tell() + 1)
+            length = _TIFF_BYTES.get(entry[1], 1) * entry[2]
+            if length > struct.calcsize(offset_format):
+                needed = max(needed, place[0] + length)
+        (directory,) = _numbers(stream, order + offset_format) or (0,)
+    return needed
+
+
+def _png_bytes(stream: BinaryIO) -> int:
+    """How long a PNG file has to be to hold all its chunks, the last of which is IEND."""
+    place, kind = 8, b""
+    while kind != b"IEND":
+        stream.seek(place)
+        (length,) = _numbers(stream, ">I") or (0,)
+        kind = stream.read(4)
+        place += 12 + length
+        if len(kind) < 4:
+            break
+    return place
+
+
+def _numbers(stream: BinaryIO, form: str) -> tuple[int, ...]:
+    """Next numbers of a file, none where it ends."""
+    content = stream.read(struct.calcsize(form))
+    return struct.unpack(form, content) if len(content) == struct.calcsize(form) else ()
+
+
+def _label(path: Path, driver: str) -> str:
+    """Text of a planetary label, attached or detached; empty for other formats."""
+    if not driver.startswith(("PDS", "ISIS")):
+        return ""
+    with path.open("rb") as stream:
+        return stream.read(_LABEL_BYTES).decode("latin-1")
+
+
+def label_values(label: str, *names: str) -> set[str]:
+    """Values of keywords in the text of a planetary label."""
+    pattern = rf'^\s*(?:{"|".join(names)})\s*=\s*"?([^"<\r\n]*)'
+    return {value.strip() for value in re.findall(pattern, label, re.MULTILINE)} - {""}
+
+
+def _checked_sphere(path: Path, dataset: Any) -> float:
+    if dataset.crs is None or dataset.transform.is_identity:
+        raise FileFormatError(
+            path,
+            "the file does not say where its cells lie (no map projection); "
+            "assign one, for example with gdal_translate -a_srs -a_ullr",
+        )
+    found = re.search(
+        r'(?:SPHEROID|ELLIPSOID)\["([^"]*)",\s*([\d.eE+]+),\s*([\d.eE+]+)',
+        dataset.crs.to_wkt(version="WKT2_2019"),
+    )
+    if found is None:
+        raise FileFormatError(
+            path, "its reference system names no sphere; assign a lunar one (R = 1737400 m)"
+        )
+    name, radius_m, inverse_flattening = found[1], float(found[2]), float(found[3])
+    low_m, high_m = LUNAR_SPHERES_M
+    if not low_m <= radius_m <= high_m:
+        raise InputError(
+            f"{path} is not a map of the Moon: its reference system stands on {name!r} of {radius_m / 1e3:.3f} km, "
+            f"a lunar map on {low_m / 1e3:.0f} to {high_m / 1e3:.0f} km"
+        )
+    if inverse_flattening != 0.0:
+        raise InputError(
+            f"{path} refers to an ellipsoid ({name!r}), but lunar maps refer to a sphere; "
+            "warp the map to a spherical reference system (R = 1737400 m)"
+        )
+    return radius_m
+
+
+def _checked_body(path: Path, dataset: Any, label: str) -> str | None:
+    """The axes that the map names; refuse other bodies, axes and senses of longitude."""
+    targets = label_values(label, "TARGET_NAME", "TargetName")
+    targets |= set(re.findall(r"<Target_Identification>\s*<name>([^<]+)</name>", label))
+    targets |= {str(v).strip(' "') for k, v in dataset.tags().items() if k.upper() == "TARGET_NAME"}
+    for target in targets:
+        if target.lower() not in {"moon", "luna", "unknown", "n/a", ""}:
+            raise InputError(f"{path} is a map of {target}, not of the Moon")
+    senses = label_values(label, "POSITIVE_LONGITUDE_DIRECTION", "LongitudeDirection")
+    if any("WEST" in sense.upper() for sense in senses):
+        raise InputError(f"{path} counts longitude west; warp the map to a system that counts east")
+    systems = sorted(label_values(label, "COORDINATE_SYSTEM_NAME"))
+    if any("PRINCIPAL" in name.upper() for name in systems):
+        raise InputError(
+            f"{path} is in principal axes ({systems[0]}); lunar maps are read in mean-Earth axes"
+        )
+    return systems[0] if systems else None
+
+
+def _fingerprint(path: Path) -> SourceFile:
+    size = path.stat().st_size
+    if size > _DIGEST_LIMIT_BYTES:
+        return SourceFile(path, size, None)
+    with path.open("rb") as stream:
+        return SourceFile(path, size, hashlib.file_digest(stream, "sha256").hexdigest())

@@ -1,0 +1,187 @@
+"""Maps as images of the ground: pixels, degrees and metres in each projection, views in a plane, what is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import rasterio
+import rasterio.warp
+from rasterio.crs import CRS
+from rasterio.transform import Affine
+from terrain_maps import LONGLAT, SLOPING, SMALL, R, write
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.imaging.maps import Map, TangentPlane
+
+SITE = (-19.51, 44.12)  # degrees
+PIXEL_M = 30.0
+SIZE = 400
+TRANSFORM_DEG = 1e-9  # PROJ's own rounding, 0.03 mm
+PLANE_M = 1e-6
+GREY = 2.0  # one for rounding of the map, one for interpolation within pixels of a pattern 20 pixels long
+
+PROJECTIONS = {
+    "equirectangular": f"+proj=eqc +lat_ts=44 +R={R}",
+    "Mercator": f"+proj=merc +R={R}",
+    "degrees of the IAU": "IAU_2015:30100",
+    "polar stereographic": f"+proj=stere +lat_0=90 +R={R}",
+    "orthographic": f"+proj=ortho +lat_0=44 +lon_0=-19 +R={R}",
+}
+
+
+def pattern(lon_deg, lat_deg):
+    """Grey values with waves of some 30 pixels."""
+    east = (lon_deg - SITE[0]) * np.cos(np.radians(SITE[1]))
+    return 127.0 + 60.0 * np.sin(east * 200.0) + 60.0 * np.cos((lat_deg - SITE[1]) * 230.0)
+
+
+def write_map(path, projection, *, rotation_deg=0.0, pixel_m=PIXEL_M, size=SIZE, dtype="uint8", nodata=None):
+    """A square map around the site."""
+    crs = CRS.from_string(projection)
+    (x,), (y,) = rasterio.warp.transform(LONGLAT, crs, [SITE[0]], [SITE[1]])
+    pixel = pixel_m / np.radians(R) if crs.is_geographic else pixel_m
+    turned = np.radians(rotation_deg)
+    a, b = pixel * np.cos(turned), pixel * np.sin(turned)
+    half = size / 2
+    transform = Affine(a, b, x - half * (a + b), b, -a, y - half * (b - a))
+    u, v = np.meshgrid(np.arange(size) + 0.5, np.arange(size) + 0.5)
+    a, b, c, d, e, f = tuple(transform)[:6]
+    lon, lat = rasterio.warp.transform(crs, LONGLAT, (a * u + b * v + c).ravel(), (d * u + e * v + f).ravel())
+    grey = pattern(np.array(lon), np.array(lat)).reshape(size, size)
+    profile = {"width": size, "height": size, "count": 1, "dtype": dtype, "nodata": nodata}
+    with rasterio.open(path, "w", driver="GTiff", crs=crs, transform=transform, **profile) as dataset:
+        dataset.write(np.rint(grey).astype(dtype) if dtype == "uint8" else grey.astype(dtype), 1)
+    return path
+
+
+def test_plane_is_the_orthographic_projection_of_proj():
+    ortho = CRS.from_string(f"+proj=ortho +lat_0={SITE[1]} +lon_0={SITE[0]} +R={R}")
+    degrees = np.array([[-19.51, 44.12], [-19.2, 44.3], [-20.5, 43.0], [10.0, 60.0]])
+    x, y = rasterio.warp.transform(LONGLAT, ortho, degrees[:, 0], degrees[:, 1])
+    plane = TangentPlane(*SITE)
+    np.testing.assert_allclose(
+        plane.from_longitude_latitude(degrees), np.column_stack([x, y]), rtol=0, atol=PLANE_M
+    )
+    back = plane.to_longitude_latitude(np.column_stack([x, y]))
+    np.testing.assert_allclose(back, degrees, rtol=0, atol=TRANSFORM_DEG)
+
+
+def test_beyond_the_limb_is_no_point():
+    plane = TangentPlane(*SITE)
+    assert np.isnan(plane.from_longitude_latitude([[160.49, -44.12]])).all()
+    assert np.isnan(plane.to_longitude_latitude([[1.8e6, 0.0]])).all()
+
+
+def test_covariance_follows_east_and_north():
+    """By differences of longitude and latitude, 2 degrees from the point of contact."""
+    plane, at = TangentPlane(*SITE), np.array([60e3, -30e3])
+    step_m = 10.0
+    around = plane.to_longitude_latitude(at + step_m * np.array([[1, 0], [-1, 0], [0, 1], [0, -1]]))
+    change = np.radians((around[[0, 2]] - around[[1, 3]]) / (2.0 * step_m)).T * R
+    change[0] *= np.cos(np.radians(around[:, 1].mean()))
+    covariance_m2 = np.array([[25.0, 6.0], [6.0, 4.0]])
+    expected = change @ covariance_m2 @ change.T
+    np.testing.assert_allclose(plane.covariance_at(at, covariance_m2), expected, rtol=0, atol=1e-5)
+
+
+@pytest.mark.parametrize("name", PROJECTIONS)
+@pytest.mark.parametrize("rotation_deg", [0.0, 23.0])
+def test_pixels_degrees_and_metres(tmp_path, name, rotation_deg):
+    path = write_map(tmp_path / "a.tif", PROJECTIONS[name], rotation_deg=rotation_deg)
+    base = Map.open(path)
+    pixels = np.array([[0.0, 0.0], [399.0, 0.0], [10.25, 200.75], [199.5, 199.5]])
+    with rasterio.open(path) as dataset:
+        x, y = dataset.xy(pixels[:, 1], pixels[:, 0])  # rasterio's default is the pixel's centre
+        lon, lat = rasterio.warp.transform(dataset.crs, LONGLAT, x, y)
+    np.testing.assert_allclose(base.xy_m(pixels), np.column_stack([x, y]), rtol=0, atol=PLANE_M)
+    np.testing.assert_allclose(base.from_xy_m(base.xy_m(pixels)), pixels, rtol=0, atol=PLANE_M)
+    degrees = base.longitude_latitude_deg(pixels)
+    np.testing.assert_allclose(degrees, np.column_stack([lon, lat]), rtol=0, atol=TRANSFORM_DEG)
+    np.testing.assert_allclose(degrees[3], SITE, rtol=0, atol=TRANSFORM_DEG)
+    np.testing.assert_allclose(base.pixels(degrees), pixels, rtol=0, atol=1e-4)
+
+
+@pytest.mark.parametrize("name", PROJECTIONS)
+@pytest.mark.parametrize("pixel_m", [20.0, 45.0])
+def test_view_shows_the_ground(tmp_path, name, pixel_m):
+    base = Map.open(write_map(tmp_path / "a.tif", PROJECTIONS[name], rotation_deg=10.0))
+    plane, shape = TangentPlane(-19.48, 44.10), (70, 90)
+    west_m, north_m = -2000.0, 1500.0
+    view, valid = base.view(plane, west_m, north_m, pixel_m, shape)
+    line, sample = np.nonzero(valid)
+    at = plane.to_longitude_latitude(np.column_stack([west_m + pixel_m * sample, north_m - pixel_m * line]))
+    assert len(line) > 3000
+    np.testing.assert_allclose(view[valid], pattern(*at.T), rtol=0, atol=GREY)
+
+
+def test_reduced_view_is_not_shifted(tmp_path):
+    """A view of 4 pixels in one, beside means of the pattern: half a pixel of the map off shows as 6 grey values."""
+    base = Map.open(write_map(tmp_path / "a.tif", PROJECTIONS["orthographic"], pixel_m=10.0, size=800))
+    plane = base.plane()
+    view, valid = base.view(plane, -1000.0, 1000.0, 40.0, (50, 50))
+    sub = (np.arange(4) - 1.5) * 10.0
+    east = -1000.0 + 40.0 * np.arange(50)[:, np.newaxis] + sub
+    mean = np.zeros((50, 50))
+    for dx in range(4):
+        for dy in range(4):
+            grid = np.meshgrid(east[:, dx], -east[:, dy])
+            at = plane.to_longitude_latitude(np.column_stack([g.ravel() for g in grid]))
+            mean += pattern(*at.T).reshape(50, 50) / 16.0
+    assert valid.all()
+    np.testing.assert_allclose(view, mean, rtol=0, atol=GREY)
+
+
+def test_views_outside_and_voids_are_marked(tmp_path):
+    base = Map.open(write_map(tmp_path / "a.tif", PROJECTIONS["Mercator"]))
+    _, _, east, north = base.extent_m(base.plane())
+    assert not base.view(base.plane(), east + 1e4, north, 30.0, (40, 40))[1].any()
+    half = base.view(base.plane(), east - 20 * 30.0, 0.0, 30.0, (40, 40))[1].mean()
+    assert half == pytest.approx(0.5, abs=0.05)
+    path = write_map(tmp_path / "b.tif", PROJECTIONS["Mercator"], dtype="float32", nodata=-1.0)
+    with rasterio.open(path, "r+") as dataset:
+        values = dataset.read(1)
+        values[:200] = -1.0
+        dataset.write(values, 1)
+    assert Map.open(path).view(base.plane(), 0.0, 1800.0, 30.0, (120, 20))[1].mean() == pytest.approx(
+        0.5, abs=0.02
+    )
+
+
+def test_a_view_over_the_seam_of_a_global_map_is_marked(tmp_path):
+    """Of a map that ends at 180 degrees, the half beyond is not shown, nor the other end of the map instead."""
+    path = tmp_path / "a.tif"
+    profile = {"width": 3600, "height": 1800, "count": 1, "dtype": "uint8", "crs": LONGLAT}
+    with rasterio.open(
+        path, "w", driver="GTiff", transform=Affine(0.1, 0, -180, 0, -0.1, 90), **profile
+    ) as dataset:
+        dataset.write(np.tile(np.linspace(10, 250, 3600).astype(np.uint8), (1800, 1)), 1)
+    view, valid = Map.open(path).view(TangentPlane(179.9, 0.0), -30e3, 30e3, 3000.0, (20, 21))
+    assert valid[:, :10].all()
+    assert not valid[:, 13:].any()
+    assert (view[:, :10] > 240).all()
+
+
+def test_maps_refused(tmp_path):
+    path = write(tmp_path / "a.tif", SLOPING, "+proj=eqc +R=3396190", SMALL)
+    with pytest.raises(InputError, match=r"not a map of the Moon: .* 3396\.190 km"):
+        Map.open(path)
+    with pytest.raises(InputError, match="there is no such file"):
+        Map.open(tmp_path / "nowhere.tif")
+    whole = write_map(tmp_path / "b.tif", PROJECTIONS["Mercator"]).read_bytes()
+    (tmp_path / "b.tif").write_bytes(whole[: len(whole) // 2])
+    with pytest.raises(FileFormatError, match=r"b\.tif: pixels could not be read"):
+        Map.open(tmp_path / "b.tif").view(TangentPlane(*SITE), -3e3, 3e3, 30.0, (200, 200))
+    with pytest.raises(InputError, match="make pixel_m larger"):
+        Map.open(write_map(tmp_path / "c.tif", PROJECTIONS["Mercator"])).view(
+            TangentPlane(*SITE), 0.0, 0.0, 1e-3, (10**5, 10**5)
+        )
+
+
+@pytest.mark.filterwarnings("ignore::rasterio.errors.NotGeoreferencedWarning")  # of the file's writing
+def test_map_without_projection_refused(tmp_path):
+    with rasterio.open(
+        tmp_path / "a.png", "w", driver="PNG", width=20, height=20, count=1, dtype="uint8"
+    ) as dataset:
+        dataset.write(np.full((20, 20), 9, np.uint8), 1)
+    with pytest.raises(FileFormatError, match="does not say where its cells lie"):
+        Map.open(tmp_path / "a.png")

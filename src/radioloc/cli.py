@@ -25,9 +25,16 @@ from radioloc.io.write import require_writable, write_observations
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.covariance import plans_card
-from radioloc.report.files import write_arcs, write_covariance, write_monte_carlo, write_report
+from radioloc.report.files import (
+    write_arcs,
+    write_comparison,
+    write_covariance,
+    write_monte_carlo,
+    write_report,
+)
 from radioloc.studies import locate
 from radioloc.studies.arcs import arcs
+from radioloc.studies.comparison import compare
 from radioloc.studies.covariance import covariance
 from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.schema import keys_of
@@ -199,6 +206,18 @@ def _parser() -> argparse.ArgumentParser:
     trials.add_argument("--resume", **flag, help="take over the trials that are in DIR already")
     trials.add_argument("--full", **flag, help="fit every trial with the whole model")
 
+    text = "put solutions beside each other, test whether they agree, and combine them"
+    beside = command("compare", _compare, text, "")
+    beside.add_argument(
+        "solutions", type=Path, nargs="+", metavar="SOLUTION.json", help="files solution.json or arcs.json"
+    )
+    beside.add_argument(
+        "--reference",
+        metavar="NAME",
+        help="the benchmark: a solution's or a reference's name (default: the first reference)",
+    )
+    beside.add_argument("--out", **folder, help="write table, comparison.json and figure there")
+
     text = "make a solution again from what its provenance names, and compare"
     again = command("verify", _verify, text, "")
     again.add_argument("solution", type=Path, metavar="SOLUTION.json", help="a solution.json")
@@ -309,6 +328,14 @@ def _monte_carlo(options: argparse.Namespace) -> int:
         write_monte_carlo(found, options.out)
     _tell(options, found)
     return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
+
+
+def _compare(options: argparse.Namespace) -> int:
+    found = compare(options.solutions, options.reference)
+    if options.out is not None:
+        write_comparison(found, options.out)
+    _tell(options, found)
+    return EXIT_DONE if found.consistent else EXIT_NOT_CONVERGED
 
 
 def _verify(options: argparse.Namespace) -> int:

@@ -49,6 +49,8 @@ class ReferenceComparison:
     ----------
     name : str
         What it is compared with.
+    longitude_deg, latitude_deg, height_m : float
+        Where that is: east longitude and latitude in mean-Earth axes, deg, height above the 1737.4 km sphere, m.
     east_m, north_m, up_m : float
         Components at the estimate, m.
     east_sigmas, north_sigmas, up_sigmas : float or None
@@ -59,6 +61,9 @@ class ReferenceComparison:
     """
 
     name: str
+    longitude_deg: float
+    latitude_deg: float
+    height_m: float
     east_m: float
     north_m: float
     up_m: float
@@ -406,6 +411,7 @@ class Solution:
         series = self.time_correlation.series if self.time_correlation else ()
         content: dict[str, Any] = {
             "name": self.name,
+            "method": "tracking",
             "converged": self.converged,
             "status": self.status.value,
             "message": self.message,
@@ -563,7 +569,10 @@ def compare_with(
     name : str
         What it is.
     """
-    difference_m = solution.rot_pa_to_enu @ (solution.position_pa_m - np.asarray(reference_pa_m))
+    reference_pa_m = np.asarray(reference_pa_m)
+    longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(solution.rot_pa_to_me @ reference_pa_m)
+    place = (math.degrees(longitude_rad), math.degrees(latitude_rad), float(height_m))
+    difference_m = solution.rot_pa_to_enu @ (solution.position_pa_m - reference_pa_m)
     covariance = solution.position_covariance("enu")
     sigmas = np.sqrt(np.diag(covariance))
     single = [float(d / s) if 0.0 < s < np.inf else None for d, s in zip(difference_m, sigmas, strict=True)]
@@ -575,4 +584,6 @@ def compare_with(
         except np.linalg.LinAlgError:
             combined = None  # a direction is held: there is no inverse
     east_m, north_m, up_m = difference_m.tolist()
-    return ReferenceComparison(name, east_m, north_m, up_m, single[0], single[1], single[2], combined)
+    return ReferenceComparison(
+        name, *place, east_m, north_m, up_m, single[0], single[1], single[2], combined_sigmas=combined
+    )

@@ -1,9 +1,17 @@
 """Everything that shows results: cards, tables, figures, and the files of an output folder."""
 
 from radioloc.report.arc_study import ArcStudy
+from radioloc.report.comparison import Comparison, plot_comparison
 from radioloc.report.covariance import CovarianceStudy, plot_covariance
 from radioloc.report.figures import save_figure
-from radioloc.report.files import write_arcs, write_covariance, write_monte_carlo, write_report, write_terms
+from radioloc.report.files import (
+    write_arcs,
+    write_comparison,
+    write_covariance,
+    write_monte_carlo,
+    write_report,
+    write_terms,
+)
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.parameter_figures import plot_contours, plot_correlations
 from radioloc.report.position_figures import plot_position
@@ -12,8 +20,10 @@ from radioloc.report.sinex import write_sinex
 
 __all__ = [
     "ArcStudy",
+    "Comparison",
     "CovarianceStudy",
     "MonteCarlo",
+    "plot_comparison",
     "plot_contours",
     "plot_correlations",
     "plot_covariance",
@@ -22,6 +32,7 @@ __all__ = [
     "plot_residuals",
     "save_figure",
     "write_arcs",
+    "write_comparison",
     "write_covariance",
     "write_monte_carlo",
     "write_report",

@@ -2,67 +2,34 @@
 
 from __future__ import annotations
 
-import csv
-import io
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, fields, replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.estimation.combination import PositionEstimate, agreement
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, metres, more, sigma_text, to_sigma
+from radioloc.report.position_table import (
+    HEADING,
+    PositionRow,
+    csv_table,
+    difference,
+    markdown_table,
+    place_fields,
+    position_cells,
+)
 from radioloc.report.solution_card import which_sigmas
 
 _ARCS_IN_ROW = 3
 _MAX_PARAMETERS = 12  # a card is to fit a screen; to_dict() has them all
 _UNLIKELY_SIGMAS = 3.72
 """Two coordinates of a right model stay below this in 99.9 %."""
-
-Place = tuple[float, float, float]
-"""East longitude and latitude, deg, and height, m."""
-
-
-@dataclass(frozen=True, slots=True)
-class PositionRow:
-    """A position and how far it is from the benchmark.
-
-    Longitudes are counted to the west, -180 to 180 deg, as maps of the near side's west and Wang et al. (2021) do.
-    Differences in metres are arcs on the sphere of 1737.4 km: of longitude R cos(B) dL at the benchmark's latitude, of
-    latitude R dB. What a reference does not have is None.
-    """
-
-    method: str
-    """``"tracking"`` or ``"reference"``."""
-    name: str
-    """Length of the arc or name of the reference."""
-    longitude_west_deg: float
-    """Mean-Earth axes."""
-    latitude_deg: float
-    height_m: float
-    west_deg: float | None
-    """This less the benchmark, as the next four; None for the benchmark itself."""
-    north_deg: float | None
-    west_m: float | None
-    north_m: float | None
-    up_m: float | None
-    sigma_west_m: float | None = None
-    """Total standard deviation, as the next two; None where not determined."""
-    sigma_north_m: float | None = None
-    sigma_up_m: float | None = None
-    from_longest_m: float | None = None
-    """Horizontal distance from the longest arc's position; None for that itself."""
-    from_longest_sigmas: float | None = None
-    """The same in the standard deviations that this difference should have (:func:`sigmas_apart`)."""
-    used: int | None = None
-    left_out: int | None = None
-    wrms_m: float | None = None
-    converged: bool | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -144,7 +111,7 @@ class ArcStudy:
         rows = []
         for k, arc in enumerate(self.arcs):
             place, total = arc.solution.selenographic, arc.solution.fit.total
-            cells = _place(place, None if k == 0 and not self.references else benchmark)
+            cells = place_fields(place, None if k == 0 and not self.references else benchmark)
             cells |= {"used": total.used, "left_out": total.rejected, "wrms_m": total.wrms_m}
             if arc.solution.position_estimated:
                 sigmas_m = map(finite_or_none, arc.solution.sigma_enu_m())
@@ -154,7 +121,7 @@ class ArcStudy:
                 cells["from_longest_sigmas"] = sigmas_apart(arc.solution, self.longest)
             rows.append(PositionRow("tracking", arc.name, **cells, converged=arc.solution.converged))
         for k, reference in enumerate(self.references):
-            cells = _place(reference.position.selenographic, None if k == 0 else benchmark)
+            cells = place_fields(reference.position.selenographic, None if k == 0 else benchmark)
             rows.append(PositionRow("reference", reference.name, **cells))
         return tuple(rows)
 
@@ -189,27 +156,20 @@ class ArcStudy:
 
     def to_csv(self) -> str:
         """The rows as comma-separated text, with the arcs' other parameters and their sigmas as further columns."""
-        records = [asdict(row) for row in self.rows]
-        heading = list(records[0])
-        for name in self.other_parameters:
-            heading += (name, f"{name}.sigma")
-            for arc, record in zip(self.arcs, records, strict=False):
-                if found := arc.parameter(name):
-                    record[name], record[f"{name}.sigma"] = found
-        stream = io.StringIO()
-        writer = csv.DictWriter(stream, heading, lineterminator="\n")
-        writer.writeheader()
-        writer.writerows(records)
-        return stream.getvalue()
+        more = [
+            {
+                key: number
+                for name in self.other_parameters
+                if (found := arc.parameter(name))
+                for key, number in zip((name, f"{name}.sigma"), found, strict=True)
+            }
+            for arc in self.arcs
+        ]
+        return csv_table(self.rows, more)
 
     def to_markdown(self) -> str:
         """The table of positions in Markdown."""
-        heading = ["Method", "", "L (°W)", "B (°N)", "δL (°W)", "δB (°N)", "δL (m)", "δB (m)"]
-        lines = [heading, ["---"] * 2 + ["---:"] * 6]
-        for row in self.rows:
-            name = f"{row.name} data" if row.method == "tracking" else row.name
-            lines.append([row.method, name.replace("|", r"\|"), *_position_cells(row)])
-        return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+        return markdown_table(self.rows, {arc.name: f"{arc.name} data" for arc in self.arcs})
 
     def card(self) -> Card:
         """Card of the study."""
@@ -219,7 +179,6 @@ class ArcStudy:
             f"{longest.me_frame}, fitted in {longest.pa_frame}; L west longitude, B latitude; dL, dB relative to "
             f"{self.benchmark}, on the sphere of {MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
         )
-        places = ("", "L, deg W", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m")
         sizes = ("", "L, m", "B, m", "h, m", "height, m", f"from {self.arcs[0].name}, m", "in sigmas")
         counts = ("", "span, h", "used", "left out", "wrms, m", "chi2/dof")
         return Card(
@@ -227,7 +186,7 @@ class ArcStudy:
                 Field("arc lengths", (self.name,)),
                 Field("status", (f"NOT CONVERGED: {', '.join(failed)}" if failed else "all arcs converged",)),
                 Field("axes", (axes,)),
-                Field("positions", (), places, ((row.name, *_position_cells(row)) for row in rows)),
+                Field("positions", (), HEADING, ((row.name, *position_cells(row)) for row in rows)),
                 Field("1 sigma", (), sizes, map(_sigma_cells, self.arcs, rows)),
                 Field("data", (), counts, map(_data_cells, self.arcs, rows)),
                 *_parameter_fields(self),
@@ -247,66 +206,17 @@ class ArcStudy:
         return self.card().html()
 
 
-def difference(one: Place, benchmark: Place) -> tuple[float, float, float, float, float]:
-    """How far west, north (deg), west, north, up (m) a position is of a benchmark."""
-    west_deg = -math.remainder(one[0] - benchmark[0], 360.0)
-    north_deg = one[1] - benchmark[1]
-    metres_per_deg = math.radians(MEAN_LUNAR_RADIUS_M)
-    west_m = west_deg * metres_per_deg * math.cos(math.radians(benchmark[1]))
-    return west_deg, north_deg, west_m, north_deg * metres_per_deg, one[2] - benchmark[2]
-
-
 def sigmas_apart(part: Solution, whole: Solution) -> float | None:
-    """How far a part of the data leads from the whole, horizontally, in standard deviations of that difference.
+    """How far the first hours of data lead from all of them, horizontally, in standard deviations of that difference.
 
-    Notes
-    -----
-    An estimate from all data is uncorrelated with what a part of them differs from it, if both are weighted rightly.
-    The difference then has the covariance of the part less that of the whole (Hausman 1978, Econometrica 46, 1251), and
-    what considered parameters move the one otherwise than the other: what they move alike cancels. The length is
-    Mahalanobis', in two dimensions below 2.45 in 95 % and below 3.72 in 99.9 %. None where the part is stated to know
-    as much as the whole, or a position is not determined.
+    The length is Mahalanobis' (:func:`~radioloc.estimation.combination.agreement`), in two dimensions below 2.45 in
+    95 % and below 3.72 in 99.9 %. None where the part is stated to know as much as the whole, or a position is not
+    determined.
     """
-    axes = part.rot_pa_to_enu[:2]
-    difference_m = axes @ (part.position_pa_m - whole.position_pa_m)
-    covariance_pa = part.position_covariance("pa", "scaled") - whole.position_covariance("pa", "scaled")
-    if not np.isfinite(covariance_pa).all():
-        return None
-    covariance = axes @ covariance_pa @ axes.T
-    if not (np.linalg.eigvalsh(covariance) > 0.0).all():
-        return None
-    effects = {solution: _considered_m(solution, axes) for solution in (part, whole)}
-    for name in dict.fromkeys(name for of in effects.values() for name in of):
-        moved_m = effects[part].get(name, np.zeros(2)) - effects[whole].get(name, np.zeros(2))
-        covariance += np.outer(moved_m, moved_m)
-    return math.sqrt(difference_m @ np.linalg.solve(covariance, difference_m))
-
-
-def _considered_m(solution: Solution, axes: NDArray[np.float64]) -> dict[str, NDArray[np.float64]]:
-    """How far each considered parameter moves the position along axes (k, 3), m."""
-    if solution.consider is None:
-        return {}
-    moved_m = axes @ solution.position_partials @ solution.consider.sensitivity
-    return dict(zip(solution.consider.parameters.names, moved_m.T, strict=True))
-
-
-def _place(place: Place, benchmark: Place | None) -> dict[str, Any]:
-    """A position and its differences to the benchmark, as fields of a row."""
-    names = ("west_deg", "north_deg", "west_m", "north_m", "up_m")
-    differences = (None,) * 5 if benchmark is None else difference(place, benchmark)
-    return {
-        "longitude_west_deg": -math.remainder(place[0], 360.0),
-        "latitude_deg": place[1],
-        "height_m": place[2],
-        **dict(zip(names, differences, strict=True)),
-    }
-
-
-def _position_cells(row: PositionRow) -> tuple[str, ...]:
-    cells = (f"{row.longitude_west_deg:.5f}", f"{row.latitude_deg:.5f}")
-    if row.west_deg is None:
-        return (*cells, "benchmark", "-", "-", "-")
-    return (*cells, f"{row.west_deg:.5f}", f"{row.north_deg:.5f}", f"{row.west_m:.1f}", f"{row.north_m:.1f}")
+    estimates = [PositionEstimate.from_solution(one.to_dict()) for one in (part, whole)]
+    of_part, of_whole = (replace(one, study="", hours=float(k)) for k, one in enumerate(estimates))
+    found = agreement(of_part, of_whole, horizontal=True)
+    return None if found.chi2 is None else math.sqrt(found.chi2)
 
 
 def _fixed(value: float | None) -> str:

@@ -18,6 +18,7 @@ from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.report.arc_study import ArcStudy
+from radioloc.report.comparison import Comparison, plot_comparison
 from radioloc.report.covariance import CovarianceStudy, plot_covariance
 from radioloc.report.figures import save_figure
 from radioloc.report.monte_carlo import MonteCarlo
@@ -44,6 +45,7 @@ _OF_ARCS = (
     *(f"[0-9]*h/{name}" for name in _NUMBERS),
 )
 OF_A_MONTE_CARLO = ("montecarlo.json", "trials.csv", "trials.[ps][nv]g", "error_by_length.[ps][nv]g")
+_OF_A_COMPARISON = ("comparison.json", "table1.csv", "table1.md", "comparison.[ps][nv]g")
 _OF_A_COVARIANCE = ("covariance.json", "covariance.csv", "covariance.[ps][nv]g")
 """Files of an output folder, by name or pattern."""
 
@@ -249,6 +251,29 @@ def write_covariance(study: CovarianceStudy, folder: str | Path) -> list[Path]:
         write_text(written[1], study.to_csv())
         if study.determined:
             written += write_figure(plot_covariance(study), folder, "covariance")
+    return written
+
+
+def write_comparison(found: Comparison, folder: str | Path) -> list[Path]:
+    """Write ``comparison.json``, ``table1.csv``, ``table1.md``, ``comparison.png`` and ``comparison.svg``.
+
+    All else is as of :func:`write_report`.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> found = radioloc.studies.compare(radioloc.write_report(solution, "out")[:1])
+    >>> [path.name for path in radioloc.report.write_comparison(found, "compared")][:2]
+    ['table1.csv', 'table1.md']
+    """
+    folder = Path(folder)
+    with _one_result(folder, _OF_A_COMPARISON) as written:
+        written += [folder / name for name in ("table1.csv", "table1.md", "comparison.json")]
+        write_text(written[0], found.to_csv())
+        write_text(written[1], found.to_markdown())
+        write_json(written[2], found.to_dict())
+        written += write_figure(plot_comparison(found), folder, "comparison")
     return written
 
 

@@ -87,7 +87,7 @@ def plot_position(
     axes.set_aspect("equal")
     covariance_m2 = solution.position_covariance("enu")[:2, :2]
     for scale, opacity, label in ((_SCALE_95, 0.15, "95 %"), (1.0, 0.3, "1 sigma")):
-        ellipse = _ellipse((east_m, north_m), covariance_m2, scale, factor)
+        ellipse = error_ellipse((east_m, north_m), covariance_m2, scale, factor)
         ellipse.set(facecolor=(COLORS[0], opacity), edgecolor=COLORS[0], linewidth=0.9, label=label)
         axes.add_patch(ellipse)
     axes.plot(factor * east_m, factor * north_m, "o", color=COLORS[0], markersize=5, label="estimate")
@@ -143,7 +143,7 @@ def plot_trial_scatter(study: MonteCarlo) -> Figure:
         if len(error_m) > 2:
             lines.append((error_m.mean(axis=0), np.cov(error_m.T), COLORS[1], "-", "95 % found"))
         for centre_m, spread_m2, color, dashes, label in reversed(lines):
-            ellipse = _ellipse(centre_m, spread_m2, _SCALE_95, factor)
+            ellipse = error_ellipse(centre_m, spread_m2, _SCALE_95, factor)
             ellipse.set(fill=False, edgecolor=color, linestyle=dashes, linewidth=1.3, label=label)
             axes.add_patch(ellipse)
         axes.plot(0.0, 0.0, "+", color=COLORS[6], markersize=9, markeredgewidth=1.2, label="truth")
@@ -192,7 +192,7 @@ def _reach_m(error_m: _Floats, claimed_m2: _Floats) -> float:
     return 1.1 * max(most_m, _SCALE_95 * float(np.sqrt(np.diag(claimed_m2).max())))
 
 
-def _ellipse(
+def error_ellipse(
     centre_m: Sequence[float] | _Floats, covariance_m2: _Floats, scale: float, factor: float
 ) -> Ellipse:
     """An error ellipse with axes of so many sigmas, in the unit that a factor leads to from metres."""

@@ -1,5 +1,6 @@
 """Whole jobs: a study file in, a solution out. The jobs themselves are functions of :mod:`radioloc`."""
 
+from radioloc.studies.comparison import compare
 from radioloc.studies.locate import arc_of
 from radioloc.studies.study import (
     EstimateChoice,
@@ -25,6 +26,7 @@ __all__ = [
     "Verification",
     "Weight",
     "arc_of",
+    "compare",
     "read_study",
     "verify",
 ]

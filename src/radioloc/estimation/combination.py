@@ -1,0 +1,285 @@
+"""Several estimates of one position: whether they agree, and the estimate from all of them."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.estimation.statistics import finite_or_none
+from radioloc.lunar.selenographic import east_north_up
+
+_Floats = NDArray[np.float64]
+_AXES = ("east", "north", "up")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PositionEstimate:
+    """An estimate of a position as its solution states it.
+
+    Parameters
+    ----------
+    name : str
+        What it is from, such as the length of its arc.
+    position_me_m : ndarray, shape (3,)
+        Mean-Earth axes, m.
+    noise_enu_m2 : ndarray, shape (3, 3)
+        Covariance without considered errors, east, north, up; NaN where a component is not determined.
+    errors_enu_m : mapping of str to ndarray, shape (3,)
+        How far an error of one sigma of each considered parameter moves the position. The same name in two estimates is
+        the same error.
+    data : frozenset of str
+        What tells its files of observations from others.
+    study : str or None
+        What tells its study from others; estimates of one study differ in the hours of data only.
+    hours : float
+        Length of the arc, h; infinite for all of the data.
+    """
+
+    name: str
+    position_me_m: _Floats
+    noise_enu_m2: _Floats
+    errors_enu_m: Mapping[str, _Floats]
+    data: frozenset[str] = frozenset()
+    study: str | None = None
+    hours: float = math.inf
+
+    @classmethod
+    def from_solution(cls, content: Mapping[str, Any]) -> PositionEstimate:
+        """What ``solution.json`` or :meth:`~radioloc.estimation.solution.Solution.to_dict` states.
+
+        Raises
+        ------
+        InputError
+            The solution has no position.
+        """
+        if not content["position"]:
+            raise InputError(f"{content['name']}: the target moves along a trajectory; there is no position")
+        provenance = content["provenance"]
+        study = provenance.get("study") or {}
+        errors = {item["name"]: _vector(item["position_enu_m"]) for item in content.get("considered", ())}
+        sigmas = content["sigma"].get("ephemeris", {}).values()
+        for axis, name, sigma_m in zip(np.eye(3), _AXES, sigmas, strict=False):
+            errors[f"ephemeris.{name}"] = axis * sigma_m
+        total = np.array(content["covariance"]["enu_m2"], dtype=np.float64)
+        files = provenance.get("files", ())
+        return cls(
+            content["name"],
+            _vector([content["position"]["me"][f"{axis}_m"] for axis in "xyz"]),
+            total - _squares(errors),
+            errors,
+            frozenset(
+                item["sha256"] or item["file"] for item in study.get("inputs", ()) if item["file"] in files
+            )
+            or frozenset(files),
+            study.get("sha256"),
+            math.inf if study.get("hours") is None else study["hours"],
+        )
+
+    @property
+    def total_enu_m2(self) -> _Floats:
+        """Covariance with considered errors, shape (3, 3)."""
+        return self.noise_enu_m2 + _squares(self.errors_enu_m)
+
+    def contains(self, other: PositionEstimate) -> bool:
+        """Whether the data of another estimate are the first hours of this one's."""
+        return self.study is not None and self.study == other.study and self.hours > other.hours
+
+
+@dataclass(frozen=True, slots=True)
+class Agreement:
+    """How far two estimates are apart, and whether their sigmas allow it.
+
+    Parameters
+    ----------
+    one, two : str
+        Names of the estimates.
+    difference_enu_m : tuple of float
+        The first less the second, east, north, up, m.
+    sigma_enu_m : tuple of float or None
+        Standard deviation of that difference, m; None where there is no test, or no such component.
+    components : int
+        How many of east, north, up both determine: degrees of freedom of the test.
+    chi2 : float or None
+        Of the difference; None where there is no test.
+    why : str
+        Why there is none; empty where there is.
+    """
+
+    one: str
+    two: str
+    difference_enu_m: tuple[float, float, float]
+    sigma_enu_m: tuple[float | None, ...] | None = None
+    components: int = 0
+    chi2: float | None = None
+    why: str = ""
+
+    @property
+    def chance(self) -> float | None:
+        """Probability of a difference at least as unlikely, if both estimates and their sigmas are right."""
+        return None if self.chi2 is None else _chance(self.chi2, self.components)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class JointEstimate:
+    """The estimate from several.
+
+    Parameters
+    ----------
+    position_me_m : ndarray, shape (3,)
+        Mean-Earth axes, m.
+    covariance_enu_m2 : ndarray, shape (3, 3)
+        Total covariance.
+    names : tuple of str
+        The estimates that it rests on.
+    left_out : mapping of str to str
+        The others, and why.
+    chi2 : float
+        Of what they differ from it.
+    dof : int
+        Degrees of freedom of that.
+    """
+
+    position_me_m: _Floats
+    covariance_enu_m2: _Floats
+    names: tuple[str, ...]
+    left_out: Mapping[str, str] = field(default_factory=dict)
+    chi2: float = 0.0
+    dof: int = 0
+
+    @property
+    def chance(self) -> float | None:
+        """Probability of differences at least as large, if all are right."""
+        return _chance(self.chi2, self.dof) if self.dof else None
+
+
+def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool = False) -> Agreement:
+    """Compare two estimates by the covariance that their difference should have.
+
+    Parameters
+    ----------
+    one, two : PositionEstimate
+        In the same frame.
+    horizontal : bool
+        Whether the height is left out of the test.
+
+    Notes
+    -----
+    Estimates from different data are independent but for considered parameters of the same name. An estimate from all
+    data is uncorrelated with what a part of them differs from it, if both are weighted rightly: the difference then has
+    the covariance of the part less that of the whole (Hausman 1978, Econometrica 46, 1251), and what considered
+    parameters move the one otherwise than the other. Estimates that share data otherwise are not tested.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.estimation.combination import PositionEstimate, agreement
+    >>> here = np.array([1737400.0, 0.0, 0.0])
+    >>> near = here + [0.0, 30.0, 0.0]
+    >>> one, two = (PositionEstimate(n, at, 100.0 * np.eye(3), {}) for n, at in (("a", here), ("b", near)))
+    >>> round(agreement(one, two).chi2, 2)
+    4.5
+    """
+    axes = _axes(two)
+    apart_m = axes @ (one.position_me_m - two.position_me_m)
+    compared = Agreement(one.name, two.name, tuple(apart_m.tolist()))
+    if one.contains(two) or two.contains(one):
+        part, whole = (two, one) if one.contains(two) else (one, two)
+        covariance = part.noise_enu_m2 - whole.noise_enu_m2
+    elif one.data & two.data:
+        return _untested(compared, "they share observations")
+    else:
+        covariance = one.noise_enu_m2 + two.noise_enu_m2
+    for name in dict.fromkeys([*one.errors_enu_m, *two.errors_enu_m]):
+        moved_m = one.errors_enu_m.get(name, np.zeros(3)) - two.errors_enu_m.get(name, np.zeros(3))
+        covariance = covariance + np.outer(moved_m, moved_m)
+    held = np.flatnonzero(np.isfinite(np.diag(covariance)) & [True, True, not horizontal])
+    tested = covariance[np.ix_(held, held)]
+    if not held.size or not (np.linalg.eigvalsh(tested) > 0.0).all():
+        return _untested(compared, "one is stated to know as much from a part as the other from the whole")
+    sigmas = tuple(finite_or_none(math.sqrt(variance)) for variance in np.diag(covariance))
+    statistic = float(apart_m[held] @ np.linalg.solve(tested, apart_m[held]))
+    return Agreement(one.name, two.name, compared.difference_enu_m, sigmas, held.size, statistic)
+
+
+def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | None:
+    """Combine estimates by least squares, with what their considered errors have in common.
+
+    Of estimates that share data, the one with the smallest horizontal sigma is used. None where fewer than two are
+    left.
+    """
+    order = sorted(estimates, key=lambda item: float(np.trace(item.total_enu_m2[:2, :2])))
+    used: list[PositionEstimate] = []
+    left_out: dict[str, str] = {}
+    for item in order:
+        if not np.isfinite(np.diag(item.noise_enu_m2)[:2]).all():
+            left_out[item.name] = "its position is not determined"
+        elif others := [other.name for other in used if other.data & item.data]:
+            left_out[item.name] = f"it shares observations with {others[0]}"
+        else:
+            used.append(item)
+    if len(used) < 2:
+        return None
+    from scipy.linalg import block_diag
+
+    origin = used[0].position_me_m
+    axes = _axes(used[0])
+    held = [np.flatnonzero(np.isfinite(np.diag(item.noise_enu_m2))) for item in used]
+    design = np.concatenate([np.eye(3)[rows] for rows in held])
+    apart_m = np.concatenate(
+        [(axes @ (i.position_me_m - origin))[rows] for i, rows in zip(used, held, strict=True)]
+    )
+    names = list(dict.fromkeys(name for item in used for name in item.errors_enu_m))
+    errors = np.concatenate(
+        [
+            np.array([item.errors_enu_m.get(name, np.zeros(3))[rows] for name in names])
+            .reshape(-1, len(rows))
+            .T
+            for item, rows in zip(used, held, strict=True)
+        ]
+    )
+    noise = block_diag(*(i.noise_enu_m2[np.ix_(rows, rows)] for i, rows in zip(used, held, strict=True)))
+    root = np.linalg.cholesky(noise + errors @ errors.T)
+    whitened, observed = np.linalg.solve(root, design), np.linalg.solve(root, apart_m)
+    inverse = np.linalg.pinv(whitened.T @ whitened)
+    known = np.asarray(design.any(axis=0))
+    covariance = np.where(np.outer(known, known), inverse, np.nan)
+    moved_m = inverse @ whitened.T @ observed
+    misfit = observed - whitened @ moved_m
+    return JointEstimate(
+        origin + axes.T @ moved_m,
+        covariance,
+        tuple(item.name for item in used),
+        left_out,
+        float(misfit @ misfit),
+        len(observed) - int(known.sum()),
+    )
+
+
+def _chance(statistic: float, dof: int) -> float:
+    from scipy.special import chdtrc
+
+    return float(chdtrc(dof, statistic))
+
+
+def _axes(estimate: PositionEstimate) -> _Floats:
+    """Rotation from mean-Earth axes to east, north, up at an estimate."""
+    x, y, z = estimate.position_me_m
+    return east_north_up(math.atan2(y, x), math.atan2(z, math.hypot(x, y)))
+
+
+def _squares(errors_enu_m: Mapping[str, _Floats]) -> _Floats:
+    return sum((np.outer(moved, moved) for moved in errors_enu_m.values()), np.zeros((3, 3)))
+
+
+def _untested(compared: Agreement, why: str) -> Agreement:
+    return Agreement(compared.one, compared.two, compared.difference_enu_m, why=why)
+
+
+def _vector(values: Sequence[float]) -> _Floats:
+    return np.array(values, dtype=np.float64)

@@ -1,0 +1,246 @@
+"""Solutions beside each other: their table, whether they agree, and the joint estimate."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.estimation.combination import Agreement, JointEstimate
+from radioloc.estimation.statistics import finite_or_none
+from radioloc.lunar.position import LunarPosition
+from radioloc.report.cards import Card, Field, metres, plural
+from radioloc.report.figures import COLORS, length_unit, new_figure, style_axes
+from radioloc.report.position_figures import error_ellipse
+from radioloc.report.position_table import HEADING, PositionRow, csv_table, markdown_table, position_cells
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+UNLIKELY = 1e-3
+"""Chance of a difference below which two solutions do not agree."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Comparison:
+    """Solutions beside each other.
+
+    ``str()`` is a card, ``_repr_html_`` shows the same.
+
+    Parameters
+    ----------
+    frame : str
+        Mean-Earth axes of all positions.
+    benchmark : str
+        Name of the row that all others are compared with.
+    rows : tuple of PositionRow
+        Solutions, the joint estimate, references.
+    covariances_en_m2 : mapping of str to ndarray, shape (2, 2)
+        Total covariance of solutions, east and north.
+    agreements : tuple of Agreement
+        Each pair of solutions.
+    joint : JointEstimate or None
+        The estimate from all that do not share observations.
+    """
+
+    frame: str
+    benchmark: str
+    rows: tuple[PositionRow, ...]
+    covariances_en_m2: dict[str, Any]
+    agreements: tuple[Agreement, ...]
+    joint: JointEstimate | None
+
+    @property
+    def consistent(self) -> bool:
+        """Whether no difference is less likely than one in a thousand, and all solutions converged."""
+        chances = [pair.chance for pair in self.agreements]
+        if self.joint is not None:
+            chances.append(self.joint.chance)
+        likely = all(chance is None or chance >= UNLIKELY for chance in chances)
+        return likely and all(row.converged is not False for row in self.rows)
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers, in types that JSON has."""
+        joint = None
+        if self.joint is not None:
+            place = LunarPosition.from_cartesian(self.joint.position_me_m, self.frame)
+            names = ("longitude_deg", "latitude_deg", "height_m")
+            joint = {
+                "position": {
+                    "me": {"frame": self.frame, **dict(zip(names, place.selenographic, strict=True))}
+                },
+                "covariance": {
+                    "enu_m2": [[finite_or_none(v) for v in row] for row in self.joint.covariance_enu_m2]
+                },
+                "of": list(self.joint.names),
+                "left_out": dict(self.joint.left_out),
+                "chi2": self.joint.chi2,
+                "dof": self.joint.dof,
+                "chance": self.joint.chance,
+            }
+        return {
+            "consistent": self.consistent,
+            "frame": self.frame,
+            "sphere_radius_m": MEAN_LUNAR_RADIUS_M,
+            "benchmark": self.benchmark,
+            "positions": [asdict(row) for row in self.rows],
+            "agreements": [asdict(pair) | {"chance": pair.chance} for pair in self.agreements],
+            "joint": joint,
+        }
+
+    def to_csv(self) -> str:
+        """The table of positions as comma-separated text."""
+        return csv_table(self.rows)
+
+    def to_markdown(self) -> str:
+        """The table of positions in Markdown."""
+        return markdown_table(self.rows)
+
+    def card(self) -> Card:
+        """Card of the comparison."""
+        axes = (
+            f"{self.frame}; L west longitude, B latitude; dL, dB relative to {self.benchmark}, on the sphere of "
+            f"{MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
+        )
+        sizes = ("1 sigma", "L, m", "B, m", "h, m", "height, m")
+        pairs = ("difference", "east, m", "north, m", "up, m", "sigmas", "chance, %")
+        return Card(
+            (
+                Field(
+                    "comparison", (plural(sum(row.method != "reference" for row in self.rows), "estimate"),)
+                ),
+                Field("status", tuple(self._status())),
+                Field("axes", (axes,)),
+                Field("positions", (), HEADING, [(row.name, *position_cells(row)) for row in self.rows]),
+                Field("", (), sizes, [_sizes(row) for row in self.rows if row.method != "reference"]),
+                Field(
+                    "agreement", (), pairs, [_pair(pair) for pair in self.agreements], tuple(self._untested())
+                ),
+                Field("joint", tuple(self._joint())),
+            )
+        )
+
+    def __str__(self) -> str:
+        return str(self.card())
+
+    def __repr__(self) -> str:
+        names = ", ".join(row.name for row in self.rows if row.method != "reference")
+        return f"<Comparison {names}: {'consistent' if self.consistent else 'NOT CONSISTENT'}>"
+
+    def _repr_html_(self) -> str:
+        return self.card().html()
+
+    def _status(self) -> Iterator[str]:
+        failed = [row.name for row in self.rows if row.converged is False]
+        apart = [
+            f"{pair.one} and {pair.two}"
+            for pair in self.agreements
+            if pair.chance is not None and pair.chance < UNLIKELY
+        ]
+        if failed:
+            yield f"NOT CONVERGED: {', '.join(failed)}"
+        if apart:
+            yield f"NOT CONSISTENT: {'; '.join(apart)} differ by more than their sigmas allow"
+        elif self.joint is not None and self.joint.chance is not None and self.joint.chance < UNLIKELY:
+            yield "NOT CONSISTENT: together the estimates differ by more than their sigmas allow"
+        elif not failed:
+            yield (
+                "consistent"
+                if any(p.chance is not None for p in self.agreements)
+                else "nothing could be tested"
+            )
+
+    def _untested(self) -> Iterator[str]:
+        for pair in self.agreements:
+            if pair.why:
+                yield f"{pair.one} and {pair.two} are not tested: {pair.why}"
+
+    def _joint(self) -> Iterator[str]:
+        if self.joint is None:
+            return
+        row = next(row for row in self.rows if row.method == "joint")
+        yield (
+            f"{row.longitude_west_deg:.5f} deg W, {row.latitude_deg:.5f} deg N, {row.height_m:.1f} m, from "
+            f"{' and '.join(self.joint.names)}; sigmas east {metres(row.sigma_west_m)}, north "
+            f"{metres(row.sigma_north_m)}, up {metres(row.sigma_up_m)} m"
+        )
+        yield f"chi2 {self.joint.chi2:.2f} with {plural(self.joint.dof, 'degree')} of freedom"
+        for name, why in self.joint.left_out.items():
+            yield f"{name} is not in it: {why}"
+
+
+def _sizes(row: PositionRow) -> tuple[str, ...]:
+    sigmas = (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m)
+    return (row.name, *(metres(sigma) for sigma in sigmas), f"{row.height_m:.1f}")
+
+
+def _pair(pair: Agreement) -> tuple[str, ...]:
+    sigmas, chance = "-", "-"
+    if pair.chi2 is not None and pair.chance is not None:
+        sigmas, chance = f"{math.sqrt(pair.chi2):.2f}", f"{100.0 * pair.chance:.2g}"
+    return (f"{pair.one} - {pair.two}", *(f"{value:.1f}" for value in pair.difference_enu_m), sigmas, chance)
+
+
+def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
+    """Draw all positions east and north of the benchmark, estimates with their 95 % ellipses.
+
+    Parameters
+    ----------
+    comparison : Comparison
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw in, in place of a figure of its own.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    >>> written = radioloc.write_report(radioloc.locate(study), "out")
+    >>> found = radioloc.studies.compare(["out/solution.json"])
+    >>> radioloc.report.plot_comparison(found).axes[0].get_ylabel()
+    'north of JPL, DE421 solution (m)'
+    """
+    scale = math.sqrt(-2.0 * math.log(0.05))
+    places = [(-(row.west_m or 0.0), row.north_m or 0.0) for row in comparison.rows]
+    corners_m = []
+    for row, place in zip(comparison.rows, places, strict=True):
+        covariance = comparison.covariances_en_m2.get(row.name)
+        size_m = 0.0 if covariance is None else scale * np.sqrt(np.diag(covariance))
+        corners_m += [np.add(place, size_m), np.subtract(place, size_m)]
+    lowest_m, highest_m = np.min(corners_m, axis=0), np.max(corners_m, axis=0)
+    centre_m, reach_m = 0.5 * (lowest_m + highest_m), 0.54 * max(1.0, float((highest_m - lowest_m).max()))
+    factor, unit = length_unit(reach_m)
+    axes = (
+        new_figure(5.6, 6.4, f"Positions beside {comparison.benchmark}").add_subplot() if ax is None else ax
+    )
+    style_axes(axes)
+    axes.set_aspect("equal")
+    markers = {"reference": "+", "joint": "s", "images": "^"}
+    for k, (row, (east_m, north_m)) in enumerate(zip(comparison.rows, places, strict=True)):
+        color = COLORS[k % len(COLORS)]
+        covariance = comparison.covariances_en_m2.get(row.name)
+        if covariance is not None:
+            ellipse = error_ellipse((east_m, north_m), covariance, scale, factor)
+            ellipse.set(facecolor=(color, 0.08), edgecolor=color, linewidth=1.1)
+            axes.add_patch(ellipse)
+        marker = markers.get(row.method, "o")
+        axes.plot(
+            factor * east_m, factor * north_m, marker, color=color, markersize=7, linestyle="", label=row.name
+        )
+    axes.set_xlim(factor * (centre_m[0] - reach_m), factor * (centre_m[0] + reach_m))
+    axes.set_ylim(factor * (centre_m[1] - reach_m), factor * (centre_m[1] + reach_m))
+    axes.set_xlabel(f"east of {comparison.benchmark} ({unit})")
+    axes.set_ylabel(f"north of {comparison.benchmark} ({unit})")
+    figure = axes.get_figure()
+    assert figure is not None
+    axes.set_title("ellipses of 95 %", fontsize=8, color="0.3")
+    figure.legend(loc="outside lower center", ncols=2, fontsize=8, frameon=False)
+    return figure  # type: ignore[return-value]

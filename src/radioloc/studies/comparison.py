@@ -1,0 +1,177 @@
+"""Solutions compared: each method and arc beside a benchmark, whether they agree, and what they give together."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radioloc.errors import InputError
+from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate
+from radioloc.estimation.statistics import finite_or_none
+from radioloc.lunar.position import LunarPosition
+from radioloc.report.comparison import Comparison
+from radioloc.report.position_table import Place, PositionRow, place_fields
+from radioloc.text_files import read_text
+
+_JOINT = "joint estimate"
+
+
+def compare(paths: Iterable[str | Path], reference: str | None = None) -> Comparison:
+    """Put solutions beside each other, as table 1 of Wang et al. (2021) does, test each pair, and combine them.
+
+    Parameters
+    ----------
+    paths : iterable of path-like
+        Files ``solution.json`` of :command:`locate` and :command:`images`, or ``arcs.json`` of :command:`arcs`, which
+        holds a solution for each arc.
+    reference : str, optional
+        The benchmark: the name of a solution, or of a reference in one of the files. By default the first reference,
+        or else the first solution.
+
+    Raises
+    ------
+    InputError
+        A file is none of these, is of another frame, or the reference is in none of them.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
+    >>> written = radioloc.write_report(radioloc.locate(study), "out")
+    >>> [row.name for row in radioloc.studies.compare(["out/solution.json"]).rows]
+    ['apollo15', 'JPL, DE421 solution']
+    """
+    solutions: list[_Read] = []
+    references: dict[str, Place] = {}
+    for path in map(Path, paths):
+        found, known = _read(path)
+        solutions += found
+        references = known | references
+    if not solutions:
+        raise InputError("there is no solution to compare; give files solution.json or arcs.json")
+    frames = {solution.content["position"]["me"]["frame"]: solution.where for solution in solutions}
+    if len(frames) > 1:
+        listed = ", ".join(f"{where} in {frame}" for frame, where in frames.items())
+        raise InputError(
+            f"positions of different axes cannot be compared: {listed}; use one ephemeris for all"
+        )
+    frame = next(iter(frames))
+    names = _names(solutions)
+    estimates = [replace(one.estimate, name=name) for one, name in zip(solutions, names, strict=True)]
+    joint = joint_estimate(
+        [item for item, one in zip(estimates, solutions, strict=True) if one.content["converged"]]
+    )
+    covariances = {one.name: one.total_enu_m2[:2, :2] for one in estimates}
+    places = {name: one.place for name, one in zip(names, solutions, strict=True)}
+    if joint is not None:
+        places[_JOINT] = LunarPosition.from_cartesian(joint.position_me_m, frame).selenographic
+        covariances[_JOINT] = joint.covariance_enu_m2[:2, :2]
+    places = references | places
+    benchmark = reference or next(iter(references or places))
+    if benchmark not in places:
+        raise InputError(f"there is no {benchmark!r} to compare with; there are {', '.join(places)}")
+
+    def beside(name: str) -> dict[str, Any]:
+        return place_fields(places[name], None if name == benchmark else places[benchmark])
+
+    rows = [_row(one.content, name, beside(name)) for one, name in zip(solutions, names, strict=True)]
+    if joint is not None:
+        sigmas = [finite_or_none(math.sqrt(variance)) for variance in np.diag(joint.covariance_enu_m2)]
+        rows.append(PositionRow("joint", _JOINT, **beside(_JOINT), **_sigmas(sigmas)))
+    rows += [PositionRow("reference", name, **beside(name)) for name in references if name not in names]
+    return Comparison(
+        frame,
+        benchmark,
+        tuple(rows),
+        {name: covariance for name, covariance in covariances.items() if np.isfinite(covariance).all()},
+        tuple(agreement(one, two) for one, two in combinations(estimates, 2)),
+        joint,
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Read:
+    """A solution as a file has it: what to call it in messages, all that it says, and its estimate of the position."""
+
+    where: str
+    content: Mapping[str, Any]
+    estimate: PositionEstimate
+
+    @property
+    def place(self) -> Place:
+        me = self.content["position"]["me"]
+        return me["longitude_deg"], me["latitude_deg"], me["height_m"]
+
+
+def _read(path: Path) -> tuple[list[_Read], dict[str, Place]]:
+    """The solutions of a file, and the references that it knows."""
+    text = read_text(path)
+    try:
+        content = json.loads(text)
+        arcs = content.get("arcs", [{"solution": content}])
+        references = {
+            row["name"]: (-row["longitude_west_deg"], row["latitude_deg"], row["height_m"])
+            for row in content.get("positions", ())
+            if row["method"] == "reference"
+        }
+        known = [arc["solution"]["reference"] for arc in arcs if arc["solution"]["reference"] is not None]
+        places = {
+            item["name"]: (item["longitude_deg"], item["latitude_deg"], item["height_m"]) for item in known
+        }
+        solutions = [
+            _Read(
+                f"{path}, {arc['hours']:g} h" if "hours" in arc else str(path),
+                arc["solution"],
+                PositionEstimate.from_solution(arc["solution"]),
+            )
+            for arc in arcs
+        ]
+    except InputError as error:
+        raise InputError(f"{path}: {error}") from None
+    except (ValueError, LookupError, TypeError, AttributeError):
+        raise InputError(
+            f"{path}: is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
+        ) from None
+    return solutions, references or places
+
+
+def _names(solutions: Sequence[_Read]) -> list[str]:
+    """Names of solutions; where several are called alike, with the folders that they are in."""
+    counts = Counter(one.content["name"] for one in solutions)
+    names = [
+        one.content["name"]
+        if counts[one.content["name"]] == 1
+        else f"{one.content['name']} ({Path(one.where).parent.name})"
+        for one in solutions
+    ]
+    if len(set(names)) < len(names):
+        raise InputError(
+            f"two solutions are called {Counter(names).most_common(1)[0][0]!r}; rename their studies"
+        )
+    return names
+
+
+def _row(content: Mapping[str, Any], name: str, place: Mapping[str, Any]) -> PositionRow:
+    fit = content["fit"]
+    return PositionRow(
+        content.get("method", "tracking"),
+        name,
+        **place,
+        **_sigmas([content["sigma"][f"{axis}_m"] for axis in ("east", "north", "up")]),
+        used=fit["used"],
+        left_out=fit["rejected"],
+        wrms_m=fit.get("wrms_m"),
+        converged=content["converged"],
+    )
+
+
+def _sigmas(values: Iterable[float | None]) -> dict[str, Any]:
+    return dict(zip(("sigma_west_m", "sigma_north_m", "sigma_up_m"), values, strict=True))

@@ -1,0 +1,109 @@
+"""Agreement of estimates and the joint estimate: by hand, and over seeded draws."""
+
+import numpy as np
+import pytest
+from scipy.stats import binom, kstest
+
+from radioloc.errors import InputError
+from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate
+
+PLACE = np.array([1737400.0, 0.0, 0.0])
+"""Where x is up, y east and z north."""
+UP_EAST_NORTH = [1, 2, 0]
+RNG = np.random.default_rng(20140101)
+
+
+def estimate(name, enu_m, noise_m2, errors=None, **what):
+    moved = np.zeros(3)
+    moved[UP_EAST_NORTH] = enu_m
+    errors = {key: np.array(moves, dtype=float) for key, moves in (errors or {}).items()}
+    return PositionEstimate(name, PLACE + moved, np.array(noise_m2, dtype=float), errors, **what)
+
+
+def test_independent_estimates_are_weighed_by_their_variances():
+    one = estimate("one", [10.0, 0.0, 0.0], np.diag([1.0, 4.0, 9.0]))
+    two = estimate("two", [13.0, 5.0, 0.0], np.diag([2.0, 4.0, 9.0]))
+    pair = agreement(one, two)
+    assert pair.difference_enu_m == pytest.approx((-3.0, -5.0, 0.0), abs=1e-4)  # the horizon of 5 m
+    assert pair.chi2 == pytest.approx(9.0 / 3.0 + 25.0 / 8.0, rel=1e-4)
+    assert (pair.components, pair.sigma_enu_m) == (3, pytest.approx(np.sqrt([3.0, 8.0, 18.0])))
+    joint = joint_estimate([one, two])
+    apart = (joint.position_me_m - PLACE)[UP_EAST_NORTH]
+    assert apart == pytest.approx([11.0, 2.5, 0.0], abs=1e-4)
+    assert np.diag(joint.covariance_enu_m2) == pytest.approx([2.0 / 3.0, 2.0, 4.5])
+    assert joint.chi2 == pytest.approx(pair.chi2, rel=1e-4)
+    assert (joint.dof, joint.chance) == (3, pytest.approx(pair.chance, rel=1e-3))
+
+
+def test_an_error_in_common_neither_separates_nor_averages_out():
+    tie = {"map_tie.east": [25.0, 0.0, 0.0]}
+    one, two = (estimate(name, [5.0, 0.0, 0.0], np.eye(3), tie) for name in ("one", "two"))
+    assert agreement(one, two).sigma_enu_m == pytest.approx([np.sqrt(2.0)] * 3)
+    assert np.diag(joint_estimate([one, two]).covariance_enu_m2) == pytest.approx([625.5, 0.5, 0.5])
+
+
+def test_part_and_whole_differ_by_less_than_independent_estimates():
+    """By hand: the mean of four values of variance 1 differs from that of the first two by variance 1/2 - 1/4."""
+    whole = estimate("48 h", [0.0, 0.0, 0.0], 0.25 * np.eye(3), study="s", data=frozenset("d"))
+    part = estimate("24 h", [1.0, 0.0, 0.0], 0.5 * np.eye(3), study="s", data=frozenset("d"), hours=24.0)
+    assert agreement(part, whole).chi2 == pytest.approx(4.0)
+    assert agreement(whole, part).chi2 == pytest.approx(4.0)
+    assert joint_estimate([part, whole]) is None
+    third = estimate("images", [0.0, 0.0, 0.0], np.eye(3))
+    joint = joint_estimate([part, whole, third])
+    assert joint.names == ("48 h", "images")
+    assert joint.left_out == {"24 h": "it shares observations with 48 h"}
+    whole_as_part = estimate("24 h", [1.0, 0.0, 0.0], 0.25 * np.eye(3), study="s", hours=24.0)
+    assert agreement(whole_as_part, whole).chi2 is None
+
+
+def test_estimates_that_share_data_otherwise_are_not_tested():
+    one = estimate("one", [0.0, 0.0, 0.0], np.eye(3), data=frozenset("ab"), study="s")
+    two = estimate("two", [9.0, 0.0, 0.0], np.eye(3), data=frozenset("bc"), study="t")
+    assert agreement(one, two).why == "they share observations"
+    assert agreement(one, two).chance is None
+
+
+def test_a_height_that_one_does_not_determine_is_the_others():
+    flat = np.diag([4.0, 4.0, np.nan])
+    one, two = estimate("map", [2.0, 0.0, 0.0], flat), estimate("radio", [0.0, 0.0, 7.0], 4.0 * np.eye(3))
+    assert agreement(one, two).components == 2
+    assert agreement(one, two).sigma_enu_m[2] is None
+    joint = joint_estimate([one, two])
+    assert (joint.position_me_m - PLACE)[UP_EAST_NORTH] == pytest.approx([1.0, 0.0, 7.0], abs=1e-4)
+    assert np.diag(joint.covariance_enu_m2) == pytest.approx([2.0, 2.0, 4.0])
+    none = joint_estimate([one, estimate("other map", [0.0, 0.0, 0.0], flat)])
+    assert np.isnan(none.covariance_enu_m2[2, 2])
+
+
+def test_draws_are_as_likely_as_stated_and_the_joint_ellipse_holds_the_truth():
+    """Three estimates with noise of their own and two errors in common, 2000 times."""
+    roots = [RNG.normal(size=(3, 3)) * size for size in (4.0, 7.0, 12.0)]
+    errors = [{"stations": RNG.normal(size=3) * 5.0, "map": RNG.normal(size=3) * s} for s in (0.0, 8.0, 8.0)]
+    chances, joint_chances, inside = [], [], 0
+    trials = 2000
+    for _ in range(trials):
+        drawn = dict(zip(("stations", "map"), RNG.normal(size=2), strict=True))
+        made = [
+            estimate(
+                str(k),
+                root @ RNG.normal(size=3) + sum(drawn[name] * moved for name, moved in error.items()),
+                root @ root.T,
+                error,
+            )
+            for k, (root, error) in enumerate(zip(roots, errors, strict=True))
+        ]
+        chances.append(agreement(made[0], made[1]).chance)
+        joint = joint_estimate(made)
+        joint_chances.append(joint.chance)
+        apart = (joint.position_me_m - PLACE)[UP_EAST_NORTH]
+        inside += apart @ np.linalg.solve(joint.covariance_enu_m2, apart) < 7.815  # 95 % in three dimensions
+    # Uniform if the covariances are right; 1e-5 of chance below, and outside these bounds.
+    assert kstest(chances, "uniform").pvalue > 1e-5
+    assert kstest(joint_chances, "uniform").pvalue > 1e-5
+    assert binom.ppf(1e-5, trials, 0.95) <= inside <= binom.ppf(1.0 - 1e-5, trials, 0.95)
+
+
+def test_a_target_on_a_trajectory_has_no_estimate():
+    with pytest.raises(InputError, match="trajectory"):
+        PositionEstimate.from_solution({"name": "orbiter", "position": None})

@@ -14,6 +14,7 @@ from radioloc.estimation import (
     build_solution,
     fit_with_variance_components,
 )
+from radioloc.estimation.series import SeriesOrder
 from radioloc.time import Epochs
 
 
@@ -71,7 +72,8 @@ def solved(series: Series) -> Solution:
     n = series.n
     paths = Labels((np.arange(n) % 6).astype(np.int32), tuple(f"S{k}>x>S{k}" for k in range(6)))
     types = Labels(np.zeros(n, dtype=np.int32), ("range",))
-    found = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m, groups=types)
+    order = SeriesOrder.of(types, paths, np.linspace(0.0, 2.0 * 86400.0, n))
+    found = fit_with_variance_components(series.linearize, series.parameters, series.sigma_m, order=order)
     return build_solution(
         found,
         position_pa_m=np.array([1.7e6, 0.0, 0.0]),

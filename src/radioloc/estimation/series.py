@@ -17,6 +17,7 @@ from radioloc.estimation.gauss_markov import Points, Series
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.linearization import Rows
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise
+from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 
 _Floats = NDArray[np.float64]
@@ -54,6 +55,11 @@ class SeriesOrder:
     def path_of(self, code: int) -> str:
         """Path."""
         return self.paths.texts[code % len(self.paths.texts)]
+
+    def receivers_of(self, code: int) -> tuple[str, ...]:
+        """Stations whose reception is in the value; of a path that is only a name, that."""
+        path = self.path_of(code)
+        return Link.from_path(path).receivers if ">" in path else (path,)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

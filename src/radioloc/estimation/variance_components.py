@@ -9,7 +9,7 @@ one).
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -19,12 +19,16 @@ from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import ResidualFunction
+from radioloc.estimation.noise_groups import split
 from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.parameters.parameter import ParameterSet
 
 _MAX_PASSES = 15
 _MAX_STEPS = 200
+_MOST_SPLIT = 10
+"""Stations and links that may have a component of their own."""
 _SETTLED = 1e-3
 """A component has settled when its sigma changes by less than this part of itself; it is known far worse."""
 
@@ -34,14 +38,16 @@ def fit_with_variance_components(
     parameters: ParameterSet,
     sigma_m: ArrayLike | ObservationNoise,
     *,
-    groups: ArrayLike | Labels | None = None,
+    order: SeriesOrder | None = None,
     status: ArrayLike | Labels | None = None,
     threshold: float | None = THRESHOLD,
 ) -> EditedFit:
     """Fit with editing, adding noise to the stated sigmas where the residuals ask for it.
 
-    Parameters and errors as :func:`~radioloc.estimation.editing.fit_with_editing`, and `groups`, labels of shape (n,):
-    each group of observations (ranges, delays) has its own component; one for all without them.
+    Parameters and errors as :func:`~radioloc.estimation.editing.fit_with_editing`, and `order`, types, paths and times
+    of the observations: each type (ranges, delays) has its own component, and so has a station or a link whose
+    residuals are significantly larger or smaller than those of the rest of its type
+    (:mod:`~radioloc.estimation.noise_groups`); all have the same without it.
 
     Notes
     -----
@@ -50,50 +56,78 @@ def fit_with_variance_components(
     Where components and selection drive each other in a circle, the largest components of the circle are taken.
     """
     edited = fit_with_editing(residual_function, parameters, sigma_m, status=status, threshold=threshold)
-    stated = edited.fit.noise
-    named = Labels(np.zeros(len(stated), dtype=np.int32), ("all",)) if groups is None else Labels.of(groups)
-    labels, group = named.texts, named.codes
+    problem = _Problem(residual_function, parameters, edited.fit.noise, edited.given, threshold)
+    if order is None:
+        return problem.settled(edited, Labels(np.zeros(len(edited.given), dtype=np.int32), ("all",)))
+    groups = order.types
+    edited = problem.settled(edited, groups)
+    for _ in range(_MOST_SPLIT):
+        divided = split(edited.fit, order, groups, edited.additive_sigma_m) if edited.ended else None
+        if divided is None:
+            break
+        groups, edited = divided, problem.settled(edited, divided)
+    return edited
 
-    def fit_with(added_m: NDArray[np.float64], previous: EditedFit) -> EditedFit:
-        # A fit that did not come to its end is nothing to start from.
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Problem:
+    """What stays the same while components change."""
+
+    residual_function: ResidualFunction
+    parameters: ParameterSet
+    stated: ObservationNoise
+    given: Labels
+    threshold: float | None
+
+    def fit_with(self, added_m: NDArray[np.float64], previous: EditedFit) -> EditedFit:
+        """Fit with components (n,), m; a fit that did not come to its end is nothing to start from."""
         return fit_with_editing(
-            residual_function,
-            parameters,
-            stated.with_added(added_m[group]),
-            status=edited.given,
-            threshold=threshold,
+            self.residual_function,
+            self.parameters,
+            self.stated.with_added(added_m),
+            status=self.given,
+            threshold=self.threshold,
             previous=previous if previous.converged else None,
         )
 
-    def noisy(edited: EditedFit, added_m: NDArray[np.float64]) -> EditedFit:
-        present = set(named.present())
-        found = {name: value for name, value in zip(labels, added_m.tolist(), strict=True) if name in present}
-        return replace(edited, additive_sigma_m=dict(sorted(found.items())))
+    def settled(self, edited: EditedFit, groups: Labels) -> EditedFit:
+        """Fit with the components of groups, from a fit with others or none on."""
+        labels, group = groups.texts, groups.codes
 
-    tried_m = [np.zeros(len(labels))]
-    for _ in range(_MAX_PASSES):
-        if edited.fit.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
-            return noisy(edited, tried_m[-1])
-        # Significance is asked for once; asked again, it would take away what it had just found to be there.
-        probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
-        wanted_m = _wanted_m(edited, stated, group, len(labels), probability)
-        if probability is None:
-            # A group that was explained by its stated sigmas at first stays without.
-            wanted_m = np.where(tried_m[1] > 0.0, wanted_m, 0.0)
-        if _same(wanted_m, tried_m[-1]):
-            return noisy(edited, tried_m[-1])
-        repeated = [k for k, earlier_m in enumerate(tried_m) if _same(wanted_m, earlier_m)]
-        if repeated:
-            largest_m = np.max(tried_m[repeated[0] :], axis=0)
-            edited = fit_with(largest_m, edited)
-            wavering = (
-                "variance components and outliers depend on each other: the largest components were taken"
-            )
-            return noisy(_with_message(edited, wavering), largest_m)
-        tried_m.append(wanted_m)
-        edited = fit_with(wanted_m, edited)
-    edited = replace(edited, complete=False)
-    return noisy(_with_message(edited, "the additive variance components did not settle"), tried_m[-1])
+        def noisy(edited: EditedFit, added_m: NDArray[np.float64], message: str = "") -> EditedFit:
+            present = set(groups.present())
+            found = {
+                name: value for name, value in zip(labels, added_m.tolist(), strict=True) if name in present
+            }
+            texts = "; ".join(text for text in (message, edited.message) if text)
+            return replace(edited, additive_sigma_m=dict(sorted(found.items())), message=texts)
+
+        before = edited.additive_sigma_m
+        tried_m = [np.array([before.get(name, 0.0) for name in labels])]
+        for _ in range(_MAX_PASSES):
+            if edited.fit.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
+                return noisy(edited, tried_m[-1])
+            # Significance is asked for once; asked again, it would take away what it had just found to be there.
+            probability = SCALING_PROBABILITY if len(tried_m) == 1 else None
+            wanted_m = _wanted_m(edited, self.stated, group, len(labels), probability)
+            if probability is None:
+                # A group that was explained by its stated sigmas at first stays without.
+                wanted_m = np.where(tried_m[1] > 0.0, wanted_m, 0.0)
+            if _same(wanted_m, tried_m[-1]):
+                return noisy(edited, tried_m[-1])
+            repeated = [k for k, earlier_m in enumerate(tried_m) if _same(wanted_m, earlier_m)]
+            if repeated:
+                largest_m = np.max(tried_m[repeated[0] :], axis=0)
+                edited = self.fit_with(largest_m[group], edited)
+                return noisy(
+                    edited,
+                    largest_m,
+                    "variance components and outliers depend on each other: the largest components were taken",
+                )
+            tried_m.append(wanted_m)
+            edited = self.fit_with(wanted_m[group], edited)
+        edited = replace(edited, complete=False)
+        return noisy(edited, tried_m[-1], "the additive variance components did not settle")
 
 
 def _wanted_m(
@@ -131,10 +165,6 @@ def part_of_parameters(fit: FitResult) -> float:
 
 def _same(one_m: NDArray[np.float64], other_m: NDArray[np.float64]) -> bool:
     return bool((np.abs(one_m - other_m) <= _SETTLED * one_m).all())
-
-
-def _with_message(edited: EditedFit, message: str) -> EditedFit:
-    return replace(edited, message="; ".join(text for text in (message, edited.message) if text))
 
 
 def additive_sigma_m(

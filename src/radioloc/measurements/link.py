@@ -88,6 +88,11 @@ class Link:
         return (self.transmitter, self.receiver) if self.transmitter else (self.receiver,)
 
     @property
+    def receivers(self) -> tuple[str, ...]:
+        """The stations that receive the target's signal: the last one, or both of a baseline."""
+        return (self.transmitter, self.receiver) if self.differenced else (self.receiver,)
+
+    @property
     def targets(self) -> tuple[str, ...]:
         """The target, or the two."""
         return (self.target, self.second_target) if self.second_target else (self.target,)

@@ -307,6 +307,8 @@ def _fit(solution: Solution) -> Iterator[str]:
                 f"additive variance component of {kind}: sigma {metres(added_m)} m, added in quadrature to the "
                 "stated sigmas"
             )
+        elif " of " in kind:
+            yield f"{kind} has no additive variance component, unlike the others"
     yield from _time_correlation(solution)
     if fit.chi2_per_dof is None or fit.chi2_per_dof_bound is None:
         yield "no redundancy: nothing tests the stated sigmas"

@@ -72,7 +72,7 @@ class LinearArc:
             linear,
             self.parameters,
             self.noise,
-            groups=self.order.types,
+            order=self.order,
             status=self.status,
             threshold=self.threshold,
         )

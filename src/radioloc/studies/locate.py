@@ -150,12 +150,11 @@ def fit_arc(
             targets[name], away_m = found
             problem = set_up(targets)
     noise = stated_noise(arc, study.observations)
-    fitted = _fit(problem, noise, estimate, *status_of(arc, targets))
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
+    order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
+    fitted = _fit(problem, noise, order, estimate, *status_of(arc, targets))
     if estimate is not None and estimate.weights == "correlated":
-        time_s = seconds_since_midnight(observations.epoch)
-        order = SeriesOrder.of(types, paths, time_s)
         fitted = fit_with_correlated_weights(problem.linearize, fitted, order)
     x, used = fitted.fit.x, fitted.fit.used
     elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
@@ -335,6 +334,7 @@ def _reasons(status: Labels, reason: NDArray[np.int8], observations: Observation
 def _fit(
     problem: ObservationModel,
     noise: ObservationNoise,
+    order: SeriesOrder,
     estimate: EstimateChoice | None,
     status: Labels,
     reason: NDArray[np.int8],
@@ -351,7 +351,7 @@ def _fit(
         problem.linearize,
         problem.parameters,
         noise,
-        groups=Labels.coded(KINDS, problem.predictor.observations.kind),
+        order=order,
         status=status,
         threshold=estimate.rejection_sigma,
     )

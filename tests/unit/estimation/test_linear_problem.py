@@ -3,9 +3,16 @@
 import numpy as np
 import pytest
 
-from radioloc.estimation import Parameter, ParameterSet, fit_least_squares, fit_with_variance_components
+from radioloc.estimation import (
+    Labels,
+    Parameter,
+    ParameterSet,
+    fit_least_squares,
+    fit_with_variance_components,
+)
 from radioloc.estimation.observation_noise import ObservationNoise, SharedErrors
 from radioloc.estimation.robust import linear_problem
+from radioloc.estimation.series import SeriesOrder
 from radioloc.parameters.parameter import Role
 
 SAME_SIGMAS = 1e-8
@@ -44,7 +51,11 @@ def both(seed, *, n=600, excess=1.0, outliers=0, fixed=False, unusable=0):
             linear,
             parameters,
             sigma_m,
-            groups=np.array(["range", "vlbi_delay"])[group],
+            order=SeriesOrder.of(
+                Labels(group.astype(np.int32), ("range", "vlbi_delay")),
+                Labels.of(np.full(n, "A")),
+                np.arange(n),
+            ),
             status=np.where(usable, "used", "below the horizon"),
         )
 

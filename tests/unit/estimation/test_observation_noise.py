@@ -10,6 +10,7 @@ from radioloc.errors import InputError
 from radioloc.estimation import (
     ALONE,
     USED,
+    Labels,
     ObservationNoise,
     SharedErrors,
     fit_least_squares,
@@ -17,6 +18,7 @@ from radioloc.estimation import (
     fit_with_variance_components,
     observation_noise,
 )
+from radioloc.estimation.series import SeriesOrder
 
 ROUNDING = 1e-9
 """Two ways of the same algebra, relative; the covariance has a condition of 100."""
@@ -151,14 +153,16 @@ def test_editing_judges_a_delay_by_all_its_errors():
 def test_excess_noise_is_on_the_diagonal():
     network = DelayNetwork.make(epochs=300, ranges=200)
     more_m = 0.3
-    delays = network.epoch != ALONE
+    delays, n = network.epoch != ALONE, len(network.epoch)
     observed_m = errors_m(network)
     observed_m[delays] += more_m * np.random.default_rng(5).normal(size=int(delays.sum()))
     found = fit_with_variance_components(
         network.residual_function(observed_m),
         network.parameters(),
         network.noise,
-        groups=np.where(delays, "delay", "range"),
+        order=SeriesOrder.of(
+            Labels.of(np.where(delays, "delay", "range")), Labels.of(np.full(n, "A")), 1.0 * np.arange(n)
+        ),
     )
     assert found.additive_sigma_m["range"] == 0.0
     excess_m = found.additive_sigma_m["delay"]

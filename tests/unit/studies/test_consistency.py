@@ -46,7 +46,7 @@ def test_clock_of_a_vlbi_station(study, tracking):
 
 
 def test_ranging_station_off_its_place(study, tracking):
-    """Kashi 50 m east; the editing leaves out nearly all of its two-way ranges."""
+    """Kashi 50 m east; the editing leaves out nearly all of its two-way ranges, the others get noise of their own."""
     arc, position_pa_m = radioloc.studies.arc_of(study, tracking)
     at = arc.at(position_pa_m)
     rows = ObservationRows(arc, np.arange(len(tracking)), None, at, position_pa_m)
@@ -54,7 +54,8 @@ def test_ranging_station_off_its_place(study, tracking):
     east_m = 50.0 * (STATION_POSITION.partials(rows)[..., 0] * kashi).sum(axis=1)
     solution, first = found(study, tracking, east_m)
     assert (first.kind, first.name) == ("a priori", "station_position.KASHI")
-    assert "WARNING: KASHI does not fit the others" in str(solution)
+    # With one sigma for all ranges it would be 41 m
+    assert np.linalg.norm(first.shift_enu_m) < np.linalg.norm(solution.sigma_enu_m())
     assert first.amounts == {"east": pytest.approx(50.0, abs=2.0)}
     assert str(first).startswith("KASHI does not fit the others (a displacement of +")
     # Without a place to move: the station all the same
@@ -66,7 +67,8 @@ def test_laser_points_of_later_nights():
     study = radioloc.read_study("examples/apollo15/apollo15.toml")
     points = radioloc.read_observations(study.observations.files)
     late = np.argsort(np.argsort(points.epoch.mjd)) >= len(points) // 2
-    _, first = found(study, points, 30.0 * late)
+    solution, first = found(study, points, 30.0 * late)
+    assert f"WARNING: {first.name} jumps by +30 m" in " ".join(str(solution).split())
     assert (first.kind, first.name) == ("jump", "range APOLLO>apollo15>APOLLO")
     assert first.amounts[""] == pytest.approx(30.0, abs=0.1)
     assert first.first_utc == "2006-12-01T00:58:25"
@@ -89,3 +91,16 @@ def test_baseline_that_is_off(study, tracking):
     assert first.amounts[""] == pytest.approx(
         1.0, abs=0.25
     )  # clocks and weather of both stations are 0.1 m each
+
+
+def test_ranges_of_a_station_with_noise_of_its_own(study, tracking):
+    """Neuquen's ranges scatter by 20 m more; the others keep their weights."""
+    solution = radioloc.locate(study, tracking)
+    paths = np.array(tracking.paths())
+    noisy = np.char.endswith(paths, ">NEUQUEN") & (np.char.find(paths, "<") < 0)
+    added_m = 20.0 * noisy * np.random.default_rng(4).normal(size=len(tracking))
+    other = radioloc.locate(study, replace(tracking, value_m=tracking.value_m + added_m))
+    assert "range of NEUQUEN" not in solution.fit.excess_noise_m
+    assert other.to_dict()["fit"]["excess_noise_m"]["range of NEUQUEN"] == pytest.approx(20.0, rel=0.1)
+    assert other.fit.excess_noise_m["range"] == pytest.approx(solution.fit.excess_noise_m["range"], abs=0.1)
+    assert "additive variance component of range of NEUQUEN: sigma " in " ".join(str(other).split())

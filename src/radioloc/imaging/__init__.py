@@ -8,5 +8,15 @@ from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.frames import read_frame
 from radioloc.imaging.maps import Map, TangentPlane
+from radioloc.imaging.stereo import StereoPair, body_position, resect
 
-__all__ = ["Camera", "Distortion", "Map", "TangentPlane", "read_frame"]
+__all__ = [
+    "Camera",
+    "Distortion",
+    "Map",
+    "StereoPair",
+    "TangentPlane",
+    "body_position",
+    "read_frame",
+    "resect",
+]

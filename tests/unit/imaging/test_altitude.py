@@ -1,0 +1,70 @@
+"""Scale and altitude of descent images: the printed numbers of the Chang'e-3 team."""
+
+import numpy as np
+import pytest
+
+from radioloc.errors import InputError
+from radioloc.imaging import Camera
+from radioloc.imaging.altitude import (
+    altitude_m,
+    field_of_view_rad,
+    fitted_focal_length,
+    ground_pixel_m,
+    ground_width_m,
+)
+
+# Chang'e-3 descent images (2014), table 2: altitude, width on the ground, resolution, m; the camera of table 1.
+ALTITUDE_M = np.array([785.5, 548.4, 370.5, 139.5, 91.9])
+WIDTH_M = np.array([657.2, 458.8, 310.0, 116.7, 76.9])
+RESOLUTION_M = np.array([0.641, 0.448, 0.303, 0.114, 0.070])
+SIZE_PX = 1024
+PIXEL_UM = 6.7
+
+
+def camera(focal_mm):
+    return Camera.of_pinhole(focal_mm, PIXEL_UM, [511.5, 511.5])
+
+
+def test_the_printed_widths_are_of_a_shorter_focal_length_than_is_printed():
+    """All five widths are those of 8.2 mm; the 8.594 mm of table 1 would see 5 % less."""
+    fitted = fitted_focal_length(PIXEL_UM, ALTITUDE_M, WIDTH_M / SIZE_PX)
+    assert fitted.focal_length_mm == pytest.approx(
+        8.20, abs=0.005
+    )  # a width is printed to 0.1 m of 77 to 657
+    assert max(np.abs(fitted.residuals_m)) < 0.1
+    np.testing.assert_allclose(
+        ground_width_m(camera(fitted.focal_length_mm), ALTITUDE_M, SIZE_PX), WIDTH_M, atol=0.1
+    )
+    printed = ground_width_m(camera(8.594), ALTITUDE_M, SIZE_PX)
+    np.testing.assert_allclose(printed / ALTITUDE_M, 0.798, atol=5e-4)
+    np.testing.assert_allclose(WIDTH_M / ALTITUDE_M, 0.837, atol=5e-4)
+
+
+def test_printed_resolutions_are_widths_over_pixels_but_for_the_last():
+    by_width = WIDTH_M / SIZE_PX
+    np.testing.assert_allclose(
+        RESOLUTION_M[:4], by_width[:4], atol=1e-3
+    )  # printed to 1 mm, the first cut, not rounded
+    assert by_width[4] == pytest.approx(0.075, abs=5e-4)
+    assert RESOLUTION_M[4] == 0.070
+
+
+def test_what_an_image_covers_at_4_m_is_less_than_the_legs_span():
+    """The text: 3.35 m at 4 m, less than the 4.38 m between the feet; so the centre of the image is the lander."""
+    assert ground_width_m(camera(8.2), 4.0, SIZE_PX) == pytest.approx(3.35, abs=0.005)
+
+
+def test_altitude_and_scale_lead_to_each_other():
+    heights = np.array([4.0, 91.9, 9000.0])
+    np.testing.assert_allclose(
+        altitude_m(camera(8.3), ground_pixel_m(camera(8.3), heights)), heights, rtol=1e-14
+    )
+    # A square pixel field twice as wide as it is far is seen at 90 degrees.
+    assert field_of_view_rad(Camera.of_pinhole(10.0, 10.0, [0.0, 0.0]), 2000) == pytest.approx(np.pi / 2.0)
+
+
+def test_what_is_no_altitude_is_refused():
+    with pytest.raises(InputError, match=r"altitude_m = -1\.0 is not a positive"):
+        ground_width_m(camera(8.3), -1.0, SIZE_PX)
+    with pytest.raises(InputError, match="two images or more"):
+        fitted_focal_length(PIXEL_UM, [100.0], [0.1])

@@ -32,6 +32,7 @@ from radioloc.report.files import (
     write_monte_carlo,
     write_report,
 )
+from radioloc.report.sinex import write_sinex
 from radioloc.studies import locate
 from radioloc.studies.arcs import arcs
 from radioloc.studies.comparison import compare
@@ -170,6 +171,14 @@ def _parser() -> argparse.ArgumentParser:
         of_a_fit.add_argument(
             "--terms", **flag, help="with --out, also write terms.csv: what each model term adds"
         )
+        of_a_fit.set_defaults(sinex=None)
+        if fitted:
+            of_a_fit.add_argument(
+                "--sinex",
+                type=Path,
+                metavar="FILE",
+                help="write the solution with its covariance in SINEX 2.02",
+            )
 
     of_arcs = command("arcs", _arcs, "fit the first hours only, for several lengths, and compare")
     of_arcs.add_argument("--hours", **hours)
@@ -264,6 +273,8 @@ def _locate(options: argparse.Namespace, *, fitted: bool) -> int:
     if options.out is not None:
         write_report(solution, options.out, arc if options.terms else None)
     _tell(options, solution)
+    if options.sinex is not None:  # after the card, which says why a solution has none
+        write_sinex(solution, options.sinex)
     return EXIT_DONE if solution.converged or not fitted else EXIT_NOT_CONVERGED
 
 

@@ -321,7 +321,7 @@ class Solution:
         # Parameters without part in the position may have infinite variances; they must not meet the zeros here.
         involved = self._involved
         root = self.enu_by_parameters[:, involved]
-        in_enu = root @ self._covariance(level)[np.ix_(involved, involved)] @ root.T
+        in_enu = root @ self.parameter_covariance(level)[np.ix_(involved, involved)] @ root.T
         if level == "total":
             in_enu = in_enu + np.diag(self.ephemeris_sigma_enu_m**2)
         radius_m = MEAN_LUNAR_RADIUS_M + height_m
@@ -340,10 +340,13 @@ class Solution:
 
     def sigmas(self, level: Level = "total") -> NDArray[np.float64]:
         """Return standard deviations of the parameters, shape (p,); infinite where not determined."""
-        return np.sqrt(np.diag(self._covariance(level)))
+        return np.sqrt(np.diag(self.parameter_covariance(level)))
 
-    def _covariance(self, level: Level) -> NDArray[np.float64]:
-        """Covariance of the parameters; the total one with what the considered parameters add."""
+    def parameter_covariance(self, level: Level = "total") -> NDArray[np.float64]:
+        """Return the covariance of the parameters, shape (p, p); infinite variances for what is not determined.
+
+        The total one has what the considered parameters add; the assumed error of the ephemeris is the position's only.
+        """
         if level == "formal":
             return self.formal_covariance
         considered = self.consider if level == "total" else None

@@ -22,6 +22,7 @@ from radioloc.report.comparison import Comparison, plot_comparison
 from radioloc.report.covariance import CovarianceStudy, plot_covariance
 from radioloc.report.figures import save_figure
 from radioloc.report.monte_carlo import MonteCarlo
+from radioloc.report.parameter_figures import can_be_drawn, plot_contours, plot_correlations
 from radioloc.report.position_figures import plot_error_by_length, plot_position, plot_trial_scatter
 from radioloc.report.residual_figures import plot_links, plot_residuals
 from radioloc.text_files import disk_failed, write_text
@@ -36,7 +37,8 @@ RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_DECIMALS, "status")
 INCOMPLETE = "INCOMPLETE"
 """File of a folder whose other files may be of different results, as it was not written to the end."""
 _NUMBERS = ("solution.json", "residuals.csv")
-_OF_A_SOLUTION = (*_NUMBERS, "terms.csv", "residuals.[ps][nv]g", "position.[ps][nv]g")
+_FIGURES = ("residuals", "position", "correlations", "contours")
+_OF_A_SOLUTION = (*_NUMBERS, "terms.csv", *(f"{name}.[ps][nv]g" for name in _FIGURES))
 _OF_ARCS = (
     "arcs.json",
     "table1.csv",
@@ -91,6 +93,11 @@ def write_report(solution: Solution, folder: str | Path, terms_by: Predictor | N
         )
         if solution.position_estimated and solution.position_determined:
             written += write_figure(plot_position(solution), Path(folder), "position")
+        correlations, contours = can_be_drawn(solution)
+        if correlations:
+            written += write_figure(plot_correlations(solution), Path(folder), "correlations")
+        if contours:
+            written += write_figure(plot_contours(solution), Path(folder), "contours")
         if terms_by is not None:
             written.append(write_terms(terms_by, solution, folder))
     return written

@@ -10,25 +10,35 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Solution
+from radioloc.estimation.solution import Level, Solution
 from radioloc.report.figures import COLORS, new_figure, style_axes
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-_MOST_PARAMETERS, _MOST_PAIRED = 60, 8
+_Floats = NDArray[np.float64]
+
+_MOST_CORRELATED, _MOST_PAIRED = 40, 8
+_MOST_BESIDE_POSITION, _WORTH_SHOWING = 3, 0.5  # correlation with the position
+_NUMBERS_UP_TO = 12  # parameters, with numbers in the cells of the matrix
+_WITHOUT = "without considered errors"
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 181)
 _LEVELS = {"1 sigma": 1.0, "95 %": math.sqrt(-2.0 * math.log(0.05))}
 """Factors on the axes of the ellipse of two parameters."""
 
 
 def plot_correlations(solution: Solution) -> Figure:
-    """Draw the correlation matrix of the estimated parameters, from the scaled covariance.
+    """Draw the correlation matrix of the estimated parameters.
+
+    Below the diagonal are the correlations of the total covariance; above it, where parameters are considered, those
+    that the data alone leave. Of more than 40 parameters those of the position are drawn, and others that it is
+    correlated with most.
 
     Raises
     ------
     InputError
-        Fewer than two parameters are estimated and determined, or more than 60.
+        Fewer than two parameters are estimated and determined.
 
     Examples
     --------
@@ -38,33 +48,43 @@ def plot_correlations(solution: Solution) -> Figure:
     >>> [text.get_text() for text in figure.axes[0].get_yticklabels()]
     ['position.east', 'position.north', 'position.height']
     """
-    names, covariance = _determined(solution, None, _MOST_PARAMETERS)
-    sigmas = np.sqrt(np.diag(covariance))
-    coefficients = covariance / sigmas / sigmas[:, None]
-    side_in = 2.6 + 0.28 * len(names)
-    figure = new_figure(side_in + 1.0, side_in, f"{solution.name}: correlations")
+    everything = _determined(solution)
+    strongest = _position_and_others(solution, _MOST_CORRELATED)
+    names = [name for name in everything if name in strongest]
+    _require_drawable(solution, names, _MOST_CORRELATED)
+    total, without = (_covariance(solution, names, level) for level in ("total", "scaled"))
+    coefficients = np.tril(_correlation(total)) + np.triu(_correlation(without), 1)
+    side_in = 2.2 + 0.34 * len(names)
+    figure = new_figure(side_in + 1.4, side_in + 0.3, f"{solution.name}: correlations")
     ax = figure.add_subplot()
     image = ax.imshow(coefficients, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
     ax.set_xticks(range(len(names)), names, rotation=90, fontsize=8)
     ax.set_yticks(range(len(names)), names, fontsize=8)
     figure.colorbar(image, ax=ax, shrink=0.8)
-    if len(names) <= _MOST_PAIRED:
+    notes = []
+    if solution.consider is not None:
+        notes = ["lower left: total covariance", f"upper right: {_WITHOUT}"]
+    if len(names) < len(everything):
+        notes.append(f"{len(names)} of {len(everything)} parameters")
+    ax.set_title("\n".join(notes), fontsize=8, color="0.3")
+    if len(names) <= _NUMBERS_UP_TO:
         for (row, column), value in np.ndenumerate(coefficients):
             color = "white" if abs(value) > 0.6 else "black"
-            ax.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=7, color=color)
+            ax.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=6.5, color=color)
     return figure
 
 
 def plot_contours(solution: Solution, names: Sequence[str] | None = None) -> Figure:
     """Draw parameters two by two, with the ellipses of one sigma and of 95 %, and the profile of each alone.
 
-    The sum of squares is that of the scaled covariance; a profile is its least value over all other parameters.
+    Ellipses and profiles are those of the total covariance; where parameters are considered, thin dashed lines are
+    those that the data alone leave. A profile is the least increase of chi-square over all other parameters.
 
     Parameters
     ----------
     solution : Solution
     names : sequence of str, optional
-        Two to eight parameters; the position by default.
+        Two to eight parameters; by default the position, and up to three others that it is correlated with most.
 
     Raises
     ------
@@ -78,10 +98,12 @@ def plot_contours(solution: Solution, names: Sequence[str] | None = None) -> Fig
     >>> len(radioloc.report.plot_contours(solution).axes)
     6
     """
-    if names is None:
-        names = [item.name for item in solution.parameters if item.kind == "position" and not item.fixed]
-    names, covariance = _determined(solution, names, _MOST_PAIRED)
-    sigmas, count = np.sqrt(np.diag(covariance)), len(names)
+    names = _about_the_position(solution) if names is None else list(names)
+    _require_drawable(solution, names, _MOST_PAIRED)
+    covariances = [_covariance(solution, names)]
+    if solution.consider is not None:
+        covariances.append(_covariance(solution, names, "scaled"))
+    count, limits = len(names), 3.2 * np.sqrt(np.diag(covariances[0]))
     units = [solution.parameters[name].unit for name in names]
     figure = new_figure(2.3 * count + 0.6, 2.3 * count, f"{solution.name}: about the estimate")
     panels = figure.subplots(count, count, squeeze=False)
@@ -92,42 +114,95 @@ def plot_contours(solution: Solution, names: Sequence[str] | None = None) -> Fig
                 ax.remove()
                 continue
             style_axes(ax)
-            limit = 3.2 * sigmas[column]
-            ax.set_xlim(-limit, limit)
+            ax.set_xlim(-limits[column], limits[column])
             if row == column:
-                offset = np.linspace(-limit, limit, 101)
-                ax.plot(offset, (offset / sigmas[row]) ** 2, color=COLORS[0])
                 ax.set_ylim(0.0, 9.0)
                 ax.set_ylabel("increase of chi-square", fontsize=7)
+                _draw_profiles(ax, [covariance[row, row] for covariance in covariances], limits[row])
             else:
+                ax.set_ylim(-limits[row], limits[row])
                 pair = np.ix_([column, row], [column, row])
-                values, axes = np.linalg.eigh(covariance[pair])
-                circle = np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
-                for (label, factor), color in zip(_LEVELS.items(), COLORS, strict=False):
-                    x, y = axes @ (factor * np.sqrt(np.maximum(values, 0.0))[:, None] * circle)
-                    ax.plot(x, y, color=color, label=label)
-                ax.set_ylim(-3.2 * sigmas[row], 3.2 * sigmas[row])
+                _draw_ellipses(ax, [covariance[pair] for covariance in covariances])
                 if column == 0:
                     ax.set_ylabel(f"{names[row]}, {units[row]}", fontsize=8)
             if row == count - 1:
                 ax.set_xlabel(f"{names[column]}, {units[column]}", fontsize=8)
             ax.tick_params(labelsize=7)
-    panels[count - 1, 0].legend(fontsize=7, frameon=False)
+    handles, labels = panels[count - 1, 0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="upper right", fontsize=8, frameon=False)
     return figure
 
 
-def _determined(
-    solution: Solution, names: Sequence[str] | None, most: int
-) -> tuple[list[str], NDArray[np.float64]]:
-    """Names of parameters that are estimated and determined, all by default, and their scaled covariance."""
+def can_be_drawn(solution: Solution) -> tuple[bool, bool]:
+    """Whether there are parameters for a figure of correlations, and for one of contours about the position."""
+    contours = solution.position_determined and len(_about_the_position(solution)) > 1
+    return len(_determined(solution)) > 1, contours
+
+
+def _determined(solution: Solution) -> list[str]:
+    """Names of the parameters that are estimated and determined."""
     variances = np.diag(solution.covariance)
     usable = solution.parameters.free & np.isfinite(variances) & (variances > 0.0)
-    chosen = np.flatnonzero(usable).tolist()
-    if names is not None:
-        chosen = [solution.parameters.index(name) for name in names]
-        for k in chosen:
-            if not usable[k]:
-                raise InputError(f"{solution.parameters.names[k]} is not estimated, or not determined")
-    if not 2 <= len(chosen) <= most:
-        raise InputError(f"{len(chosen)} parameters cannot be drawn; give 2 to {most} that are estimated")
-    return [solution.parameters.names[k] for k in chosen], solution.covariance[np.ix_(chosen, chosen)]
+    return [solution.parameters.names[k] for k in np.flatnonzero(usable)]
+
+
+def _about_the_position(solution: Solution) -> list[str]:
+    """The position's parameters and the few others that it is correlated with most; none where it is held."""
+    position = [name for name in _determined(solution) if _is_of_position(solution, name)]
+    most = len(position) + _MOST_BESIDE_POSITION if position else 0
+    return _position_and_others(solution, most, _WORTH_SHOWING)
+
+
+def _is_of_position(solution: Solution, name: str) -> bool:
+    return bool(solution.position_partials[:, solution.parameters.index(name)].any())
+
+
+def _position_and_others(solution: Solution, most: int, least_correlation: float = 0.0) -> list[str]:
+    """The position's parameters, then others, those first that it is correlated with most."""
+    names = _determined(solution)
+    position = np.array([_is_of_position(solution, name) for name in names], dtype=bool)
+    if not names:
+        return []
+    correlation = np.abs(_correlation(_covariance(solution, names)))
+    shared = np.where(position, 2.0, correlation[:, position].max(axis=1, initial=0.0))
+    order = np.argsort(-shared, kind="stable")[:most]
+    return [names[k] for k in order if shared[k] >= least_correlation]
+
+
+def _draw_profiles(ax: Axes, variances: Sequence[float], limit: float) -> None:
+    offset = np.linspace(-limit, limit, 201)
+    for variance, style in zip(variances, ({}, _DASHED), strict=False):
+        ax.plot(offset, offset**2 / variance, **{"color": COLORS[0]} | style)
+
+
+def _draw_ellipses(ax: Axes, covariances: Sequence[_Floats]) -> None:
+    for covariance, style in zip(covariances, ({}, _DASHED), strict=False):
+        variances, axes = np.linalg.eigh(covariance)
+        root = axes * np.sqrt(np.maximum(variances, 0.0))
+        for (label, factor), color in zip(_LEVELS.items(), COLORS, strict=False):
+            x, y = factor * root @ np.stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
+            note = f"{label} {_WITHOUT}" if style else label
+            ax.plot(x, y, **{"color": color, "label": note} | style)
+
+
+_DASHED = {"linestyle": "--", "linewidth": 0.8}
+
+
+def _correlation(covariance: _Floats) -> _Floats:
+    sigmas = np.sqrt(np.diag(covariance))
+    return np.asarray(covariance / sigmas / sigmas[:, None])
+
+
+def _covariance(solution: Solution, names: Sequence[str], level: Level = "total") -> _Floats:
+    chosen = [solution.parameters.index(name) for name in names]
+    return solution.parameter_covariance(level)[np.ix_(chosen, chosen)]
+
+
+def _require_drawable(solution: Solution, names: Sequence[str], most: int) -> None:
+    """Raise unless parameters are estimated and determined, and neither too few nor too many."""
+    usable = _determined(solution)
+    for name in names:
+        if solution.parameters[name].name not in usable:
+            raise InputError(f"{name} is not estimated, or not determined")
+    if not 2 <= len(names) <= most:
+        raise InputError(f"{len(names)} parameters cannot be drawn; give 2 to {most} that are estimated")

@@ -1,12 +1,17 @@
 """Correlations and contours of parameters as figures, and the solution as SINEX."""
 
+import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 import radioloc
-from radioloc.errors import InputError
+from radioloc.cli import main
+from radioloc.errors import ConvergenceError, InputError
+from radioloc.estimation.least_squares import FitStatus
+from radioloc.estimation.solution import TargetPosition
 from radioloc.report import plot_contours, plot_correlations, write_sinex
 
 APOLLO = Path(__file__).resolve().parents[3] / "examples" / "apollo15" / "apollo15.toml"
@@ -17,41 +22,197 @@ def solution():
     return radioloc.locate(radioloc.read_study(APOLLO))
 
 
+FREE_BIASES = APOLLO.parents[1] / "change5" / "free_biases.toml"
+COLUMNS = {  # of the lines of each block, from the first character on, as the format describes them
+    "SITE/ID": "1X,A4,1X,A2,1X,A9,1X,A1,1X,A22,1X,I3,1X,I2,1X,F4.1,1X,I3,1X,I2,1X,F4.1,1X,F7.1",
+    "SOLUTION/EPOCHS": "1X,A4,1X,A2,1X,A4,1X,A1,1X,A12,1X,A12,1X,A12",
+    "SOLUTION/ESTIMATE": "1X,I5,1X,A6,1X,A4,1X,A2,1X,A4,1X,A12,1X,A4,1X,A1,1X,E21.15,1X,E11.6",
+    "SOLUTION/MATRIX_ESTIMATE L COVA": "1X,I5,1X,I5,1X,E21.14,1X,E21.14,1X,E21.14",
+}
+COLUMNS["SOLUTION/APRIORI"] = COLUMNS["SOLUTION/ESTIMATE"]
+
+
+@pytest.fixture(scope="module")
+def with_biases(tmp_path_factory):
+    """A solution with range biases that have an a-priori sigma, and its SINEX file."""
+    folder = tmp_path_factory.mktemp("sinex")
+    text = FREE_BIASES.read_text().replace("change5.csv", f"{FREE_BIASES.parent}/change5.csv")
+    study = folder / "biases.toml"
+    study.write_text(text.replace("[estimate]", "[estimate]\nrange_bias_sigma_m = 300.0"))
+    assert main(["locate", str(study), "--quiet", "--sinex", str(folder / "biases.snx")]) == 0
+    return radioloc.locate(radioloc.read_study(study)), folder / "biases.snx"
+
+
+def blocks_of(path):
+    """Blocks of a SINEX file by name: fields of their lines, cut by columns."""
+    lines = path.read_text(encoding="ascii").splitlines()
+    assert lines[-1] == "%ENDSNX"
+    assert max(map(len, lines)) <= 80
+    found, inside = {}, None
+    for line in lines[1:-1]:
+        if line[0] == "+":
+            assert inside is None
+            inside, found[line[1:]] = line[1:], []
+        elif line[0] == "-":
+            assert line[1:] == inside
+            inside = None
+        elif line[0] == " " and inside in COLUMNS:
+            found[inside].append(fields(line, COLUMNS[inside]))
+    assert inside is None
+    return lines[0], found
+
+
+def fields(line, columns):
+    values, at = [], 0
+    for kind, width in re.findall(r"(\d?[XAIFE])(\d*)", columns):
+        if kind == "1X":
+            assert line[at : at + 1] in ("", " ")
+            at += 1
+            continue
+        text = line[at : at + int(width)].strip()
+        values.append({"A": str, "I": int, "F": float, "E": float}[kind](text) if text else None)
+        at += int(width)
+    assert at >= len(line)
+    return values
+
+
 def test_correlations(solution):
-    [image] = plot_correlations(solution).axes[0].get_images()
-    shown = np.asarray(image.get_array())
-    sigmas = solution.sigmas("scaled")
-    np.testing.assert_allclose(shown, solution.covariance / sigmas / sigmas[:, None], atol=1e-12)
+    ax = plot_correlations(solution).axes[0]
+    shown = np.asarray(ax.get_images()[0].get_array())
+    for level, part in (("total", np.tril), ("scaled", np.triu)):
+        sigmas = solution.sigmas(level)
+        coefficients = solution.parameter_covariance(level) / sigmas / sigmas[:, None]
+        np.testing.assert_allclose(part(shown), part(coefficients), atol=1e-12)
     assert shown[1, 2] > 0.99  # the card names this one
+    assert abs(shown[2, 1]) < 0.5  # considered errors of the Moon's place hide it
+    assert "upper right: without considered errors" in ax.get_title()
+
+
+def test_correlations_of_many_parameters_are_those_of_the_position(with_biases, monkeypatch):
+    monkeypatch.setattr("radioloc.report.parameter_figures._MOST_CORRELATED", 4)
+    ax = plot_correlations(with_biases[0]).axes[0]
+    names = [text.get_text() for text in ax.get_yticklabels()]
+    assert names[:3] == ["position.east", "position.north", "position.height"]
+    assert len(names) == 4
+    assert "4 of 6 parameters" in ax.get_title()
 
 
 def test_contours(solution):
     names = ["position.north", "position.height"]
     profile, pair, _ = plot_contours(solution, names).axes
-    x, chi2 = profile.get_lines()[0].get_data()
-    sigma = solution.sigmas("scaled")[1]
-    np.testing.assert_allclose(chi2, (x / sigma) ** 2, atol=1e-9)
-    inverse = np.linalg.inv(solution.covariance[1:, 1:])
-    for line, level in zip(pair.get_lines(), (1.0, -2.0 * np.log(0.05)), strict=True):
-        points = np.stack(line.get_data())
-        np.testing.assert_allclose(np.einsum("im,ij,jm->m", points, inverse, points), level, rtol=1e-6)
+    for line, level in zip(profile.get_lines(), ("total", "scaled"), strict=True):
+        x, chi2 = line.get_data()
+        np.testing.assert_allclose(chi2, (x / solution.sigmas(level)[1]) ** 2, atol=1e-9)
+    lines = pair.get_lines()
+    assert [line.get_label() for line in lines[2:]] == [
+        "1 sigma without considered errors",
+        "95 % without considered errors",
+    ]
+    for level, drawn in (("total", lines[:2]), ("scaled", lines[2:])):
+        inverse = np.linalg.inv(solution.parameter_covariance(level)[1:, 1:])
+        for line, factor in zip(drawn, (1.0, -2.0 * np.log(0.05)), strict=True):
+            points = np.stack(line.get_data())
+            np.testing.assert_allclose(np.einsum("im,ij,jm->m", points, inverse, points), factor, rtol=1e-6)
     with pytest.raises(InputError, match=r"1 parameters cannot be drawn; give 2 to 8"):
         plot_contours(solution, names[:1])
+    with pytest.raises(InputError, match=r"there is no parameter 'range_bias\.APOLLO'"):
+        plot_contours(solution, ["position.north", "range_bias.APOLLO"])
+
+
+def test_contours_are_of_the_position_and_what_it_is_correlated_with(with_biases):
+    solution = with_biases[0]
+    figure = plot_contours(solution)
+    names = [ax.get_xlabel().partition(",")[0] for ax in figure.axes if ax.get_xlabel()]
+    total = solution.parameter_covariance()
+    correlation = np.abs(total / np.sqrt(np.outer(np.diag(total), np.diag(total))))[3:, :3].max(axis=1)
+    order = (3 + np.argsort(-correlation)).tolist()
+    expected = [solution.parameters.names[k] for k in order if correlation[k - 3] > 0.5]
+    assert names[3:] == expected
+    assert expected
+
+
+def test_a_folder_has_correlations_and_contours(tmp_path):
+    assert main(["locate", str(APOLLO), "--quiet", "--out", str(tmp_path)]) == 0
+    drawn = {path.name for path in tmp_path.glob("co*")}
+    assert drawn == {"correlations.png", "correlations.svg", "contours.png", "contours.svg"}
+    # Nothing was estimated: they would be of an earlier result.
+    assert main(["residuals", str(APOLLO), "--quiet", "--out", str(tmp_path)]) == 0
+    assert not list(tmp_path.glob("co*"))
 
 
 def test_sinex(solution, tmp_path):
-    lines = write_sinex(solution, tmp_path / "a.snx").read_text().splitlines()
-    assert lines[0] == "%=SNX 2.02 RLC 07:170:09515 RLC 06:097:23190 07:170:09515 C 00003 2 S"
-    assert lines[-1] == "%ENDSNX"
-    at = lines.index("+SOLUTION/ESTIMATE") + 2
-    found = [line.split() for line in lines[at : at + 3]]
-    np.testing.assert_allclose([float(one[-2]) for one in found], solution.position_pa_m, rtol=1e-14)
-    begin = lines.index("+SOLUTION/MATRIX_ESTIMATE L COVA") + 2
-    covariance = np.zeros((3, 3))
-    for line in lines[begin : begin + 3]:
-        row, column, *values = line.split()
-        covariance[int(row) - 1, int(column) - 1 : int(column) - 1 + len(values)] = [float(v) for v in values]
-    np.testing.assert_allclose(covariance, np.tril(solution.position_covariance("pa")), rtol=1e-12)
-    assert max(map(len, lines)) <= 80
+    header, found = blocks_of(write_sinex(solution, tmp_path / "a.snx"))
+    assert header == "%=SNX 2.02 RLC 00:000:00000 RLC 06:097:23190 07:170:09515 C 00003 2 S"
+    estimate = found["SOLUTION/ESTIMATE"]
+    assert [line[:5] for line in estimate] == [
+        [k, axis, "APOL", "A", "1"] for k, axis in enumerate(("STAX", "STAY", "STAZ"), 1)
+    ]
+    np.testing.assert_allclose([line[-2] for line in estimate], solution.position_pa_m, rtol=1e-14)
+    sigmas_m = np.sqrt(np.diag(solution.position_covariance("pa")))
+    np.testing.assert_allclose([line[-1] for line in estimate], sigmas_m, rtol=1e-5)
+    # The place by degrees, minutes and seconds is good to a tenth of a second, 1 m.
+    [(_, _, _, _, _, *place, height_m)] = found["SITE/ID"]
+    longitude_deg, latitude_deg, expected_m = solution.selenographic
+    assert np.dot(place[:3], (1.0, 1.0 / 60.0, 1.0 / 3600.0)) == pytest.approx(longitude_deg, abs=2e-5)
+    assert np.dot(place[3:], (1.0, 1.0 / 60.0, 1.0 / 3600.0)) == pytest.approx(latitude_deg, abs=2e-5)
+    assert height_m == pytest.approx(expected_m, abs=0.051)
+    assert "SOLUTION/APRIORI" not in found
+
+
+def test_sinex_of_several_parameters(with_biases):
+    solution, path = with_biases
+    header, found = blocks_of(path)
+    assert header.endswith(" C 00006 1 S")
+    estimate = found["SOLUTION/ESTIMATE"]
+    assert [(line[1], line[2], line[6], line[7]) for line in estimate[3:]] == [
+        ("RBIAS", "JIAM", "m", "1"),
+        ("RBIAS", "KASH", "m", "1"),
+        ("RBIAS", "NEUQ", "m", "1"),
+    ]
+    np.testing.assert_allclose([line[-2] for line in estimate[3:]], solution.values[3:], rtol=1e-13)
+    assert [(line[0], *line[-2:]) for line in found["SOLUTION/APRIORI"]] == [
+        (4, 0.0, 300.0),
+        (5, 0.0, 300.0),
+        (6, 0.0, 300.0),
+    ]
+    covariance = np.zeros((6, 6))
+    for row, column, *values in found["SOLUTION/MATRIX_ESTIMATE L COVA"]:
+        given = [value for value in values if value is not None]
+        covariance[row - 1, column - 1 : column - 1 + len(given)] = given
+    assert not np.triu(covariance, 1).any()
+    covariance += np.tril(covariance, -1).T
+    np.testing.assert_allclose([line[-1] for line in estimate], np.sqrt(np.diag(covariance)), rtol=1e-5)
+    # In east, north and height, of which the solution's parameters are small changes.
+    turn = np.eye(6)
+    turn[:3, :3] = np.linalg.inv(solution.position_partials[:, :3])
+    np.testing.assert_allclose(
+        turn @ covariance @ turn.T, solution.parameter_covariance(), rtol=1e-6, atol=1e-6
+    )
+
+
+def test_sinex_of_several_targets(solution, tmp_path):
+    """Two names that begin alike, and an error of the ephemeris that moves both targets."""
+    first = TargetPosition("apollo11", solution.position_pa_m, solution.position_partials)
+    both = replace(
+        solution,
+        targets=(first, TargetPosition("apollo15", *(1.01 * first.position_pa_m, first.position_partials))),
+        ephemeris_sigma_enu_m=np.array([1.0, 2.0, 3.0]),
+    )
+    _, found = blocks_of(write_sinex(both, tmp_path / "a.snx"))
+    assert [(line[1], line[2]) for line in found["SOLUTION/ESTIMATE"]] == [
+        (axis, code) for code in ("AP11", "AP15") for axis in ("STAX", "STAY", "STAZ")
+    ]
+    sigmas_m = np.sqrt(np.diag(both.position_covariance("pa")))
+    np.testing.assert_allclose(
+        [line[-1] for line in found["SOLUTION/ESTIMATE"]], np.tile(sigmas_m, 2), rtol=1e-5
+    )
+    matrix = {(row, column): values for row, column, *values in found["SOLUTION/MATRIX_ESTIMATE L COVA"]}
+    np.testing.assert_allclose(matrix[4, 1], both.position_covariance("pa")[0], rtol=1e-12)
+
+
+def test_solutions_without_a_position_have_no_sinex(solution, tmp_path):
     with pytest.raises(InputError, match="this solution has none"):
         write_sinex(radioloc.residuals(radioloc.read_study(APOLLO)), tmp_path / "b.snx")
+    with pytest.raises(ConvergenceError, match="has not converged"):
+        write_sinex(replace(solution, status=FitStatus.UNOBSERVABLE), tmp_path / "b.snx")
+    assert not list(tmp_path.iterdir())

@@ -8,11 +8,12 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from functools import cached_property
 from importlib.metadata import entry_points
 from typing import Any, Protocol, TypeVar
 
-from radioloc.errors import PluginWarning
+from radioloc.errors import InputError, PluginWarning, RadiolocError
 
 
 class Named(Protocol):
@@ -92,3 +93,20 @@ def with_plugins(group: str, kind: type[T], own: Iterable[T]) -> dict[str, T]:
         text = f"{point.value} of the entry points {group} {problem}; it is left out"
         warnings.warn(text, PluginWarning, stacklevel=2)
     return registry
+
+
+@contextmanager
+def named_where_it_fails(entry: str, function: str) -> Iterator[None]:
+    """Tell an exception in a function of an entry, as in one of another package, in one line that names both.
+
+    Errors of the library and of files tell enough themselves.
+    """
+    try:
+        yield
+    except (RadiolocError, OSError, MemoryError):
+        raise
+    except Exception as error:
+        raise InputError(
+            f"the {entry} cannot be used: {function} fails with {type(error).__name__}: {error}; "
+            "mend the package that it is from, or leave it out"
+        ) from error

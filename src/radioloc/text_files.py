@@ -26,18 +26,24 @@ _GZIP_MAGIC = b"\x1f\x8b"
 _COMPRESS_MAGIC = b"\x1f\x9d"
 
 
-def read_lines(path: str | Path, *, encoding: str = "utf-8-sig") -> Iterator[str]:
+def read_lines(path: str | Path, *, encoding: str = "utf-8-sig", ended: bool = False) -> Iterator[str]:
     """Lines of a text file, plain or gzip, without line ends, of which only a piece is in memory.
 
     Encoding and errors as :func:`read_text`; what is wrong further down is told when it is reached. Behind a line end
-    that ends the file comes an empty line.
+    that ends the file comes an empty line. A last line that must be `ended` and is not is a :class:`FileFormatError`:
+    where it was cut inside its last number, that is another number.
     """
-    last = ""
-    for _, block in read_blocks(path, encoding=encoding):
+    last, number = "", 1
+    for first_line, block in read_blocks(path, encoding=encoding):
         lines = block.decode(_within(encoding)).split("\n")
-        last = lines.pop()
+        last, number = lines.pop(), first_line + len(lines)
         yield from lines
+    if ended and last.strip():
+        raise FileFormatError(path, CUT_LINE.format("number"), number)
     yield last
+
+
+CUT_LINE = "the last line has no line end: its {} may be cut; end the line if it is whole"
 
 
 def read_text(path: str | Path, *, encoding: str = "utf-8-sig") -> str:

@@ -9,15 +9,26 @@ import re
 import subprocess
 import sys
 import tomllib
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from quick import some
 
 import radioloc
+from radioloc.cli import main
+from radioloc.errors import InputError
+from radioloc.io.detect import READERS
+from radioloc.measurements import Geometry
+from radioloc.measurements.combined_predictor import expanded
+from radioloc.measurements.registry import MEASUREMENTS
+from radioloc.media.registry import MEDIA
+from radioloc.parameters.registry import PARAMETERS
 
 ROOT = Path(__file__).resolve().parents[2]
+SHORT_ARC = ROOT / "examples" / "change5" / "short_arc.toml"
 PACKAGE = ROOT / "tests" / "data" / "plugin_package"
 LANDER = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
 BIAS_M_RAD = {"KASHI": 2.5, "JIAMUSI": -1.25}
@@ -190,3 +201,56 @@ def test_broken_plugins_give_one_warning_each_and_are_left_out(tmp_path):
     ):
         assert own in first.split()
         assert first == second
+
+
+FAILING = {
+    "parameter": (PARAMETERS, "station_position", ("considered", "acts_on", "partials")),
+    "medium": (MEDIA, "antenna_axis_offset", ("prepare", "delay")),
+    "reader": (READERS, "table of observations", ("looks_like", "read")),
+}
+"""Entries of registries, with functions of theirs."""
+
+
+@pytest.mark.parametrize(
+    ("what", "function"),
+    [(what, function) for what, (_, _, functions) in FAILING.items() for function in functions],
+)
+def test_what_fails_in_an_entry_of_a_registry_is_one_line_that_names_it(what, function, monkeypatch, capsys):
+    def fails(*_):
+        raise KeyError("radome")
+
+    registry, name, _ = FAILING[what]
+    members = ("name", "description", "limits_rad", "prepare", "delay")
+    entry = registry[name]
+    if what == "medium":
+        broken = SimpleNamespace(**{member: getattr(entry, member) for member in members} | {function: fails})
+    else:
+        broken = replace(entry, **{function: fails})
+    monkeypatch.setitem(registry._made, name, broken)
+    assert main(["locate", str(SHORT_ARC), "--quiet"]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line.removeprefix("radioloc: ").removeprefix("[consider] ") == (
+        f"the {what} {name} cannot be used: {function} fails with KeyError: 'radome'; "
+        "mend the package that it is from, or leave it out"
+    )
+
+
+def test_parts_that_fail_are_named(monkeypatch):
+    broken = replace(MEASUREMENTS["range"], geometry=Geometry.COMBINED, parts=lambda link: {}["radome"])
+    monkeypatch.setitem(MEASUREMENTS._made, "range", broken)
+    words = "the type of measurement range cannot be used: parts fails with KeyError: 'radome'"
+    with pytest.raises(InputError, match=words):
+        expanded(radioloc.read_observations(SHORT_ARC.with_suffix(".csv")))
+
+
+def test_sigmas_that_are_none_are_one_line(monkeypatch, capsys):
+    name = "station_position"
+    monkeypatch.setitem(
+        PARAMETERS._made, name, replace(PARAMETERS[name], considered=lambda rows, members: None)
+    )
+    assert main(["locate", str(SHORT_ARC), "--quiet"]) == 2
+    [line] = capsys.readouterr().err.splitlines()
+    assert line == (
+        "radioloc: [consider] considered of station_position gives a NoneType; it needs sigmas by member, or why there "
+        "are none"
+    )

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import math
 import re
+import warnings
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,8 +17,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import FileFormatError, InputError
-from radioloc.text_files import read_blocks
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.text_files import CUT_LINE, read_blocks
 from radioloc.units import in_unit
 
 CONSTITUENTS = ("M2", "S2", "N2", "K2", "K1", "O1", "P1", "Q1", "MF", "MM", "SSA")
@@ -25,6 +26,7 @@ CONSTITUENTS = ("M2", "S2", "N2", "K2", "K1", "O1", "P1", "Q1", "MF", "MM", "SSA
 
 _ROWS = ("radial amplitude", "EW amplitude", "NS amplitude", "radial phase", "EW phase", "NS phase")
 _LARGEST_AMPLITUDE_M = 0.3
+_END = re.compile(r"\$\$\s*END TABLE")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,13 +65,15 @@ def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
     """Read a file in BLQ layout, plain or gzip, as the ocean tide loading provider sends it: coefficients by site.
 
     Lines that start with ``$$`` are comments, of which the column order and the tide model are used. The head of an
-    e-mail and what follows ``$$ END TABLE`` are left aside.
+    e-mail and what follows ``$$ END TABLE`` are left aside. A file with the column order and without that mark is read
+    with a :class:`~radioloc.errors.DataQualityWarning`: what is left of one that was cut between two sites is whole.
 
     Raises
     ------
     FileFormatError
         The file cannot be read, the columns are in another order, a record is cut short or has other than eleven
-        numbers in a row, a number cannot be read or is impossible, a site appears twice, or there is none.
+        numbers in a row, the last line has no end, a number cannot be read or is impossible, a site appears twice, or
+        there is none.
     """
     # Names of sites and models may be in any encoding: what is no UTF-8 in them is replaced.
     content = b"".join(block for _, block in read_blocks(path, encoding="latin-1"))
@@ -82,9 +86,12 @@ def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:
     header_source = "ocean tide model not named in the file"
     name, name_line, source = "", 0, ""
     rows: list[list[float]] = []
+    end_expected = False
+    ended = any(_END.match(line) for line in text.splitlines())
     for number, line in _table_lines(text):
         if line.startswith("$$"):
             order = re.search(r"COLUMN ORDER:\s*(.*)", line, re.IGNORECASE)
+            end_expected = end_expected or order is not None
             if order and tuple(order[1].upper().split()) != CONSTITUENTS:
                 problem = f"columns are {order[1].strip()!r}, but only {' '.join(CONSTITUENTS)!r} can be read"
                 raise FileFormatError(path, problem, number)
@@ -115,6 +122,13 @@ def parse_blq(text: str, path: str | Path) -> dict[str, BlqCoefficients]:
         raise FileFormatError(
             path, "there is no site in it; a BLQ record is a name and six rows of eleven numbers"
         )
+    if not (ended or text.endswith(("\n", "\r"))):
+        raise FileFormatError(path, CUT_LINE.format("number"), len(text.splitlines()))
+    if end_expected and not ended:
+        missing = (
+            f"{path} has no line $$ END TABLE; if it was cut, sites are missing: it has {', '.join(sites)}"
+        )
+        warnings.warn(missing, DataQualityWarning, stacklevel=3)
     return sites
 
 
@@ -122,7 +136,7 @@ def _table_lines(text: str) -> Iterator[tuple[int, str]]:
     """Yield number and content of the lines that belong to the table, blank ones left out."""
     in_mail_head = True
     for number, line in enumerate(text.splitlines(), start=1):
-        if re.match(r"\$\$\s*END TABLE", line):
+        if _END.match(line):
             return
         in_mail_head = in_mail_head and (not line.strip() or bool(re.match(r"[A-Za-z-]+\s*:", line)))
         if line.strip() and not in_mail_head:

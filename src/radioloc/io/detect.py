@@ -15,7 +15,7 @@ from radioloc.io.parquet import read_parquet
 from radioloc.io.table import looks_like_table, read_table
 from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm
 from radioloc.measurements.observations import Observations
-from radioloc.plugins import registry
+from radioloc.plugins import named_where_it_fails, registry
 from radioloc.text_files import head_of, read_text
 
 _HEAD_BYTES = 65536
@@ -170,7 +170,10 @@ def read_observations(
             groups.append((reader, [file]))
         else:
             same.append(file)
-    parts = [reader.read(group, settings) for reader, group in groups]
+    parts = []
+    for reader, group in groups:
+        with named_where_it_fails(f"reader {reader.name}", "read"):
+            parts.append(reader.read(group, settings))
     if len(parts) == 1:
         return parts[0]
     return without_duplicates(Observations.concatenate(parts))
@@ -178,7 +181,11 @@ def read_observations(
 
 def _reader_of(path: str | Path) -> Reader:
     def of_content(content: bytes) -> Reader | None:
-        return next((reader for reader in READERS.values() if reader.looks_like(content)), None)
+        for reader in READERS.values():
+            with named_where_it_fails(f"reader {reader.name}", "looks_like"):
+                if reader.looks_like(content):
+                    return reader
+        return None
 
     if (reader := of_content(head_of(path, _HEAD_BYTES))) is not None:
         return reader

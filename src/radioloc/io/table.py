@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from radioloc.errors import FileFormatError
 from radioloc.io.checks import Catalogue
 from radioloc.measurements.observations import Observations
-from radioloc.text_files import read_blocks
+from radioloc.text_files import CUT_LINE, read_blocks
 
 # A line that begins with a lower or a higher character may be blank or a comment.
 _HASH, _DELETE, _NEW_LINE = 0x23, 0x7F, 0x0A
@@ -80,10 +80,7 @@ def _from_blocks(
         if not block.endswith(b"\n") and len(line) and header[-1] not in ("type", "path", "time_tag"):
             last = first_line + block.count(b"\n")
             if line[-1] == last:
-                problem = (
-                    f"the last line has no line end: its {header[-1]} may be cut; end the line if it is whole"
-                )
-                raise FileFormatError(path, problem, last)
+                raise FileFormatError(path, CUT_LINE.format(header[-1]), last)
     if not header:
         raise FileFormatError(path, "has no header line; name the columns (epoch_utc,type,path,...)", 1)
     return reader.observations(lunar=lunar)

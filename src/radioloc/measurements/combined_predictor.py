@@ -20,6 +20,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, kind_of
 from radioloc.media.status import first_of
+from radioloc.plugins import named_where_it_fails
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -46,7 +47,8 @@ def expanded(observations: Observations) -> tuple[Observations, Combinations]:
     for code in pairs.tolist():
         kind, link = KINDS[code // len(links)], links[code % len(links)]
         split = MEASUREMENTS[kind].parts
-        parts.append((Part(1.0, kind, link),) if split is None else split(link))
+        with named_where_it_fails(f"type of measurement {kind}", "parts"):
+            parts.append((Part(1.0, kind, link),) if split is None else tuple(split(link)))
     flat = [part for group in parts for part in group]
     simple_links: dict[Link, int] = {}
     link_code = np.array(

@@ -37,7 +37,7 @@ from radioloc.measurements.light_path import (
     path_length_partials,
     solve_light_path,
 )
-from radioloc.measurements.line_of_sight import LineOfSight, line_of_sight
+from radioloc.measurements.line_of_sight import LineOfSight, line_of_sight, prepared_media
 from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -107,7 +107,7 @@ class ExactPredictor(Predictor):
         # A one-way signal begins with the bounce.
         sent = np.where(one_way & (self._paths.tag == TRANSMIT), BOUNCE, self._paths.tag)
         self._tag = np.where(differenced, TRANSMIT, sent).astype(np.int8)
-        self._media = tuple({m.name: m.prepare(end) for m in model.media} for end in self._ends())
+        self._media = tuple(prepared_media(model.media, end) for end in self._ends())
         ends = self._transmitter, self._receiver
         self._equipment = model.delays.on_paths(self.stations, *ends, self._tag, self._sign, model.terms)
         self._reference = Epochs.from_jd(

@@ -13,8 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.measurements.lunar_motion import behind_moon
-from radioloc.media.medium import Leg, Medium
+from radioloc.media.medium import Leg, LegEnd, Medium
 from radioloc.media.status import Status, first_of
+from radioloc.plugins import named_where_it_fails
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -27,6 +28,15 @@ class LineOfSight:
     by_position: NDArray[np.float64]  # to the target's position, celestial axes, shape (n, 3),
     by_zenith_wet: NDArray[np.float64]  # and to the wet delay at the zenith, m/m
     status: NDArray[np.int8]  # radioloc.media.status.Status: whether the model holds, or why not
+
+
+def prepared_media(media: Iterable[Medium], end: LegEnd) -> dict[str, Any]:
+    """What each medium has prepared for legs at one end, by name."""
+    prepared = {}
+    for medium in media:
+        with named_where_it_fails(f"medium {medium.name}", "prepare"):
+            prepared[medium.name] = medium.prepare(end)
+    return prepared
 
 
 def line_of_sight(
@@ -46,7 +56,8 @@ def line_of_sight(
     by_position: NDArray[np.float64] | float = 0.0
     status = np.zeros(n, dtype=np.int8)
     for medium in media:
-        found = medium.delay(leg, prepared.get(medium.name))
+        with named_where_it_fails(f"medium {medium.name}", "delay"):
+            found = medium.delay(leg, prepared.get(medium.name))
         if found is None:
             continue
         for total, name in zip(sums, names, strict=True):

@@ -10,6 +10,9 @@ Two kinds of file are read, plain or gzip:
   the ellipsoid, and the two zenith delays at the height of the file ``orography_ell_1x1`` or ``_5x5``. From there they
   are taken to the station's height. Gradients in the maps ``V3GR_20240101.H00`` are left aside.
 
+Neither has an end mark. A file of sites that was cut lacks epochs or stations, an error where they are wanted; its last
+columns are not used. A map that was cut fills no grid, or its last line has no end.
+
 Epochs are UTC. The hydrostatic delay at the zenith of these files is some 2.5 mm above that which the formula of
 Saastamoinen gives for their pressure, for other constants of refractivity; the wet delay is good to 1 to 2 cm.
 """
@@ -166,7 +169,7 @@ def _read_map(path: Path) -> tuple[float, NDArray[np.float64]]:
     """Epoch, MJD UTC, and rows of latitude, longitude, both a and zenith delays of one map."""
     header: dict[str, tuple[int, str]] = {"Data_types": (1, ""), "Scale_factor": (1, "1")}
     rows = []
-    for number, line in enumerate(read_lines(path, encoding=ENCODING), start=1):
+    for number, line in enumerate(read_lines(path, encoding=ENCODING, ended=True), start=1):
         if line.lstrip().startswith("!"):
             key, _, text = line.lstrip(" !").partition(":")
             header[key.strip()] = number, text.strip()

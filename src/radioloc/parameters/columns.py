@@ -9,10 +9,11 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError, RadiolocError
+from radioloc.errors import InputError
 from radioloc.measurements.predictor import Predictor
 from radioloc.parameters.kind import ParameterKind, Scope
 from radioloc.parameters.rows import ObservationRows
+from radioloc.plugins import named_where_it_fails
 from radioloc.time import utc_strings
 
 PASS_GAP_H = 4.0
@@ -65,16 +66,8 @@ class Columns:
 
 
 def _asked(kind: ParameterKind, what: Literal["partials", "acts_on"], rows: ObservationRows) -> NDArray[Any]:
-    """What a function of a kind gives; an exception in it, as in one of another package, is named with the kind."""
-    try:
+    with named_where_it_fails(f"parameter {kind.name}", what):
         return np.asarray(getattr(kind, what)(rows))
-    except RadiolocError:
-        raise
-    except Exception as error:
-        raise InputError(
-            f"the parameter {kind.name} cannot be used: {what} fails with {type(error).__name__}: {error}; "
-            "mend the package that it is from, or leave the parameter out"
-        ) from error
 
 
 def owners(scope: Scope, rows: ObservationRows) -> NDArray[np.int32]:

@@ -17,6 +17,7 @@ from radioloc.parameters.columns import members
 from radioloc.parameters.kind import Amount, ParameterKind, Scope
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
+from radioloc.plugins import named_where_it_fails
 
 _LINKS, _STATIONS = (Scope.LINK, Scope.LINK_AND_PASS), (Scope.STATION, Scope.PASS)
 
@@ -96,11 +97,17 @@ def _resolved(
     ]
     default: Mapping[str, Amount] = {}
     if kind.considered is not None and present and (choice.sigma is None or by_name):
-        known = kind.considered(rows, present)
+        with named_where_it_fails(f"parameter {kind.name}", "considered"):
+            known = kind.considered(rows, present)
         if isinstance(known, str):
             notes.append(f"{kind.name} is not considered: {known}")
-        else:
+        elif isinstance(known, Mapping):
             default = known
+        else:
+            raise InputError(
+                f"considered of {kind.name} gives a {type(known).__name__}; "
+                "it needs sigmas by member, or why there are none"
+            )
     of_all: Any = None if by_name else choice.sigma
     sigmas = {**default, **stated} if of_all is None else dict.fromkeys(present, of_all)
     chosen = [name for name in present if name not in taken and (listed is None or name in listed)]

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -185,7 +185,7 @@ def _draw_ellipses(ax: Axes, covariances: Sequence[_Floats]) -> None:
             ax.plot(x, y, **{"color": color, "label": note} | style)
 
 
-_DASHED = {"linestyle": "--", "linewidth": 0.8}
+_DASHED: dict[str, Any] = {"linestyle": "--", "linewidth": 0.8}
 
 
 def _correlation(covariance: _Floats) -> _Floats:

@@ -5,12 +5,14 @@ import pytest
 from earth_files import BLQ_RECORD, BLQ_ROWS
 
 from radioloc.earth.blq import CONSTITUENTS, BlqCoefficients, parse_blq, read_blq
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 
 
 def test_reads_a_record(tmp_path: Path) -> None:
     path = tmp_path / "my.blq"
-    path.write_text("$$ COLUMN ORDER:  M2 S2 N2 K2 K1 O1 P1 Q1 MF MM SSA\n$$\n" + BLQ_RECORD)
+    path.write_text(
+        "$$ COLUMN ORDER:  M2 S2 N2 K2 K1 O1 P1 Q1 MF MM SSA\n$$\n" + BLQ_RECORD + "$$ END TABLE\n"
+    )
     sites = read_blq(path)
     assert list(sites) == ["ONSALA"]
     onsala = sites["ONSALA"]
@@ -55,6 +57,26 @@ def test_refuses(text: str, line: int | None, message: str) -> None:
         parse_blq(text, "bad.blq")
     assert caught.value.line == line
     assert "bad.blq" in str(caught.value)
+
+
+def test_a_file_that_was_cut_is_told(tmp_path: Path) -> None:
+    """Wherever it is cut behind the heading: an error, a warning, or nothing but the end mark is missing."""
+    path = tmp_path / "cut.blq"
+    head = "$$ COLUMN ORDER:  M2 S2 N2 K2 K1 O1 P1 Q1 MF MM SSA\n"
+    whole = head + BLQ_RECORD + BLQ_RECORD.replace("ONSALA", "KASHI") + "$$ END TABLE\n"
+    between = len(head + BLQ_RECORD)
+    path.write_text(whole)
+    assert list(read_blq(path)) == ["ONSALA", "KASHI"]
+    for length in range(len(head) + 1, whole.index("$$ END TABLE")):
+        path.write_text(whole[:length])
+        if length == between:
+            with pytest.warns(
+                DataQualityWarning, match="no line .. END TABLE; if it was cut, .* it has ONSALA$"
+            ):
+                assert list(read_blq(path)) == ["ONSALA"]
+        else:
+            with pytest.raises(FileFormatError, match=r"cut\.blq"):
+                read_blq(path)
 
 
 def test_coefficients_need_their_shape() -> None:

@@ -102,6 +102,30 @@ def test_damaged_file_of_sites(tmp_path: Path, old: str, new: str, line: int, wh
     assert caught.value.line == line
 
 
+def test_a_file_of_sites_that_was_cut_gives_no_other_values(tmp_path: Path) -> None:
+    """Wherever it is cut: the same values at an epoch, or an error there."""
+    whole = read_vmf3_sites([written(tmp_path / "whole", VMF3_SITES)])
+    start = VMF3_SITES.index("GRAZ")
+    refused = same = 0
+    for length in range(start + 1, len(VMF3_SITES), 3):
+        path = written(tmp_path / "cut", VMF3_SITES[:length])
+        try:
+            cut = read_vmf3_sites([path])
+        except FileFormatError:
+            continue
+        for station in cut:
+            epoch = epochs_from_strings(["2024-01-01T08:00:00"])
+            try:
+                found = cut[station].at(epoch)
+            except CoverageError:
+                refused += 1
+                continue
+            np.testing.assert_array_equal(found.zenith_wet_m, whole[station].at(epoch).zenith_wet_m)
+            same += 1
+    assert refused > 0
+    assert same > 0
+
+
 def test_nothing_to_read(tmp_path: Path) -> None:
     with pytest.raises(FileFormatError, match="is empty"):
         read_vmf3_sites([written(tmp_path / "empty", "\n")])
@@ -166,7 +190,8 @@ def test_map_with_gradients_and_along_a_parallel(tmp_path: Path, maps: tuple[lis
         (vmf3_map_text(0).replace("0.00055000", "0.5", 1), 7, "ah, aw, zhd, zwd are"),
         (vmf3_map_text(0).replace("0.00055000", "", 1), 7, "5 columns"),
         (vmf3_map_text(0).replace("87.5   2.5 0", "87.5   7.5 0", 1), None, "do not fill a grid"),
-        ("\n".join(vmf3_map_text(0).splitlines()[:6]), None, "no point"),
+        ("".join(vmf3_map_text(0).splitlines(keepends=True)[:6]), None, "no point"),
+        (vmf3_map_text(0)[:-2], len(vmf3_map_text(0).splitlines()), "the last line has no line end"),
     ],
 )
 def test_damaged_map(tmp_path: Path, text: str, line: int | None, what: str) -> None:
@@ -180,7 +205,7 @@ def test_maps_that_do_not_go_together(tmp_path: Path, maps: tuple[list[Path], Pa
     paths, orography = maps
     with pytest.raises(FileFormatError, match=r"has the epoch MJD 60310.25 of .*H06"):
         read_vmf3_grids([paths[0], paths[0]], orography)
-    other = written(tmp_path / "VMF3.H12", "\n".join(vmf3_map_text(12).splitlines()[:-1]))
+    other = written(tmp_path / "VMF3.H12", "".join(vmf3_map_text(12).splitlines(keepends=True)[:-1]))
     with pytest.raises(FileFormatError, match="has other points than"):
         read_vmf3_grids([paths[0], other], orography)
     short = written(tmp_path / "orography_ell_1x1", orography_text()[:-7])

@@ -7,16 +7,39 @@ mean-Earth axes, m, unless a name says otherwise.
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.frames import read_frame
+from radioloc.imaging.isd import SupportData, read_isd, write_isd
 from radioloc.imaging.maps import Map, TangentPlane
+from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
+from radioloc.imaging.sensor_models import (
+    FrameModel,
+    LineScanModel,
+    ground_to_image,
+    image_to_ground,
+    image_to_ground_and_partials,
+)
 from radioloc.imaging.stereo import StereoPair, body_position, resect
+from radioloc.imaging.surfaces import Plane, Sphere
 
 __all__ = [
     "Camera",
+    "ConstantOrientation",
     "Distortion",
+    "FrameModel",
+    "LineScanModel",
     "Map",
+    "Plane",
+    "PolynomialOrientation",
+    "Sphere",
     "StereoPair",
+    "SupportData",
+    "TabulatedOrientation",
     "TangentPlane",
     "body_position",
+    "ground_to_image",
+    "image_to_ground",
+    "image_to_ground_and_partials",
     "read_frame",
+    "read_isd",
     "resect",
+    "write_isd",
 ]

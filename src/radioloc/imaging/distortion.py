@@ -131,6 +131,7 @@ class Distortion:
                 active = active[~done & np.isfinite(step).all(axis=-1)]
                 if not len(active):
                     break
+        points[~valid] = target[~valid]
         return points, derivatives, valid
 
 

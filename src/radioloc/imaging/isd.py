@@ -1,0 +1,398 @@
+"""Image support data of USGS (ISD, JSON): sensor models in and out.
+
+The files are those that ALE writes and the Community Sensor Models of USGS (``usgscsm``) read. Their pixels have 0.5 at
+the centre of the first one, samples, lines and a detector's centre alike; half a pixel is taken off here. Lengths are
+kilometres, on the focal plane millimetres; epochs are TDB seconds since J2000; quaternions and constant rotations turn
+vectors from J2000 to the camera or the Moon.
+"""
+
+from __future__ import annotations
+
+import json
+import warnings
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc import vectors
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.imaging.cameras import Camera
+from radioloc.imaging.distortion import KINDS, Distortion
+from radioloc.imaging.moon_axes import rot_j2000_to_me
+from radioloc.imaging.orientation import (
+    ConstantOrientation,
+    TabulatedOrientation,
+    interpolated_rotations,
+    matrices_of,
+    quaternions_of,
+)
+from radioloc.imaging.sensor_models import FrameModel, LineScanModel
+from radioloc.text_files import read_text
+
+Floats = NDArray[np.float64]
+
+_FRAME, _LINE_SCAN = "USGS_ASTRO_FRAME_SENSOR_MODEL", "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"
+_UNITS_M = {"m": 1.0, "km": 1e3}
+_CSM_CENTRE = 0.5  # of the first pixel
+_AXES = {
+    31001: "ME_DE421",
+    31007: "ME_DE421",
+    31006: "PA_DE421",
+    31008: "PA_DE440",
+    31009: "ME_DE421",
+    10020: "IAU_MOON",
+}
+"""NAIF's codes of axes (31009 leads from DE440 to the mean-Earth axes of DE421)."""
+
+_STATE_STEP_S = 1e-3
+_NODES_WRITTEN = 401
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class SupportData:
+    """What an ISD says of one image."""
+
+    model: FrameModel | LineScanModel
+    radius_m: float  # of the sphere that the ISD has for the Moon
+    epoch_tdb_s: float  # TDB seconds since J2000, from which the model's times count
+    sun_m: Floats | None = None  # in the model's axes, shape (3,)
+    platform: str = ""
+    sensor: str = ""
+
+
+def read_isd(path: str | Path, *, axes: str | None = None) -> SupportData:
+    """Read the sensor model of an image from its support data.
+
+    Parameters
+    ----------
+    path : path-like
+        An ISD (JSON), plain or gzip, of a frame or a line-scan camera.
+    axes : str, optional
+        ``"ME_DE421"`` turns from J2000 to the Moon by the lunar orientation of DE421 instead of by the file's own
+        rotation: for files in axes that maps are not in, such as the IAU's mean rotation, up to 155 m away.
+
+    Raises
+    ------
+    FileFormatError
+        No such file, no JSON, a key that is missing or has no usable value (it is named), another kind of sensor.
+
+    Examples
+    --------
+    >>> from radioloc.imaging import read_isd  # doctest: +SKIP
+    >>> read_isd("M102128467LE.json").model.axes  # doctest: +SKIP
+    'ME_DE421'
+    """
+    if axes not in (None, "ME_DE421"):
+        raise InputError(f"axes = {axes!r} is not known; use 'ME_DE421', or leave it out for the file's own")
+    try:
+        content = json.loads(read_text(path))
+    except json.JSONDecodeError as error:
+        raise FileFormatError(path, f"is not JSON: {error.msg}", error.lineno) from error
+    keys = _Keys(path, content)
+    name = keys.text("name_model")
+    if name not in (_FRAME, _LINE_SCAN):
+        raise FileFormatError(path, f"name_model is {name!r}; {_FRAME} and {_LINE_SCAN} are read")
+    try:
+        return _support_data(keys, name == _LINE_SCAN, axes)
+    except FileFormatError:
+        raise
+    except InputError as error:
+        raise FileFormatError(path, str(error)) from error
+
+
+def write_isd(path: str | Path, data: SupportData) -> None:
+    """Write a sensor model as image support data, which USGS's models read.
+
+    Parameters
+    ----------
+    path : path-like
+    data : SupportData
+        A table of the orientation is written as it is; another orientation of a line scan at 401 even times. As the
+        model does not know how the Moon turns in space, the file's J2000 is the Moon's axes at rest.
+
+    Examples
+    --------
+    >>> from radioloc.imaging import write_isd  # doctest: +SKIP
+    >>> write_isd("image.json", support_data)  # doctest: +SKIP
+    """
+    model, epoch = data.model, data.epoch_tdb_s
+    camera = model.camera
+    scan = isinstance(model, LineScanModel)
+    times, positions, velocities, rotation_times, quaternions = _tables(model)
+    on_detector = np.array([_CSM_CENTRE, 0.0 if scan else _CSM_CENTRE])
+    centre = camera.principal_point_px + on_detector
+    code = {name: number for number, name in reversed(_AXES.items())}.get(model.axes, 31001)
+    still = {
+        "ephemeris_times": [epoch],
+        "quaternions": [[1.0, 0.0, 0.0, 0.0]],
+        "angular_velocities": [[0.0] * 3],
+    }
+    content: dict[str, Any] = {
+        "name_model": _LINE_SCAN if scan else _FRAME,
+        "name_platform": data.platform,
+        "name_sensor": data.sensor,
+        "image_lines": model.shape[0],
+        "image_samples": model.shape[1],
+        "center_ephemeris_time": epoch,
+        "radii": {"semimajor": data.radius_m / 1e3, "semiminor": data.radius_m / 1e3, "unit": "km"},
+        "reference_height": {"minheight": -1000, "maxheight": 1000, "unit": "m"},
+        "focal_length_model": {"focal_length": camera.focal_length_mm},
+        "focal2pixel_samples": [0.0, *camera.pixel_per_mm[0].tolist()],
+        "focal2pixel_lines": [0.0, *camera.pixel_per_mm[1].tolist()],
+        "detector_center": {"sample": float(centre[0]), "line": float(centre[1])},
+        "detector_sample_summing": 1,
+        "detector_line_summing": 1,
+        "starting_detector_sample": 0,
+        "starting_detector_line": 0,
+        "optical_distortion": _written_distortion(camera),
+        "body_rotation": {**still, "time_dependent_frames": [code, 1], "reference_frame": 1},
+        "instrument_pointing": {
+            "ephemeris_times": (epoch + rotation_times).tolist(),
+            "quaternions": (quaternions * [1.0, -1.0, -1.0, -1.0]).tolist(),
+            "angular_velocities": [[0.0] * 3] * len(rotation_times),
+            "time_dependent_frames": [-1, 1],
+            "reference_frame": 1,
+        },
+        "instrument_position": {
+            "ephemeris_times": (epoch + times).tolist(),
+            "positions": (positions / 1e3).tolist(),
+            "unit": "km",
+            "reference_frame": 1,
+        },
+    }
+    if velocities is not None:
+        content["instrument_position"]["velocities"] = (velocities / 1e3).tolist()
+    if data.sun_m is not None:
+        content["sun_position"] = {
+            "ephemeris_times": [epoch],
+            "positions": [(data.sun_m / 1e3).tolist()],
+            "velocities": [[0.0] * 3],
+            "unit": "km",
+            "reference_frame": 1,
+        }
+    if isinstance(model, LineScanModel):
+        rates = model.line_times + np.array([1.0, 0.0, 0.0])
+        content["line_scan_rate"] = rates.tolist()
+        content["interpolation_method"] = "lagrange"
+        first, _ = model.times_s(np.array([-0.5]))
+        content["starting_ephemeris_time"] = epoch + float(first[0])
+    Path(path).write_text(json.dumps(content, indent=1) + "\n")
+
+
+class _Keys:
+    """Values of an ISD by their path, with errors that name file and key."""
+
+    def __init__(self, path: str | Path, content: Any) -> None:
+        self.path = path
+        self.content = content
+
+    def get(self, name: str, default: Any = None) -> Any:
+        """The value of a key such as ``detector_center.line``; without a default the key has to be there."""
+        value = self.content
+        for part in name.split("."):
+            if not isinstance(value, dict) or part not in value:
+                if default is not None:
+                    return default
+                raise FileFormatError(
+                    self.path, f"the key {name} is missing; an ISD of a sensor model has it"
+                )
+            value = value[part]
+        return value
+
+    def has(self, name: str) -> bool:
+        """Whether there is such a key."""
+        return isinstance(self.content, dict) and self.get(name, _ABSENT) is not _ABSENT
+
+    def text(self, name: str, default: str | None = None) -> str:
+        """A text."""
+        return str(self.get(name, default))
+
+    def numbers(self, name: str, shape: tuple[int | None, ...], default: Any = None) -> Floats:
+        """An array of finite numbers; of lengths that are None there may be any number."""
+        value = self.get(name, default)
+        try:
+            array = np.array(value, dtype=np.float64)
+        except (TypeError, ValueError):
+            array = np.array(np.nan)
+        fits = array.ndim == len(shape) and all(
+            want in (None, got) for want, got in zip(shape, array.shape, strict=True)
+        )
+        if not fits or not np.isfinite(array).all():
+            size = " by ".join("n" if one is None else str(one) for one in shape) or "one"
+            raise FileFormatError(self.path, f"{name} is not {size} finite numbers")
+        return array
+
+    def number(self, name: str, default: float | None = None) -> float:
+        """One finite number."""
+        return float(self.numbers(name, (), default))
+
+
+_ABSENT = object()
+
+
+def _support_data(keys: _Keys, scan: bool, axes: str | None) -> SupportData:
+    epoch = keys.number("center_ephemeris_time")
+    shape = (int(keys.number("image_lines")), int(keys.number("image_samples")))
+    radius_m = keys.number("radii.semimajor") * _unit_m(keys, "radii.unit")
+    if abs(keys.number("radii.semiminor") * _unit_m(keys, "radii.unit") - radius_m) > 1.0:
+        raise FileFormatError(keys.path, "radii are those of an ellipsoid; the Moon is taken as a sphere")
+    turns = keys.numbers("body_rotation.ephemeris_times", (None,)) - epoch
+    to_moon = _rotations(keys, "body_rotation")
+
+    def rot_j2000_to_moon(times_s: Floats) -> Floats:
+        if axes is not None:
+            return rot_j2000_to_me(epoch, times_s)
+        return interpolated_rotations(turns, to_moon, times_s)
+
+    frames = [
+        *keys.get("body_rotation.constant_frames", []),
+        *keys.get("body_rotation.time_dependent_frames", []),
+    ]
+    named = axes or (_AXES.get(frames[0], f"NAIF_{frames[0]}") if frames else "unknown")
+    position_times, positions, velocities = _states(keys, "instrument_position", epoch, rot_j2000_to_moon)
+    pointing_times = keys.numbers("instrument_pointing.ephemeris_times", (None,)) - epoch
+    to_camera = _rotations(keys, "instrument_pointing")
+    rotations = rot_j2000_to_moon(pointing_times) @ np.swapaxes(to_camera, 1, 2)
+    sun_m = None
+    if keys.has("sun_position"):
+        sun_times, sun, _ = _states(keys, "sun_position", epoch, rot_j2000_to_moon)
+        sun_m = sun[np.argmin(np.abs(sun_times))]
+    about = (radius_m, epoch, sun_m, keys.text("name_platform", ""), keys.text("name_sensor", ""))
+    orientation: ConstantOrientation | TabulatedOrientation
+    if len(position_times) == len(pointing_times) == 1:
+        orientation = ConstantOrientation(positions[0], rotations[0])
+    else:
+        table = (position_times, positions, pointing_times, quaternions_of(rotations), velocities)
+        orientation = TabulatedOrientation(*table)
+    middle = np.array([0.0 if not scan else 0.5 * sum(orientation.span_s)])
+    [position], [rotation] = orientation.at(middle)
+    camera = _camera(keys, scan, -position @ rotation)
+    if not scan:
+        return SupportData(FrameModel(camera, ConstantOrientation(position, rotation), shape, named), *about)
+    rates = keys.numbers("line_scan_rate", (None, 3)) - [1.0, 0.0, 0.0]
+    return SupportData(LineScanModel(camera, orientation, rates, shape, named), *about)
+
+
+def _camera(keys: _Keys, scan: bool, down: Floats) -> Camera:
+    """The interior orientation; `down` is the direction to the Moon's centre in the camera's axes.
+
+    USGS's models look along +z and -z alike; which of them shows the Moon is seen from the orientation.
+    """
+    by_sample = keys.numbers("focal2pixel_samples", (3,))
+    by_line = keys.numbers("focal2pixel_lines", (3,))
+    summing = np.array(
+        [keys.number("detector_sample_summing", 1.0), keys.number("detector_line_summing", 1.0)]
+    )
+    start = np.array(
+        [keys.number("starting_detector_sample", 0.0), keys.number("starting_detector_line", 0.0)]
+    )
+    centre = np.array([keys.number("detector_center.sample"), keys.number("detector_center.line")])
+    first = np.array([_CSM_CENTRE, 0.0 if scan else _CSM_CENTRE])  # a line scan's detector is its line 0
+    if not (summing > 0.0).all():
+        raise FileFormatError(keys.path, "detector_sample_summing and detector_line_summing are not positive")
+    return Camera(
+        keys.number("focal_length_model.focal_length"),
+        np.array([by_sample[1:], by_line[1:]]) / summing[:, None],
+        (centre + np.array([by_sample[0], by_line[0]]) - start) / summing - first,
+        _distortion(keys),
+        1 if down[2] > 0.0 else -1,
+    )
+
+
+def _distortion(keys: _Keys) -> Distortion:
+    kinds = keys.get("optical_distortion", {})
+    if not isinstance(kinds, dict) or len(kinds) != 1:
+        raise FileFormatError(keys.path, f"optical_distortion names {len(kinds)} kinds; one is wanted")
+    [(kind, about)] = kinds.items()
+    kind = str(kind).lower()
+    if kind not in KINDS or kind in ("none", "brown"):
+        known = ", ".join(one for one in KINDS if one not in ("none", "brown"))
+        raise FileFormatError(keys.path, f"optical_distortion is of the kind {kind!r}; {known} are read")
+    inside = _Keys(keys.path, about)
+    if kind == "transverse":
+        values: Sequence[float] = [*inside.numbers("x", (10,)), *inside.numbers("y", (10,))]
+    elif kind == "kaguyalism":
+        boresight = [[inside.number(f"boresight_{axis}")] for axis in "xy"]
+        x, y = (inside.numbers(axis, (4,)) for axis in "xy")
+        values = [*boresight[0], *x, *boresight[1], *y]
+    else:
+        values = inside.numbers("coefficients", (None,)).tolist()
+    distortion = Distortion(kind, values)
+    if not distortion.measured(np.zeros((1, 2)))[2].all():
+        # USGS's model, too, takes image to ground without such a distortion.
+        warnings.warn(
+            f"{keys.path}: the distortion {kind!r} sends different rays to one point, as no lens does; it is left out",
+            DataQualityWarning,
+            stacklevel=2,
+        )
+        return Distortion("none", ())
+    return distortion
+
+
+def _written_distortion(camera: Camera) -> dict[str, Any]:
+    kind, values = camera.distortion.kind, list(camera.distortion.coefficients)
+    if kind == "brown":
+        raise InputError(
+            "ISDs have no distortion in OpenCV's order; give the camera as one of radial or transverse"
+        )
+    if kind == "none":
+        return {"radial": {"coefficients": [0.0, 0.0, 0.0]}}
+    if kind == "transverse":
+        return {kind: {"x": values[:10], "y": values[10:]}}
+    if kind == "kaguyalism":
+        return {kind: {"boresight_x": values[0], "x": values[1:5], "boresight_y": values[5], "y": values[6:]}}
+    return {kind: {"coefficients": values}}
+
+
+def _rotations(keys: _Keys, name: str) -> Floats:
+    """Rotations from J2000 at a table's times, the constant one included, shape (n, 3, 3)."""
+    times = keys.numbers(f"{name}.ephemeris_times", (None,))
+    quaternions = keys.numbers(f"{name}.quaternions", (len(times), 4))
+    if (np.abs(np.linalg.norm(quaternions, axis=1) - 1.0) > 1e-3).any():
+        raise FileFormatError(keys.path, f"{name}.quaternions has one of another length than 1")
+    constant = keys.numbers(f"{name}.constant_rotation", (9,), np.eye(3).ravel()).reshape(3, 3)
+    return constant @ matrices_of(quaternions)
+
+
+def _states(
+    keys: _Keys, name: str, epoch: float, rot_j2000_to_moon: Any
+) -> tuple[Floats, Floats, Floats | None]:
+    """Times from the epoch, positions, m, and velocities relative to the Moon's axes, m/s."""
+    scale = _unit_m(keys, f"{name}.unit")
+    times = keys.numbers(f"{name}.ephemeris_times", (None,)) - epoch
+    positions = keys.numbers(f"{name}.positions", (len(times), 3)) * scale
+    turned = rot_j2000_to_moon(times)
+    if not keys.has(f"{name}.velocities"):
+        return times, vectors.rotated(turned, positions), None
+    velocities = keys.numbers(f"{name}.velocities", (len(times), 3)) * scale
+    # The axes turn evenly enough for a difference over two milliseconds; a table may end at the first or last time.
+    turning = (rot_j2000_to_moon(times + _STATE_STEP_S) - rot_j2000_to_moon(times - _STATE_STEP_S)) / (
+        2 * _STATE_STEP_S
+    )
+    relative = vectors.rotated(turned, velocities) + vectors.rotated(turning, positions)
+    return times, vectors.rotated(turned, positions), relative
+
+
+def _unit_m(keys: _Keys, name: str) -> float:
+    unit = keys.text(name, "km").lower()
+    if unit not in _UNITS_M:
+        raise FileFormatError(keys.path, f"{name} is {unit!r}; m and km are read")
+    return _UNITS_M[unit]
+
+
+def _tables(model: FrameModel | LineScanModel) -> tuple[Floats, Floats, Floats | None, Floats, Floats]:
+    """Times, positions and velocities, times and quaternions from the camera's axes."""
+    known = model.orientation
+    if isinstance(known, TabulatedOrientation):
+        rotations = known.rotation_times_s, known.quaternions
+        return known.position_times_s, known.positions_m, known.velocities_m_s, *rotations
+    times = np.zeros(1)
+    if isinstance(model, LineScanModel):
+        edges, _ = model.times_s(np.array([-0.5, model.shape[0] - 0.5]))
+        times = np.linspace(edges[0], edges[1], _NODES_WRITTEN)
+    positions, rotations_ = known.at(times)
+    return times, positions, None, times, quaternions_of(rotations_)

@@ -1,0 +1,374 @@
+"""Exterior orientation: where the camera is and how it is turned, as functions of time.
+
+Positions are in axes that turn with the Moon, m; a rotation takes a vector from the camera's axes to these. Times are
+seconds from the image's reference epoch. Three forms have the same face, :class:`Orientation`: one pose, a table
+with interpolation, and polynomials of position and attitude.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.errors import InputError
+from radioloc.imaging.cameras import as_points
+
+Floats = NDArray[np.float64]
+
+_EVEN = 1e-6
+"""Times of an even table are off by less than this part of a step, or by the rounding of epochs."""
+
+_ROUNDING_S = 2e-7
+"""Epochs as seconds since J2000, from which times are differences, are rounded to 0.1 microseconds."""
+
+_POSES_OF_FIT = 64
+
+
+class Orientation(Protocol):
+    """What a sensor model needs of an exterior orientation."""
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time for which the orientation is known."""
+        ...
+
+    def at(self, time_s: Floats) -> tuple[Floats, Floats]:
+        """Positions, m, shape (n, 3), and rotations from the camera's axes, shape (n, 3, 3)."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ConstantOrientation:
+    """One pose, for any time.
+
+    Parameters
+    ----------
+    position_m : array_like, shape (3,)
+    rot_camera_to_moon : array_like, shape (3, 3)
+    """
+
+    position_m: Floats
+    rot_camera_to_moon: Floats
+
+    def __post_init__(self) -> None:
+        position = np.array(self.position_m, dtype=np.float64)
+        rotation = np.array(self.rot_camera_to_moon, dtype=np.float64)
+        if position.shape != (3,) or not np.isfinite(position).all():
+            raise InputError(f"position_m = {self.position_m!r} is not three finite numbers")
+        if rotation.shape != (3, 3) or not np.allclose(rotation @ rotation.T, np.eye(3), rtol=0.0, atol=1e-6):
+            raise InputError("rot_camera_to_moon is not a rotation matrix")
+        object.__setattr__(self, "position_m", position)
+        object.__setattr__(self, "rot_camera_to_moon", rotation)
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """All times."""
+        return -np.inf, np.inf
+
+    def at(self, time_s: Floats) -> tuple[Floats, Floats]:
+        """The pose, as often as there are times."""
+        n = len(time_s)
+        return np.broadcast_to(self.position_m, (n, 3)), np.broadcast_to(self.rot_camera_to_moon, (n, 3, 3))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class TabulatedOrientation:
+    """Positions and rotations at some times, with interpolation between them.
+
+    Parameters
+    ----------
+    position_times_s : array_like, shape (n,)
+        Rising, two or more.
+    positions_m : array_like, shape (n, 3)
+    rotation_times_s : array_like, shape (m,)
+    quaternions : array_like, shape (m, 4)
+        From the camera's axes to the Moon's, scalar first.
+    velocities_m_s : array_like, shape (n, 3), optional
+        Relative to the turning axes.
+
+    Notes
+    -----
+    Tables of even steps are interpolated as the Community Sensor Models of USGS do, by Lagrange polynomials through the
+    eight nearest nodes, through six, four and two where fewer lie to a side (quaternions component by component, then
+    normalized). Of uneven ones, positions are interpolated by cubic Hermite polynomials, for which they need
+    velocities, and rotations along great circles (slerp). Nothing is extrapolated.
+    """
+
+    position_times_s: Floats
+    positions_m: Floats
+    rotation_times_s: Floats
+    quaternions: Floats
+    velocities_m_s: Floats | None = None
+    _even: tuple[bool, bool] = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        names = {"position_times_s": "positions_m", "rotation_times_s": "quaternions"}
+        even = []
+        for (times_name, values_name), components in zip(names.items(), (3, 4), strict=True):
+            times = np.asarray(getattr(self, times_name), dtype=np.float64)
+            values = as_points(getattr(self, values_name), components, values_name)
+            steps = np.diff(times)
+            if times.ndim != 1 or len(times) != len(values) or len(times) < 2 or not (steps > 0.0).all():
+                raise InputError(
+                    f"{times_name}: two or more rising times are needed, one for each of {values_name}"
+                )
+            off_s = np.abs(times - np.linspace(times[0], times[-1], len(times))).max()
+            even.append(bool(off_s <= max(_EVEN * steps.mean(), _ROUNDING_S)))
+            object.__setattr__(self, times_name, times)
+            object.__setattr__(self, values_name, values)
+        norms = np.linalg.norm(self.quaternions, axis=1)
+        if (np.abs(norms - 1.0) > 1e-3).any():
+            raise InputError("quaternions: one does not have the length 1")
+        object.__setattr__(self, "quaternions", _of_one_sign(self.quaternions / norms[:, None]))
+        if self.velocities_m_s is not None:
+            velocities = as_points(self.velocities_m_s, 3, "velocities_m_s")
+            if len(velocities) != len(self.positions_m):
+                raise InputError("velocities_m_s: one is needed for each of positions_m")
+            object.__setattr__(self, "velocities_m_s", velocities)
+        elif not even[0]:
+            raise InputError(
+                "positions at uneven times are interpolated with velocities_m_s, which are missing"
+            )
+        object.__setattr__(self, "_even", tuple(even))
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """What both tables cover."""
+        first = max(self.position_times_s[0], self.rotation_times_s[0])
+        return float(first), float(min(self.position_times_s[-1], self.rotation_times_s[-1]))
+
+    def at(self, time_s: Floats) -> tuple[Floats, Floats]:
+        """Positions, m, shape (n, 3), and rotations from the camera's axes, shape (n, 3, 3).
+
+        Raises
+        ------
+        InputError
+            A time is outside the tables.
+        """
+        time_s = _inside(np.asarray(time_s, dtype=np.float64), self.span_s)
+        if self._even[0]:
+            positions = _lagrange(self.position_times_s, self.positions_m, time_s)
+        else:
+            assert self.velocities_m_s is not None
+            positions = _hermite(self.position_times_s, self.positions_m, self.velocities_m_s, time_s)
+        table = (self.rotation_times_s, self.quaternions, time_s)
+        return positions, matrices_of(_lagrange(*table) if self._even[1] else _slerp(*table))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PolynomialOrientation:
+    """Position and attitude as polynomials of time: equation 6 of Wang et al. (2021) with its three rotations.
+
+    R = R_ol R_bo R_ib: from the camera to the spacecraft's body by a constant mounting R_ib, from the body to the orbit
+    by the angles, R_bo = Rx(omega) Ry(phi) Rz(kappa) with each factor turning vectors, and from the orbit to the Moon
+    by position and velocity: z up, y along z times the velocity relative to the Moon's axes, x completes them.
+
+    Parameters
+    ----------
+    middle_s, half_span_s : float
+        The polynomials' argument is (time - middle) / half span, from -1 to 1.
+    position_coefficients_m : array_like, shape (degree + 1, 3)
+        In rising powers.
+    angle_coefficients_rad : array_like, shape (degree + 1, 3)
+        Of omega, phi, kappa.
+    rot_camera_to_body : array_like, shape (3, 3)
+        The mounting.
+    """
+
+    middle_s: float
+    half_span_s: float
+    position_coefficients_m: Floats
+    angle_coefficients_rad: Floats
+    rot_camera_to_body: Floats
+
+    @classmethod
+    def fit(
+        cls,
+        orientation: Orientation,
+        span_s: tuple[float, float],
+        *,
+        degree: int = 3,
+        rot_camera_to_body: ArrayLike | None = None,
+    ) -> PolynomialOrientation:
+        """Polynomials that fit another orientation best, in least squares, at 64 times of a span.
+
+        Without a mounting, that is taken for which the body has the orbit's axes in the middle of the span.
+
+        Raises
+        ------
+        InputError
+            The span is not inside the orientation's; the camera does not move sideways, so that there is no orbit's
+            frame; the second angle is near 90 degrees: the mounting is to be given, or another.
+        """
+        middle, half = 0.5 * (span_s[0] + span_s[1]), 0.5 * (span_s[1] - span_s[0])
+        if not half > 0.0:
+            raise InputError(f"span_s = {span_s!r} is not a first and a later time")
+        argument = np.cos(np.pi * (np.arange(_POSES_OF_FIT) + 0.5) / _POSES_OF_FIT)[::-1]
+        positions, rotations = orientation.at(middle + half * argument)
+        powers = np.polynomial.polynomial.polyvander(argument, degree)
+        position_coefficients = np.asarray(np.linalg.lstsq(powers, positions, rcond=None)[0], np.float64)
+        trial = cls(middle, half, position_coefficients, np.zeros((degree + 1, 3)), np.eye(3))
+        to_orbit = np.swapaxes(trial._orbit_axes(argument), -1, -2) @ rotations
+        if rot_camera_to_body is None:
+            _, at_middle = orientation.at(np.array([middle]))
+            mounting = trial._orbit_axes(np.zeros(1))[0].T @ at_middle[0]
+        else:
+            mounting = np.asarray(rot_camera_to_body, dtype=np.float64)
+        angles = angles_of(to_orbit @ mounting.T)
+        if np.abs(np.cos(angles[:, 1])).min() < 0.1:
+            raise InputError(
+                "the attitude's second angle is near 90 degrees; give another rot_camera_to_body"
+            )
+        unwrapped = np.unwrap(angles, axis=0)
+        angle_coefficients = np.asarray(np.linalg.lstsq(powers, unwrapped, rcond=None)[0], np.float64)
+        return cls(middle, half, position_coefficients, angle_coefficients, mounting)
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Where the argument is from -1 to 1."""
+        return self.middle_s - self.half_span_s, self.middle_s + self.half_span_s
+
+    def at(self, time_s: Floats) -> tuple[Floats, Floats]:
+        """Positions, m, shape (n, 3), and rotations from the camera's axes, shape (n, 3, 3)."""
+        time_s = _inside(np.asarray(time_s, dtype=np.float64), self.span_s)
+        argument = (time_s - self.middle_s) / self.half_span_s
+        attitude = rotation_of(_polynomials(self.angle_coefficients_rad, argument))
+        rotations = self._orbit_axes(argument) @ attitude @ self.rot_camera_to_body
+        return _polynomials(self.position_coefficients_m, argument), rotations
+
+    def _orbit_axes(self, argument: Floats) -> Floats:
+        """The orbit's axes as columns."""
+        position = _polynomials(self.position_coefficients_m, argument)
+        slopes = np.arange(1, len(self.position_coefficients_m))[:, None] * self.position_coefficients_m[1:]
+        velocity = _polynomials(slopes, argument)
+        up = position / np.linalg.norm(position, axis=1, keepdims=True)
+        across = np.cross(up, velocity)
+        size = np.linalg.norm(across, axis=1, keepdims=True)
+        if (size <= 1e-6 * np.linalg.norm(velocity, axis=1, keepdims=True)).any():
+            raise InputError(
+                "the camera does not move sideways, so that its orbit gives no axes; use a table"
+            )
+        across = across / size
+        return np.stack([np.cross(across, up), across, up], axis=-1)
+
+
+def rotation_of(angles_rad: Floats) -> Floats:
+    """Rx(omega) Ry(phi) Rz(kappa), each turning vectors, shape (n, 3, 3), of angles, shape (n, 3)."""
+    (so, sp, sk), (co, cp, ck) = np.sin(angles_rad).T, np.cos(angles_rad).T
+    rows = [
+        [cp * ck, -cp * sk, sp],
+        [co * sk + so * sp * ck, co * ck - so * sp * sk, -so * cp],
+        [so * sk - co * sp * ck, so * ck + co * sp * sk, co * cp],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def angles_of(rotations: Floats) -> Floats:
+    """The angles of :func:`rotation_of`, rad, shape (n, 3)."""
+    omega = np.arctan2(-rotations[:, 1, 2], rotations[:, 2, 2])
+    kappa = np.arctan2(-rotations[:, 0, 1], rotations[:, 0, 0])
+    return np.stack([omega, np.arcsin(np.clip(rotations[:, 0, 2], -1.0, 1.0)), kappa], axis=-1)
+
+
+def matrices_of(quaternions: Floats) -> Floats:
+    """Rotation matrices, shape (n, 3, 3), of quaternions of any length, scalar first, shape (n, 4)."""
+    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
+    rows = [
+        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
+        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
+        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
+    ]
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def interpolated_rotations(times_s: Floats, rotations: Floats, time_s: Floats) -> Floats:
+    """Rotation matrices at times, shape (n, 3, 3), of a table of evenly turning axes or of one rotation.
+
+    As the axes turn evenly, up to a second before and after the table is in order.
+    """
+    if len(times_s) == 1:
+        return np.broadcast_to(rotations[0], (len(time_s), 3, 3))
+    _inside(time_s, (times_s[0] - 1.0, times_s[-1] + 1.0))
+    return matrices_of(_slerp(times_s, _of_one_sign(quaternions_of(rotations)), time_s))
+
+
+def quaternions_of(rotations: Floats) -> Floats:
+    """Quaternions, scalar first, shape (n, 4), of rotation matrices."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(np.roll(Rotation.from_matrix(rotations).as_quat(), 1, axis=-1))
+
+
+def _of_one_sign(quaternions: Floats) -> Floats:
+    """The same rotation has two signs; neighbours get the same one, or interpolation would go the long way."""
+    turns = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
+    return quaternions * np.concatenate([[1.0], np.where(np.cumsum(turns) % 2, -1.0, 1.0)])[:, None]
+
+
+def _polynomials(coefficients: Floats, argument: Floats) -> Floats:
+    return np.asarray(np.polynomial.polynomial.polyval(argument, coefficients).T, dtype=np.float64)
+
+
+def _inside(time_s: Floats, span_s: tuple[float, float]) -> Floats:
+    """Times, of which those that rounding has put outside are moved to the end of the span."""
+    first, last = span_s
+    outside = (time_s < first - 5 * _ROUNDING_S) | (time_s > last + 5 * _ROUNDING_S) | ~np.isfinite(time_s)
+    if outside.any():
+        raise InputError(
+            f"the camera's orientation is known from {first:.6f} to {last:.6f} s from the reference epoch, not at "
+            f"{time_s[outside][0]:.6f} s; take pixels of lines inside, or a table that covers the image"
+        )
+    return np.clip(time_s, first, last)
+
+
+def _intervals(times_s: Floats, time_s: Floats) -> NDArray[np.intp]:
+    return np.clip(np.searchsorted(times_s, time_s, side="right") - 1, 0, len(times_s) - 2)
+
+
+def _lagrange(times_s: Floats, values: Floats, time_s: Floats) -> Floats:
+    """Through up to four nodes on each side of the interval, of which the ends of the table have fewer.
+
+    With the nodes' own times: rounding them to even ones would move an orbiter by 0.05 mm.
+    """
+    index = _intervals(times_s, time_s)
+    sides = np.minimum(np.minimum(index + 1, len(times_s) - 1 - index), 4)
+    out = np.zeros((len(time_s), values.shape[1]))
+    for side in np.unique(sides):
+        rows = np.flatnonzero(sides == side)
+        nodes = index[rows] + np.arange(1 - side, side + 1)[:, None]
+        to_node = time_s[rows] - times_s[nodes]
+        for k, node in enumerate(nodes):
+            weight = np.ones(len(rows))
+            for other in range(len(nodes)):
+                if other != k:
+                    weight *= to_node[other] / (times_s[node] - times_s[nodes[other]])
+            out[rows] += weight[:, None] * values[node]
+    return out
+
+
+def _hermite(times_s: Floats, values: Floats, rates: Floats, time_s: Floats) -> Floats:
+    index = _intervals(times_s, time_s)
+    step = (times_s[index + 1] - times_s[index])[:, None]
+    t = (time_s - times_s[index])[:, None] / step
+    return np.asarray(
+        values[index] * (1.0 + 2.0 * t) * (1.0 - t) ** 2
+        + rates[index] * step * t * (1.0 - t) ** 2
+        + values[index + 1] * t**2 * (3.0 - 2.0 * t)
+        + rates[index + 1] * step * t**2 * (t - 1.0)
+    )
+
+
+def _slerp(times_s: Floats, quaternions: Floats, time_s: Floats) -> Floats:
+    """Quaternions of neighbours have the same sign; by the half-angle's tangent, exact also for small angles."""
+    index = _intervals(times_s, time_s)
+    t = (time_s - times_s[index]) / (times_s[index + 1] - times_s[index])
+    a, b = quaternions[index], quaternions[index + 1]
+    angle = 2.0 * np.arctan2(np.linalg.norm(b - a, axis=1), np.linalg.norm(b + a, axis=1))
+    small = angle < 1e-9
+    sine = np.where(small, 1.0, np.sin(angle))
+    before = np.where(small, 1.0 - t, np.sin((1.0 - t) * angle) / sine)
+    after = np.where(small, t, np.sin(t * angle) / sine)
+    return np.asarray(before[:, None] * a + after[:, None] * b)

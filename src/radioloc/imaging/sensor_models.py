@@ -1,0 +1,376 @@
+"""Sensor models: from pixels to rays and the ground, and from the ground to pixels, of frame and line-scan cameras.
+
+The collinearity equations with interior and exterior orientation (Wang et al. 2021, equation 6): a point P on the Moon,
+the camera's place S and its rotation R have P - S = lambda R c, where c is the direction of the pixel in the camera's
+axes. All of a frame has one S and R; each line of a line scan has its own, by the time at which it was taken.
+
+Errors of the orientation are three components of S in the Moon's axes, and three small angles about the camera's
+axes, R (1 + [angles x]); the same for all pixels.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc import vectors
+from radioloc.errors import InputError
+from radioloc.imaging.cameras import Camera, as_points
+from radioloc.imaging.orientation import ConstantOrientation, Orientation
+from radioloc.imaging.surfaces import Surface
+
+Floats = NDArray[np.float64]
+
+_ITERATIONS = 30
+_CONVERGED_LINES = 1e-8
+_RATE_STEP_S = 1e-3
+"""Half the step of central differences of the orientation: 1e-9 of 1.6 km/s is lost to rounding of positions."""
+
+
+class Rays(NamedTuple):
+    """Rays of pixels, from the camera outward, in the Moon's axes, with derivatives of origin and unit direction."""
+
+    origins_m: Floats  # (n, 3)
+    directions: Floats  # (n, 3), unit vectors
+    origins_by_pixel: Floats  # (n, 3, 2)
+    directions_by_pixel: Floats  # (n, 3, 2)
+    directions_by_angles: Floats  # (n, 3, 3)
+
+
+class GroundPoints(NamedTuple):
+    """Points on the ground, and how they answer to the pixel, the orientation and the height of the ground."""
+
+    points_m: Floats  # (n, 3)
+    by_pixel: Floats  # (n, 3, 2), m / pixel
+    by_position: Floats  # (n, 3, 3)
+    by_angles: Floats  # (n, 3, 3), m / rad
+    by_height: Floats  # (n, 3)
+
+
+class ImagePoints(NamedTuple):
+    """Pixels of points on the ground, how they answer to the point and the orientation, and what is seen."""
+
+    pixels: Floats  # (n, 2); without meaning where the point is not seen
+    by_point: Floats  # (n, 2, 3), pixel / m; with the opposite sign by the camera's position
+    by_angles: Floats  # (n, 2, 3), pixel / rad
+    seen: NDArray[
+        np.bool_
+    ]  # before the camera while its orientation is known; perhaps beyond the image's edges
+
+
+class SensorModel(Protocol):
+    """What both cameras have; the functions of this module take it."""
+
+    @property
+    def shape(self) -> tuple[int, int]:
+        """Lines and samples."""
+        ...
+
+    @property
+    def axes(self) -> str:
+        """The Moon's axes in which points are, such as ME_DE421."""
+        ...
+
+    def rays(self, pixels: ArrayLike) -> Rays:
+        """Rays of pixels, shape (n, 2)."""
+        ...
+
+    def project(self, points_m: ArrayLike) -> ImagePoints:
+        """Pixels of points, shape (n, 3), wherever they are."""
+        ...
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FrameModel:
+    """A frame camera.
+
+    Parameters
+    ----------
+    camera : Camera
+    orientation : ConstantOrientation
+    shape : tuple of int
+        Lines and samples.
+    axes : str
+        The Moon's axes in which the orientation is.
+
+    Examples
+    --------
+    Ten kilometres above longitude and latitude zero, looking down with east to the right.
+
+    >>> from radioloc.imaging import Camera, ConstantOrientation, FrameModel, Sphere, image_to_ground
+    >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
+    >>> down = [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+    >>> model = FrameModel(camera, ConstantOrientation([1747400.0, 0.0, 0.0], down), (1024, 1024))
+    >>> image_to_ground(model, [[511.5, 511.5]], Sphere()).round(3).tolist()
+    [[1737400.0, 0.0, 0.0]]
+    """
+
+    camera: Camera
+    orientation: ConstantOrientation
+    shape: tuple[int, int]
+    axes: str = "ME_DE421"
+
+    def rays(self, pixels: ArrayLike) -> Rays:
+        """Rays of pixels, shape (n, 2)."""
+        pixel = as_points(pixels, 2, "pixels")
+        seen, by_pixel = self.camera.directions_and_partials(pixel)
+        position, rotation = self.orientation.at(pixel[:, 1])
+        return _rays(position, rotation, seen, np.zeros((len(pixel), 3, 2)), rotation @ by_pixel)
+
+    def project(self, points_m: ArrayLike) -> ImagePoints:
+        """Pixels of points, shape (n, 3)."""
+        points = as_points(points_m, 3, "points_m")
+        return _projected(self.camera, *self.orientation.at(points[:, 0]), points)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LineScanModel:
+    """A line-scan (pushbroom) camera, whose detector is the camera's line 0.
+
+    Parameters
+    ----------
+    camera : Camera
+    orientation : Orientation
+        Of time, s from the reference epoch.
+    line_times : array_like, shape (k, 3)
+        The line at which a rate begins, its time, s, and the duration of a line, s, in rising order. A line lasts from
+        half a line before its number to half a line after.
+    shape : tuple of int
+        Lines and samples.
+    axes : str
+        The Moon's axes in which the orientation is.
+    """
+
+    camera: Camera
+    orientation: Orientation
+    line_times: Floats
+    shape: tuple[int, int]
+    axes: str = "ME_DE421"
+
+    def __post_init__(self) -> None:
+        table = as_points(self.line_times, 3, "line_times")
+        if not len(table) or not (table[:, 2] > 0.0).all() or not (np.diff(table[:, :2], axis=0) > 0.0).all():
+            raise InputError("line_times: lines and times have to rise, and lines to last longer than 0 s")
+        object.__setattr__(self, "line_times", table)
+
+    def times_s(self, lines: Floats) -> tuple[Floats, Floats]:
+        """Times at which lines were taken, s, and how long a line lasts there, shape (n,)."""
+        start, time_s, step_s = self._rate(np.asarray(lines), 0)
+        return time_s + (lines - start) * step_s, step_s
+
+    def lines_at(self, times_s: Floats) -> tuple[Floats, Floats]:
+        """Lines that were taken at times, and how long a line lasts there, s, shape (n,)."""
+        start, time_s, step_s = self._rate(np.asarray(times_s), 1)
+        return start + (times_s - time_s) / step_s, step_s
+
+    def rays(self, pixels: ArrayLike) -> Rays:
+        """Rays of pixels, shape (n, 2).
+
+        Raises
+        ------
+        InputError
+            A line was taken when the orientation is not known.
+        """
+        pixel = as_points(pixels, 2, "pixels")
+        time_s, step_s = self.times_s(pixel[:, 1])
+        on_detector = np.column_stack([pixel[:, 0], np.zeros(len(pixel))])
+        seen, by_detector = self.camera.directions_and_partials(on_detector)
+        position, rotation = self.orientation.at(time_s)
+        velocity, turning = self._rates(time_s)
+        origins_by_pixel = np.zeros((len(pixel), 3, 2))
+        origins_by_pixel[:, :, 1] = velocity * step_s[:, None]
+        by_pixel = rotation @ by_detector
+        by_pixel[:, :, 1] = vectors.rotated(turning, seen) * step_s[:, None]
+        return _rays(position, rotation, seen, origins_by_pixel, by_pixel)
+
+    def project(self, points_m: ArrayLike) -> ImagePoints:
+        """Pixels of points, shape (n, 3): the time is sought at which the detector's line sees each point."""
+        points = as_points(points_m, 3, "points_m")
+        time_s, found = self._seeing_times(points)
+        position, rotation = self.orientation.at(time_s)
+        there = _projected(self.camera, position, rotation, points)
+        velocity, turning = self._rates(time_s)
+        # The pixel on the detector changes in time as the point does in the camera's axes.
+        from_camera = points - position
+        apparent = vectors.rotated(np.swapaxes(turning, 1, 2), from_camera)
+        apparent -= vectors.rotated(np.swapaxes(rotation, 1, 2), velocity)
+        rates = np.einsum("nij,njk,nk->ni", there.by_point, rotation, apparent)
+        lines, step_s = self.lines_at(time_s)
+        moves = np.abs(rates[:, 1]) > 0.0
+        line_rate = np.where(moves, rates[:, 1], 1.0)[:, None]
+        derivatives = []
+        for of_detector in (there.by_point, there.by_angles):
+            times_by = -of_detector[:, 1] / line_rate
+            samples_by = of_detector[:, 0] + rates[:, :1] * times_by
+            derivatives.append(np.stack([samples_by, times_by / step_s[:, None]], axis=1))
+        pixels = np.stack([there.pixels[:, 0], lines], axis=-1)
+        return ImagePoints(pixels, derivatives[0], derivatives[1], there.seen & found & moves)
+
+    def _rate(self, values: Floats, column: int) -> tuple[Floats, Floats, Floats]:
+        """The rate that holds at lines (column 0) or times (column 1); the first one also before its start."""
+        index = np.searchsorted(self.line_times[:, column], values, side="right") - 1
+        start, time_s, step_s = self.line_times[np.maximum(index, 0)].T
+        return start, time_s, step_s
+
+    @property
+    def _span_s(self) -> tuple[float, float]:
+        """When the image was taken, as far as the orientation is known."""
+        edges, _ = self.times_s(np.array([-0.5, self.shape[0] - 0.5]))
+        first, last = self.orientation.span_s
+        return max(float(edges[0]), first), min(float(edges[1]), last)
+
+    def _rates(self, time_s: Floats) -> tuple[Floats, Floats]:
+        """Velocities, m/s, shape (n, 3), and derivatives of rotations, 1/s, shape (n, 3, 3)."""
+        first, last = self.orientation.span_s
+        before, after = np.maximum(time_s - _RATE_STEP_S, first), np.minimum(time_s + _RATE_STEP_S, last)
+        (position_0, rotation_0), (position_1, rotation_1) = map(self.orientation.at, (before, after))
+        step_s = after - before
+        return (position_1 - position_0) / step_s[:, None], (rotation_1 - rotation_0) / step_s[:, None, None]
+
+    def _seeing_times(self, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """Times at which the detector's line sees points, by the secant method, and whether one was found."""
+        first, last = self._span_s
+        line_s = float(self.line_times[:, 2].min())
+        time_s = self._nearest_times(points, first, last)
+        earlier_s = np.where(time_s + line_s < last, time_s + line_s, time_s - line_s)
+        offset_before = self._detector_lines(earlier_s, points)
+        found = np.zeros(len(points), dtype=bool)
+        active = np.arange(len(points))
+        for _ in range(_ITERATIONS):
+            offset = self._detector_lines(time_s[active], points[active])
+            change = offset - offset_before[active]
+            with np.errstate(divide="ignore", invalid="ignore"):
+                step_s = -offset * (time_s[active] - earlier_s[active]) / change
+            step_s = np.where(np.isfinite(step_s), step_s, 0.0)
+            earlier_s[active], offset_before[active] = time_s[active], offset
+            moved_s = np.clip(time_s[active] + step_s, first, last)
+            done = np.abs(moved_s - time_s[active]) <= _CONVERGED_LINES * line_s
+            # at an end of the orientation the time stands still, though the detector does not see the point
+            found[active[done & (np.abs(step_s) <= _CONVERGED_LINES * line_s * 2)]] = True
+            time_s[active] = moved_s
+            active = active[~done]
+            if not len(active):
+                break
+        return time_s, found
+
+    def _nearest_times(self, points: Floats, first: float, last: float) -> Floats:
+        """Of some times spread over the image, that at which each point is nearest to the camera's axis."""
+        count = 2 + int((last - first) / 20.0)  # in 20 s an orbiter moves by 0.3 of its height or less
+        times_s = np.linspace(first, last, 2 * count + 1)[1::2]
+        positions, rotations = self.orientation.at(times_s)
+        axis = self.camera.directions(np.array([[0.5 * (self.shape[1] - 1), 0.0]]))[0]
+        best, cosine = np.full(len(points), times_s[0]), np.full(len(points), -np.inf)
+        for time_s, position, rotation in zip(times_s, positions, rotations, strict=True):
+            from_camera = points - position
+            here = (from_camera @ (rotation @ axis)) / vectors.length(from_camera)
+            best[here > cosine] = time_s
+            cosine = np.maximum(cosine, here)
+        return best
+
+    def _detector_lines(self, time_s: Floats, points: Floats) -> Floats:
+        """How far on the focal plane points are from the detector's line, lines."""
+        position, rotation = self.orientation.at(time_s)
+        in_camera = vectors.rotated(np.swapaxes(rotation, 1, 2), points - position)
+        return self.camera.pixels(in_camera)[0][:, 1]
+
+
+def image_to_ground(model: SensorModel, pixels: ArrayLike, surface: Surface) -> Floats:
+    """Points where the rays of pixels first meet a surface, in the model's axes, m, shape (n, 3).
+
+    Parameters
+    ----------
+    model : FrameModel or LineScanModel
+    pixels : array_like, shape (n, 2)
+        Sample and line.
+    surface : Sphere, Plane or Terrain
+        The ground.
+
+    Raises
+    ------
+    InputError
+        A ray misses the ground, or a pixel has no ray.
+
+    Examples
+    --------
+    See :class:`FrameModel`.
+    """
+    return image_to_ground_and_partials(model, pixels, surface).points_m
+
+
+def image_to_ground_and_partials(model: SensorModel, pixels: ArrayLike, surface: Surface) -> GroundPoints:
+    """As :func:`image_to_ground`, with derivatives by pixel, orientation and height of the ground.
+
+    Notes
+    -----
+    The point P = S + lambda d stays on the surface: with the gradient g of the height above it,
+    dP = (1 - d g^T / g.d) (dS + lambda dd) + d dh / g.d.
+    """
+    rays = model.rays(pixels)
+    points, hits = surface.intersect(rays.origins_m, rays.directions)
+    if not hits.all():
+        pixel = np.asarray(pixels, dtype=np.float64)[np.flatnonzero(~hits)[0]]
+        raise InputError(
+            f"the ray of the pixel (sample {pixel[0]:.6g}, line {pixel[1]:.6g}) (and of {int((~hits).sum()) - 1} more) "
+            "does not meet the ground; it looks past the Moon, or the orientation is wrong"
+        )
+    gradient = surface.gradient(points)
+    by_height = rays.directions / vectors.dot(gradient, rays.directions)[:, None]
+    along_ground = np.eye(3) - by_height[:, :, None] * gradient[:, None, :]
+    distance_m = vectors.length(points - rays.origins_m)[:, None, None]
+    by_pixel = along_ground @ (rays.origins_by_pixel + distance_m * rays.directions_by_pixel)
+    by_angles = along_ground @ (distance_m * rays.directions_by_angles)
+    return GroundPoints(points, by_pixel, along_ground, by_angles, by_height)
+
+
+def ground_to_image(model: SensorModel, points_m: ArrayLike) -> Floats:
+    """Pixels, shape (n, 2), of points in the model's axes, shape (n, 3); also of points beyond the image's edges.
+
+    Raises
+    ------
+    InputError
+        A point is behind the camera, was not before the detector while the orientation is known, or is so far from
+        the axis that the lens does not see it. ``model.project`` says which.
+    """
+    found = model.project(points_m)
+    if not found.seen.all():
+        point = np.asarray(points_m, dtype=np.float64)[np.flatnonzero(~found.seen)[0]]
+        raise InputError(
+            f"the camera does not see the point {point.round(1).tolist()} m (and {int((~found.seen).sum()) - 1} more); "
+            f"are the coordinates in {model.axes} and in metres? model.project() says which points are seen"
+        )
+    return found.pixels
+
+
+def inside(model: SensorModel, pixels: Floats) -> NDArray[np.bool_]:
+    """Whether pixels are in the image, shape (n,)."""
+    lines, samples = model.shape
+    return np.asarray(((pixels >= -0.5) & (pixels < [samples - 0.5, lines - 0.5])).all(axis=-1))
+
+
+def _rays(
+    position: Floats, rotation: Floats, seen: Floats, origins_by_pixel: Floats, by_pixel: Floats
+) -> Rays:
+    """Rays with unit directions, from directions in the camera's axes and derivatives of the turned directions."""
+    turned = vectors.rotated(rotation, seen)
+    size = vectors.length(turned)[:, None]
+    direction = turned / size
+    across = (np.eye(3) - direction[:, :, None] * direction[:, None, :]) / size[:, :, None]
+    by_angles = across @ rotation @ -_cross_matrices(seen)
+    return Rays(np.array(position), direction, origins_by_pixel, across @ by_pixel, by_angles)
+
+
+def _projected(camera: Camera, position: Floats, rotation: Floats, points: Floats) -> ImagePoints:
+    to_camera = np.swapaxes(rotation, 1, 2)
+    in_camera = vectors.rotated(to_camera, points - position)
+    pixels, by_direction, seen = camera.pixels_and_partials(in_camera)
+    return ImagePoints(pixels, by_direction @ to_camera, by_direction @ _cross_matrices(in_camera), seen)
+
+
+def _cross_matrices(a: Floats) -> Floats:
+    """Matrices that multiply by vectors a, shape (n, 3), from the left: a x b."""
+    x, y, z = a.T
+    zero = np.zeros_like(x)
+    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)

@@ -1,0 +1,287 @@
+"""Image support data of real and synthetic cameras: what USGS and SPICE say of the same files, and the way back."""
+
+import gzip
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+import spiceypy
+
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.imaging import (
+    Camera,
+    ConstantOrientation,
+    FrameModel,
+    LineScanModel,
+    PolynomialOrientation,
+    Sphere,
+    SupportData,
+    ground_to_image,
+    image_to_ground,
+    read_isd,
+    write_isd,
+)
+
+ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
+
+ROUND_TRIP_PX = 1e-6
+"""The secant method ends at 1e-8 of a line; positions of 1.7e6 m are rounded by 2e-10 m, 1e-9 of the smallest pixel."""
+
+USGS_M = 1e-8
+"""The tests of ``usgscsm`` print that many decimals."""
+
+HAND_M = 2e-4
+"""Epochs are rounded to 0.1 microseconds, in which an orbiter moves by 0.17 mm."""
+
+SAME_AXES_RAD = 1e-11
+"""The files' rotations are SPICE's of the same kernels, rounded to sixteen digits."""
+
+
+def isd(name, **changes):
+    with (
+        pytest.warns(DataQualityWarning, match="different rays to one point")
+        if name == "synthetic_frame.json"
+        else (nothing())
+    ):
+        return read_isd(ISDS / name, **changes)
+
+
+class nothing:  # noqa: N801
+    def __enter__(self): ...
+    def __exit__(self, *_): ...
+
+
+def raw(name):
+    content = (ISDS / name).read_bytes()
+    return json.loads(gzip.decompress(content) if name.endswith("gz") else content)
+
+
+# Pixels of each image whose rays meet the sphere: of the synthetic frame most look past it, the half lines before the
+# first and after the last of the synthetic scan have no ephemeris, and the Apollo frame's coordinates are not those of
+# the scanned film: its axis is at the first pixel and the horizon in view.
+FIELDS = {
+    "synthetic_frame.json": ([5.0, 5.0], [9.0, 9.0]),
+    "synthetic_line_scan.json": ([-0.5, 0.0], [15.5, 15.0]),
+    "apollo15_metric.json": ([-6000.0, -6000.0], [6000.0, 6000.0]),
+    "lro_nac.json.gz": ([-0.5, -0.5], [5063.49, 399.49]),
+    "kaguya_tc.json.gz": ([-0.5, -0.5], [3207.49, 399.49]),
+    "lro_nac_polar.json.gz": ([-0.5, -0.5], [2531.49, 8191.49]),
+}
+
+
+def test_every_file_is_tested():
+    assert {path.name for path in ISDS.iterdir()} == set(FIELDS)
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_to_the_ground_and_back(name):
+    data = isd(name)
+    rng = np.random.default_rng(4)
+    low, high = FIELDS[name]
+    pixels = np.vstack([rng.uniform(low, high, size=(500, 2)), [low, high]])
+    for height_m in (0.0, 8000.0 if data.radius_m > 1e6 else 0.3):
+        ground = image_to_ground(data.model, pixels, Sphere(data.radius_m + height_m))
+        assert np.abs(ground_to_image(data.model, ground) - pixels).max() < ROUND_TRIP_PX
+
+
+def test_the_synthetic_frame_is_that_of_usgs():
+    """usgscsm, FrameCameraTests: (line, sample) from 0.5; 1 km above a sphere of 10 m."""
+    model = isd("synthetic_frame.json").model
+    ground = image_to_ground(model, np.array([[7.5, 7.5], [6.5, 7.5]]) - 0.5, Sphere(10.0))
+    usgs = [[10.0, 0.0, 0.0], [9.80194018, 0.0, 1.98039612]]
+    assert np.abs(ground - usgs).max() < USGS_M
+    # By hand: 0.1 mm at 50 mm is a slope of 0.002, on x = 1000 - t, z = 0.002 t with x^2 + z^2 = 100.
+    t = (1000.0 - np.sqrt(1000.0**2 - (1000.0**2 - 100.0) * (1 + 0.002**2))) / (1 + 0.002**2)
+    assert ground[1] == pytest.approx([1000.0 - t, 0.0, 0.002 * t], abs=1e-9)
+
+
+def test_the_synthetic_line_scan_is_that_of_usgs():
+    """usgscsm, LineScanCameraTests: (line, sample) = (8.5, 8), 1050 km from the centre of a sphere of 1000 km."""
+    model = isd("synthetic_line_scan.json").model
+    [ground] = image_to_ground(model, [[7.5, 8.0]], Sphere(1e6))
+    assert ground == pytest.approx([999999.67040488799, 0.0, -811.90523782723039], abs=1e-5)
+    # By hand, in the plane y = 0: the ray leaves toward the centre but for the 0.05 mm on 50 mm that the detector is
+    # off the axis; the angle of the axis is that of the file's quaternion.
+    table = raw("synthetic_line_scan.json")
+    x, _, z = 1e3 * np.array(table["instrument_position"]["positions"][8])
+    w, _, qy, _ = table["instrument_pointing"]["quaternions"][8]
+    angle = -2.0 * np.arctan2(qy, w) - 0.001  # of the line of sight behind the x axis, about y
+    direction = np.array([-np.sin(angle), -np.cos(angle)])
+    start = np.array([x, z])
+    along = start @ direction
+    distance = -along - np.sqrt(along**2 - (start @ start - 1e12))
+    assert ground[[0, 2]] == pytest.approx(
+        start + distance * direction, abs=0.01
+    )  # atan(0.001) is 3e-10 less
+
+
+def by_spice(name, node, camera_direction):
+    """Where a direction in the camera's axes meets the Moon from a node of the tables, by SPICE's routines."""
+    table = raw(name)
+    body, pointing, place = (
+        table[k] for k in ("body_rotation", "instrument_pointing", "instrument_position")
+    )
+    node_s = place["ephemeris_times"][node]
+    assert node_s == pointing["ephemeris_times"][node]
+    quaternions, times = body["quaternions"], body["ephemeris_times"]
+    to_moon = spiceypy.q2m(quaternions[0])
+    if len(times) > 1:  # turned about the axis between the two, in proportion
+        axis, angle = spiceypy.raxisa(spiceypy.q2m(quaternions[1]) @ to_moon.T)
+        part = (node_s - times[0]) / (times[1] - times[0])
+        to_moon = spiceypy.axisar(axis, part * angle) @ to_moon
+    constant = [np.reshape(one.get("constant_rotation", np.eye(3)), (3, 3)) for one in (body, pointing)]
+    to_moon, to_camera = constant[0] @ to_moon, constant[1] @ spiceypy.q2m(pointing["quaternions"][node])
+    position_km = to_moon @ place["positions"][node]
+    return 1e3 * spiceypy.surfpt(
+        position_km, to_moon @ to_camera.T @ camera_direction, 1737.4, 1737.4, 1737.4
+    )
+
+
+def test_centres_of_real_images_follow_from_their_ephemerides():
+    """Pixels on the cameras' axes when their tables have a node, against SPICE's intersection with the sphere."""
+    # LRO: sample 2547.5 of the file's counting; the middle of the image in time is node 200.
+    found = image_to_ground(isd("lro_nac.json.gz").model, [[2547.0, 199.5]], Sphere())
+    assert np.abs(found - by_spice("lro_nac.json.gz", 200, [0.0, 0.0, 1.0])).max() < HAND_M
+    # Summed by two, the axis is at 1273.75; the first node is where the first line begins.
+    found = image_to_ground(isd("lro_nac_polar.json.gz").model, [[1273.25, -0.5]], Sphere())
+    assert np.abs(found - by_spice("lro_nac_polar.json.gz", 0, [0.0, 0.0, 1.0])).max() < HAND_M
+    # Apollo's camera looks along -z.
+    found = image_to_ground(isd("apollo15_metric.json").model, [[-0.5, -0.5]], Sphere())
+    assert np.abs(found - by_spice("apollo15_metric.json", 0, [0.0, 0.0, -1.0])).max() < HAND_M
+    # Kaguya's detector is one pixel (0.007 mm) off in x; its lens adds the boresight and the cubic polynomials.
+    lens = raw("kaguya_tc.json.gz")["optical_distortion"]["kaguyalism"]
+    r = np.array([1.0, 0.007, 0.007**2, 0.007**3])
+    ideal = [0.007 + lens["boresight_x"] + lens["x"] @ r, lens["boresight_y"] + lens["y"] @ r, 72.45]
+    found = image_to_ground(isd("kaguya_tc.json.gz").model, [[2046.5, 199.5]], Sphere())
+    assert np.abs(found - by_spice("kaguya_tc.json.gz", 200, ideal)).max() < HAND_M
+
+
+@pytest.mark.parametrize("name", ["lro_nac.json.gz", "lro_nac_polar.json.gz", "apollo15_metric.json"])
+def test_the_moon_turns_as_in_de421(name):
+    """The files' rotations to the mean-Earth axes are those of the library's own kernels."""
+    given, own = isd(name).model.orientation, isd(name, axes="ME_DE421").model.orientation
+    time_s = np.array([0.0])
+    assert np.abs(given.at(time_s)[1] - own.at(time_s)[1]).max() < SAME_AXES_RAD
+    assert np.abs(given.at(time_s)[0] - own.at(time_s)[0]).max() < SAME_AXES_RAD * 1.8e6
+
+
+def test_axes_are_those_of_the_file_unless_others_are_asked_for():
+    name = "kaguya_tc.json.gz"
+    given, own = isd(name).model, isd(name, axes="ME_DE421").model
+    assert (given.axes, own.axes) == ("IAU_MOON", "ME_DE421")
+    shift_m = image_to_ground(given, [[1000.0, 200.0]], Sphere()) - image_to_ground(
+        own, [[1000.0, 200.0]], Sphere()
+    )
+    assert 10.0 < np.linalg.norm(shift_m) < 155.0  # what the IAU's series is good for
+    assert isd("lro_nac.json.gz").model.axes == "ME_DE421"
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_written_and_read_again(tmp_path, name):
+    data = isd(name)
+    write_isd(tmp_path / "image.json", data)
+    again = read_isd(tmp_path / "image.json")
+    assert type(again.model) is type(data.model)
+    assert (again.model.shape, again.radius_m, again.platform, again.sensor) == (
+        data.model.shape,
+        data.radius_m,
+        data.platform,
+        data.sensor,
+    )
+    assert again.epoch_tdb_s == data.epoch_tdb_s
+    assert again.sun_m == pytest.approx(data.sun_m, rel=1e-12)
+    if name.startswith(("lro", "kaguya", "apollo")):
+        assert again.model.axes == data.model.axes
+    low, high = FIELDS[name]
+    pixels = np.random.default_rng(5).uniform(low, high, size=(200, 2))
+    ground = image_to_ground(data.model, pixels, Sphere(data.radius_m))
+    assert np.abs(ground_to_image(again.model, ground) - pixels).max() < ROUND_TRIP_PX
+
+
+def test_polynomials_are_written_as_a_table(tmp_path):
+    data = isd("lro_nac.json.gz")
+    known = data.model.orientation
+    smooth = PolynomialOrientation.fit(known, known.span_s)
+    model = LineScanModel(data.model.camera, smooth, data.model.line_times, data.model.shape)
+    write_isd(tmp_path / "image.json", SupportData(model, data.radius_m, data.epoch_tdb_s))
+    again = read_isd(tmp_path / "image.json")
+    assert again.sun_m is None
+    pixels = np.array([[100.0, 10.0], [4000.0, 390.0]])
+    ground = image_to_ground(model, pixels, Sphere())
+    assert (
+        np.abs(ground_to_image(again.model, ground) - pixels).max() < 1e-4
+    )  # linear in the last of 400 intervals
+
+
+def test_a_lens_without_a_place_in_support_data_is_refused(tmp_path):
+    camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5], [-0.1])
+    model = FrameModel(camera, ConstantOrientation([1.75e6, 0.0, 0.0], np.eye(3)), (1024, 1024))
+    with pytest.raises(InputError, match="no distortion in OpenCV's order"):
+        write_isd(tmp_path / "image.json", SupportData(model, 1737400.0, 0.0))
+
+
+def without(key):
+    def change(content):
+        *parents, last = key.split(".")
+        for part in parents:
+            content = content[part]
+        del content[last]
+
+    return change
+
+
+def changed(key, value):
+    def change(content):
+        *parents, last = key.split(".")
+        for part in parents:
+            content = content[part]
+        content[last] = value
+
+    return change
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (without("name_model"), "the key name_model is missing"),
+        (without("line_scan_rate"), "the key line_scan_rate is missing"),
+        (without("detector_center.line"), "the key detector_center.line is missing"),
+        (changed("name_model", "USGS_ASTRO_SAR_SENSOR_MODEL"), "name_model is 'USGS_ASTRO_SAR_SENSOR_MODEL'"),
+        (changed("focal_length_model", 3), "the key focal_length_model.focal_length is missing"),
+        (changed("focal_length_model.focal_length", "long"), "focal_length is not one finite numbers"),
+        (changed("focal_length_model.focal_length", -5.0), "focal_length_mm = -5.0 is not a positive"),
+        (changed("focal2pixel_lines", [0.0, 1.0]), "focal2pixel_lines is not 3 finite numbers"),
+        (changed("line_scan_rate", [[0.5, 0.0, -0.1]]), "line_times: lines and times have to rise"),
+        (changed("detector_line_summing", 0), "summing are not positive"),
+        (changed("optical_distortion", {"fisheye": {}}), "of the kind 'fisheye'; radial, transverse"),
+        (changed("optical_distortion", {}), "names 0 kinds"),
+        (changed("optical_distortion.radial.coefficients", [1.0]), "'radial' takes 3 finite numbers"),
+        (changed("instrument_position.unit", "miles"), "instrument_position.unit is 'miles'"),
+        (changed("instrument_position.positions", [[1.0, 2.0, 3.0]]), "positions is not 16 by 3 finite"),
+        (changed("instrument_pointing.quaternions", [[2.0, 0.0, 0.0, 0.0]] * 16), "of another length than 1"),
+        (changed("radii.semiminor", 900), "radii are those of an ellipsoid"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_named(tmp_path, change, message):
+    content = raw("synthetic_line_scan.json")
+    change(content)
+    path = tmp_path / "bad.json"
+    path.write_text(json.dumps(content))
+    with pytest.raises(FileFormatError, match=message) as caught:
+        read_isd(path)
+    assert str(path) in str(caught.value)
+
+
+def test_other_files_and_axes_are_refused(tmp_path):
+    path = tmp_path / "bad.json"
+    path.write_text('{"name_model":\n')
+    with pytest.raises(FileFormatError, match="line 2: is not JSON"):
+        read_isd(path)
+    path.write_text("[1, 2]")
+    with pytest.raises(FileFormatError, match="the key name_model is missing"):
+        read_isd(path)
+    with pytest.raises(FileFormatError):
+        read_isd(tmp_path / "none.json")
+    with pytest.raises(InputError, match="axes = 'PA_DE421' is not known"):
+        read_isd(path, axes="PA_DE421")

@@ -1,0 +1,229 @@
+"""Rays, ground and image of frame and line-scan cameras: geometry by hand, and all partials."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from radioloc.errors import InputError
+from radioloc.imaging import (
+    Camera,
+    ConstantOrientation,
+    FrameModel,
+    Plane,
+    PolynomialOrientation,
+    Sphere,
+    TabulatedOrientation,
+    ground_to_image,
+    image_to_ground,
+    image_to_ground_and_partials,
+    read_isd,
+)
+from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
+from radioloc.imaging.sensor_models import inside
+
+ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
+
+PARTIALS_RELATIVE = 1e-5
+"""Of central differences of a pixel, 10 m or 10 microradians."""
+
+KINKS_RELATIVE = 1e-3
+"""Where a line's orientation is interpolated from a table of real attitudes, its rate jumps from node to node."""
+
+R_M = 1737400.0
+
+
+def frame():
+    """10 km above the Moon at an angle of 30 degrees, with Brown's distortion."""
+    camera = Camera.of_pinhole(8.3, 6.7, [511.5, 500.0], [-0.1, 0.02, 1e-3, -5e-4])
+    down = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    rotation = down @ rotation_of(np.radians([[30.0, 5.0, 20.0]]))[0]
+    return FrameModel(camera, ConstantOrientation([R_M + 1e4, 0.0, 0.0], rotation), (1024, 1024))
+
+
+def smooth():
+    """LRO's camera on cubic polynomials."""
+    model = read_isd(ISDS / "lro_nac.json.gz").model
+    return replace(model, orientation=PolynomialOrientation.fit(model.orientation, model.orientation.span_s))
+
+
+MODELS = {
+    "frame": frame,
+    "smooth": smooth,
+    "lro": lambda: read_isd(ISDS / "lro_nac.json.gz").model,
+    "kaguya": lambda: read_isd(ISDS / "kaguya_tc.json.gz").model,
+    "polar": lambda: read_isd(ISDS / "lro_nac_polar.json.gz").model,
+}
+SURFACES = {
+    "sphere": lambda point: Sphere(R_M + 500.0),
+    "plane": lambda point: Plane(point, point / np.linalg.norm(point) + [0.1, -0.2, 0.05]),
+}
+
+
+def moved(model, shift_m):
+    known = model.orientation
+    name = "position_m" if isinstance(model, FrameModel) else "positions_m"
+    return replace(model, orientation=replace(known, **{name: getattr(known, name) + shift_m}))
+
+
+def turned(model, angles_rad):
+    x, y, z = angles_rad
+    turn = np.eye(3) + np.array(
+        [[0, -z, y], [z, 0, -x], [-y, x, 0]]
+    )  # as the module defines them, to first order
+    turn = np.linalg.svd(turn)[0] @ np.linalg.svd(turn)[2]
+    known = model.orientation
+    if isinstance(model, FrameModel):
+        return replace(model, orientation=replace(known, rot_camera_to_moon=known.rot_camera_to_moon @ turn))
+    turned_table = quaternions_of(matrices_of(known.quaternions) @ turn)
+    return replace(model, orientation=replace(known, quaternions=turned_table))
+
+
+def pixels_of(model, n=40):
+    lines, samples = model.shape
+    return np.random.default_rng(7).uniform([10.0, 10.0], [samples - 10.0, lines - 10.0], size=(n, 2))
+
+
+def close(found, expected, relative=PARTIALS_RELATIVE):
+    assert np.abs(found - expected).max() < relative * np.abs(expected).max()
+
+
+def along_lines(name):
+    return PARTIALS_RELATIVE if name in ("frame", "smooth") else KINKS_RELATIVE
+
+
+@pytest.mark.parametrize("surface_name", SURFACES)
+@pytest.mark.parametrize("model_name", MODELS)
+def test_partials_of_ground_points(model_name, surface_name):
+    model, pixels = MODELS[model_name](), pixels_of(MODELS[model_name]())
+    surface = SURFACES[surface_name](image_to_ground(model, pixels[:1], Sphere())[0])
+    found = image_to_ground_and_partials(model, pixels, surface)
+    for k in range(2):
+        step = 0.5 * np.eye(2)[k]
+        close(
+            found.by_pixel[:, :, k],
+            image_to_ground(model, pixels + step, surface) - image_to_ground(model, pixels - step, surface),
+            along_lines(model_name),
+        )
+    for k in range(0 if model_name == "smooth" else 3):  # a cubic's place and attitude are not changed apart
+        for partials, change, step in ((found.by_position, moved, 10.0), (found.by_angles, turned, 1e-5)):
+            two = [
+                image_to_ground(change(model, sign * step * np.eye(3)[k]), pixels, surface)
+                for sign in (1, -1)
+            ]
+            close(partials[:, :, k], (two[0] - two[1]) / (2 * step))
+    if isinstance(surface, Sphere):
+        two = [image_to_ground(model, pixels, Sphere(surface.radius_m + h)) for h in (10.0, -10.0)]
+    else:
+        two = [
+            image_to_ground(model, pixels, replace(surface, point_m=surface.point_m + h * surface.normal))
+            for h in (10.0, -10.0)
+        ]
+    close(found.by_height, (two[0] - two[1]) / 20.0)
+
+
+@pytest.mark.parametrize("model_name", MODELS)
+def test_partials_of_pixels(model_name):
+    model, pixels = MODELS[model_name](), pixels_of(MODELS[model_name]())
+    points = image_to_ground(model, pixels, Sphere())
+    found = model.project(points)
+    assert found.seen.all()
+    for k in range(3):
+        step = 10.0 * np.eye(3)[k]
+        slope = (ground_to_image(model, points + step) - ground_to_image(model, points - step)) / 20.0
+        close(found.by_point[:, :, k], slope, along_lines(model_name))
+        if model_name == "smooth":
+            continue
+        two = [ground_to_image(moved(model, sign * step), points) for sign in (1, -1)]
+        close(-found.by_point[:, :, k], (two[0] - two[1]) / 20.0, along_lines(model_name))
+        two = [ground_to_image(turned(model, sign * 1e-5 * np.eye(3)[k]), points) for sign in (1, -1)]
+        close(found.by_angles[:, :, k], (two[0] - two[1]) / 2e-5, along_lines(model_name))
+
+
+def test_a_frame_by_hand():
+    """1 km up, a focal length of 100 pixels: a pixel is 10 m; east is to the right and north is up."""
+    camera = Camera.of_pinhole(1.0, 10.0, [50.0, 40.0])
+    down = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    model = FrameModel(camera, ConstantOrientation([R_M + 1000.0, 0.0, 0.0], down), (100, 100))
+    ground = Plane([R_M, 0.0, 0.0], [2.0, 0.0, 0.0])
+    found = image_to_ground_and_partials(model, [[50.0, 40.0], [60.0, 30.0]], ground)
+    assert found.points_m == pytest.approx(np.array([[R_M, 0.0, 0.0], [R_M, 100.0, 100.0]]), abs=1e-6)
+    assert found.by_pixel[0] == pytest.approx(np.array([[0.0, 0.0], [10.0, 0.0], [0.0, -10.0]]), abs=1e-9)
+    assert found.by_height[1] == pytest.approx([1.0, -0.1, -0.1])  # a higher ground is nearer to the axis
+
+
+def test_what_is_not_seen_is_said():
+    model = frame()
+    points = np.array([[R_M, 0.0, 0.0], [R_M + 3e4, 0.0, 0.0], [-R_M, 0.0, 0.0]])
+    found = model.project(points)
+    assert found.seen.tolist()[1:] == [False, True]  # nothing hides the far side: that is the surface's part
+    with pytest.raises(InputError, match=r"does not see the point \[1767400.0, 0.0, 0.0\] m \(and 0 more\)"):
+        ground_to_image(model, points[[1]])
+    level = replace(model, orientation=ConstantOrientation([R_M + 1e4, 0.0, 0.0], np.eye(3)))
+    with pytest.raises(InputError, match="does not meet the ground"):
+        image_to_ground(level, [[511.0, 500.0]], Sphere())
+
+
+def test_a_line_scan_sees_only_what_passed_before_its_detector():
+    model = MODELS["lro"]()
+    ahead = image_to_ground(model, [[100.0, 0.0], [100.0, 399.0]], Sphere())
+    beyond = ahead[0] + 40.0 * (ahead[0] - ahead[1])  # 40 images before the first line
+    found = model.project(np.vstack([ahead, beyond]))
+    assert found.seen.tolist() == [True, True, False]
+    assert np.isfinite(found.pixels[:2]).all()
+
+
+def test_lines_of_changing_rate():
+    """Two rates: lines from 100 on last twice as long."""
+    model = MODELS["lro"]()
+    first = model.line_times[0]
+    two = replace(
+        model, line_times=[first, [99.5, first[1] + 100 * first[2], 2 * first[2]]], shape=(250, 5064)
+    )
+    lines = np.array([0.0, 99.0, 100.0, 200.0])
+    times, _ = two.times_s(lines)
+    assert np.diff(times) / first[2] == pytest.approx([99.0, 1.5, 200.0])
+    assert two.lines_at(times)[0] == pytest.approx(lines, abs=1e-9)
+    pixels = np.array([[10.0, 50.0], [3000.0, 180.0]])
+    assert ground_to_image(two, image_to_ground(two, pixels, Sphere())) == pytest.approx(pixels, abs=1e-6)
+
+
+def test_a_table_that_ends_early_refuses_later_lines():
+    model = MODELS["lro"]()
+    known = model.orientation
+    cut = TabulatedOrientation(
+        known.position_times_s[:200], known.positions_m[:200], known.rotation_times_s, known.quaternions
+    )
+    short = replace(model, orientation=cut)
+    with pytest.raises(InputError, match="orientation is known from"):
+        image_to_ground(short, [[10.0, 300.0]], Sphere())
+    assert not short.project(image_to_ground(model, [[10.0, 300.0]], Sphere())).seen[0]
+
+
+def test_inside_is_up_to_the_edges_of_the_outer_pixels():
+    pixels = np.array([[-0.5, 0.0], [-0.6, 0.0], [1023.49, 1023.49], [1023.5, 0.0]])
+    assert inside(frame(), pixels).tolist() == [True, False, True, False]
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: Sphere(-1.0), "radius_m = -1.0 is not a positive"),
+        (lambda: Plane([0.0, 0.0], [0.0, 0.0, 1.0]), "point_m"),
+        (lambda: Plane([0.0, 0.0, 0.0], [0.0, 0.0, 0.0]), "normal of a plane has no direction"),
+        (lambda: image_to_ground(frame(), [[np.nan, 0.0]], Sphere()), "pixels: a number is not finite"),
+        (lambda: replace(MODELS["lro"](), line_times=[[0.0, 0.0, 0.0]]), "line_times"),
+    ],
+)
+def test_bad_input_is_one_clear_error(make, message):
+    with pytest.raises(InputError, match=message):
+        make()
+
+
+def test_rays_from_inside_a_sphere_meet_it_once():
+    sphere = Sphere(10.0)
+    points, hits = sphere.intersect(np.array([[5.0, 0.0, 0.0], [20.0, 0.0, 0.0], [20.0, 0.0, 0.0]]),
+                                    np.array([[1.0, 0.0, 0.0], [-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))  # fmt: skip
+    assert hits.tolist() == [True, True, False]
+    assert points[:2, 0].tolist() == [10.0, 10.0]

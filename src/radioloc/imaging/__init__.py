@@ -7,8 +7,11 @@ mean-Earth axes, m, unless a name says otherwise.
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.frames import read_frame
+from radioloc.imaging.homography import Homography, HomographyFit, fit_homography
 from radioloc.imaging.isd import SupportData, read_isd, write_isd
 from radioloc.imaging.maps import Map, TangentPlane
+from radioloc.imaging.masks import find_mask
+from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
 from radioloc.imaging.sensor_models import (
     FrameModel,
@@ -23,10 +26,16 @@ from radioloc.imaging.surfaces import Plane, Sphere
 __all__ = [
     "Camera",
     "ConstantOrientation",
+    "Detector",
     "Distortion",
+    "Features",
     "FrameModel",
+    "Homography",
+    "HomographyFit",
     "LineScanModel",
     "Map",
+    "MatchStatus",
+    "Matches",
     "Plane",
     "PolynomialOrientation",
     "Sphere",
@@ -35,9 +44,13 @@ __all__ = [
     "TabulatedOrientation",
     "TangentPlane",
     "body_position",
+    "detect",
+    "find_mask",
+    "fit_homography",
     "ground_to_image",
     "image_to_ground",
     "image_to_ground_and_partials",
+    "match",
     "read_frame",
     "read_isd",
     "resect",

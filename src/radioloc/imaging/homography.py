@@ -1,0 +1,266 @@
+r"""The projective transformation between two views of a plane: its eight parameters from tie points, with covariance.
+
+Wang et al. (2021), equation 7, and Zhang et al. (2014, Chang'e-3), equation 2:
+
+.. math:: x = \frac{aX + bY + c}{gX + hY + 1}, \qquad y = \frac{dX + eY + f}{gX + hY + 1}
+
+Both places of a tie point have errors. To first order the residual :math:`r = x - h(X)` has the covariance
+:math:`\Sigma_x + J \Sigma_X J^T`, with J the derivative of the transformation at the point (Hartley and Zisserman 2004,
+section 4.2.6, Sampson's error); least squares with the inverse of it as weights is repeated until nothing changes.
+
+A correction of a transformation G is written :math:`N^{-1} (1 + \Delta) N G` with N bringing the points to which G
+leads to the size of one, and :math:`\Delta_{33} = 0`. So no coordinate that is large and no :math:`G_{33}` that is
+small harms, and the partial derivatives by the eight elements of Delta depend on nothing but those points.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.errors import InputError
+
+Floats = NDArray[np.float64]
+
+_MIN_POINTS = 4
+_OUTLIER = 13.8  # chi squared of two degrees of freedom exceeds this once in 1000
+_ITERATIONS = 50
+_CONVERGED = 1e-10  # change of normalized coordinates
+_ON_A_LINE = "the tie points lie on a line or at one place; they determine no homography"
+_MEDIAN_CHI2 = 2.0 * np.log(2.0)  # of two degrees of freedom
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Homography:
+    """A projective transformation of pairs of coordinates.
+
+    Parameters
+    ----------
+    matrix : numpy.ndarray, shape (3, 3)
+        Acts on (X, Y, 1); its last element is one.
+    covariance : numpy.ndarray, shape (8, 8)
+        Of the parameters a to h of equation 7, the matrix's elements row by row without the last.
+
+    Examples
+    --------
+    >>> double = Homography(np.diag([2.0, 2.0, 1.0]), np.zeros((8, 8)))
+    >>> double.apply([[3.0, 4.0]]).tolist(), double.inverse().apply([[6.0, 8.0]]).tolist()
+    ([[6.0, 8.0]], [[3.0, 4.0]])
+    """
+
+    matrix: Floats
+    covariance: Floats
+
+    def apply(self, points: ArrayLike) -> Floats:
+        """Transformed points, shape (n, 2)."""
+        return transformed(self.matrix, np.asarray(points, dtype=np.float64))
+
+    def covariance_of(self, points: ArrayLike, covariances: ArrayLike | None = None) -> Floats:
+        """Covariances of the transformed points, shape (n, 2, 2): of the parameters, and of the points if given.
+
+        Examples
+        --------
+        >>> shifted = Homography(np.eye(3), np.diag([0.0, 0.0, 0.25, 0.0, 0.0, 4.0, 0.0, 0.0]))
+        >>> shifted.covariance_of([[3.0, 4.0]], [np.eye(2)])[0].tolist()
+        [[1.25, 0.0], [0.0, 5.0]]
+        """
+        points = np.asarray(points, dtype=np.float64)
+        by_parameters = _by_elements(self.matrix, points)[..., :8]
+        result = by_parameters @ self.covariance @ by_parameters.transpose(0, 2, 1)
+        if covariances is not None:
+            by_points = derivative(self.matrix, points)
+            result = result + by_points @ np.asarray(covariances) @ by_points.transpose(0, 2, 1)
+        return result
+
+    def inverse(self) -> Homography:
+        """The transformation back, with its covariance."""
+        inverse = np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
+        # d(M^-1) = -M^-1 dM M^-1, row by row; the last element of dM is none
+        change = -np.kron(inverse, inverse.T)[:, :8]
+        return _of_matrix(inverse, change @ self.covariance @ change.T)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class HomographyFit:
+    """A homography from tie points."""
+
+    homography: Homography
+    inliers: NDArray[np.bool_]  # which of the tie points were used
+    residuals: Floats  # of all, shape (n, 2), in the coordinates that the transformation leads to
+    rms: float  # of the inliers' residuals, each coordinate
+    variance_factor: float  # of weighted residuals: 1 where the sigmas are right
+
+
+def fit_homography(
+    start: ArrayLike,
+    end: ArrayLike,
+    start_sigma: ArrayLike,
+    end_sigma: ArrayLike,
+    approximate: ArrayLike | None = None,
+) -> HomographyFit:
+    """Fit a homography to tie points whose places have errors on both sides; outliers are left out.
+
+    Parameters
+    ----------
+    start, end : array_like, shape (n, 2)
+        Places of the tie points before and after the transformation.
+    start_sigma, end_sigma : array_like, scalar or shape (n,)
+        Standard deviations of each coordinate.
+    approximate : array_like, shape (3, 3), optional
+        A transformation near the one that is sought; without it the direct linear one of all points.
+
+    Returns
+    -------
+    HomographyFit
+        The covariance is multiplied by the variance factor where that is above one.
+
+    Raises
+    ------
+    InputError
+        Fewer than four points, or points that do not determine the transformation: on a line, or at one place.
+
+    Examples
+    --------
+    >>> square = [[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0], [4.0, 5.0]]
+    >>> fit = fit_homography(square, np.multiply(2.0, square) + 1.0, 0.1, 0.1)
+    >>> (fit.homography.matrix.round(9) + 0.0).tolist()
+    [[2.0, 0.0, 1.0], [0.0, 2.0, 1.0], [0.0, 0.0, 1.0]]
+    """
+    start, end = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
+    if start.shape != end.shape or start.ndim != 2 or start.shape[1] != 2 or len(start) < _MIN_POINTS:
+        raise InputError(
+            f"tie points of shapes {start.shape} and {end.shape} make no homography; give four pairs or more"
+        )
+    start_variance = np.broadcast_to(np.square(start_sigma), len(start))
+    end_variance = np.broadcast_to(np.square(end_sigma), len(end))
+    if not (
+        np.isfinite(start).all() and np.isfinite(end).all() and (start_variance + end_variance > 0.0).all()
+    ):
+        raise InputError("a tie point is not finite, or has no positive sigma")
+    if any(np.linalg.matrix_rank(points - points.mean(axis=0)) < 2 for points in (start, end)):
+        raise InputError(_ON_A_LINE)
+    normal = normalization(end)
+    matrix = _direct(start, end) if approximate is None else np.asarray(approximate, dtype=np.float64)
+    used = np.ones(len(start), dtype=bool)
+    for iteration in range(_ITERATIONS):
+        residuals = end - transformed(matrix, start)
+        weights = _weights(matrix, start, start_variance, end_variance)
+        chi2 = np.einsum("ni,nij,nj->n", residuals, weights, residuals)
+        scale = max(1.0, float(np.median(chi2[used])) / _MEDIAN_CHI2)
+        before, used = used, chi2 < _OUTLIER * scale
+        if used.sum() < _MIN_POINTS:
+            raise InputError(
+                f"{used.sum()} of {len(start)} tie points agree with each other; four are needed"
+            )
+        partials = by_correction(transformed(normal @ matrix, start[used])) / normal[0, 0]
+        information = np.einsum("nik,nij,njl->kl", partials, weights[used], partials)
+        if np.linalg.cond(information) > 1e14:
+            raise InputError(_ON_A_LINE)
+        step = np.linalg.solve(
+            information, np.einsum("nik,nij,nj->k", partials, weights[used], residuals[used])
+        )
+        matrix = corrected(matrix, normal, step)
+        if np.abs(step).max() < _CONVERGED and (used == before).all() and iteration:
+            break
+    redundancy = 2 * int(used.sum()) - 8
+    factor = float(chi2[used].sum()) / redundancy if redundancy else 1.0
+    covariance = np.linalg.inv(information) * max(1.0, factor)
+    return HomographyFit(
+        homography=of_correction(matrix, normal, covariance),
+        inliers=used,
+        residuals=residuals,
+        rms=float(np.sqrt(np.mean(residuals[used] ** 2))),
+        variance_factor=factor,
+    )
+
+
+def transformed(matrix: Floats, points: Floats) -> Floats:
+    """Points, shape (n, 2), transformed by a matrix; NaN where they have no image."""
+    homogeneous = points @ matrix[:, :2].T + matrix[:, 2]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        result = homogeneous[:, :2] / homogeneous[:, 2:]
+    result[~np.isfinite(result).all(axis=1)] = np.nan
+    return result
+
+
+def derivative(matrix: Floats, points: Floats) -> Floats:
+    """Derivatives of transformed points by the points, shape (n, 2, 2)."""
+    scale = points @ matrix[2, :2] + matrix[2, 2]
+    image = transformed(matrix, points)
+    return (matrix[:2, :2] - image[:, :, np.newaxis] * matrix[2, :2]) / scale[:, np.newaxis, np.newaxis]
+
+
+def normalization(points: Floats) -> Floats:
+    """The similarity that brings points to mean zero and size one, shape (3, 3)."""
+    centre = points.mean(axis=0)
+    size = float(np.sqrt(((points - centre) ** 2).mean())) or 1.0
+    return np.array(
+        [[1.0 / size, 0.0, -centre[0] / size], [0.0, 1.0 / size, -centre[1] / size], [0.0, 0.0, 1.0]]
+    )
+
+
+def by_correction(normalized: Floats) -> Floats:
+    """Partial derivatives of normalized transformed points by the eight elements of a correction, shape (n, 2, 8)."""
+    x, y = normalized.T
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    first = np.stack([x, y, one, zero, zero, zero, -x * x, -x * y], axis=-1)
+    second = np.stack([zero, zero, zero, x, y, one, -x * y, -y * y], axis=-1)
+    return np.stack([first, second], axis=1)
+
+
+def corrected(matrix: Floats, normal: Floats, step: Floats) -> Floats:
+    """The matrix after a correction of eight elements, of unit norm."""
+    delta = np.append(step, 0.0).reshape(3, 3)
+    result = np.linalg.solve(normal, (np.eye(3) + delta) @ normal @ matrix)
+    return np.asarray(result / np.linalg.norm(result))
+
+
+def of_correction(matrix: Floats, normal: Floats, covariance: Floats) -> Homography:
+    """A homography from its matrix and the covariance of the elements of its correction."""
+    # elements of N^-1 Delta N G, row by row, by those of Delta
+    change = np.kron(np.linalg.inv(normal), (normal @ matrix).T)[:, :8]
+    return _of_matrix(matrix, change @ covariance @ change.T)
+
+
+def _of_matrix(matrix: Floats, covariance: Floats) -> Homography:
+    """A homography from a matrix of any scale and the covariance of its nine elements."""
+    last = matrix[2, 2]
+    if abs(last) < 1e-12 * np.abs(matrix).max():
+        raise InputError(
+            "a homography moves the origin to infinity; count its coordinates from a point in view"
+        )
+    scaled = matrix / last
+    change = (np.eye(9)[:8] - np.outer(scaled.ravel()[:8], np.eye(9)[8])) / last
+    return Homography(scaled, change @ covariance @ change.T)
+
+
+def _by_elements(matrix: Floats, points: Floats) -> Floats:
+    """Partial derivatives of transformed points by the nine elements of the matrix, shape (n, 2, 9)."""
+    scale = (points @ matrix[2, :2] + matrix[2, 2])[:, np.newaxis]
+    image = transformed(matrix, points)
+    row = np.column_stack([points, np.ones(len(points))]) / scale
+    zero = np.zeros_like(row)
+    first = np.concatenate([row, zero, -image[:, :1] * row], axis=1)
+    second = np.concatenate([zero, row, -image[:, 1:] * row], axis=1)
+    return np.stack([first, second], axis=1)
+
+
+def _weights(matrix: Floats, start: Floats, start_variance: Floats, end_variance: Floats) -> Floats:
+    """Inverse covariances of residuals, shape (n, 2, 2)."""
+    by_start = derivative(matrix, start)
+    covariance = start_variance[:, np.newaxis, np.newaxis] * (by_start @ by_start.transpose(0, 2, 1))
+    return np.asarray(np.linalg.inv(covariance + end_variance[:, np.newaxis, np.newaxis] * np.eye(2)))
+
+
+def _direct(start: Floats, end: Floats) -> Floats:
+    """The direct linear transformation with normalized coordinates (Hartley and Zisserman 2004, algorithm 4.2)."""
+    of_start, of_end = normalization(start), normalization(end)
+    x, y = transformed(of_start, start).T
+    u, v = transformed(of_end, end).T
+    one, zero = np.ones_like(x), np.zeros_like(x)
+    first = np.stack([x, y, one, zero, zero, zero, -u * x, -u * y, -u], axis=-1)
+    second = np.stack([zero, zero, zero, x, y, one, -v * x, -v * y, -v], axis=-1)
+    matrix = np.linalg.svd(np.concatenate([first, second]))[2][-1].reshape(3, 3)
+    return np.asarray(np.linalg.inv(of_end) @ matrix @ of_start)

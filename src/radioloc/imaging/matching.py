@@ -1,0 +1,332 @@
+r"""Tie points of two images: detected, compared, and believed only if chance does not make as many that agree.
+
+Features are detected after local equalization of contrast, so that dark and bright ground give as many. Two are a
+candidate if each is the other's nearest and the second nearest is farther by the ratio test (Lowe 2004). A robust
+search (MAGSAC++, Barath et al. 2020) finds the homography with which most candidates agree; least squares refine it.
+
+Whether k of n candidates that agree are more than chance makes is asked by the number of false alarms (Moisan and
+Stival 2004, equation 7): how many transformations one would find by chance, of points thrown on the image at random,
+
+.. math:: \mathrm{NFA} = (n - 4) \binom{n}{k} \binom{k}{4} \alpha^{k - 4}
+
+with :math:`\alpha` the chance that a random point falls within the tolerance of a place. Points near each other count
+once, so that a cluster on one rock or one speck of dirt is no evidence. A transformation that no camera above the
+ground makes is refused: one that turns the plane over, as of a mirrored image, or stretches it out of proportion.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from enum import StrEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.special import gammaln
+
+from radioloc.errors import InputError
+from radioloc.imaging.frames import Image, Mask, load_opencv
+from radioloc.imaging.homography import derivative, fit_homography, transformed
+
+Floats = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+_RATIO = 0.8  # Lowe 2004, section 7.1
+_TOLERANCE_PX = 3.0  # five sigmas of features under another sun
+_FALSE_ALARMS = 1e-6  # of all transformations tried on one pair of images
+_CELL_TOLERANCES = 4.0  # features nearer to each other than this are one
+_LARGEST_SCALE = 30.0
+_LARGEST_STRETCH = 5.0  # seen some 78 degrees off the vertical
+_CONTRAST_LIMIT, _CONTRAST_TILES = 3.0, (8, 8)
+_SATURATED_PART = 0.9
+_FEWEST_FEATURES = 12
+_CHUNK_DISTANCES = 2**23
+
+# Scatter of places of features of one scene under other suns: of small ones 0.5 pixel, of large ones a twentieth of
+# their diameter (the pairs of real images in the tests).
+_SIGMA_PX, _SIGMA_OF_SIZE = 0.5, 0.05
+
+
+class Detector(StrEnum):
+    """What finds and describes features."""
+
+    SIFT = "sift"
+    ORB = "orb"
+
+
+class MatchStatus(StrEnum):
+    """What became of a pair of images."""
+
+    MATCHED = "matched"
+    FEATURELESS = "featureless"  # one of the images is black, saturated, or without detail
+    UNMATCHED = "unmatched"  # no more tie points agree than chance makes
+    IMPLAUSIBLE = "implausible"  # they agree with a view that no camera has
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Features:
+    """Features of one image."""
+
+    pixels: Floats  # shape (n, 2)
+    sigma_px: Floats  # of each of the two coordinates, shape (n,)
+    descriptors: NDArray[np.uint8]  # of SIFT 128 numbers each, of ORB 32
+    shape: tuple[int, int]  # lines and samples of the image
+    detector: Detector
+
+    def moved(self, pixels: Floats, sigma_px: Floats, shape: tuple[int, int]) -> Features:
+        """The same features where they are in another image, such as the one of which this is a rectification."""
+        return Features(pixels, sigma_px, self.descriptors, shape, self.detector)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Matches:
+    """Tie points of two images."""
+
+    status: MatchStatus
+    first: Indices  # features of the first image that have a partner,
+    second: Indices  # and their partners in the second
+    candidates: int  # pairs before the robust search
+    log10_false_alarms: float  # of the agreement; chance makes fewer than ten to this
+    matrix: Floats | None  # from pixels of the first image to those of the second
+
+    @property
+    def matched(self) -> bool:
+        """Whether the tie points can be believed."""
+        return self.status is MatchStatus.MATCHED
+
+
+def detect(
+    image: Image, mask: Mask | None = None, detector: Detector = Detector.SIFT, count: int = 2000
+) -> Features:
+    """Detect and describe features, spread over the image.
+
+    Parameters
+    ----------
+    image : numpy.ndarray of uint8, shape (lines, samples)
+        Grey values.
+    mask : numpy.ndarray of bool, optional
+        Which pixels may be used.
+    detector : Detector
+        SIFT (Lowe 2004), or ORB (Rublee et al. 2011), quicker and less exact.
+    count : int
+        How many features to keep, those of most contrast in each part of the image.
+
+    Returns
+    -------
+    Features
+        None of an image that is black, saturated or without detail.
+
+    Raises
+    ------
+    InputError
+        OpenCV is not installed; an image that is not of eight bits, or a mask of another shape.
+
+    Examples
+    --------
+    >>> disk = np.hypot(*np.mgrid[-50:50, -50:50]) < 9
+    >>> features = detect(np.where(disk, 200, 60).astype(np.uint8))
+    >>> features.pixels[0].round().tolist()  # an even number of pixels: the centre is half a pixel off
+    [50.0, 50.0]
+    """
+    cv2 = load_opencv()
+    if image.dtype != np.uint8 or image.ndim != 2:
+        raise InputError(f"an image of type {image.dtype} and shape {image.shape}; give eight bits, one band")
+    if mask is not None and mask.shape != image.shape:
+        raise InputError(f"the mask has shape {mask.shape}, the image {image.shape}")
+    usable = np.ones(image.shape, bool) if mask is None else mask
+    points: Any = ()
+    descriptors: Any = None
+    if usable.any() and not _flat(image[usable]):
+        equalized = cv2.createCLAHE(_CONTRAST_LIMIT, _CONTRAST_TILES).apply(image)
+        engine = _engine(cv2, detector, count)
+        points = engine.detect(equalized, usable.astype(np.uint8))
+        points = [points[k] for k in _spread(points, image.shape, count)]
+        points, descriptors = engine.compute(equalized, points)
+    return Features(
+        np.array([p.pt for p in points], dtype=np.float64).reshape(-1, 2),
+        np.hypot(_SIGMA_PX, _SIGMA_OF_SIZE * np.array([p.size for p in points], dtype=np.float64)),
+        np.asarray(np.zeros((0, 1)) if descriptors is None else descriptors, np.uint8),
+        (image.shape[0], image.shape[1]),
+        detector,
+    )
+
+
+def match(
+    first: Features,
+    second: Features,
+    predicted: Floats | None = None,
+    radius_px: float = math.inf,
+) -> Matches:
+    """Find the tie points of two images and the homography between them.
+
+    Parameters
+    ----------
+    first, second : Features
+        Of the two images.
+    predicted : numpy.ndarray, shape (3, 3), optional
+        A homography from the first to the second that is known before; partners are sought within `radius_px`.
+    radius_px : float
+        Pixels of the second image.
+
+    Returns
+    -------
+    Matches
+        With a status; of what did not match there are no tie points.
+    """
+    if min(len(first.pixels), len(second.pixels)) < _FEWEST_FEATURES:
+        return _none(MatchStatus.FEATURELESS)
+    candidates = _distinct(first, second, *_candidates(first, second, predicted, radius_px))
+    if len(candidates[0]) < _FEWEST_FEATURES // 2:
+        return _none(MatchStatus.UNMATCHED, len(candidates[0]))
+    # The tolerance is in pixels of the image that resolves less, so that its errors do not hide.
+    sizes = np.median(first.sigma_px[candidates[0]]), np.median(second.sigma_px[candidates[1]])
+    return _agreement(first, second, *candidates, bool(sizes[0] < sizes[1]), radius_px)
+
+
+def _agreement(
+    first: Features,
+    second: Features,
+    i: Indices,
+    j: Indices,
+    coarse_first: bool,
+    radius_px: float,
+) -> Matches:
+    cv2 = load_opencv()
+    fine, coarse = (second, first) if coarse_first else (first, second)
+    start, end = (fine.pixels[j], coarse.pixels[i]) if coarse_first else (fine.pixels[i], coarse.pixels[j])
+    options = {"ransacReprojThreshold": _TOLERANCE_PX, "maxIters": 10000, "confidence": 0.9999}
+    matrix, _ = cv2.findHomography(start, end, cv2.USAC_MAGSAC, **options)
+    if matrix is None:
+        return _none(MatchStatus.UNMATCHED, len(i))
+    agree = _near(matrix, start, end)
+    if agree.sum() >= _FEWEST_FEATURES // 2:
+        try:
+            matrix = fit_homography(start[agree], end[agree], 0.5, 0.5, approximate=matrix).homography.matrix
+        except InputError:
+            return _none(MatchStatus.UNMATCHED, len(i))
+        agree = _near(matrix, start, end)
+    area = min(float(np.prod(coarse.shape)), math.pi * min(radius_px, 1e6) ** 2)
+    alarms = _log10_false_alarms(len(i), _apart(start[agree], end[agree]), math.pi * _TOLERANCE_PX**2 / area)
+    if alarms > math.log10(_FALSE_ALARMS):
+        return _none(MatchStatus.UNMATCHED, len(i), alarms)
+    if not _plausible(derivative(matrix, start[agree])):
+        return _none(MatchStatus.IMPLAUSIBLE, len(i), alarms)
+    matrix = np.linalg.inv(matrix) if coarse_first else matrix
+    return Matches(MatchStatus.MATCHED, i[agree], j[agree], len(i), alarms, matrix / np.linalg.norm(matrix))
+
+
+def _none(status: MatchStatus, candidates: int = 0, alarms: float = math.inf) -> Matches:
+    nobody = np.zeros(0, dtype=np.int64)
+    return Matches(status, nobody, nobody, candidates, alarms, None)
+
+
+def _engine(cv2: Any, detector: Detector, count: int) -> Any:
+    if detector is Detector.SIFT:
+        # Without the precise upscaling features of images of different scale are 0.15 pixel apart, all to one side.
+        return cv2.SIFT_create(0, 3, 0.01, 10, 1.6, enable_precise_upscale=True)
+    return cv2.ORB_create(10 * count, scaleFactor=1.2, nlevels=12, fastThreshold=5)
+
+
+def _flat(values: NDArray[np.uint8]) -> bool:
+    """Whether an image is black, saturated or of one grey."""
+    low, high = np.percentile(values, [1.0, 99.0])
+    return bool(high - low < 3 or np.mean(values == 255) > _SATURATED_PART)
+
+
+def _spread(points: Any, shape: tuple[int, ...], count: int) -> Indices:
+    """The features of most response in each cell of a grid, so many in each that `count` are left."""
+    pixels = np.array([p.pt for p in points], dtype=np.float64).reshape(-1, 2)
+    response = np.array([p.response for p in points])
+    cell = math.sqrt(shape[0] * shape[1] / max(count / 4.0, 1.0))
+    place = (pixels // cell).astype(np.int64)
+    key = place[:, 1] * (1 + int(shape[1] // cell)) + place[:, 0]
+    order = np.lexsort([-response, key])
+    starts = np.flatnonzero(np.diff(key[order], prepend=-1))
+    rank = np.arange(len(order)) - np.repeat(starts, np.diff(np.append(starts, len(order))))
+    return order[np.argsort(rank, kind="stable")][:count]
+
+
+def _candidates(
+    first: Features, second: Features, predicted: Floats | None, radius_px: float
+) -> tuple[Indices, Indices]:
+    """Pairs that are each other's nearest in description, the second nearest being farther by the ratio."""
+    near = None if predicted is None else transformed(predicted, first.pixels)
+    forward, backward = np.full(len(first.pixels), -1), np.full(len(second.pixels), -1)
+    best_backward = np.full(len(second.pixels), np.inf)
+    step = max(1, _CHUNK_DISTANCES // len(second.pixels))
+    for begin in range(0, len(first.pixels), step):
+        rows = slice(begin, begin + step)
+        distance = _distances(first, second, rows)
+        if near is not None:
+            for k in (0, 1):
+                distance[~(np.abs(near[rows, k, np.newaxis] - second.pixels[:, k]) <= radius_px)] = np.inf
+        here = np.arange(len(distance))
+        column_best = distance.argmin(axis=0)
+        value = distance[column_best, np.arange(distance.shape[1])]
+        better = value < best_backward
+        backward[better], best_backward[better] = begin + column_best[better], value[better]
+        nearest = distance.argmin(axis=1)
+        least = distance[here, nearest]
+        distance[here, nearest] = np.inf
+        good = np.isfinite(least) & (least < _RATIO * distance.min(axis=1))
+        forward[rows] = np.where(good, nearest, -1)
+    i = np.flatnonzero(forward >= 0)
+    i = i[backward[forward[i]] == i]
+    return i, forward[i]
+
+
+def _distances(first: Features, second: Features, rows: slice) -> NDArray[np.float32]:
+    """Distances of descriptions: Euclidean of SIFT, numbers of different bits of ORB."""
+    if first.detector is not second.detector:
+        raise InputError("features of two detectors cannot be compared; detect both with the same")
+    if first.detector is Detector.SIFT:
+        a, b = first.descriptors[rows].astype(np.float32), second.descriptors.astype(np.float32)
+    else:
+        a, b = (
+            np.unpackbits(d, axis=1).astype(np.float32) for d in (first.descriptors[rows], second.descriptors)
+        )
+    squares = (a * a).sum(axis=1)[:, np.newaxis] + (b * b).sum(axis=1) - 2.0 * (a @ b.T)
+    return np.asarray(np.sqrt(np.maximum(squares, 0.0)) if first.detector is Detector.SIFT else squares)
+
+
+def _distinct(first: Features, second: Features, i: Indices, j: Indices) -> tuple[Indices, Indices]:
+    """Pairs whose two places no other pair has: a feature may be described once for each of its directions."""
+    places = np.column_stack([first.pixels[i], second.pixels[j]]).round()
+    _, kept = np.unique(places, axis=0, return_index=True)
+    return i[np.sort(kept)], j[np.sort(kept)]
+
+
+def _near(matrix: Floats, start: Floats, end: Floats) -> NDArray[np.bool_]:
+    """Which tie points agree with a homography, on its side of the horizon."""
+    with np.errstate(invalid="ignore"):
+        close = np.hypot(*(transformed(matrix, start) - end).T) < _TOLERANCE_PX
+    scale = start @ matrix[2, :2] + matrix[2, 2]
+    side = np.sign(np.median(scale[close])) if close.any() else 1.0
+    return np.asarray(close & (scale * side > 0.0))
+
+
+def _apart(start: Floats, end: Floats) -> int:
+    """How many tie points there are if those near to each other in either image count once."""
+    cell = _CELL_TOLERANCES * _TOLERANCE_PX
+    return min((len(np.unique(points // cell, axis=0)) for points in (start, end)), default=0)
+
+
+def _log10_false_alarms(candidates: int, agreeing: int, alpha: float) -> float:
+    """The number of false alarms; `agreeing` of `candidates` pairs within a tolerance met with chance `alpha`."""
+    n, k = candidates, agreeing
+    if k <= 4:
+        return math.inf
+    choices = math.log(n - 4) + _log_binomial(n, k) + _log_binomial(k, 4)
+    return (choices + (k - 4) * math.log(min(alpha, 1.0))) / math.log(10.0)
+
+
+def _log_binomial(n: int, k: int) -> float:
+    return float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
+
+
+def _plausible(by_place: Floats) -> bool:
+    """Whether a camera above the ground can make a homography with such derivatives where there are tie points."""
+    large, small = np.linalg.svd(by_place, compute_uv=False).T
+    whole = (large < _LARGEST_SCALE).all() and (small > 1.0 / _LARGEST_SCALE).all()
+    return bool(whole and (np.linalg.det(by_place) > 0.0).all() and (large < _LARGEST_STRETCH * small).all())

@@ -50,6 +50,8 @@ _ADVICE = {
     "station_position": "the coordinates",
 }
 """What is improved where a source is the largest; others are called by their names."""
+_COARSE_M = 10.0
+"""Coordinates worse than that are not surveyed."""
 _SPLIT_SIGMAS = 3.3
 """Means of two links that differ by more do so by chance in 1 of 1000 cases."""
 _MUCH_LARGER = 3.0
@@ -189,7 +191,13 @@ def _budget(solution: Solution) -> Field:
         else:
             rest.append(replace(whole, source="others"))
     rows += [("others", *_sides(whole)) for whole in by_source(rest)]
-    return Field("budget", (), ("1 sigma, m", "east", "north", "up", "3D"), rows, _advice(items))
+    return Field(
+        "budget",
+        (),
+        ("1 sigma, m", "east", "north", "up", "3D"),
+        rows,
+        (*_advice(items), *_coordinates(solution, items)),
+    )
 
 
 def _sides(item: BudgetItem) -> tuple[str, ...]:
@@ -208,6 +216,23 @@ def _advice(items: Sequence[BudgetItem]) -> Iterator[str]:
     advice = _ADVICE.get(largest.source, largest.source.replace("_", " "))
     without_m = math.sqrt(max(0.0, total_m**2 - largest.total_m**2))
     yield f"to improve first: {advice}{of}; without it {metres(without_m)} m in place of {metres(total_m)} m"
+
+
+def _coordinates(solution: Solution, items: Sequence[BudgetItem]) -> Iterator[str]:
+    """What to do where coordinates that the catalogue has only roundly dominate the sigma."""
+    if solution.consider is None or not items or items[0].source != "station_position":
+        return
+    known = solution.consider.parameters
+    coarse = {
+        item.name.split(".")[1]
+        for k in known.of_kind("station_position")
+        if (item := known.parameters[k]).prior_sigma > _COARSE_M
+    }
+    if coarse:
+        yield (
+            f"coordinates of {', '.join(sorted(coarse))} are rounded: give better ones with their sigma_m under "
+            "[stations.NAME], or station_position_sigma_m under [consider] where these are better than stated"
+        )
 
 
 def _reference(solution: Solution) -> Iterator[str]:

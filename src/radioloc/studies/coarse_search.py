@@ -10,7 +10,9 @@ the sphere of the a-priori height the place, within its cell, and all other para
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import replace
+from itertools import permutations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -22,6 +24,7 @@ from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
+from radioloc.measurements.targets import canonical_target
 from radioloc.studies.problem import observation_model
 from radioloc.studies.study import EstimateChoice, HeightPrior
 
@@ -44,13 +47,35 @@ _REWEIGHTINGS = 6
 _MAX_STEPS = 10
 
 
-def near_start(
-    arc: Predictor, target_pa: LunarPosition, estimate: EstimateChoice
-) -> tuple[LunarPosition, float] | None:
-    """A start for the only target of an arc and its distance from the a-priori position, m; None where that serves."""
+def near_starts(
+    arc: Predictor, targets_pa: Mapping[str, LunarPosition], estimate: EstimateChoice
+) -> dict[str, tuple[LunarPosition, float]]:
+    """Starts for the targets of an arc whose a-priori positions do not serve, and how far these are, m, by name.
+
+    Of several targets each is sought by its own observations; one that is only observed beside another moves with it.
+    """
     if arc.trajectory is not None or estimate.position == "none" or not len(arc.observations):
-        return None
-    search = _Search(arc, target_pa.frame, estimate)
+        return {}
+    observed = [[canonical_target(name) for name in link.targets] for link in arc.observations.links]
+    found: dict[str, tuple[LunarPosition, float]] = {}
+    for name, given in targets_pa.items():
+        own = np.array([len(targets_pa) == 1 or names == [name] for names in observed])
+        mine = arc.observations.select(np.flatnonzero(own[arc.observations.link]))
+        if len(mine) and (start := _near_start(arc, mine, given, estimate)) is not None:
+            found[name] = start
+    alone = {names[0] for names in observed if len(names) == 1}
+    for one, other in {pair for names in observed for pair in permutations(names, 2)}:
+        if one not in alone and other in found:
+            there, away_m = found[other]
+            beside_m = targets_pa[one].xyz_m - targets_pa[other].xyz_m
+            found[one] = LunarPosition(there.frame, there.xyz_m + beside_m), away_m
+    return found
+
+
+def _near_start(
+    arc: Predictor, observations: Observations, target_pa: LunarPosition, estimate: EstimateChoice
+) -> tuple[LunarPosition, float] | None:
+    search = _Search(arc, observations, target_pa.frame, estimate)
     prior = estimate.height_prior
     radius_m = float(np.linalg.norm(target_pa.xyz_m))
     if isinstance(prior, HeightPrior):
@@ -79,15 +104,17 @@ def near_start(
 class _Search:
     """The observations of a search, as an arc of their own."""
 
-    def __init__(self, arc: Predictor, frame: str, estimate: EstimateChoice) -> None:
+    def __init__(
+        self, arc: Predictor, observations: Observations, frame: str, estimate: EstimateChoice
+    ) -> None:
         self._arc, self._frame = arc, frame
-        self._observations = arc.observations.select(_some(arc.observations))
+        self._observations = observations.select(_some(observations))
         self._estimate = replace(estimate, position="cartesian", height_prior=None)
 
     def linearized(self, place_m: NDArray[np.float64]) -> _Linearized:
         arc = self._arc
         part = prepare_predictor(
-            arc.model, self._observations, place_m, "exact", None, arc.targets, arc.more_partials
+            arc.model, self._observations, place_m, "exact", more_partials=arc.more_partials
         )
         problem = observation_model(part, LunarPosition(self._frame, place_m), self._estimate.of_part(part))
         at = problem.linearize(problem.parameters.prior_values)

@@ -37,7 +37,7 @@ from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.parameters.design import ObservationModel
-from radioloc.studies.coarse_search import near_start
+from radioloc.studies.coarse_search import near_starts
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.problem import (
@@ -143,12 +143,9 @@ def fit_arc(
         else position_in_pa("[reference]", study.reference.position, constants)
     )
     set_up = partial(observation_model, arc, estimate=estimate, held=study.estimate)
-    problem, away_m = set_up(targets or None), 0.0
-    if estimate is not None and len(targets) == 1:
-        [(name, given)] = targets.items()
-        if found := near_start(arc, given, estimate):
-            targets[name], away_m = found
-            problem = set_up(targets)
+    starts = {} if estimate is None else near_starts(arc, targets, estimate)
+    targets |= {name: start for name, (start, _) in starts.items()}
+    problem = set_up(targets or None)
     noise = stated_noise(arc, study.observations)
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
@@ -191,7 +188,7 @@ def fit_arc(
         reference_name="reference" if study.reference is None else study.reference.name,
         name=study.name,
         notes=(
-            *_of_the_start(away_m),
+            *_of_the_starts({name: away_m for name, (_, away_m) in starts.items()}),
             *notes_of(study, arc, left_out, estimate, fitted, lander_pa_m, in_sigma),
             *not_considered,
         ),
@@ -202,11 +199,12 @@ def fit_arc(
     )
 
 
-def _of_the_start(away_m: float) -> Iterator[str]:
-    if away_m:
+def _of_the_starts(away_m: Mapping[str, float]) -> Iterator[str]:
+    for name, distance_m in away_m.items():
+        of = f" of {name}" if name else ""
         yield (
-            f"the fit began {away_m / 1e3:.0f} km from the a-priori position, where a coarse search over the near side "
-            "found that the data fit better"
+            f"the fit{of} began {distance_m / 1e3:.0f} km from the a-priori position, where a coarse search over the "
+            "near side found that the data fit better"
         )
 
 

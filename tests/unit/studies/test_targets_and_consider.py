@@ -102,6 +102,19 @@ def test_a_lander_and_its_rover(folder):
         solution.of_target("orbiter")
 
 
+def test_several_targets_come_home_from_afar(folder):
+    """The rover is only observed beside the lander, whose start takes it along."""
+    far = STUDY.replace("longitude_deg = -51.9", "longitude_deg = 8.9").replace("43.05", "-7.05")
+    solution = radioloc.locate(study(folder, far))
+    assert solution.converged
+    for name, truth in (("lander", LANDER), ("rover", ROVER)):
+        found = solution.of_target(name).position_me_m
+        assert np.linalg.norm(found - truth.to_axes("ME", CONSTANTS).xyz_m) < 0.01
+        [note] = [note for note in solution.notes if f"the fit of {name} began" in note]
+        assert "a coarse search over the near side" in note
+    assert not any("the fit of" in note for note in radioloc.locate(study(folder)).notes)
+
+
 CONSTANTS = PhysicalModel.build().ephemeris.constants
 
 
@@ -147,3 +160,13 @@ def test_a_zenith_delay_without_a_troposphere_is_an_error(folder, table):
         match=rf"^\[{table}\] zenith_delay: it acts by the term troposphere, which is switched off",
     ):
         radioloc.locate(study(folder, text))
+
+
+def test_what_to_do_about_rounded_coordinates_is_on_the_card(folder):
+    advice = (
+        "coordinates of JIAMUSI, KASHI are rounded: give better ones with their sigma_m under [stations.NAME], or "
+        "station_position_sigma_m under [consider] where these are better than stated"
+    )
+    assert advice in " ".join(str(radioloc.locate(study(folder))).split())
+    stated = STUDY + "[consider]\nstation_position_sigma_m = 0.1\n"
+    assert "are rounded: give" not in " ".join(str(radioloc.locate(study(folder, stated))).split())

@@ -54,7 +54,7 @@ class TangentPlane:
     def from_longitude_latitude(self, degrees: ArrayLike) -> Floats:
         """East and north, m, shape (n, 2), of longitudes and latitudes, degrees, shape (n, 2); NaN on the far side."""
         lon_lat = np.radians(np.asarray(degrees, dtype=np.float64))
-        local_m = selenographic_to_cartesian(lon_lat[:, 0], lon_lat[:, 1], 0.0) @ self._axes().T
+        local_m = selenographic_to_cartesian(lon_lat[:, 0], lon_lat[:, 1], 0.0) @ self.axes().T
         return np.where(local_m[:, 2:] > 0.0, local_m[:, :2], np.nan)
 
     def to_longitude_latitude(self, east_north_m: ArrayLike) -> Floats:
@@ -64,7 +64,7 @@ class TangentPlane:
         seen = up2 > 0.0
         local_m = np.column_stack([plane_m, np.sqrt(np.where(seen, up2, 0.0))])
         local_m[~seen] = [0.0, 0.0, MEAN_LUNAR_RADIUS_M]
-        longitude, latitude, _ = cartesian_to_selenographic(local_m @ self._axes())
+        longitude, latitude, _ = cartesian_to_selenographic(local_m @ self.axes())
         degrees = np.degrees(np.column_stack([longitude, latitude]))
         degrees[~seen] = np.nan
         return degrees
@@ -72,10 +72,11 @@ class TangentPlane:
     def covariance_at(self, east_north_m: ArrayLike, covariance_m2: ArrayLike) -> Floats:
         """A covariance of the plane's metres in east and north at another of its points, m^2, shape (2, 2)."""
         here = np.radians(self.to_longitude_latitude(np.reshape(east_north_m, (1, 2)))[0])
-        to_sphere = np.linalg.inv((self._axes() @ east_north_up(*here).T)[:2, :2])
+        to_sphere = np.linalg.inv((self.axes() @ east_north_up(*here).T)[:2, :2])
         return to_sphere @ np.asarray(covariance_m2, dtype=np.float64) @ to_sphere.T
 
-    def _axes(self) -> Floats:
+    def axes(self) -> Floats:
+        """East, north and up at the point of contact as rows, mean-Earth axes, shape (3, 3)."""
         return east_north_up(math.radians(self.longitude_deg), math.radians(self.latitude_deg))
 
 

@@ -1,0 +1,113 @@
+"""Brightness of ground under the Sun: the Lunar-Lambert law, and shaded relief of elevation models.
+
+An image that no map of the same Sun matches is matched to relief that is shaded at its own Sun.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.errors import InputError
+
+Floats = NDArray[np.float64]
+
+LUNAR_LAMBERT = (1.0, -0.019, 2.42e-4, -1.46e-6)
+"""Weight of the Lommel-Seeliger part: polynomial of the phase angle in degrees, of the Moon (McEwen 1996, LPSC 27)."""
+
+
+def lunar_lambert(cos_incidence: ArrayLike, cos_emission: ArrayLike, phase_rad: ArrayLike) -> Floats:
+    """Brightness by the Lunar-Lambert law, 1 for ground seen along the Sun's rays; 0 where the Sun does not reach.
+
+    Parameters
+    ----------
+    cos_incidence, cos_emission : array_like
+        Cosines of the angles between the ground's normal and the directions of the Sun and the camera.
+    phase_rad : array_like
+        Angle between these directions, rad.
+
+    Notes
+    -----
+    2 L mu0 / (mu0 + mu) + (1 - L) mu0 with mu0 and mu the cosines and L a function of the phase angle (McEwen 1996).
+    How brightness as a whole falls with the phase angle is left out: exposure makes it good.
+
+    Examples
+    --------
+    >>> from radioloc.imaging.shading import lunar_lambert
+    >>> float(lunar_lambert(1.0, 1.0, 0.0)), float(lunar_lambert(-0.1, 1.0, 1.0))
+    (1.0, 0.0)
+    """
+    sun, camera = np.maximum(cos_incidence, 0.0), np.maximum(cos_emission, 0.0)
+    weight = np.polynomial.polynomial.polyval(np.degrees(phase_rad), LUNAR_LAMBERT)
+    both = np.where(sun + camera > 0.0, sun + camera, 1.0)
+    return np.asarray(2.0 * weight * sun / both + (1.0 - weight) * sun)
+
+
+def shaded_relief(
+    heights_m: ArrayLike, pixel_m: float, sun_azimuth_deg: float, sun_elevation_deg: float
+) -> Floats:
+    """Brightness of an elevation model seen from above, without the shadows that it casts.
+
+    Parameters
+    ----------
+    heights_m : array_like, shape (n, m)
+        North at the top, east to the right, m.
+    pixel_m : float
+        Size of a pixel on the ground, m.
+    sun_azimuth_deg, sun_elevation_deg : float
+        From north over east, and above the horizon.
+
+    Returns
+    -------
+    ndarray, shape (n, m)
+        0 to some 1.3; NaN at and beside heights that are none.
+
+    Raises
+    ------
+    InputError
+        Fewer than two lines or samples, a pixel without size, or the Sun not above the horizon.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.imaging.shading import shaded_relief
+    >>> slope_to_the_east = np.tile([0.0, -1.0, -2.0], (3, 1))
+    >>> east, west = (shaded_relief(slope_to_the_east, 10.0, azimuth, 30.0) for azimuth in (90.0, 270.0))
+    >>> bool((east > west).all())
+    True
+    """
+    heights = np.asarray(heights_m, dtype=np.float64)
+    if heights.ndim != 2 or min(heights.shape) < 2:
+        raise InputError(
+            f"heights_m has shape {heights.shape}; a table of two lines and samples or more is needed"
+        )
+    if not pixel_m > 0.0:
+        raise InputError(f"pixel_m = {pixel_m!r} is not a positive number of metres")
+    down, right = np.gradient(heights, pixel_m)
+    sun = sun_direction(sun_azimuth_deg, sun_elevation_deg)
+    cos_emission = 1.0 / np.sqrt(1.0 + right**2 + down**2)
+    cos_incidence = (sun[2] - sun[0] * right + sun[1] * down) * cos_emission
+    bright = lunar_lambert(cos_incidence, cos_emission, math.radians(90.0 - sun_elevation_deg))
+    return np.where(np.isfinite(heights), bright, np.nan)
+
+
+def sun_direction(azimuth_deg: float, elevation_deg: float) -> Floats:
+    """Unit vector to the Sun, east, north, up, of its azimuth from north over east and its elevation.
+
+    Raises
+    ------
+    InputError
+        The Sun is not above the horizon.
+    """
+    if not (0.0 < elevation_deg <= 90.0 and math.isfinite(azimuth_deg)):
+        raise InputError(f"a Sun at an elevation of {elevation_deg!r} degrees lights no ground; give 0 to 90")
+    azimuth, elevation = math.radians(azimuth_deg), math.radians(elevation_deg)
+    return np.array(
+        [
+            math.sin(azimuth) * math.cos(elevation),
+            math.cos(azimuth) * math.cos(elevation),
+            math.sin(elevation),
+        ]
+    )

@@ -1,0 +1,270 @@
+"""Compiled: fractal relief and craters of all sizes, from hashes of places, and rays that meet the ground."""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+SLOPE = 0.1
+"""Amplitude of each octave of fractal relief over its wavelength: slopes of some 5 degrees on all scales."""
+CRATER_SHARE = 0.6
+"""Cells of each octave that have a crater: as many for each octave as the square of 1/size."""
+DEPTH, RIM = 0.36, 0.06
+"""Of fresh craters over their radius."""
+ALBEDO = 0.04
+"""Amplitude of each octave of brightness."""
+FINEST = 5.0
+"""Pixels of the shortest wavelength that is full; below three of them there is none."""
+MOST_STEPS = 25
+
+_K1 = np.uint64(0x9E3779B97F4A7C15)
+_K2 = np.uint64(0xC2B2AE3D27D4EB4F)
+_K3 = np.uint64(0x165667B19E3779F9)
+_K4 = np.uint64(0xBF58476D1CE4E5B9)
+_S30, _S27, _S31 = np.uint64(30), np.uint64(27), np.uint64(31)
+_PART = np.uint64(0xFFF)
+
+
+@compiled()
+def _mixed(i: int, j: int, octave: int, seed: np.uint64) -> np.uint64:
+    """A hash of a cell (the finalizer of splitmix64)."""
+    h = seed + np.uint64(i) * _K1 + np.uint64(j) * _K2 + np.uint64(octave) * _K3
+    h = (h ^ (h >> _S30)) * _K4
+    h = (h ^ (h >> _S27)) * _K2
+    return h ^ (h >> _S31)
+
+
+@compiled()
+def _uniform(h: np.uint64, part: int) -> float:
+    """A number from 0 to 1 from twelve bits of a hash, parts 0 to 4."""
+    return (float((h >> np.uint64(12 * part)) & _PART) + 0.5) / 4096.0
+
+
+@compiled()
+def _noise(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, float, float]:
+    """Gradient noise of unit wavelength, and its derivatives."""
+    i, j = math.floor(x), math.floor(y)
+    fx, fy = x - i, y - j
+    u, v = fx * fx * fx * (fx * (fx * 6.0 - 15.0) + 10.0), fy * fy * fy * (fy * (fy * 6.0 - 15.0) + 10.0)
+    du, dv = 30.0 * fx * fx * (fx - 1.0) ** 2, 30.0 * fy * fy * (fy - 1.0) ** 2
+    value, by_x, by_y = 0.0, 0.0, 0.0
+    for a in range(2):
+        for b in range(2):
+            h = _mixed(i + a, j + b, octave, seed)
+            gx, gy = 2.0 * _uniform(h, 0) - 1.0, 2.0 * _uniform(h, 1) - 1.0
+            wx, wy = (u if a else 1.0 - u), (v if b else 1.0 - v)
+            slope = gx * (fx - a) + gy * (fy - b)
+            value += wx * wy * slope
+            by_x += wx * wy * gx + (du if a else -du) * wy * slope
+            by_y += wx * wy * gy + (dv if b else -dv) * wx * slope
+    return value, by_x, by_y
+
+
+@compiled()
+def _craters(x: float, y: float, octave: int, seed: np.uint64) -> tuple[float, float, float]:
+    """Craters of one size, in cells of unit width, and the derivatives of the height.
+
+    They reach half a cell, so that none of the other cells than the nearest four matters.
+    """
+    i, j = math.floor(x - 0.5), math.floor(y - 0.5)
+    value, by_x, by_y = 0.0, 0.0, 0.0
+    for a in range(2):
+        for b in range(2):
+            h = _mixed(i + a, j + b, octave, seed ^ _K3)
+            if _uniform(h, 4) > CRATER_SHARE:
+                continue
+            dx, dy = x - (i + a + _uniform(h, 0)), y - (j + b + _uniform(h, 1))
+            d2 = dx * dx + dy * dy
+            radius = 0.12 + 0.13 * _uniform(h, 2)
+            if d2 >= 4.0 * radius * radius:
+                continue
+            s = math.sqrt(d2) / radius
+            fresh = radius * (0.15 + 0.85 * _uniform(h, 3) ** 2)
+            if s < 1.0:
+                value += fresh * (DEPTH * (s * s - 1.0) + RIM)
+                slope = 2.0 * fresh * DEPTH
+            else:
+                value += fresh * RIM * (2.0 - s) ** 3
+                slope = -3.0 * fresh * RIM * (2.0 - s) ** 2 / s
+            by_x += slope * dx / (radius * radius)
+            by_y += slope * dy / (radius * radius)
+    return value, by_x, by_y
+
+
+@compiled()
+def _base(
+    x: float, y: float, heights: Floats, corner_m: Floats, pixel_m: float
+) -> tuple[float, float, float]:
+    """Height of a grid by Catmull-Rom splines, and its derivatives; that of the edge beyond it."""
+    n, m = heights.shape
+    s = min(max((x - corner_m[0]) / pixel_m, 0.0), m - 1.0)
+    t = min(max((corner_m[1] - y) / pixel_m, 0.0), n - 1.0)
+    j, i = min(int(s), m - 2), min(int(t), n - 2)
+    fs, ft = s - j, t - i
+    value, by_s, by_t = 0.0, 0.0, 0.0
+    for a in range(-1, 3):
+        wt, dt = _spline(ft, a)
+        for b in range(-1, 3):
+            ws, ds = _spline(fs, b)
+            h = heights[min(max(i + a, 0), n - 1), min(max(j + b, 0), m - 1)]
+            value += wt * ws * h
+            by_s += wt * ds * h
+            by_t += dt * ws * h
+    return value, by_s / pixel_m, -by_t / pixel_m
+
+
+@compiled()
+def _spline(f: float, k: int) -> tuple[float, float]:
+    """Weight of the neighbour k of -1, 0, 1, 2, and its derivative."""
+    if k == -1:
+        return 0.5 * f * (f * (2.0 - f) - 1.0), 0.5 * (f * (4.0 - 3.0 * f) - 1.0)
+    if k == 0:
+        return 0.5 * (f * f * (3.0 * f - 5.0) + 2.0), 0.5 * f * (9.0 * f - 10.0)
+    if k == 1:
+        return 0.5 * f * (f * (4.0 - 3.0 * f) + 1.0), 0.5 * (f * (8.0 - 9.0 * f) + 1.0)
+    return 0.5 * f * f * (f - 1.0), 0.5 * f * (3.0 * f - 2.0)
+
+
+@compiled()
+def height(
+    x: float,
+    y: float,
+    pixel_m: float,
+    largest_m: float,
+    seed: np.uint64,
+    base_m: Floats,
+    corner_m: Floats,
+    base_pixel_m: float,
+) -> tuple[float, float, float]:
+    """Height at a place, and its derivatives by east and north.
+
+    What is finer than the pixels that look at it is left out.
+    """
+    value, by_x, by_y = _base(x, y, base_m, corner_m, base_pixel_m)
+    wavelength, octave = largest_m, 0
+    while True:
+        weight = min((wavelength / pixel_m - 3.0) / (FINEST - 3.0), 1.0)
+        if weight <= 0.0:
+            return value, by_x, by_y
+        u, v = x / wavelength, y / wavelength
+        h, hx, hy = _noise(u, v, octave, seed)
+        c, cx, cy = _craters(u, v, octave, seed)
+        value += weight * wavelength * (SLOPE * h + c)
+        by_x += weight * (SLOPE * hx + cx)
+        by_y += weight * (SLOPE * hy + cy)
+        wavelength *= 0.5
+        octave += 1
+
+
+@compiled()
+def _albedo(x: float, y: float, pixel_m: float, largest_m: float, seed: np.uint64) -> float:
+    """How bright the ground itself is, about 1."""
+    albedo, wavelength, octave = 1.0, largest_m, 0
+    while True:
+        weight = min((wavelength / pixel_m - 3.0) / (FINEST - 3.0), 1.0)
+        if weight <= 0.0:
+            return albedo
+        value, _, _ = _noise(x / wavelength + 0.37, y / wavelength + 0.71, octave, seed ^ _K4)
+        albedo += weight * ALBEDO * value
+        wavelength *= 0.5
+        octave += 1
+
+
+@compiled()
+def look(
+    origin_m: Floats,
+    directions: Floats,
+    slope_per_pixel: float,
+    radius_m: float,
+    sun: Floats,
+    weights: Floats,
+    largest_m: float,
+    seed: np.uint64,
+    base_m: Floats,
+    corner_m: Floats,
+    base_pixel_m: float,
+    brightness: Floats,
+    points_m: Floats,
+) -> int:
+    """Brightness and place of the ground that unit rays from a point meet; how many of them meet none.
+
+    Axes are east, north and up at the plane's point of contact, from the Moon's centre. Places on the ground are
+    counted on that plane, of the point on the sphere below (orthographic).
+    """
+    missed = 0
+    above = math.sqrt(origin_m[0] ** 2 + origin_m[1] ** 2 + origin_m[2] ** 2)
+    level = 0.0
+    for k in range(len(directions)):
+        dx, dy, dz = directions[k, 0], directions[k, 1], directions[k, 2]
+        along = (origin_m[0] * dx + origin_m[1] * dy + origin_m[2] * dz) / above
+        # The sphere at the height where the ray before met the ground.
+        c = above * above - (radius_m + level) ** 2
+        b = above * along
+        root = b * b - c
+        if b >= 0.0 or root <= 0.0:
+            missed += 1
+            brightness[k] = 0.0
+            points_m[k, 0] = points_m[k, 1] = points_m[k, 2] = math.nan
+            continue
+        t = -b - math.sqrt(root)
+        h, hx, hy, x, y, r, pixel_m = 0.0, 0.0, 0.0, 0.0, 0.0, above, 0.0
+        px, py, pz = 0.0, 0.0, 0.0
+        settled = False
+        for _ in range(MOST_STEPS):
+            px, py, pz = origin_m[0] + t * dx, origin_m[1] + t * dy, origin_m[2] + t * dz
+            r = math.sqrt(px * px + py * py + pz * pz)
+            x, y = radius_m * px / r, radius_m * py / r
+            pixel_m = t * slope_per_pixel
+            h, hx, hy = height(x, y, pixel_m, largest_m, seed, base_m, corner_m, base_pixel_m)
+            apart = r - radius_m - h
+            fall = (px * dx + py * dy + pz * dz) / r
+            # Newton's step with the slope of the ground where that is safe.
+            steep = fall - hx * (dx - fall * px / r) - hy * (dy - fall * py / r)
+            if steep > 0.5 * fall:
+                steep = 0.5 * fall
+            t -= apart / steep
+            if abs(apart) < 0.05 * pixel_m:
+                settled = True
+                break
+        if not settled:
+            missed += 1
+        level = h
+        points_m[k, 0], points_m[k, 1], points_m[k, 2] = x, y, h
+        # The normal in axes that are horizontal here; east and north turn by less than the image's own width.
+        ux, uy, uz = px / r, py / r, pz / r
+        nx, ny, nz = ux - hx, uy - hy, uz + hx * ux + hy * uy
+        size = math.sqrt(nx * nx + ny * ny + nz * nz)
+        mu0 = (nx * sun[0] + ny * sun[1] + nz * sun[2]) / size
+        mu = -(nx * dx + ny * dy + nz * dz) / size
+        if mu0 <= 0.0 or mu <= 0.0:
+            brightness[k] = 0.0
+            continue
+        phase = math.degrees(math.acos(min(max(-(sun[0] * dx + sun[1] * dy + sun[2] * dz), -1.0), 1.0)))
+        lommel = weights[0] + phase * (weights[1] + phase * (weights[2] + phase * weights[3]))
+        albedo = _albedo(x, y, pixel_m, largest_m, seed)
+        brightness[k] = albedo * (2.0 * lommel * mu0 / (mu0 + mu) + (1.0 - lommel) * mu0)
+    return missed
+
+
+@compiled()
+def heights(
+    east_north_m: Floats,
+    pixel_m: float,
+    largest_m: float,
+    seed: np.uint64,
+    base_m: Floats,
+    corner_m: Floats,
+    base_pixel_m: float,
+    out: Floats,
+) -> None:
+    """Heights of places, their derivatives and how bright the ground itself is, shape (n, 4)."""
+    for k in range(len(east_north_m)):
+        x, y = east_north_m[k, 0], east_north_m[k, 1]
+        out[k, 0], out[k, 1], out[k, 2] = height(
+            x, y, pixel_m, largest_m, seed, base_m, corner_m, base_pixel_m
+        )
+        out[k, 3] = _albedo(x, y, pixel_m, largest_m, seed)

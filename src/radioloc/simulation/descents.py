@@ -1,0 +1,197 @@
+"""Descents to the Moon as a camera sees them, frame by frame, with the truth known."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError
+from radioloc.imaging.cameras import Camera
+from radioloc.imaging.frames import load_opencv
+from radioloc.imaging.orientation import ConstantOrientation
+from radioloc.imaging.sensor_models import FrameModel
+from radioloc.imaging.shading import sun_direction
+from radioloc.simulation.ground import Ground, as_bytes
+
+Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Descent:
+    """A camera that descends to the point of contact of the ground's plane.
+
+    Parameters
+    ----------
+    ground : Ground
+    camera : Camera
+    shape : tuple of int
+        Lines and samples.
+    frames : int
+        How many, from the highest to the lowest, at altitudes in geometric progression.
+    altitudes_m : tuple of float
+        Of the first and of the last frame.
+    oblique_above_m, tilt_deg : float
+        Above this altitude the camera looks ahead by this angle from straight down; the turn to straight down ends at
+        three fifths of it.
+    heading_deg : float
+        Direction of flight, from north over east.
+    sun_azimuth_deg, sun_elevation_deg : float
+    blur_px, noise : float
+        Standard deviations of the optics' blur and of the values, of 255.
+    spacecraft : bool
+        Whether parts of the spacecraft are in view.
+    seed : int
+        Of attitudes, drift and noise.
+    """
+
+    ground: Ground
+    camera: Camera
+    shape: tuple[int, int]
+    frames: int = 24
+    altitudes_m: tuple[float, float] = (9000.0, 4.0)
+    oblique_above_m: float = 3000.0
+    tilt_deg: float = 30.0
+    heading_deg: float = 280.0
+    sun_azimuth_deg: float = 100.0
+    sun_elevation_deg: float = 35.0
+    blur_px: float = 0.7
+    noise: float = 2.0
+    spacecraft: bool = True
+    seed: int = 0
+    _drawn: Floats = field(init=False, repr=False)
+
+    def __post_init__(self) -> None:
+        if self.frames < 2 or not self.altitudes_m[0] > self.altitudes_m[1] > 0.0:
+            raise InputError(
+                "a descent needs two frames or more, and altitudes that fall and end above the ground"
+            )
+        # Each attitude and drift is two waves over the descent.
+        drawn = np.random.default_rng(self.seed).normal(size=(5, 2, 2))
+        object.__setattr__(self, "_drawn", drawn)
+
+    @property
+    def sun(self) -> Floats:
+        """Unit vector to the Sun, east, north, up."""
+        return sun_direction(self.sun_azimuth_deg, self.sun_elevation_deg)
+
+    def altitude_m(self, k: int) -> float:
+        """Height of a frame's camera above the ground at the point of contact, m."""
+        first, last = self.altitudes_m
+        return float(first * (last / first) ** (k / (self.frames - 1)))
+
+    def model(self, k: int) -> FrameModel:
+        """The camera and pose of a frame, mean-Earth axes."""
+        altitude = self.altitude_m(k)
+        part = k / (self.frames - 1)
+        waves = np.array([math.sin(2.0 * math.pi * part), math.cos(3.0 * math.pi * part)])
+        roll, pitch, yaw, east, north = (self._drawn[:, 0] @ waves) + 0.3 * (self._drawn[:, 1] @ waves)
+        turned = np.clip((altitude / self.oblique_above_m - 0.6) / 0.4, 0.0, 1.0)
+        tilt = math.radians(self.tilt_deg) * float(turned**2 * (3.0 - 2.0 * turned)) + math.radians(
+            0.5 * pitch
+        )
+        heading = math.radians(self.heading_deg)
+        ahead = np.array([math.sin(heading), math.cos(heading), 0.0])
+        level = float(self.ground.heights_at_m(np.zeros((1, 2)), self.altitudes_m[1] * 1e-3)[0])
+        # The camera's axis passes near the landing site; what it drifts to the side goes with the altitude.
+        place = -0.85 * altitude * math.tan(tilt) * ahead + 0.03 * altitude * np.array([east, north, 0.0])
+        place[2] = MEAN_LUNAR_RADIUS_M + level + altitude
+        # Camera axes: x to the right, y down in the image, z ahead; up in the image is the direction of flight.
+        forward = math.cos(tilt) * np.array([0.0, 0.0, -1.0]) + math.sin(tilt) * ahead
+        right = np.cross(forward, -ahead)
+        right = right / np.linalg.norm(right)
+        rotation = np.column_stack([-right, np.cross(forward, -right), forward])
+        rotation = rotation @ _about(2, math.radians(4.0 * yaw)) @ _about(1, math.radians(0.5 * roll))
+        axes = self.ground.plane.axes()
+        return FrameModel(self.camera, ConstantOrientation(axes.T @ place, axes.T @ rotation), self.shape)
+
+    def frame(self, k: int) -> tuple[Image, Floats]:
+        """A frame in eight bits, and where its pixels are on the ground: east, north, height, m."""
+        cv2 = load_opencv()
+        brightness, points = self.ground.seen_by(self.model(k), self.sun)
+        if self.blur_px > 0.0:
+            brightness = cv2.GaussianBlur(brightness, (0, 0), self.blur_px)
+        image = as_bytes(brightness, self.sun, self.noise, self.seed * 1009 + k)
+        if self.spacecraft:
+            image = np.where(self.spacecraft_mask(), self._parts(), image)
+        return image, points
+
+    def spacecraft_mask(self) -> NDArray[np.bool_]:
+        """Where parts of the spacecraft hide the ground, shape (lines, samples): a footpad and a strut."""
+        lines, samples = self.shape
+        line, sample = np.mgrid[:lines, :samples] / (lines - 1.0)
+        width = (samples - 1.0) / (lines - 1.0)
+        footpad = (sample / 0.22) ** 2 + ((line - 1.0) / 0.3) ** 2 < 1.0
+        strut = np.abs(line - 0.9 * (sample - (width - 0.16))) < 0.025
+        return np.asarray(footpad | (strut & (sample > width - 0.16)))
+
+    def _parts(self) -> Image:
+        """Grey values of the spacecraft's parts, the same in each frame."""
+        cv2 = load_opencv()
+        texture = np.random.default_rng(5).uniform(20.0, 235.0, (24, 24))
+        return np.asarray(cv2.resize(texture, self.shape[::-1], interpolation=cv2.INTER_NEAREST), np.uint8)
+
+    def lander(self) -> tuple[float, float, float]:
+        """Longitude and latitude, deg, and height, m, of the ground in the middle of the last frame: the truth."""
+        model = self.model(self.frames - 1)
+        lines, samples = self.shape
+        middle = FrameModel(
+            Camera(
+                model.camera.focal_length_mm,
+                model.camera.pixel_per_mm,
+                model.camera.principal_point_px - [0.5 * (samples - 1), 0.5 * (lines - 1)],
+                model.camera.distortion,
+                model.camera.looks_along_z,
+            ),
+            model.orientation,
+            (1, 1),
+        )
+        _, points = self.ground.seen_by(middle, self.sun)
+        east, north, height = points[0, 0]
+        longitude, latitude = self.ground.plane.to_longitude_latitude([[east, north]])[0]
+        return float(longitude), float(latitude), float(height)
+
+    def write(self, folder: str | Path) -> Iterator[Path]:
+        """Write ``frames/0001.png`` and on, ``mask.png`` and ``truth.json``, one file each time that is asked for one.
+
+        ``truth.json`` has the lander's place and for each frame its altitude and pose.
+        """
+        cv2 = load_opencv()
+        folder = Path(folder)
+        (folder / "frames").mkdir(parents=True, exist_ok=True)
+        truth = []
+        for k in range(self.frames):
+            path = folder / "frames" / f"{k + 1:04d}.png"
+            cv2.imwrite(str(path), self.frame(k)[0])
+            pose = self.model(k).orientation
+            truth.append(
+                {
+                    "file": path.name,
+                    "altitude_m": self.altitude_m(k),
+                    "position_me_m": pose.position_m.tolist(),
+                    "rot_camera_to_moon": pose.rot_camera_to_moon.tolist(),
+                }
+            )
+            yield path
+        cv2.imwrite(str(folder / "mask.png"), np.where(self.spacecraft_mask(), 0, 255).astype(np.uint8))
+        yield folder / "mask.png"
+        place = dict(zip(("longitude_deg", "latitude_deg", "height_m"), self.lander(), strict=True))
+        (folder / "truth.json").write_text(json.dumps({"lander": place, "frames": truth}, indent=1) + "\n")
+        yield folder / "truth.json"
+
+
+def _about(axis: int, angle_rad: float) -> Floats:
+    """A rotation by a small angle about an axis of the camera."""
+    c, s = math.cos(angle_rad), math.sin(angle_rad)
+    rotation = np.eye(3)
+    i, j = [(1, 2), (2, 0), (0, 1)][axis]
+    rotation[i, i] = rotation[j, j] = c
+    rotation[i, j], rotation[j, i] = -s, s
+    return rotation

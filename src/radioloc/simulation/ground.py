@@ -1,0 +1,228 @@
+"""Ground with craters of all sizes, without end in detail: its heights, what a camera sees of it, and maps of it."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError
+from radioloc.imaging.maps import TangentPlane
+from radioloc.imaging.sensor_models import FrameModel
+from radioloc.imaging.shading import LUNAR_LAMBERT, lunar_lambert
+from radioloc.lunar.map_grid import load_rasterio
+from radioloc.simulation import _ground_kernels as kernels
+
+Floats = NDArray[np.float64]
+
+_BLOCK_LINES = 64
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ground:
+    """Relief of fractal slopes and craters over heights that are given; one seed is one relief.
+
+    Parameters
+    ----------
+    plane : TangentPlane
+        Where it is; places are counted east and north of the point of contact, of the point on the sphere below.
+    seed : int
+    heights_m : array_like, shape (n, m), optional
+        Heights above the 1737.4 km sphere on a grid in the plane, north at the top; beyond it those of its edges go
+        on. Zero if not given.
+    corner_m : tuple of float
+        East and north of the grid's first height.
+    pixel_m : float
+        Of the grid.
+    largest_m : float
+        Longest wavelength of the relief that is added; its craters are up to half as wide.
+
+    Notes
+    -----
+    Each octave of wavelengths has gradient noise with slopes of some 5 degrees, and craters in 60 % of its cells, from
+    fresh to worn; so craters are as many as the square of one over their size. Nothing casts shadows.
+    """
+
+    plane: TangentPlane
+    seed: int = 0
+    heights_m: ArrayLike = ((0.0, 0.0), (0.0, 0.0))
+    corner_m: tuple[float, float] = (0.0, 0.0)
+    pixel_m: float = 1.0
+    largest_m: float = 4000.0
+
+    def __post_init__(self) -> None:
+        heights = np.array(self.heights_m, dtype=np.float64)
+        if heights.ndim != 2 or min(heights.shape) < 2 or not np.isfinite(heights).all():
+            raise InputError("heights_m must be a table of finite numbers, two lines and samples or more")
+        if not (self.pixel_m > 0.0 and self.largest_m > 0.0):
+            raise InputError("pixel_m and largest_m must be positive numbers of metres")
+        object.__setattr__(self, "heights_m", heights)
+
+    def heights_at_m(self, east_north_m: ArrayLike, pixel_m: float) -> Floats:
+        """Heights above the 1737.4 km sphere at places, shape (n, 2), without what pixels of a size do not show, m."""
+        return self._relief(np.ascontiguousarray(east_north_m, dtype=np.float64), pixel_m)[:, 0]
+
+    def seen_by(self, model: FrameModel, sun: Floats) -> tuple[Floats, Floats]:
+        """What a camera sees.
+
+        Parameters
+        ----------
+        model : FrameModel
+            In the same axes as the plane.
+        sun : ndarray, shape (3,)
+            Unit vector to the Sun, east, north, up at the plane's point of contact.
+
+        Returns
+        -------
+        tuple of ndarray
+            Brightness, shape (lines, samples), 1 for ground seen along the Sun's rays; east, north and height of the
+            ground, m, shape (lines, samples, 3).
+
+        Raises
+        ------
+        InputError
+            A pixel looks past the Moon.
+        """
+        lines, samples = model.shape
+        brightness, points = np.empty((lines, samples)), np.empty((lines, samples, 3))
+        axes = self.plane.axes()
+        slope = abs(np.linalg.det(model.camera.pixel_per_mm)) ** -0.5 / model.camera.focal_length_mm
+
+        def block(first: int) -> int:
+            last = min(first + _BLOCK_LINES, lines)
+            pixels = np.stack(np.meshgrid(np.arange(samples), np.arange(first, last)), axis=-1).reshape(-1, 2)
+            rays = model.rays(pixels)
+            missed: int = kernels.look(
+                axes @ rays.origins_m[0],
+                np.ascontiguousarray(rays.directions @ axes.T),
+                slope,
+                MEAN_LUNAR_RADIUS_M,
+                sun,
+                np.array(LUNAR_LAMBERT),
+                *self._of_relief(),
+                brightness[first:last].reshape(-1),
+                points[first:last].reshape(-1, 3),
+            )
+            return missed
+
+        if missed := sum(_by_threads(block, range(0, lines, _BLOCK_LINES))):
+            raise InputError(
+                f"{missed} of {lines * samples} pixels look past the ground; tilt the camera less"
+            )
+        return brightness, points
+
+    def write_map(
+        self,
+        path: str | Path,
+        pixel_m: float,
+        width_m: float,
+        sun: Floats,
+        shift_m: tuple[float, float] = (0.0, 0.0),
+        noise: float = 2.0,
+    ) -> None:
+        """Write a map image of the ground about the point of contact as GeoTIFF, equidistant cylindrical, eight bits.
+
+        Parameters
+        ----------
+        path : path-like
+        pixel_m, width_m : float
+            Size of a pixel and of the whole.
+        sun : ndarray, shape (3,)
+            As of :meth:`seen_by`.
+        shift_m : tuple of float
+            How far east and north of the truth the map says that everything is.
+        noise : float
+            Standard deviation of the values, of 255.
+        """
+
+        def values(relief: Floats) -> NDArray[np.uint8]:
+            _, east, north, albedo = relief.T
+            cos_emission = 1.0 / np.sqrt(1.0 + east**2 + north**2)
+            cos_incidence = (sun[2] - sun[0] * east - sun[1] * north) * cos_emission
+            bright = albedo * lunar_lambert(cos_incidence, cos_emission, np.arccos(sun[2]))
+            return as_bytes(bright, sun, noise, self.seed + 1)
+
+        self._write(path, pixel_m, width_m, shift_m, "uint8", values)
+
+    def write_heights(
+        self, path: str | Path, pixel_m: float, width_m: float, shift_m: tuple[float, float] = (0.0, 0.0)
+    ) -> None:
+        """Write an elevation model as GeoTIFF, m above the 1737.4 km sphere; parameters as of :meth:`write_map`."""
+        self._write(
+            path, pixel_m, width_m, shift_m, "float32", lambda relief: relief[:, 0].astype(np.float32)
+        )
+
+    def _write(
+        self,
+        path: str | Path,
+        pixel_m: float,
+        width_m: float,
+        shift_m: tuple[float, float],
+        dtype: str,
+        values: Callable[[Floats], Any],
+    ) -> None:
+        rasterio = load_rasterio()
+        size = max(2, round(width_m / pixel_m))
+        # By the definition of the projection: x = R cos(lat_ts) (lon - lon_0), y = R (lat - lat_0).
+        per_degree = np.radians(MEAN_LUNAR_RADIUS_M)
+        scale = np.array([per_degree * np.cos(np.radians(self.plane.latitude_deg)), per_degree])
+        crs = (
+            f"+proj=eqc +lat_ts={self.plane.latitude_deg!r} +lat_0={self.plane.latitude_deg!r} "
+            f"+lon_0={self.plane.longitude_deg!r} +R={MEAN_LUNAR_RADIUS_M!r} +units=m +no_defs"
+        )
+        edge = 0.5 * size * pixel_m
+        transform = rasterio.Affine(pixel_m, 0.0, shift_m[0] - edge, 0.0, -pixel_m, shift_m[1] + edge)
+        middle = (np.arange(size) - 0.5 * (size - 1)) * pixel_m
+        profile = {"driver": "GTiff", "width": size, "height": size, "count": 1, "dtype": dtype, "crs": crs}
+        with rasterio.open(
+            path,
+            "w",
+            transform=transform,
+            compress="deflate",
+            predictor=2 if dtype == "uint8" else 3,
+            **profile,
+        ) as file:
+
+            def block(first: int) -> Any:
+                last = min(first + _BLOCK_LINES, size)
+                xy = np.stack(np.meshgrid(middle, -middle[first:last]), axis=-1).reshape(-1, 2)
+                degrees = xy / scale + [self.plane.longitude_deg, self.plane.latitude_deg]
+                relief = self._relief(self.plane.from_longitude_latitude(degrees), pixel_m)
+                return first, values(relief).reshape(last - first, size)
+
+            for first, band in _by_threads(block, range(0, size, _BLOCK_LINES)):
+                file.write(band, 1, window=((first, first + len(band)), (0, size)))
+
+    def _relief(self, east_north_m: Floats, pixel_m: float) -> Floats:
+        out = np.empty((len(east_north_m), 4))
+        kernels.heights(np.ascontiguousarray(east_north_m), pixel_m, *self._of_relief(), out)
+        return out
+
+    def _of_relief(self) -> tuple[Any, ...]:
+        return (
+            self.largest_m,
+            np.uint64(self.seed),
+            self.heights_m,
+            np.array(self.corner_m, dtype=np.float64),
+            self.pixel_m,
+        )
+
+
+def as_bytes(brightness: Floats, sun: Floats, noise: float, seed: int) -> NDArray[np.uint8]:
+    """Eight bits, with level ground at 110 and noise of a standard deviation."""
+    level = float(lunar_lambert(sun[2], 1.0, np.arccos(sun[2])))
+    grey = 110.0 / level * brightness
+    grey = grey + np.random.default_rng([seed, grey.size]).normal(0.0, noise, grey.shape)
+    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+
+
+def _by_threads(work: Callable[[int], Any], items: range) -> list[Any]:
+    with ThreadPoolExecutor(os.cpu_count()) as pool:
+        return list(pool.map(work, items))

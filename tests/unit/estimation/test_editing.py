@@ -112,6 +112,18 @@ def test_too_many_outliers_are_not_cut_away():
     assert "check stations, sigmas and model" in edited.message
 
 
+def test_what_is_in_and_out_by_turns_is_left_out():
+    """At a threshold of two sigmas two of these are taken back by the fit without them, and left out by the next."""
+    rng = np.random.default_rng(176)
+    design, residual_m = rng.normal(size=(20, 3)), rng.standard_t(2, size=20)
+    parameters = ParameterSet([Parameter(f"p.{k}", "m", "p") for k in range(3)])
+    edited = fit_with_editing(lambda x: (residual_m - design @ x, design), parameters, 1.0, threshold=2.0)
+    assert edited.converged
+    assert edited.message == "2 observations at the outlier limit were left out, in and out by turns"
+    assert np.flatnonzero(~edited.fit.used).tolist() == [0, 3, 5, 8]
+    assert edited.passes == 4
+
+
 def test_left_out_beforehand_stays_out_with_its_reason():
     model = ToyMoon(60, 72.0, biases=False)
     observed_m = observations(model, 0.01)
@@ -132,6 +144,7 @@ def test_editing_can_be_switched_off():
     observed_m[20] += 5.0
     edited = fit_with_editing(model.residual_function(observed_m), model.parameters(), 0.01, threshold=None)
     assert edited.fit.used.all()
+    assert edited.passes == 1
     assert edited.converged
 
 

@@ -6,6 +6,9 @@ from toy_moon import LANDER_M, ToyMoon
 
 from radioloc.errors import InputError
 from radioloc.estimation import FitStatus, Parameter, ParameterSet, fit_least_squares, least_squares
+from radioloc.estimation.factorization import factorize, refreshed
+from radioloc.estimation.linearization import evaluate
+from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import Role
 
@@ -126,6 +129,21 @@ def test_damping_where_full_steps_overshoot():
     fit = fit_least_squares(arctangent, ParameterSet([Parameter("a", "m", "p", 20.0)]), 0.01)
     assert fit.converged
     assert abs(fit.x[0]) < 1e-6
+
+
+@pytest.mark.parametrize("prior_sigma", [np.inf, 0.5])
+def test_the_old_triangle_gives_the_right_side_of_a_point_nearby(prior_sigma):
+    """That it does tells that a fit is at its end without another factorization; of a linear problem to rounding."""
+    design, observed, sigma = linear()
+    parameters = free_parameters(5, prior_sigma=prior_sigma)
+    start, near = np.zeros(5), np.full(5, 0.01)
+    whitening = ObservationNoise(sigma).among()
+    at_start, at_near = (evaluate(function(design, observed), x) for x in (start, near))
+    old = factorize(at_start, whitening, parameters, start)
+    found = refreshed(old, at_near, whitening, parameters, near)
+    again = factorize(at_near, whitening, parameters, near)
+    np.testing.assert_allclose(found.step(0.0), again.step(0.0), rtol=LINEAR_RTOL)
+    assert found.step_sigmas == pytest.approx(again.step_sigmas, rel=LINEAR_RTOL)
 
 
 def test_wrong_partials_diverge_and_say_so():

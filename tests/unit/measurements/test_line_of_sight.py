@@ -81,6 +81,7 @@ def test_the_first_medium_in_doubt_is_told_unless_the_target_cannot_be_seen():
         (-9e3, 120.0, True),
         (0.0, 89.0, False),
         (0.0, 91.0, True),
+        (-3e5, 0.0, True),  # no trajectory is there
     ],
 )
 def test_the_moon_hides_what_is_beyond_its_limb(height_m, angle_deg, hidden):

@@ -1,0 +1,184 @@
+"""The Kalman filter of white noise plus Gauss-Markov processes against dense algebra, and sums over bins.
+
+Quick without the compiler too, so that lines and mutants of compiled code can be seen: nothing here is larger than it
+must be.
+"""
+
+import numpy as np
+import pytest
+
+from radioloc.estimation._kernels import add_to_bins, bins, filter_grid, mean_correlation, whiten
+from radioloc.estimation.gauss_markov import Points, RestrictedLikelihood, Series, SeriesNoise
+
+ROUNDING = 1e-10
+
+
+@pytest.fixture(scope="module")
+def case():
+    """Unevenly spaced points, two at one instant, some of them means of several observations."""
+    rng = np.random.default_rng(1)
+    step_s = rng.exponential(60.0, 150)
+    step_s[[0, 40]] = 0.0
+    step_s[80] = 20000.0
+    gain = np.sqrt(rng.integers(1, 5, 150).astype(float))
+    absorbed = np.linalg.qr(np.column_stack([gain, gain * np.linspace(-1.0, 1.0, 150)]))[0]
+    columns = np.column_stack([absorbed, rng.normal(size=150)])
+    return step_s, gain, columns
+
+
+def dense(step_s, gain, tau_s, ratio):
+    time_s = np.cumsum(step_s)
+    correlation = np.exp(-np.abs(time_s[:, None] - time_s) / tau_s)
+    return np.eye(len(time_s)) + ratio * gain[:, None] * correlation * gain
+
+
+TAU_S, RATIO = np.array([30.0, 600.0, 50000.0]), np.array([1e-4, 0.3, 200.0])
+
+
+def test_determinants_and_squares_are_those_of_the_dense_covariance(case):
+    step_s, gain, columns = case
+    tau_s = np.stack([TAU_S, TAU_S[::-1]], axis=-1)
+    part = np.array([[1.0, 0.0], [0.4, 0.6], [0.3, 0.5]])
+    determinant, squares = filter_grid(step_s, gain, columns, tau_s, part, RATIO)
+    for k in range(9):
+        each = zip(tau_s[k // 3], part[k // 3] * RATIO[k % 3], strict=True)
+        covariance = np.sum([dense(step_s, gain, *one) for one in each], axis=0) - np.eye(150)
+        products = columns.T @ np.linalg.solve(covariance, columns)
+        expected = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(products[:2, :2])[1]
+        assert determinant.flat[k] == pytest.approx(expected, rel=ROUNDING)
+        left = products[2, 2] - products[2, :2] @ np.linalg.solve(products[:2, :2], products[:2, 2])
+        assert squares.flat[k] == pytest.approx(left, rel=ROUNDING)
+
+
+def test_restricted_likelihood_is_that_of_dense_algebra(case):
+    step_s, gain, columns = case
+    residual = columns[:, 2]
+    data = points(residual, step_s, gain, columns[:, :2], 150, residual @ residual, 0.0)
+    (log,), (white,) = RestrictedLikelihood.of(data, 30.0).of_series(np.array([0]), TAU_S, RATIO)
+    null, _ = likelihood(np.eye(150), columns[:, :2], residual)
+    for i, tau_s in enumerate(TAU_S):
+        for j, ratio in enumerate(RATIO):
+            one, variance = likelihood(dense(step_s, gain, tau_s, ratio), columns[:, :2], residual)
+            assert log[i, j] == pytest.approx(one - null, rel=1e-9, abs=1e-9)
+            assert white[i, j] == pytest.approx(variance, rel=1e-9)
+
+
+def likelihood(covariance, absorbed, residual):
+    """Restricted, of the contrasts that no parameter moves; and the variance that makes it largest."""
+    left = np.linalg.svd(absorbed)[0][:, absorbed.shape[1] :]
+    contrasts = left.T @ residual
+    root = np.linalg.cholesky(left.T @ covariance @ left)
+    variance = float(np.mean(np.linalg.solve(root, contrasts) ** 2))
+    return -0.5 * len(contrasts) * np.log(variance) - np.log(np.diag(root)).sum(), variance
+
+
+@pytest.mark.parametrize("width_s", [0.0, 300.0])
+def test_restricted_likelihood_of_bins_is_that_of_their_observations(width_s):
+    """Three observations a bin share what their mean has of the process; the rest of it is white noise among them."""
+    each, tau_s, ratio = 3, 600.0, 2.0
+    residual = np.random.default_rng(2).normal(size=(40, each))
+    data = points(
+        residual.sum(axis=1) / np.sqrt(each),
+        np.full(40, 900.0),
+        np.full(40, np.sqrt(each)),
+        np.full((40, 1), np.sqrt(each)),
+        residual.size,
+        float((residual**2).sum()),
+        width_s,
+    )
+    found = RestrictedLikelihood.of(data, 30.0).of_series(np.array([0]), np.array([tau_s]), np.array([ratio]))
+    mean = mean_correlation(width_s, np.array([tau_s]))[0]
+    between = dense(np.full(40, 900.0), np.ones(40), tau_s, ratio * mean) - np.eye(40)
+    inside = np.eye(each) - 1.0 / each
+    covariance = np.eye(40 * each) + np.kron(between, np.ones((each, each)))
+    covariance += ratio * (1.0 - mean) * np.kron(np.eye(40), inside)
+    constant = np.ones((40 * each, 1))
+    (one, variance), (null, _) = (
+        likelihood(matrix, constant, residual.ravel()) for matrix in (covariance, np.eye(40 * each))
+    )
+    assert found[0].item() == pytest.approx(one - null, rel=1e-9)
+    assert found[1].item() == pytest.approx(variance, rel=1e-9)
+
+
+def test_whitening_is_a_root_of_the_inverse_covariance(case):
+    step_s, _, columns = case
+    # Two series, the second without noise of its own but white.
+    ends, two = np.array([0, 150, 160]), np.append(step_s, np.full(10, 60.0))
+    numbers = np.array([[0.8, 600.0, 3.0], [1.0, 1.0, 0.0]]).T.copy()
+    both = whiten(ends, two, *numbers, np.eye(160), False)
+    np.testing.assert_array_equal(both[150:, 150:], np.eye(10))
+    assert not both[:150, 150:].any()
+    assert not both[150:, :150].any()
+    whitened = both[:150, :150]
+    expected = np.linalg.inv(0.8 * dense(step_s, np.ones(150), 600.0, 3.0))
+    np.testing.assert_allclose(whitened.T @ whitened, expected, rtol=0.0, atol=ROUNDING)
+    np.testing.assert_allclose(np.triu(whitened, 1), 0.0, rtol=0.0, atol=ROUNDING)
+    more = np.vstack([columns, np.zeros((10, columns.shape[1]))])
+    np.testing.assert_allclose(
+        whiten(ends, two, *numbers, more, True)[:150], whitened.T @ columns, rtol=0.0, atol=ROUNDING
+    )
+
+
+def test_noise_of_a_series_multiplies_as_its_covariance(case):
+    step_s, gain, columns = case
+    mixed = SeriesNoise(0.8, np.array([60.0, 600.0]), np.array([1.0, 2.0]))
+    expected = 0.8 * (np.eye(150) + dense(step_s, gain, 60.0, 1.25) + dense(step_s, gain, 600.0, 2.5))
+    expected -= 2.0 * 0.8 * np.eye(150)
+    np.testing.assert_allclose(
+        mixed.products(step_s, gain, columns), columns.T @ expected @ columns, rtol=1e-10
+    )
+    assert mixed.share == pytest.approx(3.0 / 3.8)
+
+
+def test_mean_correlation_in_a_bin():
+    instants_s = np.arange(600) * 0.5
+    for tau_s in (30.0, 300.0, 30000.0):
+        expected = np.exp(-np.abs(instants_s[:, None] - instants_s) / tau_s).mean()
+        # Steps of 0.5 s leave (0.5 / tau)^2 / 12 of the mean.
+        assert mean_correlation(300.0, np.array([tau_s]))[0] == pytest.approx(expected, rel=3e-5)
+    assert mean_correlation(0.0, np.array([3.0])).tolist() == [1.0]
+
+
+def test_a_long_series_has_bins_of_equal_duration_and_a_gap_has_none():
+    short_s, instant_s = np.array([0.0, 1.0, 5.0]), np.full(10, 7.0)
+    # 40 observations a minute apart, on either side of a day without any: a gap counts as ten steps.
+    long_s = np.concatenate([np.arange(20) * 60.0, 86400.0 + np.arange(20) * 60.0])
+    begin = np.array([0, 3, 43, 53])
+    place, first, width_s = bins(np.concatenate([short_s, long_s, instant_s]), begin, 5)
+    assert place[:3].tolist() == [0, 1, 2]
+    assert width_s.tolist() == pytest.approx([0.0, (38 + 10) * 60.0 / 5, 0.0])
+    # A bin is 9.6 minutes; what ends one and begins the next after the gap are different bins.
+    assert np.bincount(place[3:43] - first[1]).tolist() == [10, 10, 10, 9, 1]
+    assert place[43:].tolist() == np.repeat(first[2] + np.arange(5), 2).tolist()
+    assert first.tolist() == [0, 3, 8, 13]
+
+
+def test_sums_of_bins_are_those_of_whitened_values():
+    rng = np.random.default_rng(3)
+    place, values, whitening = (
+        np.array([0, 0, 1, 2, 2]),
+        rng.normal(size=(5, 2, 3)),
+        rng.normal(size=(5, 2, 2)),
+    )
+    sums, squares = np.ones((2, 3, 3)), np.ones((2, 3))
+    add_to_bins(place, whitening, values, sums, squares)
+    whitened = whitening @ values
+    for k in range(3):
+        mine = place == k
+        np.testing.assert_allclose(sums[:, k], 1.0 + whitened[mine].sum(axis=0), rtol=1e-12)
+        np.testing.assert_allclose(squares[:, k], 1.0 + (whitened[mine, :, 0] ** 2).sum(axis=0), rtol=1e-12)
+
+
+def points(residual, step_s, gain, unit, count, squares, width_s):
+    n = len(residual)
+    return Points(
+        (Series("a", "a", "g", "range"),),
+        begin=np.array([0, n]),
+        count=np.array([count]),
+        squares=np.array([squares]),
+        width_s=np.array([width_s]),
+        step_s=step_s,
+        gain=gain,
+        residual=residual,
+        unit=unit,
+    )

@@ -308,11 +308,6 @@ class _Problem:
                 short = damping == 0.0 and length <= _SHORT
                 if trial.chi2 <= here.chi2 + short * _ROUNDED * np.sqrt(here.chi2):
                     return trial, after, damping
-                # A long step in a weak direction leaves the curved valley of low sums; a second one leads back.
-                trial = self.stepped(trial, after, 0.0)
-                after = self.factor(trial) if trial.chi2 <= here.chi2 else None
-                if after is not None:
-                    return trial, after, damping
             damping = 3.0 * damping if damping > 0.0 else factor.least_damping
         return None
 

@@ -219,6 +219,16 @@ def test_fewer_observations_than_parameters():
     assert (fit.dof, fit.chi2_per_dof) == (0, None)
 
 
+@pytest.mark.parametrize(
+    ("observed", "scale"), [([0.0, 20.0], 200.0**0.5), ([0.0, 4.0], 1.0), ([20.0], 1.0), ([0.0] * 9, 1.0)]
+)
+def test_noise_is_scaled_up_where_residuals_leave_no_doubt(observed, scale):
+    """Two observations 20 sigmas apart are enough, 4 sigmas are chance, and one alone says nothing."""
+    n = len(observed)
+    fit = fit_least_squares(function(np.ones((n, 1)), np.array(observed)), free_parameters(1), 1.0)
+    assert fit.noise_scale == pytest.approx(scale)
+
+
 def test_no_information_beyond_the_size_of_the_moon():
     design = np.array([[1.0, 0.0], [1.0, 1e-9], [1.0, 2e-9]])
     fit = fit_least_squares(function(design, np.ones(3)), free_parameters(2), 1.0)

@@ -126,6 +126,45 @@ def test_a_common_part_that_is_known_or_does_not_matter_is_not_named(hours, prio
     assert assess_observability(three_biases(hours, prior_sigma_m)).common == ()
 
 
+@pytest.mark.parametrize("count", [1, 2])
+def test_a_common_part_is_that_of_two_or_more(count):
+    """The data tell the biases to 1 m, as was known before; the position moves with them."""
+    design = np.column_stack([np.ones(count), np.eye(count)])
+    parameters = ParameterSet(
+        [
+            Parameter("position.x", "m", "position"),
+            *(Parameter(f"range_bias.{k}", "m", "range_bias", 0.0, 1.0) for k in range(count)),
+        ]
+    )
+    fit = fit_least_squares(lambda x: (-design @ x, design), parameters, 0.01)
+    assert [part.count for part in assess_observability(fit).common] == [2] * (count == 2)
+
+
+def test_common_part_where_the_position_is_held():
+    model = ToyMoon(200, 12.0)
+    parameters = model.parameters(bias_sigma_m=1e-3)
+    for axis in "xyz":
+        parameters = parameters.changed(f"position.{axis}_m", role=Role.FIXED)
+    observed_m, _ = model.ranges(np.concatenate([LANDER_M, np.zeros(3)]))
+    (part,) = assess_observability(
+        fit_least_squares(model.residual_function(observed_m), parameters, 0.3)
+    ).common
+    assert (part.position_m, part.correlation, part.correlated_with) == (0.0, 0.0, "")
+    assert str(part) == "common range bias of 3: sigma 0.000577 m (0.000577 m a priori)"
+
+
+def test_undetermined_biases_have_no_common_part():
+    """Of three, one without data: what is not determined is told as that."""
+    model = ToyMoon(200, 12.0)
+    observed_m, partials = model.ranges(np.concatenate([LANDER_M, np.zeros(3)]))
+    parameters = ParameterSet([*model.parameters(), Parameter("range_bias.D", "m", "range_bias")])
+    design = np.column_stack([partials, np.zeros(200)])
+    fit = fit_least_squares(lambda x: (observed_m - model.ranges(x[:6])[0], design), parameters, 0.3)
+    found = assess_observability(fit)
+    assert [direction.names for direction in found.undetermined] == [("range_bias.D",)]
+    assert found.common == ()
+
+
 def test_the_worst_weak_direction_is_the_largest_sigma_of_all_combinations():
     model = ToyMoon(200, 12.0)
     observed_m, _ = model.ranges(np.concatenate([LANDER_M, np.zeros(3)]))

@@ -47,7 +47,7 @@ KEYS = {
     ],
     "estimate": [
         *("position", "range_bias", "range_bias_sigma_m", "time_bias", "time_bias_sigma_s"),
-        *("height_prior", "ephemeris_sigma_m", "rejection_sigma", "weights"),
+        *("height_prior", "ephemeris_sigma_m", "rejection_sigma", "weights", "estimator"),
     ],
     "model": ["off", "ephemeris", "libration", "earth_orientation"],
     "stations.APOLLO": ["itrf_m", "velocity_m_yr", "epoch", "aliases"],

@@ -203,8 +203,7 @@ def _huber_step(
     y: NDArray[np.float64] = np.zeros(basis.shape[1])
     remaining = normalized
     for _ in range(_MAX_REWEIGHTINGS):
-        # A residual of m sigmas, m > 1, weighs like one observed with sqrt(m) times the stated sigma.
-        weighted = basis / np.maximum(1.0, np.abs(remaining))[:, None]
+        weighted = basis * huber_weight(remaining)[:, None]
         side = gram(weighted, normalized[:, None])[:, 0]
         new = np.linalg.solve(prior_normal + gram(weighted, basis), prior_side + side).astype(np.float64)
         moved = np.abs(np.einsum("nq,q->n", basis, new - y)).max(initial=0.0)
@@ -270,7 +269,12 @@ def _huber_loss(normalized: NDArray[np.float64], parameters: ParameterSet, x: ND
     return loss if np.isfinite(loss) else np.inf
 
 
-def huber(normalized: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Huber's loss (1964) of each residual, its corner at one sigma."""
+def huber(normalized: NDArray[np.float64], corner: float = 1.0) -> NDArray[np.float64]:
+    """Huber's loss (1964) of each residual, quadratic up to a corner, in sigmas."""
     size = np.abs(normalized)
-    return np.where(size < 1.0, 0.5 * size**2, size - 0.5)
+    return np.where(size < corner, 0.5 * size**2, corner * (size - 0.5 * corner))
+
+
+def huber_weight(normalized: NDArray[np.float64], corner: float = 1.0) -> NDArray[np.float64]:
+    """Weight at which the square of a residual pulls as its loss does: one of m corners like one of sqrt(m) sigmas."""
+    return corner / np.maximum(corner, np.abs(normalized))

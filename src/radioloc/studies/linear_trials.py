@@ -17,6 +17,7 @@ from radioloc.estimation.correlated_weights import fit_with_correlated_weights
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import LinearProblem
 from radioloc.estimation.labels import Labels
+from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.variance_components import fit_with_variance_components
@@ -64,6 +65,7 @@ class LinearArc:
     height_m: float  # of the true position
     considered_m: _Floats  # (m, r), effects of independent errors of unit variance that are considered
     correlated: bool  # whether series are weighed as their residuals ask for
+    huber: bool  # whether the last fit is by Huber's loss
 
     def fit(self, residual_m: _Floats) -> EditedFit:
         """Fit to residuals, as a study does."""
@@ -76,9 +78,9 @@ class LinearArc:
             status=self.status,
             threshold=self.threshold,
         )
-        if not self.correlated:
-            return found
-        return fit_with_correlated_weights(linear, found, self.order)
+        if self.correlated:
+            found = fit_with_correlated_weights(linear, found, self.order)
+        return fit_with_huber(linear, found, self.order) if self.huber else found
 
 
 @dataclass(frozen=True, slots=True, eq=False)

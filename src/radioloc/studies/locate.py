@@ -16,6 +16,7 @@ from radioloc.estimation.build import Doubt, build_solution, seconds_since_midni
 from radioloc.estimation.correlated_weights import fit_with_correlated_weights
 from radioloc.estimation.editing import EditedFit, fit_with_editing
 from radioloc.estimation.labels import USED, Labels
+from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, TargetPosition
@@ -153,6 +154,8 @@ def fit_arc(
     fitted = _fit(problem, noise, order, estimate, *status_of(arc, targets))
     if estimate is not None and estimate.weights == "correlated":
         fitted = fit_with_correlated_weights(problem.linearize, fitted, order)
+    if estimate is not None and estimate.estimator == "huber":
+        fitted = fit_with_huber(problem.linearize, fitted, order)
     x, used = fitted.fit.x, fitted.fit.used
     elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
     doubts: list[Doubt] = []

@@ -237,6 +237,7 @@ def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
         "ephemeris_sigma_m": estimate.ephemeris_sigma_m,
         "rejection_sigma": estimate.rejection_sigma,
         "weights": estimate.weights,
+        "estimator": estimate.estimator,
         "pass_gap_h": estimate.pass_gap_h,
         **dict.fromkeys(PARAMETERS, "none"),
         **chosen_keys(estimate.parameters),

@@ -189,6 +189,7 @@ class Prepared:
             height_m=float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
             considered_m=np.zeros((0, 0)) if considered is None else few_errors(considered, noise.sigma_m),
             correlated=study.estimate.weights == "correlated",
+            huber=study.estimate.estimator == "huber",
         )
 
 

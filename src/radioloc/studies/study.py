@@ -36,6 +36,7 @@ from radioloc.studies.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
 
 WEIGHTS = ("independent", "correlated")
+ESTIMATORS = ("least_squares", "huber")
 POSITION_FORMS = ("geographic", "cartesian", "none")
 HEIGHT_LIMITS_M = (-2.0e4, 2.0e4)
 """Beyond any terrain: heights above the 1737.4 km sphere run from -9.2 to 10.8 km."""
@@ -207,6 +208,8 @@ class EstimateChoice:
         An observation is rejected when its residual exceeds so many of its expected sigmas; 2 or more.
     weights : {"correlated", "independent"}
         Whether dense series of time-correlated observations count as the few that they are worth, or all in full.
+    estimator : {"least_squares", "huber"}
+        Whether what editing leaves counts by its squares, or beyond 1.345 sigmas in proportion only.
     pass_gap_h : float
         A new pass begins when a station has not observed for longer.
     parameters : mapping of str to ParameterChoice, optional
@@ -231,6 +234,7 @@ class EstimateChoice:
         choices=WEIGHTS,
         advice="sigmas by type, station and file belong to [[observations.weights]]",
     )
+    estimator: str = entry("least_squares", choices=ESTIMATORS)
     pass_gap_h: float = entry(PASS_GAP_H, positive=True)
     parameters: Mapping[str, ParameterChoice] = entry(factory=dict, keys=PARAMETER_KEYS, read=read_parameters)
 
@@ -242,6 +246,7 @@ class EstimateChoice:
         ephemeris_sigma_m: float | tuple[float, float, float] = 0.0,
         rejection_sigma: float = 5.0,
         weights: str = "correlated",
+        estimator: str = "least_squares",
         pass_gap_h: float = PASS_GAP_H,
         parameters: Mapping[str, ParameterChoice] | None = None,
         **keys: Any,
@@ -255,6 +260,7 @@ class EstimateChoice:
             ("ephemeris_sigma_m", of_axes),
             ("rejection_sigma", rejection_sigma),
             ("weights", weights),
+            ("estimator", estimator),
             ("pass_gap_h", pass_gap_h),
             ("parameters", parameter_choices(keys, parameters)),
         ):

@@ -35,7 +35,7 @@ class ToyMoon:
     ) -> None:
         self.time_s = np.linspace(0.0, 3600.0 * hours, n)
         self.station = np.array(stations)[np.arange(n) % len(stations)]
-        self.biased = stations if biases else ()
+        self.biased = tuple(dict.fromkeys(stations)) if biases else ()
         latitude, longitude = np.array([STATIONS[name] for name in self.station]).T
         angle = longitude + _EARTH_RATE * self.time_s
         self.station_m = _EARTH_RADIUS_M * np.stack(

@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
+
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.factorization import LinearProblem, OrthonormalLinearization, factorize, gram
+from radioloc.estimation.labels import Labels
 from radioloc.estimation.linearization import (
     DenseLinearization,
     Linearization,
@@ -16,6 +19,8 @@ from radioloc.estimation.linearization import (
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet
+
+_Choice = Callable[[NDArray[np.float64]], NDArray[np.intp]]
 
 _MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
 _MAX_LINEARIZATIONS = 15
@@ -34,7 +39,14 @@ _MUCH_LESS = 0.1
 somewhat better, of weakly determined positions several times better."""
 _KEPT = 0.6
 """Part of the observations that least trimmed squares keep: up to 40 % may be wrong."""
-_SUBSETS = 500
+_SUBSETS, _ENDS = 500, 5
+"""Draws of least trimmed squares, and of each way how many are followed to their end."""
+_FEW, _OF_EACH = 3, 20
+"""Observations of each group that are kept beside the best of all, and those that are looked at in any case."""
+_AGREES = 5.0
+"""Spreads within which an observation agrees with an estimate."""
+_MOST_TRIMMED = 3
+"""Times that least trimmed squares are linearized anew: where geometry is weak, gross errors carry far away."""
 _RIDGE = 1e-9
 _SETTLED = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
 
@@ -61,6 +73,7 @@ def robust_start(
     sigma_m: NDArray[np.float64],
     usable: NDArray[np.bool_],
     whole: Linearization,
+    groups: Labels | None = None,
 ) -> tuple[NDArray[np.float64], Linearization]:
     """Estimate that gross errors in a minority of the observations move by little, from the a-priori values on.
 
@@ -68,8 +81,8 @@ def robust_start(
     the sum of absolute residuals, by iteratively reweighted least squares on each linearization. The loss
     is convex: far from the solution there is no false minimum of a linear model to fall into, and no scale
     has to be guessed. Where its residuals spread beyond their sigmas, gross errors on one side may have carried
-    it away: least trimmed squares (Rousseeuw 1984) then look for a majority that agrees much better. Of more
-    than :data:`_MOST_ROWS` observations a sample makes the start (:func:`sample`).
+    it away, in all observations or in one of `groups`: least trimmed squares (Rousseeuw 1984) then look for a majority
+    that agrees much better. Of more than :data:`_MOST_ROWS` observations a sample makes the start (:func:`sample`).
     `whole` is the linearization at the a-priori values; returned is that at the estimate.
     """
     x = parameters.prior_values
@@ -110,15 +123,29 @@ def robust_start(
         residual_m, partials = trial_residual_m, whole.partials(rows)
         if prepared is not None:  # linear: another step would be none
             break
-    spread = robust_scale(residual_m / sigma_m, len(free))
-    trimmed = _trimmed_step(residual_m, partials, sigma_m, parameters, x, root) if spread > _CLEAN else None
-    if trimmed is not None:
-        trial = x.copy()
+    group = np.zeros(len(rows), dtype=np.intp) if groups is None else groups.codes[rows].astype(np.intp)
+    spreads = _spreads(residual_m / sigma_m, group, len(free))
+    trial, trial_whole = x, whole
+    for _ in range(_MOST_TRIMMED if max(spreads) > _CLEAN else 0):
+        residual_m, partials = trial_whole.residual_m[rows], trial_whole.partials(rows)
+        trimmed = _trimmed_step(residual_m, partials, sigma_m, parameters, trial, root, group)
+        if trimmed is None:
+            break
+        trial = trial.copy()
         trial[free] += trimmed
         trial_whole = evaluate(residual_function, trial)
-        if robust_scale(trial_whole.residual_m[rows] / sigma_m, len(free)) < _MUCH_LESS * spread:
+        after = _spreads(trial_whole.residual_m[rows] / sigma_m, group, len(free))
+        if any(a < _MUCH_LESS * b and b > _CLEAN for a, b in zip(after, spreads, strict=True)):
             return trial, trial_whole
     return x, whole
+
+
+def _spreads(
+    normalized: NDArray[np.float64], group: NDArray[np.intp], n_parameters: int
+) -> tuple[float, float]:
+    """Spread of all residuals, and that of the group which has the largest of those with some observations."""
+    groups = (normalized[group == k] for k in np.flatnonzero(np.bincount(group) >= _OF_EACH))
+    return robust_scale(normalized, n_parameters), max((robust_scale(one, 1) for one in groups), default=0.0)
 
 
 def linear_problem(
@@ -221,21 +248,40 @@ def _trimmed_step(
     parameters: ParameterSet,
     x: NDArray[np.float64],
     root: NDArray[np.float64],
+    group: NDArray[np.intp],
 ) -> NDArray[np.float64] | None:
     """Change of the free parameters to least trimmed squares of linearized residuals, (q,); none where these are few.
 
     From subsets that are just large enough, drawn at random, concentration steps lead down: the next estimate is from
-    the observations that fit the last one best (Rousseeuw and Van Driessen 2006).
+    the observations that fit the last one best (Rousseeuw and Van Driessen 2006). These are the best of all, of which
+    one group may have none; the best of each group, of which one may be all wrong; or the best of all and a few of each
+    group. Of what these lead to that is taken which the most observations agree with.
     """
     random = np.random.Generator(np.random.PCG64(_SEED))
-    rows = np.sort(random.permutation(len(residual_m))[:_REPEATED_ROWS])
+    rows = _some_of_each(group, random)
     n, q = len(rows), root.shape[1]
     if n < 3 * q or not q:
         return None
     basis = partials[rows][:, parameters.free] @ root / sigma_m[rows, None]
     normalized = residual_m[rows] / sigma_m[rows]
     prior_normal, prior_side = _prior_terms(parameters, x, root)
-    kept = int(_KEPT * n)
+    _, group, in_group = np.unique(group[rows], return_inverse=True, return_counts=True)
+    first = np.cumsum(in_group) - in_group
+    rank = np.arange(n) - np.repeat(first, in_group)
+    best_of_each = np.flatnonzero(rank < np.repeat(np.ceil(_KEPT * in_group), in_group))
+    few_of_each = np.flatnonzero(rank < _FEW)
+
+    def left(y: NDArray[np.float64]) -> NDArray[np.float64]:
+        return np.asarray(np.abs(normalized - basis @ y))
+
+    def of_all(size: NDArray[np.float64]) -> NDArray[np.intp]:
+        return np.argpartition(size, int(_KEPT * n))[: int(_KEPT * n)]
+
+    def of_each(size: NDArray[np.float64]) -> NDArray[np.intp]:
+        return np.lexsort((size, group))[best_of_each]
+
+    def of_all_and_each(size: NDArray[np.float64]) -> NDArray[np.intp]:
+        return np.union1d(of_all(size), np.lexsort((size, group))[few_of_each])
 
     def fitted(chosen: NDArray[np.intp]) -> NDArray[np.float64]:
         # As few observations as parameters need not determine all of them
@@ -243,15 +289,36 @@ def _trimmed_step(
         side = basis[chosen].T @ normalized[chosen] + prior_side
         return np.linalg.solve(normal, side).astype(np.float64)
 
-    def concentrated(y: NDArray[np.float64], steps: int) -> tuple[float, NDArray[np.float64]]:
+    def concentrated(
+        y: NDArray[np.float64], choose: _Choice, steps: int
+    ) -> tuple[float, NDArray[np.float64]]:
         for _ in range(steps):
-            y = fitted(np.argpartition(np.abs(normalized - basis @ y), kept)[:kept])
-        return float(np.partition(np.square(normalized - basis @ y), kept)[:kept].sum()), y
+            y = fitted(choose(left(y)))
+        size = left(y)
+        return float(np.square(size[choose(size)]).sum()), y
 
-    subsets = (random.permutation(n)[:q] for _ in range(_SUBSETS))
-    tried = sorted((concentrated(fitted(chosen), 2) for chosen in subsets), key=lambda one: one[0])
-    _, best = min((concentrated(y, 20) for _, y in tried[:5]), key=lambda one: one[0])
+    # Half of the draws are of any observations, half of any groups
+    chance = 0.5 / n + 0.5 / (len(in_group) * in_group[group])
+    subsets = [np.argpartition(random.exponential(size=n) / chance, q)[:q] for _ in range(_SUBSETS)]
+    ends = []
+    ways: tuple[_Choice, ...] = (of_all,) if len(in_group) == 1 else (of_all, of_each, of_all_and_each)
+    for k, choose in enumerate(ways):
+        starts = (fitted(chosen) for chosen in subsets[k :: len(ways)])
+        tried = sorted((concentrated(y, choose, 2) for y in starts), key=lambda one: one[0])[:_ENDS]
+        ends += [min((concentrated(y, choose, 20) for _, y in tried), key=lambda one: one[0])[1]]
+    spread = max(1.0, min(robust_scale(left(y), q) for y in ends))
+    best = max(ends, key=lambda y: (int((left(y) < _AGREES * spread).sum()), -robust_scale(left(y), q)))
     return np.asarray(root @ best)
+
+
+def _some_of_each(group: NDArray[np.intp], random: np.random.Generator) -> NDArray[np.intp]:
+    """About as many rows as one problem takes at a time, some of each group among them, in order of groups."""
+    order = random.permutation(len(group))
+    order = order[np.argsort(group[order], kind="stable")]
+    count = np.bincount(group)
+    rank = np.arange(len(group)) - np.repeat(np.cumsum(count) - count, count)
+    share = np.maximum(_OF_EACH, count * _REPEATED_ROWS // len(group))
+    return order[rank < np.repeat(share, count)]
 
 
 def _prior_terms(

@@ -44,6 +44,12 @@ class SeriesOrder:
         code = types.codes.astype(np.intp) * len(paths.texts) + paths.codes
         return cls(types, paths, time_s, code, np.lexsort((time_s, code)))
 
+    @property
+    def links(self) -> Labels:
+        """Type and path of each observation."""
+        codes, number = np.unique(self.code, return_inverse=True)
+        return Labels(number.astype(np.int32), tuple(self.name_of(code) for code in codes.tolist()))
+
     def type_of(self, code: int) -> str:
         """Kind of measurement."""
         return self.types.texts[code // len(self.paths.texts)]

@@ -55,7 +55,10 @@ def fit_with_variance_components(
     excess alternate until the components settle; observations left out take no part in it and may come back.
     Where components and selection drive each other in a circle, the largest components of the circle are taken.
     """
-    edited = fit_with_editing(residual_function, parameters, sigma_m, status=status, threshold=threshold)
+    links = None if order is None else order.links
+    edited = fit_with_editing(
+        residual_function, parameters, sigma_m, groups=links, status=status, threshold=threshold
+    )
     problem = _Problem(residual_function, parameters, edited.fit.noise, edited.given, threshold)
     if order is None:
         return problem.settled(edited, Labels(np.zeros(len(edited.given), dtype=np.int32), ("all",)))

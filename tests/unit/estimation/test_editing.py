@@ -6,6 +6,7 @@ from radioloc.errors import InputError
 from radioloc.estimation import (
     USED,
     FitStatus,
+    Labels,
     Parameter,
     ParameterSet,
     fit_least_squares,
@@ -231,3 +232,32 @@ def test_three_of_ten_wrong_on_one_side(seed, biases):
     np.testing.assert_allclose(
         edited.fit.x, without.x, atol=SAME_ANSWER_SIGMAS * without.sigmas.min(), rtol=0.0
     )
+
+
+@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize(
+    ("counts", "hours", "wrong_of"),
+    [
+        ((100, 40, 40), 48.0, "A"),
+        ((54, 63, 63), 48.0, "A"),
+        ((143, 142, 15), 2.0, "AB"),
+        ((130, 10, 10), 12.0, "A"),
+    ],
+)
+def test_three_of_ten_wrong_by_station(seed, counts, hours, wrong_of):
+    """All of one station, which may keep no good ones; or of large ones, beside a small one that is all good."""
+    stations = np.random.default_rng(5).permutation(np.repeat(list("ABC"), counts))
+    model = ToyMoon(len(stations), hours, biases=counts != (54, 63, 63), stations=tuple(stations))
+    rng = np.random.default_rng(seed)
+    observed_m = observations(model, 0.02, seed)
+    candidates = np.flatnonzero(np.isin(stations, list(wrong_of)))
+    wrong = np.zeros(len(stations), dtype=bool)
+    count = int(0.3 * len(stations))
+    wrong[rng.permutation(candidates)[:count] if seed % 2 else candidates[-count:]] = True
+    observed_m[wrong] += rng.uniform(20.0, 60.0, count)
+    parameters = model.parameters(LANDER_M + FAR_OFF_M)
+    edited = fit_with_editing(
+        model.residual_function(observed_m), parameters, 0.02, groups=Labels.of(stations)
+    )
+    np.testing.assert_array_equal(edited.status.are(USED), ~wrong)
+    assert edited.converged

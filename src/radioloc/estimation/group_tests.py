@@ -51,7 +51,7 @@ class Piece:
     inside: float  # sum of squares of the residuals about the points
     raw: _Floats  # (m, 1 + c), residual and partials
     links: Mapping[int, _Floats]  # by series of single observations: constant and partials in it, (m, 1 + c)
-    root: _Floats  # (m, m), triangle of the noise covariance
+    root: _Floats | None  # (m, m), triangle of the noise covariance; none where that is the identity
     residual: _Floats  # (m,), whitened
     partials: _Floats  # (m, c), whitened
 
@@ -59,6 +59,8 @@ class Piece:
         """Columns (m, k) by the root of the inverse covariance of the noise."""
         from scipy.linalg import solve_triangular
 
+        if self.root is None:
+            return columns
         return np.asarray(solve_triangular(self.root, columns, lower=True, check_finite=False))
 
     def with_noise(self, noise: SeriesNoise) -> Piece:
@@ -142,7 +144,7 @@ class BinnedProblem:
         off, partials = off[known] / sigmas[known], unit[known] / sigmas[known, None]
         prior = Piece(
             Series("", "", "", ""), np.zeros(len(off)), 0.0, np.ones(len(off), dtype=np.intp), 0.0,
-            np.column_stack([off, partials]), {}, np.eye(len(off)), off, partials,
+            np.column_stack([off, partials]), {}, None, off, partials,
         )  # fmt: skip
         return cls.with_noise((*pieces, prior), noise, np.zeros(unit.shape[1]))
 

@@ -60,8 +60,8 @@ def near_starts(
     found: dict[str, tuple[LunarPosition, float]] = {}
     for name, given in targets_pa.items():
         own = np.array([len(targets_pa) == 1 or names == [name] for names in observed])
-        mine = arc.observations.select(np.flatnonzero(own[arc.observations.link]))
-        if len(mine) and (start := _near_start(arc, mine, given, estimate)) is not None:
+        mine = _some(arc.observations, np.flatnonzero(own[arc.observations.link]))
+        if len(mine) and (start := _near_start(arc.select(mine), given, estimate)) is not None:
             found[name] = start
     alone = {names[0] for names in observed if len(names) == 1}
     for one, other in {pair for names in observed for pair in permutations(names, 2)}:
@@ -73,16 +73,17 @@ def near_starts(
 
 
 def _near_start(
-    arc: Predictor, observations: Observations, target_pa: LunarPosition, estimate: EstimateChoice
+    some: Predictor, target_pa: LunarPosition, estimate: EstimateChoice
 ) -> tuple[LunarPosition, float] | None:
-    search = _Search(arc, observations, target_pa.frame, estimate)
+    search = _Search(some, target_pa.frame, estimate)
     prior = estimate.height_prior
     radius_m = float(np.linalg.norm(target_pa.xyz_m))
     if isinstance(prior, HeightPrior):
         radius_m = MEAN_LUNAR_RADIUS_M + prior.height_m
     given_m = target_pa.xyz_m * (radius_m / np.linalg.norm(target_pa.xyz_m))
     grid_m = radius_m * _near_side()
-    here_m, there, found = given_m, search.linearized(given_m), []
+    # Whether a search is needed is told by what is prepared already, where that is for one target.
+    here_m, there, found = given_m, search.linearized(given_m, None if some.targets else some), []
     if there.losses(given_m[None])[0][0] < _FITS * len(there):
         return None
     for _ in range(_MAX_STEPS):
@@ -102,24 +103,23 @@ def _near_start(
 
 
 class _Search:
-    """The observations of a search, as an arc of their own."""
+    """The observations of a search, an arc of their own."""
 
-    def __init__(
-        self, arc: Predictor, observations: Observations, frame: str, estimate: EstimateChoice
-    ) -> None:
+    def __init__(self, arc: Predictor, frame: str, estimate: EstimateChoice) -> None:
         self._arc, self._frame = arc, frame
-        self._observations = observations.select(_some(observations))
         self._estimate = replace(estimate, position="cartesian", height_prior=None)
 
-    def linearized(self, place_m: NDArray[np.float64]) -> _Linearized:
-        arc = self._arc
-        part = prepare_predictor(
-            arc.model, self._observations, place_m, "exact", more_partials=arc.more_partials
-        )
+    def linearized(self, place_m: NDArray[np.float64], part: Predictor | None = None) -> _Linearized:
+        """Model at a place; `part` is the arc where it is prepared there already."""
+        arc, observations = self._arc, self._arc.observations
+        if part is None:
+            part = prepare_predictor(
+                arc.model, observations, place_m, "exact", more_partials=arc.more_partials
+            )
         problem = observation_model(part, LunarPosition(self._frame, place_m), self._estimate.of_part(part))
         at = problem.linearize(problem.parameters.prior_values)
-        partials = at.partials(np.arange(len(self._observations)))
-        sigma_m = self._observations.sigma_m
+        partials = at.partials(np.arange(len(observations)))
+        sigma_m = observations.sigma_m
         free = problem.parameters.free
         usable = np.isfinite(partials).all(axis=1) & np.isfinite(at.residual_m)
         rows = partials[usable] / sigma_m[usable, None]
@@ -173,9 +173,9 @@ class _Linearized:
         return loss, places_m + shift[:, :3] / norm[:3]
 
 
-def _some(observations: Observations) -> NDArray[np.intp]:
-    """Rows of all links and types, of each as many, spread evenly over time."""
-    order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
+def _some(observations: Observations, rows: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Some of the rows, of all links and types as many, spread evenly over time."""
+    order = rows[np.lexsort((observations.epoch.fraction[rows], observations.epoch.jd[rows]))]
     series = observations.link[order].astype(np.int64) * len(KINDS) + observations.kind[order]
     found = []
     for one in np.unique(series):

@@ -132,9 +132,17 @@ def prepared_arc(study: Study, observations: Observations | None = None) -> tupl
 
 @on_one_blas_thread
 def fit_arc(
-    study: Study, arc: Predictor, left_out: dict[str, int], estimate: EstimateChoice | None
+    study: Study,
+    arc: Predictor,
+    left_out: dict[str, int],
+    estimate: EstimateChoice | None,
+    *,
+    consistency: bool = True,
 ) -> Solution:
-    """Fit an arc that has been prepared already; of `estimate` nothing where it is ``None``."""
+    """Fit an arc that has been prepared already; of `estimate` nothing where it is ``None``.
+
+    Without `consistency` nobody asks who does not fit.
+    """
     model, observations = arc.model, arc.observations
     constants = model.ephemeris.constants
     targets = targets_in_pa(study, constants)
@@ -186,6 +194,8 @@ def fit_arc(
         type=types,
         elevation_deg=elevation_deg,
         doubts=doubts,
+        order=order,
+        consistency=consistency,
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
         reference_pa_m=None if reference is None else reference.xyz_m,
         reference_name="reference" if study.reference is None else study.reference.name,

@@ -20,6 +20,7 @@ def on_one_blas_thread(function: Callable[_P, _T]) -> Callable[_P, _T]:
 
     @wraps(function)
     def limited(*args: _P.args, **kwargs: _P.kwargs) -> _T:
+        import scipy.linalg  # noqa: F401  # the library that it brings is limited only if it is there
         from threadpoolctl import threadpool_limits
 
         with threadpool_limits(1, user_api="blas"):

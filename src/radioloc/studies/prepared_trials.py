@@ -226,7 +226,8 @@ def _full_trial(ready: Prepared, seed: int) -> _Floats:
     study = replace(ready.study, reference=None)
     found = []
     for part in ready.parts:
-        solution = fit_arc(study, part.arc.with_values(value_m[part.rows]), {}, part.estimate)
+        arc = part.arc.with_values(value_m[part.rows])
+        solution = fit_arc(study, arc, {}, part.estimate, consistency=False)
         found.append(_solution_row(ready, solution, world.drawn.by_name(errors)))
     return np.array(found)
 

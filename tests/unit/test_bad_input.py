@@ -139,6 +139,19 @@ CASES = {
     "tdm: phase": tdm(
         message(records=["RECEIVE_PHASE_CT_1 = 2021-03-28T14:00:00 1"]), "line 12", "not modelled"
     ),
+    # A priori
+    "sigma next to nothing": Case(
+        table(),
+        ["the a-priori sigma of position.height is 1e-300; give a number of 1e-30 or more"],
+        "data.csv",
+        {"estimate": "height_prior = { height_m = -2550.0, sigma_m = 1e-300 }"},
+    ),
+    "value of a station without observations": Case(
+        table(),
+        ["[estimate] range_bias_m: no observation of URUMQI that has one"],
+        "data.csv",
+        {"estimate": "range_bias_m = { URUMQI = 3.0 }"},
+    ),
     # Files
     "empty": csv("", "is empty"),
     "blank": csv("\n \n", "is empty"),

@@ -78,7 +78,7 @@ class Parameter:
         if not self.prior_sigma >= _LEAST_SIGMA:
             raise InputError(
                 f"the a-priori sigma of {self.name} is {self.prior_sigma}; give a number of {_LEAST_SIGMA:g} or more, "
-                "infinity to leave the parameter free, or Role.FIXED to hold it"
+                "or infinity to leave the parameter free"
             )
         if self.role is Role.CONSIDERED and not math.isfinite(self.prior_sigma):
             raise InputError(f"{self.name} is considered, which needs the sigma of its a-priori value")

@@ -22,6 +22,7 @@ from radioloc.imaging.sensor_models import (
 )
 from radioloc.imaging.stereo import StereoPair, body_position, resect
 from radioloc.imaging.surfaces import Plane, Sphere
+from radioloc.imaging.terrain_surface import Terrain
 
 __all__ = [
     "Camera",
@@ -43,6 +44,7 @@ __all__ = [
     "SupportData",
     "TabulatedOrientation",
     "TangentPlane",
+    "Terrain",
     "body_position",
     "detect",
     "find_mask",

@@ -100,11 +100,13 @@ class Distortion:
         return self._inverse(ideal) if self.about.removes else self._formula(ideal)
 
     def _formula(self, points: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
-        """By the formula, valid where the way back leads to the same point."""
+        """By the formula; valid where the way back leads to the same point, or, from a pixel, begins to."""
         if not any(self.coefficients):
             return points, np.broadcast_to(np.eye(2), (len(points), 2, 2)), np.ones(len(points), dtype=bool)
         with np.errstate(over="ignore", invalid="ignore"):
             there, derivatives = self.about.formula(points, self.coefficients)
+            if self.about.removes:
+                return there, derivatives, _unfolded(derivatives)
             back, _, valid = self._inverse(there)
             near = np.abs(back - points).max(axis=-1) <= _SAME_POINT * (1.0 + np.abs(points).max(axis=-1))
         return there, derivatives, valid & near
@@ -126,13 +128,18 @@ class Distortion:
                 derivatives[active] = inverse
                 size = np.abs(points[active]).max(axis=-1)
                 done = np.abs(step).max(axis=-1) <= _CONVERGED * (1.0 + size)
-                unfolded = slope[:, 0, 0] * slope[:, 1, 1] > slope[:, 0, 1] * slope[:, 1, 0]
-                valid[active[done & unfolded]] = True
+                valid[active[done & _unfolded(slope)]] = True
                 active = active[~done & np.isfinite(step).all(axis=-1)]
                 if not len(active):
                     break
         points[~valid] = target[~valid]
         return points, derivatives, valid
+
+
+def _unfolded(derivatives: Floats) -> NDArray[np.bool_]:
+    """Whether the plane is not turned over."""
+    xx, xy, yx, yy = derivatives.reshape(-1, 4).T
+    return np.asarray(xx * yy > xy * yx)
 
 
 def inverse_2x2(matrices: Floats) -> Floats:

@@ -329,24 +329,10 @@ def _intervals(times_s: Floats, time_s: Floats) -> NDArray[np.intp]:
 
 
 def _lagrange(times_s: Floats, values: Floats, time_s: Floats) -> Floats:
-    """Through up to four nodes on each side of the interval, of which the ends of the table have fewer.
+    """With the nodes' own times: rounding them to even ones would move an orbiter by 0.05 mm."""
+    from radioloc.imaging._kernels import lagrange
 
-    With the nodes' own times: rounding them to even ones would move an orbiter by 0.05 mm.
-    """
-    index = _intervals(times_s, time_s)
-    sides = np.minimum(np.minimum(index + 1, len(times_s) - 1 - index), 4)
-    out = np.zeros((len(time_s), values.shape[1]))
-    for side in np.unique(sides):
-        rows = np.flatnonzero(sides == side)
-        nodes = index[rows] + np.arange(1 - side, side + 1)[:, None]
-        to_node = time_s[rows] - times_s[nodes]
-        for k, node in enumerate(nodes):
-            weight = np.ones(len(rows))
-            for other in range(len(nodes)):
-                if other != k:
-                    weight *= to_node[other] / (times_s[node] - times_s[nodes[other]])
-            out[rows] += weight[:, None] * values[node]
-    return out
+    return np.asarray(lagrange(*map(np.ascontiguousarray, (times_s, values, time_s))))
 
 
 def _hermite(times_s: Floats, values: Floats, rates: Floats, time_s: Floats) -> Floats:

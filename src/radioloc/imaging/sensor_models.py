@@ -10,7 +10,7 @@ axes, R (1 + [angles x]); the same for all pixels.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc import vectors
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import Camera, as_points
+from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.orientation import ConstantOrientation, Orientation
 from radioloc.imaging.surfaces import Surface
 
@@ -231,33 +232,41 @@ class LineScanModel:
         return (position_1 - position_0) / step_s[:, None], (rotation_1 - rotation_0) / step_s[:, None, None]
 
     def _seeing_times(self, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """Times at which the detector's line sees points, by the secant method, and whether one was found."""
+        """Times at which the detector's line sees points, and whether there is one; at first without distortion."""
+        time_s = self._nearest_times(points)
+        for camera in (replace(self.camera, distortion=Distortion("none", ())), self.camera):
+            time_s, found = self._crossings(camera, time_s, points)
+        return time_s, found
+
+    def _crossings(self, camera: Camera, time_s: Floats, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
+        """Times at which points are on the camera's line 0, by the secant method, and whether there is one."""
         first, last = self._span_s
         line_s = float(self.line_times[:, 2].min())
-        time_s = self._nearest_times(points, first, last)
+        least_s = _CONVERGED_LINES * line_s
         earlier_s = np.where(time_s + line_s < last, time_s + line_s, time_s - line_s)
-        offset_before = self._detector_lines(earlier_s, points)
+        time_s = time_s.copy()
+        offset_before = self._detector_lines(camera, earlier_s, points)
         found = np.zeros(len(points), dtype=bool)
         active = np.arange(len(points))
         for _ in range(_ITERATIONS):
-            offset = self._detector_lines(time_s[active], points[active])
-            change = offset - offset_before[active]
+            offset = self._detector_lines(camera, time_s[active], points[active])
             with np.errstate(divide="ignore", invalid="ignore"):
-                step_s = -offset * (time_s[active] - earlier_s[active]) / change
+                step_s = offset * (time_s[active] - earlier_s[active]) / (offset_before[active] - offset)
             step_s = np.where(np.isfinite(step_s), step_s, 0.0)
             earlier_s[active], offset_before[active] = time_s[active], offset
             moved_s = np.clip(time_s[active] + step_s, first, last)
-            done = np.abs(moved_s - time_s[active]) <= _CONVERGED_LINES * line_s
+            done = np.abs(moved_s - time_s[active]) <= least_s
             # at an end of the orientation the time stands still, though the detector does not see the point
-            found[active[done & (np.abs(step_s) <= _CONVERGED_LINES * line_s * 2)]] = True
+            found[active[done & (np.abs(step_s) <= 2.0 * least_s)]] = True
             time_s[active] = moved_s
             active = active[~done]
             if not len(active):
                 break
         return time_s, found
 
-    def _nearest_times(self, points: Floats, first: float, last: float) -> Floats:
+    def _nearest_times(self, points: Floats) -> Floats:
         """Of some times spread over the image, that at which each point is nearest to the camera's axis."""
+        first, last = self._span_s
         count = 2 + int((last - first) / 20.0)  # in 20 s an orbiter moves by 0.3 of its height or less
         times_s = np.linspace(first, last, 2 * count + 1)[1::2]
         positions, rotations = self.orientation.at(times_s)
@@ -270,11 +279,11 @@ class LineScanModel:
             cosine = np.maximum(cosine, here)
         return best
 
-    def _detector_lines(self, time_s: Floats, points: Floats) -> Floats:
+    def _detector_lines(self, camera: Camera, time_s: Floats, points: Floats) -> Floats:
         """How far on the focal plane points are from the detector's line, lines."""
         position, rotation = self.orientation.at(time_s)
         in_camera = vectors.rotated(np.swapaxes(rotation, 1, 2), points - position)
-        return self.camera.pixels(in_camera)[0][:, 1]
+        return camera.pixels(in_camera)[0][:, 1]
 
 
 def image_to_ground(model: SensorModel, pixels: ArrayLike, surface: Surface) -> Floats:
@@ -297,7 +306,7 @@ def image_to_ground(model: SensorModel, pixels: ArrayLike, surface: Surface) -> 
     --------
     See :class:`FrameModel`.
     """
-    return image_to_ground_and_partials(model, pixels, surface).points_m
+    return _met(model, pixels, surface)[1]
 
 
 def image_to_ground_and_partials(model: SensorModel, pixels: ArrayLike, surface: Surface) -> GroundPoints:
@@ -308,14 +317,7 @@ def image_to_ground_and_partials(model: SensorModel, pixels: ArrayLike, surface:
     The point P = S + lambda d stays on the surface: with the gradient g of the height above it,
     dP = (1 - d g^T / g.d) (dS + lambda dd) + d dh / g.d.
     """
-    rays = model.rays(pixels)
-    points, hits = surface.intersect(rays.origins_m, rays.directions)
-    if not hits.all():
-        pixel = np.asarray(pixels, dtype=np.float64)[np.flatnonzero(~hits)[0]]
-        raise InputError(
-            f"the ray of the pixel (sample {pixel[0]:.6g}, line {pixel[1]:.6g}) (and of {int((~hits).sum()) - 1} more) "
-            "does not meet the ground; it looks past the Moon, or the orientation is wrong"
-        )
+    rays, points = _met(model, pixels, surface)
     gradient = surface.gradient(points)
     by_height = rays.directions / vectors.dot(gradient, rays.directions)[:, None]
     along_ground = np.eye(3) - by_height[:, :, None] * gradient[:, None, :]
@@ -323,6 +325,24 @@ def image_to_ground_and_partials(model: SensorModel, pixels: ArrayLike, surface:
     by_pixel = along_ground @ (rays.origins_by_pixel + distance_m * rays.directions_by_pixel)
     by_angles = along_ground @ (distance_m * rays.directions_by_angles)
     return GroundPoints(points, by_pixel, along_ground, by_angles, by_height)
+
+
+def _met(model: SensorModel, pixels: ArrayLike, surface: Surface) -> tuple[Rays, Floats]:
+    """Rays, and where they meet the surface."""
+    if surface.mean_earth and not model.axes.startswith("ME_"):
+        raise InputError(
+            f"the model's points are in {model.axes}, the ground in mean-Earth axes; read the model with "
+            "axes='ME_DE421'"
+        )
+    rays = model.rays(pixels)
+    points, hits = surface.intersect(rays.origins_m, rays.directions)
+    if not hits.all():
+        pixel = np.asarray(pixels, dtype=np.float64)[np.flatnonzero(~hits)[0]]
+        raise InputError(
+            f"the ray of the pixel (sample {pixel[0]:.6g}, line {pixel[1]:.6g}) (and of {int((~hits).sum()) - 1} more) "
+            "does not meet the ground: it looks past the Moon, leaves the elevation map, or the orientation is wrong"
+        )
+    return rays, points
 
 
 def ground_to_image(model: SensorModel, points_m: ArrayLike) -> Floats:

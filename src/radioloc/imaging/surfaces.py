@@ -6,7 +6,7 @@ how a ground point answers to changes of the ray and of the height.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Protocol
 
 import numpy as np
@@ -22,6 +22,11 @@ Floats = NDArray[np.float64]
 class Surface(Protocol):
     """What image to ground needs of the ground."""
 
+    @property
+    def mean_earth(self) -> bool:
+        """Whether the surface is in mean-Earth axes, so that the rays have to be, too."""
+        ...
+
     def intersect(self, origins_m: Floats, directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """First points on rays (unit directions), m, shape (n, 3), and whether there is one."""
         ...
@@ -36,6 +41,7 @@ class Sphere:
     """A sphere around the Moon's centre."""
 
     radius_m: float = MEAN_LUNAR_RADIUS_M
+    mean_earth: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.radius_m) and self.radius_m > 0.0):
@@ -62,6 +68,7 @@ class Plane:
 
     point_m: Floats
     normal: Floats
+    mean_earth: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
         for name in ("point_m", "normal"):

@@ -17,6 +17,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
+from radioloc.lunar.interpolation import STENCIL_CELLS, first_cell, weights
 from radioloc.lunar.map_grid import MapGrid
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
@@ -32,11 +33,11 @@ from radioloc.lunar.terrain_source import (
     implausible,
     open_map,
 )
+from radioloc.lunar.terrain_window import TerrainWindow
 from radioloc.units import as_metres
 
 Floats = NDArray[np.float64]
 
-_STENCIL_CELLS = {"bilinear": 2, "bicubic": 4}
 _LARGEST_ROUGHNESS_RADIUS_M = 1.0e5
 _FARTHEST_CELL = 2.0**31  # a number of a row or column
 _RINGS = 16  # points on a radius, at most, at which roughness looks up cells
@@ -92,7 +93,7 @@ class TerrainModel:
         -----
         Whether the values are heights or radii is seen from their size, which differs by 1737 km.
         """
-        if interpolation not in _STENCIL_CELLS:
+        if interpolation not in STENCIL_CELLS:
             raise InputError(f"interpolation = {interpolation!r} is not known; use 'bilinear' or 'bicubic'")
         metadata, grid = open_map(path, radius_m=radius_m, unit=unit)
         return cls(metadata, interpolation, grid)
@@ -100,6 +101,19 @@ class TerrainModel:
     def height_m(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> Floats:
         """Height of the terrain above the sphere of 1737.4 km, m, shape (...,); see :meth:`height_and_slope`."""
         return self.height_and_slope(longitude_rad, latitude_rad)[0]
+
+    def window(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> TerrainWindow:
+        """The rectangle of cells around points, read into memory: for very many heights near each other.
+
+        Raises
+        ------
+        InputError
+            As :meth:`height_and_slope` for coordinates; no point is on the map, or the rectangle has more than 60
+            million cells.
+        """
+        longitude, latitude = _checked(longitude_rad, latitude_rad)
+        place = longitude.ravel(), latitude.ravel()
+        return TerrainWindow.read(self.metadata, self._grid, self.interpolation, *place)
 
     def height_and_slope(
         self, longitude_rad: ArrayLike, latitude_rad: ArrayLike
@@ -129,8 +143,8 @@ class TerrainModel:
         longitude, latitude = _checked(longitude_rad, latitude_rad)
         row, column, by_angle = self._grid.cells_and_derivatives(longitude.ravel(), latitude.ravel())
         heights, t_row, t_column = self._stencil(longitude.ravel(), latitude.ravel(), row, column)
-        row_weights = _weights(self.interpolation, t_row)
-        column_weights = _weights(self.interpolation, t_column)
+        row_weights = weights(self.interpolation, t_row)
+        column_weights = weights(self.interpolation, t_column)
         height, by_row, by_column = (
             np.einsum("nij,ni,nj->n", heights, row_weights[i], column_weights[j]).reshape(longitude.shape)
             for i, j in ((0, 0), (1, 0), (0, 1))
@@ -184,11 +198,11 @@ class TerrainModel:
         self, longitude: Floats, latitude: Floats, row: Floats, column: Floats
     ) -> tuple[Floats, Floats, Floats]:
         """Heights of the cells around points, shape (n, size, size), and the points' places among them."""
-        size = _STENCIL_CELLS[self.interpolation]
+        size = STENCIL_CELLS[self.interpolation]
         shown = (np.abs(row) < _FARTHEST_CELL) & (np.abs(column) < _FARTHEST_CELL)  # nor NaN
         self._require(shown, longitude, latitude)
-        first_row, t_row = _first_cell(row, self._grid.rows, size)
-        first_column, t_column = _first_cell(column, self._grid.columns, size)
+        first_row, t_row = first_cell(row, self._grid.rows, size)
+        first_column, t_column = first_cell(column, self._grid.columns, size)
         steps = np.arange(size)
         rows = np.broadcast_to((first_row[:, None] + steps)[:, :, None], (row.size, size, size))
         columns = np.broadcast_to((first_column[:, None] + steps)[:, None, :], (row.size, size, size))
@@ -250,30 +264,6 @@ class TerrainModel:
             )
         residuals_m = heights_m - design @ np.linalg.lstsq(design, heights_m, rcond=None)[0]
         return math.sqrt(float(residuals_m @ residuals_m) / (heights_m.size - 3))
-
-
-def _first_cell(position: Floats, cells: int, size: int) -> tuple[NDArray[np.int64], Floats]:
-    """First cell of the stencil along one axis, and the place from 0 to 1 between its two middle cells."""
-    half = size // 2
-    # a point on the centre of the last cell that can be a middle one needs no cell beyond it
-    lower = np.where(position == cells - half, cells - half - 1.0, np.floor(position))
-    return lower.astype(np.int64) - (half - 1), position - lower
-
-
-def _weights(interpolation: str, t: Floats) -> tuple[Floats, Floats]:
-    """Weights of the cells along one axis at place t, and their derivatives by t, shape (n, size)."""
-    one = np.ones_like(t)
-    if interpolation == "bilinear":
-        return np.stack([1.0 - t, t], axis=-1), np.stack([-one, one], axis=-1)
-    t2, t3 = t * t, t * t * t
-    weights = [-t3 + 2.0 * t2 - t, 3.0 * t3 - 5.0 * t2 + 2.0, -3.0 * t3 + 4.0 * t2 + t, t3 - t2]
-    slopes = [
-        -3.0 * t2 + 4.0 * t - 1.0,
-        9.0 * t2 - 10.0 * t,
-        -9.0 * t2 + 8.0 * t + 1.0,
-        3.0 * t2 - 2.0 * t,
-    ]
-    return 0.5 * np.stack(weights, axis=-1), 0.5 * np.stack(slopes, axis=-1)
 
 
 def _checked(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> tuple[Floats, Floats]:

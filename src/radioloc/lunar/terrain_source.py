@@ -64,16 +64,38 @@ def heights_m(
     return heights
 
 
+def block_heights_m(
+    about: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int], around: int | None
+) -> NDArray[np.float64]:
+    """Heights of a rectangle of cells, m, NaN for voids and for values that no terrain has.
+
+    Where the columns go around the Moon, they may begin before the map's seam and end behind it.
+    """
+    if around is None:
+        parts = [columns]
+    else:
+        first = columns[0] % around
+        last = first + columns[1] - columns[0]
+        parts = [(first, min(last, around)), (0, last - around)][: 1 + (last > around)]
+    heights = np.concatenate([_block(about, rows, part) for part in parts], axis=1)
+    heights[implausible(heights)] = np.nan
+    return heights
+
+
 @lru_cache(maxsize=_TILES_KEPT)
 def _tile(about: TerrainMetadata, i: int, j: int) -> NDArray[np.float64]:
     """Heights in a tile of the map, whose files' checksums are part of the cache's key."""
+    rows, columns = ((k * _TILE_CELLS, (k + 1) * _TILE_CELLS) for k in (i, j))
+    return _block(about, rows, columns)
+
+
+def _block(about: TerrainMetadata, rows: tuple[int, int], columns: tuple[int, int]) -> NDArray[np.float64]:
+    """Heights of a rectangle of cells, as far as the file has them."""
     rasterio = load_rasterio()
     try:
         with open_dataset(about.path) as dataset:
-            window = tuple(
-                (k * _TILE_CELLS, min((k + 1) * _TILE_CELLS, size))
-                for k, size in zip((i, j), dataset.shape, strict=True)
-            )
+            ends = (min(last, size) for (_, last), size in zip((rows, columns), dataset.shape, strict=True))
+            window = tuple(zip((rows[0], columns[0]), ends, strict=True))
             numbers = dataset.read(1, window=window, masked=True)
     except rasterio.errors.RasterioError as error:
         raise FileFormatError(about.path, f"cells could not be read: {error}") from error

@@ -1,0 +1,255 @@
+"""Where rays meet an elevation map first: by dense sampling, hidden ground, projections, seams, voids, partials."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import terrain_maps
+from ldem import write_ldem_4
+from rasterio.transform import Affine
+
+from radioloc.errors import InputError
+from radioloc.imaging import (
+    Camera,
+    ConstantOrientation,
+    FrameModel,
+    Sphere,
+    Terrain,
+    ground_to_image,
+    image_to_ground,
+    image_to_ground_and_partials,
+    read_isd,
+)
+from radioloc.imaging.orientation import rotation_of
+from radioloc.lunar import (
+    TerrainModel,
+    cartesian_to_selenographic,
+    east_north_up,
+    selenographic_to_cartesian,
+)
+
+ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
+R_M = 1737400.0
+ON_GROUND_M = 1e-4
+"""The search ends at 0.01 mm; coordinates of 1.7e6 m are rounded by 2e-10 m."""
+
+
+def write_hills(path, cell_m=20.0, size=500, void=False):
+    """Hills of 150 m and rough ground around longitude and latitude zero."""
+    steps_m = (np.arange(size) - (size - 1) / 2) * cell_m
+    east, north = np.meshgrid(steps_m, -steps_m)
+    heights = 150.0 * np.cos(east / 500.0) * np.cos(north / 400.0) + 0.02 * east
+    heights += np.random.default_rng(8).normal(0.0, 2.0, size=heights.shape)
+    if void:
+        heights[240:260, 240:260] = -32768.0
+    half_m = size * cell_m / 2
+    affine = Affine(cell_m, 0.0, -half_m, 0.0, -cell_m, half_m)
+    return terrain_maps.write(path, heights, terrain_maps.EQC, affine, nodata=-32768.0)
+
+
+@pytest.fixture(scope="module")
+def hills(tmp_path_factory):
+    return write_hills(tmp_path_factory.mktemp("dem") / "hills.tif")
+
+
+def camera_above(height_m, off_nadir_deg, shape=(400, 400), field_deg=20.0):
+    camera = Camera.of_pinhole(
+        10.0, 20.0 * np.tan(np.radians(field_deg / 2)) / shape[0] * 1e3, [199.5, 199.5]
+    )
+    down = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    tilt = rotation_of(np.radians([[off_nadir_deg, 0.0, 0.0]]))[0]
+    place = ConstantOrientation([R_M + height_m, 0.0, 0.0], down @ tilt)
+    return FrameModel(camera, place, shape)
+
+
+def first_by_sampling(terrain, origin, direction, top_m, step_m, until_m):
+    """Distance of the first sample under the terrain."""
+    distance = np.arange(0.0, until_m, step_m)
+    points = origin + distance[:, None] * direction
+    longitude, latitude, height_m = cartesian_to_selenographic(points)
+    low = height_m < top_m
+    under = np.zeros(len(points), dtype=bool)
+    under[low] = height_m[low] < terrain.height_m(longitude[low], latitude[low])
+    return distance[np.argmax(under)]
+
+
+@pytest.mark.parametrize("interpolation", ["bilinear", "bicubic"])
+@pytest.mark.parametrize(("height_m", "off_nadir_deg"), [(5e3, 0.0), (1.5e3, 45.0), (400.0, 78.0)])
+def test_rays_end_where_sampling_first_finds_the_ground(hills, interpolation, height_m, off_nadir_deg):
+    """Down to 2 degrees above the horizon, where hills hide what is behind them."""
+    terrain = TerrainModel.open(hills, interpolation=interpolation)
+    model = camera_above(height_m, off_nadir_deg)
+    rng = np.random.default_rng(9)
+    pixels = rng.uniform([0.0, 40.0], [399.0, 399.0], size=(60, 2))
+    rays = model.rays(pixels)
+    points, hits = Terrain(terrain).intersect(rays.origins_m, rays.directions)
+    assert hits.all() or (off_nadir_deg > 70.0 and hits.mean() > 0.9)  # some look over the map's edge
+    longitude, latitude, found_m = cartesian_to_selenographic(points[hits])
+    assert np.abs(found_m - terrain.height_m(longitude, latitude)).max() < ON_GROUND_M
+    step_m = 0.5
+    for origin, direction, point in zip(
+        rays.origins_m[hits][:25], rays.directions[hits], points[hits], strict=False
+    ):
+        distance = np.linalg.norm(point - origin)
+        sampled = first_by_sampling(terrain, origin, direction, 400.0, step_m, distance + 20 * step_m)
+        assert distance <= sampled + ON_GROUND_M
+        # what sampling steps over is thinner than its step
+        assert sampled - distance < step_m + ON_GROUND_M or off_nadir_deg > 70.0
+
+
+def test_a_hill_hides_the_ground_behind(hills):
+    """From 400 m, a ground point behind a hill is seen nowhere: its pixel shows the hill."""
+    terrain = TerrainModel.open(hills)
+    model = camera_above(400.0, 78.0)
+    pixels = np.stack([np.full(300, 199.5), np.linspace(50.0, 399.0, 300)], axis=-1)
+    rays = model.rays(pixels)
+    points, hits = Terrain(terrain).intersect(rays.origins_m, rays.directions)
+    reach_m = np.linalg.norm(points - rays.origins_m, axis=1)[hits]
+    steps_m = -np.diff(reach_m)
+    assert steps_m.min() > -1e-6  # a lower pixel is never farther
+    assert steps_m.max() > 300.0  # from a crest to the next hill
+
+
+@pytest.mark.parametrize("name", terrain_maps.MAPS)
+def test_ground_in_each_projection(tmp_path, name):
+    """Tilted rays end at the height that the map has there, or find that it does not reach so far."""
+    proj4, affine, rows, columns, (longitude, latitude) = terrain_maps.MAPS[name]
+    heights = terrain_maps.heights_of_map(proj4, affine, rows, columns)
+    terrain = TerrainModel.open(terrain_maps.write(tmp_path / "map.tif", heights, proj4, affine))
+    near_pole = np.abs(latitude) > np.radians(89.0)
+    longitude, latitude = longitude[~near_pole], latitude[~near_pole]
+    east, north, up = np.moveaxis(east_north_up(longitude, latitude), 1, 0)
+    toward = -up + 0.15 * east - 0.1 * north
+    toward /= np.linalg.norm(toward, axis=1)[:, None]
+    origins = selenographic_to_cartesian(longitude, latitude, 0.0) - 6e4 * toward
+    points, hits = Terrain(terrain).intersect(origins, toward)
+    assert hits.mean() > 0.9
+    found_longitude, found_latitude, found_m = cartesian_to_selenographic(points[hits])
+    expected_m = terrain.height_m(found_longitude, found_latitude)
+    assert np.abs(found_m - expected_m).max() < ON_GROUND_M
+    off_m = np.linalg.norm(np.cross(points[hits] - origins[hits], toward[hits]), axis=1)
+    assert off_m.max() < ON_GROUND_M
+
+
+@pytest.mark.parametrize("interpolation", ["bilinear", "bicubic"])
+def test_partials_on_hills(hills, interpolation):
+    terrain = Terrain(TerrainModel.open(hills, interpolation=interpolation))
+    model = camera_above(3e3, 30.0)
+    pixels = np.random.default_rng(11).uniform(50.0, 350.0, size=(40, 2))
+    found = image_to_ground_and_partials(model, pixels, terrain)
+
+    def close(partials, change, step):
+        slope = (change(step) - change(-step)) / (2 * step)
+        # bilinear ground has edges at which both sides differ: few points are so near
+        error = np.abs(partials - slope).max(axis=1) / np.abs(slope).max()
+        assert np.median(error) < 1e-5
+        assert (error < 1e-4).mean() >= (0.9 if interpolation == "bilinear" else 1.0)
+
+    for k in range(2):
+        axis = np.eye(2)[k]
+        close(
+            found.by_pixel[:, :, k],
+            lambda h, axis=axis: image_to_ground(model, pixels + h * axis, terrain),
+            1e-2,
+        )
+    place = model.orientation
+
+    def moved(shift_m):
+        there = replace(place, position_m=place.position_m + shift_m)
+        return image_to_ground(replace(model, orientation=there), pixels, terrain)
+
+    for k in range(3):
+        axis = np.eye(3)[k]
+        close(found.by_position[:, :, k], lambda h, axis=axis: moved(h * axis), 0.1)
+    close(found.by_height, lambda h: image_to_ground(model, pixels, replace(terrain, raised_m=h)), 0.1)
+
+
+@pytest.fixture(scope="module")
+def ldem_4(tmp_path_factory):
+    return TerrainModel.open(write_ldem_4(tmp_path_factory.mktemp("ldem")))
+
+
+@pytest.mark.parametrize("name", ["lro_nac.json.gz", "kaguya_tc.json.gz", "lro_nac_polar.json.gz"])
+def test_real_cameras_on_the_real_moon(ldem_4, name):
+    model = read_isd(ISDS / name, axes="ME_DE421").model
+    lines, samples = model.shape
+    pixels = np.random.default_rng(12).uniform([0.0, 0.0], [samples - 1.0, lines - 1.0], size=(300, 2))
+    ground = image_to_ground(model, pixels, Terrain(ldem_4))
+    longitude, latitude, height_m = cartesian_to_selenographic(ground)
+    assert np.abs(height_m - ldem_4.height_m(longitude, latitude)).max() < ON_GROUND_M
+    assert np.abs(ground_to_image(model, ground) - pixels).max() < 1e-6
+
+
+def test_across_the_seam_of_a_global_map(ldem_4):
+    longitude = np.radians([179.9, -179.9, 179.99, 0.1])
+    latitude = np.radians([10.0, 10.2, 9.8, 10.0])
+    ground = selenographic_to_cartesian(longitude, latitude, ldem_4.height_m(longitude, latitude))
+    up = east_north_up(longitude, latitude)[:, 2]
+    for rows in (slice(0, 3), slice(0, 4)):  # a window over the seam, and one all around
+        found, hits = Terrain(ldem_4).intersect(ground[rows] + 1e5 * up[rows], -up[rows])
+        assert hits.all()
+        assert np.linalg.norm(found - ground[rows], axis=1).max() < ON_GROUND_M
+
+
+def test_rays_that_leave_the_map_or_come_to_a_void_do_not_meet_the_ground(tmp_path, hills):
+    model = camera_above(3e3, 0.0)
+    terrain = Terrain(TerrainModel.open(write_hills(tmp_path / "void.tif", void=True)))
+    rays = model.rays([[199.5, 199.5], [20.0, 20.0]])
+    assert terrain.intersect(rays.origins_m, rays.directions)[1].tolist() == [False, True]
+    with pytest.raises(
+        InputError, match=r"pixel \(sample 199.5, line 199.5\) \(and of 0 more\) does not meet"
+    ):
+        image_to_ground(model, [[199.5, 199.5], [20.0, 20.0]], terrain)
+    over_edge = camera_above(3e3, 75.0)
+    rays = over_edge.rays([[199.5, 10.0]])
+    assert not Terrain(TerrainModel.open(hills)).intersect(rays.origins_m, rays.directions)[1].any()
+    far = camera_above(3e3, 0.0).rays([[199.5, 199.5]])
+    with pytest.raises(InputError, match=r"(shows|has) none of the points"):
+        Terrain(TerrainModel.open(hills)).intersect(-far.origins_m, -far.directions)
+
+
+def test_ground_in_mean_earth_axes_needs_rays_in_them(hills):
+    model = replace(camera_above(3e3, 0.0), axes="IAU_MOON")
+    with pytest.raises(InputError, match=r"the model's points are in IAU_MOON, .* axes='ME_DE421'"):
+        image_to_ground(model, [[199.5, 199.5]], Terrain(TerrainModel.open(hills)))
+    assert len(image_to_ground(model, [[199.5, 199.5]], Sphere())) == 1
+
+
+def test_a_window_is_the_model_in_memory(hills):
+    for interpolation in ("bilinear", "bicubic"):
+        terrain = TerrainModel.open(hills, interpolation=interpolation)
+        rng = np.random.default_rng(13)
+        longitude, latitude = rng.uniform(-0.002, 0.002, size=(2, 200))
+        window = terrain.window(longitude, latitude)
+        height_m, known = window.heights(longitude, latitude)
+        assert known.all()
+        for found, expected in zip(
+            window.heights_and_slopes(longitude, latitude),
+            terrain.height_and_slope(longitude, latitude),
+            strict=True,
+        ):
+            assert found == pytest.approx(expected, abs=1e-9, rel=1e-12)
+        assert height_m == pytest.approx(terrain.height_m(longitude, latitude), abs=1e-9)
+        assert not window.heights(np.array([0.01]), np.array([0.0]))[1].any()
+        slopes = np.hypot(*window.heights_and_slopes(longitude, latitude)[1:]) / R_M
+        assert slopes.max() < window.steepest < 3.0
+        low_m, high_m = window.range_m
+        assert low_m <= height_m.min()
+        assert height_m.max() <= high_m
+
+
+def test_a_window_that_does_not_fit_into_memory_is_refused(monkeypatch, hills):
+    monkeypatch.setattr("radioloc.lunar.terrain_window._LARGEST_CELLS", 30_000)
+    terrain = TerrainModel.open(hills)
+    with pytest.raises(InputError, match="cells are asked for at once, more than 30000"):
+        terrain.window(np.array([-0.002, 0.002]), np.array([-0.002, 0.002]))
+    # rays are then taken by halves, down to one
+    model = camera_above(3e3, 0.0)
+    rays = model.rays([[20.0, 20.0], [380.0, 380.0], [20.0, 380.0]])
+    points, hits = Terrain(terrain).intersect(rays.origins_m, rays.directions)
+    assert hits.all()
+    assert (
+        np.abs(Terrain(terrain).gradient(points) - Terrain(terrain).gradient(points[::-1])[::-1]).max()
+        < 1e-12
+    )

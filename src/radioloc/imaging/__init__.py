@@ -13,6 +13,14 @@ from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.masks import find_mask
 from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
+from radioloc.imaging.registration import (
+    Frame,
+    FrameStatus,
+    GroundPoint,
+    RegisteredFrame,
+    Registration,
+    register_chain,
+)
 from radioloc.imaging.sensor_models import (
     FrameModel,
     LineScanModel,
@@ -30,7 +38,10 @@ __all__ = [
     "Detector",
     "Distortion",
     "Features",
+    "Frame",
     "FrameModel",
+    "FrameStatus",
+    "GroundPoint",
     "Homography",
     "HomographyFit",
     "LineScanModel",
@@ -39,6 +50,8 @@ __all__ = [
     "Matches",
     "Plane",
     "PolynomialOrientation",
+    "RegisteredFrame",
+    "Registration",
     "Sphere",
     "StereoPair",
     "SupportData",
@@ -55,6 +68,7 @@ __all__ = [
     "match",
     "read_frame",
     "read_isd",
+    "register_chain",
     "resect",
     "write_isd",
 ]

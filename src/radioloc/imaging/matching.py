@@ -55,6 +55,9 @@ class Detector(StrEnum):
     ORB = "orb"
 
 
+_DESCRIPTOR_BYTES = {Detector.SIFT: 128, Detector.ORB: 32}
+
+
 class MatchStatus(StrEnum):
     """What became of a pair of images."""
 
@@ -146,7 +149,9 @@ def detect(
     return Features(
         np.array([p.pt for p in points], dtype=np.float64).reshape(-1, 2),
         np.hypot(_SIGMA_PX, _SIGMA_OF_SIZE * np.array([p.size for p in points], dtype=np.float64)),
-        np.asarray(np.zeros((0, 1)) if descriptors is None else descriptors, np.uint8),
+        np.asarray(
+            np.zeros((0, _DESCRIPTOR_BYTES[detector])) if descriptors is None else descriptors, np.uint8
+        ),
         (image.shape[0], image.shape[1]),
         detector,
     )

@@ -1,0 +1,93 @@
+"""Features of a map, detected once: in tiles of the plane, at sizes of pixel that double from level to level."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.imaging.maps import Map, TangentPlane
+from radioloc.imaging.matching import Detector, Features, detect
+
+Floats = NDArray[np.float64]
+Tile = tuple[int, int, int]  # level, line and column of the tile
+
+_TILE_PIXELS = 1024
+_OVERLAP_PIXELS = 32  # features near an edge are described from what is beyond it
+_FEATURES_OF_TILE = 3000
+_MOST_FEATURES = 12000
+
+
+@dataclass(slots=True, eq=False)
+class MapFeatures:
+    """Features of a map in a plane. A feature is named by level, tile and its number there, for good."""
+
+    base: Map
+    plane: TangentPlane
+    detector: Detector = Detector.SIFT
+    _tiles: dict[Tile, Features] = field(default_factory=dict, repr=False)
+
+    def pixel_m(self, level: int) -> float:
+        """Size of a pixel at a level; at level 0 that of the map."""
+        return self.base.resolution_m * 2.0**level
+
+    def level(self, pixel_m: float) -> int:
+        """The level whose pixels are nearest in size, not below 0."""
+        return max(0, round(math.log2(pixel_m / self.base.resolution_m)))
+
+    def around(
+        self, level: int, extent_m: tuple[float, float, float, float]
+    ) -> tuple[Features, NDArray[np.int64]]:
+        """Features within west, south, east, north, and their names, shape (n, 4).
+
+        Pixels of these features are counted from the plane's origin, to the east and to the south.
+        """
+        west, south, east, north = extent_m
+        side_m = _TILE_PIXELS * self.pixel_m(level)
+        rows = range(math.floor(-north / side_m), math.floor(-south / side_m) + 1)
+        columns = range(math.floor(west / side_m), math.floor(east / side_m) + 1)
+        tiles = [(level, row, column) for row in rows for column in columns]
+        features = [self._tile(tile) for tile in tiles]
+        names = np.concatenate([_names(tile, f) for tile, f in zip(tiles, features, strict=True)])
+        pixels = np.concatenate([f.pixels for f in features])
+        place_m = pixels * [1.0, -1.0] * self.pixel_m(level)
+        kept = np.flatnonzero(((place_m >= [west, south]) & (place_m <= [east, north])).all(axis=1))
+        kept = kept[:: 1 + len(kept) // _MOST_FEATURES]
+        joined = Features(
+            pixels[kept],
+            np.concatenate([f.sigma_px for f in features])[kept],
+            np.concatenate([f.descriptors for f in features])[kept],
+            (
+                math.ceil((north - south) / self.pixel_m(level)),
+                math.ceil((east - west) / self.pixel_m(level)),
+            ),
+            self.detector,
+        )
+        return joined, names[kept]
+
+    def _tile(self, tile: Tile) -> Features:
+        if tile not in self._tiles:
+            level, row, column = tile
+            first = np.array([column, row]) * _TILE_PIXELS - _OVERLAP_PIXELS
+            pixel_m, size = self.pixel_m(level), _TILE_PIXELS + 2 * _OVERLAP_PIXELS
+            view, valid = self.base.view(
+                self.plane, first[0] * pixel_m, -first[1] * pixel_m, pixel_m, (size, size)
+            )
+            found = detect(view, valid, self.detector, _FEATURES_OF_TILE)
+            low, high = _OVERLAP_PIXELS - 0.5, size - _OVERLAP_PIXELS - 0.5
+            inner = ((found.pixels >= low) & (found.pixels < high)).all(axis=1)
+            self._tiles[tile] = Features(
+                found.pixels[inner] + first,
+                found.sigma_px[inner],
+                found.descriptors[inner],
+                found.shape,
+                self.detector,
+            )
+        return self._tiles[tile]
+
+
+def _names(tile: Tile, features: Features) -> NDArray[np.int64]:
+    count = len(features.pixels)
+    return np.column_stack([np.tile(np.array(tile, np.int64), (count, 1)), np.arange(count)])

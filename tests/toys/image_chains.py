@@ -1,0 +1,86 @@
+"""A descent's homographies and tie points, drawn with known errors: no images, only their geometry."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from radioloc.imaging.adjustment import TiePoints
+from radioloc.imaging.homography import transformed
+
+CENTRE = np.array([499.5, 499.5])
+SIZE = 1000.0
+
+
+@dataclass(frozen=True)
+class Chain:
+    """Images of 1000 x 1000 pixels that come down over a plane, each with 0.75 of the width of the one before."""
+
+    images: int
+    map_below: int  # images that see features of the map
+    tied: int = 40  # tie points of each image with the one before
+    on_map: int = 30  # features of the map in each image that sees it
+
+    def matrix(self, k):
+        """From the plane, m, to pixels: turned, tilted at first."""
+        pixel_m, turn, tilt = 4.0 * 0.75**k, 0.1 * k, 1e-4 * 0.7**k
+        to_ground = np.array(
+            [
+                [pixel_m * np.cos(turn), pixel_m * np.sin(turn), 900.0 - 80.0 * k],
+                [pixel_m * np.sin(turn), -pixel_m * np.cos(turn), -400.0 + 30.0 * k],
+                [tilt, -tilt, 1.0],
+            ]
+        )
+        to_middle = np.array([[1, 0, -CENTRE[0]], [0, 1, -CENTRE[1]], [0, 0, 1.0]])
+        return np.linalg.inv(to_ground @ to_middle)
+
+    def ground(self, k, pixel):
+        return transformed(np.linalg.inv(self.matrix(k)), np.reshape(pixel, (-1, 2))).reshape(np.shape(pixel))
+
+    @property
+    def sizes(self):
+        return np.full((self.images, 2), SIZE)
+
+    def approximate(self):
+        """Homographies some pixels off, as products of matrices along the chain are."""
+        rng = np.random.default_rng(1)
+        shift = [np.array([[1, 0, a], [0, 1, b], [0, 0, 1.0]]) for a, b in rng.normal(0, 5, (self.images, 2))]
+        return np.array([s @ self.matrix(k) for k, s in enumerate(shift)])
+
+
+def drawn_ties(chain, rng, *, sigma_px, map_sigma_m, stated=1.0, outliers=0.03):
+    """Tie points between images that follow each other, some in three, and with the map; a part of them wrong."""
+    image, place, map_place = [], [], []
+    points = 0
+    for k in range(chain.images):
+        count = chain.tied if k else 0
+        ground = chain.ground(k, rng.uniform(0.0, SIZE, (count + chain.on_map, 2)))
+        for n, x in enumerate(ground):
+            seen = [i for i in range(max(0, k - 1 - n % 2), k) if n < count] + [k]
+            inside = [
+                i for i in seen if (np.abs(transformed(chain.matrix(i), x[None]) - CENTRE) < SIZE / 2).all()
+            ]
+            if n >= count and k >= chain.map_below:
+                continue
+            if n >= count:
+                map_place.append((points, x))
+            elif len(inside) < 2:
+                continue
+            image += [(i, points) for i in inside]
+            place += [transformed(chain.matrix(i), x[None])[0] for i in inside]
+            points += 1
+    image, pixels = np.array(image), np.array(place)
+    pixels = pixels + rng.normal(0.0, sigma_px, pixels.shape)
+    wrong = rng.random(len(pixels)) < outliers
+    pixels[wrong] += rng.uniform(-200.0, 200.0, (wrong.sum(), 2)) * rng.choice([0.05, 1.0], (wrong.sum(), 1))
+    map_m = np.array([x for _, x in map_place]) + rng.normal(0.0, map_sigma_m, (len(map_place), 2))
+    return TiePoints(
+        image=image[:, 0],
+        point=image[:, 1],
+        pixels=pixels,
+        sigma_px=np.full(len(pixels), stated * sigma_px),
+        map_point=np.array([j for j, _ in map_place]),
+        map_m=map_m,
+        map_sigma_m=np.full(len(map_m), stated * map_sigma_m),
+    )

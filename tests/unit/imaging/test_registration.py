@@ -1,0 +1,177 @@
+"""Descents over a drawn ground, truth known: where the last image lies, and which images are left out by name."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from image_descents import PIXEL_M, Descent, scene
+from scenes import frame, frame_matrix
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.imaging.frames import read_frame
+from radioloc.imaging.maps import Map
+from radioloc.imaging.masks import find_mask
+from radioloc.imaging.registration import Frame, FrameStatus, register_chain
+
+MAP_M = (5.0, 5.0)
+PLACE_M = 0.8  # a fifth of the map's pixels of 4 m, which hold some hundred features
+
+SHORT = Descent(frames=7)
+
+
+@pytest.fixture(scope="module")
+def base(tmp_path_factory):
+    return Map.open(SHORT.write_map(tmp_path_factory.mktemp("map") / "map.tif"))
+
+
+def statuses(registration):
+    return {frame.name: frame.status for frame in registration.frames}
+
+
+def test_the_last_image_is_found_with_the_map_s_shift(tmp_path):
+    """Sixteen images, the last ones far too fine for the map, spacecraft in view; the map 12 m east, 7 m south."""
+    descent = Descent(spacecraft=True, shift_m=(12.0, -7.0))
+    base = Map.open(descent.write_map(tmp_path / "map.tif"))
+    mask = find_mask([descent.image(k) for k in range(0, 12, 2)])
+    result = register_chain(descent.list, base, map_sigma_m=(12.0, 7.0), mask=mask)
+    assert set(statuses(result).values()) == {FrameStatus.REGISTERED}
+    for k in (0, 7, 15):
+        point = result.ground_point(f"{k:04d}.png")
+        np.testing.assert_allclose(descent.error_m(point, k) - [12.0, -7.0], 0.0, rtol=0, atol=PLACE_M)
+    sigma_m = np.sqrt(np.diag(point.covariance_m2))
+    assert (sigma_m > [12.0, 7.0]).all()
+    assert (sigma_m < [12.5, 7.6]).all()
+    last = result.frames[-1]
+    assert "map" not in last.matched_to
+    assert "map" in result.frames[0].matched_to
+    assert last.pixel_m == pytest.approx(2.6 * 0.8**15 * PIXEL_M, abs=0.02)
+    assert last.homography.apply(last.homography.inverse().apply([[3.0, 4.0]]))[0] == pytest.approx(
+        [3.0, 4.0]
+    )
+
+
+def test_an_image_before_the_first_that_is_on_the_map_is_placed_too(base):
+    """The first sees hardly anything of where the map is searched: it comes by way of the second."""
+    matrices = [
+        frame_matrix((250.0, 250.0), 2.3, shape=(400, 500)),
+        frame_matrix((650.0, 650.0), 2.2, shape=(400, 500)),
+    ]
+    frames = [Frame(f"{k}", lambda m=m: frame(scene(), m, (400, 500))) for k, m in enumerate(matrices)]
+    result = register_chain(frames, base, map_sigma_m=MAP_M, near=(-19.51, 44.12, 600.0))
+    assert [f.matched_to for f in result.frames] == [(), ("0", "map")]
+    point = result.ground_point("0")
+    found_m = base.plane().from_longitude_latitude([[point.longitude_deg, point.latitude_deg]])[0]
+    np.testing.assert_allclose(
+        found_m, (250.0 - 999.5) * PIXEL_M * np.array([1.0, -1.0]), rtol=0, atol=5 * PLACE_M
+    )
+
+
+def not_an_image(path):
+    path.write_bytes(b"\x89PNG\r\n\x1a\n" + bytes(40))
+    return read_frame(path)
+
+
+def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path):
+    """Another scene in the middle, a black, a saturated and a mirrored one, a cut file: the others are registered."""
+    changed = {
+        1: lambda: frame(scene(2), SHORT.matrix(1), SHORT.shape),
+        2: lambda: np.zeros(SHORT.shape, np.uint8),
+        4: lambda: np.full(SHORT.shape, 255, np.uint8),
+        5: lambda: np.ascontiguousarray(SHORT.image(5)[:, ::-1]),
+        6: lambda: not_an_image(tmp_path / "cut.png"),
+    }
+    descent = Descent(frames=9, changed=changed)
+    result = register_chain(descent.list, base, map_sigma_m=MAP_M)
+    registered, unmatched, flat = FrameStatus.REGISTERED, FrameStatus.UNMATCHED, FrameStatus.FEATURELESS
+    assert list(statuses(result).values()) == [
+        registered,
+        unmatched,
+        flat,
+        registered,
+        flat,
+        unmatched,
+        FrameStatus.UNREADABLE,
+        registered,
+        registered,
+    ]
+    assert "cut.png" in result.frames[6].reason
+    point = result.ground_point("0008.png")
+    np.testing.assert_allclose(descent.error_m(point, 8), 0.0, rtol=0, atol=PLACE_M)
+    with pytest.raises(
+        InputError, match=r"0001\.png is unmatched: none of its pixels has a place on the map"
+    ):
+        result.ground_point("0001.png")
+    with pytest.raises(InputError, match="not among the images"):
+        result.ground_point("elsewhere.png")
+
+
+@pytest.mark.parametrize(
+    "frames",
+    [
+        Descent(frames=3, seed=2).list,
+        [Frame(f"{k}", lambda: np.zeros((400, 500), np.uint8)) for k in range(3)],
+        [Frame(f"{k}", lambda k=k: np.ascontiguousarray(SHORT.image(k)[:, ::-1])) for k in range(3)],
+    ],
+    ids=["another place", "black", "mirrored"],
+)
+def test_no_image_on_the_map_is_an_error(base, frames):
+    with pytest.raises(InputError, match=r"no image was found on .*map\.tif"):
+        register_chain(frames, base, map_sigma_m=MAP_M)
+
+
+def test_images_out_of_order_are_named(base):
+    order = [0, 3, 1, 4]
+    with pytest.raises(
+        InputError, match=r"not in order from high to low: 0001\.png .* comes after 0003\.png"
+    ):
+        register_chain([SHORT.list[k] for k in order], base, map_sigma_m=MAP_M)
+    with pytest.raises(InputError, match=r"images have the same name: \['0000\.png'\]"):
+        register_chain([SHORT.list[0], SHORT.list[0]], base, map_sigma_m=MAP_M)
+
+
+def test_sought_near_a_place(base):
+    result = register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, near=(-19.51, 44.12, 1500.0))
+    np.testing.assert_allclose(SHORT.error_m(result.ground_point("0001.png"), 1), 0.0, rtol=0, atol=PLACE_M)
+    with pytest.raises(InputError, match=r"does not show the surroundings of longitude 10\.0000"):
+        register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, near=(10.0, 44.12, 1500.0))
+
+
+def test_a_pixel_and_its_sigma(base):
+    result = register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M)
+    there = result.ground_point("0001.png", [100.0, 300.0])
+    np.testing.assert_allclose(
+        [there.longitude_deg, there.latitude_deg], SHORT.truth_deg(1, [100.0, 300.0]), rtol=0, atol=2e-5
+    )  # 0.6 m
+    more = result.ground_point("0001.png", [100.0, 300.0], pixel_sigma=2.0)
+    added = np.sqrt(np.diag(more.covariance_m2 - there.covariance_m2))
+    assert added == pytest.approx(2.0 * result.frames[1].pixel_m, abs=1.0)  # the image is tilted by a fifth
+
+
+def test_distortion_is_taken_off(base):
+    """Frames seen through a lens that draws toward the middle by up to 9 pixels, and their pixels as they would be."""
+    centre = np.array([249.5, 199.5])
+
+    def ideal(pixels):
+        off = pixels - centre
+        return centre + off * (1.0 + 3e-7 * (off**2).sum(axis=1, keepdims=True))
+
+    def bent(k):
+        import cv2
+
+        grid = np.stack(np.meshgrid(np.arange(500.0), np.arange(400.0)), axis=-1)
+        at = ideal(grid.reshape(-1, 2)).reshape(grid.shape).astype(np.float32)
+        return cv2.remap(SHORT.image(k), at[..., 0], at[..., 1], cv2.INTER_CUBIC)
+
+    frames = [Frame(f"{k}", lambda k=k: bent(k), undistorted=ideal) for k in range(3)]
+    result = register_chain(frames, base, map_sigma_m=MAP_M)
+    corner = np.array([[20.0, 30.0]])
+    point = result.ground_point("2", corner[0])
+    expected = SHORT.truth_deg(2, ideal(corner)[0])
+    np.testing.assert_allclose([point.longitude_deg, point.latitude_deg], expected, rtol=0, atol=2e-5)
+
+
+def test_masks_and_files_refused(base):
+    with pytest.raises(InputError, match=r"0000\.png has \(400, 500\) lines and samples, the mask \(4, 5\)"):
+        register_chain(SHORT.list[:1], base, map_sigma_m=MAP_M, mask=np.ones((4, 5), bool))
+    with pytest.raises(FileFormatError):
+        not_an_image(base.path.with_name("a.png"))

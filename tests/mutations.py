@@ -38,8 +38,9 @@ TESTS = {
     "estimation": {
         "budget": "", "build": "solution", "consider": "", "correlated_weights": "", "editing": "",
         "factorization": "least_squares linear_problem", "gauss_markov": "", "labels": "statistics solution",
-        "least_squares": "", "linearization": "least_squares", "observability": "", "observation_noise": "observation_noise linear_problem",
-        "process_noise": "", "robust": "editing linear_problem", "series": "gauss_markov correlated_weights",
+        "least_squares": "", "linearization": "least_squares", "observability": "",
+        "observation_noise": "observation_noise linear_problem", "process_noise": "",
+        "robust": "editing linear_problem", "series": "gauss_markov correlated_weights",
         "solution": "", "statistics": "statistics solution", "time_correlation": "", "variance_components": "",
     },
 }  # fmt: skip

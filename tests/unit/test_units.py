@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
+
 import astropy.units as u
 import numpy as np
 import pytest
@@ -17,7 +19,7 @@ from radioloc.lunar.visibility import hidden_by_moon
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.time import Epochs, epochs_from_strings, to_scale, tt_to_tdb, utc_to_tt
-from radioloc.units import as_metres, in_unit
+from radioloc.units import as_float_array, as_metres, in_unit
 
 ITRF_M = np.array([4075539.9, 931735.2, 4801629.4])
 
@@ -45,6 +47,13 @@ def test_quantities_are_converted_and_bare_numbers_left_as_they_are():
 def test_what_is_no_length_is_refused_by_name(value):
     with pytest.raises(InputError, match="range_m"):
         as_metres(value, "range_m")
+
+
+def test_what_is_no_number_and_no_known_quantity_is_refused_by_name():
+    with pytest.raises(InputError, match="sigma_m = 'one' is not a number or an array of numbers, in m"):
+        as_float_array("one", "m", "sigma_m")
+    with pytest.raises(InputError, match=r"sigma_m = .* is of no kind that is known here; give numbers in m"):
+        in_unit(SimpleNamespace(magnitude=1.0), "m", "sigma_m")  # as quantities of other packages are
 
 
 def test_a_position_on_the_moon():

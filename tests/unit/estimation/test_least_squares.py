@@ -7,7 +7,7 @@ from toy_moon import LANDER_M, ToyMoon
 from radioloc.errors import InputError
 from radioloc.estimation import FitStatus, Parameter, ParameterSet, fit_least_squares, least_squares
 from radioloc.estimation.factorization import factorize, refreshed
-from radioloc.estimation.linearization import evaluate
+from radioloc.estimation.linearization import DenseLinearization, evaluate
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import Role
@@ -278,6 +278,9 @@ def test_unusable_models_are_refused():
         fit_least_squares(lambda x: (observed, holed), free_parameters(5), sigma)
     with pytest.raises(InputError, match="do not belong to 4 parameters"):
         fit_least_squares(lambda x: (observed, design), free_parameters(4), sigma)
+    column = DenseLinearization(observed[:, None], design)
+    with pytest.raises(InputError, match=r"residuals have shape \(40, 1\); \(n,\) is needed"):
+        fit_least_squares(lambda x: column, free_parameters(5), sigma)
 
 
 def test_a_fit_of_200_by_5_takes_milliseconds():

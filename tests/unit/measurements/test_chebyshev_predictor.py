@@ -260,6 +260,15 @@ def test_select_nothing(untidy_arc):
     assert none.accuracy.segments == 0
 
 
+def test_sparse_observations_are_computed_one_by_one(model, monkeypatch):
+    """However many they are: of one in three hours, interpolation would need more nodes than there are."""
+    monkeypatch.setattr("radioloc.measurements.evaluation._MANY", 10)
+    sparse = series("KASHI>x>KASHI", "range", epochs_tai(17, 48.0))
+    assert isinstance(prepare_predictor(model, sparse, APOLLO15_PA_M), ExactPredictor)
+    dense = series("KASHI>x>KASHI", "range", epochs_tai(481, 4.0, start_fraction=0.7))
+    assert isinstance(prepare_predictor(model, dense, APOLLO15_PA_M), ChebyshevPredictor)
+
+
 def test_no_observations(model):
     arc = ChebyshevPredictor(model, untidy().select([]), APOLLO15_PA_M)
     assert arc.compute(APOLLO15_PA_M).by_position_pa.shape == (0, 3)

@@ -10,7 +10,7 @@ from arc_cases import APOLLO15_PA_M, REFLECTORS_PA_M, epochs_tai
 
 from radioloc.earth.eop import EopTable
 from radioloc.earth.orientation import EarthOrientation
-from radioloc.errors import PredictedEopWarning
+from radioloc.errors import InputError, PredictedEopWarning
 from radioloc.measurements import Observations, prepare_predictor
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
@@ -115,6 +115,12 @@ def test_a_combination_is_as_low_and_as_unusable_as_its_parts(arc, by_hand):
     of_ranges = found.usable[2 :: len(CASES)]
     one_way = [part.compute(POSITIONS_M).usable for _, part in by_hand[2]]
     assert [int(each.sum()) for each in (*one_way, of_ranges)] == [3, 6, 1]  # far apart
+
+
+def test_a_target_without_a_position_is_named(model):
+    table = observations(*CASES[1][:3])
+    with pytest.raises(InputError, match="target 'b' has no position; there are a"):
+        prepare_predictor(model, table, POSITIONS_M[:1], "exact", targets=("a",))
 
 
 @pytest.mark.parametrize("which", [slice(3, 33, 3), np.array([40, 2, 2, 21]), slice(0, 0)])

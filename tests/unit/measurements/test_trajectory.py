@@ -22,6 +22,7 @@ from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, InputError
 from radioloc.measurements.equipment_delays import EquipmentDelays
+from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import reasons
@@ -183,6 +184,12 @@ def test_outside_the_trajectory_is_an_error_that_names_file_and_span(model, fold
         CoverageError, match=r"with gaps \(2020-12-02 to 2020-12-02T01:00:00, 2020-12-02T02:00:00"
     ):
         ExactPredictor(model, in_gap, NOWHERE, Trajectory.open(file, ORBITER))
+
+
+def test_a_trajectory_is_never_interpolated(model, orbiter):
+    table = tracking("KASHI>x>KASHI", epochs_tai(3, 30.0))
+    with pytest.raises(InputError, match="tracking of a spacecraft is not interpolated"):
+        prepare_predictor(model, table, NOWHERE, "interpolated", orbiter)
 
 
 def test_too_far_for_the_light_path(model, folder):

@@ -134,6 +134,8 @@ def test_residuals_are_those_at_the_a_priori_values(biased):
         ),
         ({"range_bias_sigma_m": {"JIAMUSI": 1.0}}, InputError, "JIAMUSI gets no range_bias; list it"),
         ({"range_bias_m": {"KASHI": 1.0, "kashi": 2.0}}, InputError, "KASHI is there twice, once as kashi"),
+        ({"clock_s": 1e-6}, InputError, "clock_s: there is no observation that it acts on; leave it out"),
+        ({"range_bias_per": "link"}, InputError, r"\[estimate\] range_bias: 'KASHI' is not a path"),
         ({"clock_s": {"KASHI": 1.0}}, InputError, "clock_s: no observation of KASHI that has one; .* none"),
     ],
 )
@@ -152,6 +154,11 @@ def test_stations_that_cannot_be(ranges, estimate, error, message):
             'range_bias_per must be "station" or "pass" or "link" or "link and pass"',
         ),
         ({"pass_gap_h": 0.0}, "pass_gap_h must be above zero"),
+        ({"range_bias": "KASHI"}, 'range_bias must be a list of names, "all" or "none", not \'KASHI\''),
+        ({"range_bias": ["KASHI", 7]}, "range_bias must be names, not 7"),
+        ({"ut1": ["KASHI"]}, "ut1 belongs to nobody by name; use true or false"),
+        ({"range_bias_m": 10**400}, "range_bias_m must be a finite number"),
+        ({"range_bais": "all"}, "range_bais is no parameter's; did you mean 'range_bias'"),
         ({"transponder_delay_sigma_s": 1e-8}, "transponder_delay_sigma_s needs transponder_delay"),
     ],
 )

@@ -86,6 +86,13 @@ def test_every_key_is_on_the_page(tmp_path, monkeypatch):
     ("old", "new", "message"),
     [
         ("mask_deg = 10.0", "mask = 10.0", r"\[simulation\] 'mask' is not known; did you mean 'mask_deg'"),
+        (
+            "{ KASHI = 7.0 }",
+            "{ KASHI = 7.0, kashi = 8.0 }",
+            r"\[simulation\] station_masks_deg: names a station twice",
+        ),
+        ('links = "all"', 'links = "every"', r"ranging\] links: must be one of .*, not 'every'"),
+        ("{ KASHI = -5e-9 }", "{ KASHI = -5e-9, kashi = 1e-9 }", r"KASHI is named twice"),
         ("seed = 1", "seed = -1", r"\[simulation\] seed is -1; give a whole number from zero up"),
         (
             'links = "all"',

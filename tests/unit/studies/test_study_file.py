@@ -322,6 +322,14 @@ def test_misspelt_files_is_not_called_missing(read):
             "height_prior = { height_m = 0, sigma_m = 0 }",
             "[estimate.height_prior] sigma_m must be above zero",
         ),
+        (
+            'height_prior = { height_m = 0, sigma_m = 1, dem = "d.csv" }',
+            "[estimate.height_prior] height_m: give either dem or height_m, not both",
+        ),
+        (
+            'height_prior = { height_m = 0, sigma_m = 1, interpolation = "bilinear" }',
+            "[estimate.height_prior] interpolation: belongs to a terrain model; name one as dem",
+        ),
         ("height_prior = { height_m = 0, sigma_m = 1, x = 3 }", "[estimate.height_prior] 'x' is not known"),
         ("range_bias_sigma_m = 10", "[estimate] range_bias_sigma_m needs range_bias"),
         ("clock_rate_sigma_s_s = 1e-13", "clock_rate_sigma_s_s needs clock_rate"),

@@ -80,7 +80,7 @@ def changes(tree: ast.Module) -> Iterator[Change]:
     judged = {
         id(one)
         for node in tree.body
-        if isinstance(node, ast.Assign | ast.AnnAssign)
+        if isinstance(node, ast.Assign | ast.AnnAssign) and not isinstance(node.value, ast.Call)
         for one in ast.walk(node)
     }
     for node in parts(tree):

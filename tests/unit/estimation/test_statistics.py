@@ -1,6 +1,9 @@
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
+from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.statistics import Residuals, chi2_quantile
 from radioloc.time import Epochs
@@ -41,6 +44,29 @@ def test_group_statistics_by_hand():
 def test_group_without_used_observations_has_no_numbers():
     group = residuals([1.0], [1.0], [False]).statistics("A")
     assert (group.used, group.rejected, group.mean_m, group.rms_m, group.wrms_m) == (0, 1, None, None, None)
+
+
+@pytest.mark.parametrize("elevation_deg", [None, np.array([10.0, 20.0, 30.0])])
+def test_selected_rows_keep_all_that_is_told_of_them(elevation_deg):
+    whole = Residuals(
+        Epochs.from_jd(2459185.5, np.array([0.1, 0.2, 0.3]), "UTC"),
+        *(Labels.of([f"{column}{k}" for k in range(3)]) for column in ("station", "type", "path")),
+        *(np.array([1.0, 2.0, 3.0]) * size for size in (1e8, 1.0, 0.1)),
+        Labels.of(["used", "outlier", "used"]),
+        elevation_deg,
+    )
+    part = whole.select([2, 1])
+    assert len(part) == 2
+    assert part.epoch_utc.fraction.tolist() == [0.3, 0.2]
+    assert (part.station[0], part.type[0], part.path[0]) == ("station2", "type2", "path2")
+    assert part.computed_m.tolist() == [3e8 - 3.0, 2e8 - 2.0]
+    assert part.sigma_m.tolist() == whole.sigma_m[[2, 1]].tolist()
+    assert part.used.tolist() == [True, False]
+    assert (
+        part.elevation_deg is None if elevation_deg is None else part.elevation_deg.tolist() == [30.0, 20.0]
+    )
+    with pytest.raises(InputError, match="sigma_m has 1 values, but there are 3 observations"):
+        replace(whole, sigma_m=np.ones(1))
 
 
 def test_groups_are_sorted_and_complete():

@@ -13,8 +13,10 @@ from radioloc.estimation import (
     ParameterSet,
     SeriesCorrelation,
     fit_least_squares,
+    fit_with_editing,
     observation_noise,
 )
+from radioloc.estimation.build import estimated_covariance
 from radioloc.estimation.series import MOST_POINTS, SeriesOrder, points_of, series_of
 from radioloc.estimation.time_correlation import assess_time_correlation
 from radioloc.simulation.noise import gauss_markov
@@ -87,14 +89,45 @@ def test_no_direction_becomes_smaller():
 
 
 def test_an_undetermined_parameter_stays_undetermined():
+    """Two that cannot be told apart have neither a variance that is known nor a part of it that is added."""
     fit, types, path, time_s = line()
-    design = np.column_stack([fit.linearization.partials(np.arange(len(time_s))), np.zeros(len(time_s))])
+    design = fit.linearization.partials(np.arange(len(time_s)))[:, [0, 1, 1]]
     parameters = ParameterSet([*fit.parameters, Parameter("c", "m", "p")])
     residual = fit.residual_m
     wider = fit_least_squares(lambda x: (residual - design @ x, design), parameters, 1.0)
     found = assessed(wider, types, path, time_s)
-    assert (found.added_covariance[2] == 0.0).all()
-    assert found.added_covariance[1, 1] > 0.0
+    assert (found.added_covariance[1:] == 0.0).all()
+    assert found.added_covariance[0, 0] > 0.0
+
+
+def test_neither_the_size_of_the_noise_nor_what_is_left_out_matters():
+    """Three times the stated sigmas; one observation in fifty is not in use."""
+    fit, types, path, time_s = line()
+    design, used = fit.linearization.partials(np.arange(len(time_s))), np.arange(len(time_s)) % 50 > 0
+    larger = fit_least_squares(
+        lambda x: (3.0 * fit.residual_m - design @ x, design), fit.parameters, 1.0, used=used
+    )
+    one, other = assessed(fit, types, path, time_s), assessed(larger, types, path, time_s)
+    assert sum(item.count for item in other.series) == used.sum()
+    for before, after in zip(one.series, other.series, strict=True):
+        assert after.effective_count == pytest.approx(before.effective_count, rel=0.1)
+        assert after.share == pytest.approx(before.share, abs=0.05)
+    assert np.diag(other.added_covariance) == pytest.approx(9.0 * np.diag(one.added_covariance), rel=0.1)
+
+
+def test_the_covariance_of_an_estimate_has_what_time_correlation_adds():
+    for coloured in (0.0, 1.0):
+        fit, types, path, time_s = line(coloured=coloured)
+        design = fit.linearization.partials(np.arange(len(time_s)))
+        edited = fit_with_editing(lambda x: (fit.residual_m - design @ x, design), fit.parameters, 1.0)  # noqa: B023
+        covariance, correlation = estimated_covariance(edited, SeriesOrder.of(types, path, time_s))
+        added = covariance - edited.fit.covariance
+        if coloured:
+            np.testing.assert_allclose(added, correlation.added_covariance, rtol=1e-9, atol=1e-18)
+            assert (np.diag(added) > 5.0 * np.diag(edited.fit.covariance)).all()
+        else:
+            assert correlation is None
+            np.testing.assert_allclose(added, 0.0, rtol=0, atol=1e-18)
 
 
 def test_order_of_rows_and_size_of_parts_do_not_matter(monkeypatch):

@@ -118,6 +118,24 @@ def test_equal_links_become_one():
     assert table.link.tolist() == [0, 0, 0, 0]
 
 
+def test_span_is_from_the_first_to_the_last_whatever_the_order():
+    epoch = Epochs.from_jd(2460000.5 + np.array([1.0, 0.0, 1.0, 0.0]), np.array([0.9, 0.3, 0.1, 0.2]), "UTC")
+    table = make(epoch=epoch)
+    assert (table.span().jd.tolist(), table.span().fraction.tolist()) == ([2460000.5, 2460001.5], [0.2, 0.9])
+    assert repr(table) == "<Observations 4 2023-02-25 to 2023-02-26>"
+    assert repr(table.select([])) == "<Observations none>"
+
+
+def test_what_residuals_of_a_link_are_grouped_by():
+    assert Link.from_path("KASHI>lander>JIAMUSI").place == "JIAMUSI"
+    assert Link.from_path("KASHI<lander>JIAMUSI").place == "KASHI\N{EN DASH}JIAMUSI"
+
+
+def test_a_name_that_is_too_long_is_told_whatever_the_others_are():
+    with pytest.raises(InputError, match="is too long a name; give up to 80"):
+        Link("KASHI", "x" * 101, "KASHI")
+
+
 def test_summary_counts_by_path():
     lines = make(5).summary().splitlines()
     assert lines[0] == "5 observations, 2023-02-25T06:00:00 to 2023-03-01T06:00:00 UTC, 1 file(s)"

@@ -90,11 +90,11 @@ def _resolved(
     stated: dict[str, Amount] = dict(
         zip(_named(kind, by_name, scope, predictor), by_name.values(), strict=True)
     )
-    notes = [
-        f"[consider] {kind.name}: {name} has no observations that it acts on"
-        for name in dict.fromkeys([*(listed or ()), *stated])
-        if name not in present
-    ]
+    absent = [name for name in dict.fromkeys([*(listed or ()), *stated]) if name not in present]
+    has = "has" if len(absent) == 1 else "have"
+    notes = [f"[consider] {kind.name}: {', '.join(absent)} {has} no observations that it acts on"] * bool(
+        absent
+    )
     default: Mapping[str, Amount] = {}
     if kind.considered is not None and present and (choice.sigma is None or by_name):
         with named_where_it_fails(f"parameter {kind.name}", "considered"):

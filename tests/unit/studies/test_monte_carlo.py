@@ -506,3 +506,12 @@ def test_studies_that_cannot_be(study):
 def test_workers_that_cannot_be(study, options, message):
     with pytest.raises(InputError, match=message):
         radioloc.monte_carlo(study, 2, [12.0], **options)
+
+
+@pytest.mark.slow
+def test_trials_of_the_example_all_converge(tmp_path):
+    """As a user runs it; the noise of dense series once ended some trials in an eigen-solver that gave up."""
+    simulation = Path(__file__).parents[3] / "examples" / "change5" / "simulation.toml"
+    out = tmp_path / "out"
+    assert main(["montecarlo", str(simulation), "--trials", "60", "--quiet", "--out", str(out)]) == 0
+    assert len((out / "trials.csv").read_text().splitlines()) == 1 + 60 * 3

@@ -8,11 +8,13 @@ from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.frames import read_frame
 from radioloc.imaging.homography import Homography, HomographyFit, fit_homography
+from radioloc.imaging.image_point import ImagePoint, ImagePointSigmas, locate_image_point
 from radioloc.imaging.isd import SupportData, read_isd, write_isd
 from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.masks import find_mask
 from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
+from radioloc.imaging.orthophoto import write_orthophoto
 from radioloc.imaging.registration import (
     Frame,
     FrameStatus,
@@ -28,6 +30,7 @@ from radioloc.imaging.sensor_models import (
     image_to_ground,
     image_to_ground_and_partials,
 )
+from radioloc.imaging.spice_source import orientation_from_spice
 from radioloc.imaging.stereo import StereoPair, body_position, resect
 from radioloc.imaging.surfaces import Plane, Sphere
 from radioloc.imaging.terrain_surface import Terrain
@@ -44,6 +47,8 @@ __all__ = [
     "GroundPoint",
     "Homography",
     "HomographyFit",
+    "ImagePoint",
+    "ImagePointSigmas",
     "LineScanModel",
     "Map",
     "MatchStatus",
@@ -65,10 +70,13 @@ __all__ = [
     "ground_to_image",
     "image_to_ground",
     "image_to_ground_and_partials",
+    "locate_image_point",
     "match",
+    "orientation_from_spice",
     "read_frame",
     "read_isd",
     "register_chain",
     "resect",
     "write_isd",
+    "write_orthophoto",
 ]

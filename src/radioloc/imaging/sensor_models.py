@@ -329,11 +329,8 @@ def image_to_ground_and_partials(model: SensorModel, pixels: ArrayLike, surface:
 
 def _met(model: SensorModel, pixels: ArrayLike, surface: Surface) -> tuple[Rays, Floats]:
     """Rays, and where they meet the surface."""
-    if surface.mean_earth and not model.axes.startswith("ME_"):
-        raise InputError(
-            f"the model's points are in {model.axes}, the ground in mean-Earth axes; read the model with "
-            "axes='ME_DE421'"
-        )
+    if surface.mean_earth:
+        require_mean_earth(model)
     rays = model.rays(pixels)
     points, hits = surface.intersect(rays.origins_m, rays.directions)
     if not hits.all():
@@ -362,6 +359,15 @@ def ground_to_image(model: SensorModel, points_m: ArrayLike) -> Floats:
             f"are the coordinates in {model.axes} and in metres? model.project() says which points are seen"
         )
     return found.pixels
+
+
+def require_mean_earth(model: SensorModel) -> None:
+    """Refuse a model in other axes than elevation maps and positions."""
+    if not model.axes.startswith("ME_"):
+        raise InputError(
+            f"the model's points are in {model.axes}, not in mean-Earth axes as elevation maps; read the model with "
+            "axes='ME_DE421'"
+        )
 
 
 def inside(model: SensorModel, pixels: Floats) -> NDArray[np.bool_]:

@@ -211,7 +211,9 @@ def test_rays_that_leave_the_map_or_come_to_a_void_do_not_meet_the_ground(tmp_pa
 
 def test_ground_in_mean_earth_axes_needs_rays_in_them(hills):
     model = replace(camera_above(3e3, 0.0), axes="IAU_MOON")
-    with pytest.raises(InputError, match=r"the model's points are in IAU_MOON, .* axes='ME_DE421'"):
+    with pytest.raises(
+        InputError, match=r"the model's points are in IAU_MOON, not in mean-Earth axes .* axes='ME_DE421'"
+    ):
         image_to_ground(model, [[199.5, 199.5]], Terrain(TerrainModel.open(hills)))
     assert len(image_to_ground(model, [[199.5, 199.5]], Sphere())) == 1
 

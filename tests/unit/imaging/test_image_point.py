@@ -1,0 +1,125 @@
+"""A point measured in one image: its covariance against drawn errors, by hand, and in both axes."""
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from ldem import write_ldem_4
+
+from radioloc.errors import InputError
+from radioloc.imaging import (
+    Camera,
+    ConstantOrientation,
+    FrameModel,
+    ImagePointSigmas,
+    Plane,
+    Sphere,
+    Terrain,
+    image_to_ground,
+    locate_image_point,
+    read_isd,
+)
+from radioloc.imaging.orientation import matrices_of, quaternions_of, rotation_of
+from radioloc.lunar import TerrainModel, cartesian_to_selenographic, east_north_up
+
+ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
+DRAWS = 1500
+SAMPLING = 4.5 / np.sqrt(DRAWS)
+"""Relative error of a covariance of so many draws, at 4.5 standard deviations over sqrt(2)."""
+
+SIGMAS = ImagePointSigmas(
+    pixel=0.7, position_m=(20.0, 10.0, 5.0), attitude_rad=(3e-5, 5e-5, 1e-4), height_m=12.0
+)
+
+
+@pytest.fixture(scope="module")
+def ldem_4(tmp_path_factory):
+    return Terrain(TerrainModel.open(write_ldem_4(tmp_path_factory.mktemp("ldem"))))
+
+
+def lro():
+    return read_isd(ISDS / "lro_nac.json.gz", axes="ME_DE421").model
+
+
+def disturbed(model, shift_m, angles_rad):
+    """The model with errors of its place and of its attitude, about the camera's axes."""
+    known = model.orientation
+    turned = matrices_of(known.quaternions) @ rotation_of(angles_rad[None])
+    changed = replace(known, positions_m=known.positions_m + shift_m, quaternions=quaternions_of(turned))
+    return replace(model, orientation=changed)
+
+
+def test_the_covariance_is_that_of_drawn_errors(ldem_4):
+    """Errors of all kinds at once, through the sensor model and the elevation map, without partials."""
+    model, pixel = lro(), np.array([3000.0, 200.0])
+    found = locate_image_point(model, pixel, ldem_4, SIGMAS)
+    to_enu = east_north_up(*cartesian_to_selenographic(found.position_me.xyz_m)[:2])
+    rng = np.random.default_rng(20)
+    points = []
+    for _ in range(DRAWS):
+        draw = {
+            name: rng.standard_normal(n)
+            for name, n in (("pixel", 2), ("place", 3), ("turn", 3), ("height", 1))
+        }
+        shift_m = to_enu.T @ (draw["place"] * SIGMAS.position_m)
+        wrong = disturbed(model, shift_m, draw["turn"] * SIGMAS.attitude_rad)
+        ground = replace(ldem_4, raised_m=float(draw["height"][0] * SIGMAS.height_m))
+        points.append(image_to_ground(wrong, [pixel + draw["pixel"] * SIGMAS.pixel], ground)[0])
+    errors = (np.array(points) - found.position_me.xyz_m) @ to_enu.T
+    drawn = errors.T @ errors / DRAWS
+    # compared where the covariance is a unit matrix, so that each direction counts
+    whiten = np.linalg.inv(np.linalg.cholesky(found.covariance_enu_m2))
+    assert np.abs(whiten @ drawn @ whiten.T - np.eye(3)).max() < SAMPLING
+    assert np.abs(errors.mean(axis=0) / found.sigma_enu_m).max() < SAMPLING
+
+
+def test_by_hand():
+    """10 km up and 30 degrees off: height errors move the point sideways by tan(30 degrees) of them."""
+    camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
+    down = np.array([[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
+    tilt = rotation_of(np.radians([[0.0, -30.0, 0.0]]))[0]
+    model = FrameModel(camera, ConstantOrientation([1737400.0 + 1e4, 0.0, 0.0], down @ tilt), (1024, 1024))
+    ground = Plane([1737400.0, 0.0, 0.0], [1.0, 0.0, 0.0])
+
+    def sigma_m(**given):
+        zero = {"pixel": 0.0, "position_m": 0.0, "attitude_rad": 0.0, "height_m": 0.0}
+        return locate_image_point(
+            model, [511.5, 511.5], ground, ImagePointSigmas(**(zero | given))
+        ).sigma_enu_m
+
+    # The point is 5774 m west, where up is 0.19 degrees off the plane's normal: 0.0033 of each number is another's.
+    tangent, cosine = np.tan(np.radians(30.0)), np.cos(np.radians(30.0))
+    assert sigma_m(height_m=10.0) == pytest.approx([10.0 * tangent, 0.0, 10.0], abs=0.04)
+    assert sigma_m(position_m=(0.0, 3.0, 0.0)) == pytest.approx([0.0, 3.0, 0.0], abs=1e-6)
+    assert sigma_m(position_m=(0.0, 0.0, 3.0)) == pytest.approx([3.0 * tangent, 0.0, 0.0], abs=0.02)
+    # 1 mrad about y at 11547 m, on ground 30 degrees off what the ray is normal to
+    assert sigma_m(attitude_rad=(0.0, 1e-3, 0.0)) == pytest.approx([11.547 / cosine, 0.0, 0.0], abs=0.05)
+    assert sigma_m(pixel=(0.0, 1.0)) == pytest.approx([0.0, 11547.0 * 6.7e-3 / 8.3, 0.0], abs=1e-2)
+
+
+def test_both_axes_and_the_parts(ldem_4):
+    found = locate_image_point(lro(), [3000.0, 200.0], ldem_4, SIGMAS)
+    assert (found.position_me.frame, found.position_pa.frame) == ("ME_DE421", "PA_DE421")
+    assert 400.0 < np.linalg.norm(found.position_me.xyz_m - found.position_pa.xyz_m) < 900.0
+    eigenvalues = np.linalg.eigvalsh(found.covariance_enu_m2)
+    for covariance in (found.covariance_me_m2, found.covariance_pa_m2, sum(found.parts_enu_m2.values())):
+        assert np.linalg.eigvalsh(covariance) == pytest.approx(eigenvalues, rel=1e-9)
+    longitude_deg, latitude_deg, height_m = found.position_me.selenographic
+    assert height_m == pytest.approx(
+        ldem_4.model.height_m(*np.radians([longitude_deg, latitude_deg])), abs=1e-3
+    )
+    assert f"{longitude_deg:.6f} deg E, {latitude_deg:+.6f} deg N" in str(found)
+    assert found.pixel_size_m == pytest.approx((1.5, 1.5), abs=0.1)
+
+
+def test_bad_input_is_one_clear_error(ldem_4):
+    model = lro()
+    with pytest.raises(InputError, match=r"the model's points are in IAU_MOON, .* axes='ME_DE421'"):
+        locate_image_point(read_isd(ISDS / "kaguya_tc.json.gz").model, [5.0, 5.0], Sphere(), SIGMAS)
+    for pixel in ([5064.0, 5.0], [5.0], "lander"):
+        with pytest.raises(InputError, match=r"is not in the image of 5064 samples and 400 lines"):
+            locate_image_point(model, pixel, Sphere(), SIGMAS)
+    for bad in ({"pixel": -1.0}, {"height_m": np.nan}, {"position_m": (1.0, 2.0)}, {"attitude_rad": "small"}):
+        with pytest.raises(InputError, match=r"the sigma of (pixel|height|position|attitude) is"):
+            locate_image_point(model, [5.0, 5.0], Sphere(), replace(SIGMAS, **bad))

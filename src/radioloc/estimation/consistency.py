@@ -165,48 +165,47 @@ class Consistency:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Tried:
-    """An explanation before it has a name in words."""
+    """A group or an explanation before it has a name in words."""
 
-    log_chance: float
     kind: str
     name: str
-    columns: Mapping[int, _Floats]
-    components: tuple[str, ...] = ("",)
+    columns: _Floats
+    verdict: Verdict
+    components: tuple[str, ...] = ("",)  # none where a group is taken out
     scale: float | _Floats = 1.0
     unit: str = "m"
     span_s: tuple[float, float] | None = None
     links: Mapping[int, float] = field(default_factory=dict)
     width_s: float = 0.0  # of the bins that a step was found in
+    log_chance: float = 0.0
 
     @property
     def length(self) -> float:
         """Root of the sum of squares of the columns."""
-        return math.sqrt(sum(float(np.square(columns).sum()) for columns in self.columns.values()))
+        return float(np.linalg.norm(self.columns))
 
-    @property
-    def normalized(self) -> dict[int, _Floats]:
-        """Columns over that."""
-        return {k: columns / self.length for k, columns in self.columns.items()}
+    def joined(self, problem: BinnedProblem) -> BinnedProblem:
+        """The problem with what explains a misfit, which is no noise: with that which is left more is known."""
+        return problem.with_columns(self.columns / self.length)
 
 
-def _one_component(after: BinnedProblem, tried: _Tried) -> _Tried | None:
+def _one_component(problem: BinnedProblem, after: BinnedProblem, tried: _Tried) -> _Tried | None:
     """The same with one component where the others, known as well as with the misfit explained, may be zero."""
     count = len(tried.components)
     if count < 2:
         return None
     values, covariance = after.estimate[-count:], after.inverse[-count:, -count:]
-    simplest: tuple[float, int] = (math.log(_SIMPLER), -1)
+    chances = []
     for k in range(count):
         others = np.delete(np.arange(count), k)
         chi2 = float(values[others] @ np.linalg.solve(covariance[np.ix_(others, others)], values[others]))
-        simplest = max(simplest, (log_probability(chi2, count - 1), k))
-    k = simplest[1]
-    if k < 0:
+        chances.append(log_probability(chi2, count - 1))
+    k = int(np.argmax(chances))
+    verdict = problem.test(tried.columns[:, [k]])
+    if chances[k] <= math.log(_SIMPLER) or verdict is None:
         return None
-    columns = {piece: both[:, [k]] for piece, both in tried.columns.items()}
-    return replace(
-        tried, columns=columns, components=tried.components[k : k + 1], scale=np.asarray(tried.scale)[[k]]
-    )
+    part, scale = tried.components[k : k + 1], np.asarray(tried.scale)[[k]]
+    return replace(tried, columns=tried.columns[:, [k]], components=part, scale=scale, verdict=verdict)
 
 
 def assess_consistency(
@@ -235,49 +234,40 @@ def assess_consistency(
         What else may be wrong, and by how much.
     """
     fit = edited.fit
-    if not edited.converged or fit.dof < 1 or not fit.parameters.free.any():
+    if not edited.converged or fit.dof < 1 or not (fit.parameters.free.any() and fit.used.any()):
         return Consistency()
     fit = replace(fit, used=_readmitted(edited, order))
     search = _Search(fit, order, epoch_utc, enu_by_parameters, considered)
     problem = BinnedProblem.of(fit, order, {} if correlation is None else correlation.noise, considered)
     tested = search.groups(problem)
-    groups = [search.named(*item) for item in tested]
-    explained: list[tuple[_Tried, Verdict]] = []
+    groups = tuple(search.named(tried, tried.verdict) for tried in tested)
+    explained: list[_Tried] = []
     width = len(problem.estimate)
     while len(explained) < _MOST_FOUND:
-        everything = [*search.explanations(problem), *(tried for tried, _ in tested)]
-        best = min(everything, key=lambda tried: tried.log_chance, default=None)
+        best = min([*search.explanations(problem), *tested], key=lambda tried: tried.log_chance, default=None)
         if best is None or best.log_chance > math.log(CHANCE):
             break
-        # What explains the misfit is no noise: with that which is left the position is known far better.
-        after = problem.with_columns(best.normalized)
-        if (simpler := _one_component(after, best)) is not None:
-            best, after = simpler, problem.with_columns(simpler.normalized)
-        verdict = problem.test(problem.added(best.columns))
-        if verdict is None:
-            break
+        after = best.joined(problem)
+        if (simpler := _one_component(problem, after, best)) is not None:
+            best, after = simpler, simpler.joined(problem)
         problem, tested = after, search.groups(after)
-        explained.append((best, replace(verdict, shift=problem.estimate[:width])))
+        explained.append(replace(best, verdict=replace(best.verdict, shift=problem.estimate[:width])))
         if not best.components:
             break
     found = []
-    for tried, verdict in explained:
-        end = width + len(verdict.estimate)
-        estimate = problem.estimate[width:end] / tried.length
-        found.append(search.named(tried, replace(verdict, estimate=estimate)))
+    for tried in explained:
+        end = width + tried.columns.shape[1]
+        amounts = problem.estimate[width:end] / tried.length
+        found.append(search.named(tried, replace(tried.verdict, estimate=amounts)))
         width = end
-    return Consistency(tuple(groups), tuple(found))
+    return Consistency(groups, tuple(found))
 
 
 def _readmitted(edited: EditedFit, order: SeriesOrder) -> NDArray[np.bool_]:
     """Observations in use, and those of series of which the editing has left out most: these are no outliers."""
     usable, used = edited.given.are(USED), edited.fit.used
-    count, kept = (
-        np.bincount(order.code[usable]),
-        np.bincount(order.code[used], minlength=order.code.max() + 1),
-    )
-    few = kept[: len(count)] < _MOST_KEPT * count
-    return np.asarray(used | (usable & few[np.minimum(order.code, len(few) - 1)]))
+    count, kept = (np.bincount(order.code[of], minlength=order.code.max() + 1) for of in (usable, used))
+    return np.asarray(used | (usable & (kept < _MOST_KEPT * count)[order.code]))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -292,7 +282,7 @@ class _Search:
 
     def links_by_name(self, problem: BinnedProblem) -> Iterator[tuple[str, str, dict[int, float]]]:
         """Kind, name and series of single observations of each group, with the sign of what is at a station."""
-        codes = sorted({code for piece in problem.pieces for code in piece.links})
+        codes = np.unique(np.concatenate([part.code for part in problem.parts])).tolist()
         yield from (("link", self.order.name_of(code), {code: 1.0}) for code in codes)
         types: dict[str, dict[int, float]] = {}
         stations: dict[str, dict[int, float]] = {}
@@ -303,39 +293,30 @@ class _Search:
         yield from (("type", name, mine) for name, mine in types.items())
         yield from (("station", name, mine) for name, mine in stations.items())
 
-    def groups(self, problem: BinnedProblem) -> list[tuple[_Tried, Verdict]]:
+    def groups(self, problem: BinnedProblem) -> list[_Tried]:
         """The estimate without each group: stations and their passes, links, types."""
-        tested: list[
-            tuple[str, str, Mapping[int, _Floats], tuple[float, float] | None, Mapping[int, float]]
-        ] = []
-        width = self.fit.factor.root_covariance().shape[1]
-        for kind, name, mine in self.links_by_name(problem):
-            if kind == "station":
-                spans = _passes(problem, mine)
-                for span_s in spans if 1 < len(spans) < _MOST_GROUPS - len(tested) else ():
-                    columns = _columns(problem, mine, slice(1, 1 + width), span_s)
-                    tested.append(("pass", name, columns, span_s, mine))
-            whole = _columns(problem, mine, slice(1, 1 + width))
-            rest = sum(len(piece.time_s) for piece in problem.pieces[:-1])
-            if sum(len(columns) for columns in whole.values()) < rest:
-                tested.append((kind, name, whole, None, mine))
-        found = []
-        for kind, name, chosen, span, links in tested:
-            added = problem.added(chosen)
-            if (verdict := problem.test(added)) is not None:
-                likely = verdict.chi2 / problem.inflation(links, added, verdict)
-                chance = log_probability(likely, verdict.dof) + math.log(_FAMILIES * len(tested))
-                found.append((_Tried(chance, kind, name, chosen, (), span_s=span, links=links), verdict))
-        return found
+        every = list(self.links_by_name(problem))
+        count = sum(kind == "link" for kind, _, _ in every)
+        tested: list[tuple[str, str, tuple[float, float] | None, Mapping[int, float]]] = []
+        for kind, name, mine in every:
+            spans = _passes(problem, mine) if kind == "station" else []
+            if 1 < len(spans) < _MOST_GROUPS - len(tested):
+                tested += [("pass", name, span_s, mine) for span_s in spans]
+            if len(mine) < count:
+                tested.append((kind, name, None, mine))
+        width, found = self.fit.factor.root_covariance().shape[1], []
+        for kind, name, span_s, links in tested:
+            columns = problem.columns(links, span_s or (-np.inf, np.inf), width)
+            if (verdict := problem.test(columns, links)) is not None:
+                found.append(_Tried(kind, name, columns, verdict, (), span_s=span_s, links=links))
+        return _judged(found, len(tested))
 
-    def explanations(self, problem: BinnedProblem) -> Iterator[_Tried]:
-        """The best explanation of each kind."""
-        yield from self._wrong_priors(problem)
-        yield from self._steps(problem)
-        yield from self._offsets(problem)
+    def explanations(self, problem: BinnedProblem) -> list[_Tried]:
+        """A-priori values set free, steps and offsets."""
+        return [*self._wrong_priors(problem), *self._steps(problem), *self._offsets(problem)]
 
-    def _wrong_priors(self, problem: BinnedProblem) -> Iterator[_Tried]:
-        """A-priori values that are set free, all components of one together."""
+    def _wrong_priors(self, problem: BinnedProblem) -> list[_Tried]:
+        """A-priori values that are set free, each, and all components of one together."""
         known = [item for item in self.fit.parameters if not item.fixed and math.isfinite(item.prior_sigma)]
         known += [] if self.considered is None else self.considered.parameters.parameters
         sets: dict[str, list[int]] = {}
@@ -343,70 +324,62 @@ class _Search:
             sets[item.name] = [place]
             if item.kind != "position" and item.name.count(".") == 2:  # one of several components
                 sets.setdefault(item.name.rpartition(".")[0], []).append(place)
-        last = len(problem.pieces) - 1
+        first, found = len(problem.points.time_s), []
         for places in sets.values():
-            columns = np.zeros((len(known), len(places)))
-            columns[places, np.arange(len(places))] = 1.0
-            if (verdict := problem.test(problem.added({last: columns}))) is None:
+            columns = np.zeros((len(problem.whitened), len(places)))
+            columns[first + np.array(places), np.arange(len(places))] = 1.0
+            if (verdict := problem.test(columns)) is None:
                 continue
-            chance = log_probability(verdict.chi2, verdict.dof) + math.log(_FAMILIES * len(sets))
             items = [known[place] for place in places]
             kind, _, of = items[0].name.partition(".")
             whose, _, component = of.partition(".") if kind != "position" else (of, "", "")
             parts = tuple(item.name.rpartition(".")[2] if component else "" for item in items)
             # The residual is the a-priori value less the estimate
-            sigmas = -np.array([item.prior_sigma for item in items])
-            named = f"{kind}.{whose}".rstrip(".")
-            yield _Tried(chance, "a priori", named, {last: columns}, parts, sigmas, items[0].unit)
+            sigmas, named = -np.array([item.prior_sigma for item in items]), f"{kind}.{whose}".rstrip(".")
+            found.append(_Tried("a priori", named, columns, verdict, parts, sigmas, items[0].unit))
+        return _judged(found, len(sets))
 
-    def _sets(self, problem: BinnedProblem) -> list[tuple[str, dict[int, float]]]:
+    def _sets(self, problem: BinnedProblem) -> Iterator[tuple[str, dict[int, float]]]:
         """Links, and stations with several links of one type, with signs."""
-        sets = []
         for kind, name, mine in self.links_by_name(problem):
             if kind == "link":
-                sets.append((name, mine))
+                yield name, mine
             elif kind == "station":
                 for of in sorted({self.order.type_of(code) for code in mine}):
                     some = {
-                        code: sign for code, sign in mine.items() if self.order.type_of(code) == of and sign
+                        code: sign for code, sign in mine.items() if sign and self.order.type_of(code) == of
                     }
                     if len(some) > 1:
-                        sets.append((f"{name} {of}", some))
-        return sets
+                        yield f"{name} {of}", some
 
-    def _steps(self, problem: BinnedProblem) -> Iterator[_Tried]:
+    def _steps(self, problem: BinnedProblem) -> list[_Tried]:
         """The step that fits best of each set, all epochs allowed for."""
-        tried: list[_Tried] = []
-        total = 0
+        found, total = [], 0
         for name, mine in self._sets(problem):
-            edges_s = _edges(problem, mine)
+            edges_s = problem.times_s(mine)[_FEWEST : 1 - _FEWEST]
+            total += len(edges_s)
             if not len(edges_s):
                 continue
-            total += len(edges_s)
-            chi2, _ = problem.each(_columns(problem, mine, slice(0, 1), (edges_s, np.inf)))
-            best = float(edges_s[int(np.argmax(chi2))])
-            columns = _columns(problem, mine, slice(0, 1), (best, np.inf))
-            added = problem.added(columns)
-            if (verdict := problem.test(added)) is not None:
-                likely = verdict.chi2 / problem.inflation(mine, added, verdict)
-                width_s = max(problem.pieces[k].width_s for k in columns)
-                tried.append(
-                    _Tried(likely, "jump", name, columns, span_s=(best, np.inf), links=mine, width_s=width_s)
+            chi2, _ = problem.each(problem.columns(mine, (edges_s, np.inf)))
+            span_s = float(edges_s[int(np.argmax(chi2))]), np.inf
+            columns = problem.columns(mine, span_s)
+            if (verdict := problem.test(columns, mine)) is not None:
+                width_s = problem.width_s(mine)
+                found.append(
+                    _Tried("jump", name, columns, verdict, span_s=span_s, links=mine, width_s=width_s)
                 )
-        yield from _judged(tried, total)
+        return _judged(found, total)
 
-    def _offsets(self, problem: BinnedProblem) -> Iterator[_Tried]:
+    def _offsets(self, problem: BinnedProblem) -> list[_Tried]:
         """Links that are off in one pass or throughout."""
-        tried: list[_Tried] = []
+        found = []
         for name, mine in self._sets(problem):
-            spans = [None, *_passes(problem, mine)]
-            for span_s in spans if len(spans) > 2 else spans[:1]:
-                columns = _columns(problem, mine, slice(0, 1), span_s)
-                added = problem.added(columns)
-                if (verdict := problem.test(added)) is not None:
-                    likely = verdict.chi2 / problem.inflation(mine, added, verdict)
-                    tried.append(_Tried(likely, "offset", name, columns, span_s=span_s, links=mine))
-        yield from _judged(tried, len(tried))
+            passes = _passes(problem, mine)
+            for span_s in (None, *(passes if len(passes) > 1 else ())):
+                columns = problem.columns(mine, span_s or (-np.inf, np.inf))
+                if (verdict := problem.test(columns, mine)) is not None:
+                    found.append(_Tried("offset", name, columns, verdict, span_s=span_s, links=mine))
+        return _judged(found, len(found))
 
     def named(self, tried: _Tried, verdict: Verdict) -> Inconsistency:
         """What was found, with its numbers."""
@@ -454,10 +427,10 @@ class _Search:
         return str(epochs[0]), "" if math.isinf(end_s) else str(epochs[1])
 
 
-def _judged(tried: Iterable[_Tried], count: int) -> Iterator[_Tried]:
-    """Of a chi-square of one degree of freedom in its place the chance, so many having been tried."""
-    for one in tried:
-        yield replace(one, log_chance=log_probability(one.log_chance, 1) + math.log(_FAMILIES * count))
+def _judged(tried: list[_Tried], count: int) -> list[_Tried]:
+    """With their chances, so many having been tried in each family."""
+    every = math.log(_FAMILIES * max(count, 1))
+    return [replace(one, log_chance=one.verdict.log_chance + every) for one in tried]
 
 
 def _stations(path: str) -> dict[str, float]:
@@ -472,42 +445,9 @@ def _stations(path: str) -> dict[str, float]:
     return signs
 
 
-def _columns(
-    problem: BinnedProblem,
-    mine: Mapping[int, float],
-    which: slice,
-    span_s: tuple[Any, float] | None = None,
-) -> dict[int, _Floats]:
-    """Columns of some series of single observations by piece, where `span_s` is given for that time.
-
-    Of several beginnings there is one column for each; all signs are one but of the constant.
-    """
-    found: dict[int, _Floats] = {}
-    for k, piece in enumerate(problem.pieces):
-        for code in mine.keys() & piece.links.keys():
-            sign = mine[code] if which.stop == 1 else 1.0
-            columns = sign * piece.links[code][:, which]
-            if span_s is not None:
-                times = piece.time_s[:, None]
-                columns = columns * ((times >= span_s[0]) & (times <= span_s[1]))
-            found[k] = found[k] + columns if k in found else columns
-    return found
-
-
-def _times_s(problem: BinnedProblem, mine: Iterable[int]) -> _Floats:
-    """Instants of the points of some series, in order."""
-    pieces = (piece for piece in problem.pieces if piece.links.keys() & set(mine))
-    return np.unique(np.concatenate([piece.time_s for piece in pieces]))
-
-
-def _edges(problem: BinnedProblem, mine: Iterable[int]) -> _Floats:
-    """Instants at which a step of some series may be, some observations before it and after it."""
-    return _times_s(problem, mine)[_FEWEST : 1 - _FEWEST]
-
-
-def _passes(problem: BinnedProblem, mine: Iterable[int]) -> list[tuple[float, float]]:
-    """Begin and end of the passes of some series."""
-    time_s = _times_s(problem, mine)
+def _passes(problem: BinnedProblem, links: Iterable[int]) -> list[tuple[float, float]]:
+    """Begin and end of the passes of some links."""
+    time_s = problem.times_s(links)
     gaps = np.flatnonzero(np.diff(time_s) > 3600.0 * PASS_GAP_H)
     begin, end = np.append(0, gaps + 1), np.append(gaps, len(time_s) - 1)
     return list(zip(time_s[begin].tolist(), time_s[end].tolist(), strict=True))

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -45,6 +45,8 @@ _FLICKER_SPANS = 3.0
 """Longest correlation time of flicker noise in spans of the data: what lasts longer is the same all the time."""
 _NEAR = 6.0
 """Logarithm of the likelihood below the largest at which nothing need be looked at."""
+_MATTERS = 1e-4
+"""Part of the variance below which a process is left out of a filter."""
 _TOLD = 3.0
 """Logarithm of the likelihood by which white noise must be likelier than another series' noise to rule that out."""
 DENSE = 3.0
@@ -81,6 +83,7 @@ class Points:
     gain: _Floats  # (n,), root of the number of observations that a point is the mean of
     residual: _Floats  # (n,), whitened by the stated noise
     unit: _Floats  # (n, q), partials, whitened likewise, by parameters of unit formal covariance
+    time_s: _Floats = field(default_factory=lambda: np.zeros(0))  # (n,), where it is asked for
 
     def of(self, k: int) -> slice:
         """Points of a series."""
@@ -116,6 +119,28 @@ class SeriesNoise:
         from radioloc.estimation._kernels import products
 
         return products(step_s, gain, columns, width_s, self.white, self.tau_s, self.coloured)
+
+    def whitened(self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0) -> _Floats:
+        """Columns (n, m) of points by the root of the inverse covariance: innovations over their sigmas, (n, m)."""
+        from radioloc.estimation._kernels import filter_processes, mean_correlation
+
+        variance = self.coloured * mean_correlation(width_s, self.tau_s)
+        matters = variance > _MATTERS * variance.sum()
+        n, p = len(step_s), int(matters.sum())
+        if not p:
+            return columns / math.sqrt(self.white)
+        process, sign = np.tile(np.arange(p), (n, 1)), np.repeat(gain[:, None], p, axis=1)
+        of_processes = (variance[matters], self.tau_s[matters], np.zeros(p), np.diag(variance[matters]))
+        state, last_s = np.zeros((p, columns.shape[1])), np.zeros(1)
+        white = np.full(n, self.white)
+        columns = np.ascontiguousarray(columns)
+        return filter_processes(
+            np.cumsum(step_s), process, sign, white, np.zeros(n), *of_processes, state, last_s, columns
+        )
+
+    def times(self, factor: float) -> SeriesNoise:
+        """Noise of a variance that is larger by a factor."""
+        return SeriesNoise(factor * self.white, self.tau_s, factor * self.coloured)
 
 
 @dataclass(frozen=True, slots=True)

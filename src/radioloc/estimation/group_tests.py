@@ -15,17 +15,17 @@ observations alone, its own set of all estimated parameters, take the group out 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.consider import ConsideredErrors
-from radioloc.estimation.gauss_markov import Points, Series, SeriesNoise, noise_of_series
+from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Rows
-from radioloc.estimation.series import MOST_POINTS, Batch, SeriesOrder, series_of
+from radioloc.estimation.series import Batch, SeriesOrder, points_of, series_of
 from radioloc.estimation.time_correlation import ABSORBED
 
 _Floats = NDArray[np.float64]
@@ -41,58 +41,6 @@ _ENOUGH = 20
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Piece:
-    """Points of one series; of `raw` columns each is the sum of its observations over the root of their count."""
-
-    series: Series
-    time_s: _Floats  # (m,)
-    width_s: float  # duration of the bins; zero where points are single observations
-    count: NDArray[np.intp]  # (m,), observations in each
-    inside: float  # sum of squares of the residuals about the points
-    raw: _Floats  # (m, 1 + c), residual and partials
-    links: Mapping[int, _Floats]  # by series of single observations: constant and partials in it, (m, 1 + c)
-    root: _Floats | None  # (m, m), triangle of the noise covariance; none where that is the identity
-    residual: _Floats  # (m,), whitened
-    partials: _Floats  # (m, c), whitened
-
-    def whitened(self, columns: _Floats) -> _Floats:
-        """Columns (m, k) by the root of the inverse covariance of the noise."""
-        from scipy.linalg import solve_triangular
-
-        if self.root is None:
-            return columns
-        return np.asarray(solve_triangular(self.root, columns, lower=True, check_finite=False))
-
-    def with_noise(self, noise: SeriesNoise) -> Piece:
-        """Whitened by a noise."""
-        root = np.asarray(
-            np.linalg.cholesky(_covariance(noise, self.time_s, np.sqrt(self.count), self.width_s))
-        )
-        made = replace(self, root=root)
-        both = made.whitened(self.raw)
-        return replace(made, residual=both[:, 0], partials=both[:, 1:])
-
-    def white(self, estimate: _Floats) -> SeriesNoise:
-        """Noise that is white, as large as what an estimate leaves, or as stated where observations are few."""
-        n = int(self.count.sum())
-        left = self.raw[:, 0] - self.raw[:, 1:] @ estimate
-        variance = (self.inside + float(left @ left)) / n
-        if n < _ENOUGH or not variance > 0.0:
-            variance = max(variance, 1.0)
-        return SeriesNoise(variance, np.ones(1), np.zeros(1))
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Added:
-    """Columns to be added: their products with each other, with the partials and with the residuals."""
-
-    columns: Mapping[int, _Floats]  # whitened, (m, k), by piece
-    squares: _Floats  # (k, k)
-    with_partials: _Floats  # (k, c)
-    with_residual: _Floats  # (k,)
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class Verdict:
     """What a test says of added columns."""
 
@@ -101,13 +49,35 @@ class Verdict:
     estimate: _Floats  # (k,)
     shift: _Floats  # (c,), of the parameters
     root_of_shift: _Floats  # (c, dof), square root of the covariance of that shift where nothing is wrong
+    inflation: float = 1.0  # of the variance, by what the residuals of several series have in common
+
+    @property
+    def log_chance(self) -> float:
+        """Logarithm of the probability that chance alone makes it as large."""
+        return log_probability(self.chi2 / self.inflation, self.dof)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LinkPart:
+    """What single links have in some of the points."""
+
+    rows: slice
+    code: NDArray[np.intp]  # (m,), series of single observations
+    values: _Floats  # (m, 1 + c), a constant of the link, and its partials
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class BinnedProblem:
-    """A fit in bins; the last piece are the a-priori values."""
+    """A fit in n points, bins of observations over the root of their count, and k a-priori values.
 
-    pieces: tuple[Piece, ...]
+    Columns to be added have a row for each of these, n + k, and are not whitened.
+    """
+
+    points: Points
+    prior: _Floats  # (k, 1 + c), residual and partials over the sigmas
+    parts: tuple[LinkPart, ...]
+    noise: tuple[SeriesNoise, ...]  # of each series of the points
+    whitened: _Floats  # (n + k, 1 + c), residual and partials
     inverse: _Floats  # (c, c), N^-1
     estimate: _Floats  # (c,), u
 
@@ -130,174 +100,192 @@ class BinnedProblem:
             unit = block_diag(unit, np.diag(more))
             sigmas, off = np.concatenate([sigmas, more]), np.concatenate([off, np.zeros(len(more))])
 
-        def rows_of(rows: Rows) -> _Floats:
-            ahead = np.stack([fit.residual_m[rows], np.ones(len(rows))], axis=1)
-            columns = [ahead, fit.linearization.partials(rows)[:, free]]
+        def constant_and_partials(rows: Rows) -> _Floats:
+            columns = [np.ones((len(rows), 1)), fit.linearization.partials(rows)[:, free]]
             return np.hstack(columns if considered is None else [*columns, considered.partials(rows)])
 
-        pieces = [
-            piece
-            for batch in series_of(order, fit.noise, fit.used)
-            for piece in _pieces(batch, rows_of, unit, order)
-        ]
+        batches = series_of(order, fit.noise, fit.used)
+        parts: list[LinkPart] = []
+        partials: list[_Floats] = []
+        for batch in batches:
+            codes = order.code[batch.rows[batch.begin[:-1]]]
+            begin, alone = sum(len(one) for one in partials), list(_links_alone(batch))
+            for j, of_link in enumerate(alone):
+                one = points_of([of_link], constant_and_partials, unit)
+                code = np.repeat(np.resize(codes[:, j], len(one.series)), np.diff(one.begin))
+                rows = slice(begin, begin + len(code))
+                parts.append(LinkPart(rows, code, np.column_stack([one.residual, one.unit])))
+            partials.append(np.sum([part.values[:, 1:] for part in parts[-len(alone) :]], axis=0))
+        points = points_of(batches, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
         known = np.isfinite(sigmas)
-        off, partials = off[known] / sigmas[known], unit[known] / sigmas[known, None]
-        prior = Piece(
-            Series("", "", "", ""), np.zeros(len(off)), 0.0, np.ones(len(off), dtype=np.intp), 0.0,
-            np.column_stack([off, partials]), {}, None, off, partials,
-        )  # fmt: skip
-        return cls.with_noise((*pieces, prior), noise, np.zeros(unit.shape[1]))
+        prior = np.column_stack([off, unit])[known] / sigmas[known, None]
+        points = replace(points, unit=np.concatenate(partials))
+        return cls.with_noise(points, prior, tuple(parts), noise, np.zeros(unit.shape[1]))
 
     @classmethod
     def with_noise(
-        cls, pieces: Sequence[Piece], noise: Mapping[str, SeriesNoise], estimate: _Floats
+        cls,
+        points: Points,
+        prior: _Floats,
+        parts: tuple[LinkPart, ...],
+        noise: Mapping[str, SeriesNoise],
+        estimate: _Floats,
     ) -> BinnedProblem:
-        """The problem with each series' noise, white as of an estimate where there is none."""
-        *data, prior = pieces
-        data = [one.with_noise(noise.get(one.series.key) or one.white(estimate)) for one in data]
-        first = cls.solved((*data, prior))
-        return cls.solved((*(_inflated(piece, first.estimate) for piece in data), prior))
+        """The problem with each series' noise, white as of an estimate where there is none.
+
+        A series has more where its residuals stay alike for longer than its noise has it.
+        """
+        of_series = [noise.get(one.key) or _white(points, k, estimate) for k, one in enumerate(points.series)]
+        first = cls.solved(points, prior, parts, of_series)
+        factors = [_spread(first.left[points.of(k)]) for k in range(len(of_series))]
+        larger = [one.times(factor) for one, factor in zip(of_series, factors, strict=True)]
+        return cls.solved(points, prior, parts, larger)
 
     @classmethod
-    def solved(cls, pieces: Sequence[Piece]) -> BinnedProblem:
-        """The problem of whitened pieces."""
-        normal = sum(piece.partials.T @ piece.partials for piece in pieces)
-        side = sum(piece.partials.T @ piece.residual for piece in pieces)
-        inverse = np.linalg.pinv(np.asarray(normal), hermitian=True)
-        return cls(tuple(pieces), inverse, inverse @ side)
+    def solved(
+        cls, points: Points, prior: _Floats, parts: tuple[LinkPart, ...], noise: Sequence[SeriesNoise]
+    ) -> BinnedProblem:
+        """The problem with a noise of each series."""
+        raw = np.column_stack([points.residual, points.unit])
+        whitened = [_whitened(points, noise, k, raw[points.of(k)]) for k in range(len(noise))]
+        both = np.concatenate([*whitened, prior])
+        inverse = np.linalg.pinv(both[:, 1:].T @ both[:, 1:], hermitian=True)
+        return cls(points, prior, parts, tuple(noise), both, inverse, inverse @ (both[:, 1:].T @ both[:, 0]))
 
-    def inflation(self, signs: Mapping[int, float], added: Added, verdict: Verdict) -> float:
-        """Factor on the variance of what series have in common once columns are added, 1 where they are independent.
+    @property
+    def left(self) -> _Floats:
+        """Whitened residuals that the estimate leaves, (n + k,)."""
+        return np.asarray(self.whitened[:, 0] - self.whitened[:, 1:] @ self.estimate)
 
-        Errors of a station are in all its baselines, whatever the weights have made of that.
+    def columns(
+        self,
+        links: Mapping[int, float],
+        span_s: tuple[float | _Floats, float] = (-np.inf, np.inf),
+        parameters: int = 0,
+    ) -> _Floats:
+        """Columns of some links in a span of time: their constants times signs, or their first partials.
+
+        Of several beginnings there is one column for each.
         """
-        estimate = self.estimate + verdict.shift
-        left = {
-            k: self.pieces[k].residual - self.pieces[k].partials @ estimate - columns @ verdict.estimate
-            for k, columns in added.columns.items()
-        }
-        mine = [
-            (self.pieces[k].time_s, sign * left[k])
-            for k in left
-            for code, sign in signs.items()
-            if code in self.pieces[k].links
+        out = np.zeros((len(self.whitened), parameters or np.size(span_s[0])))
+        for part, there, sign in self._of(links):
+            time_s = self.points.time_s[part.rows][there, None]
+            values = part.values[there, 1 : 1 + parameters] if parameters else sign * part.values[there, :1]
+            out[part.rows][there] += values * ((time_s >= span_s[0]) & (time_s <= span_s[1]))
+        return out
+
+    def times_s(self, links: Iterable[int]) -> _Floats:
+        """Instants of the points of some links, in order."""
+        found = [
+            self.points.time_s[part.rows][there] for part, there, _ in self._of(dict.fromkeys(links, 1.0))
         ]
-        times_s, values = (np.concatenate(column) for column in zip(*mine, strict=True))
-        which = np.unique(times_s, return_inverse=True)[1]
-        return _spread(np.bincount(which, values) / np.sqrt(np.bincount(which)))
+        return np.unique(np.concatenate(found))
 
-    def added(self, columns: Mapping[int, _Floats]) -> Added:
-        """Columns to test, from those by piece (m, k), not whitened."""
-        found = {k: self.pieces[k].whitened(raw) for k, raw in columns.items()}
-        return Added(
-            found,
-            np.asarray(sum(z.T @ z for z in found.values())),
-            np.asarray(sum(z.T @ self.pieces[k].partials for k, z in found.items())),
-            np.asarray(sum(z.T @ self.pieces[k].residual for k, z in found.items())),
-        )
+    def width_s(self, links: Mapping[int, float]) -> float:
+        """Longest duration of the bins of some links."""
+        of_points = np.repeat(self.points.width_s, np.diff(self.points.begin))
+        return max(float(of_points[part.rows][there].max()) for part, there, _ in self._of(links))
 
-    def test(self, added: Added) -> Verdict | None:
-        """Whether added columns are zero; None where the parameters leave nothing of them."""
-        gain = self.inverse @ added.with_partials.T
-        information = added.squares - added.with_partials @ gain
-        score = added.with_residual - added.with_partials @ self.estimate
-        size = np.sqrt(np.diag(added.squares))
+    def _of(self, links: Mapping[int, float]) -> Iterator[tuple[LinkPart, NDArray[np.bool_], _Floats]]:
+        """Parts that have some links, which of their points these are, and the sign of each (m, 1)."""
+        codes, signs = np.array(sorted(links)), np.array([links[code] for code in sorted(links)])
+        for part in self.parts:
+            there = np.isin(part.code, codes)
+            if there.any():
+                yield part, there, signs[np.searchsorted(codes, part.code[there]), None]
+
+    def _products(self, columns: _Floats) -> tuple[NDArray[np.intp], _Floats]:
+        """Rows that columns have part in, and the columns there, whitened."""
+        n = len(self.points.time_s)
+        mine = [k for k in range(len(self.noise)) if columns[self.points.of(k)].any()]
+        rows = [np.arange(self.points.begin[k], self.points.begin[k + 1]) for k in mine]
+        found = [_whitened(self.points, self.noise, k, columns[self.points.of(k)]) for k in mine]
+        if columns[n:].any():
+            rows, found = [*rows, np.arange(n, len(columns))], [*found, columns[n:]]
+        return np.concatenate(rows), np.concatenate(found)
+
+    def test(self, columns: _Floats, links: Mapping[int, float] | None = None) -> Verdict | None:
+        """Whether added columns (n + k, w) are zero; None where the parameters leave nothing of them.
+
+        Errors of a station are in all its baselines, whatever the weights have made of that: residuals of links, with
+        their signs, are looked through for what they have in common.
+        """
+        if not columns.any():
+            return None
+        rows, z = self._products(columns)
+        with_partials = z.T @ self.whitened[rows, 1:]
+        gain = self.inverse @ with_partials.T
+        squares = z.T @ z
+        score = z.T @ self.whitened[rows, 0] - with_partials @ self.estimate
+        size = np.sqrt(np.diag(squares))
         scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
-        values, axes = np.linalg.eigh(information * scale[:, None] * scale)
+        values, axes = np.linalg.eigh((squares - with_partials @ gain) * scale[:, None] * scale)
         told = values > _TOLD
         if not told.any():
             return None
         root = scale[:, None] * axes[:, told] / np.sqrt(values[told])
         along = root.T @ score
-        return Verdict(float(along @ along), int(told.sum()), root @ along, -gain @ root @ along, gain @ root)
+        estimate, shift = root @ along, -gain @ root @ along
+        inflation = 1.0
+        if links is not None:
+            left = self.left - self.whitened[:, 1:] @ shift
+            left[rows] -= z @ estimate
+            inflation = self._inflation(left, links)
+        return Verdict(float(along @ along), int(told.sum()), estimate, shift, gain @ root, inflation)
 
-    def each(self, columns: Mapping[int, _Floats]) -> tuple[_Floats, _Floats]:
-        """Chi-square of each of some columns alone, and its estimate, (k,)."""
-        total: list[_Floats] = []
-        for k, raw in columns.items():
-            piece, z = self.pieces[k], self.pieces[k].whitened(raw)
-            mine = np.column_stack([np.einsum("mk,mk->k", z, z), z.T @ piece.residual, z.T @ piece.partials])
-            total = [mine] if not total else [total[0] + mine]
-        squares, score, with_partials = total[0][:, 0], total[0][:, 1], total[0][:, 2:]
-        score = score - with_partials @ self.estimate
-        information = squares - np.einsum("kc,cd,kd->k", with_partials, self.inverse, with_partials)
+    def _inflation(self, left: _Floats, links: Mapping[int, float]) -> float:
+        """Factor on the variance of what links have in common, 1 where they are independent."""
+        found = [
+            (self.points.time_s[part.rows][there], sign[:, 0] * left[part.rows][there])
+            for part, there, sign in self._of(links)
+        ]
+        times_s, values = (np.concatenate(column) for column in zip(*found, strict=True))
+        which = np.unique(times_s, return_inverse=True)[1]
+        return _spread(np.bincount(which, values) / np.sqrt(np.bincount(which)))
+
+    def each(self, columns: _Floats) -> tuple[_Floats, _Floats]:
+        """Chi-square of each of some columns alone, and its estimate, (w,)."""
+        rows, z = self._products(columns)
+        with_partials, squares = z.T @ self.whitened[rows, 1:], np.einsum("nw,nw->w", z, z)
+        score = z.T @ self.whitened[rows, 0] - with_partials @ self.estimate
+        information = squares - np.einsum("wc,cd,wd->w", with_partials, self.inverse, with_partials)
         told = information > _TOLD * squares
         estimate = np.divide(score, information, out=np.zeros_like(score), where=told)
         return estimate * score, estimate
 
-    def with_columns(self, columns: Mapping[int, _Floats]) -> BinnedProblem:
-        """The problem with further parameters, of columns that are not whitened, and the noise that is then left."""
-        width = next(iter(columns.values())).shape[1]
-        pieces = []
-        for k, piece in enumerate(self.pieces):
-            more = columns.get(k, np.zeros((len(piece.time_s), width)))
-            both = np.hstack([piece.raw, more])
-            whitened = piece.whitened(both)
-            pieces.append(replace(piece, raw=both, residual=whitened[:, 0], partials=whitened[:, 1:]))
-        estimate = BinnedProblem.solved(pieces).estimate
-        return BinnedProblem.with_noise(pieces, noise_of_series(_points(pieces[:-1]), ABSORBED), estimate)
+    def with_columns(self, columns: _Floats) -> BinnedProblem:
+        """The problem with further parameters, and the noise that is then left."""
+        n = len(self.points.time_s)
+        points = replace(self.points, unit=np.hstack([self.points.unit, columns[:n]]))
+        prior = np.hstack([self.prior, columns[n:]])
+        estimate = self.solved(points, prior, self.parts, self.noise).estimate
+        noise = noise_of_series(points, ABSORBED)
+        return self.with_noise(points, prior, self.parts, noise, estimate)
 
 
-def _points(pieces: Sequence[Piece]) -> Points:
-    """The series as the search for their noise takes them."""
-    lengths = [len(piece.time_s) for piece in pieces]
-    raw = np.concatenate([piece.raw for piece in pieces])
-    squares = [piece.inside + float(piece.raw[:, 0] @ piece.raw[:, 0]) for piece in pieces]
-    return Points(
-        series=tuple(piece.series for piece in pieces),
-        begin=np.concatenate([[0], np.cumsum(lengths)]),
-        count=np.array([piece.count.sum() for piece in pieces]),
-        squares=np.array(squares),
-        width_s=np.array([piece.width_s for piece in pieces]),
-        step_s=np.concatenate([np.diff(piece.time_s, prepend=piece.time_s[0]) for piece in pieces]),
-        gain=np.sqrt(np.concatenate([piece.count for piece in pieces])),
-        residual=raw[:, 0].copy(),
-        unit=raw[:, 1:].copy(),
-    )
+def _links_alone(batch: Batch) -> Iterator[Batch]:
+    """The batch with one link of those that are combined, the others left out."""
+    for j in range(batch.rows.shape[1]):
+        of_one = np.zeros_like(batch.whitening)
+        of_one[:, :, j] = batch.whitening[:, :, j]
+        yield replace(batch, whitening=of_one)
 
 
-def _pieces(
-    batch: Batch, rows_of: Callable[[Rows], _Floats], unit: _Floats, order: SeriesOrder
-) -> Iterator[Piece]:
-    """The series of a batch in bins, not whitened yet."""
-    from radioloc.estimation._kernels import add_to_bins, bins
-
-    k = batch.rows.shape[1]
-    place, first, width_s = bins(batch.time_s, batch.begin, MOST_POINTS)
-    in_bin = np.bincount(place)
-    shape = (k, len(in_bin), 2 + len(unit))
-    sums, squares, scratch = np.zeros(shape), np.zeros(shape[:2]), np.zeros(shape[:2])
-    alone = [np.zeros(shape) for _ in range(k)] if k > 1 else []
-    for part, values in batch.parts(rows_of):
-        add_to_bins(place[part], batch.whitening[part], values, sums, squares)
-        for j, into in enumerate(alone):
-            of_one = np.zeros_like(batch.whitening[part])
-            of_one[:, :, j] = batch.whitening[part][:, :, j]
-            add_to_bins(place[part], of_one, values, into, scratch)
-    gain = np.sqrt(in_bin)[:, None]
-    residual, both = sums[..., :1] / gain, [one[..., 1:] / gain for one in (alone or [sums])]
-    both = [np.concatenate([one[..., :1], one[..., 1:] @ unit], axis=-1) for one in both]
-    time_s = np.bincount(place, batch.time_s) / in_bin
-    nothing = np.zeros((0, 0))
-    for s in range(len(first) - 1):
-        mine = slice(int(first[s]), int(first[s + 1]))
-        codes = order.code[batch.rows[batch.begin[s]]].tolist()
-        for j in range(k):
-            links = {code: one[j, mine] for code, one in zip(codes, both, strict=True)}
-            of_all = sum(one[:, 1:] for one in links.values())
-            yield Piece(
-                batch.series[s * k + j], time_s[mine], float(width_s[s]), in_bin[mine],
-                float(squares[j, mine].sum() - np.square(residual[j, mine]).sum()),
-                np.hstack([residual[j, mine], of_all]), links, nothing, nothing, nothing,
-            )  # fmt: skip
+def _whitened(points: Points, noise: Sequence[SeriesNoise], k: int, columns: _Floats) -> _Floats:
+    """Columns of the points of a series by the root of the inverse covariance of its noise."""
+    part = points.of(k)
+    return noise[k].whitened(points.step_s[part], points.gain[part], columns, float(points.width_s[k]))
 
 
-def _inflated(piece: Piece, estimate: _Floats) -> Piece:
-    """A series with more noise where its residuals stay alike for longer than its noise has it."""
-    factor = np.sqrt(_spread(piece.residual - piece.partials @ estimate))
-    return replace(
-        piece, root=factor * piece.root, partials=piece.partials / factor, residual=piece.residual / factor
-    )
+def _white(points: Points, k: int, estimate: _Floats) -> SeriesNoise:
+    """Noise of a series that is white, as large as what an estimate leaves, or as stated where observations are few."""
+    part, count = points.of(k), int(points.count[k])
+    left = points.residual[part] - points.unit[part] @ estimate
+    inside = float(points.squares[k] - np.square(points.residual[part]).sum())
+    variance = (inside + float(left @ left)) / count
+    if count < _ENOUGH or not variance > 0.0:
+        variance = max(variance, 1.0)
+    return SeriesNoise(variance, np.ones(1), np.zeros(1))
 
 
 def _spread(independent: _Floats) -> float:
@@ -312,19 +300,6 @@ def _spread(independent: _Floats) -> float:
     sums = np.add.reduceat(independent, begin) / np.sqrt(np.diff(np.append(begin, len(independent))))
     squares = np.square(sums - np.median(sums))
     return max(1.0, float(np.median(squares)) / _MEDIAN_OF_SQUARE)
-
-
-def _covariance(noise: SeriesNoise, time_s: _Floats, gain: _Floats, width_s: float) -> _Floats:
-    """Covariance of the points of a series, shape (m, m)."""
-    from radioloc.estimation._kernels import mean_correlation
-
-    variance = noise.coloured * mean_correlation(width_s, noise.tau_s)
-    covariance = noise.white * np.eye(len(gain))
-    apart_s = np.abs(time_s[:, None] - time_s)
-    for c, tau_s in zip(variance.tolist(), noise.tau_s.tolist(), strict=True):
-        if c > 1e-4 * variance.sum():
-            covariance += c * np.exp(-apart_s / tau_s) * gain[:, None] * gain
-    return covariance
 
 
 def log_probability(chi2: float, dof: int) -> float:

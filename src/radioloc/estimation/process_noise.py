@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise
 from radioloc.measurements.predictor import ROWS_AT_ONCE
+from radioloc.parameters.rows import networks
 
 NONE = -1
 """No process."""
@@ -82,16 +83,11 @@ class ProcessNoise:
 
     def networks(self) -> NDArray[np.intp]:
         """Number of the network of processes that an observation belongs to, (n,); NONE of those with white noise."""
-        from scipy.sparse import coo_array
-        from scipy.sparse.csgraph import connected_components
-
         if not self.process.shape[1]:
             return np.full(len(self.time_s), NONE)
         first = self.process.max(axis=1)
-        together = np.zeros((len(self.processes),) * 2)
-        for other in self.process.T:
-            together[first[other != NONE], other[other != NONE]] = 1.0
-        _, network = connected_components(coo_array(together), directed=False)
+        pairs = np.stack([np.broadcast_to(first[:, None], self.process.shape), self.process], axis=-1)
+        network = networks(pairs[self.process != NONE], len(self.processes))
         return np.where(first == NONE, NONE, network[first])
 
 

@@ -148,8 +148,9 @@ def points_of(
             np.add.reduceat(squares, first[:-1], axis=1),
             width_s,
         )
-        parts.append([np.broadcast_to(one, (k, one.shape[-1])).ravel() for one in (*of_series, step_s, gain)])
-    length, count, squares, width_s, step_s, gain = (
+        of_points = (step_s, gain, time_s)
+        parts.append([np.broadcast_to(one, (k, one.shape[-1])).ravel() for one in (*of_series, *of_points)])
+    length, count, squares, width_s, step_s, gain, time_s = (
         np.concatenate(part) for part in zip(*parts, strict=True)
     )
     both = np.concatenate(columns)
@@ -163,6 +164,7 @@ def points_of(
         gain=gain,
         residual=both[:, 0].copy(),
         unit=both[:, 1:] @ root,
+        time_s=time_s,
     )
 
 

@@ -22,7 +22,7 @@ from radioloc.parameters.columns import PASS_GAP_H, Columns, Members, columns_of
 from radioloc.parameters.kind import Amount, ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.parameters.rows import ObservationRows
+from radioloc.parameters.rows import ObservationRows, networks
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,14 +271,8 @@ def _scope(kind: ParameterKind, per: Any) -> Scope | None:
 
 def _references(kind: ParameterKind, predictor: Predictor, present: Members) -> set[str]:
     """Only differences show, as of clocks: the first station of those that observe together is the reference."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
-
     rows = ObservationRows(predictor)
-    count = len(predictor.stations)
-    together = np.zeros((count, count))
-    together[tuple(rows.ends[kind.acts_on(rows).all(axis=1)].T)] = 1.0
-    _, network = connected_components(coo_array(together), directed=False)
+    network = networks(rows.ends[kind.acts_on(rows).all(axis=1)], len(predictor.stations))
     first = {int(network[k]): name for name, k in reversed(present.items())}
     return set(first.values())
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -188,3 +189,12 @@ def middle_of(observations: Observations) -> Epochs:
     """Half way between the first and the last of some observations, TAI, one epoch."""
     ends = utc_to_tai(observations.span())
     return ends[:1].shifted(0.5 * ends[1:].seconds_since(ends[:1]))
+
+
+def networks(pairs: NDArray[np.integer[Any]], count: int) -> NDArray[np.intp]:
+    """Number of the network that each of some things, such as stations, is in, (count,), from pairs of them (n, 2)."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    connected = coo_array((np.ones(len(pairs)), tuple(pairs.T)), shape=(count, count))
+    return np.asarray(connected_components(connected, directed=False)[1], dtype=np.intp)

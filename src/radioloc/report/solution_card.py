@@ -10,7 +10,7 @@ from itertools import combinations
 import numpy as np
 
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.estimation.budget import A_PRIORI, NOISE, BudgetItem, by_source
+from radioloc.estimation.budget import A_PRIORI, EPHEMERIS, NOISE, BudgetItem, by_source
 from radioloc.estimation.consistency import Inconsistency
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Level, Solution, card_of
@@ -40,16 +40,21 @@ _MAX_SENTENCES = 4
 _MAX_SERIES = 3
 _LEAST_SHARE = 0.005
 """Sources with a smaller part of the variance are shown together."""
-_ADVICE = {
-    NOISE: "measurement noise, by more or better observations",
-    A_PRIORI: "the a-priori value",
-    "moon_position": "the ephemeris, the Moon's position",
-    "libration": "the ephemeris, the Moon's librations",
-    "moon_position_variation": "the ephemeris, the Moon's position from night to night",
-    "libration_variation": "the ephemeris, the Moon's librations from night to night",
-    "station_position": "the coordinates",
+_MEASURES = {
+    "measurement noise, by more or better observations": (NOISE,),
+    "a-priori values": (A_PRIORI,),
+    "the ephemeris": (
+        EPHEMERIS,
+        *("moon_position", "moon_position_variation", "libration", "libration_variation"),
+    ),
+    "coordinates of stations": ("station_position",),
+    "clocks and frequencies": ("clock", "clock_rate", "frequency_offset", "frequency_rate"),
+    "delays of stations": ("station_delay", "range_bias", "time_bias"),
+    "zenith delays": ("zenith_delay",),
+    "electron content": ("electron_content",),
+    "Earth orientation": ("ut1", "pole"),
 }
-"""What is improved where a source is the largest; others are called by their names."""
+"""What one measure would improve, and the sources of error that this is; others are called by their names."""
 _COARSE_M = 10.0
 """Coordinates worse than that are not surveyed."""
 _SPLIT_SIGMAS = 3.3
@@ -211,11 +216,20 @@ def _advice(items: Sequence[BudgetItem]) -> Iterator[str]:
     if named := [item for item in items if item.name][:_MAX_OUTLIERS]:
         of_them = (f"{item.source} of {item.name} {metres(item.total_m)} m" for item in named)
         yield f"largest in these: {', '.join(of_them)}"
-    largest, total_m = items[0], math.sqrt(sum(item.total_m**2 for item in items))
-    of = f" of {largest.name}" if largest.name else ""
-    advice = _ADVICE.get(largest.source, largest.source.replace("_", " "))
-    without_m = math.sqrt(max(0.0, total_m**2 - largest.total_m**2))
-    yield f"to improve first: {advice}{of}; without it {metres(without_m)} m in place of {metres(total_m)} m"
+    measures = {source: measure for measure, all_of in _MEASURES.items() for source in all_of}
+    groups: dict[str, list[BudgetItem]] = {}
+    for item in items:
+        groups.setdefault(measures.get(item.source, item.source.replace("_", " ")), []).append(item)
+    sizes_m2 = {measure: sum(item.total_m**2 for item in mine) for measure, mine in groups.items()}
+    measure = max(sizes_m2, key=lambda one: sizes_m2[one])
+    names = list(dict.fromkeys(item.name for item in groups[measure] if item.name))
+    first = f", {'most of all ' * (len(names) > 1)}those of {names[0]}" if names else ""
+    total_m2 = sum(sizes_m2.values())
+    without_m = math.sqrt(max(0.0, total_m2 - sizes_m2[measure]))
+    yield (
+        f"to improve first: {measure}{first}; without this error {metres(without_m)} m in place of "
+        f"{metres(math.sqrt(total_m2))} m"
+    )
 
 
 def _coordinates(solution: Solution, items: Sequence[BudgetItem]) -> Iterator[str]:

@@ -11,7 +11,6 @@ from radioloc.estimation import (
     SharedErrors,
     fit_least_squares,
 )
-from radioloc.estimation.consistency import _columns
 from radioloc.estimation.gauss_markov import SeriesNoise
 from radioloc.estimation.group_tests import BinnedProblem, log_probability
 from radioloc.estimation.series import SeriesOrder, series_of
@@ -61,7 +60,7 @@ def shared():
 def test_without_a_group():
     linear, order, fit, binned = problem(1, ObservationNoise(np.full(3 * N, 0.9)))
     for code in range(3):
-        verdict = binned.test(binned.added(_columns(binned, {code: 1.0}, slice(1, 5))))
+        verdict = binned.test(binned.columns({code: 1.0}, parameters=4))
         without = fit_least_squares(linear, fit.parameters, fit.noise, used=order.code != code)
         shift = fit.factor.root_covariance() @ verdict.shift
         np.testing.assert_allclose(shift, without.x - fit.x, atol=STOPPED)
@@ -84,8 +83,8 @@ def test_added_columns(noise):
         return residual_m - column * at[-1], np.column_stack([matrix, column])
 
     refit = fit_least_squares(with_step, more, noise)
-    raw = _columns(binned, signs, slice(0, 1), (600.0, np.inf))
-    verdict = binned.test(binned.added(raw))
+    raw = binned.columns(signs, (600.0, np.inf))
+    verdict = binned.test(raw)
     assert verdict.estimate[0] == pytest.approx(refit.x[-1], abs=STOPPED)
     np.testing.assert_allclose(
         fit.factor.root_covariance() @ verdict.shift, refit.x[:-1] - fit.x, atol=STOPPED
@@ -98,8 +97,8 @@ def test_added_columns(noise):
 def test_a_column_that_the_parameters_hold_already():
     *_, fit, binned = problem(3, ObservationNoise(np.ones(3 * N)))
     clock = np.linalg.inv(fit.factor.root_covariance())[:, 3:]  # it has no a-priori sigma
-    held = {k: piece.raw[:, 1:] @ clock for k, piece in enumerate(binned.pieces[:-1])}
-    assert binned.test(binned.added(held)) is None
+    held = np.concatenate([binned.points.unit @ clock, np.zeros((2, 1))])
+    assert binned.test(held) is None
     assert binned.each(held)[0] == 0.0
 
 
@@ -108,8 +107,8 @@ def test_chance_is_uniform():
     logs = []
     for seed in range(200):
         *_, binned = problem(seed, ObservationNoise(np.ones(3 * N)))
-        verdict = binned.test(binned.added(_columns(binned, {1: 1.0}, slice(1, 5))))
-        logs.append(log_probability(verdict.chi2, verdict.dof))
+        verdict = binned.test(binned.columns({1: 1.0}, parameters=4))
+        logs.append(verdict.log_chance)
     assert -np.mean(logs) == pytest.approx(1.0, abs=0.22)
 
 

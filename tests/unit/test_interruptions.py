@@ -54,7 +54,7 @@ def test_a_reader_that_stops_reading(arguments):
     read, write = os.pipe()
     os.close(read)
     try:
-        done = subprocess.run([*RADIOLOC, *arguments], stdout=write, stderr=subprocess.PIPE, timeout=60)
+        done = subprocess.run([*RADIOLOC, *arguments], stdout=write, stderr=subprocess.PIPE, timeout=600)
     finally:
         os.close(write)
     assert (done.returncode, done.stderr) == (0, b"")
@@ -145,8 +145,8 @@ def started(tmp_path, *more):
 
 
 def gone(session):
-    """Whether all processes of a session end within some seconds."""
-    for _ in range(100):
+    """Whether all processes of a session end soon."""
+    for _ in range(600):
         try:
             os.killpg(session, 0)
         except ProcessLookupError:
@@ -160,7 +160,7 @@ def gone(session):
 def test_an_interrupted_monte_carlo_study_says_how_to_go_on(workers, tmp_path):
     process = started(tmp_path, "--workers", workers)
     os.killpg(process.pid, signal.SIGINT)
-    _, told = process.communicate(timeout=60)
+    _, told = process.communicate(timeout=600)
     assert process.returncode == 130, told
     kept = f"{tmp_path} keeps the trials made so far, and the same command with --resume goes on"
     assert told == f"radioloc: interrupted; {kept}\n"
@@ -183,7 +183,7 @@ def test_an_interrupted_monte_carlo_study_says_how_to_go_on(workers, tmp_path):
 def test_workers_end_with_their_parent(tmp_path):
     process = started(tmp_path, "--workers", 2)
     os.kill(process.pid, signal.SIGKILL)
-    process.communicate(timeout=60)
+    process.communicate(timeout=600)
     assert gone(process.pid)
 
 

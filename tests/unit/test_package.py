@@ -86,7 +86,9 @@ def test_import_is_light_and_quick(tmp_path):
     command = [sys.executable, "-W", "error", "-c", code]
     seconds = []
     for _ in range(3):
-        run = subprocess.run(command, env=environment, capture_output=True, text=True, check=True, timeout=60)
+        run = subprocess.run(
+            command, env=environment, capture_output=True, text=True, check=True, timeout=600
+        )
         taken, modules = run.stdout.splitlines()
         assert modules == "[]"
         seconds.append(float(taken))
@@ -101,7 +103,7 @@ def test_a_folder_of_results_alone_brings_matplotlib(tmp_path):
         "    print('matplotlib' in sys.modules)"
     )
     command = [sys.executable, "-c", code, str(tmp_path / "out")]
-    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=600)
+    done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=6000)
     assert done.stdout.splitlines() == ["0", "False", "0", "True"]
 
 

@@ -525,19 +525,21 @@ class Solution:
         return found
 
     def _parameter_rows(self) -> list[dict[str, Any]]:
-        columns = zip(self.parameters, self.values, self.sigmas("scaled"), self.sigmas("formal"), strict=True)
+        levels = (self.sigmas(level) for level in ("total", "scaled", "formal"))
+        columns = zip(self.parameters, self.values, *levels, strict=True)
         return [
             {
                 "name": item.name,
                 "unit": item.unit,
                 "value": float(value),
+                "total_sigma": finite_or_none(total),
                 "sigma": finite_or_none(sigma),
                 "formal_sigma": finite_or_none(formal),
                 "prior_value": item.prior_value,
                 "prior_sigma": finite_or_none(item.prior_sigma),
                 "fixed": item.fixed,
             }
-            for item, value, sigma, formal in columns
+            for item, value, total, sigma, formal in columns
         ]
 
     def _place_rad(self) -> tuple[float, float, float]:

@@ -125,8 +125,8 @@ def require_shell(shell_height_m: float, base_radius_m: float) -> float:
     """Radius of the shell, m; :class:`InputError` if it is none of the ionosphere."""
     if not (1e5 <= shell_height_m <= 2e6 and 6.3e6 <= base_radius_m <= 6.4e6):
         raise InputError(
-            f"a shell {shell_height_m:g} m above a sphere of {base_radius_m:g} m is not of the ionosphere; give "
-            "metres: 100 to 2000 km above some 6371 km"
+            f"a shell {shell_height_m:g} m above a sphere of {base_radius_m:g} m is not of the ionosphere, "
+            "which is 100 to 2000 km above some 6371 km; correct the unit (IONEX files have kilometres)"
         )
     return base_radius_m + shell_height_m
 

@@ -129,6 +129,8 @@ def test_considered_parameters_are_in_the_total_sigma(folder):
     assert (solution.sigma_enu_m("total") > solution.sigma_enu_m("scaled")).all()
     np.testing.assert_allclose(solution.sigma_enu_m("scaled"), plain.sigma_enu_m("scaled"), rtol=1e-6)
     made = solution.to_dict()
+    for k, record in enumerate(made["parameters"]):
+        assert record["total_sigma"] == solution.sigmas("total")[k] >= record["sigma"]
     names = [record["name"] for record in made["considered"]]
     assert {"clock.URUMQI", "ut1", "station_position.KASHI.up"} <= set(names)
     sizes = [np.linalg.norm(record["position_enu_m"]) for record in made["considered"]]

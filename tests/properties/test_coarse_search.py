@@ -47,7 +47,7 @@ def home(tracking):
     return {fit: located(tracking, fit, change5_case.NEAR) for fit in KINDS_OF_FIT}
 
 
-@settings(max_examples=20)
+@settings(max_examples=settings().max_examples // 3)
 @given(
     st.sampled_from(sorted(KINDS_OF_FIT)),
     st.floats(0.0, math.radians(85.0)),

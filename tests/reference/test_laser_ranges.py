@@ -179,6 +179,7 @@ def fitted(ephemeris, file_name):
     return radioloc.locate(study)
 
 
+@pytest.mark.slow
 def test_de440_fits_better_and_keeps_the_position():
     """Fitted to lasers until 2019, it leaves less in the ranges, and seventeen years move the position by less."""
     early, late = "apollo15/apollo15_apollo_2006-2007.csv", "reflectors/2024/apollo15_2024.csv"

@@ -95,6 +95,7 @@ def test_import_is_light_and_quick(tmp_path):
     assert min(seconds[1:]) < IMPORT_LIMIT_S
 
 
+@pytest.mark.slow
 def test_a_folder_of_results_alone_brings_matplotlib(tmp_path):
     code = (
         "import radioloc.cli, sys\n"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -20,7 +21,7 @@ from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet
 
-_Choice = Callable[[NDArray[np.float64]], NDArray[np.intp]]
+_Choice = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
 
 _MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
 _MAX_LINEARIZATIONS = 15
@@ -266,49 +267,58 @@ def _trimmed_step(
     normalized = residual_m[rows] / sigma_m[rows]
     prior_normal, prior_side = _prior_terms(parameters, x, root)
     _, group, in_group = np.unique(group[rows], return_inverse=True, return_counts=True)
-    first = np.cumsum(in_group) - in_group
-    rank = np.arange(n) - np.repeat(first, in_group)
-    best_of_each = np.flatnonzero(rank < np.repeat(np.ceil(_KEPT * in_group), in_group))
-    few_of_each = np.flatnonzero(rank < _FEW)
+    groups = [slice(end - count, end) for end, count in zip(np.cumsum(in_group), in_group, strict=True)]
+    products = (basis[:, :, None] * basis[:, None, :]).reshape(n, q * q)
 
     def left(y: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(np.abs(normalized - basis @ y))
+        return np.asarray(np.abs(normalized - y @ basis.T))
 
-    def of_all(size: NDArray[np.float64]) -> NDArray[np.intp]:
-        return np.argpartition(size, int(_KEPT * n))[: int(_KEPT * n)]
+    def of_all(size: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return _smallest(size, int(_KEPT * n))
 
-    def of_each(size: NDArray[np.float64]) -> NDArray[np.intp]:
-        return np.lexsort((size, group))[best_of_each]
+    def of_each(size: NDArray[np.float64]) -> NDArray[np.bool_]:
+        parts = [_smallest(size[:, mine], math.ceil(_KEPT * (mine.stop - mine.start))) for mine in groups]
+        return np.concatenate(parts, axis=1)
 
-    def of_all_and_each(size: NDArray[np.float64]) -> NDArray[np.intp]:
-        return np.union1d(of_all(size), np.lexsort((size, group))[few_of_each])
+    def of_all_and_each(size: NDArray[np.float64]) -> NDArray[np.bool_]:
+        return of_all(size) | np.concatenate([_smallest(size[:, mine], _FEW) for mine in groups], axis=1)
 
-    def fitted(chosen: NDArray[np.intp]) -> NDArray[np.float64]:
+    def fitted(chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
         # As few observations as parameters need not determine all of them
-        normal = gram(basis[chosen], basis[chosen]) + prior_normal + _RIDGE * np.eye(q)
-        side = basis[chosen].T @ normalized[chosen] + prior_side
-        return np.linalg.solve(normal, side).astype(np.float64)
+        weights = chosen.astype(np.float64)
+        normal = (weights @ products).reshape(-1, q, q) + prior_normal + _RIDGE * np.eye(q)
+        side = weights @ (basis * normalized[:, None]) + prior_side
+        return np.linalg.solve(normal, side[..., None])[..., 0].astype(np.float64)
 
     def concentrated(
         y: NDArray[np.float64], choose: _Choice, steps: int
-    ) -> tuple[float, NDArray[np.float64]]:
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Sums of squares of what is chosen (k,), and where the steps lead (k, q), from several estimates (k, q)."""
         for _ in range(steps):
             y = fitted(choose(left(y)))
         size = left(y)
-        return float(np.square(size[choose(size)]).sum()), y
+        return np.asarray(np.square(size).sum(axis=1, where=choose(size))), y
 
     # Half of the draws are of any observations, half of any groups
     chance = 0.5 / n + 0.5 / (len(in_group) * in_group[group])
-    subsets = [np.argpartition(random.exponential(size=n) / chance, q)[:q] for _ in range(_SUBSETS)]
+    subsets = _smallest(random.exponential(size=(_SUBSETS, n)) / chance, q)
     ends = []
     ways: tuple[_Choice, ...] = (of_all,) if len(in_group) == 1 else (of_all, of_each, of_all_and_each)
     for k, choose in enumerate(ways):
-        starts = (fitted(chosen) for chosen in subsets[k :: len(ways)])
-        tried = sorted((concentrated(y, choose, 2) for y in starts), key=lambda one: one[0])[:_ENDS]
-        ends += [min((concentrated(y, choose, 20) for _, y in tried), key=lambda one: one[0])[1]]
+        sums, tried = concentrated(fitted(subsets[k :: len(ways)]), choose, 2)
+        sums, tried = concentrated(tried[np.argsort(sums, kind="stable")[:_ENDS]], choose, 20)
+        ends.append(tried[np.argmin(sums)])
     spread = max(1.0, min(robust_scale(left(y), q) for y in ends))
     best = max(ends, key=lambda y: (int((left(y) < _AGREES * spread).sum()), -robust_scale(left(y), q)))
     return np.asarray(root @ best)
+
+
+def _smallest(size: NDArray[np.float64], count: int) -> NDArray[np.bool_]:
+    """Which are the `count` smallest along the last axis."""
+    chosen = np.zeros(size.shape, dtype=bool)
+    places = np.argpartition(size, count, axis=-1) if count < size.shape[-1] else np.argsort(size, axis=-1)
+    np.put_along_axis(chosen, places[..., :count], True, axis=-1)
+    return chosen
 
 
 def _some_of_each(group: NDArray[np.intp], random: np.random.Generator) -> NDArray[np.intp]:

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from quick import some
 
 import radioloc
 from radioloc import LunarPosition, Study
@@ -62,11 +63,12 @@ def test_other_reflectors_are_where_jpl_has_them(name):
     assert np.linalg.norm(found.position_pa_m - JPL_PA_M[name]) < 0.8
 
 
-@pytest.mark.parametrize(
-    "direction", [(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0.3, 0.3, 0.9), (-1, 1, -1)]
-)
+DIRECTIONS = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0.3, 0.3, 0.9), (-1, 1, -1)])
+
+
+@pytest.mark.parametrize("direction", some(range(6), [2, 4]))
 def test_any_start_within_50_km_gives_the_same_answer(direction, apollo15, solution):
-    offset_m = 50e3 * np.array(direction) / np.linalg.norm(direction)
+    offset_m = 50e3 * DIRECTIONS[direction] / np.linalg.norm(DIRECTIONS[direction])
     start = LunarPosition.from_cartesian(np.array(JPL_PA_M["apollo15"]) + offset_m)
     found = fit(apollo15, start)
     assert found.converged

@@ -13,7 +13,7 @@ import radioloc.report
 from radioloc import LunarPosition, Study
 from radioloc.errors import InputError
 from radioloc.report.figures import new_figure
-from radioloc.report.files import write_report, write_terms
+from radioloc.report.files import INCOMPLETE, write_report, write_terms
 from radioloc.studies import ObservationChoice
 
 
@@ -141,6 +141,7 @@ def test_what_cannot_be_written_is_named(name, solution, tmp_path):
     (tmp_path / name).mkdir()
     with pytest.raises(InputError, match=str(tmp_path)):
         write_report(solution, tmp_path)
+    assert (tmp_path / INCOMPLETE).exists()
 
 
 def test_folder_that_cannot_be_made(solution, study, tmp_path):

@@ -6,6 +6,7 @@ Every case is a folder of files and a study. Nothing of it may end in a tracebac
 from __future__ import annotations
 
 import gzip
+import os
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -203,6 +204,13 @@ def test_folder_in_place_of_a_file(tmp_path, capsys):
     (tmp_path / "data.csv").mkdir()
     (tmp_path / "study.toml").write_text(study("data.csv"))
     refused(tmp_path / "study.toml", ["data.csv", "is a directory"], capsys)
+
+
+def test_pipe_in_place_of_a_file(tmp_path, capsys):
+    """Nobody writes to it; to open it would last for ever."""
+    os.mkfifo(tmp_path / "data.csv")
+    (tmp_path / "study.toml").write_text(study("data.csv"))
+    refused(tmp_path / "study.toml", ["'data.csv' is a pipe or a device; give a file"], capsys)
 
 
 @pytest.mark.parametrize("command", ["locate", "arcs"])

@@ -338,14 +338,17 @@ def plot_covariance(study: CovarianceStudy) -> Figure:
             f"{metres(study.reach_m)} m", (hours[-1], study.reach_m), fontsize=8, va="bottom", ha="right"
         )
     above.set_ylabel("metres")
-    kinds = dict.fromkeys(kind for arc in reversed(arcs) for kind in arc.by_source())
-    for k, kind in enumerate(kinds):
-        variance = [arc.by_source().get(kind, np.zeros(3))[:2].sum() for arc in arcs]
-        line = "-" if k < len(COLORS) else "--"
-        below.plot(hours, np.sqrt(variance), f".{line}", color=COLORS[k % len(COLORS)], label=kind)
+    by_source = [arc.by_source() for arc in arcs]
+    kinds = list(dict.fromkeys(kind for found in reversed(by_source) for kind in found))
+    groups = {kind: [kind] for kind in kinds}
+    if len(kinds) > len(COLORS):  # the smallest in one line, so that no two have one colour
+        groups = {kind: [kind] for kind in kinds[: len(COLORS) - 1]} | {"others": kinds[len(COLORS) - 1 :]}
+    for color, (label, group) in zip(COLORS, groups.items(), strict=False):
+        variance = [sum(found.get(kind, np.zeros(3))[:2].sum() for kind in group) for found in by_source]
+        below.plot(hours, np.sqrt(variance), ".-", color=color, label=label)
     below.set_ylabel("horizontal 1 sigma from each, m")
     below.set_xlabel("hours from the start")
-    largest = max(float(np.sqrt(arc.by_source()[kind][:2].sum())) for arc in arcs for kind in arc.by_source())
+    largest = max(float(np.sqrt(found[kind][:2].sum())) for found in by_source for kind in found)
     below.set_ylim(bottom=max(1e-3 * largest, 1e-4), top=2.0 * largest)
     for axes in (above, below):
         axes.set_xscale("log")

@@ -263,6 +263,8 @@ class TomlTable:
             found = _matches(folder, pattern)
             if not found and (folder / pattern).is_dir():
                 self.fail(key, f"{pattern!r} is a directory; give the files in it, such as {pattern}/*.csv")
+            if not found and (folder / pattern).exists():
+                self.fail(key, f"{pattern!r} is a pipe or a device; give a file")
             if not found and may_be_missing and not set(pattern) & set("*?["):
                 found = [folder / pattern]
             if not found:

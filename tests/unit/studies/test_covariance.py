@@ -2,6 +2,7 @@
 
 import dataclasses
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -26,6 +27,8 @@ from radioloc.simulation import (
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice, Study
 from radioloc.studies.covariance import covariance
+
+SHORT_ARC_DEM = Path(__file__).parents[3] / "examples" / "change5" / "short_arc_dem.toml"
 
 STOP = "2020-12-02T15:10:00"
 COLOURED = NoiseModel(
@@ -213,6 +216,17 @@ def test_what_is_known_and_what_is_left_out(found):
     [seshan] = [share for share in found.shares if share.name == VLBI[0]]
     assert seshan.without_m == pytest.approx(fewer.radius_95_m, rel=1e-3)
     assert seshan.without_m > found.longest.radius_95_m
+
+
+def test_no_two_lines_of_the_figure_have_one_colour():
+    pytest.importorskip("rasterio")
+    found = radioloc.covariance(radioloc.read_study(SHORT_ARC_DEM), [0.5, 1.0])
+    below = plot_covariance(found).axes[1]
+    lines = {line.get_label(): line for line in below.get_lines()}
+    assert len({line.get_color() for line in lines.values()}) == len(lines)
+    total = sum(np.square(line.get_ydata()) for line in lines.values())
+    np.testing.assert_allclose(total, [np.square(arc.sigma_m[:2]).sum() for arc in found.arcs], rtol=1e-9)
+    assert "others" in lines
 
 
 def test_what_cannot_be_observed_is_said():

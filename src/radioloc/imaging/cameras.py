@@ -130,23 +130,28 @@ class Camera:
         What is behind the camera, or where the distortion is not a lens's any more, cannot be seen; nothing is said of
         the image's edges. Pixels of what cannot be seen have no meaning.
         """
-        pixel, _, seen = self.pixels_and_partials(directions)
-        return pixel, seen
+        ideal, _, ahead = self._ideal(as_points(directions, 3, "directions"))
+        measured, _, valid = self.distortion.measured(ideal)
+        return self._on_detector(measured), ahead & valid
 
     def pixels_and_partials(self, directions: ArrayLike) -> tuple[Floats, Floats, NDArray[np.bool_]]:
         """As :meth:`pixels`, with derivatives by the direction's components in the middle, shape (n, 2, 3)."""
-        direction = as_points(directions, 3, "directions")
-        ahead = self.looks_along_z * direction[:, 2] > 0.0
-        depth = np.where(ahead, direction[:, 2], 1.0)
-        focal = self.focal_length_mm * self._unit_per_mm
-        ideal = direction[:, :2] / depth[:, None] * focal
+        ideal, scale, ahead = self._ideal(as_points(directions, 3, "directions"))
         measured, by_ideal, valid = self.distortion.measured(ideal)
-        to_pixel = self.pixel_per_mm / self._unit_per_mm
-        by_direction = np.zeros((len(direction), 2, 3))
-        by_direction[:, 0, 0] = by_direction[:, 1, 1] = focal / depth
-        by_direction[:, :, 2] = -ideal / depth[:, None]
-        partials = to_pixel @ by_ideal @ by_direction
-        return measured @ to_pixel.T + self.principal_point_px, partials, ahead & valid
+        by_direction = np.zeros((len(ideal), 2, 3))
+        by_direction[:, 0, 0] = by_direction[:, 1, 1] = scale
+        by_direction[:, :, 2] = -ideal * (scale / (self.focal_length_mm * self._unit_per_mm))[:, None]
+        partials = self.pixel_per_mm / self._unit_per_mm @ by_ideal @ by_direction
+        return self._on_detector(measured), partials, ahead & valid
+
+    def _ideal(self, direction: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
+        """Points on the focal plane without distortion, the focal length over the depth, and what is ahead."""
+        ahead = self.looks_along_z * direction[:, 2] > 0.0
+        scale = self.focal_length_mm * self._unit_per_mm / np.where(ahead, direction[:, 2], 1.0)
+        return direction[:, :2] * scale[:, None], scale, ahead
+
+    def _on_detector(self, measured: Floats) -> Floats:
+        return measured @ (self.pixel_per_mm / self._unit_per_mm).T + self.principal_point_px
 
     @property
     def _unit_per_mm(self) -> float:

@@ -108,7 +108,7 @@ class Distortion:
             if self.about.removes:
                 return there, derivatives, _unfolded(derivatives)
             back, _, valid = self._inverse(there)
-            near = np.abs(back - points).max(axis=-1) <= _SAME_POINT * (1.0 + np.abs(points).max(axis=-1))
+            near = _size(back - points) <= _SAME_POINT * (1.0 + _size(points))
         return there, derivatives, valid & near
 
     def _inverse(self, target: Floats) -> tuple[Floats, Floats, NDArray[np.bool_]]:
@@ -126,14 +126,18 @@ class Distortion:
                 step = np.einsum("nij,nj->ni", inverse, target[active] - there)
                 points[active] += step
                 derivatives[active] = inverse
-                size = np.abs(points[active]).max(axis=-1)
-                done = np.abs(step).max(axis=-1) <= _CONVERGED * (1.0 + size)
+                done = _size(step) <= _CONVERGED * (1.0 + _size(points[active]))
                 valid[active[done & _unfolded(slope)]] = True
                 active = active[~done & np.isfinite(step).all(axis=-1)]
                 if not len(active):
                     break
         points[~valid] = target[~valid]
         return points, derivatives, valid
+
+
+def _size(points: Floats) -> Floats:
+    """The larger of the components."""
+    return np.maximum(np.abs(points[:, 0]), np.abs(points[:, 1]))
 
 
 def _unfolded(derivatives: Floats) -> NDArray[np.bool_]:

@@ -48,6 +48,7 @@ _AXES = {
 }
 """NAIF's codes of axes (31009 leads from DE440 to the mean-Earth axes of DE421)."""
 
+_LARGEST = 1e15  # number in a file: in seconds or kilometres it is out of this world
 _STATE_STEP_S = 1e-3
 _NODES_WRITTEN = 401
 
@@ -221,14 +222,22 @@ class _Keys:
         fits = array.ndim == len(shape) and all(
             want in (None, got) for want, got in zip(shape, array.shape, strict=True)
         )
-        if not fits or not np.isfinite(array).all():
-            size = " by ".join("n" if one is None else str(one) for one in shape) or "one"
-            raise FileFormatError(self.path, f"{name} is not {size} finite numbers")
+        if not fits or not (np.abs(array) < _LARGEST).all():
+            size = " by ".join("n" if one is None else str(one) for one in shape)
+            what = f"{size} finite numbers" if shape else "a finite number"
+            raise FileFormatError(self.path, f"{name} is not {what}, as a camera has")
         return array
 
     def number(self, name: str, default: float | None = None) -> float:
         """One finite number."""
         return float(self.numbers(name, (), default))
+
+    def count(self, name: str) -> int:
+        """A positive whole number."""
+        value = self.number(name)
+        if value < 1.0 or value != int(value):
+            raise FileFormatError(self.path, f"{name} = {value:g} is not a positive whole number")
+        return int(value)
 
 
 _ABSENT = object()
@@ -236,7 +245,7 @@ _ABSENT = object()
 
 def _support_data(keys: _Keys, scan: bool, axes: str | None) -> SupportData:
     epoch = keys.number("center_ephemeris_time")
-    shape = (int(keys.number("image_lines")), int(keys.number("image_samples")))
+    shape = (keys.count("image_lines"), keys.count("image_samples"))
     radius_m = keys.number("radii.semimajor") * _unit_m(keys, "radii.unit")
     if abs(keys.number("radii.semiminor") * _unit_m(keys, "radii.unit") - radius_m) > 1.0:
         raise FileFormatError(keys.path, "radii are those of an ellipsoid; the Moon is taken as a sphere")
@@ -249,8 +258,9 @@ def _support_data(keys: _Keys, scan: bool, axes: str | None) -> SupportData:
         return interpolated_rotations(turns, to_moon, times_s)
 
     frames = [
-        *keys.get("body_rotation.constant_frames", []),
-        *keys.get("body_rotation.time_dependent_frames", []),
+        int(code)
+        for part in ("constant_frames", "time_dependent_frames")
+        for code in keys.numbers(f"body_rotation.{part}", (None,), [])
     ]
     named = axes or (_AXES.get(frames[0], f"NAIF_{frames[0]}") if frames else "unknown")
     position_times, positions, velocities = _states(keys, "instrument_position", epoch, rot_j2000_to_moon)
@@ -306,7 +316,7 @@ def _camera(keys: _Keys, scan: bool, down: Floats) -> Camera:
 def _distortion(keys: _Keys) -> Distortion:
     kinds = keys.get("optical_distortion", {})
     if not isinstance(kinds, dict) or len(kinds) != 1:
-        raise FileFormatError(keys.path, f"optical_distortion names {len(kinds)} kinds; one is wanted")
+        raise FileFormatError(keys.path, "optical_distortion does not name one kind")
     [(kind, about)] = kinds.items()
     kind = str(kind).lower()
     if kind not in KINDS or kind in ("none", "brown"):

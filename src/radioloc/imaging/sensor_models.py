@@ -32,10 +32,15 @@ _RATE_STEP_S = 1e-3
 
 
 class Rays(NamedTuple):
-    """Rays of pixels, from the camera outward, in the Moon's axes, with derivatives of origin and unit direction."""
+    """Rays of pixels, from the camera outward, in the Moon's axes."""
 
     origins_m: Floats  # (n, 3)
     directions: Floats  # (n, 3), unit vectors
+
+
+class RayPartials(NamedTuple):
+    """Derivatives of rays; the origin is the camera's position."""
+
     origins_by_pixel: Floats  # (n, 3, 2)
     directions_by_pixel: Floats  # (n, 3, 2)
     directions_by_angles: Floats  # (n, 3, 3)
@@ -52,14 +57,19 @@ class GroundPoints(NamedTuple):
 
 
 class ImagePoints(NamedTuple):
-    """Pixels of points on the ground, how they answer to the point and the orientation, and what is seen."""
+    """Pixels of points on the ground, and which points are seen."""
 
     pixels: Floats  # (n, 2); without meaning where the point is not seen
-    by_point: Floats  # (n, 2, 3), pixel / m; with the opposite sign by the camera's position
-    by_angles: Floats  # (n, 2, 3), pixel / rad
     seen: NDArray[
         np.bool_
     ]  # before the camera while its orientation is known; perhaps beyond the image's edges
+
+
+class ImagePartials(NamedTuple):
+    """Derivatives of pixels by the point on the ground and the orientation."""
+
+    by_point: Floats  # (n, 2, 3), pixel / m; with the opposite sign by the camera's position
+    by_angles: Floats  # (n, 2, 3), pixel / rad
 
 
 class SensorModel(Protocol):
@@ -79,8 +89,16 @@ class SensorModel(Protocol):
         """Rays of pixels, shape (n, 2)."""
         ...
 
+    def rays_and_partials(self, pixels: ArrayLike) -> tuple[Rays, RayPartials]:
+        """As :meth:`rays`, with derivatives."""
+        ...
+
     def project(self, points_m: ArrayLike) -> ImagePoints:
         """Pixels of points, shape (n, 3), wherever they are."""
+        ...
+
+    def project_and_partials(self, points_m: ArrayLike) -> tuple[ImagePoints, ImagePartials]:
+        """As :meth:`project`, with derivatives."""
         ...
 
 
@@ -117,12 +135,23 @@ class FrameModel:
     def rays(self, pixels: ArrayLike) -> Rays:
         """Rays of pixels, shape (n, 2)."""
         pixel = as_points(pixels, 2, "pixels")
+        return _rays(*self.orientation.at(pixel[:, 1]), self.camera.directions(pixel))
+
+    def rays_and_partials(self, pixels: ArrayLike) -> tuple[Rays, RayPartials]:
+        """As :meth:`rays`, with derivatives."""
+        pixel = as_points(pixels, 2, "pixels")
         seen, by_pixel = self.camera.directions_and_partials(pixel)
         position, rotation = self.orientation.at(pixel[:, 1])
-        return _rays(position, rotation, seen, np.zeros((len(pixel), 3, 2)), rotation @ by_pixel)
+        partials = _ray_partials(rotation, seen, np.zeros((len(pixel), 3, 2)), rotation @ by_pixel)
+        return _rays(position, rotation, seen), partials
 
     def project(self, points_m: ArrayLike) -> ImagePoints:
         """Pixels of points, shape (n, 3)."""
+        points = as_points(points_m, 3, "points_m")
+        return ImagePoints(*self.camera.pixels(_in_camera(*self.orientation.at(points[:, 0]), points)))
+
+    def project_and_partials(self, points_m: ArrayLike) -> tuple[ImagePoints, ImagePartials]:
+        """As :meth:`project`, with derivatives."""
         points = as_points(points_m, 3, "points_m")
         return _projected(self.camera, *self.orientation.at(points[:, 0]), points)
 
@@ -176,39 +205,50 @@ class LineScanModel:
             A line was taken when the orientation is not known.
         """
         pixel = as_points(pixels, 2, "pixels")
+        time_s, _ = self.times_s(pixel[:, 1])
+        return _rays(*self.orientation.at(time_s), self.camera.directions(pixel * [1.0, 0.0]))
+
+    def rays_and_partials(self, pixels: ArrayLike) -> tuple[Rays, RayPartials]:
+        """As :meth:`rays`, with derivatives."""
+        pixel = as_points(pixels, 2, "pixels")
         time_s, step_s = self.times_s(pixel[:, 1])
-        on_detector = np.column_stack([pixel[:, 0], np.zeros(len(pixel))])
-        seen, by_detector = self.camera.directions_and_partials(on_detector)
+        seen, by_detector = self.camera.directions_and_partials(pixel * [1.0, 0.0])
         position, rotation = self.orientation.at(time_s)
         velocity, turning = self._rates(time_s)
         origins_by_pixel = np.zeros((len(pixel), 3, 2))
         origins_by_pixel[:, :, 1] = velocity * step_s[:, None]
         by_pixel = rotation @ by_detector
         by_pixel[:, :, 1] = vectors.rotated(turning, seen) * step_s[:, None]
-        return _rays(position, rotation, seen, origins_by_pixel, by_pixel)
+        return _rays(position, rotation, seen), _ray_partials(rotation, seen, origins_by_pixel, by_pixel)
 
     def project(self, points_m: ArrayLike) -> ImagePoints:
         """Pixels of points, shape (n, 3): the time is sought at which the detector's line sees each point."""
         points = as_points(points_m, 3, "points_m")
         time_s, found = self._seeing_times(points)
+        on_detector, seen = self.camera.pixels(_in_camera(*self.orientation.at(time_s), points))
+        return ImagePoints(np.stack([on_detector[:, 0], self.lines_at(time_s)[0]], axis=-1), seen & found)
+
+    def project_and_partials(self, points_m: ArrayLike) -> tuple[ImagePoints, ImagePartials]:
+        """As :meth:`project`, with derivatives."""
+        points = as_points(points_m, 3, "points_m")
+        time_s, found = self._seeing_times(points)
         position, rotation = self.orientation.at(time_s)
-        there = _projected(self.camera, position, rotation, points)
+        on_detector, of_detector = _projected(self.camera, position, rotation, points)
         velocity, turning = self._rates(time_s)
         # The pixel on the detector changes in time as the point does in the camera's axes.
-        from_camera = points - position
-        apparent = vectors.rotated(np.swapaxes(turning, 1, 2), from_camera)
+        apparent = vectors.rotated(np.swapaxes(turning, 1, 2), points - position)
         apparent -= vectors.rotated(np.swapaxes(rotation, 1, 2), velocity)
-        rates = np.einsum("nij,njk,nk->ni", there.by_point, rotation, apparent)
+        rates = np.einsum("nij,njk,nk->ni", of_detector.by_point, rotation, apparent)
         lines, step_s = self.lines_at(time_s)
         moves = np.abs(rates[:, 1]) > 0.0
         line_rate = np.where(moves, rates[:, 1], 1.0)[:, None]
-        derivatives = []
-        for of_detector in (there.by_point, there.by_angles):
-            times_by = -of_detector[:, 1] / line_rate
-            samples_by = of_detector[:, 0] + rates[:, :1] * times_by
-            derivatives.append(np.stack([samples_by, times_by / step_s[:, None]], axis=1))
-        pixels = np.stack([there.pixels[:, 0], lines], axis=-1)
-        return ImagePoints(pixels, derivatives[0], derivatives[1], there.seen & found & moves)
+        partials = []
+        for by_error in of_detector:
+            times_by = -by_error[:, 1] / line_rate
+            samples_by = by_error[:, 0] + rates[:, :1] * times_by
+            partials.append(np.stack([samples_by, times_by / step_s[:, None]], axis=1))
+        pixels = np.stack([on_detector.pixels[:, 0], lines], axis=-1)
+        return ImagePoints(pixels, on_detector.seen & found & moves), ImagePartials(*partials)
 
     def _rate(self, values: Floats, column: int) -> tuple[Floats, Floats, Floats]:
         """The rate that holds at lines (column 0) or times (column 1); the first one also before its start."""
@@ -281,9 +321,7 @@ class LineScanModel:
 
     def _detector_lines(self, camera: Camera, time_s: Floats, points: Floats) -> Floats:
         """How far on the focal plane points are from the detector's line, lines."""
-        position, rotation = self.orientation.at(time_s)
-        in_camera = vectors.rotated(np.swapaxes(rotation, 1, 2), points - position)
-        return camera.pixels(in_camera)[0][:, 1]
+        return camera.pixels(_in_camera(*self.orientation.at(time_s), points))[0][:, 1]
 
 
 def image_to_ground(model: SensorModel, pixels: ArrayLike, surface: Surface) -> Floats:
@@ -306,7 +344,7 @@ def image_to_ground(model: SensorModel, pixels: ArrayLike, surface: Surface) -> 
     --------
     See :class:`FrameModel`.
     """
-    return _met(model, pixels, surface)[1]
+    return _met(model, model.rays(pixels), pixels, surface)
 
 
 def image_to_ground_and_partials(model: SensorModel, pixels: ArrayLike, surface: Surface) -> GroundPoints:
@@ -317,21 +355,21 @@ def image_to_ground_and_partials(model: SensorModel, pixels: ArrayLike, surface:
     The point P = S + lambda d stays on the surface: with the gradient g of the height above it,
     dP = (1 - d g^T / g.d) (dS + lambda dd) + d dh / g.d.
     """
-    rays, points = _met(model, pixels, surface)
+    rays, ray_partials = model.rays_and_partials(pixels)
+    points = _met(model, rays, pixels, surface)
     gradient = surface.gradient(points)
     by_height = rays.directions / vectors.dot(gradient, rays.directions)[:, None]
     along_ground = np.eye(3) - by_height[:, :, None] * gradient[:, None, :]
     distance_m = vectors.length(points - rays.origins_m)[:, None, None]
-    by_pixel = along_ground @ (rays.origins_by_pixel + distance_m * rays.directions_by_pixel)
-    by_angles = along_ground @ (distance_m * rays.directions_by_angles)
+    by_pixel = along_ground @ (ray_partials.origins_by_pixel + distance_m * ray_partials.directions_by_pixel)
+    by_angles = along_ground @ (distance_m * ray_partials.directions_by_angles)
     return GroundPoints(points, by_pixel, along_ground, by_angles, by_height)
 
 
-def _met(model: SensorModel, pixels: ArrayLike, surface: Surface) -> tuple[Rays, Floats]:
-    """Rays, and where they meet the surface."""
+def _met(model: SensorModel, rays: Rays, pixels: ArrayLike, surface: Surface) -> Floats:
+    """Where the rays of pixels meet the surface."""
     if surface.mean_earth:
         require_mean_earth(model)
-    rays = model.rays(pixels)
     points, hits = surface.intersect(rays.origins_m, rays.directions)
     if not hits.all():
         pixel = np.asarray(pixels, dtype=np.float64)[np.flatnonzero(~hits)[0]]
@@ -339,7 +377,7 @@ def _met(model: SensorModel, pixels: ArrayLike, surface: Surface) -> tuple[Rays,
             f"the ray of the pixel (sample {pixel[0]:.6g}, line {pixel[1]:.6g}) (and of {int((~hits).sum()) - 1} more) "
             "does not meet the ground: it looks past the Moon, leaves the elevation map, or the orientation is wrong"
         )
-    return rays, points
+    return points
 
 
 def ground_to_image(model: SensorModel, points_m: ArrayLike) -> Floats:
@@ -376,23 +414,32 @@ def inside(model: SensorModel, pixels: Floats) -> NDArray[np.bool_]:
     return np.asarray(((pixels >= -0.5) & (pixels < [samples - 0.5, lines - 0.5])).all(axis=-1))
 
 
-def _rays(
-    position: Floats, rotation: Floats, seen: Floats, origins_by_pixel: Floats, by_pixel: Floats
-) -> Rays:
-    """Rays with unit directions, from directions in the camera's axes and derivatives of the turned directions."""
+def _rays(position: Floats, rotation: Floats, seen: Floats) -> Rays:
+    """Rays with unit directions, from directions in the camera's axes."""
     turned = vectors.rotated(rotation, seen)
-    size = vectors.length(turned)[:, None]
-    direction = turned / size
+    return Rays(np.array(position), turned / vectors.length(turned)[:, None])
+
+
+def _ray_partials(rotation: Floats, seen: Floats, origins_by_pixel: Floats, by_pixel: Floats) -> RayPartials:
+    """From directions in the camera's axes and derivatives of the turned directions."""
+    size = vectors.length(seen)[:, None]
+    direction = vectors.rotated(rotation, seen) / size
     across = (np.eye(3) - direction[:, :, None] * direction[:, None, :]) / size[:, :, None]
-    by_angles = across @ rotation @ -_cross_matrices(seen)
-    return Rays(np.array(position), direction, origins_by_pixel, across @ by_pixel, by_angles)
+    return RayPartials(origins_by_pixel, across @ by_pixel, across @ rotation @ -_cross_matrices(seen))
 
 
-def _projected(camera: Camera, position: Floats, rotation: Floats, points: Floats) -> ImagePoints:
-    to_camera = np.swapaxes(rotation, 1, 2)
-    in_camera = vectors.rotated(to_camera, points - position)
+def _in_camera(position: Floats, rotation: Floats, points: Floats) -> Floats:
+    """Points in the camera's axes."""
+    return vectors.rotated(np.swapaxes(rotation, 1, 2), points - position)
+
+
+def _projected(
+    camera: Camera, position: Floats, rotation: Floats, points: Floats
+) -> tuple[ImagePoints, ImagePartials]:
+    in_camera = _in_camera(position, rotation, points)
     pixels, by_direction, seen = camera.pixels_and_partials(in_camera)
-    return ImagePoints(pixels, by_direction @ to_camera, by_direction @ _cross_matrices(in_camera), seen)
+    by_point = by_direction @ np.swapaxes(rotation, 1, 2)
+    return ImagePoints(pixels, seen), ImagePartials(by_point, by_direction @ _cross_matrices(in_camera))
 
 
 def _cross_matrices(a: Floats) -> Floats:

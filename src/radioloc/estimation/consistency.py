@@ -25,7 +25,6 @@ from radioloc.estimation.group_tests import BinnedProblem, Verdict, log_probabil
 from radioloc.estimation.labels import USED
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
-from radioloc.measurements.link import Link
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.time import Epochs, utc_strings
 
@@ -288,7 +287,7 @@ class _Search:
         stations: dict[str, dict[int, float]] = {}
         for code in codes:
             types.setdefault(self.order.type_of(code), {})[code] = 1.0
-            for station, sign in _stations(self.order.path_of(code)).items():
+            for station, sign in self.order.stations_of(code).items():
                 stations.setdefault(station, {})[code] = sign
         yield from (("type", name, mine) for name, mine in types.items())
         yield from (("station", name, mine) for name, mine in stations.items())
@@ -431,18 +430,6 @@ def _judged(tried: list[_Tried], count: int) -> list[_Tried]:
     """With their chances, so many having been tried in each family."""
     every = math.log(_FAMILIES * max(count, 1))
     return [replace(one, log_chance=one.verdict.log_chance + every) for one in tried]
-
-
-def _stations(path: str) -> dict[str, float]:
-    """Stations at the ends of a path, and the sign with which the delay of each one's reception is in the value."""
-    if ">" not in path:
-        return {path: 1.0}
-    link = Link.from_path(path)
-    signs = dict.fromkeys(link.stations, 0.0)
-    if link.differenced:
-        signs[link.transmitter] = -1.0
-    signs[link.receiver] = 1.0
-    return signs
 
 
 def _passes(problem: BinnedProblem, links: Iterable[int]) -> list[tuple[float, float]]:

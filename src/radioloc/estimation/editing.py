@@ -14,7 +14,8 @@ from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus, fit_least_squares
 from radioloc.estimation.linearization import Linearization, ResidualFunction, evaluate
 from radioloc.estimation.observation_noise import ObservationNoise
-from radioloc.estimation.robust import robust_scale, robust_start
+from radioloc.estimation.robust import robust_start
+from radioloc.estimation.statistics import robust_scale
 from radioloc.parameters.parameter import ParameterSet
 
 THRESHOLD = 5.0

@@ -62,8 +62,9 @@ def _candidates(
         whole = codes[group_of[codes] == group].tolist()
         members: dict[str, list[int]] = {}
         for code in whole:
-            for station in order.receivers_of(code):
-                members.setdefault(station, []).append(code)
+            for station, sign in order.stations_of(code).items():
+                if sign:
+                    members.setdefault(station, []).append(code)
         members |= {order.path_of(code): [code] for code in whole}
         for name, mine in members.items():
             if len(mine) < len(whole):

@@ -2,14 +2,12 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable
-
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.factorization import LinearProblem, OrthonormalLinearization, factorize, gram
 from radioloc.estimation.labels import Labels
+from radioloc.estimation.least_trimmed import OF_EACH, least_trimmed
 from radioloc.estimation.linearization import (
     DenseLinearization,
     Linearization,
@@ -18,12 +16,10 @@ from radioloc.estimation.linearization import (
     evaluate,
 )
 from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet
 
-_Choice = Callable[[NDArray[np.float64]], NDArray[np.bool_]]
-
-_MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
 _MAX_LINEARIZATIONS = 15
 _MAX_REWEIGHTINGS = 100
 _MOST_ROWS = 20000
@@ -38,34 +34,9 @@ _CLEAN = 3.0
 _MUCH_LESS = 0.1
 """Part of the spread of all that it is then to have: a few observations can always be left out so that the rest agree
 somewhat better, of weakly determined positions several times better."""
-_KEPT = 0.6
-"""Part of the observations that least trimmed squares keep: up to 40 % may be wrong."""
-_SUBSETS, _ENDS = 500, 5
-"""Draws of least trimmed squares, and of each way how many are followed to their end."""
-_FEW, _OF_EACH = 3, 20
-"""Observations of each group that are kept beside the best of all, and those that are looked at in any case."""
-_AGREES = 5.0
-"""Spreads within which an observation agrees with an estimate."""
 _MOST_TRIMMED = 3
 """Times that least trimmed squares are linearized anew: where geometry is weak, gross errors carry far away."""
-_RIDGE = 1e-9
 _SETTLED = 0.1  # the fitted values have settled when none moves by more than this many (robust) sigmas
-
-
-def robust_scale(normalized: NDArray[np.float64], n_parameters: int) -> float:
-    """Spread of normalized residuals, 1 where the stated sigmas are right, by the median absolute deviation.
-
-    The deviation is taken from zero, where the residuals of a fit should be centred. Zero if there are no
-    residuals.
-    """
-    n = len(normalized)
-    if not n:
-        return 0.0
-    first = min(max(0, n_parameters - 1), n - 1)
-    middle = first + (n - first) // 2
-    pair = sorted({middle - (n - first + 1) % 2, middle})
-    ordered = np.partition(np.abs(normalized), pair)
-    return _MAD_TO_SIGMA * float(ordered[pair].mean())
 
 
 def robust_start(
@@ -129,11 +100,16 @@ def robust_start(
     trial, trial_whole = x, whole
     for _ in range(_MOST_TRIMMED if max(spreads) > _CLEAN else 0):
         residual_m, partials = trial_whole.residual_m[rows], trial_whole.partials(rows)
-        trimmed = _trimmed_step(residual_m, partials, sigma_m, parameters, trial, root, group)
-        if trimmed is None:
+        y = least_trimmed(
+            partials[:, free] @ root / sigma_m[:, None],
+            residual_m / sigma_m,
+            *_prior_terms(parameters, trial, root),
+            group,
+        )
+        if y is None:
             break
         trial = trial.copy()
-        trial[free] += trimmed
+        trial[free] += root @ y
         trial_whole = evaluate(residual_function, trial)
         after = _spreads(trial_whole.residual_m[rows] / sigma_m, group, len(free))
         if any(a < _MUCH_LESS * b and b > _CLEAN for a, b in zip(after, spreads, strict=True)):
@@ -145,7 +121,7 @@ def _spreads(
     normalized: NDArray[np.float64], group: NDArray[np.intp], n_parameters: int
 ) -> tuple[float, float]:
     """Spread of all residuals, and that of the group which has the largest of those with some observations."""
-    groups = (normalized[group == k] for k in np.flatnonzero(np.bincount(group) >= _OF_EACH))
+    groups = (normalized[group == k] for k in np.flatnonzero(np.bincount(group) >= OF_EACH))
     return robust_scale(normalized, n_parameters), max((robust_scale(one, 1) for one in groups), default=0.0)
 
 
@@ -240,95 +216,6 @@ def _huber_step(
         if moved < _SETTLED or moved < _SETTLED * robust_scale(remaining, len(root)):
             break
     return np.asarray(root @ y)
-
-
-def _trimmed_step(
-    residual_m: NDArray[np.float64],
-    partials: NDArray[np.float64],
-    sigma_m: NDArray[np.float64],
-    parameters: ParameterSet,
-    x: NDArray[np.float64],
-    root: NDArray[np.float64],
-    group: NDArray[np.intp],
-) -> NDArray[np.float64] | None:
-    """Change of the free parameters to least trimmed squares of linearized residuals, (q,); none where these are few.
-
-    From subsets that are just large enough, drawn at random, concentration steps lead down: the next estimate is from
-    the observations that fit the last one best (Rousseeuw and Van Driessen 2006). These are the best of all, of which
-    one group may have none; the best of each group, of which one may be all wrong; or the best of all and a few of each
-    group. Of what these lead to that is taken which the most observations agree with.
-    """
-    random = np.random.Generator(np.random.PCG64(_SEED))
-    rows = _some_of_each(group, random)
-    n, q = len(rows), root.shape[1]
-    if n < 3 * q or not q:
-        return None
-    basis = partials[rows][:, parameters.free] @ root / sigma_m[rows, None]
-    normalized = residual_m[rows] / sigma_m[rows]
-    prior_normal, prior_side = _prior_terms(parameters, x, root)
-    _, group, in_group = np.unique(group[rows], return_inverse=True, return_counts=True)
-    groups = [slice(end - count, end) for end, count in zip(np.cumsum(in_group), in_group, strict=True)]
-    products = (basis[:, :, None] * basis[:, None, :]).reshape(n, q * q)
-
-    def left(y: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.asarray(np.abs(normalized - y @ basis.T))
-
-    def of_all(size: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return _smallest(size, int(_KEPT * n))
-
-    def of_each(size: NDArray[np.float64]) -> NDArray[np.bool_]:
-        parts = [_smallest(size[:, mine], math.ceil(_KEPT * (mine.stop - mine.start))) for mine in groups]
-        return np.concatenate(parts, axis=1)
-
-    def of_all_and_each(size: NDArray[np.float64]) -> NDArray[np.bool_]:
-        return of_all(size) | np.concatenate([_smallest(size[:, mine], _FEW) for mine in groups], axis=1)
-
-    def fitted(chosen: NDArray[np.bool_]) -> NDArray[np.float64]:
-        # As few observations as parameters need not determine all of them
-        weights = chosen.astype(np.float64)
-        normal = (weights @ products).reshape(-1, q, q) + prior_normal + _RIDGE * np.eye(q)
-        side = weights @ (basis * normalized[:, None]) + prior_side
-        return np.linalg.solve(normal, side[..., None])[..., 0].astype(np.float64)
-
-    def concentrated(
-        y: NDArray[np.float64], choose: _Choice, steps: int
-    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Sums of squares of what is chosen (k,), and where the steps lead (k, q), from several estimates (k, q)."""
-        for _ in range(steps):
-            y = fitted(choose(left(y)))
-        size = left(y)
-        return np.asarray(np.square(size).sum(axis=1, where=choose(size))), y
-
-    # Half of the draws are of any observations, half of any groups
-    chance = 0.5 / n + 0.5 / (len(in_group) * in_group[group])
-    subsets = _smallest(random.exponential(size=(_SUBSETS, n)) / chance, q)
-    ends = []
-    ways: tuple[_Choice, ...] = (of_all,) if len(in_group) == 1 else (of_all, of_each, of_all_and_each)
-    for k, choose in enumerate(ways):
-        sums, tried = concentrated(fitted(subsets[k :: len(ways)]), choose, 2)
-        sums, tried = concentrated(tried[np.argsort(sums, kind="stable")[:_ENDS]], choose, 20)
-        ends.append(tried[np.argmin(sums)])
-    spread = max(1.0, min(robust_scale(left(y), q) for y in ends))
-    best = max(ends, key=lambda y: (int((left(y) < _AGREES * spread).sum()), -robust_scale(left(y), q)))
-    return np.asarray(root @ best)
-
-
-def _smallest(size: NDArray[np.float64], count: int) -> NDArray[np.bool_]:
-    """Which are the `count` smallest along the last axis."""
-    chosen = np.zeros(size.shape, dtype=bool)
-    places = np.argpartition(size, count, axis=-1) if count < size.shape[-1] else np.argsort(size, axis=-1)
-    np.put_along_axis(chosen, places[..., :count], True, axis=-1)
-    return chosen
-
-
-def _some_of_each(group: NDArray[np.intp], random: np.random.Generator) -> NDArray[np.intp]:
-    """About as many rows as one problem takes at a time, some of each group among them, in order of groups."""
-    order = random.permutation(len(group))
-    order = order[np.argsort(group[order], kind="stable")]
-    count = np.bincount(group)
-    rank = np.arange(len(group)) - np.repeat(np.cumsum(count) - count, count)
-    share = np.maximum(_OF_EACH, count * _REPEATED_ROWS // len(group))
-    return order[rank < np.repeat(share, count)]
 
 
 def _prior_terms(

@@ -62,10 +62,10 @@ class SeriesOrder:
         """Path."""
         return self.paths.texts[code % len(self.paths.texts)]
 
-    def receivers_of(self, code: int) -> tuple[str, ...]:
-        """Stations whose reception is in the value; of a path that is only a name, that."""
+    def stations_of(self, code: int) -> dict[str, float]:
+        """Stations, with the sign of each one's reception in the value; of a path that is only a name, that."""
         path = self.path_of(code)
-        return Link.from_path(path).receivers if ">" in path else (path,)
+        return Link.from_path(path).reception_signs if ">" in path else {path: 1.0}
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -19,6 +19,9 @@ SCALING_PROBABILITY = 0.999
 fit of a thousand."""
 
 
+_MAD_TO_SIGMA = 1.4826  # median absolute deviation of a normal distribution to its standard deviation
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Residuals:
     """Observations with what is left of them after the fit; arrays of shape (n,).
@@ -238,6 +241,22 @@ def read_only(values: ArrayLike) -> NDArray[np.float64]:
 def finite_or_none(value: float) -> float | None:
     """A number for JSON, which has neither infinity nor NaN."""
     return float(value) if math.isfinite(value) else None
+
+
+def robust_scale(normalized: NDArray[np.float64], n_parameters: int) -> float:
+    """Spread of normalized residuals, 1 where the stated sigmas are right, by the median absolute deviation.
+
+    The deviation is taken from zero, where the residuals of a fit should be centred. Zero if there are no
+    residuals.
+    """
+    n = len(normalized)
+    if not n:
+        return 0.0
+    first = min(max(0, n_parameters - 1), n - 1)
+    middle = first + (n - first) // 2
+    pair = sorted({middle - (n - first + 1) % 2, middle})
+    ordered = np.partition(np.abs(normalized), pair)
+    return _MAD_TO_SIGMA * float(ordered[pair].mean())
 
 
 def chi2_quantile(probability: float, dof: int) -> float:

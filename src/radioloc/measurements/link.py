@@ -88,9 +88,10 @@ class Link:
         return (self.transmitter, self.receiver) if self.transmitter else (self.receiver,)
 
     @property
-    def receivers(self) -> tuple[str, ...]:
-        """The stations that receive the target's signal: the last one, or both of a baseline."""
-        return (self.transmitter, self.receiver) if self.differenced else (self.receiver,)
+    def reception_signs(self) -> dict[str, float]:
+        """Each station, and the sign of the delay of its reception in the value; 0 where it only transmits."""
+        first = {self.transmitter: -1.0 if self.differenced else 0.0} if self.transmitter else {}
+        return first | {self.receiver: 1.0}
 
     @property
     def targets(self) -> tuple[str, ...]:

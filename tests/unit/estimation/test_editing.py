@@ -13,7 +13,7 @@ from radioloc.estimation import (
     fit_with_editing,
 )
 from radioloc.estimation.editing import outlier_reason
-from radioloc.estimation.robust import robust_scale
+from radioloc.estimation.statistics import robust_scale
 
 FAR_OFF_M = np.array([3e4, -3e4, 2.5e4])  # 50 km
 # The same observations from another start: the step tolerance, a thousandth of a sigma, and some reserve.

@@ -188,7 +188,8 @@ def _parser() -> argparse.ArgumentParser:
     made = command("simulate", _simulate, "simulate the tracking that a study describes", simulated)
     made.add_argument("--out", **file, metavar="FILE", required=True)
     made.add_argument("--originator", **agency)
-    made.add_argument("--seed", **number, help="of the noise (default: the study's)")
+    made.add_argument("--seed", **number, help="of all that is drawn (default: the study's)")
+    made.add_argument("--draw", **flag, help="draw the errors of [simulation.truth_sigma], too")
 
     convert = command("convert", _convert, "read observations of any format and write them as one file", "")
     convert.add_argument(
@@ -288,7 +289,7 @@ def _arcs(options: argparse.Namespace) -> int:
 
 def _simulate(options: argparse.Namespace) -> int:
     require_writable(options.out, options.originator)  # before the work, which may take long
-    made = simulate(read_study(options.study), options.seed)
+    made = simulate(read_study(options.study), options.seed, draw_errors=options.draw)
     comments = [made.summary()]
     write_observations(options.out, made.observations, originator=options.originator, comments=comments)
     _tell(options, made.summary())

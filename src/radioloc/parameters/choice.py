@@ -153,7 +153,8 @@ def chosen_parameters(
     chosen = {name: k for name, k in present.items() if name in listed or name in values}
     if not chosen:
         return None
-    columns = columns_of(kind, scope, predictor, chosen, gap_h, chosen.keys() - listed)
+    whole = () if role is Role.FIXED else chosen.keys() - listed
+    columns = columns_of(kind, scope, predictor, chosen, gap_h, whole)
     count = len(kind.components)
     parameters = []
     for name, member, span in zip(columns.names, columns.members, columns.spans_utc, strict=True):

@@ -21,7 +21,14 @@ from radioloc.measurements.registry import KINDS
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation.noise import NoiseModel, require_seed
 from radioloc.simulation.schedule import Plan, Schedule
-from radioloc.simulation.truth import DrawnErrors, Truth, TruthSigma, drawn_errors, fixed_errors
+from radioloc.simulation.truth import (
+    DrawnErrors,
+    Truth,
+    TruthSigma,
+    drawn_errors,
+    fixed_errors,
+    position_error_m,
+)
 from radioloc.time import epochs_from_strings
 
 
@@ -40,6 +47,10 @@ class Simulated:
     """What the nominal model, with the world's terms, makes of it."""
     added_m: dict[str, NDArray[np.float64]]
     """What the truth's errors add, by kind of parameter."""
+    drawn: dict[str, float]
+    """Errors that were drawn, by parameter."""
+    drawn_m: NDArray[np.float64]
+    """What those add."""
     noise_m: NDArray[np.float64]
     is_outlier: NDArray[np.bool_]
     """Whether the random error has a wild part."""
@@ -56,6 +67,7 @@ class Simulated:
             where if self.trajectory is None else f"true trajectory: {self.trajectory}",
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
             *(f"{name}: {_shown(value)}" for name, value in _differences(self.truth)),
+            *(f"drawn {name}: {_shown(value)}" for name, value in _by_kind(self.drawn).items()),
             f"noise of station arrivals (VLBI): {_shown(self.noise.vlbi_station)}",
             *(
                 [f"noise of the growth of station arrivals (VLBI): {_shown(self.noise.vlbi_station_rate)}"]
@@ -80,29 +92,41 @@ class World:
     errors: dict[str, float]
     """Errors of the truth by parameter, such as ``"range_bias.KASHI"``."""
     drawn: DrawnErrors
-    """Errors that a trial of a Monte Carlo study draws; no part of :meth:`draw`."""
+    """Errors that a trial of a Monte Carlo study draws, and :meth:`draw` if asked to."""
+    enu_pa: NDArray[np.float64]
+    """East, north and up at the target, in principal axes, as rows, shape (3, 3)."""
 
     @property
     def value_m(self) -> NDArray[np.float64]:
         """Observed values without noise and drawn errors, m, shape (n,)."""
         return np.asarray(self.error_free_m + sum(self.added_m.values(), start=0.0))
 
-    def draw(self, noise: NoiseModel | None = None, *, seed: int | None = None) -> Simulated:
-        """Observations with one realization of the noise; noise and seed are the scenario's where not given."""
+    def draw(
+        self, noise: NoiseModel | None = None, *, seed: int | None = None, draw_errors: bool = False
+    ) -> Simulated:
+        """Observations with one realization of the noise, and of the errors of `truth_sigma` if asked for.
+
+        Noise and seed are the scenario's where not given.
+        """
         scenario = self.scenario
         noise = scenario.noise if noise is None else noise
         seed = scenario.seed if seed is None else seed
         noise_m, is_outlier = noise.draw(self.plan, seed)
-        value_m = self.value_m + noise_m
+        errors = self.drawn.draw(seed) if draw_errors else np.zeros(len(self.drawn.names))
+        drawn = self.drawn.by_name(errors) if draw_errors else {}
+        drawn_m = errors @ self.drawn.partials
+        value_m = self.value_m + drawn_m + noise_m
         value_m.flags.writeable = False
         return Simulated(
             observations=replace(self.plan.observations, value_m=value_m),
-            target_pa_m=self.target_pa_m,
+            target_pa_m=self.target_pa_m + position_error_m(drawn) @ self.enu_pa,
             truth=scenario.truth,
             noise=noise,
             seed=seed,
             error_free_m=self.error_free_m,
             added_m=self.added_m,
+            drawn=drawn,
+            drawn_m=drawn_m,
             noise_m=noise_m,
             is_outlier=is_outlier,
             trajectory=scenario.position if isinstance(scenario.position, Trajectory) else None,
@@ -155,7 +179,7 @@ class Scenario:
         start = min(starts, key=lambda date: epochs_from_strings(date, "UTC").mjd[0])
         added_m, errors = fixed_errors(self.truth, predictor, at, target_pa_m, start)
         drawn = drawn_errors(self.truth_sigma, predictor, at, target_pa_m, enu_pa, start)
-        return World(self, plan, target_pa_m, at.value_m, added_m, errors, drawn)
+        return World(self, plan, target_pa_m, at.value_m, added_m, errors, drawn, enu_pa)
 
 
 def rot_pa_to_enu(target_pa_m: NDArray[np.float64], model: PhysicalModel) -> NDArray[np.float64]:
@@ -215,6 +239,15 @@ def _differences(truth: Truth) -> list[tuple[str, Any]]:
     found = [(PARAMETERS[name].value_key, choice.value) for name, choice in truth.values.items()]
     others = [(name, getattr(truth, name)) for name in ("terms_on", "terms_off", "clock_epoch_utc")]
     return found + [(name, value) for name, value in others if value]
+
+
+def _by_kind(drawn: Mapping[str, float]) -> dict[str, dict[str, float]]:
+    """Errors by kind of parameter and by whose they are, to four digits."""
+    kinds: dict[str, dict[str, float]] = {}
+    for name, error in drawn.items():
+        kind, _, whose = name.partition(".")
+        kinds.setdefault(kind, {})[whose or kind] = float(f"{error:.4g}")
+    return kinds
 
 
 def _shown(value: Any) -> str:

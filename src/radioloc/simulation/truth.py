@@ -47,8 +47,9 @@ class Truth:
     """In what the simulated world differs from the nominal model, real minus modelled.
 
     Keywords are errors of parameters by the keys that their a-priori values have in a study file, such as
-    ``range_bias_m``: a number, or one for each component, of everybody or in a mapping by name. Names of stations are
-    those of the catalogue or aliases; those that observe nothing do not matter.
+    ``range_bias_m``: a number, or one for each component, of everybody or in a mapping by name; and whom they belong to,
+    such as ``clock_per="pass"``. Names of stations are those of the catalogue or aliases; those that observe nothing do
+    not matter.
     """
 
     values: Mapping[str, ParameterChoice]
@@ -210,7 +211,7 @@ def _design(
     kinds = []
     for name, choice in choices.items():
         kind = PARAMETERS[name]
-        if choice.scope(kind) is Scope.STATION and isinstance(choice.value, Mapping):
+        if choice.scope(kind) in (Scope.STATION, Scope.PASS) and isinstance(choice.value, Mapping):
             # Stations that see nothing do not matter.
             seen = {n: v for n, v in choice.value.items() if catalogue.get(n).name in simple.stations}
             choice = replace(choice, value=seen)
@@ -226,7 +227,12 @@ def _design(
 
 def _choices(given: Mapping[str, Any], *, sigma: bool = False) -> dict[str, ParameterChoice]:
     kinds = {kind.value_key: kind for kind in PARAMETERS.values()}
-    for key in given:
+    whose = {kind.keys["per"]: kind for kind in PARAMETERS.values()}
+    for key, per in given.items():
+        if key in whose:
+            if per is not None and given.get(whose[key].value_key) is None:
+                raise InputError(f"{key} needs {whose[key].value_key}, the error of which it says whose it is")
+            continue
         if key not in kinds:
             near = difflib.get_close_matches(key, kinds, n=1)
             hint = f"; did you mean {near[0]!r}?" if near else f"; there are {', '.join(kinds)}"
@@ -237,7 +243,9 @@ def _choices(given: Mapping[str, Any], *, sigma: bool = False) -> dict[str, Para
         if key not in given:
             continue
         try:
-            choices[kind.name] = ParameterChoice.of(kind, value=given[key])
+            choices[kind.name] = ParameterChoice.of(
+                kind, "none", value=given[key], per=given.get(kind.keys["per"])
+            )
         except InputError as error:
             text, names, _ = str(error).partition(f"; {kind.name} says whose it is")
             where = f"; whose the fit solves for is said in [estimate] {kind.name}" if names else ""

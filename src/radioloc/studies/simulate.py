@@ -10,7 +10,7 @@ from radioloc.studies.study import Study
 
 
 @on_one_blas_thread
-def simulate(study: Study, seed: int | None = None) -> Simulated:
+def simulate(study: Study, seed: int | None = None, *, draw_errors: bool = False) -> Simulated:
     """Simulate the tracking that a study describes.
 
     Parameters
@@ -18,12 +18,15 @@ def simulate(study: Study, seed: int | None = None) -> Simulated:
     study : Study
         With a simulation; its model is the nominal one.
     seed : int, optional
-        Of the noise; the scenario's where not given.
+        Of all that is drawn; the scenario's where not given.
+    draw_errors : bool
+        Draw the errors of ``truth_sigma`` too, as each trial of a Monte Carlo study does; else there are only those of
+        ``truth``.
 
     Returns
     -------
     Simulated
-        ``.observations`` to be fitted, and what was put into them; of the errors those of the truth, none drawn.
+        ``.observations`` to be fitted, and what was put into them.
 
     Raises
     ------
@@ -38,7 +41,7 @@ def simulate(study: Study, seed: int | None = None) -> Simulated:
     ['range', 'vlbi_delay']
     """
     scenario = scenario_of(study)
-    return scenario.world(model_of(study)).draw(seed=seed)
+    return scenario.world(model_of(study)).draw(seed=seed, draw_errors=draw_errors)
 
 
 def scenario_of(study: Study) -> Scenario:

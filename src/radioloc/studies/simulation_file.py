@@ -141,7 +141,10 @@ def _errors(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatal
             warnings.warn(
                 RenamedKeyWarning(f"[{table.name}] {old} is called {key} now; rename it"), stacklevel=2
             )
-        if kind.scopes[0] is Scope.STATION and isinstance(found[key], Mapping):
+        per = kind.keys["per"]
+        found[per] = table.get(per, str)
+        of_stations = kind.scopes[0] is Scope.STATION and found[per] in (None, "station", "pass")
+        if of_stations and isinstance(found[key], Mapping):
             _require_stations(table, key, found[key], stations, catalogue)
     return found
 

@@ -120,7 +120,7 @@ def differences(study, effects_m):
     moved = []
     for arc in linear.arcs:
         # With correlated weights the noise of one draw tells what the series weigh.
-        fit = arc.fit(noise_m[0, arc.part]).edited.fit
+        fit = arc.fit(noise_m[0, arc.part]).fit
         of_arc = {
             name: arc.enu_by_parameters @ moved_by(fit, lambda rows, m=m: m[rows], m.shape[1])
             for name, m in ((name, m[arc.part]) for name, m in effects_m.items())

@@ -83,29 +83,10 @@ def test_differences_between_arcs_are_as_large_as_they_should_be(matched):
         assert 1.505 < squares.mean() < 2.586
 
 
-REALISTIC = TruthSigma(
-    moon_position_m=(0.05, 0.4, 0.3),
-    libration_rad=(5e-8, 5e-8, 5e-8),
-    station_position_m=dict.fromkeys(RANGING, (0.1, 0.1, 0.1)) | dict.fromkeys(VLBI, (0.03, 0.03, 0.04)),
-    ut1_s=2e-5,
-    pole_rad=(5e-10, 5e-10),
-    clock_s=dict.fromkeys(RANGING, 7e-9) | dict.fromkeys(VLBI, 1.3e-10),
-    clock_rate_s_s=dict.fromkeys(VLBI, 3e-15),
-    range_bias_m=dict.fromkeys(RANGING, 5.0),
-    zenith_delay_m=dict.fromkeys(RANGING, 0.03) | dict.fromkeys(VLBI, 0.015),
-    electron_content_tecu=dict.fromkeys(RANGING, 3.0) | dict.fromkeys(VLBI, 2.0),
-    clock_epoch_utc=START,
-)
-"""Errors of the size of those that the example has, drawn anew in every trial."""
-
-
-@pytest.fixture(scope="module", params=["the example's errors", "errors drawn"])
-def lasting(request):
-    """The example's tracking: errors of the model, and noise that lasts for hours."""
-    study = radioloc.read_study(EXAMPLE)
-    if request.param == "errors drawn":
-        study = replace(study, simulation=replace(study.simulation, truth=Truth(), truth_sigma=REALISTIC))
-    found = radioloc.monte_carlo(study, 200, HOURS, workers=2)
+@pytest.fixture(scope="module")
+def lasting():
+    """The example's tracking: errors of the model, drawn, and noise that lasts for hours."""
+    found = radioloc.monte_carlo(radioloc.read_study(EXAMPLE), 200, HOURS, workers=2)
     assert found.linear
     assert found.converged
     return found
@@ -125,13 +106,12 @@ def test_arcs_of_realistic_data_agree_as_those_of_the_paper(lasting):
     assert lasting.arcs[0].radius_95_m < lasting.arcs[1].radius_95_m < lasting.arcs[2].radius_95_m
 
 
-def test_sigmas_allow_for_what_lasts_as_far_as_residuals_show_it(lasting):
-    """As if independent, sigmas of 48 h would be 2 m and the errors ten times that."""
-    whole = lasting.arcs[0]
-    assert whole.nees.mean < 4.0
-    assert max(whole.rms_m[k] / whole.sigma_m[k] for k in range(3)) < 2.5
-    if (
-        whole.nees.mean > whole.nees.high
-        and whole.inside["horizontal"].fraction < whole.inside["horizontal"].low
-    ):
-        assert "the sigmas are too small by a factor of about" in " ".join(str(lasting).split())
+def test_ellipses_hold_the_truth_and_no_sigma_grows_with_the_data(lasting):
+    """Clocks are estimated: considered only, the height's sigma would grow with the data, beyond its a-priori 5 m."""
+    for arc in lasting.arcs:
+        # Binomial of 200 at 0.93, which 1000 trials show: quantile of 0.1 %.
+        assert arc.inside["horizontal"].fraction >= 0.865
+        assert arc.nees.mean < 1.6
+    sigmas_m = np.array([arc.sigma_m for arc in lasting.arcs])
+    assert (np.diff(sigmas_m, axis=0) > 0.0).all()
+    assert sigmas_m[-1, 2] < HEIGHT_SIGMA_M

@@ -1,4 +1,4 @@
-"""Data that fit raise no sentence: draws of the example, whose errors beyond noise are considered by default."""
+"""Data that fit raise no sentence: draws of the example, whose errors beyond noise are estimated or considered."""
 
 import pytest
 
@@ -18,8 +18,8 @@ def test_at_most_one_of_a_hundred():
     arc, left_out = prepared_arc(study, world.plan.observations)
     said = []
     for seed in range(DRAWS):
-        value_m = world.value_m + world.scenario.noise.draw(world.plan, seed)[0]
-        solution = fit_arc(study, arc.with_values(value_m), left_out, study.estimate)
+        drawn = world.draw(seed=seed, draw_errors=True).observations
+        solution = fit_arc(study, arc.with_values(drawn.value_m), left_out, study.estimate)
         assert solution.converged
         said += [str(item) for item in solution.consistency.found[:1]]
     assert len(said) <= 1, said

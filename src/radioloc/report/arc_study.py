@@ -27,6 +27,7 @@ from radioloc.report.position_table import (
 from radioloc.report.solution_card import which_sigmas
 
 _ARCS_IN_ROW = 3
+_WIDE = 18  # characters of a value with its sigma of which one fewer goes into a row
 _MAX_PARAMETERS = 12  # a card is to fit a screen; to_dict() has them all
 _UNLIKELY_SIGMAS = 3.72
 """Two coordinates of a right model stay below this in 99.9 %."""
@@ -244,8 +245,10 @@ def _parameter_fields(study: ArcStudy) -> Iterator[Field]:
     """The other parameters and their sigmas, some arcs side by side."""
     units = study.other_parameters
     shown = list(units.items())[:_MAX_PARAMETERS]
-    for start in range(0, len(study.arcs) if shown else 0, _ARCS_IN_ROW):
-        arcs = study.arcs[start : start + _ARCS_IN_ROW]
+    widths = [len(_with_sigma(arc.parameter(name))) for arc in study.arcs for name, _ in shown]
+    in_row = _ARCS_IN_ROW if max(widths, default=0) < _WIDE else _ARCS_IN_ROW - 1
+    for start in range(0, len(study.arcs) if shown else 0, in_row):
+        arcs = study.arcs[start : start + in_row]
         rows = (
             (f"{name}, {unit}", *(_with_sigma(arc.parameter(name)) for arc in arcs)) for name, unit in shown
         )

@@ -231,7 +231,9 @@ def _choices(given: Mapping[str, Any], *, sigma: bool = False) -> dict[str, Para
     for key, per in given.items():
         if key in whose:
             if per is not None and given.get(whose[key].value_key) is None:
-                raise InputError(f"{key} needs {whose[key].value_key}, the error of which it says whose it is")
+                raise InputError(
+                    f"{key} needs {whose[key].value_key}, the error of which it says whose it is"
+                )
             continue
         if key not in kinds:
             near = difflib.get_close_matches(key, kinds, n=1)

@@ -17,7 +17,14 @@ RNG = np.random.default_rng(7)
 
 @pytest.fixture(scope="module")
 def study():
-    return radioloc.read_study("examples/change5/change5.toml")
+    """The example with clocks considered, not estimated."""
+    study = radioloc.read_study("examples/change5/change5.toml")
+    biases = {"range_bias": study.estimate.parameters["range_bias"]}
+    return replace(
+        study,
+        estimate=replace(study.estimate, parameters=biases),
+        consider=considered_choices({"station_position_sigma_m": 0.05}),
+    )
 
 
 @pytest.fixture(scope="module")

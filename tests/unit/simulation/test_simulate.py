@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.simulation import (
@@ -13,6 +14,7 @@ from radioloc.simulation import (
     Schedule,
     Session,
     Truth,
+    TruthSigma,
     baselines,
     one_way,
     simulate,
@@ -55,6 +57,33 @@ def test_a_prepared_world_gives_the_same_for_a_seed_and_another_for_another(land
     assert (one.observations.value_m == direct.observations.value_m).all()
     assert (one.observations.value_m != other.observations.value_m).all()
     assert (world.draw().noise_m == 0.0).all()
+
+
+def test_errors_of_each_pass_are_drawn_if_asked_for(lander, lander_pa_m, model):
+    """Two passes, of Kashi and of Seshan, a day apart: another clock error in each, the same within it."""
+    later = [
+        Session(session.kind, session.pairs, START, "2020-12-02T20:11", 600.0, session.sigma_m)
+        for session in SCHEDULE.sessions
+    ]
+    sigma = TruthSigma(position_enu_m=(0.0, 0.0, 5.0), clock_s={"SESHAN25": 1e-9}, clock_per="pass")
+    world = Scenario(Schedule(later), lander, truth_sigma=sigma).world(model)
+    made = world.draw(seed=4, draw_errors=True)
+    assert set(made.drawn) == {"position.up", "clock.SESHAN25 1", "clock.SESHAN25 2"}
+    up = lander_pa_m / np.linalg.norm(lander_pa_m)
+    np.testing.assert_allclose(
+        made.target_pa_m, lander_pa_m + made.drawn["position.up"] * up, rtol=0.0, atol=1e-6
+    )
+    rows = made.observations.types() == "vlbi_delay"
+    clock_m = made.drawn_m[rows] - made.drawn["position.up"] * world.drawn.partials[0, rows]
+    second = made.observations.epoch.mjd[rows] > made.observations.epoch.mjd.min() + 0.6
+    for pass_number, mine in ((1, ~second), (2, second)):
+        # An earlier clock tags the delay, too: 1e-6 of it.
+        expected_m = -C_M_S * made.drawn[f"clock.SESHAN25 {pass_number}"]
+        np.testing.assert_allclose(clock_m[mine], expected_m, rtol=1e-5)
+    assert "drawn clock: SESHAN25 1 " in made.summary()
+    np.testing.assert_array_equal(world.draw(seed=4).observations.value_m, world.value_m)
+    with pytest.raises(InputError, match="clock_per needs clock_s"):
+        TruthSigma(clock_per="pass")
 
 
 def test_the_order_of_sessions_does_not_matter(lander, model):

@@ -3,7 +3,6 @@
 Bounds of the matched model are those of chance at 95 %, exact; with fixed seeds a failure is a change of the code.
 """
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np

@@ -47,9 +47,9 @@ class Truth:
     """In what the simulated world differs from the nominal model, real minus modelled.
 
     Keywords are errors of parameters by the keys that their a-priori values have in a study file, such as
-    ``range_bias_m``: a number, or one for each component, of everybody or in a mapping by name; and whom they belong to,
-    such as ``clock_per="pass"``. Names of stations are those of the catalogue or aliases; those that observe nothing do
-    not matter.
+    ``range_bias_m``: a number, or one for each component, of everybody or in a mapping by name; and whom they belong
+    to, such as ``clock_per="pass"``. Names of stations are those of the catalogue or aliases; those that observe
+    nothing do not matter.
     """
 
     values: Mapping[str, ParameterChoice]

@@ -202,7 +202,10 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
     tested = covariance[np.ix_(held, held)]
     if not held.size or not (np.linalg.eigvalsh(tested) > 0.0).all():
         return _untested(compared, "one is stated to know as much from a part as the other from the whole")
-    sigmas = tuple(finite_or_none(math.sqrt(variance)) for variance in np.diag(covariance))
+    # Of a height that is not tested, a part may be stated to know as much as the whole.
+    sigmas = tuple(
+        None if variance < 0.0 else finite_or_none(math.sqrt(variance)) for variance in np.diag(covariance)
+    )
     statistic = float(apart_m[held] @ np.linalg.solve(tested, apart_m[held]))
     return Agreement(one.name, two.name, compared.difference_enu_m, sigmas, held.size, statistic)
 

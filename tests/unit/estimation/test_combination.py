@@ -1,5 +1,7 @@
 """Agreement of estimates and the joint estimate: by hand, and over seeded draws."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.stats import binom, kstest
@@ -55,6 +57,11 @@ def test_part_and_whole_differ_by_less_than_independent_estimates():
     assert joint.left_out == {"24 h": "it shares observations with 48 h"}
     whole_as_part = estimate("24 h", [1.0, 0.0, 0.0], 0.25 * np.eye(3), study="s", hours=24.0)
     assert agreement(whole_as_part, whole).chi2 is None
+    low = replace(
+        part, noise_enu_m2=np.diag([*np.diag(part.noise_enu_m2)[:2], 0.5 * whole.noise_enu_m2[2, 2]])
+    )
+    flat = agreement(low, whole, horizontal=True)
+    assert (flat.components, flat.sigma_enu_m[2]) == (2, None)
 
 
 def test_estimates_that_share_data_otherwise_are_not_tested():

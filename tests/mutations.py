@@ -32,7 +32,7 @@ TESTS = {
         "line_of_sight": "", "link": "observations differenced",
         "lunar_motion": "lunar_motion line_of_sight trajectory", "measurement_type": "differenced exact_predictor",
         "observations": "", "one_way": "combined_predictor", "physical_model": "",
-        "piecewise_chebyshev": "chebyshev_predictor", "predictor": "arc_selection exact_predictor",
+        "piecewise_chebyshev": "chebyshev_predictor", "predictor": "arc_selection combined_predictor",
         "range": "exact_predictor", "station_motion": "", "terms": "", "vlbi": "exact_predictor",
     },
     "estimation": {

@@ -1,3 +1,5 @@
+import re
+
 import numpy as np
 import pytest
 from toy_moon import LANDER_M, ToyMoon
@@ -154,10 +156,12 @@ def test_common_part_where_the_position_is_held():
 
 
 def test_undetermined_biases_have_no_common_part():
-    """Of three, one without data: what is not determined is told as that."""
+    """Of four, one without data: what is not determined is told as that."""
     model = ToyMoon(200, 12.0)
     observed_m, partials = model.ranges(np.concatenate([LANDER_M, np.zeros(3)]))
     parameters = ParameterSet([*model.parameters(), Parameter("range_bias.D", "m", "range_bias")])
+    for axis in "xyz":
+        parameters = parameters.changed(f"position.{axis}_m", role=Role.FIXED)
     design = np.column_stack([partials, np.zeros(200)])
     fit = fit_least_squares(lambda x: (observed_m - model.ranges(x[:6])[0], design), parameters, 0.3)
     found = assess_observability(fit)
@@ -183,6 +187,15 @@ def test_a_good_geometry_has_nothing_to_report():
     assert found.describe() == ()
     assert found.advice() == ""
     assert found.condition_number == pytest.approx(found.singular_values[0] / found.singular_values[-1])
+
+
+def test_one_weak_parameter_is_named_with_its_sigma():
+    design = np.random.default_rng(1).normal(size=(50, 2)) * [1.0, 1e-3]
+    (line, advice) = assess(design).describe()
+    assert re.fullmatch(
+        r"poorly determined: range_bias.B, sigma 1\d\d m, 1\d\d times that of one observation \(1 m\)", line
+    )
+    assert advice == "would help: an a-priori sigma for range_bias.B"
 
 
 def test_scales_make_units_comparable():

@@ -9,7 +9,8 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
 from radioloc.estimation import Parameter, ParameterSet, SeriesWeight, build_solution, fit_with_editing
-from radioloc.estimation.build import scaled_covariance
+from radioloc.estimation.build import scaled_covariance, seconds_since_midnight
+from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.lunar import selenographic_to_cartesian
 from radioloc.parameters.parameter import Role
 from radioloc.report.cards import metres, to_sigma
@@ -454,3 +455,29 @@ def test_card_says_which_sigmas_are_formal():
 )
 def test_values_have_the_digits_that_their_sigmas_ask_for(value, sigma, text):
     assert to_sigma(value, sigma) == text
+
+
+def test_the_factor_of_time_correlation_is_of_the_sigma_without():
+    plain = toy_solution(ToyMoon(200, 24.0, biases=False))
+    added = 3.0 * plain.covariance
+    correlation = TimeCorrelation((), added, {})
+    correlated = replace(plain, covariance=plain.covariance + added, time_correlation=correlation)
+    assert plain.correlation_factor == 1.0
+    assert correlated.correlation_factor == pytest.approx(2.0, rel=1e-9)
+    np.testing.assert_allclose(correlated.sigma_enu_m("scaled"), 2.0 * plain.sigma_enu_m("scaled"), rtol=1e-9)
+
+
+def test_what_moves_has_no_position_on_the_moon():
+    moving = replace(toy_solution(ToyMoon(60, 24.0, biases=False)), trajectory="orbiter.bsp (NAIF code -85)")
+    content = moving.to_dict()
+    assert (content["position"], content["sigma"], content["covariance"]) == (None, None, None)
+    with pytest.raises(
+        InputError, match=r"the target moves \(orbiter.bsp .*; it has no position on the Moon"
+    ):
+        _ = moving.selenographic
+    assert repr(moving) == "<Solution toy lander: orbiter.bsp (NAIF code -85), converged>"
+
+
+def test_seconds_since_midnight_go_on_over_days():
+    epoch = Epochs.from_jd(2459185.5 + np.array([1.0, 0.0, 1.0]), np.array([0.25, 0.5, 0.0]), "UTC")
+    assert seconds_since_midnight(epoch).tolist() == [108000.0, 43200.0, 86400.0]

@@ -1,5 +1,6 @@
 """Time-correlated residuals: found where they are, in the right numbers, and nothing else touched."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -190,6 +191,14 @@ def test_stations_whose_errors_last_are_found_in_their_delays(stated_m, station_
 def test_words(time_s, words):
     text = str(SeriesCorrelation("range A", 2880, 35.2, time_s, 0.5))
     assert text == f"residuals of range A are correlated in time over {words}: 2880 observations count as 35"
+
+
+def test_what_is_known_already_is_not_sought_again():
+    """With correlated weights the residuals have been whitened by it."""
+    fit, *rest = line()
+    known = assessed(fit, *rest)
+    again = replace(line(coloured=0.0)[0], time_correlation=known)
+    assert assessed(again, *rest) is known
 
 
 def test_nothing_to_assess():

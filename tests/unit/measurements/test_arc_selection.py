@@ -9,6 +9,7 @@ from arc_cases import APOLLO15_PA_M, LASER, epochs_tai, observations
 import radioloc
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.predictor import blocks
 from radioloc.measurements.registry import KINDS
 from radioloc.time import tai_to_utc
 
@@ -49,6 +50,13 @@ def assert_same(one, other, atol=0.0):
             assert (first == second).all()
         else:
             np.testing.assert_allclose(first, second, rtol=0.0, atol=atol, err_msg=field.name)
+
+
+def test_blocks_of_rows_are_all_rows_once(arc, monkeypatch):
+    monkeypatch.setattr("radioloc.measurements.predictor.ROWS_AT_ONCE", 7)
+    parts = list(blocks(arc))
+    assert max(map(len, parts)) == 7
+    assert np.concatenate(parts).tolist() == list(range(len(arc.observations)))
 
 
 @pytest.mark.parametrize("which", ["mask", "indices", "slice"])

@@ -104,6 +104,23 @@ def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
         np.testing.assert_allclose(by_target, expected, rtol=0, atol=1e-9)
 
 
+def test_one_way_doppler_is_the_change_of_one_way_range(model, by_hand):
+    """Over the count interval, at whose middle its time tag is."""
+    doppler = by_hand[3][0][1]
+    early, late = (
+        predictor(
+            dataclasses.replace(
+                observations("one_way_range", "b>KASHI", None), epoch=tai_to_utc(TAI.shifted(half_s))
+            ),
+            model,
+        ).at(POSITIONS_M)
+        for half_s in (-30.0, 30.0)
+    )
+    expected_m = late.value_m - early.value_m
+    np.testing.assert_allclose(doppler.at(POSITIONS_M).value_m, expected_m, rtol=0, atol=SAME_M)
+    assert np.abs(expected_m).max() > 1000.0
+
+
 def test_a_combination_is_as_low_and_as_unusable_as_its_parts(arc, by_hand):
     found = arc.compute(POSITIONS_M)
     for k, parts in enumerate(by_hand):

@@ -230,6 +230,10 @@ RATE = {
         ({"tag": TIME_TAGS.index("transmit")}, "tagged at the arrival at the first station"),
         ({"links": [Link("SESHAN25", "lander", "URUMQI")]}, "station1<target>station2"),
         ({"value_m": 60001.0}, "changes by less than 1000 m in a second"),
+        (
+            {"kind": KINDS.index("vlbi_delay"), "value_m": -1.29e7, "count_s": np.nan},
+            r"a VLBI delay is not longer than the Earth \(12.8e6 m, 43 ms\)",
+        ),
     ],
 )
 def test_a_delay_rate_is_a_growth_of_a_delay(changes, words):

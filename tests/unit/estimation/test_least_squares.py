@@ -273,7 +273,7 @@ def test_unusable_models_are_refused():
     broken = np.where(np.arange(40) == 3, np.nan, observed)
     with pytest.raises(InputError, match="1 of 40 residuals are not finite at the start, the first at 3"):
         fit_least_squares(function(design, broken), free_parameters(5), sigma)
-    holed = np.where(design == design[2, 1], np.nan, design)
+    holed = np.where(design == design[0, 1], np.nan, design)
     with pytest.raises(InputError, match=r"partials with respect to p\.1 are not finite"):
         fit_least_squares(lambda x: (observed, holed), free_parameters(5), sigma)
     with pytest.raises(InputError, match="do not belong to 4 parameters"):

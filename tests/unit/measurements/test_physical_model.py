@@ -89,3 +89,10 @@ def test_planets_that_the_kernel_lacks_are_told(model, monkeypatch):
     monkeypatch.setattr(Ephemeris, "bodies", ("sun", "moon", "venus"))
     assert model.missing_planets == ("jupiter", "saturn")
     assert model.without("shapiro").missing_planets == ()
+
+
+def test_orientation_of_later_years_is_asked_for(model):
+    assert model.earth.table.beyond is None
+    held = PhysicalModel.build(eop_beyond="hold").earth.table
+    assert held.beyond == ("hold", model.earth.table.mjd_utc[-1])
+    assert held.mjd_utc[-1] > model.earth.table.mjd_utc[-1] + 1000.0

@@ -9,6 +9,7 @@ from radioloc.estimation import (
     Labels,
     Parameter,
     ParameterSet,
+    editing,
     fit_least_squares,
     fit_with_editing,
 )
@@ -113,16 +114,28 @@ def test_too_many_outliers_are_not_cut_away():
     assert "check stations, sigmas and model" in edited.message
 
 
-def test_what_is_in_and_out_by_turns_is_left_out():
+def wavering():
     """At a threshold of two sigmas two of these are taken back by the fit without them, and left out by the next."""
     rng = np.random.default_rng(176)
     design, residual_m = rng.normal(size=(20, 3)), rng.standard_t(2, size=20)
     parameters = ParameterSet([Parameter(f"p.{k}", "m", "p") for k in range(3)])
-    edited = fit_with_editing(lambda x: (residual_m - design @ x, design), parameters, 1.0, threshold=2.0)
+    return fit_with_editing(lambda x: (residual_m - design @ x, design), parameters, 1.0, threshold=2.0)
+
+
+def test_what_is_in_and_out_by_turns_is_left_out():
+    edited = wavering()
     assert edited.converged
     assert edited.message == "2 observations at the outlier limit were left out, in and out by turns"
     assert np.flatnonzero(~edited.fit.used).tolist() == [0, 3, 5, 8]
     assert edited.passes == 4
+
+
+def test_editing_that_does_not_settle_is_told(monkeypatch):
+    monkeypatch.setattr(editing, "_MAX_PASSES", 2)
+    edited = wavering()
+    assert edited.message == "the editing did not settle in 2 passes"
+    assert edited.fit.converged
+    assert not edited.converged
 
 
 def test_left_out_beforehand_stays_out_with_its_reason():

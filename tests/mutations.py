@@ -36,7 +36,7 @@ TESTS = {
         "range": "exact_predictor", "station_motion": "", "terms": "", "vlbi": "exact_predictor",
     },
     "estimation": {
-        "budget": "", "build": "solution", "consider": "", "correlated_weights": "", "editing": "",
+        "budget": "", "build": "solution time_correlation", "consider": "", "correlated_weights": "", "editing": "",
         "factorization": "least_squares linear_problem", "gauss_markov": "", "labels": "statistics solution",
         "least_squares": "", "linearization": "least_squares", "observability": "",
         "observation_noise": "observation_noise linear_problem", "process_noise": "",

@@ -104,6 +104,17 @@ def test_values_and_partials_are_those_of_the_parts(arc, by_hand):
         np.testing.assert_allclose(by_target, expected, rtol=0, atol=1e-9)
 
 
+def test_each_target_is_at_its_own_position(model):
+    table = observations("range", "KASHI>b>JIAMUSI", None)
+    of_a, of_b = (
+        prepare_predictor(model, table, position_m, "exact").at(position_m).value_m
+        for position_m in POSITIONS_M
+    )
+    together = predictor(table, model).at(POSITIONS_M).value_m
+    np.testing.assert_allclose(together, of_b, rtol=0, atol=SAME_M)
+    assert np.abs(of_a - of_b).min() > 1000.0
+
+
 def test_one_way_doppler_is_the_change_of_one_way_range(model, by_hand):
     """Over the count interval, at whose middle its time tag is."""
     doppler = by_hand[3][0][1]

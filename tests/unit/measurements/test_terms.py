@@ -8,6 +8,7 @@ from radioloc.measurements.terms import TERMS, active_terms
 
 def test_all_are_active_unless_left_out():
     assert active_terms() == frozenset(TERMS)
+    assert {"shapiro", "lunar_tide", "troposphere", "ionosphere", "antenna_axis_offset"} < active_terms()
     assert active_terms(["shapiro", "tdb_tt"]) == frozenset(TERMS) - {"shapiro", "tdb_tt"}
     assert active_terms(iter(TERMS)) == frozenset()
 

@@ -12,6 +12,7 @@ from radioloc.estimation import (
     ParameterSet,
     fit_with_editing,
     fit_with_variance_components,
+    variance_components,
 )
 from radioloc.estimation.variance_components import additive_sigma_m
 
@@ -48,10 +49,19 @@ def test_nothing_is_added_to_sigmas_that_suffice():
     assert np.array_equal(found.fit.x, plain.fit.x)
 
 
+def test_components_that_do_not_settle_are_told(monkeypatch):
+    monkeypatch.setattr(variance_components, "_MAX_PASSES", 1)
+    found = fit(*line(400, 0.005, 0.05, 2))
+    assert found.message == "the additive variance components did not settle"
+    assert found.fit.converged
+    assert not found.converged
+
+
 def test_excess_makes_the_residuals_fit():
     problem = line(400, 0.005, 0.05, 2)
     found = fit(*problem)
     assert found.converged
+    assert found.message == ""
     assert found.additive_sigma_m["all"] == pytest.approx(
         0.05, rel=0.1
     )  # its own sigma is 1 / sqrt(2 * 400) = 3.5 %

@@ -7,6 +7,7 @@ mean-Earth axes, m, unless a name says otherwise.
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.frames import read_frame
+from radioloc.imaging.ground_points import ground_to_image, image_to_ground, image_to_ground_and_partials
 from radioloc.imaging.homography import Homography, HomographyFit, fit_homography
 from radioloc.imaging.image_point import ImagePoint, ImagePointSigmas, locate_image_point
 from radioloc.imaging.isd import SupportData, read_isd, write_isd
@@ -23,13 +24,7 @@ from radioloc.imaging.registration import (
     Registration,
     register_chain,
 )
-from radioloc.imaging.sensor_models import (
-    FrameModel,
-    LineScanModel,
-    ground_to_image,
-    image_to_ground,
-    image_to_ground_and_partials,
-)
+from radioloc.imaging.sensor_models import FrameModel, LineScanModel
 from radioloc.imaging.spice_source import orientation_from_spice
 from radioloc.imaging.stereo import StereoPair, body_position, resect
 from radioloc.imaging.surfaces import Plane, Sphere

@@ -13,12 +13,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
-from radioloc.imaging.sensor_models import (
-    SensorModel,
-    image_to_ground_and_partials,
-    inside,
-    require_mean_earth,
-)
+from radioloc.imaging.ground_points import image_to_ground_and_partials
+from radioloc.imaging.sensor_models import SensorModel, inside, require_mean_earth
 from radioloc.imaging.surfaces import Surface
 from radioloc.lunar import LunarPosition, cartesian_to_selenographic, east_north_up, rot_pa_to_me
 

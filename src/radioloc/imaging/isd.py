@@ -22,14 +22,10 @@ from radioloc import vectors
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import KINDS, Distortion
+from radioloc.imaging.json_keys import Keys
 from radioloc.imaging.moon_axes import rot_j2000_to_me
-from radioloc.imaging.orientation import (
-    ConstantOrientation,
-    TabulatedOrientation,
-    interpolated_rotations,
-    matrices_of,
-    quaternions_of,
-)
+from radioloc.imaging.orientation import ConstantOrientation, TabulatedOrientation, interpolated_rotations
+from radioloc.imaging.rotations import matrices_of, quaternions_of
 from radioloc.imaging.sensor_models import FrameModel, LineScanModel
 from radioloc.text_files import read_text
 
@@ -48,7 +44,7 @@ _AXES = {
 }
 """NAIF's codes of axes (31009 leads from DE440 to the mean-Earth axes of DE421)."""
 
-_LARGEST = 1e15  # number in a file: in seconds or kilometres it is out of this world
+
 _STATE_STEP_S = 1e-3
 _NODES_WRITTEN = 401
 
@@ -93,7 +89,7 @@ def read_isd(path: str | Path, *, axes: str | None = None) -> SupportData:
         content = json.loads(read_text(path))
     except json.JSONDecodeError as error:
         raise FileFormatError(path, f"is not JSON: {error.msg}", error.lineno) from error
-    keys = _Keys(path, content)
+    keys = Keys(path, content)
     name = keys.text("name_model")
     if name not in (_FRAME, _LINE_SCAN):
         raise FileFormatError(path, f"name_model is {name!r}; {_FRAME} and {_LINE_SCAN} are read")
@@ -184,66 +180,7 @@ def write_isd(path: str | Path, data: SupportData) -> None:
     Path(path).write_text(json.dumps(content, indent=1) + "\n")
 
 
-class _Keys:
-    """Values of an ISD by their path, with errors that name file and key."""
-
-    def __init__(self, path: str | Path, content: Any) -> None:
-        self.path = path
-        self.content = content
-
-    def get(self, name: str, default: Any = None) -> Any:
-        """The value of a key such as ``detector_center.line``; without a default the key has to be there."""
-        value = self.content
-        for part in name.split("."):
-            if not isinstance(value, dict) or part not in value:
-                if default is not None:
-                    return default
-                raise FileFormatError(
-                    self.path, f"the key {name} is missing; an ISD of a sensor model has it"
-                )
-            value = value[part]
-        return value
-
-    def has(self, name: str) -> bool:
-        """Whether there is such a key."""
-        return isinstance(self.content, dict) and self.get(name, _ABSENT) is not _ABSENT
-
-    def text(self, name: str, default: str | None = None) -> str:
-        """A text."""
-        return str(self.get(name, default))
-
-    def numbers(self, name: str, shape: tuple[int | None, ...], default: Any = None) -> Floats:
-        """An array of finite numbers; of lengths that are None there may be any number."""
-        value = self.get(name, default)
-        try:
-            array = np.array(value, dtype=np.float64)
-        except (TypeError, ValueError):
-            array = np.array(np.nan)
-        fits = array.ndim == len(shape) and all(
-            want in (None, got) for want, got in zip(shape, array.shape, strict=True)
-        )
-        if not fits or not (np.abs(array) < _LARGEST).all():
-            size = " by ".join("n" if one is None else str(one) for one in shape)
-            what = f"{size} finite numbers" if shape else "a finite number"
-            raise FileFormatError(self.path, f"{name} is not {what}, as a camera has")
-        return array
-
-    def number(self, name: str, default: float | None = None) -> float:
-        """One finite number."""
-        return float(self.numbers(name, (), default))
-
-    def count(self, name: str) -> int:
-        """A positive whole number."""
-        value = self.number(name)
-        if value < 1.0 or value != int(value):
-            raise FileFormatError(self.path, f"{name} = {value:g} is not a positive whole number")
-        return int(value)
-
-
-_ABSENT = object()
-
-
-def _support_data(keys: _Keys, scan: bool, axes: str | None) -> SupportData:
+def _support_data(keys: Keys, scan: bool, axes: str | None) -> SupportData:
     epoch = keys.number("center_ephemeris_time")
     shape = (keys.count("image_lines"), keys.count("image_samples"))
     radius_m = keys.number("radii.semimajor") * _unit_m(keys, "radii.unit")
@@ -287,7 +224,7 @@ def _support_data(keys: _Keys, scan: bool, axes: str | None) -> SupportData:
     return SupportData(LineScanModel(camera, orientation, rates, shape, named), *about)
 
 
-def _camera(keys: _Keys, scan: bool, down: Floats) -> Camera:
+def _camera(keys: Keys, scan: bool, down: Floats) -> Camera:
     """The interior orientation; `down` is the direction to the Moon's centre in the camera's axes.
 
     USGS's models look along +z and -z alike; which of them shows the Moon is seen from the orientation.
@@ -313,7 +250,7 @@ def _camera(keys: _Keys, scan: bool, down: Floats) -> Camera:
     )
 
 
-def _distortion(keys: _Keys) -> Distortion:
+def _distortion(keys: Keys) -> Distortion:
     kinds = keys.get("optical_distortion", {})
     if not isinstance(kinds, dict) or len(kinds) != 1:
         raise FileFormatError(keys.path, "optical_distortion does not name one kind")
@@ -322,7 +259,7 @@ def _distortion(keys: _Keys) -> Distortion:
     if kind not in KINDS or kind in ("none", "brown"):
         known = ", ".join(one for one in KINDS if one not in ("none", "brown"))
         raise FileFormatError(keys.path, f"optical_distortion is of the kind {kind!r}; {known} are read")
-    inside = _Keys(keys.path, about)
+    inside = Keys(keys.path, about)
     if kind == "transverse":
         values: Sequence[float] = [*inside.numbers("x", (10,)), *inside.numbers("y", (10,))]
     elif kind == "kaguyalism":
@@ -358,7 +295,7 @@ def _written_distortion(camera: Camera) -> dict[str, Any]:
     return {kind: {"coefficients": values}}
 
 
-def _rotations(keys: _Keys, name: str) -> Floats:
+def _rotations(keys: Keys, name: str) -> Floats:
     """Rotations from J2000 at a table's times, the constant one included, shape (n, 3, 3)."""
     times = keys.numbers(f"{name}.ephemeris_times", (None,))
     quaternions = keys.numbers(f"{name}.quaternions", (len(times), 4))
@@ -369,7 +306,7 @@ def _rotations(keys: _Keys, name: str) -> Floats:
 
 
 def _states(
-    keys: _Keys, name: str, epoch: float, rot_j2000_to_moon: Any
+    keys: Keys, name: str, epoch: float, rot_j2000_to_moon: Any
 ) -> tuple[Floats, Floats, Floats | None]:
     """Times from the epoch, positions, m, and velocities relative to the Moon's axes, m/s."""
     scale = _unit_m(keys, f"{name}.unit")
@@ -387,7 +324,7 @@ def _states(
     return times, vectors.rotated(turned, positions), relative
 
 
-def _unit_m(keys: _Keys, name: str) -> float:
+def _unit_m(keys: Keys, name: str) -> float:
     unit = keys.text(name, "km").lower()
     if unit not in _UNITS_M:
         raise FileFormatError(keys.path, f"{name} is {unit!r}; m and km are read")

@@ -15,6 +15,15 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_points
+from radioloc.imaging.rotations import (
+    angles_of,
+    intervals,
+    matrices_of,
+    of_one_sign,
+    quaternions_of,
+    rotation_of,
+    slerp,
+)
 
 Floats = NDArray[np.float64]
 
@@ -122,7 +131,7 @@ class TabulatedOrientation:
         norms = np.linalg.norm(self.quaternions, axis=1)
         if (np.abs(norms - 1.0) > 1e-3).any():
             raise InputError("quaternions: one does not have the length 1")
-        object.__setattr__(self, "quaternions", _of_one_sign(self.quaternions / norms[:, None]))
+        object.__setattr__(self, "quaternions", of_one_sign(self.quaternions / norms[:, None]))
         if self.velocities_m_s is not None:
             velocities = as_points(self.velocities_m_s, 3, "velocities_m_s")
             if len(velocities) != len(self.positions_m):
@@ -155,7 +164,7 @@ class TabulatedOrientation:
             assert self.velocities_m_s is not None
             positions = _hermite(self.position_times_s, self.positions_m, self.velocities_m_s, time_s)
         table = (self.rotation_times_s, self.quaternions, time_s)
-        return positions, matrices_of(_lagrange(*table) if self._even[1] else _slerp(*table))
+        return positions, matrices_of(_lagrange(*table) if self._even[1] else slerp(*table))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -255,35 +264,6 @@ class PolynomialOrientation:
         return np.stack([np.cross(across, up), across, up], axis=-1)
 
 
-def rotation_of(angles_rad: Floats) -> Floats:
-    """Rx(omega) Ry(phi) Rz(kappa), each turning vectors, shape (n, 3, 3), of angles, shape (n, 3)."""
-    (so, sp, sk), (co, cp, ck) = np.sin(angles_rad).T, np.cos(angles_rad).T
-    rows = [
-        [cp * ck, -cp * sk, sp],
-        [co * sk + so * sp * ck, co * ck - so * sp * sk, -so * cp],
-        [so * sk - co * sp * ck, so * ck + co * sp * sk, co * cp],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
-def angles_of(rotations: Floats) -> Floats:
-    """The angles of :func:`rotation_of`, rad, shape (n, 3)."""
-    omega = np.arctan2(-rotations[:, 1, 2], rotations[:, 2, 2])
-    kappa = np.arctan2(-rotations[:, 0, 1], rotations[:, 0, 0])
-    return np.stack([omega, np.arcsin(np.clip(rotations[:, 0, 2], -1.0, 1.0)), kappa], axis=-1)
-
-
-def matrices_of(quaternions: Floats) -> Floats:
-    """Rotation matrices, shape (n, 3, 3), of quaternions of any length, scalar first, shape (n, 4)."""
-    w, x, y, z = (quaternions / np.linalg.norm(quaternions, axis=1, keepdims=True)).T
-    rows = [
-        [1.0 - 2.0 * (y * y + z * z), 2.0 * (x * y - w * z), 2.0 * (x * z + w * y)],
-        [2.0 * (x * y + w * z), 1.0 - 2.0 * (x * x + z * z), 2.0 * (y * z - w * x)],
-        [2.0 * (x * z - w * y), 2.0 * (y * z + w * x), 1.0 - 2.0 * (x * x + y * y)],
-    ]
-    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
-
-
 def interpolated_rotations(times_s: Floats, rotations: Floats, time_s: Floats) -> Floats:
     """Rotation matrices at times, shape (n, 3, 3), of a table of evenly turning axes or of one rotation.
 
@@ -292,20 +272,7 @@ def interpolated_rotations(times_s: Floats, rotations: Floats, time_s: Floats) -
     if len(times_s) == 1:
         return np.broadcast_to(rotations[0], (len(time_s), 3, 3))
     _inside(time_s, (times_s[0] - 1.0, times_s[-1] + 1.0))
-    return matrices_of(_slerp(times_s, _of_one_sign(quaternions_of(rotations)), time_s))
-
-
-def quaternions_of(rotations: Floats) -> Floats:
-    """Quaternions, scalar first, shape (n, 4), of rotation matrices."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(np.roll(Rotation.from_matrix(rotations).as_quat(), 1, axis=-1))
-
-
-def _of_one_sign(quaternions: Floats) -> Floats:
-    """The same rotation has two signs; neighbours get the same one, or interpolation would go the long way."""
-    turns = np.sum(quaternions[1:] * quaternions[:-1], axis=1) < 0.0
-    return quaternions * np.concatenate([[1.0], np.where(np.cumsum(turns) % 2, -1.0, 1.0)])[:, None]
+    return matrices_of(slerp(times_s, of_one_sign(quaternions_of(rotations)), time_s))
 
 
 def _polynomials(coefficients: Floats, argument: Floats) -> Floats:
@@ -324,10 +291,6 @@ def _inside(time_s: Floats, span_s: tuple[float, float]) -> Floats:
     return np.clip(time_s, first, last)
 
 
-def _intervals(times_s: Floats, time_s: Floats) -> NDArray[np.intp]:
-    return np.clip(np.searchsorted(times_s, time_s, side="right") - 1, 0, len(times_s) - 2)
-
-
 def _lagrange(times_s: Floats, values: Floats, time_s: Floats) -> Floats:
     """With the nodes' own times: rounding them to even ones would move an orbiter by 0.05 mm."""
     from radioloc.imaging._kernels import lagrange
@@ -336,7 +299,7 @@ def _lagrange(times_s: Floats, values: Floats, time_s: Floats) -> Floats:
 
 
 def _hermite(times_s: Floats, values: Floats, rates: Floats, time_s: Floats) -> Floats:
-    index = _intervals(times_s, time_s)
+    index = intervals(times_s, time_s)
     step = (times_s[index + 1] - times_s[index])[:, None]
     t = (time_s - times_s[index])[:, None] / step
     return np.asarray(
@@ -345,16 +308,3 @@ def _hermite(times_s: Floats, values: Floats, rates: Floats, time_s: Floats) -> 
         + values[index + 1] * t**2 * (3.0 - 2.0 * t)
         + rates[index + 1] * step * t**2 * (t - 1.0)
     )
-
-
-def _slerp(times_s: Floats, quaternions: Floats, time_s: Floats) -> Floats:
-    """Quaternions of neighbours have the same sign; by the half-angle's tangent, exact also for small angles."""
-    index = _intervals(times_s, time_s)
-    t = (time_s - times_s[index]) / (times_s[index + 1] - times_s[index])
-    a, b = quaternions[index], quaternions[index + 1]
-    angle = 2.0 * np.arctan2(np.linalg.norm(b - a, axis=1), np.linalg.norm(b + a, axis=1))
-    small = angle < 1e-9
-    sine = np.where(small, 1.0, np.sin(angle))
-    before = np.where(small, 1.0 - t, np.sin((1.0 - t) * angle) / sine)
-    after = np.where(small, t, np.sin(t * angle) / sine)
-    return np.asarray(before[:, None] * a + after[:, None] * b)

@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from radioloc import vectors
 from radioloc.errors import InputError, KernelError
 from radioloc.imaging.moon_axes import rot_j2000_to_me
-from radioloc.imaging.orientation import TabulatedOrientation, quaternions_of
+from radioloc.imaging.orientation import TabulatedOrientation
+from radioloc.imaging.rotations import quaternions_of
 from radioloc.text_files import require_file
 
 Floats = NDArray[np.float64]

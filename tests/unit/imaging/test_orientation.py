@@ -7,7 +7,7 @@ import pytest
 
 from radioloc.errors import InputError
 from radioloc.imaging import ConstantOrientation, PolynomialOrientation, TabulatedOrientation, read_isd
-from radioloc.imaging.orientation import angles_of, matrices_of, quaternions_of, rotation_of
+from radioloc.imaging.rotations import angles_of, matrices_of, quaternions_of, rotation_of
 
 ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
 

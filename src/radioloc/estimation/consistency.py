@@ -303,11 +303,8 @@ class _Search:
                 tested += [("pass", name, span_s, mine) for span_s in spans]
             if len(mine) < count:
                 tested.append((kind, name, None, mine))
-        width, found = self.fit.factor.root_covariance().shape[1], []
-        for kind, name, span_s, links in tested:
-            columns = problem.columns(links, span_s or (-np.inf, np.inf), width)
-            if (verdict := problem.test(columns, links)) is not None:
-                found.append(_Tried(kind, name, columns, verdict, (), span_s=span_s, links=links))
+        width = self.fit.factor.root_covariance().shape[1]
+        found = [_tried(problem, kind, name, links, span_s, width) for kind, name, span_s, links in tested]
         return _judged(found, len(tested))
 
     def explanations(self, problem: BinnedProblem) -> list[_Tried]:
@@ -357,16 +354,10 @@ class _Search:
         for name, mine in self._sets(problem):
             edges_s = problem.times_s(mine)[_FEWEST : 1 - _FEWEST]
             total += len(edges_s)
-            if not len(edges_s):
-                continue
-            chi2, _ = problem.each(problem.columns(mine, (edges_s, np.inf)))
-            span_s = float(edges_s[int(np.argmax(chi2))]), np.inf
-            columns = problem.columns(mine, span_s)
-            if (verdict := problem.test(columns, mine)) is not None:
-                width_s = problem.width_s(mine)
-                found.append(
-                    _Tried("jump", name, columns, verdict, span_s=span_s, links=mine, width_s=width_s)
-                )
+            if len(edges_s):
+                chi2, _ = problem.each(problem.columns(mine, (edges_s, np.inf)))
+                span_s = float(edges_s[int(np.argmax(chi2))]), np.inf
+                found.append(_tried(problem, "jump", name, mine, span_s))
         return _judged(found, total)
 
     def _offsets(self, problem: BinnedProblem) -> list[_Tried]:
@@ -374,10 +365,8 @@ class _Search:
         found = []
         for name, mine in self._sets(problem):
             passes = _passes(problem, mine)
-            for span_s in (None, *(passes if len(passes) > 1 else ())):
-                columns = problem.columns(mine, span_s or (-np.inf, np.inf))
-                if (verdict := problem.test(columns, mine)) is not None:
-                    found.append(_Tried("offset", name, columns, verdict, span_s=span_s, links=mine))
+            spans = (None, *(passes if len(passes) > 1 else ()))
+            found += [_tried(problem, "offset", name, mine, span_s) for span_s in spans]
         return _judged(found, len(found))
 
     def named(self, tried: _Tried, verdict: Verdict) -> Inconsistency:
@@ -426,10 +415,26 @@ class _Search:
         return str(epochs[0]), "" if math.isinf(end_s) else str(epochs[1])
 
 
-def _judged(tried: list[_Tried], count: int) -> list[_Tried]:
+def _tried(
+    problem: BinnedProblem,
+    kind: str,
+    name: str,
+    links: Mapping[int, float],
+    span_s: tuple[float, float] | None,
+    parameters: int = 0,
+) -> _Tried | None:
+    """Links in a span of time with parameters of their own, or with a constant; none where nothing is told."""
+    columns = problem.columns(links, span_s or (-np.inf, np.inf), parameters)
+    if (verdict := problem.test(columns, links)) is None:
+        return None
+    components, width_s = () if parameters else ("",), problem.width_s(links) if kind == "jump" else 0.0
+    return _Tried(kind, name, columns, verdict, components, span_s=span_s, links=links, width_s=width_s)
+
+
+def _judged(tried: Iterable[_Tried | None], count: int) -> list[_Tried]:
     """With their chances, so many having been tried in each family."""
     every = math.log(_FAMILIES * max(count, 1))
-    return [replace(one, log_chance=one.verdict.log_chance + every) for one in tried]
+    return [replace(one, log_chance=one.verdict.log_chance + every) for one in tried if one is not None]
 
 
 def _passes(problem: BinnedProblem, links: Iterable[int]) -> list[tuple[float, float]]:

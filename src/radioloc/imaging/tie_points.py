@@ -1,0 +1,276 @@
+"""Tie points that somebody else has measured: ground control files of ASP and QGIS, and tables.
+
+Pixels in memory are (sample, line) with the centre of the first pixel at (0, 0). So are those of ASP's files and of
+tables here; QGIS counts from the corner of the image, lines upward from there, so that its lines are negative.
+
+Tables have a heading and a line for each measurement: ``point`` (the same name for the same point), ``image``,
+``sample``, ``line``, ``sigma_px``, and ``longitude_deg``, ``latitude_deg``, ``sigma_m`` of points whose place is known,
+else empty.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.imaging.maps import Map
+from radioloc.text_files import read_text, write_text
+
+_COLUMNS = ("point", "image", "sample", "line", "sigma_px", "longitude_deg", "latitude_deg", "sigma_m")
+_QGIS = ("mapX", "mapY", "sourceX", "sourceY", "enable")
+_DEFAULT_SIGMA_PX = 1.0  # of points clicked by hand
+_GCP_FIELDS, _MEASURE_FIELDS = 7, 5
+
+
+@dataclass(frozen=True, slots=True)
+class Measurement:
+    """Where a point is in one image."""
+
+    image: str
+    sample: float
+    line: float
+    sigma_px: float = _DEFAULT_SIGMA_PX
+
+
+@dataclass(frozen=True, slots=True)
+class TiePoint:
+    """A point measured in images, with its place on the Moon where that is known (mean-Earth axes)."""
+
+    name: str
+    measurements: tuple[Measurement, ...]
+    longitude_deg: float | None = None
+    latitude_deg: float | None = None
+    sigma_m: float | None = None
+    height_m: float = 0.0
+
+
+def read_tie_points(path: str | Path, *, image: str | None = None, base: Map | None = None) -> list[TiePoint]:
+    r"""Read tie points; the format follows from the name: ``.gcp`` (ASP), ``.points`` (QGIS), or a table (``.csv``).
+
+    Parameters
+    ----------
+    path : path-like
+        The file.
+    image : str, optional
+        Of a file of QGIS: the name of the image that it belongs to, by default the file's without ``.points``.
+    base : Map, optional
+        Of a file of QGIS: the map whose projection its places are in; without it they are degrees.
+
+    Raises
+    ------
+    FileFormatError
+        A line that is not of the format, with its number.
+
+    Examples
+    --------
+    >>> import tempfile
+    >>> path = Path(tempfile.mkdtemp(), "a.gcp")
+    >>> _ = path.write_text("5 44.12 -19.51 -2640 25 25 10 1801.png 174.0 173.5 0.5 0.5\n")
+    >>> point = read_tie_points(path)[0]
+    >>> point.longitude_deg, point.measurements[0].sample
+    (-19.51, 174.0)
+    """
+    path = Path(path)
+    text = read_text(path)
+    if path.suffix.lower() == ".gcp":
+        return _read_gcp(path, text)
+    if path.suffix.lower() == ".points":
+        return _read_qgis(path, text, image or path.stem, base)
+    return _read_table(path, text)
+
+
+def write_tie_points(
+    path: str | Path, points: Sequence[TiePoint], *, image: str | None = None, base: Map | None = None
+) -> None:
+    """Write tie points in the format of the name; see :func:`read_tie_points`.
+
+    Files of ASP and QGIS hold points whose place is known, those of QGIS of one image; others are an error.
+
+    Raises
+    ------
+    InputError
+        Points that the format cannot hold.
+    FileFormatError
+        The file cannot be written.
+    """
+    path = Path(path)
+    suffix = path.suffix.lower()
+    if suffix in (".gcp", ".points"):
+        for point in points:
+            if point.longitude_deg is None:
+                raise InputError(
+                    f"{point.name} has no place on the Moon, which {path.name} needs; write a table (.csv)"
+                )
+    if suffix == ".gcp":
+        text = "".join(_gcp_line(point) for point in points)
+    elif suffix == ".points":
+        text = _qgis_text(points, image or path.stem, base)
+    else:
+        text = _table_text(points)
+    write_text(path, text)
+
+
+def _read_gcp(path: Path, text: str) -> list[TiePoint]:
+    points = []
+    for number, line in enumerate(text.split("\n"), start=1):
+        fields = line.partition("#")[0].replace(",", " ").split()
+        if not fields:
+            continue
+        if len(fields) < _GCP_FIELDS or (len(fields) - _GCP_FIELDS) % _MEASURE_FIELDS:
+            raise FileFormatError(
+                path,
+                f"{len(fields)} fields; a point has an identifier, latitude, longitude, height, three sigmas, and for "
+                "each image its name, column, row and two sigmas",
+                number,
+            )
+        latitude, longitude, height_m, *sigmas_m = (_number(path, f, number) for f in fields[1:_GCP_FIELDS])
+        measurements = []
+        for k in range(_GCP_FIELDS, len(fields), _MEASURE_FIELDS):
+            sample, row, *sigmas = (_number(path, f, number) for f in fields[k + 1 : k + _MEASURE_FIELDS])
+            measurements.append(Measurement(Path(fields[k]).name, sample, row, _mean(path, sigmas, number)))
+        place = _place(path, longitude, latitude, number)
+        points.append(
+            TiePoint(fields[0], tuple(measurements), *place, _mean(path, sigmas_m[:2], number), height_m)
+        )
+    return _some(path, points)
+
+
+def _read_qgis(path: Path, text: str, image: str, base: Map | None) -> list[TiePoint]:
+    lines = [(k, line) for k, line in enumerate(text.split("\n"), start=1) if line.strip()]
+    lines = [(k, line) for k, line in lines if not line.startswith("#CRS")]
+    if not lines or lines[0][1].strip().split(",")[:4] not in (
+        list(_QGIS[:4]),
+        ["mapX", "mapY", "pixelX", "pixelY"],
+    ):
+        raise FileFormatError(path, f"has no heading {','.join(_QGIS)}, with which files of QGIS begin", 1)
+    points = []
+    for number, line in lines[1:]:
+        fields = line.split(",")
+        if len(fields) < len(_QGIS):
+            raise FileFormatError(path, f"{len(fields)} fields; a point of QGIS has five or more", number)
+        x, y, source_x, source_y, enabled = (_number(path, f, number) for f in fields[: len(_QGIS)])
+        if not enabled:
+            continue
+        if base is None:
+            longitude, latitude = x, y
+        else:
+            longitude, latitude = (float(v) for v in base.longitude_latitude_deg(base.from_xy_m([[x, y]]))[0])
+        measured = Measurement(image, source_x - 0.5, -source_y - 0.5)
+        points.append(TiePoint(str(number), (measured,), *_place(path, longitude, latitude, number), None))
+    return _some(path, points)
+
+
+def _read_table(path: Path, text: str) -> list[TiePoint]:
+    rows = list(csv.reader(io.StringIO(text)))
+    if not rows or any(name not in rows[0] for name in _COLUMNS[:4]):
+        raise FileFormatError(path, f"has no heading with {', '.join(_COLUMNS[:4])}", 1)
+    unknown = sorted(set(rows[0]) - set(_COLUMNS))
+    if unknown:
+        raise FileFormatError(
+            path, f"has columns {unknown}, which are not known; use {', '.join(_COLUMNS)}", 1
+        )
+    measured: dict[str, list[Measurement]] = {}
+    places: dict[str, tuple[float | None, float | None, float | None]] = {}
+    for number, row in enumerate(rows[1:], start=2):
+        if not any(row):
+            continue
+        if len(row) != len(rows[0]):
+            raise FileFormatError(path, f"{len(row)} fields where the heading has {len(rows[0])}", number)
+        cells = dict(zip(rows[0], row, strict=True))
+        sample, line = (_number(path, cells[name], number) for name in ("sample", "line"))
+        sigma = cells.get("sigma_px")
+        sigma_px = _mean(path, [_number(path, sigma, number)], number) if sigma else _DEFAULT_SIGMA_PX
+        measured.setdefault(cells["point"], []).append(Measurement(cells["image"], sample, line, sigma_px))
+        degrees = [cells.get(name) or None for name in ("longitude_deg", "latitude_deg")]
+        if (degrees[0] is None) != (degrees[1] is None):
+            raise FileFormatError(path, "longitude_deg or latitude_deg is empty, but not both", number)
+        if degrees[0] is not None and degrees[1] is not None:
+            longitude, latitude = (_number(path, d, number) for d in (degrees[0], degrees[1]))
+            at = _place(path, longitude, latitude, number)
+            sigma = cells.get("sigma_m")
+            here = (*at, _mean(path, [_number(path, sigma, number)], number) if sigma else None)
+            if places.setdefault(cells["point"], here) != here:
+                raise FileFormatError(path, f"point {cells['point']!r} has two places", number)
+    nowhere = (None, None, None)
+    return _some(path, [TiePoint(name, tuple(m), *places.get(name, nowhere)) for name, m in measured.items()])
+
+
+def _gcp_line(point: TiePoint) -> str:
+    sigma_m = 1.0 if point.sigma_m is None else point.sigma_m
+    place = f"{point.name} {point.latitude_deg:.9f} {point.longitude_deg:.9f} {point.height_m:.4f}"
+    pixels = (
+        f"{m.image} {m.sample:.4f} {m.line:.4f} {m.sigma_px:g} {m.sigma_px:g}" for m in point.measurements
+    )
+    return f"{place} {sigma_m:g} {sigma_m:g} {sigma_m:g} {' '.join(pixels)}\n"
+
+
+def _qgis_text(points: Sequence[TiePoint], image: str, base: Map | None) -> str:
+    lines = ["mapX,mapY,sourceX,sourceY,enable,dX,dY,residual"]
+    for point in points:
+        at = np.array([[point.longitude_deg, point.latitude_deg]], dtype=np.float64)
+        x, y = at[0] if base is None else base.xy_m(base.pixels(at))[0]
+        lines += [
+            f"{x:.9f},{y:.9f},{m.sample + 0.5:.4f},{-m.line - 0.5:.4f},1,0,0,0"
+            for m in point.measurements
+            if m.image == image
+        ]
+    if len(lines) == 1:
+        raise InputError(f"no point is measured in {image!r}; name the image")
+    return "\n".join(lines) + "\n"
+
+
+def _table_text(points: Sequence[TiePoint]) -> str:
+    stream = io.StringIO()
+    writer = csv.writer(stream, lineterminator="\n")
+    writer.writerow(_COLUMNS)
+    for point in points:
+        place = [
+            "" if v is None else f"{v:.{d}f}"
+            for v, d in ((point.longitude_deg, 9), (point.latitude_deg, 9), (point.sigma_m, 4))
+        ]
+        for m in point.measurements:
+            writer.writerow(
+                [point.name, m.image, f"{m.sample:.4f}", f"{m.line:.4f}", f"{m.sigma_px:g}", *place]
+            )
+    return stream.getvalue()
+
+
+def _number(path: Path, field: str, line: int) -> float:
+    try:
+        value = float(field)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise FileFormatError(path, f"{field!r} is not a number", line)
+    return value
+
+
+def _mean(path: Path, sigmas: Iterable[float], line: int) -> float:
+    """One sigma of two coordinates, their root mean square."""
+    values = list(sigmas)
+    if not all(v > 0.0 for v in values):
+        raise FileFormatError(path, f"a sigma is {min(values):g}, not positive", line)
+    return math.sqrt(sum(v * v for v in values) / len(values))
+
+
+def _place(path: Path, longitude: float, latitude: float, line: int) -> tuple[float, float]:
+    if not (abs(longitude) <= 360.0 and abs(latitude) <= 90.0):
+        raise FileFormatError(
+            path,
+            f"longitude {longitude:g}, latitude {latitude:g} are no degrees; are they metres of a projection?",
+            line,
+        )
+    return longitude - 360.0 * round(longitude / 360.0), latitude
+
+
+def _some(path: Path, points: list[TiePoint]) -> list[TiePoint]:
+    if not points:
+        raise FileFormatError(path, "has no tie points")
+    return points

@@ -17,10 +17,11 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.errors import InputError, RadiolocError
 from radioloc.imaging.adjustment import AdjustedHomographies, TiePoints, adjust
 from radioloc.imaging.frames import Image, Mask, load_opencv
-from radioloc.imaging.homography import Homography, derivative, of_correction, transformed
+from radioloc.imaging.homography import Homography, derivative, fit_homography, of_correction, transformed
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
+from radioloc.imaging.tie_points import TiePoint
 
 Floats = NDArray[np.float64]
 Node = tuple[int, ...]  # a feature: frame, reduction, number; or -1, level, tile, number of the map
@@ -30,7 +31,7 @@ _LARGEST_SIDE_PIXELS = 1200  # of images in which features are sought
 _FEATURES = 1500
 _LEAST_WIDTH_ON_MAP_PIXELS = 90
 _SEARCHES = 6  # of the whole map, for the first images
-_SEARCH_PIXELS = 4096  # side of the coarsest level at which the whole map is searched
+_SEARCH_PIXELS = 2048  # side of the coarsest level at which the whole map is searched
 _PREDICTED_PART = 0.08  # of an image's width: how far a prediction along the chain may be off
 _FEWEST_TIES = 6
 # What features of the map have in common beside its tie, of a pixel of the map: craters seem to move under another sun,
@@ -79,7 +80,7 @@ class RegisteredFrame:
     name: str
     status: FrameStatus
     reason: str = ""  # of one that could not be read
-    matched_to: tuple[str, ...] = ()  # images before it, and "map"
+    matched_to: tuple[str, ...] = ()  # images before it, "map", and "given" of tie points that were
     candidates: int = 0  # pairs of features that were compared with success, with all of these together
     inliers: int = 0  # its tie points in the adjustment,
     map_inliers: int = 0  # and those with the map
@@ -154,6 +155,7 @@ def register_chain(
     map_sigma_m: tuple[float, float],
     mask: Mask | None = None,
     near: tuple[float, float, float] | None = None,
+    ties: Sequence[TiePoint] = (),
     detector: Detector = Detector.SIFT,
     progress: Callable[[Iterable[Frame]], Iterable[Frame]] = iter,
 ) -> Registration:
@@ -171,6 +173,8 @@ def register_chain(
         Which pixels of the images show the ground (:func:`radioloc.imaging.find_mask`).
     near : tuple of float, optional
         Longitude and latitude, degrees, and a radius, m: where on the map the images are sought.
+    ties : sequence of TiePoint, optional
+        Tie points that are measured already, in images by their names; they are used beside those that are found.
     detector : Detector
         Of features.
     progress : callable, optional
@@ -186,7 +190,7 @@ def register_chain(
     InputError
         No image is registered; images are not in order from high to low.
     """
-    chain = _Chain(frames, MapFeatures(base, _plane_of(base, near), detector), mask, near)
+    chain = _Chain(frames, MapFeatures(base, _plane_of(base, near), detector), mask, near, ties)
     for frame in progress(frames):
         chain.add(frame)
     return chain.adjusted(map_sigma_m)
@@ -219,6 +223,7 @@ class _Chain:
         on_map: MapFeatures,
         mask: Mask | None,
         near: tuple[float, float, float] | None,
+        ties: Sequence[TiePoint],
     ) -> None:
         names = [frame.name for frame in frames]
         if len(set(names)) < len(names):
@@ -229,6 +234,17 @@ class _Chain:
         self.pairs: list[tuple[Node, Node]] = []
         self.links: list[tuple[int, int, Floats]] = []  # homographies between images
         self.place: dict[Node, tuple[Floats, float]] = {}  # pixel or place in the plane, with sigma
+        self.given = [tie for tie in ties if {m.image for m in tie.measurements} & set(names)]
+        if ties and not self.given:
+            raise InputError(
+                f"none of the {len(ties)} tie points is measured in one of the images; compare names"
+            )
+        self.first_of_given: dict[int, Node] = {}
+        for k, tie in enumerate(self.given):
+            if tie.longitude_deg is not None and tie.latitude_deg is not None:
+                place = on_map.plane.from_longitude_latitude([[tie.longitude_deg, tie.latitude_deg]])[0]
+                self.first_of_given[k] = (-1, -1, 0, k)
+                self.place[-1, -1, 0, k] = (place, tie.sigma_m or on_map.base.resolution_m)
         self.searches = 0
         self.extent_m = on_map.base.extent_m(on_map.plane)
         if near is not None:
@@ -255,6 +271,7 @@ class _Chain:
         this = _Taken(frame.name, size, FrameStatus.UNMATCHED, features=features)
         number = len(self.taken)
         self.taken.append(this)
+        self._take_given(frame, number)
         best = 0
         for back in _STEPS_BACK:
             other = self.taken[number - back] if back <= number else None
@@ -262,7 +279,8 @@ class _Chain:
                 continue
             found = match(features, other.features)
             if found.status is MatchStatus.FEATURELESS and len(features.pixels) < len(other.features.pixels):
-                this.status, this.features = FrameStatus.FEATURELESS, None
+                this.features = None
+                this.status = FrameStatus.FEATURELESS if this.status is FrameStatus.UNMATCHED else this.status
                 return
             if not found.matched or found.matrix is None:
                 continue
@@ -275,6 +293,36 @@ class _Chain:
             if other.to_plane is not None and len(found.first) > best:
                 best, this.to_plane = len(found.first), other.to_plane @ found.matrix
         self._tie_to_map(frame, number, image, reduction)
+
+    def _take_given(self, frame: Frame, number: int) -> None:
+        """Tie the image by points that are given, and place it where enough of them have a place already."""
+        this = self.taken[number]
+        known: list[tuple[Floats, float, Floats, float]] = []
+        for k, tie in enumerate(self.given):
+            for m in (m for m in tie.measurements if m.image == frame.name):
+                pixel = np.array([m.sample, m.line])
+                if frame.undistorted is not None:
+                    pixel = frame.undistorted(pixel[np.newaxis])[0]
+                node = (number, 2, k)
+                self.place[node] = (pixel, m.sigma_px)
+                first = self.first_of_given.setdefault(k, node)
+                if first == node:
+                    continue
+                self._tie(node, first)
+                place, sigma = self.place[first]
+                if first[0] >= 0:
+                    to_plane = self.taken[first[0]].to_plane
+                    if to_plane is None:
+                        continue
+                    sigma *= _pixel_m(to_plane, self.taken[first[0]].size)
+                    place = transformed(to_plane, place[np.newaxis])[0]
+                known.append((pixel, m.sigma_px, place, sigma))
+        if len(known) >= 4:
+            pixels, sigma_px, places, sigma_m = (np.array(column) for column in zip(*known, strict=True))
+            this.to_plane = fit_homography(pixels, places, sigma_px, sigma_m).homography.matrix
+            this.status = FrameStatus.UNTIED
+            this.matched_to.append("given")
+            this.candidates += len(known)
 
     def _features(self, frame: Frame, image: Image, reduction: int) -> Features:
         """Features of an image reduced by a whole number, at their pixels in the image itself, undistorted."""

@@ -9,9 +9,11 @@ from scenes import frame, frame_matrix
 
 from radioloc.errors import FileFormatError, InputError
 from radioloc.imaging.frames import read_frame
+from radioloc.imaging.homography import transformed
 from radioloc.imaging.maps import Map
 from radioloc.imaging.masks import find_mask
 from radioloc.imaging.registration import Frame, FrameStatus, register_chain
+from radioloc.imaging.tie_points import Measurement, TiePoint
 
 MAP_M = (5.0, 5.0)
 PLACE_M = 0.8  # a fifth of the map's pixels of 4 m, which hold some hundred features
@@ -168,6 +170,28 @@ def test_distortion_is_taken_off(base):
     point = result.ground_point("2", corner[0])
     expected = SHORT.truth_deg(2, ideal(corner)[0])
     np.testing.assert_allclose([point.longitude_deg, point.latitude_deg], expected, rtol=0, atol=2e-5)
+
+
+def test_tie_points_that_are_given_serve_where_none_are_found(base):
+    """Two images without detail, the first tied to the ground by hand, the second to the first."""
+    frames = [Frame(f"{k}", lambda: np.full((400, 500), 90, np.uint8)) for k in range(2)]
+    spots = np.array([[x, y] for x in (50.0, 200.0, 300.0, 450.0) for y in (60.0, 200.0, 350.0)])
+    to_second = np.linalg.solve(SHORT.matrix(1), SHORT.matrix(0))
+    rng = np.random.default_rng(4)
+    ties = []
+    for number, (pixel, other) in enumerate(zip(spots, transformed(to_second, spots), strict=True)):
+        measured = (Measurement("0", *(pixel + rng.normal(0, 0.5, 2)), 0.5),)
+        ties.append(TiePoint(f"ground {number}", measured, *SHORT.truth_deg(0, pixel), 2.0))
+        both = (Measurement("0", *pixel, 0.5), Measurement("1", *(other + rng.normal(0, 0.5, 2)), 0.5))
+        ties.append(TiePoint(f"free {number}", both))
+    result = register_chain(frames, base, map_sigma_m=MAP_M, ties=ties)
+    assert [f.matched_to for f in result.frames] == [("given",), ("given",)]
+    point = result.ground_point("1")
+    error_m = SHORT.error_m(point, 1)
+    own_m2 = point.covariance_m2 - np.diag(np.square(MAP_M)) - 1.44 * np.eye(2)
+    assert error_m @ np.linalg.solve(own_m2, error_m) < 13.8  # chi squared, once in 1000
+    with pytest.raises(InputError, match="none of the 24 tie points is measured in one of the images"):
+        register_chain(SHORT.list[:1], base, map_sigma_m=MAP_M, ties=ties)
 
 
 def test_masks_and_files_refused(base):

@@ -16,6 +16,7 @@ from radioloc.imaging.masks import find_mask
 from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
 from radioloc.imaging.orthophoto import write_orthophoto
+from radioloc.imaging.rectification import rectification, undistorted
 from radioloc.imaging.registration import (
     Frame,
     FrameStatus,
@@ -29,6 +30,7 @@ from radioloc.imaging.spice_source import orientation_from_spice
 from radioloc.imaging.stereo import StereoPair, body_position, resect
 from radioloc.imaging.surfaces import Plane, Sphere
 from radioloc.imaging.terrain_surface import Terrain
+from radioloc.imaging.tie_points import Measurement, TiePoint, read_tie_points, write_tie_points
 
 __all__ = [
     "Camera",
@@ -48,6 +50,7 @@ __all__ = [
     "Map",
     "MatchStatus",
     "Matches",
+    "Measurement",
     "Plane",
     "PolynomialOrientation",
     "RegisteredFrame",
@@ -58,6 +61,7 @@ __all__ = [
     "TabulatedOrientation",
     "TangentPlane",
     "Terrain",
+    "TiePoint",
     "body_position",
     "detect",
     "find_mask",
@@ -70,8 +74,12 @@ __all__ = [
     "orientation_from_spice",
     "read_frame",
     "read_isd",
+    "read_tie_points",
+    "rectification",
     "register_chain",
     "resect",
+    "undistorted",
     "write_isd",
     "write_orthophoto",
+    "write_tie_points",
 ]

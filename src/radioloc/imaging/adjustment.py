@@ -38,7 +38,8 @@ _CONVERGED = 1e-8  # of coordinates of size one: 1e-5 pixel
 _ROUNDS = 12
 _RARE = 1e-3
 _SETTLED = 0.02  # relative change of a variance component
-_ENOUGH_REDUNDANCY = 30.0  # below that, sigmas are not made smaller
+_ENOUGH_REDUNDANCY = 30.0  # below that, sigmas are not told apart, nor made smaller
+_LEAST_FACTOR = 0.05
 _ROWS_AT_ONCE = 2000
 
 
@@ -108,13 +109,15 @@ def adjust(ties: TiePoints, matrices: Floats, sizes: Floats) -> AdjustedHomograp
     matrices = np.array([m / np.linalg.norm(m) for m in matrices])
     used, map_used = np.ones(len(ties.point), bool), np.ones(len(ties.map_point), bool)
     points = _first_places(ties, matrices)
-    factors = np.ones(2)
+    factors, apart = np.ones(2), True
     for number in range(_ROUNDS):
         matrices, points, normal = _solve(ties, used, map_used, factors, matrices, normals, points)
         residuals, map_residuals = _residuals(ties, matrices, points)
         shares, redundancy = normal.redundancies(ties, used, map_used, factors)
         before = factors
-        factors = _components(ties, used, map_used, residuals, map_residuals, shares)
+        # Where few observations are left to tell the two apart, both have one factor, and keep it.
+        apart = apart and bool((shares > _ENOUGH_REDUNDANCY).all())
+        factors = _components(ties, used, map_used, residuals, map_residuals, shares, apart)
         next_used, next_map_used = _kept(ties, used, map_used, residuals, map_residuals, factors)
         same = (next_used == used).all() and (next_map_used == map_used).all()
         if same and number and np.abs(factors / before - 1.0).max() < _SETTLED:
@@ -267,16 +270,20 @@ def _components(
     residuals: Floats,
     map_residuals: Floats,
     redundancies: Floats,
+    apart: bool,
 ) -> Floats:
-    """Factors of the sigmas of pixels and of places on the map, from residuals and redundancies."""
+    """Factors of the sigmas of pixels and of places on the map, apart or one, from residuals and redundancies."""
     sums = np.array(
         [
             ((residuals[used] / ties.sigma_px[used, np.newaxis]) ** 2).sum(),
             ((map_residuals[map_used] / ties.map_sigma_m[map_used, np.newaxis]) ** 2).sum(),
         ]
     )
-    factors = np.sqrt(sums / np.maximum(redundancies, 1.0))
-    return np.where(redundancies > _ENOUGH_REDUNDANCY, np.maximum(factors, 0.05), np.maximum(factors, 1.0))
+    if apart:
+        return np.maximum(np.sqrt(sums / redundancies), _LEAST_FACTOR)
+    redundancy = float(redundancies.sum())
+    factor = float(np.sqrt(sums.sum() / max(redundancy, 1.0)))
+    return np.full(2, max(factor, _LEAST_FACTOR if redundancy > _ENOUGH_REDUNDANCY else 1.0))
 
 
 def _kept(

@@ -34,6 +34,9 @@ _SEARCHES = 6  # of the whole map, for the first images
 _SEARCH_PIXELS = 2048  # side of the coarsest level at which the whole map is searched
 _PREDICTED_PART = 0.08  # of an image's width: how far a prediction along the chain may be off
 _FEWEST_TIES = 6
+_MAGNIFIED = (
+    0.25  # of the largest distance along the axis that a pixel of an oblique image has in the view from above
+)
 # What features of the map have in common beside its tie, of a pixel of the map: craters seem to move under another sun,
 # and blur and sampling of images differ. No number of tie points makes it smaller.
 _COMMON_PART = 0.3
@@ -343,16 +346,20 @@ class _Chain:
     def _rectified(self, frame: Frame, image: Image, reduction: int) -> Features:
         cv2 = load_opencv()
         assert frame.rectification is not None
-        corners = np.array(
-            [[0, 0], [image.shape[1] - 1, 0], [0, image.shape[0] - 1], np.array(image.shape[::-1]) - 1]
+        line, sample = np.mgrid[: image.shape[0], : image.shape[1]]
+        # Toward the horizon the view from above is ever more magnified: what is by more than that is left out.
+        distance = np.tensordot(frame.rectification[2], np.stack([sample, line, np.ones_like(line)]), axes=1)
+        usable = (distance > _MAGNIFIED * distance.max()) & (True if self.mask is None else self.mask)
+        if not usable.any():
+            return detect(np.zeros_like(image), None, self.map.detector)
+        at = transformed(
+            frame.rectification, np.column_stack([sample[usable], line[usable]]).astype(np.float64)
         )
-        at = transformed(frame.rectification, corners.astype(np.float64))
         first, last = at.min(axis=0), at.max(axis=0)
         scale = _LARGEST_SIDE_PIXELS / float((last - first).max())
         to_view = np.diag([scale, scale, 1.0]) @ np.array([[1, 0, -first[0]], [0, 1, -first[1]], [0, 0, 1.0]])
         matrix = to_view @ frame.rectification
         size = tuple(int(n) for n in np.ceil((last - first) * scale))
-        usable = np.ones(image.shape, bool) if self.mask is None else self.mask
         smooth = cv2.blur(image, (reduction, reduction)) if reduction > 1 else image
         view = cv2.warpPerspective(smooth, matrix, size, flags=cv2.INTER_LINEAR)
         seen = cv2.warpPerspective(usable.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST) == 1

@@ -82,6 +82,10 @@ def test_differences_between_arcs_are_as_large_as_they_should_be(matched):
         assert 1.505 < squares.mean() < 2.586
 
 
+HELD_DRAWN = (0.89, 0.87, 0.80)
+"""1000 trials hold 94.2, 92.8 and 87.7 % of 48, 24 and 12 hours (docs/physics.md): quantiles of 0.1 % of 200."""
+
+
 @pytest.fixture(scope="module")
 def lasting():
     """The example's tracking: errors of the model, drawn, and noise that lasts for hours."""
@@ -107,9 +111,8 @@ def test_arcs_of_realistic_data_agree_as_those_of_the_paper(lasting):
 
 def test_ellipses_hold_the_truth_and_no_sigma_grows_with_the_data(lasting):
     """Clocks are estimated: considered only, the height's sigma would grow with the data, beyond its a-priori 5 m."""
-    for arc in lasting.arcs:
-        # Binomial of 200 at 0.93, which 1000 trials show: quantile of 0.1 %.
-        assert arc.inside["horizontal"].fraction >= 0.865
+    for arc, least in zip(lasting.arcs, HELD_DRAWN, strict=True):
+        assert arc.inside["horizontal"].fraction >= least
         assert arc.nees.mean < 1.6
     sigmas_m = np.array([arc.sigma_m for arc in lasting.arcs])
     assert (np.diff(sigmas_m, axis=0) > 0.0).all()

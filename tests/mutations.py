@@ -27,13 +27,13 @@ LIMIT_S, LIMIT_BYTES = 120, 8 << 30  # of processor time and memory: no loop is 
 TESTS = {
     "measurements": {
         "chebyshev_predictor": "", "combined_predictor": "", "dense_series": "chebyshev_predictor",
-        "differences": "combined_predictor", "doppler": "exact_predictor", "equipment_delays": "",
-        "exact_predictor": "exact_predictor arc_selection", "light_path": "light_path gravitational_delay",
+        "differences": "combined_predictor", "doppler": "differenced", "equipment_delays": "",
+        "exact_predictor": "exact_predictor arc_selection differenced", "light_path": "light_path gravitational_delay",
         "line_of_sight": "", "link": "observations differenced",
-        "lunar_motion": "lunar_motion line_of_sight trajectory", "measurement_type": "differenced exact_predictor",
+        "lunar_motion": "lunar_motion line_of_sight trajectory", "measurement_type": "measurement_type differenced",
         "observations": "", "one_way": "combined_predictor", "physical_model": "",
         "piecewise_chebyshev": "chebyshev_predictor", "predictor": "arc_selection combined_predictor",
-        "range": "exact_predictor", "station_motion": "", "terms": "", "vlbi": "exact_predictor",
+        "range": "observations", "station_motion": "", "terms": "", "vlbi": "observations differenced",
     },
     "estimation": {
         "budget": "", "build": "solution time_correlation", "consider": "", "correlated_weights": "", "editing": "",

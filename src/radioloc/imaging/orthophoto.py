@@ -21,6 +21,7 @@ from radioloc.imaging.terrain_surface import Terrain
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, selenographic_to_cartesian
 from radioloc.lunar.interpolation import STENCIL_CELLS, first_cell, weights
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
+from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError
 
 Floats = NDArray[np.float64]
 
@@ -174,8 +175,15 @@ def _block(
     there = np.flatnonzero(np.isfinite(longitude) & np.isfinite(latitude))
     try:
         window = terrain.window(longitude[there], latitude[there])
-    except InputError:  # none of the block is on the elevation map
+    except NoTerrainError:
         return values, seen
+    except LargeWindowError:  # the elevation map is much finer than the orthophoto
+        half = len(rows) // 2
+        halves = [
+            _block(image, model, terrain, grid, rows[k], columns[k], interpolation)
+            for k in (slice(half), slice(half, None))
+        ]
+        return np.concatenate([v for v, _ in halves]), np.concatenate([s for _, s in halves])
     height_m, known = window.heights(longitude[there], latitude[there])
     there, height_m = there[known], height_m[known]
     if not len(there):

@@ -12,7 +12,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.imaging.surfaces import Sphere
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic
 from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M
-from radioloc.lunar.terrain_window import LargeWindowError, TerrainWindow
+from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError, TerrainWindow
 
 Floats = NDArray[np.float64]
 
@@ -22,6 +22,8 @@ _SMALLEST_STEP_CELLS = 0.25
 _STEPS = 20_000
 _MET_M = 1e-5
 _REFINEMENTS = 60
+_PASSED, _MET, _LOST = np.int8(0), np.int8(1), np.int8(2)
+"""What becomes of a ray: it stays above the ground, meets it, or comes to where the map has none."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,16 +52,17 @@ class Terrain:
         """First points on rays, m, shape (n, 3), and whether there is one.
 
         A ray that leaves the map or comes to a void before it meets the ground does not meet it.
-
-        Raises
-        ------
-        InputError
-            The map shows no ray's ground, or one ray needs more than 60 million cells.
         """
         points, hits = np.array(origins_m), np.zeros(len(origins_m), dtype=bool)
+        lowest, highest = LOWEST_M + self.raised_m, HIGHEST_M + self.raised_m
         for start in range(0, len(origins_m), _RAYS_AT_ONCE):
             part = slice(start, start + _RAYS_AT_ONCE)
-            points[part], hits[part] = self._in_parts(origins_m[part], directions[part])
+            first, last, toward = _between(origins_m[part], directions[part], lowest, highest)
+            rows = start + np.flatnonzero(toward)
+            spans = origins_m[rows], directions[rows], first[toward], last[toward]
+            distance, met = self._in_parts(*spans)
+            hits[rows] = met == _MET
+            points[rows] += np.where(hits[rows], distance, 0.0)[:, None] * directions[rows]
         return points, hits
 
     def gradient(self, points_m: Floats) -> Floats:
@@ -75,39 +78,46 @@ class Terrain:
         east_slope = by_longitude / (radius_m * np.maximum(np.cos(latitude), 1e-12))
         return np.asarray(up - east_slope[:, None] * east - (by_latitude / radius_m)[:, None] * north)
 
-    def _in_parts(self, origins: Floats, directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        """By halves where all rays together need too much of the map."""
+    def _in_parts(
+        self, origins: Floats, directions: Floats, first: Floats, last: Floats
+    ) -> tuple[Floats, NDArray[np.int8]]:
+        """Between two distances, by halves of the rays, then of a ray, where that needs too much of the map at once."""
         try:
-            return self._intersect(origins, directions)
+            return self._intersect(origins, directions, first, last)
+        except NoTerrainError:
+            return np.zeros(len(origins)), np.full(len(origins), _LOST)
         except LargeWindowError:
             half = len(origins) // 2
-            if not half:
-                raise
-            parts = [self._in_parts(origins[k], directions[k]) for k in (slice(half), slice(half, None))]
-            return np.concatenate([p for p, _ in parts]), np.concatenate([h for _, h in parts])
+            if half:
+                parts = [
+                    self._in_parts(origins[k], directions[k], first[k], last[k])
+                    for k in (slice(half), slice(half, None))
+                ]
+                return np.concatenate([d for d, _ in parts]), np.concatenate([m for _, m in parts])
+            middle = 0.5 * (first + last)
+            distance, met = self._in_parts(origins, directions, first, middle)
+            return (distance, met) if met[0] != _PASSED else self._in_parts(origins, directions, middle, last)
 
-    def _intersect(self, origins: Floats, directions: Floats) -> tuple[Floats, NDArray[np.bool_]]:
-        first, last, toward = _between(
-            origins, directions, LOWEST_M + self.raised_m, HIGHEST_M + self.raised_m
-        )
-        points, hits = origins.copy(), np.zeros(len(origins), dtype=bool)
-        if not toward.any():
-            return points, hits
-        rows = np.flatnonzero(toward)
+    def _intersect(
+        self, origins: Floats, directions: Floats, first: Floats, last: Floats
+    ) -> tuple[Floats, NDArray[np.int8]]:
+        """Distances at which rays meet the ground between two distances, and what becomes of them."""
+        distance, met = np.zeros(len(origins)), np.full(len(origins), _PASSED)
+        if not len(origins):
+            return distance, met
         stations = np.linspace(0.0, 1.0, _STATIONS)[:, None]
-        along = first[rows] + stations * (last[rows] - first[rows])
-        nearby = origins[rows] + along[..., None] * directions[rows]
+        nearby = origins + (first + stations * (last - first))[..., None] * directions
         window = self.model.window(*cartesian_to_selenographic(nearby.reshape(-1, 3))[:2])
         low_m, high_m = window.range_m
-        first, last, toward = _between(
-            origins[rows], directions[rows], low_m + self.raised_m - 1.0, high_m + self.raised_m + 1.0
+        entry, leaving, toward = _between(
+            origins, directions, low_m + self.raised_m - 1.0, high_m + self.raised_m + 1.0
         )
-        rows, first, last = rows[toward], first[toward], last[toward]
-        distance, met = self._march(window, origins[rows], directions[rows], first, last)
-        rows, distance = rows[met], distance[met]
-        points[rows] = origins[rows] + distance[:, None] * directions[rows]
-        hits[rows] = True
-        return points, hits
+        entry, leaving = np.maximum(entry, first), np.minimum(leaving, last)
+        rows = np.flatnonzero(toward & (entry < leaving))
+        distance[rows], met[rows] = self._march(
+            window, origins[rows], directions[rows], entry[rows], leaving[rows]
+        )
+        return distance, met
 
     def _clearance(self, window: TerrainWindow, points: Floats) -> tuple[Floats, NDArray[np.bool_]]:
         """Heights of points above the terrain, m, and whether the map has terrain there."""
@@ -117,23 +127,25 @@ class Terrain:
 
     def _march(
         self, window: TerrainWindow, origins: Floats, directions: Floats, first: Floats, last: Floats
-    ) -> tuple[Floats, NDArray[np.bool_]]:
-        """Distances at which rays meet the terrain, and whether they do, between two distances."""
+    ) -> tuple[Floats, NDArray[np.int8]]:
+        """Distances at which rays meet the terrain between two distances, and what becomes of them."""
         n = len(origins)
         smallest_m = _SMALLEST_STEP_CELLS * window.metadata.resolution_m
         above, below = first.copy(), np.full(n, np.nan)  # distances on both sides of the ground
         clear_above, clear_below = np.zeros(n), np.zeros(n)
-        met = np.zeros(n, dtype=bool)
+        met = np.full(n, _PASSED)
         active = np.arange(n)
         distance = first.copy()
         for _ in range(_STEPS):
             points = origins[active] + distance[active, None] * directions[active]
             clear, known = self._clearance(window, points)
             under = known & (clear <= 0.0)
-            # a ray that begins under the terrain does not come from outside
-            crossed = active[under & (distance[active] > first[active])]
-            met[crossed], below[crossed] = True, distance[crossed]
-            clear_below[crossed] = clear[under & (distance[active] > first[active])]
+            crossing = under & (distance[active] > first[active])
+            met[active[~known | under]] = (
+                _LOST  # also a ray that begins under the terrain: it comes from nowhere
+            )
+            crossed = active[crossing]
+            met[crossed], below[crossed], clear_below[crossed] = _MET, distance[crossed], clear[crossing]
             going = known & ~under & (distance[active] < last[active])
             rows = active[going]
             above[rows], clear_above[rows] = distance[rows], clear[going]
@@ -155,19 +167,19 @@ class Terrain:
         directions: Floats,
         over: tuple[Floats, Floats],
         under: tuple[Floats, Floats],
-        met: NDArray[np.bool_],
+        met: NDArray[np.int8],
     ) -> None:
         """Bring distances under the ground up to it, by regula falsi with the Illinois rule, in place."""
         (above, clear_above), (below, clear_below) = over, under
         found = below.copy()
-        active = np.flatnonzero(met)
+        active = np.flatnonzero(met == _MET)
         side = np.zeros(len(below))
         for _ in range(_REFINEMENTS):
             span = clear_above[active] - clear_below[active]
             part = np.where(span > 0.0, clear_above[active] / np.where(span > 0.0, span, 1.0), 0.5)
             found[active] = above[active] + part * (below[active] - above[active])
             clear, known = self._clearance(window, origins[active] + found[active, None] * directions[active])
-            met[active[~known]] = False
+            met[active[~known]] = _LOST
             up = clear > 0.0
             for which, ends, values, others, sign in (
                 (up, above, clear_above, clear_below, 1.0),
@@ -180,7 +192,7 @@ class Terrain:
             active = active[known & (np.abs(clear) > _MET_M) & (np.abs(below - above)[active] > 1e-9)]
             if not len(active):
                 break
-        below[met] = found[met]
+        below[met == _MET] = found[met == _MET]
 
 
 def _between(

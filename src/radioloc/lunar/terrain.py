@@ -108,7 +108,7 @@ class TerrainModel:
         Raises
         ------
         InputError
-            As :meth:`height_and_slope` for coordinates; no point is on the map, or the rectangle has more than 60
+            As :meth:`height_and_slope` for coordinates; no point is on the map, or the rectangle has more than 20
             million cells.
         """
         longitude, latitude = _checked(longitude_rad, latitude_rad)

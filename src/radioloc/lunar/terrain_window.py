@@ -15,13 +15,17 @@ from radioloc.lunar.terrain_source import TerrainMetadata, block_heights_m
 
 Floats = NDArray[np.float64]
 
-_LARGEST_CELLS = 60_000_000  # 480 MB
+_LARGEST_CELLS = 20_000_000  # 160 MB, and twice that for a moment
 _OVERSHOOT = {"bilinear": 1.0, "bicubic": 1.5}  # of slopes, between cells
 _SCALE_POINTS = 9  # along each side, at which the size of cells on the ground is looked up
 
 
 class LargeWindowError(InputError):
     """A window has more cells than are read at once."""
+
+
+class NoTerrainError(InputError):
+    """None of the points has terrain on the map."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -50,12 +54,12 @@ class TerrainWindow:
         Raises
         ------
         InputError
-            No point is on the map, or the rectangle has more than 60 million cells.
+            No point is on the map, or the rectangle has more than 20 million cells.
         """
         row, column = grid.cells(longitude_rad, latitude_rad)
         shown = np.isfinite(row) & np.isfinite(column)
         if not shown.any():
-            raise InputError(f"{metadata.path} shows none of the points; it covers {metadata.coverage}")
+            raise NoTerrainError(f"{metadata.path} shows none of the points; it covers {metadata.coverage}")
         row, column = row[shown], column[shown]
         margin = STENCIL_CELLS[interpolation]
         rows = max(int(row.min()) - margin, 0), min(int(row.max()) + margin + 1, grid.rows)
@@ -70,7 +74,7 @@ class TerrainWindow:
             columns = columns[0], columns[0] + round(around)
         count = (rows[1] - rows[0]) * (columns[1] - columns[0])
         if rows[0] >= rows[1] or columns[0] >= columns[1]:
-            raise InputError(f"{metadata.path} has none of the points; it covers {metadata.coverage}")
+            raise NoTerrainError(f"{metadata.path} has none of the points; it covers {metadata.coverage}")
         if count > _LARGEST_CELLS:
             raise LargeWindowError(
                 f"{metadata.path}: {count} cells are asked for at once, more than {_LARGEST_CELLS}; take fewer points, "
@@ -78,7 +82,7 @@ class TerrainWindow:
             )
         heights = block_heights_m(metadata, rows, columns, None if around is None else round(around))
         if not np.isfinite(heights).any():
-            raise InputError(f"{metadata.path} is void at all of the points")
+            raise NoTerrainError(f"{metadata.path} is void at all of the points")
         steepest = _OVERSHOOT[interpolation] * _steepest(grid, heights, rows[0], columns[0])
         return cls(metadata, interpolation, grid, heights, rows[0], columns[0], steepest)
 

@@ -26,9 +26,10 @@ _EVERY = 16
 def filter_grid(
     step_s: Floats, gain: Floats, columns: Floats, tau_s: Floats, part: Floats, ratio: Floats
 ) -> tuple[Floats, Floats]:
-    """Log-determinants, and squares that are left of the last column, for every shape (k, p) and ratio (r,), (k, r).
+    """Log-determinants of V, and products of columns (n, m) by its inverse, (m, m), for each of the cells (k * r).
 
-    A shape is a sum of p processes that have each a part of the variance.
+    Cells are shapes (k, p), sums of p processes that have each a part of the variance, by ratios (r,). Of the products
+    those on the diagonal and above it are there.
     """
     n, m = columns.shape
     shapes, p = tau_s.shape
@@ -104,24 +105,31 @@ def filter_grid(
                     into[g] += weighted[g] * other[g]
     for g in range(size):
         log_determinant[g] += math.log(determinant[g])
-    # Cholesky's triangle of the products of all columns; its last diagonal is what A leaves of r.
-    squares, triangle = np.empty(size), np.zeros((m, m))
-    for g in range(size):
-        for j in range(m):
-            for k in range(j, m):
-                value = products[j * m + k, g]
-                for i in range(j):
-                    value -= triangle[i, j] * triangle[i, k]
-                if k > j:
-                    triangle[j, k] = value / triangle[j, j]
-                elif j < m - 1:
-                    triangle[j, j] = math.sqrt(value) if value > 0.0 else math.nan
-                    log_determinant[g] += 2.0 * math.log(triangle[j, j])
-                else:
-                    squares[g] = value
-    return log_determinant[:cells].copy().reshape(shapes, ratios), squares[:cells].copy().reshape(
-        shapes, ratios
-    )
+    return log_determinant[:cells].copy(), products[:, :cells].copy().reshape(m, m, cells)
+
+
+@compiled(error_model="numpy")
+def solved(products: Floats) -> tuple[float, float]:
+    """Logarithm of det(1 + A^T A), and squares that are left of r, from products (m, m) of columns A and r, the last.
+
+    The diagonal and what is above it count.
+    """
+    m = len(products)
+    triangle = np.empty((m, m))
+    log_determinant = 0.0
+    for j in range(m):
+        for k in range(j, m):
+            value = products[j, k]
+            for i in range(j):
+                value -= triangle[i, j] * triangle[i, k]
+            if k > j:
+                triangle[j, k] = value / triangle[j, j]
+            elif j < m - 1:
+                triangle[j, j] = math.sqrt(1.0 + value)
+                log_determinant += 2.0 * math.log(triangle[j, j])
+            else:
+                triangle[j, j] = value
+    return log_determinant, triangle[m - 1, m - 1]
 
 
 @compiled(error_model="numpy")
@@ -137,7 +145,6 @@ def mean_correlation(width_s: float, tau_s: Floats) -> Floats:
 def likelihoods(
     first: Integers,
     end: Integers,
-    absorbed: Integers,
     numbers: Floats,
     step_s: Floats,
     gain: Floats,
@@ -145,30 +152,39 @@ def likelihoods(
     tau_s: Floats,
     part: Floats,
     ratio: Floats,
-) -> tuple[Floats, Floats]:
-    """Logarithm of the restricted likelihood over that of white noise, and the variance w; (series, shapes, ratios).
+) -> tuple[Floats, Floats, Floats]:
+    """Logarithms of restricted likelihoods of each of s series, variances w (s, cells), and of all together (cells,).
 
-    Shapes are those of :func:`filter_grid`. Of s series: their points `first` to `end` and last `absorbed` + 1
-    columns. `numbers` (s, 4) are observations, duration of bins, squares of the deviations from the bins' means, and
-    squares that no parameter absorbs. Exact where points are single observations. The mean of a bin has less of a
-    process by the mean correlation within it, and the deviations from that mean, taken as white, have the rest.
+    Cells are those of :func:`filter_grid`. Of s series: their points `first` to `end`. `numbers` (s, 4) are
+    observations, how many of them are absorbed, duration of bins, squares of the deviations from the bins' means. Exact
+    where points are single observations. The mean of a bin has less of a process by the mean correlation within it, and
+    the deviations from that mean, taken as white, have the rest. Coefficients of the columns but the last, residuals,
+    have unit variance; they are the same in all series.
     """
-    shape = (len(first), len(tau_s), len(ratio))
-    log, white = np.empty(shape), np.empty(shape)
-    for k in range(len(first)):
+    series, cells, m = len(first), len(tau_s) * len(ratio), columns.shape[1]
+    log, white = np.empty((series, cells)), np.empty((series, cells))
+    together, products = np.zeros(cells), np.zeros((m, m, cells))
+    for k in range(series):
         rows = slice(first[k], end[k])
-        mine = columns[rows, columns.shape[1] - 1 - absorbed[k] :]
-        count, width_s, inside, null = numbers[k]
-        dof, inside_dof = count - absorbed[k], count - (end[k] - first[k])
+        count, absorbed, width_s, inside = numbers[k]
+        dof, inside_dof = count - absorbed, count - (end[k] - first[k])
         mean = part * mean_correlation(width_s, tau_s.ravel()).reshape(tau_s.shape)
-        log_determinant, squares = filter_grid(step_s[rows], gain[rows], mine, tau_s, mean, ratio)
-        deviation = 1.0 + ratio * (1.0 - mean.sum(axis=1)).reshape(-1, 1)
-        white[k] = (squares + inside / deviation) / dof
-        log[k] = -0.5 * (
-            dof * np.log(white[k] * dof / null) + log_determinant + inside_dof * np.log(deviation)
-        )
-        log[k] = np.where(np.isnan(log[k]), -np.inf, log[k])
-    return log, white
+        log_determinant, mine = filter_grid(step_s[rows], gain[rows], columns[rows], tau_s, mean, ratio)
+        deviation = (1.0 + ratio * (1.0 - mean.sum(axis=1)).reshape(-1, 1)).ravel()
+        for g in range(cells):
+            own, squares = solved(mine[:, :, g])
+            log_determinant[g] += inside_dof * math.log(deviation[g])
+            mine[m - 1, m - 1, g] += inside / deviation[g]
+            white[k, g] = (squares + inside / deviation[g]) / dof
+            log[k, g] = -0.5 * (dof * math.log(white[k, g]) + log_determinant[g] + own)
+            together[g] += count * math.log(white[k, g]) + log_determinant[g]
+            for i in range(m):
+                for j in range(i, m):
+                    products[i, j, g] += mine[i, j, g] / white[k, g]
+    for g in range(cells):
+        shared, squares = solved(products[:, :, g])
+        together[g] = -0.5 * (together[g] + shared + squares)
+    return log, white, together
 
 
 @compiled(error_model="numpy")

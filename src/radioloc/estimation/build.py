@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.budget import prior_effects
-from radioloc.estimation.consider import ConsideredErrors, consider
+from radioloc.estimation.consider import ConsideredErrors, Effects, consider
 from radioloc.estimation.consistency import assess_consistency
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.gauss_markov import TimeCorrelation
@@ -109,7 +109,8 @@ def build_solution(
     )
     if order is None:
         order = SeriesOrder.of(types, paths, seconds_since_midnight(epoch_utc))
-    covariance, correlation = estimated_covariance(edited, order)
+    common = None if considered is None else considered.at_stations
+    covariance, correlation = estimated_covariance(edited, order, common)
     solution = Solution(
         status=next(
             (status for status in statuses if status is not FitStatus.CONVERGED), FitStatus.CONVERGED
@@ -150,11 +151,11 @@ def build_solution(
 
 
 def estimated_covariance(
-    edited: EditedFit, order: SeriesOrder
+    edited: EditedFit, order: SeriesOrder, common: Effects | None = None
 ) -> tuple[NDArray[np.float64], TimeCorrelation | None]:
     """Covariance of the estimate with noise as large as the residuals show, and as correlated in time, shape (p, p)."""
     covariance = scaled_covariance(edited.fit, edited.fit.noise_scale)
-    correlation = assess_time_correlation(edited.fit, order) if edited.ended else None
+    correlation = assess_time_correlation(edited.fit, order, common) if edited.ended else None
     if correlation is None or not correlation.series:
         return covariance, None
     return covariance + correlation.added_covariance, correlation

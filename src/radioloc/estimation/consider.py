@@ -8,7 +8,7 @@ C.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any
 
@@ -18,8 +18,20 @@ from numpy.typing import NDArray
 from radioloc.estimation.factorization import gram
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Rows
+from radioloc.estimation.observation_noise import Whitening
 from radioloc.parameters.parameter import ParameterSet
 
+Effects = Callable[[Rows], NDArray[np.float64]]
+"""What independent errors of unit variance do to observations, m, from their indices (m,), shape (m, c)."""
+
+_OF_FRAMES = frozenset(
+    {
+        *("station_position", "ut1", "pole", "moon_position", "moon_position_variation"),
+        *("libration", "libration_variation", "love_numbers", "lunar_lengths"),
+    }
+)
+"""Kinds of parameter that weights do not allow for. An estimate that did would rest on how they change over the arc,
+which is what their a-priori values, the same for a month or a year, say least about."""
 _NEGLIGIBLE = 0.1
 """Length of errors, in the sigmas of the observations, that move no combination of parameters by more of its sigmas."""
 
@@ -33,6 +45,47 @@ class ConsideredErrors:
 
     parameters: ParameterSet
     partials: Callable[[Rows], NDArray[np.float64]]
+
+    @property
+    def at_stations(self) -> Effects | None:
+        """Effects of what is at stations and in the air above them, which a fit tells from the position by itself."""
+        mine = self._at_stations
+        sigmas = self.parameters.prior_sigmas[mine]
+        return (lambda rows: self.partials(rows)[:, mine] * sigmas) if len(mine) else None
+
+    @property
+    def _at_stations(self) -> NDArray[np.intp]:
+        return np.flatnonzero([item.kind not in _OF_FRAMES for item in self.parameters])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CommonErrors:
+    """Noise with further errors, independent and of unit variance, that many observations share.
+
+    With their effects E and columns Y, both whitened by the noise, Y^T (1 + E E^T)^-1 Y is the square of Y - E g and,
+    below, of the estimates of the errors g = (1 + E^T E)^-1 E^T Y (Woodbury 1950).
+    """
+
+    noise: Whitening
+    effects: tuple[NDArray[np.float64], ...]  # E, part by part
+    variance: NDArray[np.float64]  # (r,), diagonal of (1 + E^T E)^-1
+
+    @classmethod
+    def of(cls, noise: Whitening, effects_m: Effects) -> CommonErrors:
+        """Effects on rows (m,), m, shape (m, c), of which those are kept that the noise does not hide."""
+        squares, axes = np.linalg.eigh(sum(gram(part, part) for part in noise.whitened(effects_m)))
+        felt = squares > _NEGLIGIBLE**2
+        effects = tuple(part @ axes[:, felt] for part in noise.whitened(effects_m))
+        return cls(noise, effects, 1.0 / (1.0 + squares[felt]))
+
+    def whitened(self, rows_of: Callable[[Rows], NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
+        """Independent combinations part by part, and the estimates of the errors as the last part."""
+        parts = list(self.noise.whitened(rows_of))
+        along = sum(gram(effect, part) for effect, part in zip(self.effects, parts, strict=True))
+        estimates = self.variance[:, None] * along
+        for effect, part in zip(self.effects, parts, strict=True):
+            yield part - effect @ estimates
+        yield estimates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -88,13 +141,15 @@ def moved_by(
     return moved
 
 
-def few_errors(errors: ConsideredErrors, sigma_m: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Independent errors of unit variance that stand for all of them: their effects on observations, m, shape (n, r).
+def few_errors(errors: ConsideredErrors, sigma_m: NDArray[np.float64]) -> tuple[NDArray[np.float64], int]:
+    """Effects (n, r), m, of some independent errors that stand for all, and how many of them, the first, at stations.
 
     What is left out of a variance is below 1 % of that which observations of `sigma_m` (n,) would leave.
     """
+    mine, found = errors._at_stations, []
     effects = errors.partials(np.arange(len(sigma_m))) * errors.parameters.prior_sigmas
-    weighted = effects / sigma_m[:, None]
-    squares, axes = np.linalg.eigh(gram(weighted, weighted))
-    kept = np.cumsum(squares) > _NEGLIGIBLE**2
-    return np.asarray(effects @ axes[:, kept])
+    for some in (effects[:, mine], np.delete(effects, mine, axis=1)):
+        weighted = some / sigma_m[:, None]
+        squares, axes = np.linalg.eigh(gram(weighted, weighted))
+        found.append(some @ axes[:, np.cumsum(squares) > _NEGLIGIBLE**2])
+    return np.hstack(found), found[0].shape[1]

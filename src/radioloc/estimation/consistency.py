@@ -25,6 +25,7 @@ from radioloc.estimation.group_tests import BinnedProblem, Verdict, log_probabil
 from radioloc.estimation.labels import USED
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.time_correlation import noise_of_each
 from radioloc.parameters.columns import PASS_GAP_H
 from radioloc.time import Epochs, utc_strings
 
@@ -237,7 +238,9 @@ def assess_consistency(
         return Consistency()
     fit = replace(fit, used=_readmitted(edited, order))
     search = _Search(fit, order, epoch_utc, enu_by_parameters, considered)
-    problem = BinnedProblem.of(fit, order, {} if correlation is None else correlation.noise, considered)
+    problem = BinnedProblem.of(
+        fit, order, {} if correlation is None else noise_of_each(fit, order), considered
+    )
     tested = search.groups(problem)
     groups = tuple(search.named(tried, tried.verdict) for tried in tested)
     explained: list[_Tried] = []

@@ -22,6 +22,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.estimation.consider import CommonErrors, Effects
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import covariance_of, gram
 from radioloc.estimation.gauss_markov import (
@@ -33,6 +34,7 @@ from radioloc.estimation.gauss_markov import (
 )
 from radioloc.estimation.least_squares import FitResult, fit_least_squares
 from radioloc.estimation.linearization import ResidualFunction, Rows
+from radioloc.estimation.observation_noise import Whitening
 from radioloc.estimation.series import Batch, SeriesOrder, series_of
 from radioloc.estimation.time_correlation import assess_time_correlation, in_parameters, rows_of
 from radioloc.measurements.predictor import ROWS_AT_ONCE
@@ -101,7 +103,10 @@ class _Stretches:
 
 
 def fit_with_correlated_weights(
-    residual_function: ResidualFunction, edited: EditedFit, order: SeriesOrder
+    residual_function: ResidualFunction,
+    edited: EditedFit,
+    order: SeriesOrder,
+    common: Effects | None = None,
 ) -> EditedFit:
     """Fit again, each dense series with time-correlated residuals weighed by the inverse of their covariance.
 
@@ -114,6 +119,9 @@ def fit_with_correlated_weights(
         sigmas.
     order : SeriesOrder
         Types, paths and times of the observations.
+    common : callable, optional
+        Effects of known errors of unit variance (:data:`~radioloc.estimation.consider.Effects`), for which the weights
+        allow as well.
 
     Returns
     -------
@@ -125,13 +133,19 @@ def fit_with_correlated_weights(
     # A fit that did not come to its end says itself what is wrong with it.
     if not edited.ended:
         return edited
-    found = assess_time_correlation(stated, order)
+    found = assess_time_correlation(stated, order, common)
     edited = replace(edited, fit=replace(stated, time_correlation=found))
-    batches = series_of(order, stated.noise, stated.used) if found.series else []
-    weights = _weights(batches, found)
-    if not weights:
+    if not found.series and common is None:
         return edited
-    whitening = _Whitening.of(batches, _weight_noise(batches, found, weights))
+    batches = series_of(order, stated.noise, stated.used)
+    weights = _weights(batches, found)
+    noise = _Whitening.of(batches, _weight_noise(batches, found, weights))
+    whitening: Whitening = noise
+    if common is not None:
+        allowing = CommonErrors.of(noise, common)
+        whitening = allowing if len(allowing.variance) else noise
+    if whitening is noise and not weights:
+        return edited
     fit = fit_least_squares(
         residual_function,
         stated.parameters,
@@ -141,10 +155,10 @@ def fit_with_correlated_weights(
         linearization=stated.linearization,
         whitening=whitening,
     )
-    return replace(edited, fit=_with_covariances(fit, whitening, found), series_weights=weights)
+    return replace(edited, fit=_with_covariances(fit, noise, found), series_weights=weights)
 
 
-def _with_covariances(fit: FitResult, whitening: _Whitening, found: TimeCorrelation) -> FitResult:
+def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation) -> FitResult:
     """The fit with the covariance of its estimate were errors independent and as stated, and what they add to it.
 
     With the weights W, parameters of unit A^T W A + P have the covariance I + A^T W W A - A^T W A for errors of unit
@@ -153,11 +167,12 @@ def _with_covariances(fit: FitResult, whitening: _Whitening, found: TimeCorrelat
     root = fit.factor.root_covariance()
     unit, added = np.eye(root.shape[1]), np.zeros((root.shape[1],) * 2)
     values_of = rows_of(fit)
-    for batch, weights in zip(whitening.batches, whitening.errors, strict=True):
-        partials = weights.in_order(batch.whitened(lambda rows: values_of(rows)[:, 1:] @ root))
-        whitened = weights.whitened(partials)
+    parts = list(fit.whitening.whitened(lambda rows: values_of(rows)[:, 1:] @ root))
+    for whitened in parts:
+        unit -= gram(whitened, whitened)
+    for weights, whitened in zip(noise.errors, parts, strict=False):  # estimates of common errors come last
         weighted = weights.whitened(whitened, adjoint=True)
-        unit += gram(weighted, weighted) - gram(whitened, whitened)
+        unit += gram(weighted, weighted)
         for key, part in weights.parts():
             if key in found.noise:
                 mine, step_s = weighted[part], weights.step_s[part]

@@ -21,7 +21,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -43,6 +43,9 @@ _FLICKER_STEP = 1.0
 """Common logarithm of the factor from one correlation time of flicker noise to the next, about."""
 _FLICKER_SPANS = 3.0
 """Longest correlation time of flicker noise in spans of the data: what lasts longer is the same all the time."""
+_FELT = 1.0
+"""Chi-square that a combination of parameters off by one sigma adds to all series of a group, from which on it is
+projected out."""
 _NEAR = 6.0
 """Logarithm of the likelihood below the largest at which nothing need be looked at."""
 _MATTERS = 1e-4
@@ -223,119 +226,128 @@ class TimeCorrelation:
     noise: Mapping[str, SeriesNoise]
 
 
-def noise_of_series(points: Points, absorbed: float) -> dict[str, SeriesNoise]:
+def noise_of_series(
+    points: Points, sigmas: float | _Floats, *, jointly: bool = True
+) -> dict[str, SeriesNoise]:
     """Noise of those series that are significantly correlated in time, by key.
 
-    It is averaged over the likelihood, so it holds how badly it is known. A c far beyond the variance of the
-    residuals, which then would all have been absorbed by the parameters, counts for as much less (Gelman 2006).
+    The parameters of `points` have a-priori sigmas (q,) by which they are projected out: jointly, or, where series
+    should not tell each other's noise as one of them may be off, of each series by itself. Noise is averaged over the
+    likelihood, so it holds how badly it is known. A c far beyond the variance of the residuals, which then would all
+    have been absorbed by the parameters, counts for as much less (Gelman 2006).
     """
-    likelihood = RestrictedLikelihood.of(points, absorbed)
-    long = np.flatnonzero(likelihood.points_left >= FEWEST)
     groups: dict[str, list[int]] = {}
-    for k in long.tolist():
-        groups.setdefault(points.series[k].group, []).append(k)
+    for k, one in enumerate(points.series):
+        groups.setdefault(one.group, []).append(k)
     found: dict[int, SeriesNoise] = {}
-    for mine in groups.values():
-        threshold = -math.log(_CHANCE / len(groups))
-        found |= _fitted(likelihood, np.array(mine), threshold, len(long))
-    found |= _taken_over(likelihood, found)
+    likelihoods = [
+        RestrictedLikelihood.of(points, np.array(mine), sigmas, jointly=jointly) for mine in groups.values()
+    ]
+    long = [one.among(one.points_left >= FEWEST) for one in likelihoods]
+    long = [one for one in long if len(one.mine)]
+    for likelihood in long:
+        threshold = -math.log(_CHANCE / len(long))
+        found |= _fitted(likelihood, threshold, sum(len(one.mine) for one in long))
+    found |= _taken_over(points, sigmas, found)
     return {points.series[k].key: noise for k, noise in found.items()}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class RestrictedLikelihood:
-    """Restricted likelihood of the noise of each of s series."""
+    """Restricted likelihood of the noise of s series, of each and of all together, over that of white noise."""
 
     points: Points
-    columns: _Floats  # (n, q + 1), orthonormal columns that the parameters can absorb, the residuals last
-    absorbed: NDArray[np.intp]  # (s,), how many of these columns are taken, the last ones
+    mine: NDArray[np.intp]  # (s,), which of the series
+    columns: _Floats  # (n, m + 1), columns of coefficients of unit variance, the residuals last
     numbers: _Floats  # (s, 4), as _kernels.likelihoods takes them
+    jointly: bool
 
     @classmethod
-    def of(cls, points: Points, absorbed: float) -> RestrictedLikelihood:
-        """Those columns are absorbed that the parameters move by more than one sigma if off by `absorbed` of theirs."""
-        s, q = len(points.series), points.unit.shape[1]
-        parts = [points.of(k) for k in range(s)]
-        grams = np.array([gram(points.unit[part], points.unit[part]) for part in parts]).reshape(s, q, q)
-        squares, axes = np.linalg.eigh(grams)
-        kept = squares * absorbed**2 > 1.0
-        axes = axes / np.sqrt(np.where(kept, squares, 1.0))[:, None, :]
-        columns = np.empty((len(points.gain), q + 1))
-        columns[:, q] = points.residual
-        products = np.empty((s, q + 1))
-        for k, part in enumerate(parts):
-            columns[part, :q] = points.unit[part] @ axes[k]
-            products[k] = points.residual[part] @ columns[part]
-        inside = np.maximum(points.squares - products[:, q], 0.0)
-        null = points.squares - (products[:, :q] ** 2 * kept).sum(axis=1)
-        numbers = np.column_stack([points.count, points.width_s, inside, null])
-        return cls(points, columns, kept.sum(axis=1), numbers)
+    def of(
+        cls, points: Points, mine: NDArray[np.intp], sigmas: float | _Floats, *, jointly: bool = True
+    ) -> RestrictedLikelihood:
+        """Parameters have sigmas (q,); combinations that no series feels are left out."""
+        scaled = points.unit * sigmas
+        grams = np.array([gram(scaled[points.of(k)], scaled[points.of(k)]) for k in mine])
+        squares, axes = np.linalg.eigh(grams.sum(axis=0))
+        axes = axes[:, squares > _FELT]
+        columns = np.column_stack([scaled @ axes, points.residual])
+        felt = axes.T @ grams @ axes
+        absorbed = np.trace(np.linalg.solve(np.eye(felt.shape[1]) + felt, felt), axis1=1, axis2=2)
+        inside = [points.squares[k] - float(np.square(points.residual[points.of(k)]).sum()) for k in mine]
+        numbers = (points.count[mine], absorbed, points.width_s[mine], np.maximum(inside, 0.0))
+        return cls(points, mine, columns, np.column_stack(numbers), jointly)
+
+    def among(self, some: NDArray[np.bool_]) -> RestrictedLikelihood:
+        """Of some of these series."""
+        return replace(self, mine=self.mine[some], numbers=self.numbers[some])
 
     @property
-    def points_left(self) -> NDArray[np.intp]:
+    def points_left(self) -> _Floats:
         """Points of each series beyond what the parameters absorb, (s,); none where there are no residuals."""
-        return np.where(self.points.squares > 0.0, np.diff(self.points.begin) - self.absorbed, 0)
+        points = np.diff(self.points.begin)[self.mine]
+        return np.where(self.points.squares[self.mine] > 0.0, points - self.numbers[:, 1], 0.0)
 
-    def of_series(
-        self, mine: NDArray[np.intp], tau_s: _Floats, ratio: _Floats, part: _Floats | None = None
-    ) -> tuple[_Floats, _Floats]:
-        """Logarithm of the likelihood over that of white noise, and the variance w; (series, shapes, ratios).
+    def at(
+        self, tau_s: _Floats, ratio: _Floats, part: _Floats | None = None
+    ) -> tuple[_Floats, _Floats, _Floats]:
+        """Logarithms of the likelihoods of each and variances w, (s, cells), and logarithms of all together, (cells,).
 
-        A shape is a process of one correlation time, or of several (k, p) that have each a part of its variance (k, p).
+        Cells are shapes by ratios, one shape after the other: a process of one correlation time, or of several (k, p)
+        that have each a part of its variance (k, p).
         """
         from radioloc.estimation._kernels import likelihoods
 
         if part is None:
             tau_s = tau_s[:, None]
             part = np.ones(tau_s.shape)
+        begin, end = self.points.begin[self.mine], self.points.begin[self.mine + 1]
+        data = (begin, end, self.numbers, self.points.step_s, self.points.gain, self.columns)
+        shapes = (np.ascontiguousarray(tau_s), np.ascontiguousarray(part))
+        log, white, together = likelihoods(*data, *shapes, np.ascontiguousarray(ratio))
+        null, _, null_together = likelihoods(*data, np.ones((1, 1)), np.ones((1, 1)), np.zeros(1))
+        log -= null
+        return log, white, together - null_together if self.jointly else log.sum(axis=0)
 
-        begin, end = self.points.begin[mine], self.points.begin[mine + 1]
-        chosen = (begin, end, self.absorbed[mine], self.numbers[mine])
-        tried = (np.ascontiguousarray(tau_s), np.ascontiguousarray(part), np.ascontiguousarray(ratio))
-        return likelihoods(*chosen, self.points.step_s, self.points.gain, self.columns, *tried)
 
-
-def _taken_over(likelihood: RestrictedLikelihood, found: dict[int, SeriesNoise]) -> dict[int, SeriesNoise]:
+def _taken_over(
+    points: Points, sigmas: float | _Floats, found: dict[int, SeriesNoise]
+) -> dict[int, SeriesNoise]:
     """Noise of those series that are too short to tell theirs: what others of their kind have on the average.
 
     As white noise they would outweigh the others.
     """
-    series = likelihood.points.series
     known: dict[str, list[SeriesNoise]] = {}
     for k, noise in found.items():
-        known.setdefault(series[k].kind, []).append(noise)
+        known.setdefault(points.series[k].kind, []).append(noise)
     more: dict[int, SeriesNoise] = {}
     for kind, noises in known.items():
         tau_s, coloured = (
             np.concatenate(c) for c in zip(*((n.tau_s, n.coloured) for n in noises), strict=True)
         )
         mean = SeriesNoise(float(np.mean([one.white for one in noises])), tau_s, coloured / len(noises))
-        others = [k for k, one in enumerate(series) if one.kind == kind and k not in found]
+        others = [k for k, one in enumerate(points.series) if one.kind == kind and k not in found]
         if others:
-            shape = np.array([mean.correlation_time_s])
-            log, _ = likelihood.of_series(np.array(others), shape, np.array([mean.ratio]))
-            short = likelihood.points_left[others] < FEWEST
-            more |= {
-                k: mean for k, taken in zip(others, short | (log[:, 0, 0] > -_TOLD), strict=True) if taken
-            }
+            likelihood = RestrictedLikelihood.of(points, np.array(others), sigmas)
+            log, _, _ = likelihood.at(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
+            short = likelihood.points_left < FEWEST
+            more |= {k: mean for k, taken in zip(others, short | (log[:, 0] > -_TOLD), strict=True) if taken}
     return more
 
 
-def _fitted(
-    likelihood: RestrictedLikelihood, mine: NDArray[np.intp], threshold: float, n_series: int
-) -> dict[int, SeriesNoise]:
+def _fitted(likelihood: RestrictedLikelihood, threshold: float, n_series: int) -> dict[int, SeriesNoise]:
     """Noise of each series of a group; none where the group shows no correlation."""
-    points = likelihood.points
+    points, mine = likelihood.points, likelihood.mine
     tau_s = _tried_taus_s(points, mine)
-    coarse, _ = likelihood.of_series(mine, tau_s[::_EACH_TAU], RATIOS[::_EACH_RATIO])
-    together = coarse.sum(axis=0)
+    coarse_taus_s, coarse_ratios = tau_s[::_EACH_TAU], RATIOS[::_EACH_RATIO]
+    coarse, _, together = likelihood.at(coarse_taus_s, coarse_ratios)
     if together.max() < 0.5 * threshold - 1.0:
         return {}
     differing = -math.log((1.0 - SCALING_PROBABILITY) / n_series)
-    best = np.unravel_index(int(together.argmax()), together.shape)
+    best = int(together.argmax())
     alone = [one for one in coarse if one.max() - one[best] > differing - 1.0]
-    near = [one > one.max() - _NEAR for one in (together, *alone)]
-    at_tau, at_ratio = np.nonzero(np.any(near, axis=0))
+    near = np.any([one > one.max() - _NEAR for one in (together, *alone)], axis=0)
+    at_tau, at_ratio = np.nonzero(near.reshape(len(coarse_taus_s), -1))
     taus, ratios = (
         slice(max(0, int(at.min() - 1) * each), int(at.max() + 1) * each + 1)
         for at, each in ((at_tau, _EACH_TAU), (at_ratio, _EACH_RATIO))
@@ -344,19 +356,17 @@ def _fitted(
     # Either is as likely before: cells of both have the same weight together.
     odds = math.log(len(tau_s) * _EACH_FLICKER)
     spans_s = [float(points.step_s[points.of(k)].sum()) for k in mine]
-    in_tau = points.count[mine].sum() * tau_s[::_EACH_TAU][best[0]] / sum(spans_s)
+    in_tau = points.count[mine].sum() * coarse_taus_s[best // len(coarse_ratios)] / sum(spans_s)
     if in_tau < DENSE:
         odds = -math.inf
     wider = slice(max(0, ratios.start - _EACH_RATIO), ratios.stop + _EACH_RATIO, _EACH_FLICKER)
     tau_s, ratio, flicker_ratio = tau_s[taus], RATIOS[ratios], RATIOS[wider]
-    shapes = ((tau_s, ratio, None), (taus_of_flicker_s, flicker_ratio, part))
-    tried = [likelihood.of_series(mine, *shape) for shape in shapes]
-    log, white = (np.concatenate([one[k].reshape(len(mine), -1) for one in tried], axis=1) for k in range(2))
+    tried = [likelihood.at(tau_s, ratio), likelihood.at(taus_of_flicker_s, flicker_ratio, part)]
+    log, white, together = (np.concatenate(both, axis=-1) for both in zip(*tried, strict=True))
+    cells = len(tau_s) * len(ratio)
     ratio = np.concatenate([np.tile(ratio, len(tau_s)), flicker_ratio])
-    cells = tried[0][0][0].size
     if odds == -math.inf:
-        log[:, cells:] = odds
-    together = log.sum(axis=0)
+        log[:, cells:], together[cells:] = odds, odds
     # Two parameters more than white noise: chi-square of two degrees of freedom, 1 - exp(-x / 2).
     if together.max() < threshold:
         return {}

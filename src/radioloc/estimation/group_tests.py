@@ -259,7 +259,7 @@ class BinnedProblem:
         points = replace(self.points, unit=np.hstack([self.points.unit, columns[:n]]))
         prior = np.hstack([self.prior, columns[n:]])
         estimate = self.solved(points, prior, self.parts, self.noise).estimate
-        noise = noise_of_series(points, ABSORBED)
+        noise = noise_of_series(points, ABSORBED, jointly=False)
         return self.with_noise(points, prior, self.parts, noise, estimate)
 
 

@@ -16,24 +16,35 @@ of stations are brought to independent combinations first (:mod:`~radioloc.estim
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.estimation.consider import Effects
 from radioloc.estimation.factorization import gram
-from radioloc.estimation.gauss_markov import SeriesCorrelation, TimeCorrelation, noise_of_series
+from radioloc.estimation.gauss_markov import (
+    Points,
+    SeriesCorrelation,
+    SeriesNoise,
+    TimeCorrelation,
+    noise_of_series,
+)
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Rows
-from radioloc.estimation.series import SeriesOrder, points_of, series_of
+from radioloc.estimation.series import Batch, SeriesOrder, points_of, series_of
 
 _Floats = NDArray[np.float64]
 
+_FREE = 300.0
+"""Formal sigmas that parameters have a priori where noise is found jointly: as good as free, no column is singular."""
 ABSORBED = 30.0
-"""Sigmas that the estimate may be off by: what it then takes out of a series is left out of the likelihood."""
+"""Likewise for a series by itself: what the estimate, off by so much, takes out of it is left out of the likelihood."""
 
 
-def assess_time_correlation(fit: FitResult, order: SeriesOrder) -> TimeCorrelation:
+def assess_time_correlation(
+    fit: FitResult, order: SeriesOrder, common: Effects | None = None
+) -> TimeCorrelation:
     """Find series whose residuals are significantly correlated in time, and what that does to the covariance.
 
     Parameters
@@ -42,6 +53,9 @@ def assess_time_correlation(fit: FitResult, order: SeriesOrder) -> TimeCorrelati
         Its noise should explain the size of the residuals.
     order : SeriesOrder
         Types, paths and times of the observations.
+    common : callable, optional
+        Effects of known errors of unit variance (:data:`~radioloc.estimation.consider.Effects`): their traces in the
+        residuals are no noise.
 
     Returns
     -------
@@ -54,11 +68,16 @@ def assess_time_correlation(fit: FitResult, order: SeriesOrder) -> TimeCorrelati
     if not fit.factor.determined.any() or not fit.used.any():
         return nothing
     root = fit.factor.root_covariance()
-    points = points_of(series_of(order, fit.noise, fit.used), rows_of(fit), root)
-    noise = noise_of_series(points, ABSORBED)
+    batches = series_of(order, fit.noise, fit.used)
+    if common is None:
+        points, sigmas = points_of(batches, rows_of(fit), root), np.full(root.shape[1], _FREE)
+    else:
+        points, sigmas = _with_errors(batches, fit, root, common)
+    noise = noise_of_series(points, sigmas)
     if not noise:
         return nothing
-    columns = np.column_stack([points.unit, points.gain])
+    unit = points.unit[:, : root.shape[1]]
+    columns = np.column_stack([unit, points.gain])
     added = np.zeros((root.shape[1],) * 2)
     found: dict[str, SeriesCorrelation] = {}
     for k, one in enumerate(points.series):
@@ -69,13 +88,32 @@ def assess_time_correlation(fit: FitResult, order: SeriesOrder) -> TimeCorrelati
         products = errors.products(
             points.step_s[part], points.gain[part], columns[part], float(points.width_s[k])
         )
-        added += products[:-1, :-1] - gram(points.unit[part], points.unit[part])
+        added += products[:-1, :-1] - gram(unit[part], unit[part])
         effective = count**2 * (errors.white + float(errors.coloured.sum())) / float(products[-1, -1])
         found[one.key] = SeriesCorrelation(
             one.name, count, effective, errors.correlation_time_s, errors.share
         )
     noise = {key: noise[key] for key in found}
     return TimeCorrelation(tuple(found.values()), in_parameters(added, fit), noise)
+
+
+def noise_of_each(fit: FitResult, order: SeriesOrder) -> dict[str, SeriesNoise]:
+    """Noise that each series shows by itself: an offset of one of them is none."""
+    points = points_of(series_of(order, fit.noise, fit.used), rows_of(fit), fit.factor.root_covariance())
+    return noise_of_series(points, ABSORBED, jointly=False)
+
+
+def _with_errors(
+    batches: Sequence[Batch], fit: FitResult, root: _Floats, common: Effects
+) -> tuple[Points, _Floats]:
+    """Points with effects of common errors as further parameters, and sigmas of all."""
+    own = rows_of(fit)
+    count = common(np.zeros(1, dtype=np.intp)).shape[1]
+    both = np.zeros((root.shape[0] + count, root.shape[1] + count))
+    both[: root.shape[0], : root.shape[1]] = root
+    both[root.shape[0] :, root.shape[1] :] = np.eye(count)
+    points = points_of(batches, lambda rows: np.column_stack([own(rows), common(rows)]), both)
+    return points, np.repeat([_FREE, 1.0], [root.shape[1], count])
 
 
 def rows_of(fit: FitResult) -> Callable[[Rows], _Floats]:

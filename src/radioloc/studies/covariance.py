@@ -20,12 +20,12 @@ from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.budget import A_PRIORI, EPHEMERIS, NOISE, prior_effects, sources
 from radioloc.estimation.build import seconds_since_midnight
-from radioloc.estimation.consider import ConsideredErrors, consider
+from radioloc.estimation.consider import CommonErrors, ConsideredErrors, Effects, consider, moved_by
 from radioloc.estimation.factorization import covariance_of, factorize
 from radioloc.estimation.labels import USED
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.observability import assess_observability
-from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.observation_noise import ObservationNoise, Whitening
 from radioloc.estimation.process_noise import ProcessNoise
 from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import Predictor
@@ -201,13 +201,13 @@ class _Solved:
         problem = observation_model(arc, targets, part.estimate)
         x = problem.parameters.prior_values
         noise = plan.noise.select(part.rows)
-        fit = _solve(problem, noise, plan.usable[part.rows], x)
         considered, not_considered = considered_errors(study, problem, part.estimate, x)
+        fit = _solve(problem, noise, plan.usable[part.rows], x, _common(part, considered))
         return cls(plan, part, noise, problem, x, fit, considered, tuple(not_considered))
 
     def among(self, used: _Mask) -> PlannedArc:
         """The same with some of its observations only."""
-        return replace(self, fit=_solve(self.problem, self.noise, used & self.fit.used, self.x)).planned
+        return self._solved(self.problem, used & self.fit.used)
 
     def known(self, kind: str) -> PlannedArc:
         """The same with the parameters of a kind that is estimated known."""
@@ -216,7 +216,11 @@ class _Solved:
             if kind != "position" or parameters.names[k].startswith("position.height"):
                 parameters = parameters.changed(parameters.names[k], role=Role.FIXED)
         problem = replace(self.problem, parameters=parameters)
-        return replace(self, problem=problem, fit=_solve(problem, self.noise, self.fit.used, self.x)).planned
+        return self._solved(problem, self.fit.used)
+
+    def _solved(self, problem: ObservationModel, used: _Mask) -> PlannedArc:
+        fit = _solve(problem, self.noise, used, self.x, _common(self.part, self.considered))
+        return replace(self, problem=problem, fit=fit).planned
 
     @cached_property
     def planned(self) -> PlannedArc:
@@ -249,14 +253,24 @@ class _Solved:
                 yield ErrorSource(source, name, covariance_m2)
 
 
-def _solve(problem: ObservationModel, noise: ProcessNoise, used: _Mask, x: _Floats) -> FitResult:
+def _common(part: ArcPart, considered: ConsideredErrors | None) -> Effects | None:
+    """Considered errors for which the weights of the fit will allow."""
+    return None if considered is None or part.estimate.weights != "correlated" else considered.at_stations
+
+
+def _solve(
+    problem: ObservationModel, noise: ProcessNoise, used: _Mask, x: _Floats, common: Effects | None
+) -> FitResult:
     """Fit without values: what determines what, and how well."""
-    linearization, whitening = problem.linearize(x), noise.among(used)
+    linearization = problem.linearize(x)
+    whitening: Whitening = noise.among(used)
+    if common is not None and used.any():
+        whitening = CommonErrors.of(whitening, common)
     factor = factorize(linearization, whitening, problem.parameters, x)
     if factor is None:
         raise InputError("the partials of the observations are not finite numbers")
     determined = bool(factor.determined.all())
-    return FitResult(
+    fit = FitResult(
         parameters=problem.parameters,
         x=x,
         covariance=covariance_of(factor, problem.parameters),
@@ -270,6 +284,11 @@ def _solve(problem: ObservationModel, noise: ProcessNoise, used: _Mask, x: _Floa
         factor=factor,
         whitening=whitening,
     )
+    if common is None or not used.any():
+        return fit
+    # The inverse of the information holds these errors already, which are sources of their own.
+    moved = moved_by(fit, common, common(np.zeros(1, dtype=np.intp)).shape[1])
+    return replace(fit, covariance=fit.covariance - moved @ moved.T)
 
 
 def _reached_h(plan: _Planned, arcs: Sequence[PlannedArc], reach_m: float) -> float | None:

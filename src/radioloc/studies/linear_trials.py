@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.build import estimated_covariance
-from radioloc.estimation.consider import moved_by
+from radioloc.estimation.consider import Effects, moved_by
 from radioloc.estimation.correlated_weights import fit_with_correlated_weights
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.factorization import LinearProblem
@@ -64,8 +64,18 @@ class LinearArc:
     order: SeriesOrder
     height_m: float  # of the true position
     considered_m: _Floats  # (m, r), effects of independent errors of unit variance that are considered
+    count_at_stations: int  # how many of them, the first, are at stations or in the air
     correlated: bool  # whether series are weighed as their residuals ask for
     huber: bool  # whether the last fit is by Huber's loss
+
+    @property
+    def at_stations(self) -> Effects | None:
+        """Those of them that weights allow for."""
+        return (
+            (lambda rows: self.considered_m[rows, : self.count_at_stations])
+            if self.count_at_stations
+            else None
+        )
 
     def fit(self, residual_m: _Floats) -> EditedFit:
         """Fit to residuals, as a study does."""
@@ -79,7 +89,7 @@ class LinearArc:
             threshold=self.threshold,
         )
         if self.correlated:
-            found = fit_with_correlated_weights(linear, found, self.order)
+            found = fit_with_correlated_weights(linear, found, self.order, self.at_stations)
         return fit_with_huber(linear, found, self.order) if self.huber else found
 
 
@@ -116,7 +126,7 @@ class LinearTrials:
 
     def _row(self, arc: LinearArc, found: EditedFit, drawn: dict[str, float]) -> _Floats:
         fit = found.fit
-        covariance, _ = estimated_covariance(found, arc.order)
+        covariance, _ = estimated_covariance(found, arc.order, arc.at_stations)
         if arc.considered_m.size:
             moved = moved_by(fit, lambda rows: arc.considered_m[rows], arc.considered_m.shape[1])
             covariance = covariance + moved @ moved.T

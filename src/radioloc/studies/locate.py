@@ -160,8 +160,10 @@ def fit_arc(
     types = Labels.coded(KINDS, observations.kind)
     order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
     fitted = _fit(problem, noise, order, estimate, *status_of(arc, targets))
+    considered, not_considered = considered_errors(study, problem, estimate, fitted.fit.x)
     if estimate is not None and estimate.weights == "correlated":
-        fitted = fit_with_correlated_weights(problem.linearize, fitted, order)
+        common = None if considered is None else considered.at_stations
+        fitted = fit_with_correlated_weights(problem.linearize, fitted, order, common)
     if estimate is not None and estimate.estimator == "huber":
         fitted = fit_with_huber(problem.linearize, fitted, order)
     x, used = fitted.fit.x, fitted.fit.used
@@ -171,7 +173,6 @@ def fit_arc(
         doubts += misfits(fitted, noise.sigma_m, types)
         if arc.trajectory is None and estimate.position != "none":
             doubts += places(arc, problem.all_positions_pa_m(x), used, elevation_deg)
-    considered, not_considered = considered_errors(study, problem, estimate, x)
     in_sigma = any(estimate.ephemeris_sigma_m) if estimate is not None else False
     if considered is not None:
         in_sigma |= any(considered.parameters.of_kind(kind) for kind in ("moon_position", "libration"))

@@ -173,6 +173,9 @@ class Prepared:
             return None
         observations = arc.observations
         considered, _ = considered_errors(study, problem, part.estimate, x)
+        considered_m, count_at_stations = np.zeros((len(part.rows), 0)), 0
+        if considered is not None:
+            considered_m, count_at_stations = few_errors(considered, noise.sigma_m)
         types = Labels(observations.kind.astype(np.int32), tuple(KINDS))
         paths = Labels.coded([link.path for link in observations.links], observations.link)
         return LinearArc(
@@ -187,7 +190,8 @@ class Prepared:
             threshold=study.estimate.rejection_sigma,
             order=SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch)),
             height_m=float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
-            considered_m=np.zeros((0, 0)) if considered is None else few_errors(considered, noise.sigma_m),
+            considered_m=considered_m,
+            count_at_stations=count_at_stations,
             correlated=study.estimate.weights == "correlated",
             huber=study.estimate.estimator == "huber",
         )

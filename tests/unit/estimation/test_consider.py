@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from radioloc.errors import InputError
-from radioloc.estimation.consider import ConsideredErrors, consider, few_errors, moved_by
+from radioloc.estimation.consider import CommonErrors, ConsideredErrors, consider, few_errors, moved_by
 from radioloc.estimation.least_squares import fit_least_squares
+from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 
 RNG = np.random.default_rng(4)
@@ -67,8 +68,9 @@ def test_few_errors_stand_for_many():
     effects = np.column_stack([EFFECTS[:, 0], EFFECTS[:, 0], 1e-4 * EFFECTS[:, 1]])
     alike = [Parameter(name, "m", "bias", 0.0, 0.5, Role.CONSIDERED) for name in "xyz"]
     errors = ConsideredErrors(ParameterSet(alike), lambda rows: effects[rows])
-    few = few_errors(errors, SIGMA)
+    few, at_stations = few_errors(errors, SIGMA)
     assert few.shape == (60, 1)
+    assert at_stations == 1
     fit = fitted(np.zeros(60))
     moved = moved_by(fit, lambda rows: few[rows], 1)
     left_out = np.diag(consider(fit, errors).covariance - moved @ moved.T)
@@ -79,8 +81,28 @@ def test_what_matters_is_told_by_the_sigma_of_each_observation():
     """One error is 0.2 % of the sigma of the observation that it is of, the other 20 %."""
     both = ParameterSet([Parameter(name, "m", "bias", 0.0, 1.0, Role.CONSIDERED) for name in "xy"])
     errors = ConsideredErrors(both, lambda rows: np.diag([0.02, 0.02])[rows])
-    few = few_errors(errors, np.array([10.0, 0.1]))
+    few, _ = few_errors(errors, np.array([10.0, 0.1]))
     np.testing.assert_allclose(np.abs(few), [[0.0], [0.02]], rtol=0, atol=1e-15)
+
+
+def test_weights_allow_for_errors_at_stations():
+    """Generalized least squares with the dense covariance; errors of frames are not in it."""
+    third = Parameter("m", "m", "moon_position", 0.0, 5.0, Role.CONSIDERED)
+    effects = np.column_stack([EFFECTS, DESIGN[:, 0] ** 2])
+    errors = ConsideredErrors(ParameterSet([*ERRORS.parameters, third]), lambda rows: effects[rows])
+    observed = DESIGN @ np.array([3.0, 1.2, 0.0]) + SIGMA * RNG.normal(size=60)
+    whitening = CommonErrors.of(ObservationNoise.of(SIGMA, 60).among(np.ones(60, bool)), errors.at_stations)
+    fit = fit_least_squares(lambda x: (observed - DESIGN @ x, DESIGN), PARAMETERS, SIGMA, whitening=whitening)
+    known = EFFECTS * [0.7, 3.0]
+    inverse = np.linalg.inv(np.diag(SIGMA**2) + known @ known.T)
+    free = DESIGN[:, :2]
+    covariance = np.linalg.inv(free.T @ inverse @ free + np.diag([0.0, 0.5**-2.0]))
+    expected = covariance @ (free.T @ inverse @ observed + [0.0, 1.0 * 0.5**-2.0])
+    np.testing.assert_allclose(fit.x[:2], expected, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(fit.covariance[:2, :2], covariance, rtol=1e-9)
+    moved = consider(fit, errors).sensitivity[:2]
+    np.testing.assert_allclose(moved, covariance @ free.T @ inverse @ (effects * [0.7, 3.0, 5.0]), atol=1e-9)
+    assert ConsideredErrors(ParameterSet([third]), lambda rows: effects[rows, 2:]).at_stations is None
 
 
 def test_what_is_considered_needs_a_sigma():

@@ -39,6 +39,16 @@ def test_flicker_noise_is_not_taken_for_one_short_process():
     assert (true / one).mean() > 1.48
 
 
+def test_what_is_considered_is_no_noise():
+    """A slope whose sigma is known explains what else would be correlated in time."""
+    rng = np.random.default_rng(7)
+    n = 400
+    slope = np.linspace(-1.0, 1.0, n)[:, None]
+    data = points(rng.normal(size=n) + 1.5 * slope[:, 0], unit=slope)
+    assert noise_of_series(data, 0.0)["a"].share > 0.2
+    assert noise_of_series(data, 1.5) == {}
+
+
 def test_process_is_found():
     rng = np.random.default_rng(4)
     n = 3000

@@ -4,6 +4,8 @@ Quick without the compiler too, so that lines and mutants of compiled code can b
 must be.
 """
 
+import itertools
+
 import numpy as np
 import pytest
 
@@ -33,43 +35,77 @@ def dense(step_s, gain, tau_s, ratio):
 
 
 TAU_S, RATIO = np.array([30.0, 600.0, 50000.0]), np.array([1e-4, 0.3, 200.0])
+SIGMAS = np.array([30.0, 2.0])
 
 
-def test_determinants_and_squares_are_those_of_the_dense_covariance(case):
+def test_determinants_and_products_are_those_of_the_dense_covariance(case):
     step_s, gain, columns = case
     tau_s = np.stack([TAU_S, TAU_S[::-1]], axis=-1)
     part = np.array([[1.0, 0.0], [0.4, 0.6], [0.3, 0.5]])
-    determinant, squares = filter_grid(step_s, gain, columns, tau_s, part, RATIO)
+    determinant, products = filter_grid(step_s, gain, columns, tau_s, part, RATIO)
     for k in range(9):
         each = zip(tau_s[k // 3], part[k // 3] * RATIO[k % 3], strict=True)
         covariance = np.sum([dense(step_s, gain, *one) for one in each], axis=0) - np.eye(150)
-        products = columns.T @ np.linalg.solve(covariance, columns)
-        expected = np.linalg.slogdet(covariance)[1] + np.linalg.slogdet(products[:2, :2])[1]
-        assert determinant.flat[k] == pytest.approx(expected, rel=ROUNDING)
-        left = products[2, 2] - products[2, :2] @ np.linalg.solve(products[:2, :2], products[:2, 2])
-        assert squares.flat[k] == pytest.approx(left, rel=ROUNDING)
+        assert determinant[k] == pytest.approx(np.linalg.slogdet(covariance)[1], rel=ROUNDING)
+        expected = columns.T @ np.linalg.solve(covariance, columns)
+        # Those below the diagonal are not there.
+        np.testing.assert_allclose(
+            products[..., k], np.triu(expected), rtol=0.0, atol=ROUNDING * np.trace(expected)
+        )
 
 
-def test_restricted_likelihood_is_that_of_dense_algebra(case):
+def test_restricted_likelihoods_are_those_of_dense_algebra(case):
+    """Two series with parameters in common: each by itself, and both together with the variances of each."""
     step_s, gain, columns = case
-    residual = columns[:, 2]
-    data = points(residual, step_s, gain, columns[:, :2], 150, residual @ residual, 0.0)
-    (log,), (white,) = RestrictedLikelihood.of(data, 30.0).of_series(np.array([0]), TAU_S, RATIO)
-    null, _ = likelihood(np.eye(150), columns[:, :2], residual)
-    for i, tau_s in enumerate(TAU_S):
-        for j, ratio in enumerate(RATIO):
-            one, variance = likelihood(dense(step_s, gain, tau_s, ratio), columns[:, :2], residual)
-            assert log[i, j] == pytest.approx(one - null, rel=1e-9, abs=1e-9)
-            assert white[i, j] == pytest.approx(variance, rel=1e-9)
+    data, ends = two_series(step_s, gain, columns), [slice(0, 90), slice(90, 150)]
+    log, white, together = RestrictedLikelihood.of(data, np.arange(2), SIGMAS).at(TAU_S, RATIO)
+    effects = data.unit * SIGMAS
+
+    def each(k, tau_s, ratio):
+        own = dense(data.step_s[ends[k]], gain[ends[k]], tau_s, ratio)
+        return *likelihood(own, effects[ends[k]], data.residual[ends[k]]), own
+
+    def both(tau_s, ratio):
+        found = [each(k, tau_s, ratio) for k in range(2)]
+        covariance = effects @ effects.T
+        for mine, (_, variance, own) in zip(ends, found, strict=True):
+            covariance[mine, mine] += variance * own
+        squares = data.residual @ np.linalg.solve(covariance, data.residual)
+        return -0.5 * (np.linalg.slogdet(covariance)[1] + squares), found
+
+    null, null_each = both(1.0, 0.0)
+    for k, (tau_s, ratio) in enumerate(itertools.product(TAU_S, RATIO)):
+        one, found = both(tau_s, ratio)
+        assert together[k] == pytest.approx(one - null, rel=1e-9, abs=1e-9)
+        for j in range(2):
+            assert log[j, k] == pytest.approx(found[j][0] - null_each[j][0], rel=1e-9, abs=1e-9)
+            assert white[j, k] == pytest.approx(found[j][1], rel=1e-9)
 
 
-def likelihood(covariance, absorbed, residual):
-    """Restricted, of the contrasts that no parameter moves; and the variance that makes it largest."""
-    left = np.linalg.svd(absorbed)[0][:, absorbed.shape[1] :]
-    contrasts = left.T @ residual
-    root = np.linalg.cholesky(left.T @ covariance @ left)
-    variance = float(np.mean(np.linalg.solve(root, contrasts) ** 2))
-    return -0.5 * len(contrasts) * np.log(variance) - np.log(np.diag(root)).sum(), variance
+def two_series(step_s, gain, columns):
+    """The case as two series of 90 and 60 points."""
+    steps_s = step_s.copy()
+    steps_s[90] = 0.0
+    return Points(
+        tuple(Series(name, name, "g", "range") for name in "ab"),
+        begin=np.array([0, 90, 150]),
+        count=np.array([90, 60]),
+        squares=np.array([columns[:90, 2] @ columns[:90, 2], columns[90:, 2] @ columns[90:, 2]]),
+        width_s=np.zeros(2),
+        step_s=steps_s,
+        gain=gain,
+        residual=columns[:, 2].copy(),
+        unit=columns[:, :2].copy(),
+    )
+
+
+def likelihood(covariance, effects, residual):
+    """Restricted, with coefficients of unit variance for columns of effects; and the variance that it is taken at."""
+    felt = effects.T @ effects
+    dof = len(residual) - np.trace(np.linalg.solve(np.eye(len(felt)) + felt, felt))
+    whole = covariance + effects @ effects.T
+    variance = residual @ np.linalg.solve(whole, residual) / dof
+    return -0.5 * (dof * np.log(variance) + np.linalg.slogdet(whole)[1]), variance
 
 
 @pytest.mark.parametrize("width_s", [0.0, 300.0])
@@ -86,13 +122,13 @@ def test_restricted_likelihood_of_bins_is_that_of_their_observations(width_s):
         float((residual**2).sum()),
         width_s,
     )
-    found = RestrictedLikelihood.of(data, 30.0).of_series(np.array([0]), np.array([tau_s]), np.array([ratio]))
+    found = RestrictedLikelihood.of(data, np.array([0]), 30.0).at(np.array([tau_s]), np.array([ratio]))
     mean = mean_correlation(width_s, np.array([tau_s]))[0]
     between = dense(np.full(40, 900.0), np.ones(40), tau_s, ratio * mean) - np.eye(40)
     inside = np.eye(each) - 1.0 / each
     covariance = np.eye(40 * each) + np.kron(between, np.ones((each, each)))
     covariance += ratio * (1.0 - mean) * np.kron(np.eye(40), inside)
-    constant = np.ones((40 * each, 1))
+    constant = np.full((40 * each, 1), 30.0)
     (one, variance), (null, _) = (
         likelihood(matrix, constant, residual.ravel()) for matrix in (covariance, np.eye(40 * each))
     )

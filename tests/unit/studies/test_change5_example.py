@@ -1,5 +1,6 @@
 """The example of the Chang'e-5 lander does what its page says: the paper's conclusions hold for its simulated data."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -36,8 +37,10 @@ def test_references_are_those_of_the_paper(found):
 
 
 @pytest.mark.parametrize(("kind", "largest_m"), [("vlbi_delay", 2.0), ("range", 10.0)])
-def test_residuals_are_those_of_the_paper(found, kind, largest_m):
-    """Section 3: VLBI delays are better than 2 m, ranges better than 10 m."""
+def test_residuals_are_those_of_the_paper(kind, largest_m):
+    """Section 3: VLBI delays are better than 2 m, ranges better than 10 m, where no errors are considered."""
+    study = radioloc.read_study(EXAMPLE)
+    found = radioloc.arcs(replace(study, consider={}, consider_defaults=False), (48,))
     rows = found.longest.residuals
     used = rows.used & (rows.type == kind)
     assert used.sum() > 3000

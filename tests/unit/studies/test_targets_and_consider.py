@@ -118,9 +118,13 @@ def test_several_targets_come_home_from_afar(folder):
 CONSTANTS = PhysicalModel.build().ephemeris.constants
 
 
+INDEPENDENT = STUDY.replace("[estimate]", '[estimate]\nweights = "independent"')
+"""Weights that know nothing of considered errors: the estimate is that without them."""
+
+
 def test_considered_parameters_are_in_the_total_sigma(folder):
-    plain = radioloc.locate(study(folder))
-    text = STUDY + (
+    plain = radioloc.locate(study(folder, INDEPENDENT))
+    text = INDEPENDENT + (
         '[consider]\nstation_position = "all"\nstation_position_sigma_m = 0.1\n'
         'clock = ["URUMQI"]\nclock_sigma_s = 1e-9\nut1 = true\nut1_sigma_s = 2e-5\n'
     )
@@ -143,9 +147,9 @@ def test_considered_parameters_are_in_the_total_sigma(folder):
 
 
 def test_a_clock_that_is_wrong_by_its_sigma_moves_the_estimate_as_considered(folder):
-    text = STUDY + '[consider]\ndefaults = false\nclock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
+    text = INDEPENDENT + '[consider]\ndefaults = false\nclock = ["URUMQI"]\nclock_sigma_s = 1e-9\n'
     before = radioloc.locate(study(folder, text))
-    wrong = STUDY.replace("[estimate]", "[estimate]\nclock_s = { URUMQI = -1e-9 }")
+    wrong = INDEPENDENT.replace("[estimate]", "[estimate]\nclock_s = { URUMQI = -1e-9 }")
     after = radioloc.locate(study(folder, wrong))
     [moved] = (np.array(one["position_enu_m"]) for one in before.consider.to_list(before.enu_by_parameters))
     shift_m = before.rot_pa_to_enu @ (after.position_pa_m - before.position_pa_m)

@@ -34,7 +34,7 @@ Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _STEPS = 30
-_CONVERGED = 1e-8  # of coordinates of size one: 1e-5 pixel
+_CONVERGED = 1e-5  # of coordinates of size one; the step after it would be of the order of its square
 _ROUNDS = 40
 _RARE = 1e-3
 _SETTLED = 0.02  # relative change of a variance component

@@ -54,7 +54,7 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> 
                 "others do not prove them wrong; look for a wrong station, target or sign",
             )
         dof = count * (1.0 - free_part)
-        if dof <= 0.0:
+        if dof < 0.5:  # without redundancy it is zero but for rounding
             continue
         floor_m = 0.0 if is_integrated(np.array(KINDS.index(name))) else _MODEL_M
         residual_m, sigma_m = fit.residual_m[mine], np.maximum(stated_m[mine], floor_m)

@@ -114,6 +114,7 @@ def test_locate_prints_a_card_and_writes_the_files(run, folder):
     assert used == solution["fit"]["used"]
 
 
+@pytest.mark.slow
 def test_quiet_writes_the_same_files_and_says_nothing(run, folder):
     run(study_of(), "--out", folder / "a")
     outcome = run(study_of(), "--out", folder / "b", "--quiet")

@@ -45,6 +45,7 @@ def test_clock_of_a_vlbi_station(study, tracking):
     assert solution.to_dict()["consistency"][0]["text"] == str(first)
 
 
+@pytest.mark.slow
 def test_ranging_station_off_its_place(study, tracking):
     """Kashi 50 m east; the editing leaves out nearly all of its two-way ranges, the others get noise of their own."""
     arc, position_pa_m = radioloc.studies.arc_of(study, tracking)

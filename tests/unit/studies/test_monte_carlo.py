@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from change5_case import BIAS_M, LANDER, NEAR, PLAN, RANGING, START, VLBI
+from quick import some
 
 import radioloc
 from radioloc import Study
@@ -357,14 +358,14 @@ def test_killed_and_resumed(study, found, tmp_path):
     assert part.stat().st_mtime_ns == stamp
 
 
-@pytest.mark.parametrize(
-    ("changed", "what"),
-    [
-        (lambda s: replace(s, estimate=replace(s.estimate, rejection_sigma=6.0)), "estimate"),
-        (lambda s: replace(s, simulation=replace(s.simulation, noise=NoiseModel())), "simulation"),
-        (lambda s: replace(s, model=ModelChoice()), "model"),
-    ],
-)
+CHANGES = [
+    (lambda s: replace(s, estimate=replace(s.estimate, rejection_sigma=6.0)), "estimate"),
+    (lambda s: replace(s, simulation=replace(s.simulation, noise=NoiseModel())), "simulation"),
+    (lambda s: replace(s, model=ModelChoice()), "model"),
+]
+
+
+@pytest.mark.parametrize(("changed", "what"), some(CHANGES, CHANGES[:1]))
 def test_another_study_is_refused(study, tmp_path, changed, what):
     radioloc.monte_carlo(study, 1, [12.0], out=tmp_path)
     with pytest.raises(InputError, match=f"of another study .what differs: {what}.; give another folder"):
@@ -486,9 +487,10 @@ class Terminal(io.StringIO):
         return True
 
 
-@pytest.mark.parametrize(
-    ("progress", "looks", "shown"), [(True, True, True), (False, True, False), (True, False, False)]
-)
+BARS = [(True, True, True), (False, True, False), (True, False, False)]
+
+
+@pytest.mark.parametrize(("progress", "looks", "shown"), some(BARS, BARS[:2]))
 def test_a_bar_is_shown_on_a_terminal_only(study, monkeypatch, progress, looks, shown):
     stream = Terminal() if looks else io.StringIO()
     monkeypatch.setattr(sys, "stderr", stream)

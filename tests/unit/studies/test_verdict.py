@@ -50,6 +50,7 @@ def test_good_data_converge(tracking):
     assert solution.to_dict()["status"] == "converged"
 
 
+@pytest.mark.slow
 def test_delays_of_two_stations_exchanged_do_not_converge(tracking):
     solution = radioloc.locate(study(), exchanged(tracking, "SESHAN25", "KUNMING"))
     assert solution.status is FitStatus.MISFIT

@@ -86,11 +86,23 @@ def shaded_relief(
     if not pixel_m > 0.0:
         raise InputError(f"pixel_m = {pixel_m!r} is not a positive number of metres")
     down, right = np.gradient(heights, pixel_m)
-    sun = sun_direction(sun_azimuth_deg, sun_elevation_deg)
-    cos_emission = 1.0 / np.sqrt(1.0 + right**2 + down**2)
-    cos_incidence = (sun[2] - sun[0] * right + sun[1] * down) * cos_emission
-    bright = lunar_lambert(cos_incidence, cos_emission, math.radians(90.0 - sun_elevation_deg))
+    bright = brightness_of_slopes(right, -down, sun_direction(sun_azimuth_deg, sun_elevation_deg))
     return np.where(np.isfinite(heights), bright, np.nan)
+
+
+def brightness_of_slopes(by_east: ArrayLike, by_north: ArrayLike, sun: Floats) -> Floats:
+    """Brightness from above of ground that rises so much toward east and north; ``sun`` is a unit vector to the Sun."""
+    by_east, by_north = np.asarray(by_east), np.asarray(by_north)
+    cos_emission = 1.0 / np.sqrt(1.0 + by_east**2 + by_north**2)
+    cos_incidence = (sun[2] - sun[0] * by_east - sun[1] * by_north) * cos_emission
+    return lunar_lambert(cos_incidence, cos_emission, math.acos(sun[2]))
+
+
+def in_bytes(brightness: ArrayLike, sun: Floats, noise: ArrayLike = 0.0) -> NDArray[np.uint8]:
+    """Eight bits, with level ground at 110."""
+    level = float(lunar_lambert(sun[2], 1.0, math.acos(sun[2])))
+    grey = 110.0 / level * np.asarray(brightness) + noise
+    return np.clip(np.rint(np.nan_to_num(grey)), 0, 255).astype(np.uint8)
 
 
 def sun_direction(azimuth_deg: float, elevation_deg: float) -> Floats:

@@ -16,7 +16,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.maps import TangentPlane
 from radioloc.imaging.sensor_models import FrameModel
-from radioloc.imaging.shading import LUNAR_LAMBERT, lunar_lambert
+from radioloc.imaging.shading import LUNAR_LAMBERT, brightness_of_slopes, in_bytes
 from radioloc.lunar.map_grid import load_rasterio
 from radioloc.simulation import _ground_kernels as kernels
 
@@ -143,10 +143,8 @@ class Ground:
         """
 
         def values(relief: Floats) -> NDArray[np.uint8]:
-            _, east, north, albedo = relief.T
-            cos_emission = 1.0 / np.sqrt(1.0 + east**2 + north**2)
-            cos_incidence = (sun[2] - sun[0] * east - sun[1] * north) * cos_emission
-            bright = albedo * lunar_lambert(cos_incidence, cos_emission, np.arccos(sun[2]))
+            _, by_east, by_north, albedo = relief.T
+            bright = albedo * brightness_of_slopes(by_east, by_north, sun)
             return as_bytes(bright, sun, noise, self.seed + 1)
 
         self._write(path, pixel_m, width_m, shift_m, "uint8", values)
@@ -216,11 +214,9 @@ class Ground:
 
 
 def as_bytes(brightness: Floats, sun: Floats, noise: float, seed: int) -> NDArray[np.uint8]:
-    """Eight bits, with level ground at 110 and noise of a standard deviation."""
-    level = float(lunar_lambert(sun[2], 1.0, np.arccos(sun[2])))
-    grey = 110.0 / level * brightness
-    grey = grey + np.random.default_rng([seed, grey.size]).normal(0.0, noise, grey.shape)
-    return np.clip(np.rint(grey), 0, 255).astype(np.uint8)
+    """Eight bits, with noise of a standard deviation."""
+    drawn = np.random.default_rng([seed, brightness.size]).normal(0.0, noise, brightness.shape)
+    return in_bytes(brightness, sun, drawn)
 
 
 def _by_threads(work: Callable[[int], Any], items: range) -> list[Any]:

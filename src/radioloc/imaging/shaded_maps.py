@@ -1,0 +1,80 @@
+"""An elevation model shaded at the Sun of an image, as a map to register it to."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.imaging.maps import Map, TangentPlane
+from radioloc.imaging.shading import brightness_of_slopes, in_bytes, sun_direction
+from radioloc.lunar import TerrainModel
+from radioloc.lunar.map_grid import load_rasterio
+from radioloc.lunar.terrain_source import heights_m
+
+_SIDE = 512
+_BLANK = 0
+
+
+def write_shaded_map(
+    dem: str | Path, path: str | Path, sun_azimuth_deg: float, sun_elevation_deg: float
+) -> None:
+    """Write an elevation model, shaded by the Lunar-Lambert law, as GeoTIFF in the model's own projection.
+
+    Parameters
+    ----------
+    dem : path-like
+        As :meth:`radioloc.lunar.TerrainModel.open` reads it.
+    path : path-like
+        Eight bits; 0 where there is no height.
+    sun_azimuth_deg, sun_elevation_deg : float
+        Where the Sun stands seen from the middle of the map, from north over east and above the horizon.
+
+    Raises
+    ------
+    FileFormatError, InputError
+        As of the elevation model; the Sun is not above the horizon.
+    """
+    rasterio = load_rasterio()
+    sun = sun_direction(sun_azimuth_deg, sun_elevation_deg)
+    about = TerrainModel.open(dem).metadata
+    base = Map.open(dem)
+    lines, samples = base.shape
+    sun_me = base.plane().axes().T @ sun
+    with rasterio.open(dem) as source:
+        profile = {"crs": source.crs, "transform": source.transform}
+    with rasterio.open(
+        path,
+        "w",
+        driver="GTiff",
+        width=samples,
+        height=lines,
+        count=1,
+        dtype="uint8",
+        nodata=_BLANK,
+        **profile,
+    ) as file:
+        for line in range(0, lines, _SIDE):
+            for sample in range(0, samples, _SIDE):
+                # One cell more on each side, so that slopes go on over the edges of blocks.
+                rows = np.clip(np.arange(line - 1, min(line + _SIDE, lines) + 1), 0, lines - 1)
+                columns = np.clip(np.arange(sample - 1, min(sample + _SIDE, samples) + 1), 0, samples - 1)
+                heights = heights_m(about, *np.meshgrid(rows, columns, indexing="ij"))
+                by_line, by_sample = (part[1:-1, 1:-1] for part in np.gradient(heights))
+                plane, to_m = _metres_by_pixel(base, columns.mean(), rows.mean())
+                to_px = np.linalg.inv(to_m)
+                by_east, by_north = (by_sample * to_px[0, k] + by_line * to_px[1, k] for k in (0, 1))
+                bright = brightness_of_slopes(by_east, by_north, plane.axes() @ sun_me)
+                band = np.maximum(in_bytes(bright, sun), _BLANK + 1)
+                band[~np.isfinite(heights[1:-1, 1:-1])] = _BLANK
+                file.write(band, 1, window=((line, line + len(band)), (sample, sample + band.shape[1])))
+
+
+def _metres_by_pixel(base: Map, sample: float, line: float) -> tuple[TangentPlane, NDArray[np.float64]]:
+    """The plane at a pixel, and its east and north, m, by a step in sample and line, shape (2, 2)."""
+    here = base.longitude_latitude_deg([[sample, line]])[0]
+    plane = TangentPlane(float(here[0]), float(here[1]))
+    steps = np.array([[0.5, 0.0], [-0.5, 0.0], [0.0, 0.5], [0.0, -0.5]])
+    ends = plane.from_longitude_latitude(base.longitude_latitude_deg(np.add(steps, [sample, line])))
+    return plane, np.column_stack([ends[0] - ends[1], ends[2] - ends[3]])

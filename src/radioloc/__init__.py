@@ -26,6 +26,7 @@ from radioloc.report import plot_links, plot_position, plot_residuals, write_rep
 from radioloc.studies import Study, read_study
 from radioloc.studies.arcs import arcs
 from radioloc.studies.covariance import covariance
+from radioloc.studies.images import locate_images
 from radioloc.studies.locate import locate, residuals
 from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.simulate import simulate
@@ -43,6 +44,7 @@ __all__ = [
     "arcs",
     "covariance",
     "locate",
+    "locate_images",
     "monte_carlo",
     "plot_links",
     "plot_position",

@@ -29,6 +29,7 @@ from radioloc.report.files import (
     write_arcs,
     write_comparison,
     write_covariance,
+    write_images,
     write_monte_carlo,
     write_report,
 )
@@ -37,6 +38,8 @@ from radioloc.studies import locate
 from radioloc.studies.arcs import arcs
 from radioloc.studies.comparison import compare
 from radioloc.studies.covariance import covariance
+from radioloc.studies.image_study import CameraChoice, ImageChoice, read_image_study
+from radioloc.studies.images import locate_images
 from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.schema import keys_of
 from radioloc.studies.selection import DEFAULT_HOURS
@@ -117,6 +120,11 @@ def _keys_of_a_study() -> dict[str, dict[str, str]]:
         "tables of a study file": tables,
         "parameters, each with NAME_UNIT, NAME_sigma_UNIT and NAME_per, in [estimate] or [consider]": parameters,
     } | _measurement_types()
+
+
+def _keys_of_images() -> dict[str, dict[str, str]]:
+    tables = {"[images]": ImageChoice, "[camera]": CameraChoice}
+    return {"tables of a study file": {name: ", ".join(keys_of(record)) for name, record in tables.items()}}
 
 
 def _measurement_types() -> dict[str, dict[str, str]]:
@@ -215,6 +223,11 @@ def _parser() -> argparse.ArgumentParser:
     trials.add_argument("--out", **folder, help="write trials, summary and figures there")
     trials.add_argument("--resume", **flag, help="take over the trials that are in DIR already")
     trials.add_argument("--full", **flag, help="fit every trial with the whole model")
+
+    text = "locate the lander in the last of its descent images on a map"
+    of_images = command("images", _images, text, "a study file with [images]")
+    of_images.add_argument("--out", **folder, help="write solution.json and the mosaic there")
+    of_images.more = _keys_of_images
 
     text = "put solutions beside each other, test whether they agree, and combine them"
     beside = command("compare", _compare, text, "")
@@ -340,6 +353,14 @@ def _monte_carlo(options: argparse.Namespace) -> int:
         write_monte_carlo(found, options.out)
     _tell(options, found)
     return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
+
+
+def _images(options: argparse.Namespace) -> int:
+    solution = locate_images(read_image_study(options.study), progress=not options.quiet)
+    if options.out is not None:
+        write_images(solution, options.out)
+    _tell(options, solution)
+    return EXIT_DONE if solution.converged else EXIT_NOT_CONVERGED
 
 
 def _compare(options: argparse.Namespace) -> int:

@@ -30,6 +30,7 @@ from radioloc.media.neutral_atmosphere import (
 )
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.files import RESIDUAL_COLUMNS
+from radioloc.studies.image_study import CameraChoice, ImageChoice, read_image_study
 from radioloc.studies.schema import keys_of
 from radioloc.studies.study import PARAMETER_KEYS
 from radioloc.studies.study_file import TABLES
@@ -212,20 +213,25 @@ def test_every_term_is_explained_in_its_section():
 
 def touch_named_files(folder):
     """Files that the example of the study file names beside those that ship."""
-    for name in ("my_c04.txt", "y2006.vmf3_r", "y2007.vmf3_r", "gpt3_5.grd"):
+    for name in ("my_c04.txt", "y2006.vmf3_r", "y2007.vmf3_r", "gpt3_5.grd", "dem_10m.tif"):
         (folder / name).touch()
 
 
-def documented_keys() -> dict[str, set[str]]:
-    """Keys by table, from the headings and tables of the page of the study file."""
+def test_every_key_of_a_study_of_images():
+    documented = documented_keys("image-study.md")
+    assert documented == {"images": set(keys_of(ImageChoice)), "camera": set(keys_of(CameraChoice))}
+
+
+def documented_keys(page: str = "study-file.md") -> dict[str, set[str]]:
+    """Keys by table, from the headings and tables of a page of a study file."""
     keys: dict[str, set[str]] = {}
     names: list[str] = []
-    for line in prose(DOCS / "reference" / "study-file.md").splitlines():
+    for line in prose(DOCS / "reference" / page).splitlines():
         if line.startswith("## "):
             names = re.findall(r"\[([\w.]+)\]", line)
-        elif match := re.match(r"\| `(\w+)` \|", line):
+        elif match := re.match(r"\| ((`\w+`(, )?)+) \|", line):
             for name in names:
-                keys.setdefault(name, set()).add(match[1])
+                keys.setdefault(name, set()).update(quoted(match[1]))
     return keys
 
 
@@ -525,6 +531,11 @@ def test_toml_is_a_study_or_part_of_one(page, workspace):
         if block.language != "toml":
             continue
         content = tomllib.loads(block.text)
+        if "images" in content:
+            if block.file:
+                (workspace / block.file).write_text(block.text)
+                read_image_study(workspace / block.file)
+            continue
         assert set(content) <= {
             "target",
             "observations",

@@ -23,7 +23,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import gammaln
 
 from radioloc.errors import InputError
 from radioloc.imaging.frames import Image, Mask, load_opencv
@@ -327,7 +326,7 @@ def _log10_false_alarms(candidates: int, agreeing: int, alpha: float) -> float:
 
 
 def _log_binomial(n: int, k: int) -> float:
-    return float(gammaln(n + 1) - gammaln(k + 1) - gammaln(n - k + 1))
+    return math.lgamma(n + 1) - math.lgamma(k + 1) - math.lgamma(n - k + 1)
 
 
 def _plausible(by_place: Floats) -> bool:

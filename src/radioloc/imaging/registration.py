@@ -10,18 +10,21 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.errors import InputError, RadiolocError
-from radioloc.imaging.adjustment import AdjustedHomographies, TiePoints, adjust
+from radioloc.errors import ConvergenceError, InputError, RadiolocError
 from radioloc.imaging.frames import Image, Mask, load_opencv
 from radioloc.imaging.homography import Homography, derivative, fit_homography, of_correction, transformed
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.tie_points import TiePoint
+
+if TYPE_CHECKING:
+    from radioloc.imaging.adjustment import AdjustedHomographies, TiePoints
 
 Floats = NDArray[np.float64]
 Node = tuple[int, ...]  # a feature: frame, reduction, number; or -1, level, tile, number of the map
@@ -31,7 +34,7 @@ _LARGEST_SIDE_PIXELS = 1200  # of images in which features are sought
 _FEATURES = 1500
 _LEAST_WIDTH_ON_MAP_PIXELS = 90
 _SEARCHES = 6  # of the whole map, for the first images
-_SEARCH_PIXELS = 2048  # side of the coarsest level at which the whole map is searched
+_SEARCH_PIXELS = 500, 4200  # sides of the whole map, reduced, at which it is searched
 _PREDICTED_PART = 0.08  # of an image's width: how far a prediction along the chain may be off
 _FEWEST_TIES = 6
 _MAGNIFIED = (
@@ -115,6 +118,7 @@ class Registration:
         float, float
     ]  # of features' stated sigmas in images and on the map, found from residuals
     redundancy: int
+    map_places_m: Floats  # adjusted places in the plane of the tie points with the map, shape (k, 2)
     _adjusted: AdjustedHomographies = field(repr=False)
     _index: dict[str, int] = field(repr=False)
     _undistorted: dict[str, Callable[[Floats], Floats]] = field(repr=False)
@@ -191,7 +195,9 @@ def register_chain(
     Raises
     ------
     InputError
-        No image is registered; images are not in order from high to low.
+        Images are not in order from high to low.
+    ConvergenceError
+        No image is found on the map.
     """
     chain = _Chain(frames, MapFeatures(base, _plane_of(base, near), detector), mask, near, ties)
     for frame in progress(frames):
@@ -436,15 +442,22 @@ class _Chain:
         return (matches, map_features, names, pixel_m) if matches.matched else None
 
     def _anywhere(self, features: Features) -> tuple[Matches, Features, NDArray[np.int64], float] | None:
-        """The image sought on the whole map, or near a place, from coarse to fine."""
+        """The image sought on the whole map, or near a place, at sizes of the map's pixels from coarse to fine.
+
+        How large the image's own pixels are is not known yet: of all sizes that match, the one is taken that chance
+        makes the least.
+        """
         west, south, east, north = self.extent_m
-        coarsest = self.map.level(max(east - west, north - south) / _SEARCH_PIXELS)
-        for level in range(coarsest, max(coarsest - 2, 0) - 1, -1):
+        side_m = max(east - west, north - south)
+        found = []
+        for level in range(self.map.level(side_m / _SEARCH_PIXELS[0]), -1, -1):
+            if side_m > _SEARCH_PIXELS[1] * self.map.pixel_m(level):
+                break
             map_features, names = self.map.around(level, self.extent_m)
             matches = match(features, map_features)
             if matches.matched:
-                return matches, map_features, names, self.map.pixel_m(level)
-        return None
+                found.append((matches, map_features, names, self.map.pixel_m(level)))
+        return min(found, key=lambda one: one[0].log10_false_alarms, default=None)
 
     def _node(self, number: int, kind: int, features: Features, k: int) -> Node:
         node = (number, kind, int(k))
@@ -456,6 +469,8 @@ class _Chain:
 
     def adjusted(self, map_sigma_m: tuple[float, float]) -> Registration:
         """Adjust what is tied to the map, leaving out images of which too little agrees."""
+        from radioloc.imaging.adjustment import adjust  # brings much of scipy
+
         self._place_all()
         left_out: set[int] = set()
         while True:
@@ -463,7 +478,7 @@ class _Chain:
             tied = _tied_frames(tracks)
             images = sorted(n for n in tied if self.taken[n].to_plane is not None)
             if not images:
-                raise InputError(self._nobody())
+                raise ConvergenceError(self._nobody())
             ties = self._ties(tracks, images)
             matrices = np.array([np.linalg.inv(_matrix(self.taken[n])) for n in images])
             sizes = np.array([self.taken[n].size for n in images], dtype=np.float64)
@@ -487,6 +502,8 @@ class _Chain:
                 two.to_plane = one.to_plane @ np.linalg.inv(matrix)
 
     def _ties(self, tracks: list[list[Node]], images: list[int]) -> TiePoints:
+        from radioloc.imaging.adjustment import TiePoints
+
         order = {number: k for k, number in enumerate(images)}
         pixels: list[tuple[int, int, Node]] = []
         places: list[tuple[int, Node]] = []
@@ -565,6 +582,7 @@ class _Chain:
             map_pixel_m=self.map.base.resolution_m,
             sigma_factors=result.sigma_factors,
             redundancy=result.redundancy,
+            map_places_m=result.points_m[ties.map_point[result.map_used]],
             _adjusted=result,
             _index={self.taken[n].name: k for k, n in enumerate(images)},
             _undistorted=self.undistorted,

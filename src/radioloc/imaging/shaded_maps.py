@@ -61,13 +61,13 @@ def write_shaded_map(
                 rows = np.clip(np.arange(line - 1, min(line + _SIDE, lines) + 1), 0, lines - 1)
                 columns = np.clip(np.arange(sample - 1, min(sample + _SIDE, samples) + 1), 0, samples - 1)
                 heights = heights_m(about, *np.meshgrid(rows, columns, indexing="ij"))
-                by_line, by_sample = (part[1:-1, 1:-1] for part in np.gradient(heights))
+                by_line, by_sample = (np.asarray(part)[1:-1, 1:-1] for part in np.gradient(heights))
                 plane, to_m = _metres_by_pixel(base, columns.mean(), rows.mean())
                 to_px = np.linalg.inv(to_m)
                 by_east, by_north = (by_sample * to_px[0, k] + by_line * to_px[1, k] for k in (0, 1))
                 bright = brightness_of_slopes(by_east, by_north, plane.axes() @ sun_me)
                 band = np.maximum(in_bytes(bright, sun), _BLANK + 1)
-                band[~np.isfinite(heights[1:-1, 1:-1])] = _BLANK
+                band = np.where(np.isfinite(heights[1:-1, 1:-1]), band, _BLANK).astype(np.uint8)
                 file.write(band, 1, window=((line, line + len(band)), (sample, sample + band.shape[1])))
 
 

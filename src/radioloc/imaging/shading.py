@@ -101,7 +101,7 @@ def brightness_of_slopes(by_east: ArrayLike, by_north: ArrayLike, sun: Floats) -
 def in_bytes(brightness: ArrayLike, sun: Floats, noise: ArrayLike = 0.0) -> NDArray[np.uint8]:
     """Eight bits, with level ground at 110."""
     level = float(lunar_lambert(sun[2], 1.0, math.acos(sun[2])))
-    grey = 110.0 / level * np.asarray(brightness) + noise
+    grey = 110.0 / level * np.asarray(brightness) + np.asarray(noise)
     return np.clip(np.rint(np.nan_to_num(grey)), 0, 255).astype(np.uint8)
 
 

@@ -8,10 +8,13 @@ from radioloc.report.files import (
     write_arcs,
     write_comparison,
     write_covariance,
+    write_images,
     write_monte_carlo,
     write_report,
     write_terms,
 )
+from radioloc.report.image_figures import plot_images
+from radioloc.report.image_solution import ImageSolution
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.parameter_figures import plot_contours, plot_correlations
 from radioloc.report.position_figures import plot_position
@@ -22,11 +25,13 @@ __all__ = [
     "ArcStudy",
     "Comparison",
     "CovarianceStudy",
+    "ImageSolution",
     "MonteCarlo",
     "plot_comparison",
     "plot_contours",
     "plot_correlations",
     "plot_covariance",
+    "plot_images",
     "plot_links",
     "plot_position",
     "plot_residuals",
@@ -34,6 +39,7 @@ __all__ = [
     "write_arcs",
     "write_comparison",
     "write_covariance",
+    "write_images",
     "write_monte_carlo",
     "write_report",
     "write_sinex",

@@ -21,6 +21,8 @@ from radioloc.report.arc_study import ArcStudy
 from radioloc.report.comparison import Comparison, plot_comparison
 from radioloc.report.covariance import CovarianceStudy, plot_covariance
 from radioloc.report.figures import save_figure
+from radioloc.report.image_figures import plot_images
+from radioloc.report.image_solution import ImageSolution
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.parameter_figures import can_be_drawn, plot_contours, plot_correlations
 from radioloc.report.position_figures import plot_error_by_length, plot_position, plot_trial_scatter
@@ -47,6 +49,7 @@ _OF_ARCS = (
     *(f"[0-9]*h/{name}" for name in _NUMBERS),
 )
 OF_A_MONTE_CARLO = ("montecarlo.json", "trials.csv", "trials.[ps][nv]g", "error_by_length.[ps][nv]g")
+_OF_IMAGES = ("solution.json", "images.[ps][nv]g")
 _OF_A_COMPARISON = ("comparison.json", "table1.csv", "table1.md", "comparison.[ps][nv]g")
 _OF_A_COVARIANCE = ("covariance.json", "covariance.csv", "covariance.[ps][nv]g")
 """Files of an output folder, by name or pattern."""
@@ -258,6 +261,24 @@ def write_covariance(study: CovarianceStudy, folder: str | Path) -> list[Path]:
         write_text(written[1], study.to_csv())
         if study.determined:
             written += write_figure(plot_covariance(study), folder, "covariance")
+    return written
+
+
+def write_images(solution: ImageSolution, folder: str | Path) -> list[Path]:
+    """Write ``solution.json``, ``images.png`` and ``images.svg``; all else is as of :func:`write_report`.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate_images(radioloc.studies.read_image_study("examples/images/descent.toml"))
+    >>> [path.name for path in radioloc.report.write_images(solution, "out")]
+    ['solution.json', 'images.png', 'images.svg']
+    """
+    folder = Path(folder)
+    with _one_result(folder, _OF_IMAGES) as written:
+        written.append(folder / "solution.json")
+        write_json(written[0], solution.to_dict())
+        written += write_figure(plot_images(solution), folder, "images")
     return written
 
 

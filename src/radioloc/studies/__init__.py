@@ -1,6 +1,7 @@
 """Whole jobs: a study file in, a solution out. The jobs themselves are functions of :mod:`radioloc`."""
 
 from radioloc.studies.comparison import compare
+from radioloc.studies.image_study import CameraChoice, ImageChoice, ImageStudy, read_image_study
 from radioloc.studies.locate import arc_of
 from radioloc.studies.study import (
     EstimateChoice,
@@ -16,8 +17,11 @@ from radioloc.studies.verification import Verification, verify
 from radioloc.studies.weights import Weight
 
 __all__ = [
+    "CameraChoice",
     "EstimateChoice",
     "HeightPrior",
+    "ImageChoice",
+    "ImageStudy",
     "ModelChoice",
     "ObservationChoice",
     "Reference",
@@ -27,6 +31,7 @@ __all__ = [
     "Weight",
     "arc_of",
     "compare",
+    "read_image_study",
     "read_study",
     "verify",
 ]

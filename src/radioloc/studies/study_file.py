@@ -139,7 +139,7 @@ def read_study(path: str | Path) -> Study:
     'ME_DE421'
     """
     path = Path(path)
-    top = TomlTable(path, "", _content(path), _hints())
+    top = TomlTable(path, "", toml_content(path), _hints())
     tables = {key: top.table(key) for key in _TABLES_OF_A_STUDY}
     top.finish()  # before anything else, so that a misspelt table is not called missing
 
@@ -182,7 +182,8 @@ def read_study(path: str | Path) -> Study:
     )
 
 
-def _content(path: Path) -> dict[str, object]:
+def toml_content(path: Path) -> dict[str, object]:
+    """What a study file says; a mistake is one sentence."""
     try:
         # Some editors put a byte order mark in front, which TOML does not know.
         return tomllib.loads(path.read_text(encoding="utf-8-sig"))
@@ -217,6 +218,12 @@ def _target(table: TomlTable) -> LunarPosition | Trajectory:
 
 def _positions(table: TomlTable) -> dict[str, Reference]:
     return {name: _reference(entry, name) for name, entry in table.named().items()}
+
+
+def references_of(one: TomlTable | None, more: TomlTable | None) -> tuple[Reference, ...]:
+    """The known positions of ``[reference]`` and ``[references]``, in this order."""
+    first = () if one is None else (_reference(one),)
+    return (*first, *(() if more is None else _positions(more).values()))
 
 
 def _reference(table: TomlTable, name: str = "reference") -> Reference:

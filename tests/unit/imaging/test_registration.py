@@ -7,7 +7,7 @@ import pytest
 from image_descents import PIXEL_M, Descent, scene
 from scenes import frame, frame_matrix
 
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import ConvergenceError, FileFormatError, InputError
 from radioloc.imaging.frames import read_frame
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.maps import Map
@@ -117,7 +117,7 @@ def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path):
     ids=["another place", "black", "mirrored"],
 )
 def test_no_image_on_the_map_is_an_error(base, frames):
-    with pytest.raises(InputError, match=r"no image was found on .*map\.tif"):
+    with pytest.raises(ConvergenceError, match=r"no image was found on .*map\.tif"):
         register_chain(frames, base, map_sigma_m=MAP_M)
 
 

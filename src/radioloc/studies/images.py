@@ -1,0 +1,252 @@
+"""Locating a lander by its descent images on a map."""
+
+from __future__ import annotations
+
+import json
+import math
+import sys
+import tempfile
+from collections.abc import Callable, Iterable
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError
+from radioloc.imaging import Camera, Detector, Map, find_mask, read_frame
+from radioloc.imaging.altitude import altitude_m
+from radioloc.imaging.registration import Frame, FrameStatus, Registration, register_chain
+from radioloc.imaging.shaded_maps import write_shaded_map
+from radioloc.kernels import sha256_of
+from radioloc.lunar import LunarPosition, TerrainModel
+from radioloc.report.image_solution import ImageSolution
+from radioloc.studies.image_study import ImageChoice, ImageStudy
+from radioloc.studies.record import versions
+from radioloc.text_files import read_text
+
+Floats = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+FRAME = "ME_DE421"
+"""The axes of lunar maps."""
+_FEWEST_FOR_A_MASK, _MASK_FRAMES = 4, 12
+"""So many frames, from all of the descent, tell what moves in the image from what does not."""
+
+
+def locate_images(study: ImageStudy, *, progress: bool = False) -> ImageSolution:
+    """Locate the lander in the last of a study's descent images on its map.
+
+    Parameters
+    ----------
+    study : ImageStudy
+        As :func:`~radioloc.studies.image_study.read_image_study` reads it.
+    progress : bool
+        Whether a progress bar is shown on standard error.
+
+    Raises
+    ------
+    InputError
+        A file cannot be used, or images are not in order.
+    ConvergenceError
+        No image is found on the map.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> study = radioloc.studies.read_image_study("examples/images/descent.toml")
+    >>> radioloc.locate_images(study).converged
+    True
+    """
+    chosen = study.images
+    scratch = tempfile.TemporaryDirectory(prefix="radioloc-") if chosen.shade else None
+    base = Map.open(_base_map(chosen, None if scratch is None else Path(scratch.name)))
+    frames = [
+        Frame(name, partial(read_frame, path), _undistorted(study, path))
+        for name, path in zip(_names(chosen.files), chosen.files, strict=True)
+    ]
+    mask = _mask(chosen)
+    registration = register_chain(
+        frames,
+        base,
+        map_sigma_m=chosen.base_map_sigma_m,
+        mask=mask,
+        near=_near(chosen),
+        detector=Detector(chosen.detector),
+        progress=_bar(progress, len(frames)),
+    )
+    return _solution(study, registration, base, mask, scratch)
+
+
+def _names(files: Iterable[Path]) -> list[str]:
+    """Names of files; with their folders where several are called alike."""
+    paths = list(files)
+    names = [path.name for path in paths]
+    return names if len(set(names)) == len(names) else [str(path) for path in paths]
+
+
+def _base_map(chosen: ImageChoice, scratch: Path | None) -> Path:
+    if scratch is None:
+        assert chosen.base_map is not None
+        return chosen.base_map
+    assert chosen.dem is not None
+    assert chosen.sun_azimuth_deg is not None
+    assert chosen.sun_elevation_deg is not None
+    path = scratch / f"{chosen.dem.stem}_shaded.tif"
+    write_shaded_map(chosen.dem, path, chosen.sun_azimuth_deg, chosen.sun_elevation_deg)
+    return path
+
+
+def _undistorted(study: ImageStudy, path: Path) -> Callable[[Floats], Floats] | None:
+    """From pixels to where a camera without distortion would have them."""
+    if study.camera is None or not any(study.camera.distortion):
+        return None
+    cameras: list[tuple[Camera, Camera]] = []
+
+    def undistorted(pixels: Floats) -> Floats:
+        if not cameras:
+            camera = study.camera.camera(read_frame(path).shape)  # type: ignore[union-attr]
+            cameras.append(
+                (camera, Camera(camera.focal_length_mm, camera.pixel_per_mm, camera.principal_point_px))
+            )
+        real, ideal = cameras[0]
+        return ideal.pixels(real.directions(pixels))[0]
+
+    return undistorted
+
+
+def _mask(chosen: ImageChoice) -> Mask | None:
+    if chosen.mask is not None:
+        return read_frame(chosen.mask) > 127
+    steps = np.unique(np.linspace(0, len(chosen.files) - 1, _MASK_FRAMES).astype(int))
+    images = []
+    for k in steps:
+        try:
+            images.append(read_frame(chosen.files[k]))
+        except InputError:
+            continue  # it will be left out by name
+    alike = [image for image in images if image.shape == images[0].shape]
+    return find_mask(alike) if len(alike) >= _FEWEST_FOR_A_MASK else None
+
+
+def _near(chosen: ImageChoice) -> tuple[float, float, float] | None:
+    """Longitude, latitude and radius about which the map is searched."""
+    if chosen.near is None:
+        return None
+    try:
+        content = json.loads(read_text(chosen.near))
+        place = content["position"]["me"]
+        sigma_m = max(content["sigma"][f"{axis}_m"] for axis in ("east", "north"))
+        return place["longitude_deg"], place["latitude_deg"], 3.0 * sigma_m + chosen.near_margin_m
+    except (ValueError, LookupError, TypeError):
+        raise InputError(f"{chosen.near}: is no solution.json with a position and its sigmas") from None
+
+
+def _bar(progress: bool, count: int) -> Callable[[Iterable[Frame]], Iterable[Frame]]:
+    if not progress:
+        return iter
+    from tqdm import tqdm
+
+    return partial(tqdm, total=count, unit="image", file=sys.stderr)
+
+
+def _solution(
+    study: ImageStudy,
+    registration: Registration,
+    base: Map,
+    mask: Mask | None,
+    scratch: tempfile.TemporaryDirectory[str] | None,
+) -> ImageSolution:
+    chosen, frames = study.images, registration.frames
+    last = frames[-1]
+    message = ""
+    if last.status is not FrameStatus.REGISTERED:
+        message = (
+            f"the last image, {last.name}, is {last.status.value}; the position is that of an image before it"
+        )
+        last = next(frame for frame in reversed(frames) if frame.status is FrameStatus.REGISTERED)
+    pixel = last.centre if message or isinstance(chosen.point, str) else np.array(chosen.point)
+    if not (np.abs(pixel - last.centre) <= last.centre + 0.5).all():
+        raise InputError(
+            f"point = {list(chosen.point)} is not in {last.name}, whose middle is {last.centre.tolist()}"
+        )
+    found = registration.ground_point(last.name, pixel, chosen.point_sigma_px)
+    place = (found.longitude_deg, found.latitude_deg)
+    height_m, covariance, notes = _height(chosen, place, found.covariance_m2)
+    if message:
+        notes.append(
+            "the lander is in the last image; where an image before it looked is not where it stands"
+        )
+    camera = study.camera
+    altitudes = {}
+    if camera is not None:
+        for frame in frames:
+            if frame.status is FrameStatus.REGISTERED:
+                shape = (round(2.0 * frame.centre[1] + 1.0), round(2.0 * frame.centre[0] + 1.0))
+                altitudes[frame.name] = float(altitude_m(camera.camera(shape), frame.pixel_m))
+        if any(frame.status is FrameStatus.REGISTERED for frame in frames):
+            notes.append(
+                "altitudes are those of a camera that looks straight down, from the size of its pixels"
+            )
+    return ImageSolution(
+        study.name,
+        message,
+        LunarPosition.from_selenographic(*place, height_m, FRAME),
+        covariance,
+        chosen.dem.name if chosen.shade and chosen.dem is not None else base.path.name,
+        chosen.base_map_sigma_m,
+        registration,
+        base,
+        camera,
+        mask,
+        altitudes,
+        {reference.name: reference.position for reference in study.references},
+        tuple(notes),
+        _provenance(study),
+        dict(zip(_names(chosen.files), chosen.files, strict=True)),
+        scratch,
+    )
+
+
+def _height(
+    chosen: ImageChoice, place: tuple[float, float], covariance_en_m2: Floats
+) -> tuple[float, Floats, list[str]]:
+    """The height, the covariance of east, north and up, and what there is to say of it."""
+    covariance = np.full((3, 3), 0.0)
+    covariance[:2, :2] = covariance_en_m2
+    if chosen.height_m is not None:
+        covariance[2, 2] = chosen.height_sigma_m**2
+        return chosen.height_m, covariance, []
+    if chosen.dem is None:
+        covariance[2] = covariance[:, 2] = np.nan
+        note = "no height is known: give dem or height_m; the position stands on the sphere of 1737.4 km"
+        return 0.0, covariance, [note]
+    terrain = TerrainModel.open(chosen.dem)
+    longitude, latitude = np.radians([[place[0]], [place[1]]])
+    height, by_longitude, by_latitude = (
+        float(np.ravel(v)[0]) for v in terrain.height_and_slope(longitude, latitude)
+    )
+    slope = np.array([by_longitude / math.cos(latitude[0]), by_latitude]) / (MEAN_LUNAR_RADIUS_M + height)
+    to_enu = np.vstack([np.eye(2), slope])
+    covariance = to_enu @ covariance_en_m2 @ to_enu.T
+    covariance[2, 2] += chosen.dem_sigma_m**2
+    return height, covariance, []
+
+
+def _provenance(study: ImageStudy) -> dict[str, Any]:
+    chosen = study.images
+    files = [
+        *chosen.files,
+        *(p for p in (chosen.base_map, chosen.dem, chosen.mask, chosen.near) if p is not None),
+    ]
+    origin = None
+    if study.path is not None:
+        origin = {
+            "file": str(study.path.resolve()),
+            "sha256": sha256_of(study.path),
+            "hours": None,
+            "inputs": [{"file": path.name, "sha256": sha256_of(path)} for path in files],
+        }
+    return {**versions(), "study": origin, "files": [path.name for path in chosen.files]}

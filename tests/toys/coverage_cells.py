@@ -1,20 +1,24 @@
-"""Worlds whose errors are drawn as the fit considers them, or otherwise, and how often regions of fits hold the truth.
+"""Worlds whose errors are drawn as the fit considers them, and how often regions of fits hold the truth.
 
-A cell is a kind of data, a length of arc, a kind of noise and a world. Tracking of the Chang'e-5 lander, one point in
-five minutes, is drawn and fitted by the trials of a Monte Carlo study, which are the fits of `locate`.
+A cell is a kind of data, a length of arc and a kind of noise. Tracking of the Chang'e-5 lander, one point in five
+minutes, is drawn and fitted by the trials of a Monte Carlo study, which are the fits of `locate`. Run by itself, with a
+file and a number of trials, it draws all cells as a figure.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+import sys
+import zlib
+from dataclasses import replace
 from functools import cache
 
 import numpy as np
 from change5_case import LANDER, NEAR, RANGING, START, VLBI
+from scipy.stats import binom, chi2
+from threadpoolctl import threadpool_limits
 
 import radioloc
 from radioloc import Study
-from radioloc.estimation.build import seconds_since_midnight
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import (
     Masks,
@@ -28,6 +32,7 @@ from radioloc.simulation import (
     baselines,
 )
 from radioloc.simulation.noise import NoiseDraws
+from radioloc.simulation.schedule import Plan
 from radioloc.simulation.truth import DrawnErrors
 from radioloc.studies import EstimateChoice, HeightPrior, ModelChoice
 from radioloc.studies.linear_trials import LinearTrials
@@ -36,6 +41,7 @@ from radioloc.studies.problem import considered_errors, observation_model
 
 HOURS = (48.0, 24.0, 12.0)
 LEVELS = (0.68, 0.95)
+AT_ONCE = 25
 DATA = ("ranges", "delays", "both")
 STEP_S, STOP = 300.0, "2020-12-03T15:10:00"
 RANGE_M, DELAY_M, BIAS_M, HEIGHT_M = 2.0, 0.4, 10.0, 5.0
@@ -52,41 +58,11 @@ FLICKER = NoiseModel(
     {"range": Noise(white_m=1.4, flicker_m=1.0), "vlbi_delay": Noise(white_m=0.3, flicker_m=0.1)}
 )
 NOISE = {"white": WHITE, "Gauss-Markov": GAUSS_MARKOV, "flicker": FLICKER}
-OF_STATIONS = NoiseModel(
-    {"range": GAUSS_MARKOV.link["range"], "vlbi_delay": Noise(white_m=0.3)},
-    vlbi_station=Noise(white_m=0.15, coloured_m=0.15, correlation_s=5400.0),
-)
-GROSS = NoiseModel(
-    {
-        "range": replace(GAUSS_MARKOV.link["range"], outlier_fraction=0.02, outlier_m=60.0),
-        "vlbi_delay": replace(GAUSS_MARKOV.link["vlbi_delay"], outlier_fraction=0.02, outlier_m=10.0),
-    }
-)
-AIR_CHANGES_S = 3.0 * 3600.0
-
-
-@dataclass(frozen=True)
-class World:
-    """What is drawn: noise, and errors of what the fit considers, so many times as large."""
-
-    noise: NoiseModel
-    factor: float = 1.0
-    air_changes: bool = False
-    """Zenith delays and electron contents that go on changing within a pass."""
-
-
-MATCHED = {name: World(noise) for name, noise in NOISE.items()}
-MISMATCHED = {
-    "considered errors 1.5 times as large": World(GAUSS_MARKOV, factor=1.5),
-    "air that changes within passes": World(GAUSS_MARKOV, air_changes=True),
-    "noise of VLBI stations": World(OF_STATIONS),
-    "2 % gross errors": World(GROSS),
-}
 
 
 @cache
-def prepared(data: str, hours: float) -> tuple[Prepared, LinearTrials, DrawnErrors, np.ndarray]:
-    """An arc, its trials, what the fit considers, and times of the rows, s."""
+def prepared(data: str, hours: float) -> tuple[Plan, LinearTrials]:
+    """The plan of an arc, and its trials, in which all that the fit considers is drawn with its sigma."""
     signal = {"wavelength_um": 35394.6}
     ranging = Session(
         "range",
@@ -102,7 +78,7 @@ def prepared(data: str, hours: float) -> tuple[Prepared, LinearTrials, DrawnErro
     delays = Session("vlbi_delay", baselines(*VLBI), START, STOP, STEP_S, DELAY_M, **signal)
     sessions = {"ranges": [ranging], "delays": [delays], "both": [ranging, delays]}[data]
     masks = Masks(station_deg=15.0, by_station_deg=dict.fromkeys(RANGING, 10.0))
-    lot = TruthSigma(position_enu_m=(0.0, 0.0, HEIGHT_M), range_bias_m=dict.fromkeys(RANGING, BIAS_M))
+    truth_sigma = TruthSigma(position_enu_m=(0.0, 0.0, HEIGHT_M), range_bias_m=dict.fromkeys(RANGING, BIAS_M))
     stations = {name for session in sessions for pair in session.pairs for name in pair}
     surveyed = {name: sigma_m for name, sigma_m in SURVEYED_M.items() if name in stations}
     study = Study(
@@ -115,46 +91,74 @@ def prepared(data: str, hours: float) -> tuple[Prepared, LinearTrials, DrawnErro
         ),
         model=ModelChoice(terms=radioloc.measurements.active_terms(["ionosphere"])),
         consider=considered_choices({"station_position_sigma_m": surveyed}),
-        simulation=Scenario(Schedule(sessions, masks), LANDER, truth_sigma=lot),
+        simulation=Scenario(Schedule(sessions, masks), LANDER, truth_sigma=truth_sigma),
     )
     ready = Prepared.of(study, (hours,))
     linear = ready.linear()
     assert linear is not None
     part = ready.parts[0]
     problem = observation_model(part.arc, ready._target_pa, part.estimate)
-    x = np.concatenate([linear.arcs[0].problem.x])
-    errors, _ = considered_errors(study, problem, part.estimate, x)
-    partials = errors.partials(np.arange(len(ready.rows))).T
-    found = DrawnErrors(errors.parameters.names, errors.parameters.prior_sigmas, partials)
-    return ready, linear, found, seconds_since_midnight(part.arc.observations.epoch)
-
-
-def trials_of(data: str, hours: float, world: World) -> LinearTrials:
-    """Trials of some data in a world."""
-    ready, linear, considered, time_s = prepared(data, hours)
-    mine = changing(considered, time_s) if world.air_changes else considered
+    errors, _ = considered_errors(study, problem, part.estimate, linear.arcs[0].problem.x)
     lot = linear.drawn
     drawn = DrawnErrors(
-        (*lot.names, *mine.names),
-        np.concatenate([lot.sigmas, world.factor * mine.sigmas]),
-        np.concatenate([lot.partials, mine.partials]),
+        (*lot.names, *errors.parameters.names),
+        np.concatenate([lot.sigmas, errors.parameters.prior_sigmas]),
+        np.concatenate([lot.partials, errors.partials(np.arange(len(ready.rows))).T]),
     )
-    return replace(linear, draws=NoiseDraws.of(world.noise, ready.world.plan), drawn=drawn)
+    return ready.world.plan, replace(linear, drawn=drawn)
 
 
-def changing(errors: DrawnErrors, time_s: np.ndarray) -> DrawnErrors:
-    """The same, those of the air as Gauss-Markov processes between knots half an hour apart, from pass to pass."""
-    of_air: dict[str, list[int]] = {}
-    for k, name in enumerate(errors.names):
-        if name.startswith(("zenith_delay.", "electron_content.")):
-            of_air.setdefault(name.rpartition(" ")[0], []).append(k)
-    knots_s = np.arange(time_s.min(), time_s.max() + 1800.0, 1800.0)
-    root = np.linalg.cholesky(np.exp(-np.abs(knots_s[:, None] - knots_s) / AIR_CHANGES_S))
-    at = np.array([np.interp(time_s, knots_s, column) for column in root.T])  # (knots, n)
-    rest = [k for k in range(len(errors.names)) if not any(k in mine for mine in of_air.values())]
-    names, sigmas, partials = [errors.names[k] for k in rest], [errors.sigmas[rest]], [errors.partials[rest]]
-    for name, mine in of_air.items():
-        names += [f"{name} at {knot}" for knot in range(len(knots_s))]
-        sigmas.append(np.full(len(knots_s), errors.sigmas[mine[0]]))
-        partials.append(at * errors.partials[mine].sum(axis=0))
-    return DrawnErrors(tuple(names), np.concatenate(sigmas), np.concatenate(partials))
+def held(data: str, hours: float, noise: str, trials: int) -> dict[tuple[str, float], int]:
+    """In how many trials regions hold the truth, by region and level; each cell has draws of its own."""
+    seed = zlib.crc32(f"{data} {hours} {noise}".encode())
+    plan, linear = prepared(data, hours)
+    linear = replace(linear, draws=NoiseDraws.of(NOISE[noise], plan))
+    chunks = [range(k, min(k + AT_ONCE, trials)) for k in range(0, trials, AT_ONCE)]
+    with threadpool_limits(1):
+        values = np.concatenate([linear.run(seed, chunk) for chunk in chunks])[:, 0]
+    found = dict(zip(linear.columns, values.T, strict=True))
+    assert found["converged"].all()
+    squares = {
+        ("horizontal", 2): found["nees_horizontal"],
+        ("height", 1): (found["up_m"] / found["sigma_up_m"]) ** 2,
+    }
+    return {
+        (region, level): int((square <= chi2.ppf(level, dof)).sum())
+        for (region, dof), square in squares.items()
+        for level in LEVELS
+    }
+
+
+def bounds(trials: int, level: float, compared: int, chance: float = 0.01) -> tuple[int, int]:
+    """Successes that right regions keep to but for a chance in any of so many comparisons (Bonferroni)."""
+    low, high = binom.ppf([0.5 * chance / compared, 1.0 - 0.5 * chance / compared], trials, level)
+    return int(low), int(high)
+
+
+def draw(file: str, trials: int) -> None:
+    """Fractions of all cells, a panel for each region, with the bounds of chance."""
+    import matplotlib.pyplot as plt
+
+    cells = [(noise, data, hours) for noise in NOISE for data in DATA for hours in sorted(HOURS)]
+    counts = [held(data, hours, noise, trials) for noise, data, hours in cells]
+    figure, panels = plt.subplots(2, 1, sharex=True, figsize=(9.0, 6.0), layout="constrained")
+    for panel, region in zip(panels, ("horizontal", "height"), strict=True):
+        for level, colour in zip(LEVELS, ("#3b6fb6", "#c2573a"), strict=True):
+            low, high = bounds(trials, level, 4 * len(cells))
+            panel.axhspan(100.0 * low / trials, 100.0 * high / trials, color=colour, alpha=0.12, lw=0)
+            panel.axhline(100.0 * level, color=colour, lw=0.8)
+            values = [100.0 * count[region, level] / trials for count in counts]
+            panel.plot(values, "o", ms=5, color=colour, label=f"claimed {100.0 * level:.0f} %")
+        for edge in range(len(HOURS), len(cells), len(HOURS)):
+            panel.axvline(edge - 0.5, color="0.6" if edge % (3 * len(HOURS)) else "0.2", lw=0.6)
+        panel.set(ylabel=f"{region}: truth inside, %", ylim=(45.0, 101.0))
+    panels[0].legend(loc="lower right", ncols=2)
+    for k in range(0, len(cells), len(HOURS)):
+        panels[0].text(k + 1, 102.0, "\n".join(cells[k][:2]), ha="center", va="bottom", fontsize=8)
+    panels[1].set_xticks(range(len(cells)), [f"{hours:g}" for _, _, hours in cells], fontsize=8)
+    panels[1].set_xlabel(f"hours; {trials} draws in a cell, bands are the bounds of chance for all of them")
+    figure.savefig(file, dpi=110)
+
+
+if __name__ == "__main__":
+    draw(sys.argv[1], int(sys.argv[2]))

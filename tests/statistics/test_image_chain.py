@@ -13,6 +13,7 @@ DRAWS = 100
 THREE_SIGMA = 3.0 * np.sqrt(0.95 * 0.05 / DRAWS)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "map_below", [10, 4], ids=["map seen by most images", "map seen by the highest four"]
 )

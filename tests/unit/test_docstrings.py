@@ -15,7 +15,15 @@ import radioloc
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = [m.name for m in pkgutil.walk_packages(radioloc.__path__, "radioloc.") if "__main__" not in m.name]
 LONG = {"arcs", "monte_carlo", "verify"}
-LONG |= {"write_arcs", "write_covariance", "write_monte_carlo", "write_report", "write_terms"}
+LONG |= {
+    "plot_images",
+    "write_images",
+    "write_arcs",
+    "write_covariance",
+    "write_monte_carlo",
+    "write_report",
+    "write_terms",
+}
 
 
 @pytest.fixture(autouse=True)

@@ -287,7 +287,12 @@ class EstimateChoice:
     def of_part(self, part: Predictor) -> EstimateChoice:
         """What is estimated in a part of an arc: without whom there are no observations of in it."""
         simple = simple_predictor(part)
-        kept = {name: of_part(PARAMETERS[name], choice, simple) for name, choice in self.parameters.items()}
+        try:
+            kept = {
+                name: of_part(PARAMETERS[name], choice, simple) for name, choice in self.parameters.items()
+            }
+        except InputError as error:
+            raise type(error)(f"[estimate] {error}") from None
         return replace(self, parameters=kept)
 
 

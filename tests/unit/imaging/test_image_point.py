@@ -50,6 +50,7 @@ def disturbed(model, shift_m, angles_rad):
     return replace(model, orientation=changed)
 
 
+@pytest.mark.slow
 def test_the_covariance_is_that_of_drawn_errors(ldem_4):
     """Errors of all kinds at once, through the sensor model and the elevation map, without partials."""
     model, pixel = lro(), np.array([3000.0, 200.0])

@@ -187,6 +187,7 @@ def test_a_line_scan_over_the_real_moon(tmp_path):
     assert values[rows[pick], columns[pick]][inner] == pytest.approx(expected[inner], abs=0.01)
 
 
+@pytest.mark.slow
 def test_a_fine_elevation_map_is_read_in_parts(tmp_path, monkeypatch):
     longitude, latitude, _, _ = CASES["equator"]
     terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))

@@ -67,6 +67,7 @@ def oblique(angle_deg, pixel):
     return image, down
 
 
+@pytest.mark.slow
 def test_the_approximate_attitude_finds_more_in_a_very_oblique_image(tmp_path):
     """Seen 65 degrees off the vertical; the attitude is 4 degrees wrong."""
     base = Map.open(Descent().write_map(tmp_path / "map.tif"))

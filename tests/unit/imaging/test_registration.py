@@ -107,6 +107,7 @@ def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path):
         result.ground_point("elsewhere.png")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "frames",
     [
@@ -121,6 +122,7 @@ def test_no_image_on_the_map_is_an_error(base, frames):
         register_chain(frames, base, map_sigma_m=MAP_M)
 
 
+@pytest.mark.slow
 def test_images_out_of_order_are_named(base):
     order = [0, 3, 1, 4]
     with pytest.raises(
@@ -131,6 +133,7 @@ def test_images_out_of_order_are_named(base):
         register_chain([SHORT.list[0], SHORT.list[0]], base, map_sigma_m=MAP_M)
 
 
+@pytest.mark.slow
 def test_sought_near_a_place(base):
     result = register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, near=(-19.51, 44.12, 1500.0))
     np.testing.assert_allclose(SHORT.error_m(result.ground_point("0001.png"), 1), 0.0, rtol=0, atol=PLACE_M)
@@ -138,6 +141,7 @@ def test_sought_near_a_place(base):
         register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M, near=(10.0, 44.12, 1500.0))
 
 
+@pytest.mark.slow
 def test_a_pixel_and_its_sigma(base):
     result = register_chain(SHORT.list[:2], base, map_sigma_m=MAP_M)
     there = result.ground_point("0001.png", [100.0, 300.0])
@@ -149,6 +153,7 @@ def test_a_pixel_and_its_sigma(base):
     assert added == pytest.approx(2.0 * result.frames[1].pixel_m, abs=1.0)  # the image is tilted by a fifth
 
 
+@pytest.mark.slow
 def test_distortion_is_taken_off(base):
     """Frames seen through a lens that draws toward the middle by up to 9 pixels, and their pixels as they would be."""
     centre = np.array([249.5, 199.5])

@@ -91,6 +91,7 @@ def test_a_rover_is_located_by_its_four_distances():
     )
 
 
+@pytest.mark.slow
 def test_places_by_distances_scatter_as_their_covariance_says():
     rng = np.random.default_rng(3)
     trials, inside = 400, 0

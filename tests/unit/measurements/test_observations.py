@@ -129,8 +129,8 @@ def test_span_is_from_the_first_to_the_last_whatever_the_order():
 def test_what_residuals_of_a_link_are_grouped_by():
     assert Link.from_path("KASHI>lander>JIAMUSI").place == "JIAMUSI"
     assert Link.from_path("KASHI<lander>JIAMUSI").place == "KASHI\N{EN DASH}JIAMUSI"
-    assert Link.from_path("KASHI>lander>JIAMUSI").receivers == ("JIAMUSI",)
-    assert Link.from_path("KASHI<lander>JIAMUSI").receivers == ("KASHI", "JIAMUSI")
+    assert Link.from_path("KASHI>lander>JIAMUSI").reception_signs == {"KASHI": 0.0, "JIAMUSI": 1.0}
+    assert Link.from_path("KASHI<lander>JIAMUSI").reception_signs == {"KASHI": -1.0, "JIAMUSI": 1.0}
 
 
 def test_a_name_that_is_too_long_is_told_whatever_the_others_are():

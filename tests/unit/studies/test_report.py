@@ -49,6 +49,10 @@ def test_files(folder):
         "residuals.svg",
         "position.png",
         "position.svg",
+        "correlations.png",
+        "correlations.svg",
+        "contours.png",
+        "contours.svg",
     }
     assert {file.name for file in folder.iterdir()} == names
     assert all(file.stat().st_size > 100 for file in folder.iterdir())

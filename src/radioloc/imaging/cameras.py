@@ -7,7 +7,7 @@ in millimetres. A direction is (x, y, f) without distortion, over f: (x / f, y /
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -95,6 +95,10 @@ class Camera:
             raise InputError(f"pixel_size_um = {pixel_size_um!r} is not a positive number of micrometres")
         lens = Distortion("brown", distortion) if len(distortion) else Distortion("none", ())
         return cls(focal_length_mm, np.eye(2) * 1e3 / pixel_size_um, np.asarray(principal_point_px), lens)
+
+    def without_distortion(self) -> Camera:
+        """The same camera with a lens that has none."""
+        return replace(self, distortion=Distortion("none", ()))
 
     def directions(self, pixels: ArrayLike) -> Floats:
         """Directions in the camera's axes, not normalized, shape (n, 3), of pixels, shape (n, 2).

@@ -8,14 +8,12 @@ be good to some degrees, it looks like a map.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import Camera
-from radioloc.imaging.distortion import Distortion
 
 Floats = NDArray[np.float64]
 
@@ -29,7 +27,7 @@ def undistorted(camera: Camera) -> Callable[[Floats], Floats]:
     >>> undistorted(camera)(np.array([[511.5, 511.5], [1000.0, 511.5]])).round(1).tolist()
     [[511.5, 511.5], [1008.0, 511.5]]
     """
-    straight = _straight(camera)
+    straight = camera.without_distortion()
     return lambda pixels: straight.pixels(camera.directions(pixels))[0]
 
 
@@ -74,14 +72,10 @@ def rectification(camera: Camera, down: ArrayLike) -> Floats:
     cross = np.cross(vertical, axis)
     skew = np.array([[0, -cross[2], cross[1]], [cross[2], 0, -cross[0]], [-cross[1], cross[0], 0]])
     turn = np.eye(3) + skew + skew @ skew / (1.0 + vertical @ axis)  # brings the vertical to the axis
-    straight = _straight(camera)
+    straight = camera.without_distortion()
     point = straight.principal_point_px
     partials = straight.directions_and_partials(point[np.newaxis])[1][0, :2]
     to_direction = np.zeros((3, 3))
     to_direction[:2, :2], to_direction[:2, 2] = partials, -partials @ point
     to_direction[2, 2] = axis[2]
     return np.asarray(np.linalg.inv(to_direction) @ turn @ to_direction)
-
-
-def _straight(camera: Camera) -> Camera:
-    return replace(camera, distortion=Distortion("none", ()))

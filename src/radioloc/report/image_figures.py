@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.imaging import Camera, read_frame
+from radioloc.imaging import read_frame
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.registration import RegisteredFrame
@@ -147,7 +147,7 @@ def _undistorted(
     if solution.camera is None or not any(solution.camera.distortion):
         return image, usable
     real = solution.camera.camera(image.shape)
-    ideal = Camera(real.focal_length_mm, real.pixel_per_mm, real.principal_point_px)
+    ideal = real.without_distortion()
     pixels = np.stack(np.meshgrid(np.arange(image.shape[1]), np.arange(image.shape[0])), axis=-1).reshape(
         -1, 2
     )

@@ -16,6 +16,7 @@ from radioloc.errors import InputError
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.orientation import ConstantOrientation
+from radioloc.imaging.rotations import rotation_of
 from radioloc.imaging.sensor_models import FrameModel
 from radioloc.imaging.shading import sun_direction
 from radioloc.simulation.ground import Ground, as_bytes
@@ -108,7 +109,8 @@ class Descent:
         right = np.cross(forward, -ahead)
         right = right / np.linalg.norm(right)
         rotation = np.column_stack([-right, np.cross(forward, -right), forward])
-        rotation = rotation @ _about(2, math.radians(4.0 * yaw)) @ _about(1, math.radians(0.5 * roll))
+        yawed, rolled = rotation_of(np.radians([[0.0, 0.0, 4.0 * yaw], [0.0, 0.5 * roll, 0.0]]))
+        rotation = rotation @ yawed @ rolled
         axes = self.ground.plane.axes()
         return FrameModel(self.camera, ConstantOrientation(axes.T @ place, axes.T @ rotation), self.shape)
 
@@ -140,21 +142,9 @@ class Descent:
 
     def lander(self) -> tuple[float, float, float]:
         """Longitude and latitude, deg, and height, m, of the ground in the middle of the last frame: the truth."""
-        model = self.model(self.frames - 1)
         lines, samples = self.shape
-        middle = FrameModel(
-            Camera(
-                model.camera.focal_length_mm,
-                model.camera.pixel_per_mm,
-                model.camera.principal_point_px - [0.5 * (samples - 1), 0.5 * (lines - 1)],
-                model.camera.distortion,
-                model.camera.looks_along_z,
-            ),
-            model.orientation,
-            (1, 1),
-        )
-        _, points = self.ground.seen_by(middle, self.sun)
-        east, north, height = points[0, 0]
+        middle = (0.5 * (samples - 1), 0.5 * (lines - 1))
+        east, north, height = self.ground.point_seen(self.model(self.frames - 1), middle)
         longitude, latitude = self.ground.plane.to_longitude_latitude([[east, north]])[0]
         return float(longitude), float(latitude), float(height)
 
@@ -185,13 +175,3 @@ class Descent:
         place = dict(zip(("longitude_deg", "latitude_deg", "height_m"), self.lander(), strict=True))
         (folder / "truth.json").write_text(json.dumps({"lander": place, "frames": truth}, indent=1) + "\n")
         yield folder / "truth.json"
-
-
-def _about(axis: int, angle_rad: float) -> Floats:
-    """A rotation by a small angle about an axis of the camera."""
-    c, s = math.cos(angle_rad), math.sin(angle_rad)
-    rotation = np.eye(3)
-    i, j = [(1, 2), (2, 0), (0, 1)][axis]
-    rotation[i, i] = rotation[j, j] = c
-    rotation[i, j], rotation[j, i] = -s, s
-    return rotation

@@ -92,31 +92,25 @@ class Ground:
         """
         lines, samples = model.shape
         brightness, points = np.empty((lines, samples)), np.empty((lines, samples, 3))
-        axes = self.plane.axes()
-        slope = abs(np.linalg.det(model.camera.pixel_per_mm)) ** -0.5 / model.camera.focal_length_mm
 
         def block(first: int) -> int:
             last = min(first + _BLOCK_LINES, lines)
             pixels = np.stack(np.meshgrid(np.arange(samples), np.arange(first, last)), axis=-1).reshape(-1, 2)
-            rays = model.rays(pixels)
-            missed: int = kernels.look(
-                axes @ rays.origins_m[0],
-                np.ascontiguousarray(rays.directions @ axes.T),
-                slope,
-                MEAN_LUNAR_RADIUS_M,
-                sun,
-                np.array(LUNAR_LAMBERT),
-                *self._of_relief(),
-                brightness[first:last].reshape(-1),
-                points[first:last].reshape(-1, 3),
-            )
-            return missed
+            of_block = brightness[first:last].reshape(-1), points[first:last].reshape(-1, 3)
+            return self._look(model, sun, pixels, *of_block)
 
         if missed := sum(_by_threads(block, range(0, lines, _BLOCK_LINES))):
             raise InputError(
                 f"{missed} of {lines * samples} pixels look past the ground; tilt the camera less"
             )
         return brightness, points
+
+    def point_seen(self, model: FrameModel, pixel: ArrayLike) -> Floats:
+        """East, north and height of the ground that a pixel (sample, line) of a camera shows, m, shape (3,)."""
+        points = np.empty((1, 3))
+        if self._look(model, np.array([0.0, 0.0, 1.0]), np.reshape(pixel, (1, 2)), np.empty(1), points):
+            raise InputError(f"pixel {pixel!r} looks past the ground")
+        return points[0]
 
     def write_map(
         self,
@@ -197,6 +191,25 @@ class Ground:
 
             for first, band in _by_threads(block, range(0, size, _BLOCK_LINES)):
                 file.write(band, 1, window=((first, first + len(band)), (0, size)))
+
+    def _look(
+        self, model: FrameModel, sun: Floats, pixels: ArrayLike, brightness: Floats, points_m: Floats
+    ) -> int:
+        """Fill in brightness and places of pixels; how many of them look past the ground."""
+        rays = model.rays(pixels)
+        axes = self.plane.axes()
+        missed: int = kernels.look(
+            axes @ rays.origins_m[0],
+            np.ascontiguousarray(rays.directions @ axes.T),
+            abs(np.linalg.det(model.camera.pixel_per_mm)) ** -0.5 / model.camera.focal_length_mm,
+            MEAN_LUNAR_RADIUS_M,
+            sun,
+            np.array(LUNAR_LAMBERT),
+            *self._of_relief(),
+            brightness,
+            points_m,
+        )
+        return missed
 
     def _relief(self, east_north_m: Floats, pixel_m: float) -> Floats:
         out = np.empty((len(east_north_m), 4))

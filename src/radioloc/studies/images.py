@@ -16,18 +16,19 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
-from radioloc.imaging import Camera, Detector, Map, find_mask, read_frame
+from radioloc.imaging import Detector, Map, find_mask, read_frame, undistorted
 from radioloc.imaging.altitude import altitude_m
 from radioloc.imaging.registration import Frame, FrameStatus, Registration, register_chain
 from radioloc.imaging.shaded_maps import write_shaded_map
 from radioloc.kernels import sha256_of
 from radioloc.lunar import LunarPosition, TerrainModel
 from radioloc.report.image_solution import ImageSolution
-from radioloc.studies.image_study import ImageChoice, ImageStudy
+from radioloc.studies.image_study import CameraChoice, ImageChoice, ImageStudy
 from radioloc.studies.record import versions
 from radioloc.text_files import read_text
 
 Floats = NDArray[np.float64]
+Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 FRAME = "ME_DE421"
@@ -64,7 +65,7 @@ def locate_images(study: ImageStudy, *, progress: bool = False) -> ImageSolution
     scratch = tempfile.TemporaryDirectory(prefix="radioloc-") if chosen.shade else None
     base = Map.open(_base_map(chosen, None if scratch is None else Path(scratch.name)))
     frames = [
-        Frame(name, partial(read_frame, path), _undistorted(study, path))
+        _frame(name, path, study.camera)
         for name, path in zip(_names(chosen.files), chosen.files, strict=True)
     ]
     mask = _mask(chosen)
@@ -99,22 +100,24 @@ def _base_map(chosen: ImageChoice, scratch: Path | None) -> Path:
     return path
 
 
-def _undistorted(study: ImageStudy, path: Path) -> Callable[[Floats], Floats] | None:
-    """From pixels to where a camera without distortion would have them."""
-    if study.camera is None or not any(study.camera.distortion):
-        return None
-    cameras: list[tuple[Camera, Camera]] = []
+class _Picture:
+    """An image as the registration takes it; the camera of one is known once its size is."""
 
-    def undistorted(pixels: Floats) -> Floats:
-        if not cameras:
-            camera = study.camera.camera(read_frame(path).shape)  # type: ignore[union-attr]
-            cameras.append(
-                (camera, Camera(camera.focal_length_mm, camera.pixel_per_mm, camera.principal_point_px))
-            )
-        real, ideal = cameras[0]
-        return ideal.pixels(real.directions(pixels))[0]
+    def __init__(self, path: Path, camera: CameraChoice) -> None:
+        self._path, self._camera = path, camera
+        self.undistorted: Callable[[Floats], Floats]
 
-    return undistorted
+    def read(self) -> Image:
+        image = read_frame(self._path)
+        self.undistorted = undistorted(self._camera.camera(image.shape))
+        return image
+
+
+def _frame(name: str, path: Path, camera: CameraChoice | None) -> Frame:
+    if camera is None or not any(camera.distortion):
+        return Frame(name, partial(read_frame, path))
+    picture = _Picture(path, camera)
+    return Frame(name, picture.read, lambda pixels: picture.undistorted(pixels))
 
 
 def _mask(chosen: ImageChoice) -> Mask | None:

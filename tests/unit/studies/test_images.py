@@ -112,8 +112,10 @@ def test_the_elevation_model_shaded_at_their_sun_serves_where_no_map_does(study,
     made = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(made)
     made.GROUND.write_heights(tmp_path / "dem.tif", 10.0, 9000.0, SHIFT_M)
+    # Frames that look straight down: relief moves points of oblique ones toward the horizon, here by 9 m in all.
     chosen = replace(
         study.images,
+        files=study.images.files[3:],
         base_map=None,
         dem=tmp_path / "dem.tif",
         shade=True,
@@ -122,8 +124,7 @@ def test_the_elevation_model_shaded_at_their_sun_serves_where_no_map_does(study,
     )
     found = radioloc.locate_images(replace(study, images=chosen))
     assert found.converged
-    # Of the size of its cells; all within the sigma of features that lie elsewhere on slopes than in images.
-    assert np.hypot(*error_m(found)) < 1.5 * 10.0
+    assert np.hypot(*error_m(found)) < 10.0  # a cell
 
 
 WRONG = {

@@ -6,7 +6,6 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any, Protocol
 
 import numpy as np
@@ -39,7 +38,7 @@ class CameraOf(Protocol):
         """That of images of so many lines and samples."""
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
 class ImageSolution:
     """Where a lander stands by its descent images, and how each image was registered.
 
@@ -88,7 +87,6 @@ class ImageSolution:
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     paths: Mapping[str, Path] = field(default_factory=dict, repr=False)
-    _scratch: TemporaryDirectory[str] | None = field(default=None, repr=False)  # of a shaded map
 
     @property
     def converged(self) -> bool:

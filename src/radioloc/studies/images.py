@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
 import sys
 import tempfile
+import weakref
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
@@ -62,8 +64,22 @@ def locate_images(study: ImageStudy, *, progress: bool = False) -> ImageSolution
     True
     """
     chosen = study.images
-    scratch = tempfile.TemporaryDirectory(prefix="radioloc-") if chosen.shade else None
-    base = Map.open(_base_map(chosen, None if scratch is None else Path(scratch.name)))
+    if not chosen.shade:
+        return _located(study, None, progress)
+    scratch = Path(tempfile.mkdtemp(prefix="radioloc-"))
+    try:
+        solution = _located(study, scratch, progress)
+    except BaseException:
+        shutil.rmtree(scratch, ignore_errors=True)
+        raise
+    # The shaded map is read again where it is drawn, and goes with the solution.
+    weakref.finalize(solution, shutil.rmtree, scratch, ignore_errors=True)
+    return solution
+
+
+def _located(study: ImageStudy, scratch: Path | None, progress: bool) -> ImageSolution:
+    chosen = study.images
+    base = Map.open(_base_map(chosen, scratch))
     frames = [
         _frame(name, path, study.camera)
         for name, path in zip(_names(chosen.files), chosen.files, strict=True)
@@ -78,7 +94,7 @@ def locate_images(study: ImageStudy, *, progress: bool = False) -> ImageSolution
         detector=Detector(chosen.detector),
         progress=_bar(progress, len(frames)),
     )
-    return _solution(study, registration, base, mask, scratch)
+    return _solution(study, registration, base, mask)
 
 
 def _names(files: Iterable[Path]) -> list[str]:
@@ -160,7 +176,6 @@ def _solution(
     registration: Registration,
     base: Map,
     mask: Mask | None,
-    scratch: tempfile.TemporaryDirectory[str] | None,
 ) -> ImageSolution:
     chosen, frames = study.images, registration.frames
     last = frames[-1]
@@ -209,7 +224,6 @@ def _solution(
         tuple(notes),
         _provenance(study),
         dict(zip(_names(chosen.files), chosen.files, strict=True)),
-        scratch,
     )
 
 

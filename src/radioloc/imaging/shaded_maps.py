@@ -2,16 +2,21 @@
 
 from __future__ import annotations
 
+import math
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError
 from radioloc.imaging.maps import Map, TangentPlane
+from radioloc.imaging.moon_axes import sun_me_m
 from radioloc.imaging.shading import brightness_of_slopes, in_bytes, sun_direction
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.map_grid import load_rasterio
 from radioloc.lunar.terrain_source import heights_m
+from radioloc.time import Epochs, utc_strings
 
 _SIDE = 512
 _BLANK = 0
@@ -69,6 +74,25 @@ def write_shaded_map(
                 band = np.maximum(in_bytes(bright, sun), _BLANK + 1)
                 band = np.where(np.isfinite(heights[1:-1, 1:-1]), band, _BLANK).astype(np.uint8)
                 file.write(band, 1, window=((line, line + len(band)), (sample, sample + band.shape[1])))
+
+
+def sun_over_map(dem: str | Path, epoch: Epochs) -> tuple[float, float]:
+    """Azimuth and elevation of the Sun, deg, seen from the middle of an elevation model at an epoch, UTC, by DE421.
+
+    Raises
+    ------
+    FileFormatError, InputError
+        As of the elevation model; the Sun is not above the horizon.
+    """
+    base = Map.open(dem)
+    east, north, up = base.plane().axes() @ sun_me_m(epoch)[0] - [0.0, 0.0, MEAN_LUNAR_RADIUS_M]
+    elevation_deg = math.degrees(math.atan2(up, math.hypot(east, north)))
+    if elevation_deg <= 0.0:
+        raise InputError(
+            f"at {utc_strings(epoch, 0)[0]} UTC the Sun is {-elevation_deg:.1f} degrees below the horizon at the "
+            f"middle of {dem}; give the epoch of the images"
+        )
+    return math.degrees(math.atan2(east, north)) % 360.0, elevation_deg
 
 
 def _metres_by_pixel(base: Map, sample: float, line: float) -> tuple[TangentPlane, NDArray[np.float64]]:

@@ -10,6 +10,7 @@ from radioloc.imaging import Camera
 from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of
 from radioloc.studies.study import Reference
 from radioloc.studies.study_file import references_of, toml_content
+from radioloc.time import Epochs
 
 DETECTORS = ("sift", "orb")
 TABLES = ("images", "camera", "reference", "references")
@@ -48,6 +49,8 @@ class ImageChoice:
         Whether the base is the elevation model shaded at the Sun's direction.
     sun_azimuth_deg, sun_elevation_deg : float, optional
         That direction, from north over east and above the horizon.
+    epoch : Epochs, optional
+        In their place when the images were taken, UTC: the Sun's direction then is computed.
     detector : {"sift", "orb"}
         What finds features.
     """
@@ -67,6 +70,7 @@ class ImageChoice:
     shade: bool = False
     sun_azimuth_deg: float | None = None
     sun_elevation_deg: float | None = None
+    epoch: Epochs | None = entry(None, moment=True)
     detector: str = entry("sift", choices=DETECTORS)
 
     def __post_init__(self) -> None:
@@ -75,8 +79,11 @@ class ImageChoice:
             raise InputError("base_map is missing; name a map image, or shade = true with a dem")
         if self.shade and self.dem is None:
             raise InputError("shade needs a dem, which is shaded")
-        if self.shade and (self.sun_azimuth_deg is None or self.sun_elevation_deg is None):
-            raise InputError("shade needs sun_azimuth_deg and sun_elevation_deg, where the Sun stood")
+        angles = [angle for angle in (self.sun_azimuth_deg, self.sun_elevation_deg) if angle is not None]
+        if self.shade and len(angles) != (2 if self.epoch is None else 0):
+            raise InputError(
+                "shade needs either epoch, or sun_azimuth_deg and sun_elevation_deg, where the Sun stood"
+            )
         if self.shade and self.base_map is not None:
             raise InputError("give either base_map or shade = true, not both")
         if self.dem is not None and self.height_m is not None:

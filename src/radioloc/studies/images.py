@@ -21,7 +21,7 @@ from radioloc.errors import InputError
 from radioloc.imaging import Detector, Map, find_mask, read_frame, undistorted
 from radioloc.imaging.altitude import altitude_m
 from radioloc.imaging.registration import Frame, FrameStatus, Registration, register_chain
-from radioloc.imaging.shaded_maps import write_shaded_map
+from radioloc.imaging.shaded_maps import sun_over_map, write_shaded_map
 from radioloc.kernels import sha256_of
 from radioloc.lunar import LunarPosition, TerrainModel
 from radioloc.report.image_solution import ImageSolution
@@ -65,10 +65,12 @@ def locate_images(study: ImageStudy, *, progress: bool = False) -> ImageSolution
     """
     chosen = study.images
     if not chosen.shade:
-        return _located(study, None, progress)
+        assert chosen.base_map is not None
+        return _located(study, chosen.base_map, progress)
     scratch = Path(tempfile.mkdtemp(prefix="radioloc-"))
     try:
-        solution = _located(study, scratch, progress)
+        shaded, note = _shaded_map(chosen, scratch)
+        solution = _located(study, shaded, progress, note)
     except BaseException:
         shutil.rmtree(scratch, ignore_errors=True)
         raise
@@ -77,9 +79,9 @@ def locate_images(study: ImageStudy, *, progress: bool = False) -> ImageSolution
     return solution
 
 
-def _located(study: ImageStudy, scratch: Path | None, progress: bool) -> ImageSolution:
+def _located(study: ImageStudy, base_map: Path, progress: bool, *notes: str) -> ImageSolution:
     chosen = study.images
-    base = Map.open(_base_map(chosen, scratch))
+    base = Map.open(base_map)
     frames = [
         _frame(name, path, study.camera)
         for name, path in zip(_names(chosen.files), chosen.files, strict=True)
@@ -94,7 +96,7 @@ def _located(study: ImageStudy, scratch: Path | None, progress: bool) -> ImageSo
         detector=Detector(chosen.detector),
         progress=_bar(progress, len(frames)),
     )
-    return _solution(study, registration, base, mask)
+    return _solution(study, registration, base, mask, notes)
 
 
 def _names(files: Iterable[Path]) -> list[str]:
@@ -104,16 +106,19 @@ def _names(files: Iterable[Path]) -> list[str]:
     return names if len(set(names)) == len(names) else [str(path) for path in paths]
 
 
-def _base_map(chosen: ImageChoice, scratch: Path | None) -> Path:
-    if scratch is None:
-        assert chosen.base_map is not None
-        return chosen.base_map
+def _shaded_map(chosen: ImageChoice, folder: Path) -> tuple[Path, str]:
+    """The elevation model as a shaded map, and where the Sun stands over it."""
     assert chosen.dem is not None
-    assert chosen.sun_azimuth_deg is not None
-    assert chosen.sun_elevation_deg is not None
-    path = scratch / f"{chosen.dem.stem}_shaded.tif"
-    write_shaded_map(chosen.dem, path, chosen.sun_azimuth_deg, chosen.sun_elevation_deg)
-    return path
+    if chosen.epoch is not None:
+        azimuth_deg, elevation_deg = sun_over_map(chosen.dem, chosen.epoch)
+    else:
+        assert chosen.sun_azimuth_deg is not None
+        assert chosen.sun_elevation_deg is not None
+        azimuth_deg, elevation_deg = chosen.sun_azimuth_deg, chosen.sun_elevation_deg
+    path = folder / f"{chosen.dem.stem}_shaded.tif"
+    write_shaded_map(chosen.dem, path, azimuth_deg, elevation_deg)
+    where = f"azimuth {azimuth_deg:.2f} and elevation {elevation_deg:.2f} degrees over its middle"
+    return path, f"{chosen.dem.name} is shaded with the Sun at {where}"
 
 
 class _Picture:
@@ -176,6 +181,7 @@ def _solution(
     registration: Registration,
     base: Map,
     mask: Mask | None,
+    told: tuple[str, ...],
 ) -> ImageSolution:
     chosen, frames = study.images, registration.frames
     last = frames[-1]
@@ -221,7 +227,7 @@ def _solution(
         mask,
         altitudes,
         {reference.name: reference.position for reference in study.references},
-        tuple(notes),
+        (*told, *notes),
         _provenance(study),
         dict(zip(_names(chosen.files), chosen.files, strict=True)),
     )

@@ -65,3 +65,39 @@ def test_calibrated_cube_of_floats(tmp_path):
     image = read_frame(tmp_path / "a.cub")
     assert (image[:3] == 0).all()
     assert np.abs(image[3:].astype(int) - GREY[3:]).max() <= 1
+
+
+@pytest.mark.parametrize("dtype", ["uint8", "uint16"])
+def test_a_frame_of_pds4_by_its_label(tmp_path, dtype):
+    label = tmp_path / "a.xml"
+    with rasterio.open(label, "w", driver="PDS4", width=80, height=60, count=1, dtype=dtype) as dataset:
+        dataset.write(GREY.astype(dtype) * (1 if dtype == "uint8" else 16), 1)
+    assert np.abs(read_frame(label).astype(int) - GREY).max() <= (0 if dtype == "uint8" else 1)
+    data = tmp_path / "a.img"
+    data.write_bytes(data.read_bytes()[:2400])
+    with pytest.raises(FileFormatError, match=r"a\.xml"):
+        read_frame(label)
+
+
+PDS3 = """PDS_VERSION_ID = PDS3
+RECORD_TYPE = FIXED_LENGTH
+RECORD_BYTES = 80
+FILE_RECORDS = 60
+^IMAGE = "A.IMG"
+OBJECT = IMAGE
+  LINES = 60
+  LINE_SAMPLES = 80
+  SAMPLE_TYPE = UNSIGNED_INTEGER
+  SAMPLE_BITS = 8
+END_OBJECT = IMAGE
+END
+"""
+
+
+def test_a_frame_of_pds3_by_its_label(tmp_path):
+    (tmp_path / "A.LBL").write_text(PDS3.replace("\n", "\r\n"))
+    (tmp_path / "A.IMG").write_bytes(GREY.tobytes())
+    assert np.array_equal(read_frame(tmp_path / "A.LBL"), GREY)
+    (tmp_path / "A.IMG").write_bytes(GREY.tobytes()[:2400])
+    with pytest.raises(FileFormatError, match=r"A\.LBL"):
+        read_frame(tmp_path / "A.LBL")

@@ -114,6 +114,27 @@ def test_view_shows_the_ground(tmp_path, name, pixel_m):
     np.testing.assert_allclose(view[valid], pattern(*at.T), rtol=0, atol=GREY)
 
 
+@pytest.mark.parametrize(("driver", "name"), [("ISIS3", "a.cub"), ("PDS4", "a.xml")])
+def test_maps_of_planetary_formats_are_those_of_geotiff(tmp_path, driver, name):
+    source = write_map(tmp_path / "a.tif", PROJECTIONS["equirectangular"], size=150)
+    with rasterio.open(source) as made:
+        profile = {
+            key: made.profile[key] for key in ("width", "height", "count", "dtype", "crs", "transform")
+        }
+        with rasterio.open(tmp_path / name, "w", driver=driver, **profile) as dataset:
+            dataset.write(made.read())
+    plane = TangentPlane(*SITE)
+    one, other = (Map.open(path) for path in (source, tmp_path / name))
+    assert one.shape == other.shape
+    at = [[0.0, 0.0], [70.3, 149.0]]
+    np.testing.assert_allclose(
+        other.longitude_latitude_deg(at), one.longitude_latitude_deg(at), atol=TRANSFORM_DEG
+    )
+    views = [each.view(plane, -1500.0, 1500.0, 30.0, (100, 100)) for each in (one, other)]
+    assert np.array_equal(views[0][0], views[1][0])
+    assert views[1][1].all()
+
+
 def test_reduced_view_is_not_shifted(tmp_path):
     """A view of 4 pixels in one, beside means of the pattern: half a pixel of the map off shows as 6 grey values."""
     base = Map.open(write_map(tmp_path / "a.tif", PROJECTIONS["orthographic"], pixel_m=10.0, size=800))

@@ -1,15 +1,20 @@
 """Elevation models shaded as maps: the same ground, drawn as the renderer draws it."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 import rasterio
 
 from radioloc.errors import InputError
-from radioloc.imaging import Map, TangentPlane
-from radioloc.imaging.shaded_maps import write_shaded_map
+from radioloc.imaging import Map, TangentPlane, read_isd
+from radioloc.imaging.shaded_maps import sun_over_map, write_shaded_map
 from radioloc.imaging.shading import sun_direction
 from radioloc.simulation.ground import Ground
+from radioloc.time import Epochs, epochs_from_strings, to_scale
 
+ISDS = Path(__file__).resolve().parents[2] / "data" / "isd"
+ABERRATION_DEG = 0.0058  # of 30.3 km/s: USGS has the Sun as it is seen
 GROUND = Ground(TangentPlane(-51.9162, 43.0584), seed=3)
 
 
@@ -55,3 +60,35 @@ def test_a_sun_below_the_horizon_is_refused(tmp_path):
     GROUND.write_heights(tmp_path / "dem.tif", 100.0, 1000.0)
     with pytest.raises(InputError, match="lights no ground"):
         write_shaded_map(tmp_path / "dem.tif", tmp_path / "shaded.tif", 100.0, -5.0)
+
+
+@pytest.mark.parametrize("name", ["lro_nac.json.gz", "kaguya_tc.json.gz"])
+def test_the_sun_of_an_epoch_is_where_support_data_of_real_images_have_it(tmp_path, name):
+    known = read_isd(ISDS / name, axes="ME_DE421")
+    east, north, up = known.sun_m / np.linalg.norm(known.sun_m)
+    sub_solar = np.array([np.arctan2(north, east), np.arcsin(up)])
+    # Below it, 40 degrees of longitude away: by the spherical triangle of both places and the pole.
+    longitude, latitude = sub_solar[0] - np.radians(40.0), np.radians(20.0)
+    Ground(TangentPlane(*np.degrees([longitude, latitude]).tolist()), seed=3).write_heights(
+        tmp_path / "dem.tif", 100.0, 1e3
+    )
+    cosines = np.array([np.sin(latitude) * np.sin(sub_solar[1]), np.cos(latitude) * np.cos(sub_solar[1])])
+    elevation_deg = np.degrees(np.arcsin(cosines @ [1.0, np.cos(np.radians(40.0))]))
+    azimuth_deg = np.degrees(
+        np.arctan2(
+            np.sin(np.radians(40.0)),
+            np.cos(latitude) * np.tan(sub_solar[1]) - np.sin(latitude) * np.cos(np.radians(40.0)),
+        )
+    )
+    utc = to_scale(Epochs.from_tdb_seconds([known.epoch_tdb_s]), "UTC")
+    found = sun_over_map(tmp_path / "dem.tif", utc)
+    assert found[1] == pytest.approx(elevation_deg, abs=ABERRATION_DEG)
+    assert found[0] == pytest.approx(azimuth_deg % 360.0, abs=ABERRATION_DEG / np.cos(np.radians(found[1])))
+
+
+def test_an_epoch_at_night_is_refused(tmp_path):
+    GROUND.write_heights(tmp_path / "dem.tif", 100.0, 1000.0)
+    with pytest.raises(
+        InputError, match=r"at 2020-12-20T00:00:00 UTC the Sun is [\d.]+ degrees below the horizon"
+    ):
+        sun_over_map(tmp_path / "dem.tif", epochs_from_strings("2020-12-20"))

@@ -13,6 +13,7 @@ from radioloc.cli import main
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.imaging import TangentPlane
 from radioloc.studies import ImageChoice, ImageStudy, read_image_study
+from radioloc.time import epochs_from_strings
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "images"
 SHIFT_M = (30.0, -20.0)  # planted in the map, see its simulate.py
@@ -168,6 +169,11 @@ def test_a_truncated_frame_is_left_out_by_name(some, tmp_path):
 def test_studies_in_python_are_held_to_the_same_rules():
     with pytest.raises(InputError, match="shade needs a dem"):
         ImageChoice((Path("a.png"),), (1.0, 1.0), shade=True)
-    with pytest.raises(InputError, match="sun_azimuth_deg"):
-        ImageChoice((Path("a.png"),), (1.0, 1.0), shade=True, dem=Path("dem.tif"))
+    for angles in (
+        {},
+        {"sun_azimuth_deg": 1.0},
+        {"sun_azimuth_deg": 1.0, "epoch": epochs_from_strings("2020-12-01")},
+    ):
+        with pytest.raises(InputError, match="either epoch, or sun_azimuth_deg and sun_elevation_deg"):
+            ImageChoice((Path("a.png"),), (1.0, 1.0), shade=True, dem=Path("dem.tif"), **angles)
     assert ImageStudy(ImageChoice((Path("a.png"),), (1.0, 1.0), base_map=Path("m.tif"))).name == "images"

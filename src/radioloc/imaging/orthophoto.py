@@ -20,6 +20,7 @@ from radioloc.imaging.sensor_models import SensorModel, inside, require_mean_ear
 from radioloc.imaging.terrain_surface import Terrain
 from radioloc.lunar import TerrainModel, cartesian_to_selenographic, selenographic_to_cartesian
 from radioloc.lunar.interpolation import STENCIL_CELLS, first_cell, weights
+from radioloc.lunar.map_files import new_geotiff
 from radioloc.lunar.map_grid import MapGrid, load_rasterio
 from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError
 
@@ -89,13 +90,9 @@ def write_orthophoto(
     rasterio = load_rasterio()
     crs = _reference_system(projection, resolution_m)
     grid = _covered(crs, model, Terrain(terrain), resolution_m)
-    profile = {
-        "driver": "GTiff", "width": grid.columns, "height": grid.rows, "count": 1, "dtype": image.dtype,
-        "crs": crs, "transform": grid.transform, "tiled": True, "blockxsize": _BLOCK_CELLS,
-        "blockysize": _BLOCK_CELLS, "compress": "deflate",
-    }  # fmt: skip
     shown = False
-    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), rasterio.open(path, "w", **profile) as file:
+    file = new_geotiff(path, crs, grid.transform, (grid.rows, grid.columns), image.dtype)
+    with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), file:
         for row in range(0, grid.rows, _BLOCK_CELLS):
             for column in range(0, grid.columns, _BLOCK_CELLS):
                 height, width = min(_BLOCK_CELLS, grid.rows - row), min(_BLOCK_CELLS, grid.columns - column)

@@ -14,7 +14,7 @@ from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.moon_axes import sun_me_m
 from radioloc.imaging.shading import brightness_of_slopes, in_bytes, sun_direction
 from radioloc.lunar import TerrainModel
-from radioloc.lunar.map_grid import load_rasterio
+from radioloc.lunar.map_files import new_geotiff, open_dataset
 from radioloc.lunar.terrain_source import heights_m
 from radioloc.time import Epochs, utc_strings
 
@@ -41,25 +41,14 @@ def write_shaded_map(
     FileFormatError, InputError
         As of the elevation model; the Sun is not above the horizon.
     """
-    rasterio = load_rasterio()
     sun = sun_direction(sun_azimuth_deg, sun_elevation_deg)
     about = TerrainModel.open(dem).metadata
     base = Map.open(dem)
     lines, samples = base.shape
     sun_me = base.plane().axes().T @ sun
-    with rasterio.open(dem) as source:
-        profile = {"crs": source.crs, "transform": source.transform}
-    with rasterio.open(
-        path,
-        "w",
-        driver="GTiff",
-        width=samples,
-        height=lines,
-        count=1,
-        dtype="uint8",
-        nodata=_BLANK,
-        **profile,
-    ) as file:
+    with open_dataset(Path(dem)) as source:
+        crs, transform = source.crs, source.transform
+    with new_geotiff(path, crs, transform, base.shape, "uint8", _BLANK) as file:
         for line in range(0, lines, _SIDE):
             for sample in range(0, samples, _SIDE):
                 # One cell more on each side, so that slopes go on over the edges of blocks.

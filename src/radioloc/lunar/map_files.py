@@ -24,6 +24,7 @@ from radioloc.text_files import require_file
 
 # maps have used spheres from 1735.97 (polar) to 1738.14 km (equatorial)
 LUNAR_SPHERES_M = (1.735e6, 1.739e6)
+_BLOCK_CELLS = 512
 _DIGEST_LIMIT_BYTES = 256 * 1024 * 1024
 _LABEL_BYTES = 262144
 _TIFF_BYTES = dict(
@@ -111,6 +112,23 @@ def open_dataset(path: Path) -> Any:
             return rasterio.open(path)
         finally:
             sys.unraisablehook = hook
+
+
+def new_geotiff(
+    path: str | Path,
+    crs: Any,
+    transform: Any,
+    shape: tuple[int, int],
+    dtype: Any,
+    nodata: float | None = None,
+) -> Any:
+    """A GeoTIFF of one band, rows and columns, to be written by parts: rasterio's open dataset, in blocks of 512."""
+    profile = {
+        "crs": crs, "transform": transform, "height": shape[0], "width": shape[1], "count": 1, "dtype": dtype,
+        "nodata": nodata, "tiled": True, "blockxsize": _BLOCK_CELLS, "blockysize": _BLOCK_CELLS,
+    }  # fmt: skip
+    predictor = 3 if np.issubdtype(dtype, np.floating) else 2
+    return load_rasterio().open(path, "w", driver="GTiff", compress="deflate", predictor=predictor, **profile)
 
 
 def refuse_cut_map(path: Path, dataset: Any) -> None:

@@ -17,6 +17,7 @@ from radioloc.errors import InputError
 from radioloc.imaging.maps import TangentPlane
 from radioloc.imaging.sensor_models import FrameModel
 from radioloc.imaging.shading import LUNAR_LAMBERT, brightness_of_slopes, in_bytes
+from radioloc.lunar.map_files import new_geotiff
 from radioloc.lunar.map_grid import load_rasterio
 from radioloc.simulation import _ground_kernels as kernels
 
@@ -172,15 +173,7 @@ class Ground:
         edge = 0.5 * size * pixel_m
         transform = rasterio.Affine(pixel_m, 0.0, shift_m[0] - edge, 0.0, -pixel_m, shift_m[1] + edge)
         middle = (np.arange(size) - 0.5 * (size - 1)) * pixel_m
-        profile = {"driver": "GTiff", "width": size, "height": size, "count": 1, "dtype": dtype, "crs": crs}
-        with rasterio.open(
-            path,
-            "w",
-            transform=transform,
-            compress="deflate",
-            predictor=2 if dtype == "uint8" else 3,
-            **profile,
-        ) as file:
+        with new_geotiff(path, crs, transform, (size, size), dtype) as file:
 
             def block(first: int) -> Any:
                 last = min(first + _BLOCK_LINES, size)

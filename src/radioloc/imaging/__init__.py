@@ -9,6 +9,7 @@ from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.frames import read_frame
 from radioloc.imaging.ground_points import ground_to_image, image_to_ground, image_to_ground_and_partials
 from radioloc.imaging.homography import Homography, HomographyFit, fit_homography
+from radioloc.imaging.image_chain import Frame, FrameStatus
 from radioloc.imaging.image_point import ImagePoint, ImagePointSigmas, locate_image_point
 from radioloc.imaging.isd import SupportData, read_isd, write_isd
 from radioloc.imaging.maps import Map, TangentPlane
@@ -17,14 +18,7 @@ from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, 
 from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
 from radioloc.imaging.orthophoto import write_orthophoto
 from radioloc.imaging.rectification import rectification, undistorted
-from radioloc.imaging.registration import (
-    Frame,
-    FrameStatus,
-    GroundPoint,
-    RegisteredFrame,
-    Registration,
-    register_chain,
-)
+from radioloc.imaging.registration import GroundPoint, RegisteredFrame, Registration, register_chain
 from radioloc.imaging.sensor_models import FrameModel, LineScanModel
 from radioloc.imaging.spice_source import orientation_from_spice
 from radioloc.imaging.stereo import StereoPair, body_position, resect

@@ -1,82 +1,36 @@
-"""The images of a descent, from high to low, registered to each other and to a map, and adjusted together.
+"""The images of a descent, tied to each other and to a map by :mod:`radioloc.imaging.image_chain`, adjusted together.
 
-Each image is compared with images before it (one, two, four and eight back) and, while it is wide enough and not
-much finer than the map, with the map: anywhere on it until an image has been found there, then where the chain predicts
-it. All tie points go into one adjustment (:mod:`radioloc.imaging.adjustment`). What does not match is left out by name.
+All tie points go into one adjustment (:mod:`radioloc.imaging.adjustment`). What does not match is left out by name.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
-from dataclasses import dataclass, field
-from enum import StrEnum
+from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.errors import ConvergenceError, InputError, RadiolocError
-from radioloc.imaging.frames import Image, Mask, load_opencv
-from radioloc.imaging.homography import Homography, derivative, fit_homography, of_correction, transformed
+from radioloc.errors import InputError
+from radioloc.imaging.frames import Mask
+from radioloc.imaging.homography import Homography, derivative, of_correction
+from radioloc.imaging.image_chain import Frame, FrameStatus, ImageChain, pixel_size_m
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.maps import Map, TangentPlane
-from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
+from radioloc.imaging.matching import Detector
 from radioloc.imaging.tie_points import TiePoint
 
 if TYPE_CHECKING:
     from radioloc.imaging.adjustment import AdjustedHomographies, TiePoints
 
 Floats = NDArray[np.float64]
-Node = tuple[int, ...]  # a feature: frame, reduction, number; or -1, level, tile, number of the map
 
-_STEPS_BACK = (1, 2, 4, 8)
-_LARGEST_SIDE_PIXELS = 1200  # of images in which features are sought
-_FEATURES = 1500
-_LEAST_WIDTH_ON_MAP_PIXELS = 90
-_SEARCHES = 6  # of the whole map, for the first images
-_SEARCH_PIXELS = 500, 4200  # sides of the whole map, reduced, at which it is searched
-_PREDICTED_PART = 0.08  # of an image's width: how far a prediction along the chain may be off
 _FEWEST_TIES = 6
-_MAGNIFIED = (
-    0.25  # of the largest distance along the axis that a pixel of an oblique image has in the view from above
-)
 # What features of the map have in common beside its tie, of a pixel of the map: craters seem to move under another sun,
 # and blur and sampling of images differ. No number of tie points makes it smaller.
 _COMMON_PART = 0.3
 _RISE = 1.3  # a later image whose pixels are larger by more than this is out of order
-
-
-class FrameStatus(StrEnum):
-    """What became of an image."""
-
-    REGISTERED = "registered"
-    UNREADABLE = "unreadable"
-    FEATURELESS = "featureless"  # black, saturated, or without detail
-    UNMATCHED = "unmatched"  # matches no other image and not the map
-    UNTIED = "untied"  # matches images none of which is tied to the map
-    REJECTED = "rejected"  # too few of its tie points agree with those of the other images
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Frame:
-    """An image to be registered.
-
-    Parameters
-    ----------
-    name : str
-        For messages and results.
-    read : callable
-        Returns the image, eight bits; called once, when its turn comes.
-    undistorted : callable, optional
-        From pixels, shape (n, 2), to where they would be without distortion; homographies are of these.
-    rectification : numpy.ndarray, shape (3, 3), optional
-        From pixels to those of a view from above, for features of very oblique images.
-    """
-
-    name: str
-    read: Callable[[], Image]
-    undistorted: Callable[[Floats], Floats] | None = None
-    rectification: Floats | None = None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -199,447 +153,81 @@ def register_chain(
     ConvergenceError
         No image is found on the map.
     """
-    chain = _Chain(frames, MapFeatures(base, _plane_of(base, near), detector), mask, near, ties)
+    chain = ImageChain(frames, MapFeatures(base, _plane_of(base, near), detector), mask, near, ties)
     for frame in progress(frames):
         chain.add(frame)
-    return chain.adjusted(map_sigma_m)
+    return _registration(chain, map_sigma_m)
 
 
 def _plane_of(base: Map, near: tuple[float, float, float] | None) -> TangentPlane:
     return base.plane() if near is None else TangentPlane(near[0], near[1])
 
 
-@dataclass(slots=True, eq=False)
-class _Taken:
-    """An image of the chain, its features in its own pixels (undistorted)."""
+def _adjusted(chain: ImageChain) -> tuple[TiePoints, list[int], AdjustedHomographies, set[int]]:
+    """Adjust what is tied to the map, leaving out images of which too little agrees."""
+    from radioloc.imaging.adjustment import adjust  # brings much of scipy
 
-    name: str
-    size: tuple[int, int]  # samples and lines
-    status: FrameStatus
-    reason: str = ""
-    features: Features | None = None
-    matched_to: list[str] = field(default_factory=list)
-    candidates: int = 0
-    to_plane: Floats | None = None  # approximate
+    chain.place_all()
+    left_out: set[int] = set()
+    while True:
+        images, ties = chain.ties(left_out)
+        taken = [chain.taken[n] for n in images]
+        counts = np.bincount(ties.image, minlength=len(images))
+        if (counts >= _FEWEST_TIES).all():
+            matrices = np.array([np.linalg.inv(one.to_plane) for one in taken])  # type: ignore[arg-type]
+            result = adjust(ties, matrices, np.array([one.size for one in taken], dtype=np.float64))
+            counts = np.bincount(ties.image[result.used], minlength=len(images))
+            if (counts >= _FEWEST_TIES).all():
+                return ties, images, result, left_out
+        left_out |= {images[k] for k in np.flatnonzero(counts < _FEWEST_TIES)}
 
 
-class _Chain:
-    """Images taken one by one, the tie points found, and what links them."""
-
-    def __init__(
-        self,
-        frames: Sequence[Frame],
-        on_map: MapFeatures,
-        mask: Mask | None,
-        near: tuple[float, float, float] | None,
-        ties: Sequence[TiePoint],
-    ) -> None:
-        names = [frame.name for frame in frames]
-        if len(set(names)) < len(names):
-            raise InputError(f"images have the same name: {sorted({n for n in names if names.count(n) > 1})}")
-        self.mask, self.map = mask, on_map
-        self.taken: list[_Taken] = []
-        self.undistorted = {f.name: f.undistorted for f in frames if f.undistorted is not None}
-        self.pairs: list[tuple[Node, Node]] = []
-        self.links: list[tuple[int, int, Floats]] = []  # homographies between images
-        self.place: dict[Node, tuple[Floats, float]] = {}  # pixel or place in the plane, with sigma
-        self.given = [tie for tie in ties if {m.image for m in tie.measurements} & set(names)]
-        if ties and not self.given:
-            raise InputError(
-                f"none of the {len(ties)} tie points is measured in one of the images; compare names"
-            )
-        self.first_of_given: dict[int, Node] = {}
-        for k, tie in enumerate(self.given):
-            if tie.longitude_deg is not None and tie.latitude_deg is not None:
-                place = on_map.plane.from_longitude_latitude([[tie.longitude_deg, tie.latitude_deg]])[0]
-                self.first_of_given[k] = (-1, -1, 0, k)
-                self.place[-1, -1, 0, k] = (place, tie.sigma_m or on_map.base.resolution_m)
-        self.searches = 0
-        self.extent_m = on_map.base.extent_m(on_map.plane)
-        if near is not None:
-            west, south, east, north = self.extent_m
-            self.extent_m = max(west, -near[2]), max(south, -near[2]), min(east, near[2]), min(north, near[2])
-            if self.extent_m[0] >= self.extent_m[2] or self.extent_m[1] >= self.extent_m[3]:
-                raise InputError(
-                    f"{on_map.base.path} does not show the surroundings of longitude {near[0]:.4f}, latitude "
-                    f"{near[1]:.4f} degrees; it covers {on_map.base.coverage}"
-                )
-
-    def add(self, frame: Frame) -> None:
-        """Take the next image: find its features, and tie them to images before it and to the map."""
-        try:
-            image = frame.read()
-        except RadiolocError as error:
-            self.taken.append(_Taken(frame.name, (0, 0), FrameStatus.UNREADABLE, str(error)))
-            return
-        if self.mask is not None and self.mask.shape != image.shape:
-            raise InputError(f"{frame.name} has {image.shape} lines and samples, the mask {self.mask.shape}")
-        size = (image.shape[1], image.shape[0])
-        reduction = max(1, -(-max(size) // _LARGEST_SIDE_PIXELS))
-        features = self._features(frame, image, reduction)
-        this = _Taken(frame.name, size, FrameStatus.UNMATCHED, features=features)
-        number = len(self.taken)
-        self.taken.append(this)
-        self._take_given(frame, number)
-        best = 0
-        for back in _STEPS_BACK:
-            other = self.taken[number - back] if back <= number else None
-            if other is None or other.features is None:
-                continue
-            found = match(features, other.features)
-            if found.status is MatchStatus.FEATURELESS and len(features.pixels) < len(other.features.pixels):
-                this.features = None
-                this.status = FrameStatus.FEATURELESS if this.status is FrameStatus.UNMATCHED else this.status
-                return
-            if not found.matched or found.matrix is None:
-                continue
-            this.status = FrameStatus.UNTIED
-            this.matched_to.append(other.name)
-            this.candidates += found.candidates
-            self.links.append((number, number - back, found.matrix))
-            for i, j in zip(found.first, found.second, strict=True):
-                self._tie(self._node(number, 0, features, i), self._node(number - back, 0, other.features, j))
-            if other.to_plane is not None and len(found.first) > best:
-                best, this.to_plane = len(found.first), other.to_plane @ found.matrix
-        self._tie_to_map(frame, number, image, reduction)
-
-    def _take_given(self, frame: Frame, number: int) -> None:
-        """Tie the image by points that are given, and place it where enough of them have a place already."""
-        this = self.taken[number]
-        known: list[tuple[Floats, float, Floats, float]] = []
-        for k, tie in enumerate(self.given):
-            for m in (m for m in tie.measurements if m.image == frame.name):
-                pixel = np.array([m.sample, m.line])
-                if frame.undistorted is not None:
-                    pixel = frame.undistorted(pixel[np.newaxis])[0]
-                node = (number, 2, k)
-                self.place[node] = (pixel, m.sigma_px)
-                first = self.first_of_given.setdefault(k, node)
-                if first == node:
-                    continue
-                self._tie(node, first)
-                place, sigma = self.place[first]
-                if first[0] >= 0:
-                    to_plane = self.taken[first[0]].to_plane
-                    if to_plane is None:
-                        continue
-                    sigma *= _pixel_m(to_plane, self.taken[first[0]].size)
-                    place = transformed(to_plane, place[np.newaxis])[0]
-                known.append((pixel, m.sigma_px, place, sigma))
-        if len(known) >= 4:
-            pixels, sigma_px, places, sigma_m = (np.array(column) for column in zip(*known, strict=True))
-            this.to_plane = fit_homography(pixels, places, sigma_px, sigma_m).homography.matrix
-            this.status = FrameStatus.UNTIED
-            this.matched_to.append("given")
-            this.candidates += len(known)
-
-    def _features(self, frame: Frame, image: Image, reduction: int) -> Features:
-        """Features of an image reduced by a whole number, at their pixels in the image itself, undistorted."""
-        cv2 = load_opencv()
-        mask = self.mask
-        if frame.rectification is not None:
-            return self._rectified(frame, image, reduction)
-        if reduction > 1:
-            size = (image.shape[1] // reduction, image.shape[0] // reduction)
-            cut = slice(size[1] * reduction), slice(size[0] * reduction)
-            image = cv2.resize(image[cut], size, interpolation=cv2.INTER_AREA)
-            if mask is not None:
-                mask = cv2.resize(mask[cut].astype(np.uint8), size, interpolation=cv2.INTER_AREA) == 1
-        found = detect(image, mask, self.map.detector, _FEATURES)
-        pixels = (found.pixels + 0.5) * reduction - 0.5
-        return self._placed(frame, found, pixels, found.sigma_px * reduction, image.shape, reduction)
-
-    def _rectified(self, frame: Frame, image: Image, reduction: int) -> Features:
-        cv2 = load_opencv()
-        assert frame.rectification is not None
-        line, sample = np.mgrid[: image.shape[0], : image.shape[1]]
-        # Toward the horizon the view from above is ever more magnified: what is by more than that is left out.
-        distance = np.tensordot(frame.rectification[2], np.stack([sample, line, np.ones_like(line)]), axes=1)
-        usable = (distance > _MAGNIFIED * distance.max()) & (True if self.mask is None else self.mask)
-        if not usable.any():
-            return detect(np.zeros_like(image), None, self.map.detector)
-        at = transformed(
-            frame.rectification, np.column_stack([sample[usable], line[usable]]).astype(np.float64)
+def _registration(chain: ImageChain, map_sigma_m: tuple[float, float]) -> Registration:
+    ties, images, result, left_out = _adjusted(chain)
+    on_map = np.zeros(int(ties.point.max()) + 1, bool)
+    on_map[ties.map_point[result.map_used]] = True
+    frames = []
+    for number, taken in enumerate(chain.taken):
+        frame = RegisteredFrame(
+            taken.name,
+            FrameStatus.REJECTED if number in left_out else taken.status,
+            taken.reason,
+            tuple(taken.matched_to),
+            taken.candidates,
+            centre=0.5 * (np.array(taken.size, dtype=np.float64) - 1.0),
         )
-        first, last = at.min(axis=0), at.max(axis=0)
-        scale = _LARGEST_SIDE_PIXELS / float((last - first).max())
-        to_view = np.diag([scale, scale, 1.0]) @ np.array([[1, 0, -first[0]], [0, 1, -first[1]], [0, 0, 1.0]])
-        matrix = to_view @ frame.rectification
-        size = tuple(int(n) for n in np.ceil((last - first) * scale))
-        smooth = cv2.blur(image, (reduction, reduction)) if reduction > 1 else image
-        view = cv2.warpPerspective(smooth, matrix, size, flags=cv2.INTER_LINEAR)
-        seen = cv2.warpPerspective(usable.astype(np.uint8), matrix, size, flags=cv2.INTER_NEAREST) == 1
-        seen = cv2.erode(seen.astype(np.uint8), np.ones((9, 9), np.uint8)) == 1
-        found = detect(view, seen, self.map.detector, _FEATURES)
-        back = np.linalg.inv(matrix)
-        sigma_px = found.sigma_px * np.sqrt(np.abs(np.linalg.det(derivative(back, found.pixels))))
-        return self._placed(frame, found, transformed(back, found.pixels), sigma_px, image.shape, 1)
-
-    def _placed(
-        self,
-        frame: Frame,
-        found: Features,
-        pixels: Floats,
-        sigma_px: Floats,
-        shape: tuple[int, ...],
-        reduction: int,
-    ) -> Features:
-        if frame.undistorted is not None and len(pixels):
-            pixels = frame.undistorted(pixels)
-        return found.moved(pixels, sigma_px, (shape[0] * reduction, shape[1] * reduction))
-
-    def _tie_to_map(self, frame: Frame, number: int, image: Image, reduction: int) -> None:
-        this = self.taken[number]
-        found: tuple[Matches, Features, NDArray[np.int64], float] | None = None
-        features, kind = this.features, 0
-        if features is None:
-            return
-        if this.to_plane is not None:
-            pixel_m = _pixel_m(this.to_plane, this.size)
-            width_m = pixel_m * max(this.size)
-            if width_m < _LEAST_WIDTH_ON_MAP_PIXELS * self.map.base.resolution_m:
-                return
-            needed = int(self.map.base.resolution_m / pixel_m)
-            if needed > 1.5 * reduction:
-                features, kind = self._features(frame, image, needed), 1
-            level = self.map.level(pixel_m * max(reduction, needed))
-            found = self._near_prediction(features, this, level, width_m)
-        elif self.searches < _SEARCHES:
-            self.searches += 1
-            found = self._anywhere(features)
-        if found is None or found[0].matrix is None:
-            return
-        matches, map_features, names, map_pixel_m = found
-        this.status = FrameStatus.UNTIED
-        this.matched_to.append("map")
-        this.candidates += matches.candidates
-        to_plane = np.diag([map_pixel_m, -map_pixel_m, 1.0]) @ found[0].matrix
-        this.to_plane = to_plane
-        for i, j in zip(matches.first, matches.second, strict=True):
-            node = (-1, *(int(n) for n in names[j]))
-            sigma_m = float(map_features.sigma_px[j]) * map_pixel_m
-            self.place[node] = (map_features.pixels[j] * [map_pixel_m, -map_pixel_m], sigma_m)
-            self._tie(self._node(number, kind, features, i), node)
-
-    def _near_prediction(
-        self, features: Features, this: _Taken, level: int, width_m: float
-    ) -> tuple[Matches, Features, NDArray[np.int64], float] | None:
-        assert this.to_plane is not None
-        samples, lines = this.size
-        corners = transformed(
-            this.to_plane, np.array([[0.0, 0.0], [samples, 0.0], [0.0, lines], [samples, lines]])
-        )
-        margin_m = _PREDICTED_PART * width_m
-        west, south = corners.min(axis=0) - margin_m
-        east, north = corners.max(axis=0) + margin_m
-        if max(east - west, north - south) > 10.0 * width_m:
-            return None
-        pixel_m = self.map.pixel_m(level)
-        map_features, names = self.map.around(level, (west, south, east, north))
-        predicted = np.diag([1.0 / pixel_m, -1.0 / pixel_m, 1.0]) @ this.to_plane
-        radius_px = max(10.0, margin_m / pixel_m)
-        matches = match(features, map_features, predicted, radius_px)
-        return (matches, map_features, names, pixel_m) if matches.matched else None
-
-    def _anywhere(self, features: Features) -> tuple[Matches, Features, NDArray[np.int64], float] | None:
-        """The image sought on the whole map, or near a place, at sizes of the map's pixels from coarse to fine.
-
-        How large the image's own pixels are is not known yet: of all sizes that match, the one is taken that chance
-        makes the least.
-        """
-        west, south, east, north = self.extent_m
-        side_m = max(east - west, north - south)
-        found = []
-        for level in range(self.map.level(side_m / _SEARCH_PIXELS[0]), -1, -1):
-            if side_m > _SEARCH_PIXELS[1] * self.map.pixel_m(level):
-                break
-            map_features, names = self.map.around(level, self.extent_m)
-            matches = match(features, map_features)
-            if matches.matched:
-                found.append((matches, map_features, names, self.map.pixel_m(level)))
-        return min(found, key=lambda one: one[0].log10_false_alarms, default=None)
-
-    def _node(self, number: int, kind: int, features: Features, k: int) -> Node:
-        node = (number, kind, int(k))
-        self.place[node] = (features.pixels[k], float(features.sigma_px[k]))
-        return node
-
-    def _tie(self, one: Node, other: Node) -> None:
-        self.pairs.append((one, other))
-
-    def adjusted(self, map_sigma_m: tuple[float, float]) -> Registration:
-        """Adjust what is tied to the map, leaving out images of which too little agrees."""
-        from radioloc.imaging.adjustment import adjust  # brings much of scipy
-
-        self._place_all()
-        left_out: set[int] = set()
-        while True:
-            tracks = _tracks(self.pairs, left_out)
-            tied = _tied_frames(tracks)
-            images = sorted(n for n in tied if self.taken[n].to_plane is not None)
-            if not images:
-                raise ConvergenceError(self._nobody())
-            ties = self._ties(tracks, images)
-            matrices = np.array([np.linalg.inv(_matrix(self.taken[n])) for n in images])
-            sizes = np.array([self.taken[n].size for n in images], dtype=np.float64)
-            weak = {
-                images[k]
-                for k in np.flatnonzero(np.bincount(ties.image, minlength=len(images)) < _FEWEST_TIES)
-            }
-            if not weak:
-                result = adjust(ties, matrices, sizes)
-                counts = np.bincount(ties.image[result.used], minlength=len(images))
-                weak = {images[k] for k in np.flatnonzero(counts < _FEWEST_TIES)}
-            if not weak:
-                return self._registration(ties, images, result, left_out, map_sigma_m)
-            left_out |= weak
-
-    def _place_all(self) -> None:
-        """Approximate homographies of images that come before the first that was found on the map."""
-        for number, other, matrix in reversed(self.links):
-            one, two = self.taken[number], self.taken[other]
-            if two.to_plane is None and one.to_plane is not None:
-                two.to_plane = one.to_plane @ np.linalg.inv(matrix)
-
-    def _ties(self, tracks: list[list[Node]], images: list[int]) -> TiePoints:
-        from radioloc.imaging.adjustment import TiePoints
-
-        order = {number: k for k, number in enumerate(images)}
-        pixels: list[tuple[int, int, Node]] = []
-        places: list[tuple[int, Node]] = []
-        count = 0
-        for track in tracks:
-            seen = [n for n in track if n[0] in order]
-            on_map = [n for n in track if n[0] < 0][:1]
-            if len(seen) + len(on_map) < 2 or not seen:
-                continue
-            pixels += [(order[n[0]], count, n) for n in seen]
-            places += [(count, n) for n in on_map]
-            count += 1
-        return TiePoints(
-            image=np.array([k for k, _, _ in pixels], dtype=np.int64),
-            point=np.array([j for _, j, _ in pixels], dtype=np.int64),
-            pixels=np.array([self.place[n][0] for _, _, n in pixels]),
-            sigma_px=np.array([self.place[n][1] for _, _, n in pixels]),
-            map_point=np.array([j for j, _ in places], dtype=np.int64),
-            map_m=np.array([self.place[n][0] for _, n in places]).reshape(-1, 2),
-            map_sigma_m=np.array([self.place[n][1] for _, n in places]),
-        )
-
-    def _registration(
-        self,
-        ties: TiePoints,
-        images: list[int],
-        result: AdjustedHomographies,
-        left_out: set[int],
-        map_sigma_m: tuple[float, float],
-    ) -> Registration:
-        order = {number: k for k, number in enumerate(images)}
-        on_map = np.zeros(int(ties.point.max()) + 1, bool)
-        on_map[ties.map_point[result.map_used]] = True
-        frames = []
-        for number, taken in enumerate(self.taken):
-            centre = 0.5 * (np.array(taken.size, dtype=np.float64) - 1.0)
-            if number not in order:
-                status = FrameStatus.REJECTED if number in left_out else taken.status
-                frames.append(
-                    RegisteredFrame(
-                        taken.name,
-                        status,
-                        taken.reason,
-                        tuple(taken.matched_to),
-                        taken.candidates,
-                        centre=centre,
-                    )
-                )
-                continue
-            k = order[number]
+        if number in images:
+            k = images.index(number)
             block = slice(8 * k, 8 * k + 8)
             mine = result.used & (ties.image == k)
             rms_px = float(np.sqrt(np.mean(result.residuals_px[mine] ** 2)))
-            pixel_m = _pixel_m(np.linalg.inv(result.matrices[k]), taken.size)
-            frames.append(
-                RegisteredFrame(
-                    taken.name,
-                    FrameStatus.REGISTERED,
-                    "",
-                    tuple(taken.matched_to),
-                    taken.candidates,
-                    int(mine.sum()),
-                    int(on_map[ties.point[mine]].sum()),
-                    rms_px,
-                    rms_px * pixel_m,
-                    pixel_m,
-                    of_correction(result.matrices[k], result.normals[k], result.covariance[block, block]),
-                    centre,
-                )
+            pixel_m = pixel_size_m(np.linalg.inv(result.matrices[k]), taken.size)
+            frame = replace(
+                frame,
+                status=FrameStatus.REGISTERED,
+                inliers=int(mine.sum()),
+                map_inliers=int(on_map[ties.point[mine]].sum()),
+                rms_px=rms_px,
+                rms_m=rms_px * pixel_m,
+                pixel_m=pixel_m,
+                homography=of_correction(
+                    result.matrices[k], result.normals[k], result.covariance[block, block]
+                ),
             )
-        _require_order([f for f in frames if f.status is FrameStatus.REGISTERED])
-        return Registration(
-            frames=tuple(frames),
-            plane=self.map.plane,
-            map_sigma_m=map_sigma_m,
-            map_pixel_m=self.map.base.resolution_m,
-            sigma_factors=result.sigma_factors,
-            redundancy=result.redundancy,
-            map_places_m=result.points_m[ties.map_point[result.map_used]],
-            _adjusted=result,
-            _index={self.taken[n].name: k for k, n in enumerate(images)},
-            _undistorted=self.undistorted,
-        )
-
-    def _nobody(self) -> str:
-        status = [f"{taken.name} {taken.status.value}" for taken in self.taken[:5]]
-        more = f" and {len(self.taken) - 5} more" if len(self.taken) > 5 else ""
-        return (
-            f"no image was found on {self.map.base.path} ({', '.join(status)}{more}); give a map of the landing area "
-            "under a sun like the images', or shade the elevation model at their sun"
-        )
-
-
-def _matrix(taken: _Taken) -> Floats:
-    assert taken.to_plane is not None
-    return taken.to_plane
-
-
-def _pixel_m(to_plane: Floats, size: tuple[int, int]) -> float:
-    """Size of a pixel on the ground at the centre of an image."""
-    centre = 0.5 * (np.array([size], dtype=np.float64) - 1.0)
-    return float(np.sqrt(np.abs(np.linalg.det(derivative(to_plane, centre)[0]))))
-
-
-def _tracks(pairs: list[tuple[Node, Node]], left_out: set[int]) -> list[list[Node]]:
-    """Features that are tied to each other, directly or not; of one image or the map the first in each."""
-    parent: dict[Node, Node] = {}
-
-    def root(node: Node) -> Node:
-        while parent.setdefault(node, node) != node:
-            parent[node] = parent[parent[node]]
-            node = parent[node]
-        return node
-
-    for one, other in pairs:
-        if one[0] not in left_out and other[0] not in left_out:
-            parent[root(one)] = root(other)
-    tracks: dict[Node, dict[tuple[int, ...], Node]] = {}
-    for node in parent:
-        tracks.setdefault(root(node), {}).setdefault(node[:2] if node[0] >= 0 else (-1,), node)
-    return [list(track.values()) for track in tracks.values() if len(track) > 1]
-
-
-def _tied_frames(tracks: list[list[Node]]) -> set[int]:
-    """Images with a way to the map along tie points."""
-    neighbours: dict[int, set[int]] = {}
-    for track in tracks:
-        numbers = {node[0] for node in track}
-        for n in numbers:
-            neighbours.setdefault(n, set()).update(numbers)
-    reached, front = {-1}, [-1]
-    while front:
-        new = neighbours.get(front.pop(), set()) - reached
-        reached |= new
-        front += new
-    return reached - {-1}
+        frames.append(frame)
+    _require_order([f for f in frames if f.status is FrameStatus.REGISTERED])
+    return Registration(
+        frames=tuple(frames),
+        plane=chain.map.plane,
+        map_sigma_m=map_sigma_m,
+        map_pixel_m=chain.map.base.resolution_m,
+        sigma_factors=result.sigma_factors,
+        redundancy=result.redundancy,
+        map_places_m=result.points_m[ties.map_point[result.map_used]],
+        _adjusted=result,
+        _index={chain.taken[n].name: k for k, n in enumerate(images)},
+        _undistorted=chain.undistorted,
+    )
 
 
 def _require_order(frames: list[RegisteredFrame]) -> None:

@@ -14,7 +14,8 @@ from numpy.typing import NDArray
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.imaging import Camera, Map
-from radioloc.imaging.registration import FrameStatus, RegisteredFrame, Registration
+from radioloc.imaging.image_chain import FrameStatus
+from radioloc.imaging.registration import RegisteredFrame, Registration
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, metres, plural
 from radioloc.report.position_table import difference

@@ -20,7 +20,8 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging import Detector, Map, find_mask, read_frame, undistorted
 from radioloc.imaging.altitude import altitude_m
-from radioloc.imaging.registration import Frame, FrameStatus, Registration, register_chain
+from radioloc.imaging.image_chain import Frame, FrameStatus
+from radioloc.imaging.registration import Registration, register_chain
 from radioloc.imaging.shaded_maps import sun_over_map, write_shaded_map
 from radioloc.kernels import sha256_of
 from radioloc.lunar import LunarPosition, TerrainModel

@@ -10,9 +10,10 @@ from scenes import frame, frame_matrix
 from radioloc.errors import ConvergenceError, FileFormatError, InputError
 from radioloc.imaging.frames import read_frame
 from radioloc.imaging.homography import transformed
+from radioloc.imaging.image_chain import Frame, FrameStatus
 from radioloc.imaging.maps import Map
 from radioloc.imaging.masks import find_mask
-from radioloc.imaging.registration import Frame, FrameStatus, register_chain
+from radioloc.imaging.registration import register_chain
 from radioloc.imaging.tie_points import Measurement, TiePoint
 
 MAP_M = (5.0, 5.0)

@@ -33,10 +33,12 @@ from radioloc.report.files import (
     write_monte_carlo,
     write_report,
 )
+from radioloc.report.gis import write_gis
 from radioloc.report.sinex import write_sinex
+from radioloc.report.spice_kernels import FIRST_SITE, write_spice
 from radioloc.studies import locate
 from radioloc.studies.arcs import arcs
-from radioloc.studies.comparison import compare
+from radioloc.studies.comparison import compare, read_solutions
 from radioloc.studies.covariance import covariance
 from radioloc.studies.image_study import CameraChoice, ImageChoice, read_image_study
 from radioloc.studies.images import locate_images
@@ -241,6 +243,24 @@ def _parser() -> argparse.ArgumentParser:
     )
     beside.add_argument("--out", **folder, help="write table, comparison.json and figure there")
 
+    text = "write solutions for other tools: a map layer or SPICE kernels"
+    other = command("export", _export, text, "")
+    other.add_argument(
+        "solutions", type=Path, nargs="+", metavar="SOLUTION.json", help="files solution.json or arcs.json"
+    )
+    other.add_argument(
+        "out",
+        type=Path,
+        metavar="OUT",
+        help="file to write, by its ending: .geojson, .gpkg, or .bsp, beside which a frames kernel .tf is written",
+    )
+    other.add_argument(
+        "--code",
+        **number,
+        default=FIRST_SITE,
+        help=f"NAIF code of the lander in .bsp (default: {FIRST_SITE})",
+    )
+
     text = "make a solution again from what its provenance names, and compare"
     again = command("verify", _verify, text, "")
     again.add_argument("solution", type=Path, metavar="SOLUTION.json", help="a solution.json")
@@ -371,6 +391,19 @@ def _compare(options: argparse.Namespace) -> int:
     return EXIT_DONE if found.consistent else EXIT_NOT_CONVERGED
 
 
+def _export(options: argparse.Namespace) -> int:
+    contents = [one.content for path in options.solutions for one in read_solutions(path)[0]]
+    if options.out.suffix != ".bsp":
+        written: Sequence[Path] = [write_gis(contents, options.out)]
+    elif len(contents) == 1:
+        written = write_spice(contents[0], options.out, code=options.code)
+    else:
+        raise InputError(f"{options.out}: SPICE kernels hold one lander; give one solution")
+    if not options.quiet:
+        _print("written to " + " and ".join(map(str, written)))
+    return EXIT_DONE
+
+
 def _verify(options: argparse.Namespace) -> int:
     found = verify(options.solution, options.study)
     if not options.quiet:
@@ -414,7 +447,3 @@ def _shown_once() -> Callable[..., None]:
             _complain(f"warning: {message}")
 
     return show
-
-
-if __name__ == "__main__":
-    sys.exit(main())

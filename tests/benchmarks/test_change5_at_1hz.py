@@ -117,11 +117,11 @@ def folder(tmp_path_factory):
 
 
 def simulate(folder):
-    return run(folder, "-m", "radioloc.cli", "simulate", "simulation.toml", "--out", "change5.csv", "--quiet")
+    return run(folder, "-m", "radioloc", "simulate", "simulation.toml", "--out", "change5.csv", "--quiet")
 
 
 def locate(folder, *arguments):
-    return run(folder, "-m", "radioloc.cli", "locate", "change5.toml", "--quiet", *arguments)
+    return run(folder, "-m", "radioloc", "locate", "change5.toml", "--quiet", *arguments)
 
 
 def told(benchmark, capsys, what, ran):

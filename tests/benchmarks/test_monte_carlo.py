@@ -22,7 +22,7 @@ def montecarlo_s(trials, *options):
     command = [
         sys.executable,
         "-m",
-        "radioloc.cli",
+        "radioloc",
         "montecarlo",
         str(EXAMPLE),
         "--trials",

@@ -360,7 +360,7 @@ def test_earth_orientation_after_its_table(run, folder):
 
 def process(*arguments, **options):
     environment = {**os.environ, **options.pop("environment", {})}
-    command = [sys.executable, "-m", "radioloc.cli", *map(str, arguments)]
+    command = [sys.executable, "-m", "radioloc", *map(str, arguments)]
     return subprocess.run(command, capture_output=True, text=True, timeout=600, env=environment, **options)
 
 

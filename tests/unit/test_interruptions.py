@@ -19,7 +19,7 @@ from radioloc.text_files import write_blocks, write_text
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 APOLLO = EXAMPLES / "apollo15" / "apollo15.toml"
-RADIOLOC = [sys.executable, "-m", "radioloc.cli"]
+RADIOLOC = [sys.executable, "-m", "radioloc"]
 
 # Killed where the first figure is written, as by a system that is short of memory.
 KILLED = """

@@ -13,6 +13,7 @@ from radioloc.report.files import (
     write_report,
     write_terms,
 )
+from radioloc.report.gis import write_gis
 from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.monte_carlo import MonteCarlo
@@ -20,6 +21,7 @@ from radioloc.report.parameter_figures import plot_contours, plot_correlations
 from radioloc.report.position_figures import plot_position
 from radioloc.report.residual_figures import plot_links, plot_residuals
 from radioloc.report.sinex import write_sinex
+from radioloc.report.spice_kernels import write_spice
 
 __all__ = [
     "ArcStudy",
@@ -39,9 +41,11 @@ __all__ = [
     "write_arcs",
     "write_comparison",
     "write_covariance",
+    "write_gis",
     "write_images",
     "write_monte_carlo",
     "write_report",
     "write_sinex",
+    "write_spice",
     "write_terms",
 ]

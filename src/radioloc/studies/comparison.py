@@ -49,10 +49,10 @@ def compare(paths: Iterable[str | Path], reference: str | None = None) -> Compar
     >>> [row.name for row in radioloc.studies.compare(["out/solution.json"]).rows]
     ['apollo15', 'JPL, DE421 solution']
     """
-    solutions: list[_Read] = []
+    solutions: list[RecordedSolution] = []
     references: dict[str, Place] = {}
     for path in map(Path, paths):
-        found, known = _read(path)
+        found, known = read_solutions(path)
         solutions += found
         references = known | references
     if not solutions:
@@ -98,7 +98,7 @@ def compare(paths: Iterable[str | Path], reference: str | None = None) -> Compar
 
 
 @dataclass(frozen=True, slots=True)
-class _Read:
+class RecordedSolution:
     """A solution as a file has it: what to call it in messages, all that it says, and its estimate of the position."""
 
     where: str
@@ -107,12 +107,13 @@ class _Read:
 
     @property
     def place(self) -> Place:
+        """East longitude, latitude, deg, and height, m, in mean-Earth axes."""
         me = self.content["position"]["me"]
         return me["longitude_deg"], me["latitude_deg"], me["height_m"]
 
 
-def _read(path: Path) -> tuple[list[_Read], dict[str, Place]]:
-    """The solutions of a file, and the references that it knows."""
+def read_solutions(path: Path) -> tuple[list[RecordedSolution], dict[str, Place]]:
+    """The solutions of a ``solution.json`` or ``arcs.json``, and the references that it knows."""
     text = read_text(path)
     try:
         content = json.loads(text)
@@ -127,7 +128,7 @@ def _read(path: Path) -> tuple[list[_Read], dict[str, Place]]:
             item["name"]: (item["longitude_deg"], item["latitude_deg"], item["height_m"]) for item in known
         }
         solutions = [
-            _Read(
+            RecordedSolution(
                 f"{path}, {arc['hours']:g} h" if "hours" in arc else str(path),
                 arc["solution"],
                 PositionEstimate.from_solution(arc["solution"]),
@@ -143,7 +144,7 @@ def _read(path: Path) -> tuple[list[_Read], dict[str, Place]]:
     return solutions, references or places
 
 
-def _names(solutions: Sequence[_Read]) -> list[str]:
+def _names(solutions: Sequence[RecordedSolution]) -> list[str]:
     """Names of solutions; where several are called alike, with the folders that they are in."""
     counts = Counter(one.content["name"] for one in solutions)
     names = [

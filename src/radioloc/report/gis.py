@@ -1,0 +1,177 @@
+"""Solutions for geographic information systems: points and error ellipses as GeoJSON or GeoPackage.
+
+Coordinates are east longitude and latitude on the sphere of 1737.4 km, IAU_2015:30100; the axes are the solution's
+mean-Earth axes, named in each feature.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import tempfile
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from radioloc.errors import InputError
+from radioloc.estimation.solution import Solution
+from radioloc.lunar.selenographic import (
+    cartesian_to_selenographic,
+    east_north_up,
+    selenographic_to_cartesian,
+)
+from radioloc.report.image_solution import ImageSolution
+from radioloc.text_files import write_blocks, write_text
+
+CRS = "IAU_2015:30100"
+"""Longitude and latitude on the Moon's sphere, as PROJ and GDAL know it."""
+_ELLIPSES = {"1 sigma": 1.0, "95 %": math.sqrt(-2.0 * math.log(0.05))}
+_CORNERS = 90
+
+
+def write_gis(solutions: Iterable[Solution | ImageSolution | Mapping[str, Any]], path: str | Path) -> Path:
+    """Write positions, error ellipses and references for QGIS and its like.
+
+    Parameters
+    ----------
+    solutions : iterable of Solution, ImageSolution or mapping
+        What to write; a mapping is what ``solution.json`` holds.
+    path : path-like
+        ``.geojson``, or ``.gpkg``, which needs the extra ``gis`` (pyogrio). A GeoPackage has the layers ``positions``
+        and ``ellipses``; GeoJSON has both in one, told apart by ``kind``.
+
+    Raises
+    ------
+    InputError
+        A solution has no position, the ending is another, or the extra is not installed.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> radioloc.report.write_gis([solution], "apollo15.geojson").name
+    'apollo15.geojson'
+    """
+    file = Path(path)
+    contents = [one if isinstance(one, Mapping) else one.to_dict() for one in solutions]
+    positions = _positions(contents)
+    ellipses = [feature for content in contents for feature in _ellipses(content)]
+    match file.suffix:
+        case ".geojson":
+            lines = ",\n".join(map(json.dumps, positions + ellipses))
+            write_text(file, json.dumps(_collection([])).replace("[]", f"[\n{lines}\n]") + "\n")
+        case ".gpkg":
+            _write_geopackage(file, {"positions": positions, "ellipses": ellipses})
+        case _:
+            raise InputError(f"{file}: maps of points are written as .geojson or .gpkg")
+    return file
+
+
+def _positions(contents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
+    """A point for each solution and each reference, each reference once."""
+    found = {}
+    for content in contents:
+        me = _position(content)
+        place = (me["longitude_deg"], me["latitude_deg"])
+        sigmas = {f"sigma_{axis}_m": content["sigma"][f"{axis}_m"] for axis in ("east", "north", "up")}
+        what = {"frame": me["frame"], "height_m": me["height_m"]}
+        known = {"kind": content.get("method", "tracking"), "name": content["name"], **what}
+        found[len(found)] = _feature("Point", place, known | sigmas | {"converged": content["converged"]})
+    for content in contents:
+        if (known := content.get("reference")) is None:
+            continue
+        place = (known["longitude_deg"], known["latitude_deg"])
+        what = {"frame": content["position"]["me"]["frame"], "height_m": known["height_m"]}
+        found[known["name"], *place] = _feature(
+            "Point", place, {"kind": "reference", "name": known["name"], **what}
+        )
+    return list(found.values())
+
+
+def _position(content: Mapping[str, Any]) -> Mapping[str, Any]:
+    if not content["position"]:
+        raise InputError(f"{content['name']}: there is no position on the Moon to put on a map")
+    me: Mapping[str, Any] = content["position"]["me"]
+    return me
+
+
+def _ellipses(content: Mapping[str, Any]) -> list[dict[str, Any]]:
+    """Horizontal error ellipses of a solution; none where the position is not determined or held."""
+    me = _position(content)
+    covariance = np.array(content["covariance"]["enu_m2"], dtype=np.float64)[:2, :2]
+    if not np.isfinite(covariance).all() or not covariance.any():
+        return []
+    longitude_rad, latitude_rad = math.radians(me["longitude_deg"]), math.radians(me["latitude_deg"])
+    variances, axes = np.linalg.eigh(covariance)
+    angles = np.linspace(0.0, 2.0 * np.pi, _CORNERS + 1)
+    angles[-1] = 0.0  # a ring ends exactly where it begins
+    circle = np.stack([np.cos(angles), np.sin(angles)], axis=-1)
+    one_sigma_m = circle @ (axes * np.sqrt(np.maximum(variances, 0.0))).T
+    on_sphere = selenographic_to_cartesian(longitude_rad, latitude_rad, 0.0)
+    horizontal = east_north_up(longitude_rad, latitude_rad)[:2]
+    features = []
+    for name, factor in _ELLIPSES.items():
+        corners = on_sphere + factor * one_sigma_m @ horizontal
+        longitudes, latitudes, _ = cartesian_to_selenographic(corners)
+        # Next to each other in longitude, also where the ellipse crosses 180 degrees.
+        unwrapped = np.degrees(longitude_rad + np.angle(np.exp(1j * (longitudes - longitude_rad))))
+        ring = np.stack([unwrapped, np.degrees(latitudes)], axis=-1).tolist()
+        semi_axes = factor * np.sqrt(np.maximum(variances, 0.0))
+        features.append(
+            _feature(
+                "Polygon",
+                [ring],
+                {
+                    "kind": "ellipse",
+                    "name": f"{content['name']}, {name}",
+                    "frame": me["frame"],
+                    "semi_major_m": float(semi_axes[1]),
+                    "semi_minor_m": float(semi_axes[0]),
+                },
+            )
+        )
+    return features
+
+
+def _feature(geometry: str, coordinates: object, properties: Mapping[str, Any]) -> dict[str, Any]:
+    return {
+        "type": "Feature",
+        "properties": dict(properties),
+        "geometry": {"type": geometry, "coordinates": coordinates},
+    }
+
+
+def _collection(features: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
+    """Features with the Moon's reference system, as GDAL writes and reads it: RFC 7946 alone would mean the Earth."""
+    crs = {"type": "name", "properties": {"name": "urn:ogc:def:crs:IAU_2015::30100"}}
+    return {"type": "FeatureCollection", "crs": crs, "features": list(features)}
+
+
+def _write_geopackage(file: Path, layers: Mapping[str, Sequence[Mapping[str, Any]]]) -> None:
+    try:
+        from pyogrio import raw
+    except ImportError:
+        raise InputError(
+            f"{file}: a GeoPackage needs pyogrio: pip install 'radioloc[gis]'; or write .geojson"
+        ) from None
+    with tempfile.TemporaryDirectory(prefix="radioloc-") as folder:
+        made = Path(folder) / "layers.gpkg"  # GDAL wants the ending
+        for name, features in layers.items():
+            if not features:
+                continue
+            content = json.dumps(_collection(features)).encode()
+            meta, _, geometry, columns = raw.read(content)
+            raw.write(
+                made,
+                geometry,
+                columns,
+                meta["fields"],
+                layer=name,
+                driver="GPKG",
+                geometry_type=meta["geometry_type"],
+                crs=CRS,
+                append=made.exists(),
+            )
+        write_blocks(file, [made.read_bytes()])

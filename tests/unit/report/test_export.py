@@ -1,0 +1,140 @@
+"""Solutions for other tools: SPICE computes with the kernels, GDAL reads the layers."""
+
+import json
+import math
+
+import numpy as np
+import pytest
+import spiceypy
+
+from radioloc.cli import main
+from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.errors import InputError
+from radioloc.kernels import find_kernel
+from radioloc.lunar import LunarPosition, east_north_up, rot_icrf_to_pa, rot_pa_to_me
+from radioloc.report import write_gis, write_spice
+from radioloc.time import Epochs
+
+PLACE = (-51.91637, 43.05784, -2570.25)
+COVARIANCE = np.array([[100.0, 30.0, 0.0], [30.0, 50.0, 0.0], [0.0, 0.0, 9.0]])
+
+
+def content(ephemeris="DE421", place=PLACE, covariance=COVARIANCE, name="lander 5"):
+    """What a solution.json says of a position."""
+    constants = Ephemeris.open(ephemeris).constants
+    me = LunarPosition.from_selenographic(*place, frame=constants.me_frame)
+    pa = me.to_axes("PA", constants)
+    xyz = dict(zip(("x_m", "y_m", "z_m"), pa.xyz_m.tolist(), strict=True))
+    angles = dict(zip(("longitude_deg", "latitude_deg", "height_m"), place, strict=True))
+    return {
+        "name": name,
+        "converged": True,
+        "position": {"pa": {"frame": pa.frame, **xyz}, "me": {"frame": me.frame, **angles}},
+        "sigma": {"east_m": 10.0, "north_m": math.sqrt(50.0), "up_m": 3.0},
+        "covariance": {"enu_m2": np.where(np.isfinite(covariance), covariance, None).tolist()},
+        "reference": {"name": "benchmark", "longitude_deg": -51.9, "latitude_deg": 43.0, "height_m": -2500.0},
+    }
+
+
+@pytest.mark.parametrize("ephemeris", ["DE421", "DE440"])
+def test_spice_sees_the_earth_from_the_lander_where_it_stands(tmp_path, ephemeris):
+    what = content(ephemeris)
+    files = write_spice(what, tmp_path / "lander.bsp")
+    seconds = np.array([660446863.123, 978361445.0])
+    tdb = Epochs.from_tdb_seconds(seconds)
+    kernels = [find_kernel(ephemeris, kind) for kind in ("SPK", "PCK")]
+    with spiceypy.KernelPool([str(file) for file in (*kernels, *files)]):
+        seen = spiceypy.spkpos("EARTH", seconds, "LANDER_5_TOPO", "NONE", "LANDER_5")[0]
+        mean = {"DE421": "MOON_ME_DE421", "DE440": "MOON_ME_DE440_ME421"}[ephemeris]
+        range_km, longitude_rad, latitude_rad = spiceypy.reclat(
+            spiceypy.spkpos("LANDER_5", seconds[0], mean, "NONE", "MOON")[0]
+        )
+    assert math.degrees(longitude_rad) == pytest.approx(PLACE[0], abs=1e-10)
+    assert math.degrees(latitude_rad) == pytest.approx(PLACE[1], abs=1e-10)
+    assert range_km == pytest.approx(1737.4 + PLACE[2] / 1e3, abs=1e-9)
+
+    opened = Ephemeris.open(ephemeris)
+    moon_m, _ = opened.geocentric("moon", tdb)
+    rot_to_pa = rot_icrf_to_pa(LunarOrientation.open(ephemeris).angles(tdb)[0])
+    lander_pa_m = np.array([what["position"]["pa"][f"{axis}_m"] for axis in "xyz"])
+    to_earth_pa_m = np.einsum("nij,nj->ni", rot_to_pa, -moon_m) - lander_pa_m
+    to_enu = east_north_up(math.radians(PLACE[0]), math.radians(PLACE[1])) @ rot_pa_to_me(opened.constants)
+    east_m, north_m, up_m = to_enu @ to_earth_pa_m.T
+    np.testing.assert_allclose(seen.T * 1e3, [north_m, -east_m, up_m], atol=0.002)
+
+
+def test_what_spice_had_loaded_stays_as_it_was(tmp_path):
+    before = spiceypy.ktotal("ALL")
+    write_spice(content(), tmp_path / "lander.bsp", code=-900)
+    assert spiceypy.ktotal("ALL") == before
+
+
+@pytest.mark.parametrize(
+    ("change", "name", "code", "message"),
+    [
+        ({}, "lander.spk", 301001, "ends in .bsp"),
+        ({}, "lander.bsp", 399, "not one for a lander"),
+        ({"position": None}, "lander.bsp", 301001, "no fixed position"),
+        ({"position": {"pa": {"frame": "PA_DE403"}}}, "lander.bsp", 301001, "no frame for PA_DE403"),
+    ],
+)
+def test_kernels_that_would_be_wrong_are_refused(tmp_path, change, name, code, message):
+    with pytest.raises(InputError, match=message):
+        write_spice(content() | change, tmp_path / name, code=code)
+    assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("ending", ["geojson", "gpkg"])
+def test_gdal_reads_positions_and_ellipses_on_the_moon(tmp_path, ending):
+    raw = pytest.importorskip("pyogrio.raw")
+    import pyogrio
+
+    file = write_gis([content()], tmp_path / f"lander.{ending}")
+    layers = [name for name, _ in pyogrio.list_layers(file)]
+    assert len(layers) == (2 if ending == "gpkg" else 1)
+    rows = {}
+    for layer in layers:
+        assert "1737400" in pyogrio.read_info(file, layer=layer)["crs"]
+        meta, _, geometry, columns = raw.read(file, layer=layer)
+        for one, name in zip(geometry, columns[list(meta["fields"]).index("name")], strict=True):
+            rows[name] = one
+    assert sorted(rows) == ["benchmark", "lander 5", "lander 5, 1 sigma", "lander 5, 95 %"]
+    np.testing.assert_allclose(np.frombuffer(rows["lander 5"][5:]), PLACE[:2], atol=1e-12)
+
+
+@pytest.mark.parametrize("longitude_deg", [PLACE[0], 179.99999])
+def test_the_ellipse_is_that_of_the_covariance(tmp_path, longitude_deg):
+    file = write_gis([content(place=(longitude_deg, *PLACE[1:]))], tmp_path / "lander.geojson")
+    rings = {
+        feature["properties"]["name"]: np.array(feature["geometry"]["coordinates"][0])
+        for feature in json.loads(file.read_text())["features"]
+        if feature["geometry"]["type"] == "Polygon"
+    }
+    metres = math.radians(1737400.0) * np.array([math.cos(math.radians(PLACE[1])), 1.0])
+    inverse = np.linalg.inv(COVARIANCE[:2, :2])
+    for name, squared in (("1 sigma", 1.0), ("95 %", 5.991465)):
+        offset = (rings[f"lander 5, {name}"] - [longitude_deg, PLACE[1]]) * metres
+        np.testing.assert_allclose(np.einsum("ni,ij,nj->n", offset, inverse, offset), squared, rtol=1e-4)
+        assert (offset[0] == offset[-1]).all()
+
+
+def test_a_position_without_a_covariance_has_no_ellipse(tmp_path):
+    undetermined = content(covariance=np.diag([np.inf] * 3))
+    features = json.loads(write_gis([undetermined], tmp_path / "a.geojson").read_text())["features"]
+    assert [feature["geometry"]["type"] for feature in features] == ["Point", "Point"]
+
+
+def test_the_command_writes_what_the_ending_says(tmp_path, capsys):
+    solution = tmp_path / "solution.json"
+    estimate = content() | {"provenance": {}, "fit": {}}
+    cartesian = dict(zip(("x_m", "y_m", "z_m"), (8e5, -1e6, 1.2e6), strict=True))
+    estimate["position"]["me"] |= cartesian
+    solution.write_text(json.dumps(estimate))
+    for name, written in (("a.geojson", ["a.geojson"]), ("b.bsp", ["b.bsp", "b.tf"])):
+        assert main(["export", str(solution), str(tmp_path / name)]) == 0
+        assert all(str(tmp_path / one) in capsys.readouterr().out for one in written[:1])
+        assert all((tmp_path / one).exists() for one in written)
+    assert main(["export", str(solution), str(tmp_path / "c.kml")]) == 2
+    assert "written as .geojson or .gpkg" in capsys.readouterr().err
+    assert main(["export", str(solution), str(solution), str(tmp_path / "d.bsp")]) == 2
+    assert "hold one lander" in capsys.readouterr().err

@@ -22,6 +22,7 @@ from radioloc import vectors
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import KINDS, Distortion
+from radioloc.imaging.isis_cube import is_isis_cube, isd_of_cube
 from radioloc.imaging.json_keys import Keys
 from radioloc.imaging.moon_axes import rot_j2000_to_me
 from radioloc.imaging.orientation import ConstantOrientation, TabulatedOrientation, interpolated_rotations
@@ -67,7 +68,8 @@ def read_isd(path: str | Path, *, axes: str | None = None) -> SupportData:
     Parameters
     ----------
     path : path-like
-        An ISD (JSON), plain or gzip, of a frame or a line-scan camera.
+        An ISD (JSON), plain or gzip, of a frame or a line-scan camera; or an ISIS cube of LRO's NACL or NACR, whole or
+        cut out, on which ``spiceinit`` was run.
     axes : str, optional
         ``"ME_DE421"`` turns from J2000 to the Moon by the lunar orientation of DE421 instead of by the file's own
         rotation: for files in axes that maps are not in, such as the IAU's mean rotation, up to 155 m away.
@@ -75,7 +77,8 @@ def read_isd(path: str | Path, *, axes: str | None = None) -> SupportData:
     Raises
     ------
     FileFormatError
-        No such file, no JSON, a key that is missing or has no usable value (it is named), another kind of sensor.
+        No such file, neither JSON nor a cube, a key that is missing or has no usable value (it is named), another kind
+        of sensor.
 
     Examples
     --------
@@ -86,9 +89,9 @@ def read_isd(path: str | Path, *, axes: str | None = None) -> SupportData:
     if axes not in (None, "ME_DE421"):
         raise InputError(f"axes = {axes!r} is not known; use 'ME_DE421', or leave it out for the file's own")
     try:
-        content = json.loads(read_text(path))
+        content = isd_of_cube(path) if is_isis_cube(path) else json.loads(read_text(path))
     except json.JSONDecodeError as error:
-        raise FileFormatError(path, f"is not JSON: {error.msg}", error.lineno) from error
+        raise FileFormatError(path, f"is neither JSON nor an ISIS cube: {error.msg}", error.lineno) from error
     keys = Keys(path, content)
     name = keys.text("name_model")
     if name not in (_FRAME, _LINE_SCAN):
@@ -207,7 +210,7 @@ def _support_data(keys: Keys, scan: bool, axes: str | None) -> SupportData:
     sun_m = None
     if keys.has("sun_position"):
         sun_times, sun, _ = _states(keys, "sun_position", epoch, rot_j2000_to_moon)
-        sun_m = sun[np.argmin(np.abs(sun_times))]
+        sun_m = np.array([np.interp(0.0, sun_times, component) for component in sun.T])
     about = (radius_m, epoch, sun_m, keys.text("name_platform", ""), keys.text("name_sensor", ""))
     orientation: ConstantOrientation | TabulatedOrientation
     if len(position_times) == len(pointing_times) == 1:

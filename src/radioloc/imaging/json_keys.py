@@ -17,11 +17,12 @@ _ABSENT = object()
 
 
 class Keys:
-    """Values of an ISD by their path, with errors that name file and key."""
+    """Values of a file by their path, with errors that name file and key."""
 
-    def __init__(self, path: str | Path, content: Any) -> None:
+    def __init__(self, path: str | Path, content: Any, holder: str = "an ISD of a sensor model") -> None:
         self.path = path
         self.content = content
+        self.holder = holder
 
     def get(self, name: str, default: Any = None) -> Any:
         """The value of a key such as ``detector_center.line``; without a default the key has to be there."""
@@ -30,9 +31,7 @@ class Keys:
             if not isinstance(value, dict) or part not in value:
                 if default is not None:
                     return default
-                raise FileFormatError(
-                    self.path, f"the key {name} is missing; an ISD of a sensor model has it"
-                )
+                raise FileFormatError(self.path, f"the key {name} is missing; {self.holder} has it")
             value = value[part]
         return value
 

@@ -307,7 +307,7 @@ def test_any_wrong_value_is_an_error_of_the_library(tmp_path, name):
 def test_other_files_and_axes_are_refused(tmp_path):
     path = tmp_path / "bad.json"
     path.write_text('{"name_model":\n')
-    with pytest.raises(FileFormatError, match="line 2: is not JSON"):
+    with pytest.raises(FileFormatError, match="line 2: is neither JSON nor an ISIS cube"):
         read_isd(path)
     path.write_text("[1, 2]")
     with pytest.raises(FileFormatError, match="the key name_model is missing"):

@@ -62,7 +62,7 @@ def test_a_sun_below_the_horizon_is_refused(tmp_path):
         write_shaded_map(tmp_path / "dem.tif", tmp_path / "shaded.tif", 100.0, -5.0)
 
 
-@pytest.mark.parametrize("name", ["lro_nac.json.gz", "kaguya_tc.json.gz"])
+@pytest.mark.parametrize("name", ["lro_nac.json.gz", "lro_nac_polar.json.gz", "kaguya_tc.json.gz"])
 def test_the_sun_of_an_epoch_is_where_support_data_of_real_images_have_it(tmp_path, name):
     known = read_isd(ISDS / name, axes="ME_DE421")
     east, north, up = known.sun_m / np.linalg.norm(known.sun_m)

@@ -49,14 +49,16 @@ FILES = """
 import json, time
 from pathlib import Path
 import radioloc
-from radioloc.report.files import write_figure, write_numbers
+from radioloc.report.files import write_figure, write_json, write_residuals
 folder = Path("files")
 solution = radioloc.locate(radioloc.read_study("change5.toml"))
 stages = [time.process_time()]
 def done(stage):
     stages.append(time.process_time())
     print(json.dumps({stage: stages[-1] - stages[-2]}))
-write_numbers(solution, folder)
+folder.mkdir(exist_ok=True)
+write_json(folder / "solution.json", solution.to_dict())
+write_residuals(folder / "residuals.csv", solution.residuals)
 done("residuals.csv and solution.json")
 import matplotlib.dates, matplotlib.figure, matplotlib.backends.backend_agg
 from radioloc.report import plot_links, plot_position

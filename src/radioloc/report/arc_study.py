@@ -14,7 +14,7 @@ from radioloc.estimation.combination import PositionEstimate, agreement
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
-from radioloc.report.cards import Card, Field, metres, more, sigma_text, to_sigma
+from radioloc.report.cards import Card, Field, Shown, metres, more, sigma_text, to_sigma
 from radioloc.report.position_table import (
     HEADING,
     PositionRow,
@@ -68,11 +68,8 @@ class KnownPosition(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class ArcStudy:
+class ArcStudy(Shown):
     """The arcs of a study, beside reference positions.
-
-    ``str()`` is a card with the table of positions, what each arc is made of, and the other parameters;
-    ``_repr_html_`` shows the same.
 
     Parameters
     ----------
@@ -196,15 +193,9 @@ class ArcStudy:
             )
         )
 
-    def __str__(self) -> str:
-        return str(self.card())
-
     def __repr__(self) -> str:
         hours = ", ".join(f"{arc.hours:g}" for arc in self.arcs)
         return f"<ArcStudy {self.name}: {hours} h, {'converged' if self.converged else 'NOT CONVERGED'}>"
-
-    def _repr_html_(self) -> str:
-        return self.card().html()
 
 
 def sigmas_apart(part: Solution, whole: Solution) -> float | None:

@@ -64,6 +64,22 @@ class Card:
         return f"<table>{''.join(rows)}</table>"
 
 
+class Shown:
+    """A result that shows itself by its card: ``str()`` in a terminal, HTML in a notebook."""
+
+    __slots__ = ()
+
+    def card(self) -> Card:
+        """What it says."""
+        raise NotImplementedError
+
+    def __str__(self) -> str:
+        return str(self.card())
+
+    def _repr_html_(self) -> str:
+        return self.card().html()
+
+
 def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int) -> list[str]:
     """Rows of cells as aligned lines of plain text: names to the left, numbers to the right.
 

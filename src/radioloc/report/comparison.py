@@ -13,7 +13,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, JointEstimate
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
-from radioloc.report.cards import Card, Field, metres, plural
+from radioloc.report.cards import Card, Field, Shown, metres, plural
 from radioloc.report.figures import COLORS, length_unit, new_figure, style_axes
 from radioloc.report.position_figures import error_ellipse
 from radioloc.report.position_table import HEADING, PositionRow, csv_table, markdown_table, position_cells
@@ -27,10 +27,8 @@ UNLIKELY = 1e-3
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Comparison:
+class Comparison(Shown):
     """Solutions beside each other.
-
-    ``str()`` is a card, ``_repr_html_`` shows the same.
 
     Parameters
     ----------
@@ -125,15 +123,9 @@ class Comparison:
             )
         )
 
-    def __str__(self) -> str:
-        return str(self.card())
-
     def __repr__(self) -> str:
         names = ", ".join(row.name for row in self.rows if row.method != "reference")
         return f"<Comparison {names}: {'consistent' if self.consistent else 'NOT CONSISTENT'}>"
-
-    def _repr_html_(self) -> str:
-        return self.card().html()
 
     def _status(self) -> Iterator[str]:
         failed = [row.name for row in self.rows if row.converged is False]

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.budget import NOISE
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.report.cards import Card, Field, metres, more
+from radioloc.report.cards import Card, Field, Shown, metres, more
 from radioloc.report.figures import COLORS, new_figure, style_axes
 
 if TYPE_CHECKING:
@@ -167,11 +167,8 @@ class Gain:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class CovarianceStudy:
-    """What a tracking plan would tell of a position.
-
-    ``str()`` is a card that fits a terminal; ``_repr_html_`` shows the same.
-    """
+class CovarianceStudy(Shown):
+    """What a tracking plan would tell of a position."""
 
     name: str
     arcs: tuple[PlannedArc, ...]
@@ -252,14 +249,8 @@ class CovarianceStudy:
             )
         )
 
-    def __str__(self) -> str:
-        return str(self.card())
-
     def __repr__(self) -> str:
         return f"<CovarianceStudy {self.name}: 95 % within {metres(self.longest.radius_95_m)} m>"
-
-    def _repr_html_(self) -> str:
-        return self.card().html()
 
 
 def plans_card(plans: Iterable[CovarianceStudy]) -> Card:

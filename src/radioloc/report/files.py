@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Collection, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Collection, Mapping
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -38,21 +38,8 @@ RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_DECIMALS, "status")
 
 INCOMPLETE = "INCOMPLETE"
 """File of a folder whose other files may be of different results, as it was not written to the end."""
-_NUMBERS = ("solution.json", "residuals.csv")
-_FIGURES = ("residuals", "position", "correlations", "contours")
-_OF_A_SOLUTION = (*_NUMBERS, "terms.csv", *(f"{name}.[ps][nv]g" for name in _FIGURES))
-_OF_ARCS = (
-    "arcs.json",
-    "table1.csv",
-    "table1.md",
-    "figure2.[ps][nv]g",
-    *(f"[0-9]*h/{name}" for name in _NUMBERS),
-)
 OF_A_MONTE_CARLO = ("montecarlo.json", "trials.csv", "trials.[ps][nv]g", "error_by_length.[ps][nv]g")
-_OF_IMAGES = ("solution.json", "images.[ps][nv]g")
-_OF_A_COMPARISON = ("comparison.json", "table1.csv", "table1.md", "comparison.[ps][nv]g")
-_OF_A_COVARIANCE = ("covariance.json", "covariance.csv", "covariance.[ps][nv]g")
-"""Files of an output folder, by name or pattern."""
+"""Files of a Monte Carlo study, by name or pattern."""
 
 
 def write_report(solution: Solution, folder: str | Path, terms_by: Predictor | None = None) -> list[Path]:
@@ -86,29 +73,40 @@ def write_report(solution: Solution, folder: str | Path, terms_by: Predictor | N
     >>> [path.name for path in radioloc.write_report(solution, "out")][:2]
     ['solution.json', 'residuals.csv']
     """
-    with _one_result(folder, _OF_A_SOLUTION) as written:
-        written += write_numbers(solution, folder)
-        rows = solution.residuals
-        # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
-        apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
-        written += write_figure(
-            plot_links(solution) if apart else plot_residuals(solution), Path(folder), "residuals"
-        )
-        if solution.position_estimated and solution.position_determined:
-            written += write_figure(plot_position(solution), Path(folder), "position")
-        correlations, contours = can_be_drawn(solution)
-        if correlations:
-            written += write_figure(plot_correlations(solution), Path(folder), "correlations")
-        if contours:
-            written += write_figure(plot_contours(solution), Path(folder), "contours")
-        if terms_by is not None:
-            written.append(write_terms(terms_by, solution, folder))
-    return written
+    rows = solution.residuals
+    # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
+    apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
+    located = solution.position_estimated and solution.position_determined
+    correlations, contours = can_be_drawn(solution)
+    figures = {
+        "residuals": partial(plot_links if apart else plot_residuals, solution),
+        "position": partial(plot_position, solution) if located else None,
+        "correlations": partial(plot_correlations, solution) if correlations else None,
+        "contours": partial(plot_contours, solution) if contours else None,
+    }
+    contents: dict[str, _Content] = _numbers(solution)
+    if terms_by is not None:
+        contents["terms.csv"] = partial(_write_terms, terms_by, solution)
+    return _write(folder, contents, figures, ("terms.csv",))
 
 
-@contextmanager
-def _one_result(folder: str | Path, names: tuple[str, ...]) -> Iterator[list[Path]]:
-    """A list for what is written to a folder; other files of such names, of an earlier result, are removed at the end.
+_Content = str | Mapping[str, Any] | Callable[[Path], object]
+"""Text, what becomes JSON, or what writes itself to a path."""
+
+
+def _numbers(solution: Solution, folder: str = "") -> dict[str, _Content]:
+    """The files of a solution by name, in a folder that ends in a slash."""
+    rows = partial(write_residuals, rows=solution.residuals)
+    return {f"{folder}solution.json": solution.to_dict(), f"{folder}residuals.csv": rows}
+
+
+def _write(
+    folder: str | Path,
+    contents: Mapping[str, _Content],
+    figures: Mapping[str, Callable[[], Figure] | None],
+    earlier: tuple[str, ...] = (),
+) -> list[Path]:
+    """Write files and figures by name, those that there are; others of such names, or of earlier ones, are removed.
 
     Until then a file says that the folder is not complete, so it does where the program was stopped.
     """
@@ -117,10 +115,21 @@ def _one_result(folder: str | Path, names: tuple[str, ...]) -> Iterator[list[Pat
     write_text(
         marker, "radioloc has not finished writing here: files may be of different results. Run it again.\n"
     )
-    written: list[Path] = []
-    yield written
-    remove_files(folder, names, written)
+    written = []
+    for name, content in contents.items():
+        written.append(folder / name)
+        made_folder(written[-1].parent)
+        if isinstance(content, str):
+            write_text(written[-1], content)
+        elif isinstance(content, Mapping):
+            write_json(written[-1], content)
+        else:
+            content(written[-1])
+    for name, draw in figures.items():
+        written += [] if draw is None else write_figure(draw(), folder, name)
+    remove_files(folder, (*contents, *(f"{name}.[ps][nv]g" for name in figures), *earlier), written)
     marker.unlink()
+    return written
 
 
 def remove_files(folder: Path, names: tuple[str, ...], but: Collection[Path] = ()) -> None:
@@ -129,15 +138,6 @@ def remove_files(folder: Path, names: tuple[str, ...], but: Collection[Path] = (
         for path in folder.glob(name):
             if path.is_file() and path not in but:
                 path.unlink()
-
-
-def write_numbers(solution: Solution, folder: str | Path) -> list[Path]:
-    """Write ``solution.json`` and ``residuals.csv``."""
-    folder = made_folder(folder)
-    numbers, table = folder / "solution.json", folder / "residuals.csv"
-    write_residuals(table, solution.residuals)
-    write_json(numbers, solution.to_dict())
-    return [numbers, table]
 
 
 def write_residuals(path: Path, rows: Residuals) -> None:
@@ -177,17 +177,21 @@ def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) ->
     >>> radioloc.report.write_terms(predictor, radioloc.residuals(study), "out").name
     'terms.csv'
     """
+    path = made_folder(folder) / "terms.csv"
+    _write_terms(predictor, solution, path)
+    return path
+
+
+def _write_terms(predictor: Predictor, solution: Solution, path: Path) -> None:
     from radioloc.io.csv_file import batches_of, write_csv
 
     terms = predictor.terms(solution.position_pa_m)
-    path = made_folder(folder) / "terms.csv"
     rows = predictor.observations
     types = Labels(rows.kind.astype(np.int32), tuple(KINDS))
     paths = Labels(rows.link, tuple(link.path for link in rows.links))
     columns = {"epoch_utc": rows.epoch, "type": types, "path": paths}
     named = {f"{name}_m": values for name, values in terms.items()}
     write_csv(path, batches_of(columns | named, dict.fromkeys(named, 6)))
-    return path
 
 
 def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
@@ -203,16 +207,12 @@ def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
     >>> sorted(path.suffix for path in radioloc.report.write_arcs(found, "out") if path.parent.name == "out")
     ['.csv', '.json', '.md', '.png', '.svg']
     """
-    folder = Path(folder)
-    with _one_result(folder, _OF_ARCS) as written:
-        written += [folder / name for name in ("table1.csv", "table1.md", "arcs.json")]
-        write_text(written[0], study.to_csv())
-        write_text(written[1], study.to_markdown())
-        write_json(written[2], study.to_dict())
-        for arc in study.arcs:
-            written += write_numbers(arc.solution, folder / f"{arc.hours:g}h")
-        written += write_figure(plot_links(study.longest), folder, "figure2")
-    return written
+    contents: dict[str, _Content] = {"table1.csv": study.to_csv(), "table1.md": study.to_markdown()}
+    contents["arcs.json"] = study.to_dict()
+    for arc in study.arcs:
+        contents |= _numbers(arc.solution, f"{arc.hours:g}h/")
+    earlier = ("[0-9]*h/solution.json", "[0-9]*h/residuals.csv")
+    return _write(folder, contents, {"figure2": partial(plot_links, study.longest)}, earlier)
 
 
 def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
@@ -231,15 +231,14 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     """
     from radioloc.io.csv_file import batches_of, write_csv
 
-    folder = Path(folder)
-    with _one_result(folder, OF_A_MONTE_CARLO) as written:
-        written += [folder / "montecarlo.json", folder / "trials.csv"]
-        write_json(written[0], study.to_dict())
-        write_csv(written[1], batches_of(study.columns_of_trials()))
-        if (study["converged"] == 1.0).any():
-            written += write_figure(plot_trial_scatter(study), folder, "trials")
-            written += write_figure(plot_error_by_length(study), folder, "error_by_length")
-    return written
+    trials = partial(write_csv, batches=batches_of(study.columns_of_trials()))
+    figures = {"trials": plot_trial_scatter, "error_by_length": plot_error_by_length}
+    some = bool((study["converged"] == 1.0).any())
+    return _write(
+        folder,
+        {"montecarlo.json": study.to_dict(), "trials.csv": trials},
+        {name: partial(draw, study) if some else None for name, draw in figures.items()},
+    )
 
 
 def write_covariance(study: CovarianceStudy, folder: str | Path) -> list[Path]:
@@ -254,14 +253,11 @@ def write_covariance(study: CovarianceStudy, folder: str | Path) -> list[Path]:
     >>> [path.name for path in radioloc.report.write_covariance(found, "out")][:2]
     ['covariance.json', 'covariance.csv']
     """
-    folder = Path(folder)
-    with _one_result(folder, _OF_A_COVARIANCE) as written:
-        written += [folder / "covariance.json", folder / "covariance.csv"]
-        write_json(written[0], study.to_dict())
-        write_text(written[1], study.to_csv())
-        if study.determined:
-            written += write_figure(plot_covariance(study), folder, "covariance")
-    return written
+    return _write(
+        folder,
+        {"covariance.json": study.to_dict(), "covariance.csv": study.to_csv()},
+        {"covariance": partial(plot_covariance, study) if study.determined else None},
+    )
 
 
 def write_images(solution: ImageSolution, folder: str | Path) -> list[Path]:
@@ -274,12 +270,7 @@ def write_images(solution: ImageSolution, folder: str | Path) -> list[Path]:
     >>> [path.name for path in radioloc.report.write_images(solution, "out")]
     ['solution.json', 'images.png', 'images.svg']
     """
-    folder = Path(folder)
-    with _one_result(folder, _OF_IMAGES) as written:
-        written.append(folder / "solution.json")
-        write_json(written[0], solution.to_dict())
-        written += write_figure(plot_images(solution), folder, "images")
-    return written
+    return _write(folder, {"solution.json": solution.to_dict()}, {"images": partial(plot_images, solution)})
 
 
 def write_comparison(found: Comparison, folder: str | Path) -> list[Path]:
@@ -295,14 +286,11 @@ def write_comparison(found: Comparison, folder: str | Path) -> list[Path]:
     >>> [path.name for path in radioloc.report.write_comparison(found, "compared")][:2]
     ['table1.csv', 'table1.md']
     """
-    folder = Path(folder)
-    with _one_result(folder, _OF_A_COMPARISON) as written:
-        written += [folder / name for name in ("table1.csv", "table1.md", "comparison.json")]
-        write_text(written[0], found.to_csv())
-        write_text(written[1], found.to_markdown())
-        write_json(written[2], found.to_dict())
-        written += write_figure(plot_comparison(found), folder, "comparison")
-    return written
+    return _write(
+        folder,
+        {"table1.csv": found.to_csv(), "table1.md": found.to_markdown(), "comparison.json": found.to_dict()},
+        {"comparison": partial(plot_comparison, found)},
+    )
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:

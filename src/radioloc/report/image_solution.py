@@ -17,7 +17,7 @@ from radioloc.imaging import Camera, Map
 from radioloc.imaging.image_chain import FrameStatus
 from radioloc.imaging.registration import RegisteredFrame, Registration
 from radioloc.lunar.position import LunarPosition
-from radioloc.report.cards import Card, Field, metres, plural
+from radioloc.report.cards import Card, Field, Shown, metres, plural
 from radioloc.report.position_table import difference
 
 Floats = NDArray[np.float64]
@@ -40,7 +40,7 @@ class CameraOf(Protocol):
 
 
 @dataclass(frozen=True, slots=True, eq=False, weakref_slot=True)
-class ImageSolution:
+class ImageSolution(Shown):
     """Where a lander stands by its descent images, and how each image was registered.
 
     Parameters
@@ -248,16 +248,10 @@ class ImageSolution:
             )
         )
 
-    def __str__(self) -> str:
-        return str(self.card())
-
     def __repr__(self) -> str:
         longitude, latitude, _ = self.position.selenographic
         state = "converged" if self.converged else "NOT CONVERGED"
         return f"<ImageSolution {self.name}: {longitude:.6f} deg E, {latitude:.6f} deg N, {state}>"
-
-    def _repr_html_(self) -> str:
-        return self.card().html()
 
     def _references(self) -> Iterator[str]:
         for name, place in self.references.items():

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.report.cards import Card, Field, metres, more, plural
+from radioloc.report.cards import Card, Field, Shown, metres, more, plural
 from radioloc.report.trial_statistics import SIDES, ArcSummary, Nees, summarize
 
 _Floats = NDArray[np.float64]
@@ -33,10 +33,8 @@ class Proof:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class MonteCarlo:
+class MonteCarlo(Shown):
     """The trials of a study and what they say together.
-
-    ``str()`` is a card that fits a terminal; ``_repr_html_`` shows the same.
 
     Parameters
     ----------
@@ -149,15 +147,9 @@ class MonteCarlo:
             )
         )
 
-    def __str__(self) -> str:
-        return str(self.card())
-
     def __repr__(self) -> str:
         hours = ", ".join(f"{length:g}" for length in self.hours)
         return f"<MonteCarlo {self.name}: {self.trials} trials of {hours} h>"
-
-    def _repr_html_(self) -> str:
-        return self.card().html()
 
 
 def _tables(arcs: list[ArcSummary]) -> Iterator[Field]:

@@ -290,6 +290,14 @@ def _parser() -> argparse.ArgumentParser:
     return parser
 
 
+def _done(options: argparse.Namespace, found: object, write: Callable[..., object], good: bool) -> int:
+    """Write the files of a result if asked for, print its card, and give the exit status."""
+    if options.out is not None:
+        write(found, options.out)
+    _tell(options, found)
+    return EXIT_DONE if good else EXIT_NOT_CONVERGED
+
+
 def _tell(options: argparse.Namespace, card: object) -> None:
     """Print a card and where files were written, unless told to be quiet."""
     if options.quiet:
@@ -314,10 +322,7 @@ def _locate(options: argparse.Namespace, *, fitted: bool) -> int:
 
 def _arcs(options: argparse.Namespace) -> int:
     found = arcs(read_study(options.study), options.hours)
-    if options.out is not None:
-        write_arcs(found, options.out)
-    _tell(options, found)
-    return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
+    return _done(options, found, write_arcs, found.converged)
 
 
 def _simulate(options: argparse.Namespace) -> int:
@@ -369,26 +374,17 @@ def _monte_carlo(options: argparse.Namespace) -> int:
         keeps = f"{options.out} keeps" if options.out else "with --out DIR, it keeps"
         _complain(f"interrupted; {keeps} the trials made so far, and the same command with --resume goes on")
         return EXIT_INTERRUPTED
-    if options.out is not None:
-        write_monte_carlo(found, options.out)
-    _tell(options, found)
-    return EXIT_DONE if found.converged else EXIT_NOT_CONVERGED
+    return _done(options, found, write_monte_carlo, found.converged)
 
 
 def _images(options: argparse.Namespace) -> int:
     solution = locate_images(read_image_study(options.study), progress=not options.quiet)
-    if options.out is not None:
-        write_images(solution, options.out)
-    _tell(options, solution)
-    return EXIT_DONE if solution.converged else EXIT_NOT_CONVERGED
+    return _done(options, solution, write_images, solution.converged)
 
 
 def _compare(options: argparse.Namespace) -> int:
     found = compare(options.solutions, options.reference)
-    if options.out is not None:
-        write_comparison(found, options.out)
-    _tell(options, found)
-    return EXIT_DONE if found.consistent else EXIT_NOT_CONVERGED
+    return _done(options, found, write_comparison, found.consistent)
 
 
 def _export(options: argparse.Namespace) -> int:

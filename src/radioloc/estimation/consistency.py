@@ -104,39 +104,31 @@ class Inconsistency:
         return content | {"significant": self.significant, "text": str(self) if self.significant else None}
 
     def __str__(self) -> str:
-        return f"{self._what()}{self._effect()}"
-
-    def _what(self) -> str:
+        when = f" from {self.first_utc} to {self.last_utc}" if self.last_utc else ""
+        what = f"{self.name}{when} does not fit the others"
         value = next(iter(self.amounts.values()), 0.0)
         if self.kind == "jump":
-            return f"{self.name} jumps by {_length(value)} at {self.first_utc}"
-        if self.kind == "offset":
-            when = f" from {self.first_utc} to {self.last_utc}" if self.first_utc else ""
-            return f"{self.name} is off by {_length(value)}{when}"
-        if self.kind == "a priori":
-            kind, _, of = self.name.partition(".")
-            parts = " ".join(
-                f"{value:+.3g} {self.unit}{f' {name}' if name else ''}".replace("  ", " ")
-                for name, value in self.amounts.items()
-            )
-            what = {"station_position": "a displacement"}.get(kind, f"{_article(kind)}")
-            if kind == "position":
-                return f"the a-priori {of} does not fit the observations ({parts} explains it)"
-            return f"{of or kind} does not fit the others ({what} of {parts} explains it)"
-        span = f" from {self.first_utc} to {self.last_utc}" if self.first_utc else ""
-        return f"{self.name}{span} does not fit the others"
-
-    def _effect(self) -> str:
+            what = f"{self.name} jumps by {_length(value)} at {self.first_utc}"
+        elif self.kind == "offset":
+            what = f"{self.name} is off by {_length(value)}{when}"
+        elif self.kind == "a priori":
+            what = self._wrong_prior()
         if self.shift_enu_m is None:
-            return ""
-        distance_m = math.hypot(*self.shift_enu_m)
+            return what
         how = "with that" if self.amounts else "without it"
-        return f"; {how} the position moves by {distance_m:.3g} m"
+        return f"{what}; {how} the position moves by {math.hypot(*self.shift_enu_m):.3g} m"
 
-
-def _article(kind: str) -> str:
-    words = kind.replace("_", " ")
-    return f"{'an' if words[0] in 'aeio' else 'a'} {words}"
+    def _wrong_prior(self) -> str:
+        kind, _, of = self.name.partition(".")
+        parts = " ".join(
+            f"{value:+.3g} {self.unit}{f' {name}' if name else ''}".replace("  ", " ")
+            for name, value in self.amounts.items()
+        )
+        if kind == "position":
+            return f"the a-priori {of} does not fit the observations ({parts} explains it)"
+        words = "displacement" if kind == "station_position" else kind.replace("_", " ")
+        article = "an" if words[0] in "aeio" else "a"
+        return f"{of or kind} does not fit the others ({article} {words} of {parts} explains it)"
 
 
 def _length(value_m: float) -> str:
@@ -179,33 +171,29 @@ class _Tried:
     width_s: float = 0.0  # of the bins that a step was found in
     log_chance: float = 0.0
 
-    @property
-    def length(self) -> float:
-        """Root of the sum of squares of the columns."""
-        return float(np.linalg.norm(self.columns))
+    def explained(self, problem: BinnedProblem) -> tuple[_Tried, BinnedProblem, float]:
+        """What explains a misfit, and the problem with it as parameters, in parts of a length: more is then known.
 
-    def joined(self, problem: BinnedProblem) -> BinnedProblem:
-        """The problem with what explains a misfit, which is no noise: with that which is left more is known."""
-        return problem.with_columns(self.columns / self.length)
-
-
-def _one_component(problem: BinnedProblem, after: BinnedProblem, tried: _Tried) -> _Tried | None:
-    """The same with one component where the others, known as well as with the misfit explained, may be zero."""
-    count = len(tried.components)
-    if count < 2:
-        return None
-    values, covariance = after.estimate[-count:], after.inverse[-count:, -count:]
-    chances = []
-    for k in range(count):
-        others = np.delete(np.arange(count), k)
-        chi2 = float(values[others] @ np.linalg.solve(covariance[np.ix_(others, others)], values[others]))
-        chances.append(log_probability(chi2, count - 1))
-    k = int(np.argmax(chances))
-    verdict = problem.test(tried.columns[:, [k]])
-    if chances[k] <= math.log(_SIMPLER) or verdict is None:
-        return None
-    part, scale = tried.components[k : k + 1], np.asarray(tried.scale)[[k]]
-    return replace(tried, columns=tried.columns[:, [k]], components=part, scale=scale, verdict=verdict)
+        It is one component where the others may be zero by chance.
+        """
+        length = float(np.linalg.norm(self.columns))
+        after, count = problem.with_columns(self.columns / length), len(self.components)
+        if count < 2:
+            return self, after, length
+        values, covariance = after.estimate[-count:], after.inverse[-count:, -count:]
+        chances = []
+        for k in range(count):
+            others = np.delete(np.arange(count), k)
+            chi2 = values[others] @ np.linalg.solve(covariance[np.ix_(others, others)], values[others])
+            chances.append(log_probability(float(chi2), count - 1))
+        k = int(np.argmax(chances))
+        verdict = problem.test(self.columns[:, [k]])
+        if chances[k] <= math.log(_SIMPLER) or verdict is None:
+            return self, after, length
+        part, scale = self.components[k : k + 1], np.asarray(self.scale)[[k]]
+        return replace(
+            self, columns=self.columns[:, [k]], components=part, scale=scale, verdict=verdict
+        ).explained(problem)
 
 
 def assess_consistency(
@@ -243,23 +231,22 @@ def assess_consistency(
     )
     tested = search.groups(problem)
     groups = tuple(search.named(tried, tried.verdict) for tried in tested)
-    explained: list[_Tried] = []
+    explained: list[tuple[_Tried, float]] = []
     width = len(problem.estimate)
     while len(explained) < _MOST_FOUND:
         best = min([*search.explanations(problem), *tested], key=lambda tried: tried.log_chance, default=None)
         if best is None or best.log_chance > math.log(CHANCE):
             break
-        after = best.joined(problem)
-        if (simpler := _one_component(problem, after, best)) is not None:
-            best, after = simpler, simpler.joined(problem)
-        problem, tested = after, search.groups(after)
-        explained.append(replace(best, verdict=replace(best.verdict, shift=problem.estimate[:width])))
+        best, problem, length = best.explained(problem)
+        verdict = replace(best.verdict, shift=problem.estimate[:width])
+        explained.append((replace(best, verdict=verdict), length))
         if not best.components:
             break
+        tested = search.groups(problem)
     found = []
-    for tried in explained:
+    for tried, length in explained:
         end = width + tried.columns.shape[1]
-        amounts = problem.estimate[width:end] / tried.length
+        amounts = problem.estimate[width:end] / length
         found.append(search.named(tried, replace(tried.verdict, estimate=amounts)))
         width = end
     return Consistency(groups, tuple(found))
@@ -284,7 +271,7 @@ class _Search:
 
     def links_by_name(self, problem: BinnedProblem) -> Iterator[tuple[str, str, dict[int, float]]]:
         """Kind, name and series of single observations of each group, with the sign of what is at a station."""
-        codes = np.unique(np.concatenate([part.code for part in problem.parts])).tolist()
+        codes = np.unique(problem.code).tolist()
         yield from (("link", self.order.name_of(code), {code: 1.0}) for code in codes)
         types: dict[str, dict[int, float]] = {}
         stations: dict[str, dict[int, float]] = {}

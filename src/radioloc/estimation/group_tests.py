@@ -15,8 +15,8 @@ observations alone, its own set of all estimated parameters, take the group out 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -58,28 +58,32 @@ class Verdict:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class LinkPart:
-    """What single links have in some of the points."""
-
-    rows: slice
-    code: NDArray[np.intp]  # (m,), series of single observations
-    values: _Floats  # (m, 1 + c), a constant of the link, and its partials
-
-
-@dataclass(frozen=True, slots=True, eq=False)
 class BinnedProblem:
     """A fit in n points, bins of observations over the root of their count, and k a-priori values.
 
-    Columns to be added have a row for each of these, n + k, and are not whitened.
+    What single links have in the points, of which one of combined observations has several, is m rows of its own.
+    Columns to be added have a row for each point and a-priori value, n + k, and are not whitened.
     """
 
     points: Points
     prior: _Floats  # (k, 1 + c), residual and partials over the sigmas
-    parts: tuple[LinkPart, ...]
+    place: NDArray[np.intp]  # (m,), point that a link has part in
+    code: NDArray[np.intp]  # (m,), series of single observations
+    values: _Floats  # (m, 1 + c), a constant of the link, and its partials
     noise: tuple[SeriesNoise, ...]  # of each series of the points
-    whitened: _Floats  # (n + k, 1 + c), residual and partials
-    inverse: _Floats  # (c, c), N^-1
-    estimate: _Floats  # (c,), u
+    whitened: _Floats = field(init=False)  # (n + k, 1 + c), residual and partials
+    inverse: _Floats = field(init=False)  # (c, c), N^-1
+    estimate: _Floats = field(init=False)  # (c,), u
+
+    def __post_init__(self) -> None:
+        raw = np.concatenate([np.column_stack([self.points.residual, self.points.unit]), self.prior])
+        both = np.zeros_like(raw)
+        rows, there = self._whitened(raw)
+        both[rows] = there
+        inverse = np.linalg.pinv(both[:, 1:].T @ both[:, 1:], hermitian=True)
+        object.__setattr__(self, "whitened", both)
+        object.__setattr__(self, "inverse", inverse)
+        object.__setattr__(self, "estimate", inverse @ (both[:, 1:].T @ both[:, 0]))
 
     @classmethod
     def of(
@@ -105,52 +109,33 @@ class BinnedProblem:
             return np.hstack(columns if considered is None else [*columns, considered.partials(rows)])
 
         batches = series_of(order, fit.noise, fit.used)
-        parts: list[LinkPart] = []
-        partials: list[_Floats] = []
+        points = points_of(batches, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
+        found, begin = [], 0
         for batch in batches:
             codes = order.code[batch.rows[batch.begin[:-1]]]
-            begin, alone = sum(len(one) for one in partials), list(_links_alone(batch))
-            for j, of_link in enumerate(alone):
+            for j, of_link in enumerate(_links_alone(batch)):
                 one = points_of([of_link], constant_and_partials, unit)
                 code = np.repeat(np.resize(codes[:, j], len(one.series)), np.diff(one.begin))
-                rows = slice(begin, begin + len(code))
-                parts.append(LinkPart(rows, code, np.column_stack([one.residual, one.unit])))
-            partials.append(np.sum([part.values[:, 1:] for part in parts[-len(alone) :]], axis=0))
-        points = points_of(batches, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
+                found.append((begin + np.arange(len(code)), code, np.column_stack([one.residual, one.unit])))
+            begin += len(code)
+        place, code, values = (np.concatenate(column) for column in zip(*found, strict=True))
+        partials = np.zeros((begin, unit.shape[1]))
+        np.add.at(partials, place, values[:, 1:])
         known = np.isfinite(sigmas)
         prior = np.column_stack([off, unit])[known] / sigmas[known, None]
-        points = replace(points, unit=np.concatenate(partials))
-        return cls.with_noise(points, prior, tuple(parts), noise, np.zeros(unit.shape[1]))
+        problem = cls(replace(points, unit=partials), prior, place, code, values, ())
+        return problem._with_noise(noise, np.zeros(unit.shape[1]))
 
-    @classmethod
-    def with_noise(
-        cls,
-        points: Points,
-        prior: _Floats,
-        parts: tuple[LinkPart, ...],
-        noise: Mapping[str, SeriesNoise],
-        estimate: _Floats,
-    ) -> BinnedProblem:
+    def _with_noise(self, noise: Mapping[str, SeriesNoise], estimate: _Floats) -> BinnedProblem:
         """The problem with each series' noise, white as of an estimate where there is none.
 
         A series has more where its residuals stay alike for longer than its noise has it.
         """
-        of_series = [noise.get(one.key) or _white(points, k, estimate) for k, one in enumerate(points.series)]
-        first = cls.solved(points, prior, parts, of_series)
-        factors = [_spread(first.left[points.of(k)]) for k in range(len(of_series))]
-        larger = [one.times(factor) for one, factor in zip(of_series, factors, strict=True)]
-        return cls.solved(points, prior, parts, larger)
-
-    @classmethod
-    def solved(
-        cls, points: Points, prior: _Floats, parts: tuple[LinkPart, ...], noise: Sequence[SeriesNoise]
-    ) -> BinnedProblem:
-        """The problem with a noise of each series."""
-        raw = np.column_stack([points.residual, points.unit])
-        whitened = [_whitened(points, noise, k, raw[points.of(k)]) for k in range(len(noise))]
-        both = np.concatenate([*whitened, prior])
-        inverse = np.linalg.pinv(both[:, 1:].T @ both[:, 1:], hermitian=True)
-        return cls(points, prior, parts, tuple(noise), both, inverse, inverse @ (both[:, 1:].T @ both[:, 0]))
+        points = self.points
+        known = [noise.get(one.key) or _white(points, k, estimate) for k, one in enumerate(points.series)]
+        first = replace(self, noise=tuple(known))
+        factors = [_spread(first.left[points.of(k)]) for k in range(len(known))]
+        return replace(self, noise=tuple(one.times(f) for one, f in zip(known, factors, strict=True)))
 
     @property
     def left(self) -> _Floats:
@@ -168,41 +153,44 @@ class BinnedProblem:
         Of several beginnings there is one column for each.
         """
         out = np.zeros((len(self.whitened), parameters or np.size(span_s[0])))
-        for part, there, sign in self._of(links):
-            time_s = self.points.time_s[part.rows][there, None]
-            values = part.values[there, 1 : 1 + parameters] if parameters else sign * part.values[there, :1]
-            out[part.rows][there] += values * ((time_s >= span_s[0]) & (time_s <= span_s[1]))
+        mine, place, sign = self._of(links)
+        time_s = self.points.time_s[place, None]
+        values = (
+            self.values[mine, 1 : 1 + parameters] if parameters else sign[:, None] * self.values[mine, :1]
+        )
+        np.add.at(out, place, values * ((time_s >= span_s[0]) & (time_s <= span_s[1])))
         return out
 
     def times_s(self, links: Iterable[int]) -> _Floats:
         """Instants of the points of some links, in order."""
-        found = [
-            self.points.time_s[part.rows][there] for part, there, _ in self._of(dict.fromkeys(links, 1.0))
-        ]
-        return np.unique(np.concatenate(found))
+        return np.unique(self.points.time_s[self._of(dict.fromkeys(links, 1.0))[1]])
 
     def width_s(self, links: Mapping[int, float]) -> float:
         """Longest duration of the bins of some links."""
-        of_points = np.repeat(self.points.width_s, np.diff(self.points.begin))
-        return max(float(of_points[part.rows][there].max()) for part, there, _ in self._of(links))
+        return float(np.repeat(self.points.width_s, np.diff(self.points.begin))[self._of(links)[1]].max())
 
-    def _of(self, links: Mapping[int, float]) -> Iterator[tuple[LinkPart, NDArray[np.bool_], _Floats]]:
-        """Parts that have some links, which of their points these are, and the sign of each (m, 1)."""
-        codes, signs = np.array(sorted(links)), np.array([links[code] for code in sorted(links)])
-        for part in self.parts:
-            there = np.isin(part.code, codes)
-            if there.any():
-                yield part, there, signs[np.searchsorted(codes, part.code[there]), None]
+    def _of(self, links: Mapping[int, float]) -> tuple[NDArray[np.intp], NDArray[np.intp], _Floats]:
+        """Rows of some links, the points that they have part in, and the sign of each."""
+        mine = np.flatnonzero(np.isin(self.code, list(links)))
+        return mine, self.place[mine], np.array([links[code] for code in self.code[mine].tolist()])
 
-    def _products(self, columns: _Floats) -> tuple[NDArray[np.intp], _Floats]:
-        """Rows that columns have part in, and the columns there, whitened."""
-        n = len(self.points.time_s)
-        mine = [k for k in range(len(self.noise)) if columns[self.points.of(k)].any()]
-        rows = [np.arange(self.points.begin[k], self.points.begin[k + 1]) for k in mine]
-        found = [_whitened(self.points, self.noise, k, columns[self.points.of(k)]) for k in mine]
-        if columns[n:].any():
-            rows, found = [*rows, np.arange(n, len(columns))], [*found, columns[n:]]
+    def _whitened(self, columns: _Floats) -> tuple[NDArray[np.intp], _Floats]:
+        """Rows that columns (n + k, w) have part in, and the columns there by the root of the inverse covariance."""
+        points, n = self.points, len(self.points.time_s)
+        rows, found = [np.arange(n, len(columns))], [columns[n:]]
+        for k, noise in enumerate(self.noise):
+            of = points.of(k)
+            if columns[of].any():
+                rows.append(np.arange(of.start, of.stop))
+                width_s = float(points.width_s[k])
+                found.append(noise.whitened(points.step_s[of], points.gain[of], columns[of], width_s))
         return np.concatenate(rows), np.concatenate(found)
+
+    def _scored(self, columns: _Floats) -> tuple[NDArray[np.intp], _Floats, _Floats, _Floats]:
+        """As :meth:`_whitened`, then Z^T A and the score s."""
+        rows, z = self._whitened(columns)
+        with_partials = z.T @ self.whitened[rows, 1:]
+        return rows, z, with_partials, z.T @ self.whitened[rows, 0] - with_partials @ self.estimate
 
     def test(self, columns: _Floats, links: Mapping[int, float] | None = None) -> Verdict | None:
         """Whether added columns (n + k, w) are zero; None where the parameters leave nothing of them.
@@ -210,13 +198,9 @@ class BinnedProblem:
         Errors of a station are in all its baselines, whatever the weights have made of that: residuals of links, with
         their signs, are looked through for what they have in common.
         """
-        if not columns.any():
-            return None
-        rows, z = self._products(columns)
-        with_partials = z.T @ self.whitened[rows, 1:]
+        rows, z, with_partials, score = self._scored(columns)
         gain = self.inverse @ with_partials.T
         squares = z.T @ z
-        score = z.T @ self.whitened[rows, 0] - with_partials @ self.estimate
         size = np.sqrt(np.diag(squares))
         scale = np.divide(1.0, size, out=np.zeros_like(size), where=size > 0.0)
         values, axes = np.linalg.eigh((squares - with_partials @ gain) * scale[:, None] * scale)
@@ -235,19 +219,14 @@ class BinnedProblem:
 
     def _inflation(self, left: _Floats, links: Mapping[int, float]) -> float:
         """Factor on the variance of what links have in common, 1 where they are independent."""
-        found = [
-            (self.points.time_s[part.rows][there], sign[:, 0] * left[part.rows][there])
-            for part, there, sign in self._of(links)
-        ]
-        times_s, values = (np.concatenate(column) for column in zip(*found, strict=True))
-        which = np.unique(times_s, return_inverse=True)[1]
-        return _spread(np.bincount(which, values) / np.sqrt(np.bincount(which)))
+        _, place, sign = self._of(links)
+        which = np.unique(self.points.time_s[place], return_inverse=True)[1]
+        return _spread(np.bincount(which, sign * left[place]) / np.sqrt(np.bincount(which)))
 
     def each(self, columns: _Floats) -> tuple[_Floats, _Floats]:
         """Chi-square of each of some columns alone, and its estimate, (w,)."""
-        rows, z = self._products(columns)
-        with_partials, squares = z.T @ self.whitened[rows, 1:], np.einsum("nw,nw->w", z, z)
-        score = z.T @ self.whitened[rows, 0] - with_partials @ self.estimate
+        _, z, with_partials, score = self._scored(columns)
+        squares = np.einsum("nw,nw->w", z, z)
         information = squares - np.einsum("wc,cd,wd->w", with_partials, self.inverse, with_partials)
         told = information > _TOLD * squares
         estimate = np.divide(score, information, out=np.zeros_like(score), where=told)
@@ -257,10 +236,8 @@ class BinnedProblem:
         """The problem with further parameters, and the noise that is then left."""
         n = len(self.points.time_s)
         points = replace(self.points, unit=np.hstack([self.points.unit, columns[:n]]))
-        prior = np.hstack([self.prior, columns[n:]])
-        estimate = self.solved(points, prior, self.parts, self.noise).estimate
-        noise = noise_of_series(points, ABSORBED, jointly=False)
-        return self.with_noise(points, prior, self.parts, noise, estimate)
+        larger = replace(self, points=points, prior=np.hstack([self.prior, columns[n:]]))
+        return larger._with_noise(noise_of_series(points, ABSORBED, jointly=False), larger.estimate)
 
 
 def _links_alone(batch: Batch) -> Iterator[Batch]:
@@ -269,12 +246,6 @@ def _links_alone(batch: Batch) -> Iterator[Batch]:
         of_one = np.zeros_like(batch.whitening)
         of_one[:, :, j] = batch.whitening[:, :, j]
         yield replace(batch, whitening=of_one)
-
-
-def _whitened(points: Points, noise: Sequence[SeriesNoise], k: int, columns: _Floats) -> _Floats:
-    """Columns of the points of a series by the root of the inverse covariance of its noise."""
-    part = points.of(k)
-    return noise[k].whitened(points.step_s[part], points.gain[part], columns, float(points.width_s[k]))
 
 
 def _white(points: Points, k: int, estimate: _Floats) -> SeriesNoise:

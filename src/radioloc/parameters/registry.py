@@ -8,53 +8,35 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from radioloc.parameters.biases import (
-    FREQUENCY_OFFSET,
-    FREQUENCY_RATE,
-    RANGE_BIAS,
-    STATION_DELAY,
-    TIME_BIAS,
-    TRANSPONDER_DELAY,
-)
-from radioloc.parameters.clocks import CLOCK, CLOCK_RATE, TARGET_CLOCK, TARGET_FREQUENCY
-from radioloc.parameters.earth import POLE, STATION_POSITION, UT1
+from radioloc.parameters import biases, clocks, earth, media, moon
 from radioloc.parameters.kind import ParameterKind
-from radioloc.parameters.media import ELECTRON_CONTENT, ZENITH_DELAY
-from radioloc.parameters.moon import (
-    LIBRATION,
-    LIBRATION_VARIATION,
-    LOVE_NUMBERS,
-    LUNAR_LENGTHS,
-    MOON_POSITION,
-    MOON_POSITION_VARIATION,
-)
 from radioloc.plugins import registry
 
 PARAMETERS: Mapping[str, ParameterKind] = registry(
     "radioloc.parameters",
     ParameterKind,
     [
-        RANGE_BIAS,
-        TIME_BIAS,
-        CLOCK,
-        CLOCK_RATE,
-        FREQUENCY_OFFSET,
-        FREQUENCY_RATE,
-        ZENITH_DELAY,
-        ELECTRON_CONTENT,
-        TRANSPONDER_DELAY,
-        STATION_DELAY,
-        TARGET_CLOCK,
-        TARGET_FREQUENCY,
-        STATION_POSITION,
-        UT1,
-        POLE,
-        MOON_POSITION,
-        MOON_POSITION_VARIATION,
-        LIBRATION,
-        LIBRATION_VARIATION,
-        LOVE_NUMBERS,
-        LUNAR_LENGTHS,
+        biases.RANGE_BIAS,
+        biases.TIME_BIAS,
+        clocks.CLOCK,
+        clocks.CLOCK_RATE,
+        biases.FREQUENCY_OFFSET,
+        biases.FREQUENCY_RATE,
+        media.ZENITH_DELAY,
+        media.ELECTRON_CONTENT,
+        biases.TRANSPONDER_DELAY,
+        biases.STATION_DELAY,
+        clocks.TARGET_CLOCK,
+        clocks.TARGET_FREQUENCY,
+        earth.STATION_POSITION,
+        earth.UT1,
+        earth.POLE,
+        moon.MOON_POSITION,
+        moon.MOON_POSITION_VARIATION,
+        moon.LIBRATION,
+        moon.LIBRATION_VARIATION,
+        moon.LOVE_NUMBERS,
+        moon.LUNAR_LENGTHS,
     ],
 )
 """Kinds of parameter by name, in the order of the columns of the design matrix."""

@@ -29,6 +29,7 @@ from radioloc.extras import optional
 
 Chunk = Sequence[int]
 """Numbers of trials that are run together."""
+Results = Iterator[tuple[Chunk, NDArray[np.float64]]]
 
 _GUARD = 'a script that asks for several workers needs if __name__ == "__main__":, as they are spawned'
 
@@ -47,9 +48,7 @@ class Job(Protocol):
 class Workers(Protocol):
     """Where trials run."""
 
-    def run(
-        self, job: Job, seed: int, chunks: Sequence[Chunk]
-    ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+    def run(self, job: Job, seed: int, chunks: Sequence[Chunk]) -> Results:
         """Run trials and give each chunk's results as soon as they are there, in any order."""
 
 
@@ -80,9 +79,7 @@ def _require_workers(workers: int, client: Any) -> None:
 
 
 class _ThisProcess:
-    def run(
-        self, job: Job, seed: int, chunks: Sequence[Chunk]
-    ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+    def run(self, job: Job, seed: int, chunks: Sequence[Chunk]) -> Results:
         for chunk in chunks:
             yield chunk, job.run(seed, chunk)
 
@@ -112,9 +109,7 @@ class _Pool:
         self._pool.shutdown(cancel_futures=True)
         self._folder.cleanup()
 
-    def run(
-        self, job: Job, seed: int, chunks: Sequence[Chunk]
-    ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+    def run(self, job: Job, seed: int, chunks: Sequence[Chunk]) -> Results:
         self._jobs += 1
         file = Path(self._folder.name) / f"job{self._jobs}.pickle"
         file.write_bytes(pickle.dumps(job))
@@ -138,9 +133,7 @@ class _Cluster:
     def __init__(self, client: Any) -> None:
         self._client = client
 
-    def run(
-        self, job: Job, seed: int, chunks: Sequence[Chunk]
-    ) -> Iterator[tuple[Chunk, NDArray[np.float64]]]:
+    def run(self, job: Job, seed: int, chunks: Sequence[Chunk]) -> Results:
         from distributed import as_completed
 
         there = self._client.scatter(job, broadcast=True)

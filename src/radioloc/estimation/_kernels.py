@@ -28,16 +28,15 @@ def filter_grid(
 ) -> tuple[Floats, Floats]:
     """Log-determinants of V, and products of columns (n, m) by its inverse, (m, m), for each of the cells (k * r).
 
-    Cells are shapes (k, p), sums of p processes that have each a part of the variance, by ratios (r,). Of the products
-    those on the diagonal and above it are there.
+    Cells are shapes (k, p), sums of p processes that have each a part of the variance, by ratios (r,), and white noise
+    alone, the last. Of the products those on the diagonal and above it are there.
     """
     n, m = columns.shape
     shapes, p = tau_s.shape
     ratios = len(ratio)
-    cells = shapes * ratios
+    cells = shapes * ratios + 1
     size = -(-cells // _LANES) * _LANES
     stationary, decay = np.zeros((p, size)), np.zeros((p, size))
-    stationary[0, cells:] = 1.0
     for k in range(shapes):
         for a in range(p):
             stationary[a, k * ratios : (k + 1) * ratios] = part[k, a] * ratio
@@ -143,8 +142,7 @@ def mean_correlation(width_s: float, tau_s: Floats) -> Floats:
 
 @compiled(error_model="numpy")
 def likelihoods(
-    first: Integers,
-    end: Integers,
+    begin: Integers,
     numbers: Floats,
     step_s: Floats,
     gain: Floats,
@@ -155,23 +153,25 @@ def likelihoods(
 ) -> tuple[Floats, Floats, Floats]:
     """Logarithms of restricted likelihoods of each of s series, variances w (s, cells), and of all together (cells,).
 
-    Cells are those of :func:`filter_grid`. Of s series: their points `first` to `end`. `numbers` (s, 4) are
-    observations, how many of them are absorbed, duration of bins, squares of the deviations from the bins' means. Exact
-    where points are single observations. The mean of a bin has less of a process by the mean correlation within it, and
-    the deviations from that mean, taken as white, have the rest. Coefficients of the columns but the last, residuals,
-    have unit variance; they are the same in all series.
+    Cells are those of :func:`filter_grid` but the last, that of white noise, over whose likelihoods they are. Series
+    have the points `begin[k]` to `begin[k + 1]`. `numbers` (s, 4) are their observations, how many of them are
+    absorbed, duration of bins, squares of the deviations from the bins' means. Exact where points are single
+    observations. The mean of a bin has less of a process by the mean correlation within it, and the deviations from
+    that mean, taken as white, have the rest. Coefficients of the columns but the last, residuals, have unit variance;
+    they are the same in all series.
     """
-    series, cells, m = len(first), len(tau_s) * len(ratio), columns.shape[1]
-    log, white = np.empty((series, cells)), np.empty((series, cells))
-    together, products = np.zeros(cells), np.zeros((m, m, cells))
+    series, cells, m = len(begin) - 1, len(tau_s) * len(ratio), columns.shape[1]
+    log, white = np.empty((series, cells + 1)), np.empty((series, cells + 1))
+    together, products = np.zeros(cells + 1), np.zeros((m, m, cells + 1))
+    deviation = np.ones(cells + 1)
     for k in range(series):
-        rows = slice(first[k], end[k])
+        rows = slice(begin[k], begin[k + 1])
         count, absorbed, width_s, inside = numbers[k]
-        dof, inside_dof = count - absorbed, count - (end[k] - first[k])
+        dof, inside_dof = count - absorbed, count - (begin[k + 1] - begin[k])
         mean = part * mean_correlation(width_s, tau_s.ravel()).reshape(tau_s.shape)
         log_determinant, mine = filter_grid(step_s[rows], gain[rows], columns[rows], tau_s, mean, ratio)
-        deviation = (1.0 + ratio * (1.0 - mean.sum(axis=1)).reshape(-1, 1)).ravel()
-        for g in range(cells):
+        deviation[:-1] = (1.0 + ratio * (1.0 - mean.sum(axis=1)).reshape(-1, 1)).ravel()
+        for g in range(cells + 1):
             own, squares = solved(mine[:, :, g])
             log_determinant[g] += inside_dof * math.log(deviation[g])
             mine[m - 1, m - 1, g] += inside / deviation[g]
@@ -181,10 +181,11 @@ def likelihoods(
             for i in range(m):
                 for j in range(i, m):
                     products[i, j, g] += mine[i, j, g] / white[k, g]
-    for g in range(cells):
+    for g in range(cells + 1):
         shared, squares = solved(products[:, :, g])
         together[g] = -0.5 * (together[g] + shared + squares)
-    return log, white, together
+    log -= log[:, cells:].copy()
+    return log[:, :cells], white[:, :cells], together[:cells] - together[cells]
 
 
 @compiled(error_model="numpy")
@@ -309,19 +310,24 @@ def bins(time_s: Floats, begin: Integers, most: int) -> tuple[Integers, Integers
 
 
 @compiled(error_model="numpy")
-def add_to_bins(place: Integers, whitening: Floats, values: Floats, sums: Floats, squares: Floats) -> None:
-    """Add whitened values (b, k, c) to the sums (k, m, c) of their bins, and squares of the first column to (k, m)."""
-    b, k, c = values.shape
-    for i in range(b):
-        for j in range(k):
-            into = sums[j, place[i]]
+def add_combinations(
+    blocks: Integers, whitening: Floats, place: Integers, values: Floats, sums: Floats, squares: Floats
+) -> None:
+    """Add combinations of values (n, c) to the sums (m, c) of their places, and squares of the first column to (m,).
+
+    Row j of `whitening` (n, k) makes combination j, of the values from `blocks[i]` to `blocks[i + 1]` that it is among.
+    """
+    columns = values.shape[1]
+    for i in range(len(blocks) - 1):
+        for j in range(blocks[i], blocks[i + 1]):
+            into = sums[place[j]]
             first = 0.0
-            for other in range(k):
-                weight, from_other = whitening[i, j, other], values[i, other]
+            for other in range(blocks[i + 1] - blocks[i]):
+                weight, from_other = whitening[j, other], values[blocks[i] + other]
                 first += weight * from_other[0]
-                for column in range(c):
+                for column in range(columns):
                     into[column] += weight * from_other[column]
-            squares[j, place[i]] += first * first
+            squares[place[j]] += first * first
 
 
 @compiled(error_model="numpy")

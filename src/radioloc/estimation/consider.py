@@ -73,9 +73,10 @@ class CommonErrors:
     @classmethod
     def of(cls, noise: Whitening, effects_m: Effects) -> CommonErrors:
         """Effects on rows (m,), m, shape (m, c), of which those are kept that the noise does not hide."""
-        squares, axes = np.linalg.eigh(sum(gram(part, part) for part in noise.whitened(effects_m)))
+        whitened = list(noise.whitened(effects_m))
+        squares, axes = np.linalg.eigh(sum(gram(part, part) for part in whitened))
         felt = squares > _NEGLIGIBLE**2
-        effects = tuple(part @ axes[:, felt] for part in noise.whitened(effects_m))
+        effects = tuple(part @ axes[:, felt] for part in whitened)
         return cls(noise, effects, 1.0 / (1.0 + squares[felt]))
 
     def whitened(self, rows_of: Callable[[Rows], NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:

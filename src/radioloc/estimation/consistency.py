@@ -277,7 +277,7 @@ class _Search:
         stations: dict[str, dict[int, float]] = {}
         for code in codes:
             types.setdefault(self.order.type_of(code), {})[code] = 1.0
-            for station, sign in self.order.stations_of(code).items():
+            for station, sign in self.order.stations[code].items():
                 stations.setdefault(station, {})[code] = sign
         yield from (("type", name, mine) for name, mine in types.items())
         yield from (("station", name, mine) for name, mine in stations.items())

@@ -16,7 +16,7 @@ any case the covariance of the estimate is the sandwich of the weights and of th
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -37,7 +37,6 @@ from radioloc.estimation.linearization import ResidualFunction, Rows
 from radioloc.estimation.observation_noise import Whitening
 from radioloc.estimation.series import Batch, SeriesOrder, series_of
 from radioloc.estimation.time_correlation import assess_time_correlation, in_parameters, rows_of
-from radioloc.measurements.predictor import ROWS_AT_ONCE
 
 _UNIT = SeriesNoise(1.0, np.ones(1), np.zeros(1))
 
@@ -46,47 +45,36 @@ _UNIT = SeriesNoise(1.0, np.ones(1), np.zeros(1))
 class _Whitening:
     """How used observations are brought to independent ones where series have noise of their own."""
 
-    batches: Sequence[Batch]  # of some thousand rows, but for a longer stretch
-    errors: Sequence[_Stretches]
+    batches: Sequence[Batch]
+    errors: Sequence[_Errors]
 
     @classmethod
-    def of(cls, batches: Iterable[Batch], noise: dict[str, SeriesNoise]) -> _Whitening:
-        parts = [part for batch in batches for part in batch.split(ROWS_AT_ONCE)]
-        return cls(parts, [_Stretches.of(part, noise) for part in parts])
+    def of(cls, batches: Sequence[Batch], noise: Mapping[str, SeriesNoise]) -> _Whitening:
+        return cls(batches, [_Errors.of(batch, noise) for batch in batches])
 
     def whitened(self, rows_of: Callable[[Rows], NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
         """Independent combinations of unit variance, from indices of rows (m,) to numbers (m, c), part by part."""
         for batch, errors in zip(self.batches, self.errors, strict=True):
-            yield errors.whitened(errors.in_order(batch.whitened(rows_of)))
+            yield errors.whitened(batch.whitened(rows_of))
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Stretches:
-    """White and Gauss-Markov noise of the series of a batch, one after another; white of unit variance by default."""
+class _Errors:
+    """White and Gauss-Markov noise of the series of a batch; white of unit variance by default."""
 
-    keys: tuple[str, ...]
-    begin: NDArray[np.intp]  # (s + 1,), first row of each, and n
-    step_s: NDArray[np.float64]  # (n,), time since the row before
+    begin: NDArray[np.intp]  # (s + 1,), first value of each, and n
+    step_s: NDArray[np.float64]  # (n,), time since the value before
     white: NDArray[np.float64]  # (s,)
     tau_s: NDArray[np.float64]  # (s,)
     ratio: NDArray[np.float64]  # (s,)
 
     @classmethod
-    def of(cls, batch: Batch, noise: dict[str, SeriesNoise]) -> _Stretches:
-        b, k = batch.rows.shape
-        # The combinations of shared errors, of which a batch has one stretch, one after another
-        begin = batch.begin if k == 1 else b * np.arange(k + 1)
+    def of(cls, batch: Batch, noise: Mapping[str, SeriesNoise]) -> _Errors:
         errors = [noise.get(one.key, _UNIT) for one in batch.series]
         numbers = np.array([(one.white, one.correlation_time_s, one.ratio) for one in errors])
-        step_s = np.tile(np.diff(batch.time_s, prepend=batch.time_s[0]), k)
-        step_s[begin[:-1]] = 0.0
-        keys = tuple(one.key for one in batch.series)
-        return cls(keys, begin, step_s, *np.ascontiguousarray(numbers.T))
-
-    @staticmethod
-    def in_order(values: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Numbers of combinations (b, k, c), series by series (n, c)."""
-        return np.ascontiguousarray(np.swapaxes(values, 0, 1)).reshape(-1, values.shape[2])
+        step_s = np.diff(batch.time_s, prepend=batch.time_s[0])
+        step_s[batch.begin[:-1]] = 0.0
+        return cls(batch.begin, step_s, *np.ascontiguousarray(numbers.T))
 
     def whitened(self, columns: NDArray[np.float64], *, adjoint: bool = False) -> NDArray[np.float64]:
         """Columns (n, m) by the root of the inverse covariance: innovations over their standard deviations.
@@ -96,10 +84,6 @@ class _Stretches:
         from radioloc.estimation._kernels import whiten
 
         return whiten(self.begin, self.step_s, self.white, self.tau_s, self.ratio, columns, adjoint)
-
-    def parts(self) -> Iterator[tuple[str, slice]]:
-        """Series and their rows."""
-        return zip(self.keys, map(slice, self.begin, self.begin[1:]), strict=True)
 
 
 def fit_with_correlated_weights(
@@ -133,11 +117,11 @@ def fit_with_correlated_weights(
     # A fit that did not come to its end says itself what is wrong with it.
     if not edited.ended:
         return edited
-    found = assess_time_correlation(stated, order, common)
+    batches = series_of(order, stated.noise, stated.used)
+    found = assess_time_correlation(stated, order, common, batches)
     edited = replace(edited, fit=replace(stated, time_correlation=found))
     if not found.series and common is None:
         return edited
-    batches = series_of(order, stated.noise, stated.used)
     weights = _weights(batches, found)
     noise = _Whitening.of(batches, _weight_noise(batches, found, weights))
     whitening: Whitening = noise
@@ -170,13 +154,14 @@ def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation)
     parts = list(fit.whitening.whitened(lambda rows: values_of(rows)[:, 1:] @ root))
     for whitened in parts:
         unit -= gram(whitened, whitened)
-    for weights, whitened in zip(noise.errors, parts, strict=False):  # estimates of common errors come last
+    # Estimates of common errors come last
+    for batch, weights, whitened in zip(noise.batches, noise.errors, parts, strict=False):
         weighted = weights.whitened(whitened, adjoint=True)
         unit += gram(weighted, weighted)
-        for key, part in weights.parts():
-            if key in found.noise:
-                mine, step_s = weighted[part], weights.step_s[part]
-                added += found.noise[key].products(step_s, np.ones(len(step_s)), mine) - gram(mine, mine)
+        for one, begin, end in zip(batch.series, batch.begin, batch.begin[1:], strict=False):
+            if one.key in found.noise:
+                mine, step_s = weighted[begin:end], weights.step_s[begin:end]
+                added += found.noise[one.key].products(step_s, np.ones(len(step_s)), mine) - gram(mine, mine)
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
     return replace(fit, time_correlation=replace(found, added_covariance=in_parameters(added, fit)))
 
@@ -191,12 +176,11 @@ def _weight_noise(
     """
     factors = {weight.name: weight.sigma_factor for weight in weights}
     noise: dict[str, SeriesNoise] = {}
-    for batch in batches:
-        if batch.shared in factors:
-            inflated = SeriesNoise(factors[batch.shared] ** 2, np.ones(1), np.zeros(1))
-            noise |= {one.key: inflated for one in batch.series}
-        elif not batch.shared:
-            noise |= {one.key: found.noise[one.key] for one in batch.series if one.name in factors}
+    for one in (one for batch in batches for one in batch.series):
+        if one.shared in factors:
+            noise[one.key] = SeriesNoise(factors[one.shared] ** 2, np.ones(1), np.zeros(1))
+        elif one.name in factors:
+            noise[one.key] = found.noise[one.key]
     return noise
 
 
@@ -206,10 +190,10 @@ def _weights(batches: Sequence[Batch], found: TimeCorrelation) -> tuple[SeriesWe
     counts: dict[str, int] = {}
     mine: dict[str, list[SeriesCorrelation]] = {}
     for batch in batches:
-        k = batch.rows.shape[1]
-        for number, one in enumerate(batch.series):
-            name = batch.shared or one.name
-            first, end = batch.begin[number // k : number // k + 2].tolist()
+        for one, first, end in zip(
+            batch.series, batch.begin.tolist(), batch.begin[1:].tolist(), strict=False
+        ):
+            name = one.shared or one.name
             counts[name] = counts.get(name, 0) + end - first
             span_s = float(batch.time_s[end - 1] - batch.time_s[first])
             item = items.get(one.key)

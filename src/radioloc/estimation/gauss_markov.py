@@ -71,6 +71,7 @@ class Series:
     name: str
     group: str  # series of a group have one tau and one c / w, unless a series says otherwise
     kind: str  # of measurement
+    shared: str = ""  # what combinations of observations that share errors are called together
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,6 +92,10 @@ class Points:
     def of(self, k: int) -> slice:
         """Points of a series."""
         return slice(self.begin[k], self.begin[k + 1])
+
+    def rows(self, some: NDArray[np.intp]) -> NDArray[np.intp]:
+        """Indices of the points of some series, one after another."""
+        return np.concatenate([np.arange(self.begin[k], self.begin[k + 1]) for k in some])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -240,8 +245,11 @@ def noise_of_series(
     for k, one in enumerate(points.series):
         groups.setdefault(one.group, []).append(k)
     found: dict[int, SeriesNoise] = {}
+    length = np.diff(points.begin)
     likelihoods = [
-        RestrictedLikelihood.of(points, np.array(mine), sigmas, jointly=jointly) for mine in groups.values()
+        RestrictedLikelihood.of(points, np.array(mine), sigmas, jointly=jointly)
+        for mine in groups.values()
+        if length[mine].max() >= FEWEST
     ]
     long = [one.among(one.points_left >= FEWEST) for one in likelihoods]
     long = [one for one in long if len(one.mine)]
@@ -258,7 +266,9 @@ class RestrictedLikelihood:
 
     points: Points
     mine: NDArray[np.intp]  # (s,), which of the series
-    columns: _Floats  # (n, m + 1), columns of coefficients of unit variance, the residuals last
+    columns: (
+        _Floats  # (n, m + 1), columns of coefficients of unit variance, the residuals last, of their points
+    )
     numbers: _Floats  # (s, 4), as _kernels.likelihoods takes them
     jointly: bool
 
@@ -267,20 +277,25 @@ class RestrictedLikelihood:
         cls, points: Points, mine: NDArray[np.intp], sigmas: float | _Floats, *, jointly: bool = True
     ) -> RestrictedLikelihood:
         """Parameters have sigmas (q,); combinations that no series feels are left out."""
-        scaled = points.unit * sigmas
-        grams = np.array([gram(scaled[points.of(k)], scaled[points.of(k)]) for k in mine])
+        rows = points.rows(mine)
+        scaled, residual = points.unit[rows] * sigmas, points.residual[rows]
+        length = np.diff(points.begin)[mine]
+        ends = np.cumsum(length)
+        of_series = [slice(end - n, end) for n, end in zip(length.tolist(), ends.tolist(), strict=True)]
+        grams = np.array([gram(scaled[part], scaled[part]) for part in of_series])
         squares, axes = np.linalg.eigh(grams.sum(axis=0))
         axes = axes[:, squares > _FELT]
-        columns = np.column_stack([scaled @ axes, points.residual])
+        columns = np.column_stack([scaled @ axes, residual])
         felt = axes.T @ grams @ axes
         absorbed = np.trace(np.linalg.solve(np.eye(felt.shape[1]) + felt, felt), axis1=1, axis2=2)
-        inside = [points.squares[k] - float(np.square(points.residual[points.of(k)]).sum()) for k in mine]
+        inside = points.squares[mine] - np.add.reduceat(np.square(residual), ends - length)
         numbers = (points.count[mine], absorbed, points.width_s[mine], np.maximum(inside, 0.0))
         return cls(points, mine, columns, np.column_stack(numbers), jointly)
 
     def among(self, some: NDArray[np.bool_]) -> RestrictedLikelihood:
         """Of some of these series."""
-        return replace(self, mine=self.mine[some], numbers=self.numbers[some])
+        columns = self.columns[np.repeat(some, np.diff(self.points.begin)[self.mine])]
+        return replace(self, mine=self.mine[some], columns=columns, numbers=self.numbers[some])
 
     @property
     def points_left(self) -> _Floats:
@@ -301,13 +316,13 @@ class RestrictedLikelihood:
         if part is None:
             tau_s = tau_s[:, None]
             part = np.ones(tau_s.shape)
-        begin, end = self.points.begin[self.mine], self.points.begin[self.mine + 1]
-        data = (begin, end, self.numbers, self.points.step_s, self.points.gain, self.columns)
-        shapes = (np.ascontiguousarray(tau_s), np.ascontiguousarray(part))
-        log, white, together = likelihoods(*data, *shapes, np.ascontiguousarray(ratio))
-        null, _, null_together = likelihoods(*data, np.ones((1, 1)), np.ones((1, 1)), np.zeros(1))
-        log -= null
-        return log, white, together - null_together if self.jointly else log.sum(axis=0)
+        points, rows = self.points, self.points.rows(self.mine)
+        begin = np.append(0, np.cumsum(np.diff(points.begin)[self.mine]))
+        data = (begin, self.numbers, points.step_s[rows], points.gain[rows], self.columns)
+        log, white, together = likelihoods(
+            *data, *(np.ascontiguousarray(one) for one in (tau_s, part, ratio))
+        )
+        return log, white, together if self.jointly else log.sum(axis=0)
 
 
 def _taken_over(
@@ -329,9 +344,12 @@ def _taken_over(
         others = [k for k, one in enumerate(points.series) if one.kind == kind and k not in found]
         if others:
             likelihood = RestrictedLikelihood.of(points, np.array(others), sigmas)
-            log, _, _ = likelihood.at(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
-            short = likelihood.points_left < FEWEST
-            more |= {k: mean for k, taken in zip(others, short | (log[:, 0] > -_TOLD), strict=True) if taken}
+            taken = likelihood.points_left < FEWEST
+            if not taken.all():
+                told = likelihood.among(~taken)
+                log, _, _ = told.at(np.array([mean.correlation_time_s]), np.array([mean.ratio]))
+                taken[~taken] = log[:, 0] > -_TOLD
+            more |= dict.fromkeys(np.array(others)[taken].tolist(), mean)
     return more
 
 

@@ -38,6 +38,7 @@ _MEDIAN_OF_SQUARE = 0.4549
 """Of a normal variable of unit variance."""
 _ENOUGH = 20
 """Observations from which the variance of a series is told."""
+_NO_LINK = -1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -112,11 +113,11 @@ class BinnedProblem:
         points = points_of(batches, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
         found, begin = [], 0
         for batch in batches:
-            codes = order.code[batch.rows[batch.begin[:-1]]]
-            for j, of_link in enumerate(_links_alone(batch)):
+            for link, of_link in _links_alone(batch, order.code):
                 one = points_of([of_link], constant_and_partials, unit)
-                code = np.repeat(np.resize(codes[:, j], len(one.series)), np.diff(one.begin))
-                found.append((begin + np.arange(len(code)), code, np.column_stack([one.residual, one.unit])))
+                code = np.repeat(link, np.diff(one.begin))
+                there = np.flatnonzero(code != _NO_LINK)
+                found.append((begin + there, code[there], np.column_stack([one.residual, one.unit])[there]))
             begin += len(code)
         place, code, values = (np.concatenate(column) for column in zip(*found, strict=True))
         partials = np.zeros((begin, unit.shape[1]))
@@ -240,12 +241,16 @@ class BinnedProblem:
         return larger._with_noise(noise_of_series(points, ABSORBED, jointly=False), larger.estimate)
 
 
-def _links_alone(batch: Batch) -> Iterator[Batch]:
-    """The batch with one link of those that are combined, the others left out."""
-    for j in range(batch.rows.shape[1]):
+def _links_alone(batch: Batch, code: NDArray[np.intp]) -> Iterator[tuple[NDArray[np.intp], Batch]]:
+    """The first, second, ... link of the blocks of each series, (s,), and the batch with that alone."""
+    size = np.diff(batch.blocks)
+    for j in range(batch.whitening.shape[1]):
         of_one = np.zeros_like(batch.whitening)
-        of_one[:, :, j] = batch.whitening[:, :, j]
-        yield replace(batch, whitening=of_one)
+        of_one[:, j] = batch.whitening[:, j]
+        link = np.where(j < size, code[batch.rows[batch.blocks[:-1] + np.minimum(j, size - 1)]], _NO_LINK)
+        of_values = np.empty(len(batch.rows), dtype=np.intp)
+        of_values[batch.place] = np.repeat(link, size)
+        yield of_values[batch.begin[:-1]], replace(batch, whitening=of_one)
 
 
 def _white(points: Points, k: int, estimate: _Floats) -> SeriesNoise:

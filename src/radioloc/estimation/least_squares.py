@@ -215,7 +215,8 @@ def fit_least_squares(
         raise InputError(f"used has shape {mask.shape}; {n} observations need ({n},)")
     check_residuals(at_start, mask)
     n_used = int(mask.sum())
-    problem = _Problem(residual_function, parameters, whitening or noise.among(mask), n_used)
+    stated = noise.among(mask)
+    problem = _Problem(residual_function, parameters, whitening or stated, n_used)
     here = problem.point(x, at_start)
     first = problem.factor(here)
     if first is None:
@@ -227,7 +228,7 @@ def fit_least_squares(
     # That of the noise as stated; a linear problem is solved without any.
     chi2 = here.chi2
     if whitening is not None or math.isnan(chi2):
-        chi2 = sum_of_squares(here.linearization.residual_m, noise.among(mask), parameters, here.x)
+        chi2 = sum_of_squares(here.linearization.residual_m, stated, parameters, here.x)
     n_prior = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
     return FitResult(
         parameters=parameters,

@@ -8,7 +8,7 @@ well where residuals are correlated in time, shared by the baselines of an epoch
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 
 import numpy as np
 from numpy.typing import NDArray
@@ -33,45 +33,55 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
     """
     squares, counts = _of_batches(fit, order)
     candidates = list(_candidates(order, groups, np.flatnonzero(counts.any(axis=1))))
-    limit = 0.5 * (1.0 - SCALING_PROBABILITY) / max(len(candidates), 1)  # noisier or quieter
-    tried = []
-    for name, mine, rest in candidates:
-        sides = sorted((mine, rest), key=lambda codes: -squares[codes].sum() / counts[codes].sum())
-        tried.append((_chance(squares, counts, sides), name, mine, sides))
-    for chance, name, mine, sides in sorted(tried, key=lambda one: one[0]):
-        if chance > limit:
+    if not candidates:
+        return None
+    limit = 0.5 * (1.0 - SCALING_PROBABILITY) / len(candidates)  # noisier or quieter
+    sides = np.array([one[1] for one in candidates], dtype=np.float64)
+    mean = (sides @ squares).sum(axis=2) / (sides @ counts).sum(axis=2)
+    sides = np.take_along_axis(sides, np.argsort(-mean, axis=1, kind="stable")[:, :, None], axis=1)
+    sums, numbers = sides @ squares, sides @ counts
+    chances = _chances(sums, numbers, numbers.sum(axis=2))
+    for k in np.argsort(chances, kind="stable").tolist():
+        if chances[k] > limit:
             return None
-        taken = np.isin(order.code, mine)
+        name, (mine, _) = candidates[k]
+        taken = mine[order.code]
         # What parameters take out of residuals is looked at last, as it takes the partials of all
-        dof = [_dof(fit, np.isin(order.code, codes)) for codes in sides]
+        dof = np.array([_dof(fit, side[order.code] > 0.0) for side in sides[k]])
         stated = not added_m[groups.texts[groups.codes[taken.argmax()]]] > 0.0
-        enough = stated and squares[sides[0]].sum() <= chi2_quantile(SCALING_PROBABILITY, round(dof[0]))
-        if _chance(squares, counts, sides, dof) < limit and not enough:
+        enough = stated and sums[k, 0].sum() <= chi2_quantile(SCALING_PROBABILITY, round(dof[0]))
+        if _chances(sums[k], numbers[k], dof) < limit and not enough:
             return Labels.coded((*groups.texts, name), np.where(taken, len(groups.texts), groups.codes))
     return None
 
 
 def _candidates(
     order: SeriesOrder, groups: Labels, codes: NDArray[np.intp]
-) -> Iterator[tuple[str, list[int], list[int]]]:
-    """Name, its series and the other ones of its group, of each station that receives and each link."""
-    group_of = np.zeros(order.code.max(initial=0) + 1, dtype=np.intp)
+) -> Iterator[tuple[str, NDArray[np.bool_]]]:
+    """Name of each station that receives and each link; which series are its, and which the others of its group.
+
+    They are rows of the second, shape (2, series).
+    """
+    count = order.code.max(initial=0) + 1
+    group_of = np.full(count, -1)
     group_of[order.code] = groups.codes
     found: dict[tuple[int, tuple[int, ...]], str] = {}
     for group in np.unique(group_of[codes]).tolist():
         whole = codes[group_of[codes] == group].tolist()
         members: dict[str, list[int]] = {}
         for code in whole:
-            for station, sign in order.stations_of(code).items():
+            for station, sign in order.stations[code].items():
                 if sign:
                     members.setdefault(station, []).append(code)
         members |= {order.path_of(code): [code] for code in whole}
         for name, mine in members.items():
             if len(mine) < len(whole):
                 found.setdefault((group, tuple(mine)), f"{order.type_of(mine[0])} of {name}")
+    present = np.zeros(count, dtype=bool)
+    present[codes] = True
     for (group, chosen), name in found.items():
-        rest = codes[group_of[codes] == group]
-        yield name, list(chosen), rest[~np.isin(rest, chosen)].tolist()
+        inside = np.isin(np.arange(count), chosen)
+        yield name, np.stack([inside, present & (group_of == group) & ~inside])
 
 
 def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[_Floats, _Floats]:
@@ -87,32 +97,29 @@ def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[_Floats, _Floats]:
     return squares.reshape(-1, _BATCHES), counts.reshape(-1, _BATCHES)
 
 
-def _chance(
-    squares: _Floats, counts: _Floats, sides: Sequence[list[int]], dof: Sequence[float] | None = None
-) -> float:
-    """Larger of both chances that the series of the first side are as much noisier than those of the second."""
+def _chances(sums: _Floats, numbers: _Floats, dof: _Floats) -> _Floats:
+    """Larger of both chances that the first side of each pair is as much noisier than the second, one where it is not.
+
+    Sums and numbers of the batches have shape (..., 2, batches), degrees of freedom (..., 2).
+    """
     from scipy.special import fdtrc, stdtr
 
-    sums = [squares[codes].sum(axis=0) for codes in sides]
-    numbers = [counts[codes].sum(axis=0) for codes in sides]
-    dof = [float(number.sum()) for number in numbers] if dof is None else dof
-    if min(dof) < 1.0:
-        return 1.0
-    means = [float(one.sum()) / of for one, of in zip(sums, dof, strict=True)]
-    if not means[0] > means[1] > 0.0:
-        return 1.0
-    variances, freedom = [], []
-    for one, number in zip(sums, numbers, strict=True):
-        batches = int((number > 0).sum())
-        if batches < 2:
-            return 1.0
-        off = one - one.sum() / number.sum() * number
-        variances.append(batches / (batches - 1.0) * float(off @ off) / float(one.sum()) ** 2)
-        freedom.append(batches - 1.0)
-    variance = sum(variances)
-    of_both = variance**2 / sum(v**2 / f for v, f in zip(variances, freedom, strict=True))
-    of_scatter = float(stdtr(of_both, -np.log(means[0] / means[1]) / np.sqrt(variance)))
-    return max(of_scatter, float(fdtrc(*dof, means[0] / means[1])))
+    total, batches = sums.sum(axis=-1), (numbers > 0.0).sum(axis=-1)
+    tell = (dof >= 1.0).all(axis=-1) & (batches >= 2).all(axis=-1) & (total > 0.0).all(axis=-1)
+    sums, numbers, dof, total = (
+        np.where(tell.reshape(tell.shape + (1,) * (one.ndim - tell.ndim)), one, 1.0)
+        for one in (sums, numbers, dof, total)
+    )
+    freedom = np.maximum(batches - 1.0, 1.0)
+    off = sums - (total / numbers.sum(axis=-1))[..., None] * numbers
+    variances = (1.0 + 1.0 / freedom) * np.square(off / total[..., None]).sum(axis=-1)
+    variance = variances.sum(axis=-1)
+    means = total / dof
+    ratio = means[..., 0] / means[..., 1]
+    of_both = variance**2 / (variances**2 / freedom).sum(axis=-1)
+    of_scatter = stdtr(of_both, -np.log(ratio) / np.sqrt(variance))
+    chance = np.maximum(of_scatter, fdtrc(dof[..., 0], dof[..., 1], ratio))
+    return np.asarray(np.where(tell & (ratio > 1.0), chance, 1.0))
 
 
 def _dof(fit: FitResult, mine: NDArray[np.bool_]) -> float:

@@ -230,6 +230,8 @@ class Block:
 
 def _blocks_of(own_m: NDArray[np.float64], shared: SharedErrors, rows: NDArray[np.intp]) -> tuple[Block, ...]:
     """Blocks of some rows (m,) that share errors, those of one size together."""
+    if not len(rows):
+        return ()
     order = rows[np.argsort(shared.group[rows], kind="stable")]
     _, starts, counts = np.unique(shared.group[order], return_index=True, return_counts=True)
     blocks = []

@@ -7,7 +7,7 @@ serve for all epochs at which the same baselines were observed, so that a combin
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -37,12 +37,20 @@ class SeriesOrder:
     time_s: _Floats  # (n,), when each was made, s from any instant
     code: NDArray[np.intp]  # (n,), series of each observation
     order: NDArray[np.intp]  # (n,), rows, sorted by series and time
+    stations: Mapping[
+        int, Mapping[str, float]
+    ]  # of each series, with the sign of each one's reception in the value
 
     @classmethod
     def of(cls, types: Labels, paths: Labels, time_s: _Floats) -> SeriesOrder:
         """That of observations of some types and paths (n,), made at some times (n,), s."""
         code = types.codes.astype(np.intp) * len(paths.texts) + paths.codes
-        return cls(types, paths, time_s, code, np.lexsort((time_s, code)))
+        of_paths = {
+            one: Link.from_path(path).reception_signs if ">" in (path := paths.texts[one]) else {path: 1.0}
+            for one in np.unique(paths.codes).tolist()
+        }
+        stations = {one: of_paths[one % len(paths.texts)] for one in np.unique(code).tolist()}
+        return cls(types, paths, time_s, code, np.lexsort((time_s, code)), stations)
 
     @property
     def links(self) -> Labels:
@@ -62,60 +70,81 @@ class SeriesOrder:
         """Path."""
         return self.paths.texts[code % len(self.paths.texts)]
 
-    def stations_of(self, code: int) -> dict[str, float]:
-        """Stations, with the sign of each one's reception in the value; of a path that is only a name, that."""
-        path = self.path_of(code)
-        return Link.from_path(path).reception_signs if ">" in path else {path: 1.0}
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Batch:
-    """Series that are whitened alike: all of single observations, or the k combinations of the same k baselines."""
+    """Series of used observations, n together, and the blocks of observations that their values are combined from.
 
-    series: tuple[Series, ...]  # k for each stretch
-    begin: NDArray[np.intp]  # (stretches + 1,), first of the b instants of each, and b
-    rows: NDArray[np.intp]  # (b, k), each stretch in order of time
-    time_s: _Floats  # (b,)
-    whitening: _Floats  # (b, k, k), from observations to independent combinations of unit variance
-    shared: str = ""  # what the combinations are called together; empty for single observations
+    A combination of k baselines is a value of each of k series; single observations are blocks of one.
+    """
 
-    def split(self, most: int) -> Iterator[Batch]:
-        """Parts of about as many rows or fewer, each of whole stretches."""
-        k = self.rows.shape[1]
-        ends = self.begin[1:].tolist()
-        at = 0
-        while at < len(ends):
-            begin = int(self.begin[at])
-            to = at + 1
-            while to < len(ends) and (ends[to] - begin) * k <= most:
-                to += 1
-            part = slice(begin, ends[to - 1])
-            yield Batch(
-                self.series[at * k : to * k],
-                self.begin[at : to + 1] - begin,
-                self.rows[part],
-                self.time_s[part],
-                self.whitening[part],
-                self.shared,
+    series: tuple[Series, ...]
+    begin: NDArray[np.intp]  # (s + 1,), first value of each series, and n
+    time_s: _Floats  # (n,), of the values, in order in each series
+    blocks: NDArray[np.intp]  # (b + 1,), first row of each block, and n
+    rows: NDArray[np.intp]  # (n,), observations, block by block
+    whitening: (
+        _Floats  # (n, k), from the observations of a block to independent combinations of unit variance
+    )
+    place: NDArray[np.intp]  # (n,), which of the values such a combination is
+
+    @classmethod
+    def of(cls, stretches: Sequence[_Stretch]) -> Batch:
+        """Series of stretches, one after another."""
+        sizes = np.array([one.rows.shape for one in stretches])
+        ends = np.cumsum(sizes.prod(axis=1))
+        whitening = np.zeros((ends[-1], sizes[:, 1].max()))
+        place, time_s = np.empty(ends[-1], dtype=np.intp), np.empty(ends[-1])
+        for one, end, (b, k) in zip(stretches, ends.tolist(), sizes.tolist(), strict=True):
+            part = slice(end - b * k, end)
+            whitening[part, :k] = one.whitening.reshape(-1, k)
+            place[part].reshape(b, k)[:] = part.start + np.arange(b)[:, None] + b * np.arange(k)
+            time_s[part].reshape(k, b)[:] = one.time_s
+        return cls(
+            tuple(series for one in stretches for series in one.series),
+            np.append(0, np.cumsum(np.repeat(sizes[:, 0], sizes[:, 1]))),
+            time_s,
+            np.append(0, np.cumsum(np.repeat(sizes[:, 1], sizes[:, 0]))),
+            np.concatenate([one.rows.ravel() for one in stretches]),
+            whitening,
+            place,
+        )
+
+    def added(
+        self, rows_of: Callable[[Rows], _Floats], place: NDArray[np.intp], count: int
+    ) -> tuple[_Floats, _Floats]:
+        """Sums (count, c) of values that go to some places (n,), and of the squares of their first columns, (count,).
+
+        They follow from the numbers that belong to observations, from rows (m,) to (m, c), taken some after others.
+        """
+        from radioloc.estimation._kernels import add_combinations
+
+        sums, squares, at = np.zeros((0, 0)), np.zeros(count), 0
+        while at < len(self.blocks) - 1:
+            most = int(self.blocks.searchsorted(self.blocks[at] + ROWS_AT_ONCE, side="right")) - 1
+            blocks = self.blocks[at : max(most, at + 1) + 1]
+            part = slice(blocks[0], blocks[-1])
+            values = np.ascontiguousarray(rows_of(self.rows[part]))
+            sums = sums if at else np.zeros((count, values.shape[1]))
+            add_combinations(
+                blocks - blocks[0], self.whitening[part], place[self.place[part]], values, sums, squares
             )
-            at = to
-
-    def parts(self, rows_of: Callable[[Rows], _Floats]) -> Iterator[tuple[slice, _Floats]]:
-        """Some instants after others, and numbers (b, k, c) that belong to their observations, by rows (m,)."""
-        k = self.rows.shape[1]
-        at_once = max(1, ROWS_AT_ONCE // k)
-        for begin in range(0, len(self.rows), at_once):
-            part = slice(begin, begin + at_once)
-            rows = self.rows[part]
-            yield part, rows_of(rows.ravel()).reshape(len(rows), k, -1)
+            at += len(blocks) - 1
+        return sums, squares
 
     def whitened(self, rows_of: Callable[[Rows], _Floats]) -> _Floats:
-        """Combinations of numbers that belong to observations, from rows (m,) to (m, c); shape (b, k, c)."""
-        parts = [
-            self.whitening[part] * values if self.rows.shape[1] == 1 else self.whitening[part] @ values
-            for part, values in self.parts(rows_of)
-        ]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts)
+        """Values (n, c) that follow from numbers that belong to observations, from rows (m,) to (m, c)."""
+        return self.added(rows_of, np.arange(len(self.rows)), len(self.rows))[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Stretch:
+    """The k series of combinations of the same k baselines; of single observations one."""
+
+    series: tuple[Series, ...]
+    rows: NDArray[np.intp]  # (b, k), in order of time
+    time_s: _Floats  # (b,)
+    whitening: _Floats  # (b, k, k)
 
 
 def points_of(
@@ -126,30 +155,21 @@ def points_of(
     `rows_of` gives residuals and partials side by side. Sums of bins are over the root of their count, so they are of
     unit variance where observations are independent.
     """
-    from radioloc.estimation._kernels import add_to_bins, bins
+    from radioloc.estimation._kernels import bins
 
     columns, parts = [], []
     for batch in batches:
-        k = batch.rows.shape[1]
         place, first, width_s = bins(batch.time_s, batch.begin, most)
         in_bin = np.bincount(place)
-        sums, squares = np.zeros((k, len(in_bin), 1 + len(root))), np.zeros((k, len(in_bin)))
-        for part, values in batch.parts(rows_of):
-            add_to_bins(place[part], batch.whitening[part], values, sums, squares)
+        sums, squares = batch.added(rows_of, place, len(in_bin))
         gain = np.sqrt(in_bin)
         sums /= gain[:, None]
         time_s = np.bincount(place, batch.time_s) / in_bin
         step_s = np.diff(time_s, prepend=time_s[0])
         step_s[first[:-1]] = 0.0
-        columns.append(sums.reshape(-1, sums.shape[2]))
-        of_series = (
-            np.diff(first),
-            np.diff(batch.begin),
-            np.add.reduceat(squares, first[:-1], axis=1),
-            width_s,
-        )
-        of_points = (step_s, gain, time_s)
-        parts.append([np.broadcast_to(one, (k, one.shape[-1])).ravel() for one in (*of_series, *of_points)])
+        columns.append(sums)
+        of_series = (np.diff(first), np.diff(batch.begin), np.add.reduceat(squares, first[:-1]), width_s)
+        parts.append((*of_series, step_s, gain, time_s))
     length, count, squares, width_s, step_s, gain, time_s = (
         np.concatenate(part) for part in zip(*parts, strict=True)
     )
@@ -169,28 +189,30 @@ def points_of(
 
 
 def series_of(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Batch]:
-    """All series of the observations in use."""
+    """All series of the observations in use; a batch is of some thousand rows, but for a longer series."""
     taken = used if noise.shared is None else used & (noise.shared.group == ALONE)
     rows = order.order[taken[order.order]]
-    batches = []
-    if len(rows):
-        code = order.code[rows]
-        begin = np.concatenate([[0], np.flatnonzero(np.diff(code)) + 1])
-        names = [(order.name_of(one), order.type_of(one)) for one in code[begin].tolist()]
-        batches = [
-            Batch(
-                tuple(Series(name, name, kind, kind) for name, kind in names),
-                np.append(begin, len(rows)),
-                rows[:, None],
-                order.time_s[rows],
-                (1.0 / noise.own_m[rows])[:, None, None],
-            )
-        ]
-    return batches + _combinations(order, noise, used)
+    stretches = []
+    for mine in np.split(rows, np.flatnonzero(np.diff(order.code[rows])) + 1) if len(rows) else ():
+        name, kind = order.name_of(order.code[mine[0]]), order.type_of(order.code[mine[0]])
+        whitening = (1.0 / noise.own_m[mine])[:, None, None]
+        stretches.append(
+            _Stretch((Series(name, name, kind, kind),), mine[:, None], order.time_s[mine], whitening)
+        )
+    stretches += _combinations(order, noise, used)
+    together: list[list[_Stretch]] = []
+    size = 0
+    for one in stretches:
+        size += one.rows.size
+        if size > ROWS_AT_ONCE or not together:
+            together.append([])
+            size = one.rows.size
+        together[-1].append(one)
+    return [Batch.of(some) for some in together]
 
 
-def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[Batch]:
-    """Series of combinations of observations that share errors, by the kinds of observations that are in a block."""
+def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool_]) -> list[_Stretch]:
+    """Combinations of observations that share errors, by the kinds of observations that are in a block."""
     found: dict[tuple[int, ...], list[tuple[NDArray[np.intp], _Floats, _Floats, _Floats]]] = {}
     for block in noise.among(used).blocks:
         sort = np.argsort(order.code[block.rows], axis=1, kind="stable")
@@ -202,7 +224,7 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
             mine = which.ravel() == k
             parts = (rows[mine], root[mine], axes[mine], block.combined_m[mine])
             found.setdefault(tuple(key.tolist()), []).append(parts)
-    batches = []
+    stretches = []
     for key, pieces in found.items():
         rows, root, axes, combined_m = (np.concatenate(part) for part in zip(*pieces, strict=True))
         sort = np.argsort(order.time_s[rows[:, 0]], kind="stable")
@@ -210,18 +232,18 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
         # Errors of stations and those of baselines alone are in different combinations, of which one may be correlated
         # in time and the other not, however near their sigmas are
         part = np.cumsum(np.diff(combined_m[first], prepend=-np.inf) > _ONE_SIGMA * combined_m[first])
-        names = [f"{kind}, combination {j + 1} of {len(key)} that share errors" for j in range(len(key))]
-        batches.append(
-            Batch(
-                tuple(
-                    Series(f"{kind} {key} {j}", names[j], f"{kind} {key} {number}", kind)
-                    for j, number in enumerate(part.tolist())
-                ),
-                np.array([0, len(rows)]),
-                rows[sort],
-                order.time_s[rows[sort, 0]],
-                axes[first].T @ root[sort],
-                f"{kind} that share errors",
+        shared = f"{kind} that share errors"
+        series = tuple(
+            Series(
+                f"{kind} {key} {j}",
+                f"{kind}, combination {j + 1} of {len(key)} that share errors",
+                f"{kind} {key} {number}",
+                kind,
+                shared,
             )
+            for j, number in enumerate(part.tolist())
         )
-    return batches
+        stretches.append(
+            _Stretch(series, rows[sort], order.time_s[rows[sort, 0]], axes[first].T @ root[sort])
+        )
+    return stretches

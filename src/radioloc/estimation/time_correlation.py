@@ -43,7 +43,10 @@ ABSORBED = 30.0
 
 
 def assess_time_correlation(
-    fit: FitResult, order: SeriesOrder, common: Effects | None = None
+    fit: FitResult,
+    order: SeriesOrder,
+    common: Effects | None = None,
+    batches: Sequence[Batch] | None = None,
 ) -> TimeCorrelation:
     """Find series whose residuals are significantly correlated in time, and what that does to the covariance.
 
@@ -56,6 +59,8 @@ def assess_time_correlation(
     common : callable, optional
         Effects of known errors of unit variance (:data:`~radioloc.estimation.consider.Effects`): their traces in the
         residuals are no noise.
+    batches : sequence of Batch, optional
+        The series of the fit, where they are known already.
 
     Returns
     -------
@@ -68,7 +73,7 @@ def assess_time_correlation(
     if not fit.factor.determined.any() or not fit.used.any():
         return nothing
     root = fit.factor.root_covariance()
-    batches = series_of(order, fit.noise, fit.used)
+    batches = series_of(order, fit.noise, fit.used) if batches is None else batches
     if common is None:
         points, sigmas = points_of(batches, rows_of(fit), root), np.full(root.shape[1], _FREE)
     else:

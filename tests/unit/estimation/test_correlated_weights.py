@@ -223,9 +223,10 @@ def test_observations_that_share_errors_are_weighed_together():
     # What it says of itself is the sandwich with the noise that was found, dense.
     order = SeriesOrder.of(labels(n, "delay"), paths, time_s)
     [batch] = series_of(order, fit.noise, fit.used)
-    one = batch.whitening[0]
+    rows, whitening = batch.rows.reshape(-1, 6), batch.whitening.reshape(-1, 6, 6)
+    one = whitening[0]
     np.testing.assert_allclose(one @ case.covariance[:6, :6] @ one.T, np.eye(6), atol=ROUNDING)
-    independent = np.einsum("bij,bjp->bip", batch.whitening, case.design[batch.rows])
+    independent = np.einsum("bij,bjp->bip", whitening, case.design[rows])
     middle = np.zeros((3, 3))
     for k, key in enumerate(one.key for one in batch.series):
         columns = independent[:, k]

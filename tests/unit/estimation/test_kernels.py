@@ -9,7 +9,7 @@ import itertools
 import numpy as np
 import pytest
 
-from radioloc.estimation._kernels import add_to_bins, bins, filter_grid, mean_correlation, whiten
+from radioloc.estimation._kernels import add_combinations, bins, filter_grid, mean_correlation, whiten
 from radioloc.estimation.gauss_markov import Points, RestrictedLikelihood, Series, SeriesNoise
 
 ROUNDING = 1e-10
@@ -190,19 +190,17 @@ def test_a_long_series_has_bins_of_equal_duration_and_a_gap_has_none():
 
 
 def test_sums_of_bins_are_those_of_whitened_values():
+    """Blocks of two, one and three observations."""
     rng = np.random.default_rng(3)
-    place, values, whitening = (
-        np.array([0, 0, 1, 2, 2]),
-        rng.normal(size=(5, 2, 3)),
-        rng.normal(size=(5, 2, 2)),
-    )
-    sums, squares = np.ones((2, 3, 3)), np.ones((2, 3))
-    add_to_bins(place, whitening, values, sums, squares)
-    whitened = whitening @ values
+    blocks, place = np.array([0, 2, 3, 6]), np.array([0, 1, 1, 0, 2, 2])
+    values, whitening = rng.normal(size=(6, 3)), rng.normal(size=(6, 3))
+    sums, squares = np.ones((3, 3)), np.ones(3)
+    add_combinations(blocks, whitening, place, values, sums, squares)
+    whitened = np.concatenate([whitening[a:b, : b - a] @ values[a:b] for a, b in itertools.pairwise(blocks)])
     for k in range(3):
-        mine = place == k
-        np.testing.assert_allclose(sums[:, k], 1.0 + whitened[mine].sum(axis=0), rtol=1e-12)
-        np.testing.assert_allclose(squares[:, k], 1.0 + (whitened[mine, :, 0] ** 2).sum(axis=0), rtol=1e-12)
+        mine = whitened[place == k]
+        np.testing.assert_allclose(sums[k], 1.0 + mine.sum(axis=0), rtol=1e-12)
+        np.testing.assert_allclose(squares[k], 1.0 + (mine[:, 0] ** 2).sum(), rtol=1e-12)
 
 
 def points(residual, step_s, gain, unit, count, squares, width_s):

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,6 +63,22 @@ class ProcessNoise:
         process = np.where(mine[:, None] & (shared.effect_m != 0.0), shared.source, NONE)
         count = int(process.max(initial=NONE)) + 1
         return cls(at_s, white_m2, process, shared.effect_m, (Process(1.0),) * count)
+
+    def followed_by(self, other: ProcessNoise) -> ProcessNoise:
+        """Noise of these observations and then of others, whose processes are other ones."""
+        width = max(self.process.shape[1], other.process.shape[1])
+
+        def wide(values: NDArray[Any], fill: float) -> NDArray[Any]:
+            return np.pad(values, ((0, 0), (0, width - values.shape[1])), constant_values=fill)
+
+        later = np.where(other.process == NONE, NONE, other.process + len(self.processes))
+        return ProcessNoise(
+            np.concatenate([self.time_s, other.time_s]),
+            np.concatenate([self.white_m2, other.white_m2]),
+            np.concatenate([wide(self.process, NONE), wide(later, NONE)]),
+            np.concatenate([wide(self.sign, 0.0), wide(other.sign, 0.0)]),
+            self.processes + other.processes,
+        )
 
     @property
     def sigma_m(self) -> NDArray[np.float64]:

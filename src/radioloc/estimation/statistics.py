@@ -38,7 +38,7 @@ class Residuals:
     statuses : Labels
         ``"used"`` or the reason why the observation was left out.
     elevation_deg : ndarray or None
-        Lower of the stations' elevations of the Moon, deg.
+        Lower of the stations' elevations of the Moon, deg; NaN where no station observes.
     """
 
     epoch_utc: Epochs

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import warnings
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -47,6 +48,8 @@ def station_name(names: tuple[str, ...], catalogue: Catalogue | None) -> str:
 
 def named_link(link: Link, catalogue: Catalogue | None) -> Link:
     """Make the same link under canonical names."""
+    if link.on_map:
+        return replace(link, target=canonical_target(link.target))
     return Link(
         station_name((link.transmitter,), catalogue) if link.transmitter else "",
         canonical_target(link.target),

@@ -84,7 +84,7 @@ def _cells(column: Any, rows: slice, decimals: int | None) -> pyarrow.Array:
         # Python's formatting is exact; one operation for many numbers is twice as fast as one for each.
         values = part.tolist()
         text = (f"%.{decimals}f\n" * len(values)) % tuple(values)
-        return pyarrow.array(text.split("\n")[:-1], pyarrow.string())
+        return pyarrow.array(text.split("\n")[:-1], pyarrow.string(), mask=np.isnan(part))
     if isinstance(part, np.ndarray) and part.dtype.kind != "U":
         return pyarrow.array(part, from_pandas=True)
     return _texts(part)

@@ -116,11 +116,16 @@ class Predictor(ABC):
         Index of each observation's target among the positions.
     stations : tuple of str
         Names of the stations that take part, each once.
+    maps : tuple of str
+        Names of maps on which targets are seen, which stand after the stations.
     transmitters, receivers : ndarray of int32, shape (n,)
-        Index into ``stations`` of each observation's first and second station; without a first one it is the second.
+        Index into ``stations`` and ``maps`` of each observation's first and second station; without a first one it is
+        the second.
     more_partials : bool
         Whether partials by the stations' places and by the electron content above them are computed.
     """
+
+    maps: tuple[str, ...] = ()
 
     def __init__(
         self,

@@ -14,6 +14,7 @@ from radioloc.errors import InputError
 from radioloc.measurements.predictor import Predictor
 from radioloc.parameters.choice import ParameterChoice, canonical_name, parameter_choices
 from radioloc.parameters.columns import members
+from radioloc.parameters.design import simple_predictor
 from radioloc.parameters.kind import Amount, ParameterKind, Scope
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows
@@ -46,7 +47,7 @@ def resolved(
 ) -> tuple[dict[str, ParameterChoice], list[str]]:
     """Who is considered in an arc, by kind and by name with sigmas; and notes on who is not.
 
-    No observation of `predictor` is combined. Of kinds in `without` there are no defaults.
+    Of kinds in `without` there are no defaults.
 
     Raises
     ------
@@ -54,7 +55,6 @@ def resolved(
         A name is none of a station, link or target, or one that is listed has no sigma.
     """
     choices, notes = {}, []
-    rows = ObservationRows(predictor)
     for name, kind in PARAMETERS.items():
         choice = given.get(name)
         if choice is None:
@@ -67,6 +67,7 @@ def resolved(
         if choice.names == "none":
             continue
         choice = replace(choice, per=choice.per or kind.considered_per)
+        rows = ObservationRows(simple_predictor(predictor, kind))
         found, of_kind = _resolved(kind, choice, rows, estimated.get(name), name in given)
         notes += of_kind
         if found is not None:

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
-from radioloc.parameters import biases, clocks, earth, media, moon
+from radioloc.parameters import biases, clocks, earth, maps, media, moon
 from radioloc.parameters.kind import ParameterKind
 from radioloc.plugins import registry
 
@@ -37,6 +37,7 @@ PARAMETERS: Mapping[str, ParameterKind] = registry(
         moon.LIBRATION_VARIATION,
         moon.LOVE_NUMBERS,
         moon.LUNAR_LENGTHS,
+        maps.MAP_TIE,
     ],
 )
 """Kinds of parameter by name, in the order of the columns of the design matrix."""

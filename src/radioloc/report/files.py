@@ -151,7 +151,7 @@ def write_residuals(path: Path, rows: Residuals) -> None:
     columns: dict[str, Any] = {"epoch_utc": rows.epoch_utc, "type": rows.types, "path": rows.paths}
     columns |= {name: getattr(rows, name) for name in _DECIMALS} | {"status": rows.statuses}
     for name, column in columns.items():
-        if name in _DECIMALS and not np.isfinite(column).all():
+        if name in _DECIMALS and name != "elevation_deg" and not np.isfinite(column).all():
             bad = int(np.argmin(np.isfinite(column)))
             raise InputError(f"{name} of observation {bad + 1} is {column[bad]}; residuals must be finite")
     write_csv(path, batches_of(columns, _DECIMALS))

@@ -154,7 +154,7 @@ class ImageSolution(Shown):
             "biases": {},
             "considered": [
                 {
-                    "name": f"{MAP_TIE}.{axis}.{self.map_name}",
+                    "name": f"{MAP_TIE}.{self.map_name}.{axis}",
                     "unit": "m",
                     "sigma": sigma_m,
                     "position_enu_m": (sigma_m * np.eye(3)[k]).tolist(),

@@ -12,7 +12,7 @@ def ways(links: Sequence[Link]) -> list[str]:
     several = len({link.targets for link in links}) > 1
     out = []
     for link in links:
-        if link.differenced:
+        if link.differenced or link.on_map:
             way = ""
         elif link.transmitter:
             way = "two-way" if link.transmitter == link.receiver else f"from {link.transmitter}"

@@ -400,7 +400,7 @@ def _ends(rows: Residuals) -> set[str]:
 
 def _have_paths(rows: Residuals) -> bool:
     """Whether paths are those of observations, not names of stations in their place."""
-    return all(">" in path for path in rows.paths.present())
+    return all(">" in path or "@" in path for path in rows.paths.present())
 
 
 def _links(rows: Residuals) -> Labels:

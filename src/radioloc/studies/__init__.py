@@ -3,6 +3,7 @@
 from radioloc.studies.comparison import compare
 from radioloc.studies.image_study import CameraChoice, ImageChoice, ImageStudy, read_image_study
 from radioloc.studies.locate import arc_of
+from radioloc.studies.map_positions import PlaceOnMap
 from radioloc.studies.study import (
     EstimateChoice,
     HeightPrior,
@@ -24,6 +25,7 @@ __all__ = [
     "ImageStudy",
     "ModelChoice",
     "ObservationChoice",
+    "PlaceOnMap",
     "Reference",
     "Study",
     "TerrainPrior",

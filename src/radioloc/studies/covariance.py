@@ -28,9 +28,10 @@ from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.observation_noise import ObservationNoise, Whitening
 from radioloc.estimation.process_noise import ProcessNoise
 from radioloc.measurements.link import Link
+from radioloc.measurements.map_predictor import JointPredictor
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
-from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.design import ObservationModel, tracking_of
 from radioloc.parameters.parameter import Role
 from radioloc.report.covariance import CovarianceStudy, ErrorSource, Gain, PlannedArc, Share
 from radioloc.simulation import Scenario, Session
@@ -132,8 +133,7 @@ class _Planned:
         scenario, notes = study.simulation, []
         if scenario is None:
             longest, left_out = prepared_arc(study)
-            time_s = seconds_since_midnight(longest.observations.epoch)
-            noise = ProcessNoise.stated(stated_noise(longest, study.observations), time_s)
+            noise = _stated(study, longest)
             notes.append(
                 "the noise is white and as stated: how long errors last is known from residuals only"
             )
@@ -146,7 +146,12 @@ class _Planned:
             rows = np.flatnonzero(selected(plan.observations, study.observations, study.catalogue)[0])
             longest, left_out = prepared_arc(study, plan.observations.select(rows))
             noise = scenario.noise.processes(plan).select(rows)
-            silent = [kind for kind in longest.observations.types() if kind not in scenario.noise.link]
+            if isinstance(longest, JointPredictor):
+                on_maps = np.arange(len(rows), len(longest.observations))
+                noise = noise.followed_by(_stated(study, longest).select(on_maps))
+            silent = [
+                kind for kind in tracking_of(longest).observations.types() if kind not in scenario.noise.link
+            ]
             notes += [
                 f"[simulation.noise.{kind}] is not given: white noise of the sessions' sigma_m"
                 for kind in dict.fromkeys(silent)
@@ -178,6 +183,12 @@ class _Planned:
             if not found or len(part.rows) > len(found[-1].rows):
                 found.append(part)
         return found
+
+
+def _stated(study: Study, arc: Predictor) -> ProcessNoise:
+    """Noise as files and study state it."""
+    time_s = seconds_since_midnight(arc.observations.epoch)
+    return ProcessNoise.stated(stated_noise(arc, study.observations), time_s)
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,6 +28,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
+from radioloc.measurements.map_predictor import JointPredictor, MapPredictor
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -51,7 +52,7 @@ from radioloc.studies.problem import (
     targets_in_pa,
 )
 from radioloc.studies.selection import select_observations
-from radioloc.studies.station_noise import stated_noise
+from radioloc.studies.station_noise import considered_ties_m, stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
 from radioloc.studies.verdict import misfits, places
 from radioloc.studies.weights import require_stations, weighted_observations
@@ -127,7 +128,10 @@ def prepared_arc(study: Study, observations: Observations | None = None) -> tupl
     for reference in study.references:
         position_in_pa(f"[references] {reference.name}", reference.position, constants)
     chosen, left_out = _observations(study, observations, model, targets)
-    return _arc(study, model, chosen, targets), left_out
+    arc = _arc(study, model, chosen, targets)
+    if places := study.observations.map_positions:
+        arc = JointPredictor(arc, MapPredictor(arc, [place.read() for place in places]))
+    return arc, left_out
 
 
 @on_one_blas_thread
@@ -159,9 +163,16 @@ def fit_arc(
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
     order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
-    fitted = _fit(problem, noise, order, estimate, *status_of(arc, targets))
+    # The weights will allow for what is considered; until they do, a tie of a map is noise of the places on it.
+    allowed = estimate is not None and estimate.weights == "correlated"
+    ties_m = considered_ties_m(arc, problem.parameters, study) * allowed
+    wide = noise.with_added(ties_m) if ties_m.any() else noise
+    fitted = _fit(problem, wide, order, estimate, *status_of(arc, targets))
     considered, not_considered = considered_errors(study, problem, estimate, fitted.fit.x)
-    if estimate is not None and estimate.weights == "correlated":
+    if ties_m.any():
+        own_m = np.sqrt(fitted.fit.noise.own_m**2 - ties_m**2)
+        fitted = replace(fitted, fit=replace(fitted.fit, noise=ObservationNoise(own_m, noise.shared)))
+    if allowed:
         common = None if considered is None else considered.at_stations
         fitted = fit_with_correlated_weights(problem.linearize, fitted, order, common)
     if estimate is not None and estimate.estimator == "huber":
@@ -170,7 +181,7 @@ def fit_arc(
     elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
     doubts: list[Doubt] = []
     if estimate is not None:
-        doubts += misfits(fitted, noise.sigma_m, types)
+        doubts += misfits(fitted, wide.sigma_m, types)
         if arc.trajectory is None and estimate.position != "none":
             doubts += places(arc, problem.all_positions_pa_m(x), used, elevation_deg)
     in_sigma = any(estimate.ephemeris_sigma_m) if estimate is not None else False
@@ -189,7 +200,7 @@ def fit_arc(
         pa_frame=model.libration.frame,
         me_frame=constants.me_frame,
         epoch_utc=observations.epoch,
-        station=Labels.coded(arc.stations, arc.receivers),
+        station=Labels.coded((*arc.stations, *arc.maps), arc.receivers),
         observed_m=observations.value_m,
         path=paths,
         type=types,

@@ -27,6 +27,7 @@ from radioloc.measurements.physical_model import kernel_record
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.terms import TERMS
 from radioloc.parameters.choice import chosen_keys
+from radioloc.parameters.design import tracking_of
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.cards import metres
@@ -175,14 +176,14 @@ def provenance(
 ) -> dict[str, Any]:
     """Versions, files, choices and kernels of a fit, and how its observations were computed at the positions found."""
     evaluation: dict[str, Any] = {"kind": "exact"}
-    if isinstance(arc, ChebyshevPredictor):
-        evaluation = {"kind": "interpolated", **asdict(arc.check(positions_pa_m))}
+    if isinstance(tracking := tracking_of(arc), ChebyshevPredictor):
+        evaluation = {"kind": "interpolated", **asdict(tracking.check(positions_pa_m))}
     model, chosen = arc.model, study.model
     one_each = {"vmf3_orography": chosen.vmf3_orography, "gpt3": chosen.gpt3}
     of_air = {"vmf3": chosen.vmf3} | {key: () if path is None else (path,) for key, path in one_each.items()}
     return {
         **versions(),
-        "study": study_origin(study) if _of_its_files(study, arc.observations) else None,
+        "study": study_origin(study) if _of_its_files(study, tracking.observations) else None,
         "files": [Path(name).name for name in arc.observations.files],
         "not_selected": left_out,
         "extra_sigma_m": study.observations.extra_sigma_m,

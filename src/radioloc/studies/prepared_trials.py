@@ -89,6 +89,11 @@ class Prepared:
             raise InputError(
                 f"{study.name}: a Monte Carlo study compares positions, but the target is a trajectory"
             )
+        if study.observations.map_positions:
+            raise InputError(
+                f"{study.name}: a Monte Carlo study draws tracking, but no places on maps; leave "
+                "[[observations.map_positions]] out, or use `radioloc covariance`, which allows for them"
+            )
         if study.estimate.position == "none":
             raise InputError(
                 'a Monte Carlo study needs the position estimated: [estimate] position is "none"'

@@ -47,10 +47,9 @@ def observation_model(
     of `held`.
     """
     choice = (EstimateChoice() if held is None else held).held() if estimate is None else estimate
-    simple = simple_predictor(predictor)
     kinds = []
     for name, chosen in choice.parameters.items():
-        found = _columns("[estimate]", name, chosen, simple, Role.ESTIMATED, choice)
+        found = _columns("[estimate]", name, chosen, predictor, Role.ESTIMATED, choice)
         if found is not None:
             kinds.append(found)
     if isinstance(targets_pa, Mapping) and len(targets_pa) > 1:
@@ -95,11 +94,10 @@ def _considered_model(
     predictor: Predictor, study: Study, estimate: EstimateChoice
 ) -> tuple[ObservationModel | None, list[str]]:
     moon_is_in = any(estimate.ephemeris_sigma_m) or predictor.trajectory is not None
-    simple = simple_predictor(predictor)
     try:
         choices, notes = resolved(
             study.consider,
-            simple,
+            predictor,
             estimate.parameters,
             defaults=study.consider_defaults,
             without=_OF_THE_EPHEMERIS if moon_is_in else (),
@@ -107,7 +105,7 @@ def _considered_model(
     except InputError as error:
         raise type(error)(f"[consider] {error}") from None
     found = [
-        _columns("[consider]", name, choice, simple, Role.CONSIDERED, estimate)
+        _columns("[consider]", name, choice, predictor, Role.CONSIDERED, estimate)
         for name, choice in choices.items()
     ]
     kinds = [item for item in found if item is not None]
@@ -115,10 +113,11 @@ def _considered_model(
 
 
 def _columns(
-    table: str, name: str, chosen: ParameterChoice, simple: Predictor, role: Role, estimate: EstimateChoice
+    table: str, name: str, chosen: ParameterChoice, predictor: Predictor, role: Role, estimate: EstimateChoice
 ) -> tuple[Columns, list[Parameter]] | None:
+    kind = PARAMETERS[name]
     try:
-        return chosen_parameters(PARAMETERS[name], chosen, simple, role, estimate.pass_gap_h)
+        return chosen_parameters(kind, chosen, simple_predictor(predictor, kind), role, estimate.pass_gap_h)
     except InputError as error:
         raise type(error)(f"{table} {error}") from None
 

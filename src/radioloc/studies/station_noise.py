@@ -1,8 +1,9 @@
-"""The noise of a study's observations: what the files state, and what the delays of one epoch share.
+"""The noise of a study's observations: what the files state, what the delays of one epoch and places on maps share.
 
 The error of a VLBI station's arrival time (its receiver, its clock, the air above it) is in every delay of that epoch
 which the station has part in, with one sign as the second station and the other as the first. Likewise the error of how
-much that time grows over a count interval is in every delay rate of that epoch and interval.
+much that time grows over a count interval is in every delay rate of that epoch and interval. East
+and north of a place on a map have one covariance.
 """
 
 from __future__ import annotations
@@ -14,9 +15,12 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError, StationError
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
+from radioloc.measurements.map_predictor import JointPredictor
 from radioloc.measurements.observations import VLBI_DELAY, VLBI_DELAY_RATE
 from radioloc.measurements.predictor import Predictor
-from radioloc.studies.study import ObservationChoice
+from radioloc.parameters.choice import ParameterChoice
+from radioloc.parameters.parameter import ParameterSet
+from radioloc.studies.study import ObservationChoice, Study
 from radioloc.time import Epochs, utc_to_tai
 
 SAME_EPOCH_S = 0.05
@@ -25,7 +29,7 @@ time through the Earth; epochs 0.1 s apart or more can be told from each other."
 
 
 def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
-    """Noise of an arc's observations: what the files state, what the study adds, what VLBI stations share."""
+    """Noise of an arc's observations: what the files state, what the study adds, what some of them share."""
     own_m = np.hypot(arc.observations.sigma_m, choice.extra_sigma_m)
     group = np.full(len(own_m), ALONE)
     effect_m = np.zeros((len(own_m), 2))
@@ -40,10 +44,33 @@ def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
             _, number = np.unique(keys, axis=0, return_inverse=True)
         group[rows] = group.max() + 1 + number.reshape(-1)
         effect_m[rows] = ends_m * [-1.0, 1.0]
+    source = np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
+    if isinstance(arc, JointPredictor):
+        first = len(arc.tracking.observations)
+        for row, place in zip(range(first, len(own_m), 2), arc.places.positions, strict=True):
+            (east_m2, both_m2), (_, north_m2) = place.covariance_en_m2
+            sigma_m, correlation = np.sqrt([east_m2, north_m2]), both_m2 / np.sqrt(east_m2 * north_m2)
+            own_m[row : row + 2] = sigma_m * np.sqrt(1.0 - abs(correlation))
+            if correlation:
+                group[row : row + 2] = group.max() + 1
+                source[row : row + 2] = source.max() + 1
+                effect_m[row : row + 2, 1] = sigma_m * np.sqrt(abs(correlation)) * [1.0, np.sign(correlation)]
     if (group == ALONE).all():
         return ObservationNoise(own_m)
-    source = np.stack([arc.transmitters, arc.receivers], axis=-1).astype(np.intp)
     return ObservationNoise(own_m, SharedErrors(group, source, effect_m))
+
+
+def considered_ties_m(arc: Predictor, parameters: ParameterSet, study: Study) -> NDArray[np.float64]:
+    """Sigma of the tie of its map for each observation, m, shape (n,); zero where that is not considered, or no map."""
+    ties_m = np.zeros(len(arc.observations))
+    choice = study.consider.get("map_tie", ParameterChoice("all" if study.consider_defaults else "none"))
+    if isinstance(arc, JointPredictor):
+        first = len(arc.tracking.observations)
+        for row, place in zip(range(first, len(ties_m), 2), arc.places.positions, strict=True):
+            chosen = choice.names == "all" or place.map in choice.names
+            if chosen and f"map_tie.{place.map}.east" not in parameters:
+                ties_m[row : row + 2] = place.map_sigma_m
+    return ties_m
 
 
 def _ends_m(

@@ -31,6 +31,7 @@ from radioloc.parameters.design import simple_predictor
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.plugins import LazyNames
 from radioloc.simulation.simulate import Scenario
+from radioloc.studies.map_positions import PlaceOnMap
 from radioloc.studies.schema import TomlTable, check, entry, names_of
 from radioloc.studies.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
@@ -129,6 +130,9 @@ class ObservationChoice:
         Likewise the error of by how much each station's arrival time grows over the count interval, for delay rates.
     weights : iterable of Weight
         Changes of the stated sigmas by type, station and file, before the extra ones are added.
+    map_positions : iterable of PlaceOnMap
+        Where targets are seen on maps. The ties of the maps are considered, with independent weights estimated about
+        zero, with their sigmas, unless the study says otherwise.
     """
 
     files: tuple[Path, ...] = ()
@@ -149,11 +153,13 @@ class ObservationChoice:
         (),
         advice='they are of chosen observations; how series are weighed ("correlated") is in [estimate] weights',
     )
+    map_positions: tuple[PlaceOnMap, ...] = ()
 
     def __post_init__(self) -> None:
         files = (self.files,) if isinstance(self.files, (str, Path)) else self.files
         object.__setattr__(self, "files", tuple(Path(file) for file in files))
         object.__setattr__(self, "weights", tuple(self.weights))
+        object.__setattr__(self, "map_positions", tuple(self.map_positions))
         check(self)
         if self.start is not None and self.stop is not None:
             length_s = utc_to_tai(self.stop).seconds_since(utc_to_tai(self.start))
@@ -286,10 +292,10 @@ class EstimateChoice:
 
     def of_part(self, part: Predictor) -> EstimateChoice:
         """What is estimated in a part of an arc: without whom there are no observations of in it."""
-        simple = simple_predictor(part)
         try:
             kept = {
-                name: of_part(PARAMETERS[name], choice, simple) for name, choice in self.parameters.items()
+                name: of_part(PARAMETERS[name], choice, simple_predictor(part, PARAMETERS[name]))
+                for name, choice in self.parameters.items()
             }
         except InputError as error:
             raise type(error)(f"[estimate] {error}") from None
@@ -423,6 +429,7 @@ class Study:
             object.__setattr__(self, "candidates", tuple(self.candidates))
         self._name_targets()
         self._require_considered()
+        self._estimate_ties()
         if isinstance(self.target, Trajectory):
             self._require_no_position(self.target)
 
@@ -454,6 +461,16 @@ class Study:
             ):
                 if given:
                     raise InputError(f"{what} one position, but [targets] gives several; leave it out")
+
+    def _estimate_ties(self) -> None:
+        """Weights that allow for nothing that is considered would take maps as exact: there ties are estimated."""
+        ties = {one.map: one.map_sigma_m for one in (p.read() for p in self.observations.map_positions)}
+        said = (
+            "map_tie" in self.estimate.parameters or "map_tie" in self.consider or not self.consider_defaults
+        )
+        if ties and self.estimate.weights == "independent" and not said:
+            chosen = {**self.estimate.parameters, "map_tie": ParameterChoice("all", sigma=ties)}
+            object.__setattr__(self, "estimate", replace(self.estimate, parameters=chosen))
 
     def _require_considered(self) -> None:
         def resolved(choice: ParameterChoice) -> set[str]:

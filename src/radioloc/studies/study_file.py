@@ -19,6 +19,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
+from radioloc.studies.map_positions import PlaceOnMap
 from radioloc.studies.schema import Hints, TomlTable, entry, keys_of
 from radioloc.studies.simulation_file import scenario
 from radioloc.studies.study import (
@@ -86,6 +87,7 @@ TABLES: dict[str, type] = {
     "references.NAME": Place,
     "observations": ObservationChoice,
     "observations.weights": Weight,
+    "observations.map_positions": PlaceOnMap,
     "estimate": EstimateChoice,
     "model": ModelChoice,
     "stations.NAME": Site,

@@ -12,7 +12,7 @@ from radioloc import Observations
 from radioloc.measurements import MEASUREMENTS, Link, active_terms
 from radioloc.parameters.choice import parameter_choices
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
+from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice, PlaceOnMap
 from radioloc.time import epochs_from_strings
 
 PATHS = {
@@ -24,6 +24,10 @@ PATHS = {
     "one_way_doppler": ("lander>KUNMING",),
 }
 BY_KIND = [[(name, scope.value) for scope in kind.scopes] for name, kind in PARAMETERS.items()]
+LONGITUDE_DEG, LATITUDE_DEG, _ = change5_case.LANDER.selenographic
+PLACE = PlaceOnMap(
+    longitude_deg=LONGITUDE_DEG, latitude_deg=LATITUDE_DEG, sigma_m=0.1, map="a map", map_sigma_m=10.0
+)
 LEFT_M = 1e-2
 """Of what a parameter adds, some 10 m, an a-priori sigma of ten times as much takes 1e-4."""
 
@@ -57,9 +61,10 @@ def tracking():
 
 
 def study(consider=None, **keys):
+    on_map = {"map_tie", "map_tie_m"} & {*keys, *(consider or {})}
     return radioloc.Study(
         change5_case.LANDER,
-        ObservationChoice(),
+        ObservationChoice(map_positions=[PLACE] if on_map else ()),
         EstimateChoice(**keys),
         ModelChoice(terms=active_terms(["ionosphere"])),
         consider=consider or {},
@@ -69,7 +74,7 @@ def study(consider=None, **keys):
 def with_values(tracking, chosen):
     """The values that the model computes with the a-priori values of a study."""
     found = radioloc.residuals(chosen, tracking)
-    return replace(tracking, value_m=np.array(tracking.value_m - found.residuals.residual_m))
+    return replace(tracking, value_m=np.array(tracking.value_m - found.residuals.residual_m[: len(tracking)]))
 
 
 @pytest.fixture(scope="module")

@@ -15,7 +15,7 @@ from radioloc.errors import InputError
 from radioloc.io.table import write_table
 from radioloc.measurements.map_predictor import MapPosition, MapPredictor
 from radioloc.parameters.choice import ParameterChoice
-from radioloc.report.files import write_json, write_numbers
+from radioloc.report.files import write_json, write_residuals
 from radioloc.studies import EstimateChoice, ObservationChoice, PlaceOnMap, compare
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "change5"
@@ -233,7 +233,8 @@ def file(tmp_path, ranges):
 
 def test_every_observation_is_accounted_for(file, tmp_path):
     solution = radioloc.locate(radioloc.read_study(file()))
-    _, table = write_numbers(solution, tmp_path / "out")
+    table = tmp_path / "residuals.csv"
+    write_residuals(table, solution.residuals)
     with table.open() as stream:
         rows = list(csv.DictReader(stream))
     assert len(rows) == solution.fit.total.used == 25 + 2

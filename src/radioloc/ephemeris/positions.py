@@ -117,7 +117,9 @@ class Ephemeris:
         >>> bool(3.5e8 < (position_m**2).sum() ** 0.5 < 4.1e8)
         True
         """
-        return self.geocentric_center(_code(body), tdb)
+        if body not in BODIES:
+            raise InputError(f"body {body!r} is not known; use one of {', '.join(BODIES)}")
+        return self.geocentric_center(BODIES[body], tdb)
 
     def geocentric_center(self, code: int, tdb: Epochs) -> _State:
         """Geocentric position and velocity of a trajectory's centre by NAIF code; as :meth:`geocentric`."""
@@ -145,10 +147,3 @@ class Ephemeris:
         if target == center:
             return (np.zeros((len(tdb), 3)),) * (derivatives + 1)
         return evaluate(self.spk, self.spk.segment(target, center), tdb, derivatives)
-
-
-def _code(body: str) -> int:
-    try:
-        return BODIES[body]
-    except KeyError:
-        raise InputError(f"body {body!r} is not known; use one of {', '.join(BODIES)}") from None

@@ -69,11 +69,6 @@ def _by_lines(looks_like: Callable[[list[str]], bool]) -> Callable[[bytes], bool
     return lambda head: looks_like(head.decode(errors="replace").splitlines())
 
 
-def _read_tdm(paths: Sequence[str | Path], settings: ReadSettings) -> Observations:
-    agreement = replace(settings.tdm, lunar=settings.lunar and settings.tdm.lunar)
-    return read_tdm(paths, agreement, catalogue=settings.catalogue)
-
-
 READERS = registry(
     "radioloc.readers",
     Reader,
@@ -82,7 +77,9 @@ READERS = registry(
             "Tracking Data Message",
             "of CCSDS: CCSDS_TDM_VERS = 2.0, or XML with <tdm>",
             _by_lines(looks_like_tdm),
-            _read_tdm,
+            lambda paths, its: read_tdm(
+                paths, replace(its.tdm, lunar=its.lunar and its.tdm.lunar), catalogue=its.catalogue
+            ),
             together=True,
         ),
         Reader(

@@ -169,6 +169,10 @@ class _Reader:
         self.header: dict[str, tuple[int, str]] = {}
         self.exponent = -1
 
+    def fail(self, problem: str, line: int | None = None) -> FileFormatError:
+        """Error about a line, the one that was read last by default."""
+        return FileFormatError(self.path, problem, self.line if line is None else line)
+
     def read(self) -> IonexMaps:
         self._read_header()
         latitudes, longitudes = self._range("LAT1 / LAT2 / DLAT"), self._range("LON1 / LON2 / DLON")
@@ -192,7 +196,7 @@ class _Reader:
             elif label in ("START OF RMS MAP", "START OF HEIGHT MAP"):
                 self._skip_to(label.replace("START", "END"))
             elif label not in ("EXPONENT", "COMMENT", ""):
-                raise FileFormatError(self.path, f"{label!r} is not expected here", self.line)
+                raise self.fail(f"{label!r} is not expected here")
         if len(maps) != announced:
             problem = (
                 f"the header announces {announced:g} maps, but there are {len(maps)}; fetch the file again"
@@ -207,9 +211,9 @@ class _Reader:
     def _read_header(self) -> None:
         label, content = self._next()
         if label != "IONEX VERSION / TYPE" or content[20:21] != "I":
-            raise FileFormatError(self.path, "this is not the first line of an IONEX file", self.line)
+            raise self.fail("this is not the first line of an IONEX file")
         if content[:8].strip() not in ("1.0", "1.1", "1"):
-            raise FileFormatError(self.path, f"version {content[:8].strip()} is not 1.0 or 1.1", self.line)
+            raise self.fail(f"version {content[:8].strip()} is not 1.0 or 1.1")
         while label != "END OF HEADER":
             label, content = self._next()
             if label == "START OF AUX DATA":
@@ -229,17 +233,15 @@ class _Reader:
                 latitude, *along = self._numbers(self.line, content, 4, skip=2)
                 row = rows_left.pop(round(latitude, 3), None)
                 if row is None or along[:2] != ends:
-                    problem = "the row is not one of the header's grid, or comes twice"
-                    raise FileFormatError(self.path, problem, self.line)
+                    raise self.fail("the row is not one of the header's grid, or comes twice")
                 tec[row] = self._row(grid.shape[1])
             elif label == "END OF TEC MAP":
                 break
             elif label not in ("EXPONENT", "COMMENT"):
-                shown = label or content.strip()
-                raise FileFormatError(self.path, f"{shown!r} is not expected in a map", self.line)
+                raise self.fail(f"{label or content.strip()!r} is not expected in a map")
         if mjd is None or rows_left:
             what = "its epoch" if mjd is None else f"{len(rows_left)} of its rows"
-            raise FileFormatError(self.path, f"the map that ends here lacks {what}", self.line)
+            raise self.fail(f"the map that ends here lacks {what}")
         return mjd, tec
 
     def _row(self, n_values: int) -> list[float]:
@@ -251,17 +253,15 @@ class _Reader:
             try:
                 numbers = [int(line[5 * k : 5 * k + 5]) for k in range(count)]
             except ValueError:
-                problem = f"{count} whole numbers of five columns each are wanted"
-                raise FileFormatError(self.path, problem, self.line) from None
+                raise self.fail(f"{count} whole numbers of five columns each are wanted") from None
             if line[5 * count :].strip():
-                raise FileFormatError(self.path, f"more than {count} values stand here", self.line)
+                raise self.fail(f"more than {count} values stand here")
             unit = 10.0**self.exponent
             for number in numbers:
                 tec = np.nan if number == _MISSING else number * unit
                 if tec < _POSSIBLE_TECU[0] or tec > _POSSIBLE_TECU[1]:
                     problem = f"a content of {tec:g} TECU (with the exponent {self.exponent}) cannot be"
-                    problem = f"{problem}; {_POSSIBLE_TECU[1]:g} is the most"
-                    raise FileFormatError(self.path, problem, self.line)
+                    raise self.fail(f"{problem}; {_POSSIBLE_TECU[1]:g} is the most")
                 row.append(tec)
         return row
 
@@ -271,18 +271,19 @@ class _Reader:
             # Midnight at the end of a day may be called its 24th hour.
             midnight = epochs_from_strings(f"{year:04.0f}-{month:02.0f}-{day:02.0f}", "UTC").mjd[0]
         except InputError as error:
-            raise FileFormatError(self.path, str(error), self.line) from error
+            raise self.fail(str(error)) from error
         seconds = 3600.0 * hour + 60.0 * minute + second
         if not 0.0 <= seconds <= SECONDS_PER_DAY:
-            raise FileFormatError(self.path, f"{content.strip()} is not a time of day", self.line)
+            raise self.fail(f"{content.strip()} is not a time of day")
         return float(midnight + seconds / SECONDS_PER_DAY)
 
     def _range(self, label: str) -> NDArray[np.float64]:
         first, last, step = self._header_numbers(label, 3, skip=2)
         count = round((last - first) / step) + 1 if step else 0
         if count < 2 or abs(first + (count - 1) * step - last) > 1e-6:
-            problem = f"from {first:g} to {last:g} in steps of {step:g} is no range"
-            raise FileFormatError(self.path, problem, self.header[label][0])
+            raise self.fail(
+                f"from {first:g} to {last:g} in steps of {step:g} is no range", self.header[label][0]
+            )
         return np.linspace(first, last, count)
 
     def _header_numbers(self, label: str, count: int = 1, skip: int = 0, width: int = 6) -> list[float]:
@@ -298,10 +299,8 @@ class _Reader:
         except ValueError:
             numbers = [np.nan]
         if not np.isfinite(numbers).all():
-            problem = (
-                f"{count} numbers of {width} columns each are wanted, but {content.rstrip()!r} stands here"
-            )
-            raise FileFormatError(self.path, problem, line)
+            wanted = f"{count} numbers of {width} columns each are wanted"
+            raise self.fail(f"{wanted}, but {content.rstrip()!r} stands here", line)
         return numbers
 
     def _next(self) -> tuple[str, str]:
@@ -314,7 +313,7 @@ class _Reader:
         if label == "EXPONENT":
             (exponent,) = self._numbers(self.line, content, 1)
             if not (exponent.is_integer() and abs(exponent) <= 9):
-                raise FileFormatError(self.path, f"the exponent is {exponent:g}, but -1 is usual", self.line)
+                raise self.fail(f"the exponent is {exponent:g}, but -1 is usual")
             self.exponent = int(exponent)
         return label, content
 

@@ -30,26 +30,10 @@ def _range(rows: ObservationRows) -> NDArray[np.bool_]:
     return _at_second(~rows.baseline & ~rows.integrated)
 
 
-def _range_bias(rows: ObservationRows) -> NDArray[np.float64]:
-    return _range(rows)[..., None].astype(np.float64)
-
-
 def _tagging(rows: ObservationRows) -> NDArray[np.bool_]:
     """A tag that names the bounce, or a spacecraft's transmission, is put down to the receiving station."""
     first = rows.tagged[:, 0]
     return np.stack([first, ~first], axis=-1)
-
-
-def _time_bias(rows: ObservationRows) -> NDArray[np.float64]:
-    return (_tagging(rows) * rows.computed.by_time_m_s[:, None])[..., None]
-
-
-def _over_transponder(rows: ObservationRows) -> NDArray[np.bool_]:
-    return (~rows.baseline & ~rows.one_way)[:, None]
-
-
-def _transponder(rows: ObservationRows) -> NDArray[np.float64]:
-    return rows.computed.by_transponder_delay_m_s[:, None, None]
 
 
 def _receives(rows: ObservationRows) -> NDArray[np.bool_]:
@@ -72,16 +56,12 @@ def _offset(rows: ObservationRows) -> NDArray[np.float64]:
     return (_counted(rows) * (C_M_S * rows.count_s)[:, None])[..., None]
 
 
-def _drift(rows: ObservationRows) -> NDArray[np.float64]:
-    return _offset(rows) * rows.elapsed_s[:, None, None]
-
-
 RANGE_BIAS = ParameterKind(
     name="range_bias",
     unit="m",
     description="bias of the ranges that a station receives, of the round trip or the one-way path",
     scopes=_STATIONS_OR_LINKS,
-    partials=_range_bias,
+    partials=lambda rows: _range(rows)[..., None].astype(np.float64),
     acts_on=_range,
 )
 TIME_BIAS = ParameterKind(
@@ -89,7 +69,7 @@ TIME_BIAS = ParameterKind(
     unit="s",
     description="offset of a station's time tags, which leaves the measured values as they are",
     scopes=_STATIONS_OR_LINKS,
-    partials=_time_bias,
+    partials=lambda rows: (_tagging(rows) * rows.computed.by_time_m_s[:, None])[..., None],
     acts_on=_tagging,
     scale=1e-3,
 )
@@ -98,8 +78,8 @@ TRANSPONDER_DELAY = ParameterKind(
     unit="s",
     description="time for which the target's transponder holds the signal, beyond the model's",
     scopes=(Scope.TARGET,),
-    partials=_transponder,
-    acts_on=_over_transponder,
+    partials=lambda rows: rows.computed.by_transponder_delay_m_s[:, None, None],
+    acts_on=lambda rows: (~rows.baseline & ~rows.one_way)[:, None],
     scale=1.0 / C_M_S,
 )
 STATION_DELAY = ParameterKind(
@@ -128,7 +108,7 @@ FREQUENCY_RATE = ParameterKind(
     unit="1/s",
     description="drift of the frequency offset, about its value at the reference epoch, the middle of the arc",
     scopes=_LINKS,
-    partials=_drift,
+    partials=lambda rows: _offset(rows) * rows.elapsed_s[:, None, None],
     acts_on=_counted,
     scale=1e-14,
 )

@@ -46,14 +46,6 @@ def _rate(rows: ObservationRows) -> NDArray[np.float64]:
     return ((C_M_S * _SIGN * rows.elapsed_at_ends_s - counted + moved) * (rows.ends >= 0))[..., None]
 
 
-def _one_way(rows: ObservationRows) -> NDArray[np.bool_]:
-    return rows.one_way[:, None]
-
-
-def _one_way_range(rows: ObservationRows) -> NDArray[np.bool_]:
-    return (rows.one_way & ~rows.integrated)[:, None]
-
-
 def _target_tag(rows: ObservationRows) -> NDArray[np.bool_]:
     return rows.one_way & (rows.tag == TRANSMIT)
 
@@ -99,7 +91,7 @@ TARGET_CLOCK = ParameterKind(
     description="offset of the clock by which the target transmits, for one-way ranges",
     scopes=(Scope.TARGET,),
     partials=_target_offset,
-    acts_on=_one_way_range,
+    acts_on=lambda rows: (rows.one_way & ~rows.integrated)[:, None],
     scale=1.0 / C_M_S,
 )
 TARGET_FREQUENCY = ParameterKind(
@@ -108,6 +100,6 @@ TARGET_FREQUENCY = ParameterKind(
     description="fractional frequency offset of the oscillator by which the target transmits, the rate of its clock",
     scopes=(Scope.TARGET,),
     partials=_target_rate,
-    acts_on=_one_way,
+    acts_on=lambda rows: rows.one_way[:, None],
     scale=1e-5 / C_M_S,
 )

@@ -11,10 +11,6 @@ from radioloc.parameters.kind import ParameterKind, Scope, both_stations
 from radioloc.parameters.rows import ObservationRows
 
 
-def _zenith_delay(rows: ObservationRows) -> NDArray[np.float64]:
-    return (rows.computed.by_zenith_wet * (rows.ends >= 0))[..., None]
-
-
 def _electron_content(rows: ObservationRows) -> NDArray[np.float64]:
     by_content = rows.computed.by_electron_content_m
     if np.isnan(by_content).any():
@@ -31,7 +27,7 @@ ZENITH_DELAY = ParameterKind(
     unit="m",
     description="wet zenith delay of radio signals above a station, beyond the model's",
     scopes=(Scope.STATION, Scope.PASS),
-    partials=_zenith_delay,
+    partials=lambda rows: (rows.computed.by_zenith_wet * (rows.ends >= 0))[..., None],
     acts_on=both_stations,
     scale=0.3,
     term="troposphere",

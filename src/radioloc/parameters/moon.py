@@ -18,10 +18,7 @@ from radioloc.parameters import apriori
 from radioloc.parameters.kind import ParameterKind, Scope, everywhere
 from radioloc.parameters.rows import ObservationRows
 from radioloc.time import Epochs
-
-
-def _by_position(rows: ObservationRows) -> NDArray[np.float64]:
-    return rows.computed.by_position_pa
+from radioloc.vectors import dot
 
 
 def _moon_position(rows: ObservationRows) -> NDArray[np.float64]:
@@ -41,11 +38,7 @@ def _moon_position(rows: ObservationRows) -> NDArray[np.float64]:
 
 def _libration(rows: ObservationRows) -> NDArray[np.float64]:
     # A rotation by e about an axis moves the target by e x r, so that the partial is r x by_position along the axis.
-    return np.cross(rows.target_pa_m, _by_position(rows))[:, None, :]
-
-
-def _lunar_scale(rows: ObservationRows) -> NDArray[np.float64]:
-    return np.einsum("mi,mi->m", _by_position(rows), rows.target_pa_m)[:, None, None]
+    return np.cross(rows.target_pa_m, rows.computed.by_position_pa)[:, None, :]
 
 
 def _love_numbers(rows: ObservationRows) -> NDArray[np.float64]:
@@ -123,7 +116,7 @@ LUNAR_LENGTHS = ParameterKind(
     unit="1",
     description="scale of lengths on the Moon less one",
     scopes=(Scope.MOON,),
-    partials=_lunar_scale,
+    partials=lambda rows: dot(rows.computed.by_position_pa, rows.target_pa_m)[:, None, None],
     acts_on=everywhere,
     scale=6e-7,
 )

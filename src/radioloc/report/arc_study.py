@@ -211,17 +211,15 @@ def sigmas_apart(part: Solution, whole: Solution) -> float | None:
     return None if found.chi2 is None else math.sqrt(found.chi2)
 
 
-def _fixed(value: float | None) -> str:
-    """Text with one decimal, and no sign before a zero."""
-    return "-" if value is None else f"{value:z.1f}"
-
-
 def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
     sigmas = (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m)
     return (
         arc.name,
         *(metres(sigma) if arc.solution.position_estimated else "held" for sigma in sigmas),
-        *map(_fixed, (row.height_m, row.from_longest_m, row.from_longest_sigmas)),
+        *(
+            "-" if x is None else f"{x:z.1f}"
+            for x in (row.height_m, row.from_longest_m, row.from_longest_sigmas)
+        ),
     )
 
 

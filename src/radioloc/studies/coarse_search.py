@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from itertools import permutations
 
 import numpy as np
@@ -77,7 +78,7 @@ def near_starts(
 def _near_start(
     some: Predictor, target_pa: LunarPosition, estimate: EstimateChoice
 ) -> tuple[LunarPosition, float] | None:
-    search = _Search(some, target_pa.frame, estimate)
+    linearized = partial(_Linearized, some, target_pa.frame, estimate)
     prior = estimate.height_prior
     radius_m = float(np.linalg.norm(target_pa.xyz_m))
     if isinstance(prior, HeightPrior):
@@ -85,7 +86,7 @@ def _near_start(
     given_m = target_pa.xyz_m * (radius_m / np.linalg.norm(target_pa.xyz_m))
     grid_m = radius_m * _near_side()
     # Whether a search is needed is told by what is prepared already, where that is for one target.
-    here_m, there, found = given_m, search.linearized(given_m, None if some.targets else some), []
+    here_m, there, found = given_m, linearized(given_m, prepared=not some.targets), []
     if there.losses(given_m[None])[0][0] < _FITS * len(there):
         return None
     for _ in range(_MAX_STEPS):
@@ -96,7 +97,7 @@ def _near_start(
         if best == 0 and np.linalg.norm(step_m) < _SETTLED_M:
             break
         here_m = here_m + step_m
-        there = search.linearized(here_m)
+        there = linearized(here_m, prepared=False)
     loss, here_m = min(found, key=lambda one: one[0])
     away_m = float(np.linalg.norm(here_m - given_m))
     if away_m <= _NEAR_M or loss > _BETTER * found[0][0]:
@@ -104,50 +105,39 @@ def _near_start(
     return LunarPosition(target_pa.frame, here_m), away_m
 
 
-class _Search:
-    """The observations of a search, an arc of their own."""
-
-    def __init__(self, arc: Predictor, frame: str, estimate: EstimateChoice) -> None:
-        self._arc, self._frame = arc, frame
-        self._estimate = replace(estimate, position="cartesian", height_prior=None)
-
-    def linearized(self, place_m: NDArray[np.float64], part: Predictor | None = None) -> _Linearized:
-        """Model at a place; `part` is the arc where it is prepared there already."""
-        arc, observations = self._arc, self._arc.observations
-        if part is None:
-            part = prepare_predictor(
-                arc.model, observations, place_m, "exact", more_partials=arc.more_partials
-            )
-        problem = observation_model(part, LunarPosition(self._frame, place_m), self._estimate.of_part(part))
-        at = problem.linearize(problem.parameters.prior_values)
-        partials = at.partials(np.arange(len(observations)))
-        sigma_m = observations.sigma_m
-        free = problem.parameters.free
-        usable = np.isfinite(partials).all(axis=1) & np.isfinite(at.residual_m)
-        rows = partials[usable] / sigma_m[usable, None]
-        return _Linearized(
-            place_m,
-            at.residual_m[usable] / sigma_m[usable],
-            rows[:, free],
-            problem.parameters.prior_sigmas[free],
-        )
-
-
 class _Linearized:
-    """Misfit of other places by the model linearized at one; residuals and partials in sigmas."""
+    """Misfit of other places by the model of an arc linearized at one, in principal axes; residuals in sigmas."""
 
     def __init__(
         self,
+        arc: Predictor,
+        frame: str,
+        estimate: EstimateChoice,
         place_m: NDArray[np.float64],
-        residual: NDArray[np.float64],
-        partials: NDArray[np.float64],
-        prior_sigmas: NDArray[np.float64],
+        prepared: bool,
     ) -> None:
+        observations = arc.observations
+        if not prepared:
+            arc = prepare_predictor(
+                arc.model, observations, place_m, "exact", more_partials=arc.more_partials
+            )
+        estimate = replace(estimate, position="cartesian", height_prior=None).of_part(arc)
+        problem = observation_model(arc, LunarPosition(frame, place_m), estimate)
+        at = problem.linearize(problem.parameters.prior_values)
+        partials = at.partials(np.arange(len(observations)))
+        free = problem.parameters.free
+        usable = np.isfinite(partials).all(axis=1) & np.isfinite(at.residual_m)
+        sigma_m = observations.sigma_m[usable]
+        rows = (partials[usable] / sigma_m[:, None])[:, free]
         # In units in which every parameter has partials of one.
-        norm = np.sqrt(np.square(partials).sum(axis=0))
+        norm = np.sqrt(np.square(rows).sum(axis=0))
         self._norm = np.where(norm > 0.0, norm, 1.0)
-        self._place_m, self._residual, self._partials = place_m, residual, partials / self._norm
-        self._prior = np.diag((self._norm * prior_sigmas) ** -2.0 + 1e-12)
+        self._place_m, self._residual, self._partials = (
+            place_m,
+            at.residual_m[usable] / sigma_m,
+            rows / self._norm,
+        )
+        self._prior = np.diag((self._norm * problem.parameters.prior_sigmas[free]) ** -2.0 + 1e-12)
 
     def __len__(self) -> int:
         return len(self._residual)

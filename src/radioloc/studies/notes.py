@@ -30,7 +30,7 @@ from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.design import tracking_of
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.report.cards import metres
+from radioloc.report.cards import metres, plural
 from radioloc.studies.record import study_origin, versions
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
 
@@ -73,7 +73,9 @@ def notes_of(
 
 def notes_of_plan(arc: Predictor, left_out: dict[str, int]) -> list[str]:
     """Those of them that need no values: what was not selected, what is not known of stations and model."""
-    not_selected = [f"{_count(count)} not selected: {reason}" for reason, count in left_out.items()]
+    not_selected = [
+        f"{plural(count, 'observation')} not selected: {reason}" for reason, count in left_out.items()
+    ]
     return [*not_selected, *_of_stations(arc), *_of_model(arc)]
 
 
@@ -131,7 +133,7 @@ def _of_model(arc: Predictor) -> Iterator[str]:
     """What the model is made of, and what is not in it."""
     model = arc.model
     if predicted := int(arc.predicted_eop.sum()):
-        yield f"Earth orientation is predicted, not measured, for {_count(predicted)}"
+        yield f"Earth orientation is predicted, not measured, for {plural(predicted, 'observation')}"
     yield from _beyond(model.earth.table, arc.observations.epoch.mjd)
     if absent := model.missing_planets:
         sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
@@ -161,10 +163,6 @@ def _beyond(table: EopTable, mjd_utc: NDArray[np.float64]) -> Iterator[str]:
             f"({metres(_EQUATOR_M_S * ut1_s)} m at the equator), the pole by "
             f"{1e3 * pole_rad / ARCSEC_RAD:.3g} milliarcseconds (1 sigma)"
         )
-
-
-def _count(count: int) -> str:
-    return f"{count} observation{'' if count == 1 else 's'}"
 
 
 def provenance(

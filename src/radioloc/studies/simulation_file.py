@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Any, TypeVar
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
@@ -20,12 +20,16 @@ from radioloc.simulation.schedule import LINKS
 from radioloc.studies.schema import TomlTable
 from radioloc.time import Epochs, utc_strings
 
+_Made = TypeVar("_Made")
 _MASKS = {
     "mask_deg": "station_deg",
     "target_mask_deg": "target_deg",
     "station_masks_deg": "by_station_deg",
 }
 _VLBI_STATION = ("vlbi_station", "vlbi_station_rate")
+_OF_TRUTH = {"terms_on": tuple[str, ...], "terms_off": tuple[str, ...]}
+_OF_TRUTH_SIGMA = {"position_enu_m": tuple[float, float, float]}
+"""Keys of both that are no parameter's."""
 _EARLIER = {
     "moon_position_m": "moon_m",
     "station_position_m": "station_enu_m",
@@ -74,9 +78,9 @@ def scenario(table: TomlTable, position: LunarPosition | Trajectory, catalogue: 
         Scenario,
         schedule=Schedule(planned, replace(masks, by_station_deg=by_station_deg)),
         position=position,
-        truth=None if truth is None else _truth(truth, stations, catalogue),
+        truth=_errors(truth, Truth, _OF_TRUTH, stations, catalogue),
         noise=None if noise is None else _noise(noise),
-        truth_sigma=None if truth_sigma is None else _truth_sigma(truth_sigma, stations, catalogue),
+        truth_sigma=_errors(truth_sigma, TruthSigma, _OF_TRUTH_SIGMA, stations, catalogue),
         seed=seed,
         name=name,
     )
@@ -113,22 +117,16 @@ def _noise(table: TomlTable) -> NoiseModel:
     return NoiseModel(found, **of_stations)
 
 
-def _truth(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue) -> Truth:
-    given = _errors(table, stations, catalogue)
-    terms = {key: table.get(key, tuple[str, ...]) for key in ("terms_on", "terms_off")}
-    table.finish()
-    return table.build(Truth, **given, **terms)
-
-
-def _truth_sigma(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue) -> TruthSigma:
-    given = _errors(table, stations, catalogue)
-    position_enu_m = table.get("position_enu_m", tuple[float, float, float])
-    table.finish()
-    return table.build(TruthSigma, position_enu_m=position_enu_m, **given)
-
-
-def _errors(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatalogue) -> dict[str, Any]:
-    """Errors of parameters, or their sigmas, by key; None where they are not given."""
+def _errors(
+    table: TomlTable | None,
+    make: Callable[..., _Made],
+    keys: Mapping[str, Any],
+    stations: tuple[str, ...],
+    catalogue: StationCatalogue,
+) -> _Made | None:
+    """A record of errors of parameters, or of their sigmas, and of what else its keys hold."""
+    if table is None:
+        return None
     found: dict[str, Any] = {"clock_epoch_utc": _utc(table.get("clock_epoch", Epochs))}
     for kind in PARAMETERS.values():
         key = kind.value_key
@@ -146,7 +144,9 @@ def _errors(table: TomlTable, stations: tuple[str, ...], catalogue: StationCatal
         of_stations = kind.scopes[0] is Scope.STATION and found[per] in (None, "station", "pass")
         if of_stations and isinstance(found[key], Mapping):
             _require_stations(table, key, found[key], stations, catalogue)
-    return found
+    found |= {key: table.get(key, kind) for key, kind in keys.items()}
+    table.finish()
+    return table.build(make, **found)
 
 
 def _require_stations(

@@ -189,7 +189,8 @@ def _pairs(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[Pair]:
     for name in dict.fromkeys([*rows[0], *rows[1]]):
         one, two = (row.get(name, {}) for row in rows)
         sigma = one.get("sigma") or 0.0
-        yield name, one.get("value"), two.get("value"), _OF_SIGMA * sigma + _rounding(one.get("value"))
+        value = one.get("value")
+        yield name, value, two.get("value"), _OF_SIGMA * sigma + 1e-9 * abs(value or 0.0)
         yield f"{name} sigma", one.get("sigma"), two.get("sigma"), _OF_SIGMA * sigma
 
 
@@ -205,10 +206,6 @@ def _position_pairs(of: str, then: Mapping[str, Any], now: Mapping[str, Any]) ->
     for axis, sigma in zip(("east", "north", "up"), sigmas, strict=True):
         key = f"{axis}_m"
         yield f"{of}sigma {key}", then["sigma"][key], now["sigma"][key], _OF_SIGMA * sigma
-
-
-def _rounding(value: float | None) -> float:
-    return 1e-9 * abs(value or 0.0)
 
 
 def _differ(one: Any, two: Any, allowed: float) -> bool:

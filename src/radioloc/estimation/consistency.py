@@ -269,25 +269,23 @@ class _Search:
     enu_by_parameters: _Floats | None
     considered: ConsideredErrors | None
 
-    def links_by_name(self, problem: BinnedProblem) -> Iterator[tuple[str, str, dict[int, float]]]:
-        """Kind, name and series of single observations of each group, with the sign of what is at a station."""
+    def links_by_name(self, problem: BinnedProblem) -> dict[tuple[str, str], dict[int, float]]:
+        """Series of single observations of each link, type and station, with the sign of what is at a station."""
         codes = np.unique(problem.code).tolist()
-        yield from (("link", self.order.name_of(code), {code: 1.0}) for code in codes)
-        types: dict[str, dict[int, float]] = {}
-        stations: dict[str, dict[int, float]] = {}
+        found = {("link", self.order.name_of(code)): {code: 1.0} for code in codes}
         for code in codes:
-            types.setdefault(self.order.type_of(code), {})[code] = 1.0
+            found.setdefault(("type", self.order.type_of(code)), {})[code] = 1.0
+        for code in codes:
             for station, sign in self.order.stations[code].items():
-                stations.setdefault(station, {})[code] = sign
-        yield from (("type", name, mine) for name, mine in types.items())
-        yield from (("station", name, mine) for name, mine in stations.items())
+                found.setdefault(("station", station), {})[code] = sign
+        return found
 
     def groups(self, problem: BinnedProblem) -> list[_Tried]:
         """The estimate without each group: stations and their passes, links, types."""
-        every = list(self.links_by_name(problem))
-        count = sum(kind == "link" for kind, _, _ in every)
+        every = self.links_by_name(problem)
+        count = sum(kind == "link" for kind, _ in every)
         tested: list[tuple[str, str, tuple[float, float] | None, Mapping[int, float]]] = []
-        for kind, name, mine in every:
+        for (kind, name), mine in every.items():
             spans = _passes(problem, mine) if kind == "station" else []
             if 1 < len(spans) < _MOST_GROUPS - len(tested):
                 tested += [("pass", name, span_s, mine) for span_s in spans]
@@ -327,7 +325,7 @@ class _Search:
 
     def _sets(self, problem: BinnedProblem) -> Iterator[tuple[str, dict[int, float]]]:
         """Links, and stations with several links of one type, with signs."""
-        for kind, name, mine in self.links_by_name(problem):
+        for (kind, name), mine in self.links_by_name(problem).items():
             if kind == "link":
                 yield name, mine
             elif kind == "station":

@@ -68,7 +68,7 @@ def resolved(
             continue
         choice = replace(choice, per=choice.per or kind.considered_per)
         rows = ObservationRows(simple_predictor(predictor, kind))
-        found, of_kind = _resolved(kind, choice, rows, estimated.get(name), name in given)
+        found, of_kind = _resolved(kind, choice, rows, estimated.get(name))
         notes += of_kind
         if found is not None:
             choices[name] = found
@@ -80,7 +80,6 @@ def _resolved(
     choice: ParameterChoice,
     rows: ObservationRows,
     estimated: ParameterChoice | None,
-    asked: bool,
 ) -> tuple[ParameterChoice | None, list[str]]:
     """One kind, and notes on it."""
     scope, predictor = choice.scope(kind), rows.predictor

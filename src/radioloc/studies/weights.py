@@ -83,8 +83,10 @@ def weighted_observations(
     observations: Observations, weights: Iterable[Weight], catalogue: StationCatalogue
 ) -> Observations:
     """Observations with changed sigmas; each weight, in order, changes what those before it have made."""
+    weights = tuple(weights)
+    if not weights:
+        return observations
     sigma_m = observations.sigma_m.copy()
-    changed = False
     for number, weight in enumerate(weights, start=1):
         where = f"[[observations.weights]] number {number} ({weight})"
         try:
@@ -104,9 +106,6 @@ def weighted_observations(
                 sigma_m[rows] = np.hypot(sigma_m[rows], weight.extra_sigma_m)
         if not (np.isfinite(sigma_m) & (sigma_m > 0.0)).all():
             raise InputError(f"{where} makes a sigma that no float can hold")
-        changed = True
-    if not changed:
-        return observations
     sigma_m.flags.writeable = False
     return replace(observations, sigma_m=sigma_m)
 

@@ -18,10 +18,12 @@ from typing import Any, NoReturn
 
 from radioloc._version import __version__
 from radioloc.earth.stations import StationCatalogue
+from radioloc.ephemeris import CONSTANTS
 from radioloc.errors import ConvergenceError, InputError, RadiolocError, RadiolocWarning
 from radioloc.io.detect import READERS, read_observations
 from radioloc.io.tdm import TdmAgreement
 from radioloc.io.write import require_writable, write_observations
+from radioloc.lunar import LunarPosition
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.covariance import plans_card
@@ -40,6 +42,7 @@ from radioloc.studies import locate
 from radioloc.studies.arcs import arcs
 from radioloc.studies.comparison import compare, read_solutions
 from radioloc.studies.covariance import covariance
+from radioloc.studies.doctor import doctor
 from radioloc.studies.image_study import CameraChoice, ImageChoice, read_image_study
 from radioloc.studies.images import locate_images
 from radioloc.studies.monte_carlo import monte_carlo
@@ -285,7 +288,21 @@ def _parser() -> argparse.ArgumentParser:
     )
     plans.more = _keys_of_a_study
 
+    text = "look at kernels, Earth orientation, leap seconds, the compiler's cache and optional packages"
+    command("doctor", _doctor, text, study="")
+
+    axes = command("frames", _frames, "show a point of the Moon in the axes of each ephemeris", study="")
+    for name in ("longitude", "latitude", "height"):
+        unit = "above 1737.4 km, m" if name == "height" else "deg east" if name == "longitude" else "deg"
+        axes.add_argument(name, type=float, help=unit)
+    axes.add_argument(
+        "--frame", default="ME_DE421", metavar="FRAME", help="axes of these numbers (default: ME_DE421)"
+    )
+
     stations = commands.add_parser("stations", help="list the stations that are known by name")
+    stations.add_argument(
+        "name", nargs="?", default="", metavar="NAME", help="a name, an alias, or a part of one"
+    )
     stations.set_defaults(run=_stations)
     return parser
 
@@ -420,8 +437,44 @@ def _covariance(options: argparse.Namespace) -> int:
     return EXIT_DONE if all(plan.determined for plan in found) else EXIT_NOT_CONVERGED
 
 
+def _doctor(options: argparse.Namespace) -> int:
+    found = doctor()
+    if not options.quiet:
+        _print(found)
+    return EXIT_DONE if found.sound else EXIT_NOT_CONVERGED
+
+
+def _frames(options: argparse.Namespace) -> int:
+    place = LunarPosition.from_selenographic(
+        options.longitude, options.latitude, options.height, options.frame
+    )
+    own = place.to_frame(options.frame)  # an error where these axes are not known
+    for name in dict.fromkeys(
+        name for one in CONSTANTS.values() for name in (f"PA_{one.name}", one.me_frame)
+    ):
+        try:
+            there = own.to_frame(name)
+        except InputError:  # no angles lead there
+            continue
+        longitude_deg, latitude_deg, height_m = there.selenographic
+        x, y, z = there.xyz_m
+        _print(
+            f"{name:<9} {longitude_deg:14.9f} {latitude_deg:13.9f} deg {height_m:11.4f} m   "
+            f"{x:14.4f} {y:14.4f} {z:14.4f} m"
+        )
+    return EXIT_DONE
+
+
 def _stations(options: argparse.Namespace) -> int:
-    for station in StationCatalogue.default():
+    wanted = options.name.casefold()
+    found = [
+        station
+        for station in StationCatalogue.default()
+        if any(wanted in name.casefold() for name in (station.name, *station.aliases))
+    ]
+    if not found:
+        raise InputError(f"no station has {options.name!r} in its name; list all with radioloc stations")
+    for station in found:
         x, y, z = station.itrf_m
         _print(
             f"{station.name:<10} {station.kind:<5} {station.quality:<8} {x:15.4f} {y:15.4f} {z:15.4f} m  "

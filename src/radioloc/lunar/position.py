@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.ephemeris import EphemerisConstants
+from radioloc.ephemeris import CONSTANTS, EphemerisConstants
 from radioloc.errors import InputError
 from radioloc.lunar.frames import rot_pa_to_me
 from radioloc.lunar.selenographic import cartesian_to_selenographic, selenographic_to_cartesian
@@ -105,6 +105,39 @@ class LunarPosition:
         longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self.xyz_m)
         return float(np.degrees(longitude_rad)), float(np.degrees(latitude_rad)), float(height_m)
 
+    def to_frame(self, frame: str) -> LunarPosition:
+        """The same point in axes of any ephemeris whose constants are known.
+
+        Parameters
+        ----------
+        frame : str
+            ``"PA_DE421"``, ``"ME_DE421"``, ``"PA_DE440"``, ...
+
+        Raises
+        ------
+        InputError
+            The constants of an ephemeris are not known, or no angles lead from its mean-Earth axes to the other's.
+
+        Notes
+        -----
+        From one ephemeris to another by the mean-Earth axes that both lead to, constant angles fitted over decades:
+        principal axes of DE421 and DE440 differ by some decimetres besides, as their librations do.
+
+        Examples
+        --------
+        >>> from radioloc.lunar import LunarPosition
+        >>> point = LunarPosition.from_selenographic(3.6285, 26.1334, -1922.9)
+        >>> [round(x, 1) for x in point.to_frame("PA_DE440").xyz_m.tolist()]
+        [1554678.2, 98094.5, 765005.8]
+        """
+        own, other = (_constants_of(name) for name in (self.frame, frame))
+        if frame == self.frame:
+            return self
+        if own.me_frame != other.me_frame:
+            raise InputError(f"no angles lead from {self.frame} to {frame}, whose mean-Earth axes differ")
+        mean = self if self.frame == own.me_frame else self.to_axes("ME", own)
+        return mean if frame == other.me_frame else mean.to_axes("PA", other)
+
     def to_axes(self, axes: str, constants: EphemerisConstants) -> LunarPosition:
         """The same point in principal (``"PA"``) or mean-Earth (``"ME"``) axes of the same ephemeris."""
         frames = {"PA": f"PA_{constants.name}", "ME": constants.me_frame}
@@ -117,6 +150,15 @@ class LunarPosition:
             return self
         rot = rot_pa_to_me(constants)
         return LunarPosition.from_cartesian((rot if axes == "ME" else rot.T) @ self.xyz_m, frames[axes])
+
+
+def _constants_of(frame: str) -> EphemerisConstants:
+    """Constants of the ephemeris that axes belong to."""
+    _, _, ephemeris = frame.partition("_")
+    if ephemeris not in CONSTANTS or not frame.startswith(("PA_", "ME_")):
+        known = ", ".join(f"PA_{name}, {one.me_frame}" for name, one in CONSTANTS.items())
+        raise InputError(f"frame {frame!r} is not known; use one of {known}")
+    return CONSTANTS[ephemeris]
 
 
 def _number(value: Any, name: str) -> float:

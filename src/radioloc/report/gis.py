@@ -17,6 +17,7 @@ import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
+from radioloc.extras import optional
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
     east_north_up,
@@ -150,12 +151,7 @@ def _collection(features: Sequence[Mapping[str, Any]]) -> dict[str, Any]:
 
 
 def _write_geopackage(file: Path, layers: Mapping[str, Sequence[Mapping[str, Any]]]) -> None:
-    try:
-        from pyogrio import raw
-    except ImportError:
-        raise InputError(
-            f"{file}: a GeoPackage needs pyogrio: pip install 'radioloc[gis]'; or write .geojson"
-        ) from None
+    raw = optional("pyogrio.raw", f"{file}: a GeoPackage needs pyogrio; write .geojson, or", "gis")
     with tempfile.TemporaryDirectory(prefix="radioloc-") as folder:
         made = Path(folder) / "layers.gpkg"  # GDAL wants the ending
         for name, features in layers.items():

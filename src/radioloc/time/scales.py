@@ -46,6 +46,13 @@ def _leap_seconds_up_to_date() -> None:
         erfa.leap_seconds.update(np.array(fresh, dtype=known.dtype))
 
 
+def last_leap_second() -> str:
+    """The last leap second that is known: the day (UTC) at whose beginning TAI-UTC last changed."""
+    _leap_seconds_up_to_date()
+    last = erfa.leap_seconds.get()[-1]
+    return f"{last['year']}-{last['month']:02d}-01"
+
+
 @contextmanager
 def _any_year() -> Iterator[None]:
     """ERFA calls dates past its table "dubious"; Earth orientation reports how far the data reach."""

@@ -105,3 +105,24 @@ def test_impossible_coordinates(values, message):
 def test_position_of_another_ephemeris(frame, constants):
     with pytest.raises(InputError, match=f"{frame}, but the kernels are those of DE421"):
         LunarPosition.from_cartesian(PA_M, frame).to_axes("PA", constants)
+
+
+def test_frames_of_other_ephemerides_are_those_published():
+    # Apollo 11's reflector in principal and mean-Earth axes of DE430 (JPL IOM 335-JW,DB,WF-20130722-016, tables 6, 7).
+    mean = LunarPosition.from_cartesian((1591966.550, 690699.375, 21003.866), "PA_DE430").to_frame("ME_DE430")
+    assert mean.selenographic[:2] == pytest.approx((23.4730244, 0.6734595), abs=1e-7)
+    # From DE421's mean-Earth axes to the principal ones of DE440 (NAIF's moon_de440_200625.tf).
+    point = LunarPosition.from_cartesian(PA_M, "PA_DE421")
+    a, b, c = np.radians(np.array((0.2785, 78.6944, 67.8526)) / 3600.0)
+    small = np.array([[0.0, c, -b], [-c, 0.0, a], [b, -a, 0.0]])
+    expected = np.array(point.to_frame("ME_DE421").xyz_m) @ (np.eye(3) + small + 0.5 * small @ small).T
+    assert point.to_frame("PA_DE440").xyz_m == pytest.approx(
+        expected, abs=0.2
+    )  # of the second order's sequence
+    assert point.to_frame("PA_DE440").to_frame("PA_DE421").xyz_m == pytest.approx(PA_M, abs=ROUNDING_M)
+
+
+@pytest.mark.parametrize(("frame", "message"), [("PA_DE999", "not known"), ("ME_DE430", "no angles lead")])
+def test_frames_to_which_nothing_leads_are_refused(frame, message):
+    with pytest.raises(InputError, match=message):
+        LunarPosition.from_cartesian(PA_M, "PA_DE421").to_frame(frame)

@@ -14,13 +14,14 @@ projected out (restricted maximum likelihood, Patterson and Thompson 1971):
     -2 log L = log det V + log det(A^T V^-1 A) + (n - d) log w,    w = r^T P r / (n - d),
 
 for d columns A and V over w. Correlation times tau and ratios c / w are tried on a grid, coarse first. One process and
-flicker noise are as likely before the data are seen; the covariance is the mean over both.
+flicker noise are as likely before the data are seen; the covariance is the mean over both, enlarged for how badly it
+is known.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -53,9 +54,10 @@ _MATTERS = 1e-4
 _TOLD = 3.0
 """Logarithm of the likelihood by which white noise must be likelier than another series' noise to rule that out."""
 DENSE = 3.0
-"""Observations in a correlation time, in the mean over a series, from which on its weights allow for the correlation
-and flicker noise is considered. Fewer, such as laser normal points, hardly outweigh anything, and their few sessions
-tell a correlation badly."""
+"""Observations in a correlation time, in the mean over a series, from which on its weights allow for the correlation.
+Fewer, such as laser normal points, hardly outweigh anything, and their few sessions tell a correlation badly."""
+_DENSE_FOR_FLICKER = 1.0
+"""Likewise where flicker noise is considered: the single process that is most like it may be short."""
 FEWEST = 20
 """Points beyond the number of parameters that a verdict takes."""
 _CHANCE = 0.01
@@ -105,22 +107,26 @@ class SeriesNoise:
     white: float  # w
     tau_s: _Floats  # (taus,), s
     coloured: _Floats  # (taus,), variances c of processes of these correlation times; their sum is the whole
+    likely: SeriesNoise | None = None  # what is likely, where this holds how badly it is known
 
     @property
     def share(self) -> float:
         """Part of the variance that is correlated in time."""
-        return float(self.coloured.sum()) / (self.white + float(self.coloured.sum()))
+        ratio = self.ratio
+        return ratio / (1.0 + ratio)
 
     @property
     def ratio(self) -> float:
         """Variance of one Gauss-Markov process in their place over the white one."""
-        return float(self.coloured.sum()) / self.white
+        likely = self.likely or self
+        return float(likely.coloured.sum()) / likely.white
 
     @property
     def correlation_time_s(self) -> float:
         """Its correlation time: the mean by logarithms."""
-        weight = self.coloured if self.coloured.any() else np.ones(len(self.tau_s))
-        return float(np.exp((weight * np.log(self.tau_s)).sum() / weight.sum()))
+        likely = self.likely or self
+        weight = likely.coloured if likely.coloured.any() else np.ones(len(likely.tau_s))
+        return float(np.exp((weight * np.log(likely.tau_s)).sum() / weight.sum()))
 
     def products(self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0) -> _Floats:
         """Columns (n, m) times the covariance of points, of some gain (n,), times columns, shape (m, m)."""
@@ -148,7 +154,7 @@ class SeriesNoise:
 
     def times(self, factor: float) -> SeriesNoise:
         """Noise of a variance that is larger by a factor."""
-        return SeriesNoise(factor * self.white, self.tau_s, factor * self.coloured)
+        return replace(self, white=factor * self.white, coloured=factor * self.coloured)
 
 
 @dataclass(frozen=True, slots=True)
@@ -237,9 +243,12 @@ def noise_of_series(
     """Noise of those series that are significantly correlated in time, by key.
 
     The parameters of `points` have a-priori sigmas (q,) by which they are projected out: jointly, or, where series
-    should not tell each other's noise as one of them may be off, of each series by itself. Noise is averaged over the
-    likelihood, so it holds how badly it is known. A c far beyond the variance of the residuals, which then would all
-    have been absorbed by the parameters, counts for as much less (Gelman 2006).
+    should not tell each other's noise as one of them may be off, of each series by itself. The likely noise is the mean
+    over the likelihood; a c far beyond the variance of the residuals, which then would all have been absorbed by the
+    parameters, counts for as much less (Gelman 2006). The noise itself holds how badly that is known: with nu degrees
+    of freedom the error of an estimate over its sigma has Student's distribution, whose variance is about 1 + 2 / nu,
+    and 2 / nu is the variance of c over the square of its mean (Satterthwaite 1946). So c is the mean of c^2 over that
+    of c.
     """
     groups: dict[str, list[int]] = {}
     for k, one in enumerate(points.series):
@@ -355,6 +364,8 @@ def _taken_over(
 
 def _fitted(likelihood: RestrictedLikelihood, threshold: float, n_series: int) -> dict[int, SeriesNoise]:
     """Noise of each series of a group; none where the group shows no correlation."""
+    from scipy.linalg import block_diag
+
     points, mine = likelihood.points, likelihood.mine
     tau_s = _tried_taus_s(points, mine)
     coarse_taus_s, coarse_ratios = tau_s[::_EACH_TAU], RATIOS[::_EACH_RATIO]
@@ -375,7 +386,7 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float, n_series: int) -
     odds = math.log(len(tau_s) * _EACH_FLICKER)
     spans_s = [float(points.step_s[points.of(k)].sum()) for k in mine]
     in_tau = points.count[mine].sum() * coarse_taus_s[best // len(coarse_ratios)] / sum(spans_s)
-    if in_tau < DENSE:
+    if in_tau < _DENSE_FOR_FLICKER:
         odds = -math.inf
     wider = slice(max(0, ratios.start - _EACH_RATIO), ratios.stop + _EACH_RATIO, _EACH_FLICKER)
     tau_s, ratio, flicker_ratio = tau_s[taus], RATIOS[ratios], RATIOS[wider]
@@ -391,18 +402,20 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float, n_series: int) -
     own = log.max(axis=1) - log[:, int(together.argmax())] > differing
     chosen = np.where(own[:, None], log, together)
     chosen[:, cells:] += odds
-    coloured = white * ratio
     variance = (points.squares[mine] / points.count[mine])[:, None]
-    weight = np.exp(chosen - chosen.max(axis=1, keepdims=True)) / (1.0 + coloured / variance)
-    weight /= weight.sum(axis=1, keepdims=True)
-    coloured *= weight
-    of_taus = coloured[:, :cells].reshape(len(mine), len(tau_s), -1).sum(axis=2)
-    mean_coloured = np.concatenate([of_taus, coloured[:, cells:].sum(axis=1)[:, None] * part], axis=1)
+    coloured = white * ratio
+    likely = np.exp(chosen - chosen.max(axis=1, keepdims=True)) / (1.0 + coloured / variance)
+    single = np.repeat(np.eye(len(tau_s)), cells // len(tau_s), axis=0)
+    shares = block_diag(single, np.repeat(part, len(flicker_ratio), axis=0))
     tau_s = np.concatenate([tau_s, taus_of_flicker_s[0]])
-    return {
-        k: SeriesNoise(w, tau_s, c)
-        for k, w, c in zip(mine.tolist(), (weight * white).sum(axis=1).tolist(), mean_coloured, strict=True)
-    }
+
+    def means(weight: _Floats) -> Iterator[SeriesNoise]:
+        weight = weight / weight.sum(axis=1, keepdims=True)
+        for w, c in zip((weight * white).sum(axis=1).tolist(), (weight * coloured) @ shares, strict=True):
+            yield SeriesNoise(w, tau_s, c)
+
+    found = zip(mine.tolist(), means(likely * coloured), means(likely), strict=True)
+    return {k: replace(noise, likely=plain) for k, noise, plain in found}
 
 
 def _flicker_shape(points: Points, mine: NDArray[np.intp], least_s: float) -> tuple[_Floats, _Floats]:

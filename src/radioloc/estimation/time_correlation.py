@@ -82,7 +82,6 @@ def assess_time_correlation(
     if not noise:
         return nothing
     unit = points.unit[:, : root.shape[1]]
-    columns = np.column_stack([unit, points.gain])
     added = np.zeros((root.shape[1],) * 2)
     found: dict[str, SeriesCorrelation] = {}
     for k, one in enumerate(points.series):
@@ -90,11 +89,11 @@ def assess_time_correlation(
         if errors is None:
             continue
         part, count = points.of(k), int(points.count[k])
-        products = errors.products(
-            points.step_s[part], points.gain[part], columns[part], float(points.width_s[k])
-        )
-        added += products[:-1, :-1] - gram(unit[part], unit[part])
-        effective = count**2 * (errors.white + float(errors.coloured.sum())) / float(products[-1, -1])
+        step_s, gain, width_s = points.step_s[part], points.gain[part], float(points.width_s[k])
+        added += errors.products(step_s, gain, unit[part], width_s) - gram(unit[part], unit[part])
+        likely = errors.likely or errors
+        of_sum = float(likely.products(step_s, gain, gain[:, None], width_s)[0, 0])
+        effective = count**2 * (likely.white + float(likely.coloured.sum())) / of_sum
         found[one.key] = SeriesCorrelation(
             one.name, count, effective, errors.correlation_time_s, errors.share
         )

@@ -237,7 +237,11 @@ def _parser() -> argparse.ArgumentParser:
     text = "put solutions beside each other, test whether they agree, and combine them"
     beside = command("compare", _compare, text, "")
     beside.add_argument(
-        "solutions", type=Path, nargs="+", metavar="SOLUTION.json", help="files solution.json or arcs.json"
+        "solutions",
+        type=Path,
+        nargs="+",
+        metavar="SOLUTION.json",
+        help="solution.json, arcs.json, or positions (TOML)",
     )
     beside.add_argument(
         "--reference",

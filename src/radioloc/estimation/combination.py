@@ -68,15 +68,13 @@ class PositionEstimate:
             errors[f"ephemeris.{name}"] = axis * sigma_m
         total = np.array(content["covariance"]["enu_m2"], dtype=np.float64)
         files = provenance.get("files", ())
+        given = {item["sha256"] or item["file"] for item in study.get("inputs", ()) if item["file"] in files}
         return cls(
             content["name"],
             _vector([content["position"]["me"][f"{axis}_m"] for axis in "xyz"]),
             total - _squares(errors),
             errors,
-            frozenset(
-                item["sha256"] or item["file"] for item in study.get("inputs", ()) if item["file"] in files
-            )
-            or frozenset(files),
+            frozenset(given or files) | frozenset(provenance.get("images", ())),
             study.get("sha256"),
             math.inf if study.get("hours") is None else study["hours"],
         )
@@ -200,7 +198,9 @@ def agreement(one: PositionEstimate, two: PositionEstimate, *, horizontal: bool 
         covariance = covariance + np.outer(moved_m, moved_m)
     held = np.flatnonzero(np.isfinite(np.diag(covariance)) & [True, True, not horizontal])
     tested = covariance[np.ix_(held, held)]
-    if not held.size or not (np.linalg.eigvalsh(tested) > 0.0).all():
+    if not held.size:
+        return _untested(compared, "the sigmas of one are not known")
+    if not (np.linalg.eigvalsh(tested) > 0.0).all():
         return _untested(compared, "one is stated to know as much from a part as the other from the whole")
     # Of a height that is not tested, a part may be stated to know as much as the whole.
     sigmas = tuple(
@@ -221,7 +221,7 @@ def joint_estimate(estimates: Sequence[PositionEstimate]) -> JointEstimate | Non
     left_out: dict[str, str] = {}
     for item in order:
         if not np.isfinite(np.diag(item.noise_enu_m2)[:2]).all():
-            left_out[item.name] = "its position is not determined"
+            left_out[item.name] = "its sigmas are not known"
         elif others := [other.name for other in used if other.data & item.data]:
             left_out[item.name] = f"it shares observations with {others[0]}"
         else:

@@ -40,6 +40,8 @@ class MapPosition:
         Where the target truly stands, if that is known: such a place tells the tie of its map.
     origin : str
         The file that it is from.
+    data : tuple of str
+        What tells the images that it was found in from others.
     """
 
     target: str
@@ -49,6 +51,7 @@ class MapPosition:
     map_sigma_m: tuple[float, float]
     known: LunarPosition | None = None
     origin: str = "in memory"
+    data: tuple[str, ...] = ()
 
 
 def _named(one: MapPosition, tracked: Sequence[str]) -> MapPosition:

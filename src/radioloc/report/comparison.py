@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
 UNLIKELY = 1e-3
 """Chance of a difference below which two solutions do not agree."""
+_MOST_NAMED = 3
+"""Pairs that are named one by one."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -141,16 +143,14 @@ class Comparison(Shown):
         elif self.joint is not None and self.joint.chance is not None and self.joint.chance < UNLIKELY:
             yield "NOT CONSISTENT: together the estimates differ by more than their sigmas allow"
         elif not failed:
-            yield (
-                "consistent"
-                if any(p.chance is not None for p in self.agreements)
-                else "nothing could be tested"
-            )
+            tested = [(pair.chance, pair) for pair in self.agreements if pair.chance is not None]
+            yield _agreeing(*min(tested, key=lambda one: one[0])) if tested else "nothing could be tested"
 
     def _untested(self) -> Iterator[str]:
-        for pair in self.agreements:
-            if pair.why:
-                yield f"{pair.one} and {pair.two} are not tested: {pair.why}"
+        for why in dict.fromkeys(pair.why for pair in self.agreements if pair.why):
+            mine = [f"{pair.one} and {pair.two}" for pair in self.agreements if pair.why == why]
+            named = "; ".join(mine) if len(mine) <= _MOST_NAMED else plural(len(mine), "pair")
+            yield f"{named} are not tested: {why}"
 
     def _joint(self) -> Iterator[str]:
         if self.joint is None:
@@ -166,6 +166,15 @@ class Comparison(Shown):
             yield f"{name} is not in it: {why}"
 
 
+def _agreeing(chance: float, pair: Agreement) -> str:
+    """That estimates agree, by the pair that is the least likely."""
+    apart_m = math.hypot(*pair.difference_enu_m[:2])
+    return (
+        f"consistent: {pair.one} and {pair.two}, {apart_m:.0f} m apart, differ by {math.sqrt(pair.chi2 or 0.0):.2g} "
+        f"sigmas, as {100.0 * chance:.2g} % of right pairs do or by more"
+    )
+
+
 def _sizes(row: PositionRow) -> tuple[str, ...]:
     sigmas = (row.sigma_west_m, row.sigma_north_m, row.sigma_up_m)
     return (row.name, *(metres(sigma) for sigma in sigmas), f"{row.height_m:.1f}")
@@ -175,7 +184,12 @@ def _pair(pair: Agreement) -> tuple[str, ...]:
     sigmas, chance = "-", "-"
     if pair.chi2 is not None and pair.chance is not None:
         sigmas, chance = f"{math.sqrt(pair.chi2):.2f}", f"{100.0 * pair.chance:.2g}"
-    return (f"{pair.one} - {pair.two}", *(f"{value:.1f}" for value in pair.difference_enu_m), sigmas, chance)
+    return (
+        f"{pair.one} - {pair.two}",
+        *(f"{round(value, 1) + 0.0:.1f}" for value in pair.difference_enu_m),
+        sigmas,
+        chance,
+    )
 
 
 def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:

@@ -14,6 +14,9 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 HEADING = ("", "L, deg W", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m")
 """Of :func:`position_cells` after a name."""
 
+METHODS = ("tracking", "images")
+"""How positions are found."""
+
 Place = tuple[float, float, float]
 """East longitude and latitude, deg, and height, m."""
 

@@ -19,6 +19,7 @@ from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.comparison import Comparison
 from radioloc.report.position_table import Place, PositionRow, place_fields
+from radioloc.studies.stated_positions import read_stated
 from radioloc.text_files import read_text
 
 _JOINT = "joint estimate"
@@ -30,8 +31,8 @@ def compare(paths: Iterable[str | Path], reference: str | None = None) -> Compar
     Parameters
     ----------
     paths : iterable of path-like
-        Files ``solution.json`` of :command:`locate` and :command:`images`, or ``arcs.json`` of :command:`arcs`, which
-        holds a solution for each arc.
+        Files ``solution.json`` of :command:`locate` and :command:`images`, ``arcs.json`` of :command:`arcs`, which
+        holds a solution for each arc, or TOML files of positions that somebody else states.
     reference : str, optional
         The benchmark: the name of a solution, or of a reference in one of the files. By default the first reference,
         or else the first solution.
@@ -52,11 +53,11 @@ def compare(paths: Iterable[str | Path], reference: str | None = None) -> Compar
     solutions: list[RecordedSolution] = []
     references: dict[str, Place] = {}
     for path in map(Path, paths):
-        found, known = read_solutions(path)
+        found, known = (_stated(path), {}) if path.suffix == ".toml" else read_solutions(path)
         solutions += found
         references = known | references
     if not solutions:
-        raise InputError("there is no solution to compare; give files solution.json or arcs.json")
+        raise InputError("there is no solution to compare; give files solution.json, arcs.json or TOML")
     frames = {solution.content["position"]["me"]["frame"]: solution.where for solution in solutions}
     if len(frames) > 1:
         listed = ", ".join(f"{where} in {frame}" for frame, where in frames.items())
@@ -142,6 +143,13 @@ def read_solutions(path: Path) -> tuple[list[RecordedSolution], dict[str, Place]
             f"{path}: is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
         ) from None
     return solutions, references or places
+
+
+def _stated(path: Path) -> list[RecordedSolution]:
+    """Positions that somebody else states."""
+    return [
+        RecordedSolution(str(path), one, PositionEstimate.from_solution(one)) for one in read_stated(path)
+    ]
 
 
 def _names(solutions: Sequence[RecordedSolution]) -> list[str]:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.errors import InputError
+from radioloc.estimation.combination import PositionEstimate
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.measurements.map_predictor import MapPosition
@@ -111,6 +112,7 @@ class PlaceOnMap:
                     sigma_m[axis] = float(item["sigma"])
                     names.append(name)
             tie_m, name = (sigma_m["east"], sigma_m["north"]), next(filter(None, names))
+            data = tuple(sorted(PositionEstimate.from_solution(content).data))
             total = np.array([row[:2] for row in content["covariance"]["enu_m2"][:2]], dtype=np.float64)
         except (ValueError, LookupError, TypeError, AttributeError):
             images = False
@@ -122,4 +124,4 @@ class PlaceOnMap:
             raise InputError(f"{path}: the solution of images did not converge: {failed}")
         place = LunarPosition.from_cartesian(xyz_m, frame)
         relative = total - np.diag(np.square(tie_m))
-        return MapPosition(self.target or "", name, place, relative, tie_m, known, str(path))
+        return MapPosition(self.target or "", name, place, relative, tie_m, known, str(path), data)

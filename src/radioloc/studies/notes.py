@@ -22,6 +22,7 @@ from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.light_path import PLANETS_MM
+from radioloc.measurements.map_predictor import JointPredictor
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import kernel_record
 from radioloc.measurements.predictor import Predictor
@@ -183,6 +184,9 @@ def provenance(
         **versions(),
         "study": study_origin(study) if _of_its_files(study, tracking.observations) else None,
         "files": [Path(name).name for name in arc.observations.files],
+        "images": sorted({key for place in arc.places.positions for key in place.data})
+        if isinstance(arc, JointPredictor)
+        else [],
         "not_selected": left_out,
         "extra_sigma_m": study.observations.extra_sigma_m,
         "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,

@@ -205,7 +205,7 @@ def toml_content(path: Path) -> dict[str, object]:
 
 def _target(table: TomlTable) -> LunarPosition | Trajectory:
     if "trajectory" not in table and "body" not in table:
-        return _position(table, table.read(Target))
+        return position_of(table, table.read(Target))
     for key in keys_of(Place):
         if key != "name" and key in table:
             table.fail(key, "give either a position or a trajectory with its body, not both")
@@ -230,10 +230,11 @@ def references_of(one: TomlTable | None, more: TomlTable | None) -> tuple[Refere
 
 def _reference(table: TomlTable, name: str = "reference") -> Reference:
     place = table.read(Place)
-    return Reference(_position(table, place), place.name or name)
+    return Reference(position_of(table, place), place.name or name)
 
 
-def _position(table: TomlTable, place: Place) -> LunarPosition:
+def position_of(table: TomlTable, place: Place) -> LunarPosition:
+    """The position that the keys of a table give."""
     geographic = {key: getattr(place, key) for key in ("longitude_deg", "latitude_deg", "height_m")}
     given = [key for key, value in geographic.items() if value is not None]
     if place.position_m is not None:
@@ -264,7 +265,7 @@ def _simulation(
     table: TomlTable, target: LunarPosition | Trajectory, catalogue: StationCatalogue
 ) -> Scenario:
     true = table.table("position")  # of a trajectory there is none, and the study refuses it
-    return scenario(table, target if true is None else _position(true, true.read(Place)), catalogue)
+    return scenario(table, target if true is None else position_of(true, true.read(Place)), catalogue)
 
 
 def _observations(table: TomlTable, needs_files: bool) -> ObservationChoice:

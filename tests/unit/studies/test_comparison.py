@@ -2,6 +2,7 @@
 
 import csv
 import json
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -83,6 +84,67 @@ def test_differences_are_those_of_the_paper(table, tmp_path):
     assert len(content["agreements"]) == 15
     assert content["joint"]["dof"] == 15
     assert content["consistent"]
+
+
+EXAMPLES = Path(__file__).parents[3] / "examples"
+
+
+def test_stated_positions_are_the_tables_of_both_papers(capsys):
+    change5 = compare([EXAMPLES / "change5" / "table1.toml"], "Chang'e-2 image map")
+    found = [(row.west_m, row.north_m) for row in change5.rows[1:]]
+    assert np.abs(np.subtract(found, [row[2:] for row in list(TABLE_1.values())[1:]])).max() < 0.0501
+    assert change5.joint is None
+    assert "15 pairs are not tested: the sigmas of one are not known" in " ".join(str(change5).split())
+    change3 = compare([EXAMPLES / "change3" / "table4.toml"], "VLBI, first value")
+    row = change3.rows[0]
+    assert (row.west_deg, row.north_deg) == pytest.approx((0.0056, -0.0012), abs=1e-9)
+    # 30.323 km a degree, and that times the cosine of the latitude
+    assert (row.west_m, row.north_m) == pytest.approx((121.9, -36.4), abs=0.05)
+    # 127 m are 1.15 of sqrt(100^2 + 46^2 + 5^2) m; a chi-square of two has exp(-x / 2) beyond x.
+    [pair] = change3.agreements
+    assert pair.chance == pytest.approx(
+        np.exp(-0.5 * (121.7**2 + 36.3**2) / (100**2 + 46**2 + 5**2)), abs=1e-3
+    )
+    assert main(["compare", str(EXAMPLES / "change3" / "table4.toml")]) == 0
+    text = " ".join(capsys.readouterr().out.split())
+    assert "descent images and VLBI, first value, 127 m apart, differ by 1.2 sigmas, as 51 % of right" in text
+
+
+def test_places_on_one_map_share_its_tie(tmp_path):
+    place = "longitude_deg = 1.0\nlatitude_deg = {}\nheight_m = 0.0\nsigma_m = 3.0\nmap = '{}'\nmap_sigma_m = 50.0\n"
+    path = tmp_path / "stated.toml"
+    chances = []
+    for name in ("one map", "another"):
+        path.write_text(
+            f"[positions.a]\n{place.format(2.0, 'one map')}[positions.b]\n{place.format(2.001, name)}"
+        )
+        [pair] = compare([path]).agreements
+        chances.append(pair.chance)
+    assert chances[0] < 1e-9 < 0.5 < chances[1]  # 30 m apart, of 4 m and of 71 m
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("", "positions: is missing; each position is a table"),
+        ("[positions.a]\nlongitude_deg = 1.0", r"\[positions.a\] latitude_deg: is missing"),
+        ("[positions.a]\nsigma = 1.0", "'sigma' is not known; did you mean 'sigma_m'"),
+        ("[positions.a]\nmethod = 'guess'", 'method must be one of "tracking", "images"'),
+        (
+            "[positions.a]\nframe = 'PA_DE421'\nlongitude_deg = 1.0\nlatitude_deg = 1.0\nheight_m = 0.0",
+            "must be mean-Earth axes",
+        ),
+        (
+            "[positions.a]\nmap = 'x'\nlongitude_deg = 1.0\nlatitude_deg = 1.0\nheight_m = 0.0",
+            "map: belongs to map_sigma_m",
+        ),
+    ],
+)
+def test_stated_positions_that_cannot_be(tmp_path, text, problem):
+    path = tmp_path / "stated.toml"
+    path.write_text(text)
+    with pytest.raises(InputError, match=problem):
+        compare([path])
 
 
 def test_two_that_differ_too_much_are_told(table, tmp_path, capsys):

@@ -12,6 +12,7 @@ import radioloc
 from radioloc import LunarPosition
 from radioloc.cli import main
 from radioloc.errors import InputError
+from radioloc.estimation.combination import PositionEstimate, agreement
 from radioloc.io.table import write_table
 from radioloc.measurements.map_predictor import MapPosition, MapPredictor
 from radioloc.parameters.choice import ParameterChoice
@@ -108,6 +109,9 @@ def test_one_fit_gives_what_both_solutions_give_together(radio, ranges, tmp_path
     covariance = joint.position_covariance("enu")
     assert np.sqrt(np.diag(covariance)) == pytest.approx(np.sqrt(np.diag(apart.covariance_enu_m2)), rel=2e-4)
     assert covariance[0, 1] == pytest.approx(apart.covariance_enu_m2[0, 1], rel=1e-3, abs=0.05)
+    # It holds the images, so it is not tested against them.
+    one, two = (PositionEstimate.from_solution(c) for c in (joint.to_dict(), json.loads(images.read_text())))
+    assert agreement(one, two).why == "they share observations"
     rows = joint.residuals
     assert rows.type[-2:].tolist() == ["map_east", "map_north"]
     assert rows.sigma_m[-2:] == pytest.approx([3.0, 4.0])

@@ -8,6 +8,8 @@ raises on purpose.
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 # What a message repeats of a file or an argument: a text in quotes, or a word that is not the name of a file.
@@ -43,6 +45,17 @@ class FileFormatError(InputError):
         self.problem = problem if len(problem) <= _LONGEST_PROBLEM else f"{problem[:_LONGEST_PROBLEM]}..."
         where = str(path) if line is None else f"{path}, line {line}"
         super().__init__(f"{where}: {self.problem}")
+
+
+@contextmanager
+def named(where: str) -> Iterator[None]:
+    """Begin the messages of errors of input, but for those that name a file, with where the wrong value is from."""
+    try:
+        yield
+    except FileFormatError:
+        raise
+    except InputError as error:
+        raise type(error)(f"{where} {error}") from None
 
 
 class KernelError(RadiolocError):

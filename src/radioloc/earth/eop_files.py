@@ -9,8 +9,7 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -90,54 +89,47 @@ def read_eop_rows(path: str | Path, first_mjd_utc: float = 0.0) -> EopRows:
         "itemsize": layout.width,
     }
     rows = np.array([texts[k] for k in line_numbers], dtype=f"S{layout.width}").view(np.dtype(fields))
-    columns = _Columns(path, layout, rows, np.array(line_numbers) + 1)
-    columns = columns.select(columns.numbers("MJD") >= first_mjd_utc)
-    sha256 = hashlib.sha256(path.read_bytes()).hexdigest()
-    return EopRows(path, sha256, layout.series, columns.values())
+    table = _Table(path, layout, rows, np.array(line_numbers) + 1)
+    table = table.select(table.numbers("MJD") >= first_mjd_utc)
+    of_bulletin_a = layout is _BULLETIN_A
+    if of_bulletin_a:  # rows after the last prediction hold a date alone
+        filled = np.flatnonzero(np.char.strip(table.texts["UT1-UTC"]) != b"")
+        table = table.select(slice(0, filled[-1] + 1 if len(filled) else 0))
+    mjd, x, y, ut1 = (table.numbers(name) for name in ("MJD", "x", "y", "UT1-UTC"))
+    skipped = np.flatnonzero(np.diff(mjd) != 1.0)
+    if len(skipped):
+        k = skipped[0]
+        problem = f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed"
+        raise FileFormatError(path, problem, table.lines[k + 1])
+    dx, dy = (layout.pole_offset_arcsec * table.numbers(name, of_bulletin_a) for name in ("dX", "dY"))
+    too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
+    if len(too_large):
+        raise FileFormatError(
+            path,
+            "the celestial pole offset is too large to be dX, dY of IAU 2000A: offsets of the 1980 nutation "
+            "theory (dPsi, dEpsilon) are of no use here; take the file with dX, dY",
+            table.lines[too_large[0]],
+        )
+    predicted = np.zeros(len(mjd), dtype=np.bool_)
+    for flag in _FLAGS if of_bulletin_a else ():
+        predicted |= table.texts[flag] == b"P"
+    angles = {"xp_rad": x, "yp_rad": y, "dx_rad": dx, "dy_rad": dy}
+    columns: dict[str, NDArray] = {name: arcsec * ARCSEC_RAD for name, arcsec in angles.items()}
+    columns |= {"mjd_utc": mjd, "ut1_minus_utc_s": ut1, "predicted": predicted}
+    return EopRows(path, hashlib.sha256(path.read_bytes()).hexdigest(), layout.series, columns)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Columns:
-    """Columns of a file as texts, and the lines that they are from."""
+class _Table:
+    """Rows of a file as texts, and the lines that they are from."""
 
     path: Path
     layout: _Layout
     texts: NDArray[np.void]
     lines: NDArray[np.int64]
 
-    def select(self, index: NDArray[np.bool_] | slice) -> _Columns:
-        return _Columns(self.path, self.layout, self.texts[index], self.lines[index])
-
-    def values(self) -> dict[str, NDArray]:
-        """Columns of :class:`radioloc.earth.eop.EopTable`."""
-        if self.layout is _C04:
-            return self._values((), blank_offsets=False)
-        # Rows of Bulletin A after the last prediction hold a date alone.
-        filled = np.flatnonzero(np.char.strip(self.texts["UT1-UTC"]) != b"")
-        return self.select(slice(0, filled[-1] + 1 if len(filled) else 0))._values(_FLAGS, blank_offsets=True)
-
-    def _values(self, flags: Iterable[str], blank_offsets: bool) -> dict[str, NDArray]:
-        mjd, x, y, ut1 = (self.numbers(name) for name in ("MJD", "x", "y", "UT1-UTC"))
-        skipped = np.flatnonzero(np.diff(mjd) != 1.0)
-        if len(skipped):
-            k = skipped[0]
-            problem = f"MJD {mjd[k + 1]:.2f} follows {mjd[k]:.2f}; daily rows are needed"
-            raise FileFormatError(self.path, problem, self.lines[k + 1])
-        dx, dy = (self.layout.pole_offset_arcsec * self.numbers(name, blank_offsets) for name in ("dX", "dY"))
-        too_large = np.flatnonzero(np.maximum(np.abs(dx), np.abs(dy)) > _LARGEST_POLE_OFFSET_ARCSEC)
-        if len(too_large):
-            raise FileFormatError(
-                self.path,
-                "the celestial pole offset is too large to be dX, dY of IAU 2000A: offsets of the 1980 nutation "
-                "theory (dPsi, dEpsilon) are of no use here; take the file with dX, dY",
-                self.lines[too_large[0]],
-            )
-        predicted = np.zeros(len(mjd), dtype=np.bool_)
-        for flag in flags:
-            predicted |= self.texts[flag] == b"P"
-        angles = {"xp_rad": x, "yp_rad": y, "dx_rad": dx, "dy_rad": dy}
-        angles = {name: arcsec * ARCSEC_RAD for name, arcsec in angles.items()}
-        return {"mjd_utc": mjd, "ut1_minus_utc_s": ut1, "predicted": predicted, **angles}
+    def select(self, index: NDArray[np.bool_] | slice) -> _Table:
+        return replace(self, texts=self.texts[index], lines=self.lines[index])
 
     def numbers(self, name: str, blank_allowed: bool = False) -> NDArray[np.float64]:
         text = self.texts[name]

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from radioloc.errors import InputError, StationError
+from radioloc.errors import InputError, named
 from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.targets import canonical_target
@@ -281,15 +281,11 @@ def _references(kind: ParameterKind, predictor: Predictor, present: Members) -> 
 def canonical_name(key: str, name: str, scope: Scope, predictor: Predictor) -> str:
     """The name under which the predictor has a station, link or target."""
     if scope in (Scope.STATION, Scope.PASS):
-        try:
+        with named(f"{key}:"):
             return predictor.model.catalogue.get(name).name
-        except StationError as error:
-            raise StationError(f"{key}: {error}") from None
     if scope in (Scope.LINK, Scope.LINK_AND_PASS):
-        try:
+        with named(f"{key}:"):
             return Link.from_path(name).path
-        except InputError as error:
-            raise InputError(f"{key}: {error}") from None
     return canonical_target(name) if scope is Scope.TARGET else name
 
 

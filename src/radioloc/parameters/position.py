@@ -42,10 +42,8 @@ def on_sphere(
     ]
 
     def position(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        (cos_e, cos_n), (sin_e, sin_n) = (
-            np.cos(x[:2] / MEAN_LUNAR_RADIUS_M),
-            np.sin(x[:2] / MEAN_LUNAR_RADIUS_M),
-        )
+        angles = x[:2] / MEAN_LUNAR_RADIUS_M
+        (cos_e, cos_n), (sin_e, sin_n) = np.cos(angles), np.sin(angles)
         radius_m = MEAN_LUNAR_RADIUS_M + x[2]
         up = np.array([sin_e * cos_n, sin_n, cos_e * cos_n])
         by_east = np.array([cos_e * cos_n, 0.0, -sin_e * cos_n])
@@ -79,17 +77,13 @@ def on_terrain(
     The prior on the height above the terrain follows the terrain with its slope wherever the estimate goes, and is
     still a prior on one parameter.
     """
-    _, along_sphere = on_sphere(start_pa_m, None)
+    (east, north, _), along_sphere = on_sphere(start_pa_m, None, name)
     start_height_m = float(np.linalg.norm(start_pa_m)) - MEAN_LUNAR_RADIUS_M
     rot = rot_pa_to_me(constants)
     longitude_rad, latitude_rad, _ = cartesian_to_selenographic(rot @ start_pa_m)
     terrain_m = float(terrain.height_m(longitude_rad, latitude_rad))
     sigma_m = float(terrain.sigma_m(longitude_rad, latitude_rad, own_sigma_m))
-    parameters = [
-        Parameter(f"{name}.east", "m", "position", 0.0),
-        Parameter(f"{name}.north", "m", "position", 0.0),
-        Parameter(f"{name}.height_above_terrain", "m", "position", 0.0, sigma_m),
-    ]
+    height = Parameter(f"{name}.height_above_terrain", "m", "position", 0.0, sigma_m)
     logger.info("terrain under the a-priori position: %.1f m, given height %.1f m", terrain_m, start_height_m)
 
     def position(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -99,12 +93,12 @@ def on_terrain(
         height_m, by_longitude, by_latitude = (
             float(v) for v in terrain.height_and_slope(longitude, latitude)
         )
-        east, north, _ = east_north_up(longitude, latitude)
+        to_east, to_north, _ = east_north_up(longitude, latitude)
         radius_m = MEAN_LUNAR_RADIUS_M
-        slope = by_longitude / (radius_m * math.cos(float(latitude))) * (east @ along_me[:, :2])
-        slope = slope + by_latitude / radius_m * (north @ along_me[:, :2])
+        slope = by_longitude / (radius_m * math.cos(float(latitude))) * (to_east @ along_me[:, :2])
+        slope = slope + by_latitude / radius_m * (to_north @ along_me[:, :2])
         pa_m, partials = along_sphere(np.array([x[0], x[1], height_m + x[2]]))
         partials[:, :2] += np.outer(partials[:, 2], slope)
         return pa_m, partials
 
-    return parameters, position
+    return [east, north, height], position

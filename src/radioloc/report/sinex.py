@@ -112,7 +112,9 @@ def write_sinex(solution: Solution, path: str | Path) -> Path:
     used = solution.residuals.epoch_utc[np.flatnonzero(solution.residuals.used)]
     order = np.lexsort((used.fraction, used.jd))
     first, middle, last = (_epoch(used[[int(order[k])]]) for k in (0, len(order) // 2, -1))
-    numbers = _solution_numbers(lines)
+    # Numbers that tell parameters of one type and site apart, such as those of several passes.
+    kinds = [(line.type, line.code) for line in lines]
+    numbers = [kinds[: k + 1].count(kind) for k, kind in enumerate(kinds)]
 
     def parameter(k: int, value: float, sigma: float) -> str:
         line = lines[k]
@@ -201,16 +203,6 @@ def _codes(names: Sequence[str]) -> dict[str, str]:
         tries += [f"{text[: 4 - len(str(n))]}{n}" for n in range(1, 1000)]
         codes[name] = next(code for code in tries if code not in codes.values())
     return codes
-
-
-def _solution_numbers(lines: Sequence[_Line]) -> list[int]:
-    """Numbers that tell parameters of one type and site apart, such as those of several passes."""
-    seen: Counter[tuple[str, str]] = Counter()
-    numbers = []
-    for line in lines:
-        seen[line.type, line.code] += 1
-        numbers.append(seen[line.type, line.code])
-    return numbers
 
 
 def _site(code: str, name: str, solution: Solution, targets: Sequence[Solution | TargetPosition]) -> str:

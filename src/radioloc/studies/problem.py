@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.ephemeris import EphemerisConstants, Trajectory
-from radioloc.errors import InputError
+from radioloc.errors import InputError, named
 from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.labels import USED, Labels
 from radioloc.lunar.position import LunarPosition
@@ -94,7 +94,7 @@ def _considered_model(
     predictor: Predictor, study: Study, estimate: EstimateChoice
 ) -> tuple[ObservationModel | None, list[str]]:
     moon_is_in = any(estimate.ephemeris_sigma_m) or predictor.trajectory is not None
-    try:
+    with named("[consider]"):
         choices, notes = resolved(
             study.consider,
             predictor,
@@ -102,8 +102,6 @@ def _considered_model(
             defaults=study.consider_defaults,
             without=_OF_THE_EPHEMERIS if moon_is_in else (),
         )
-    except InputError as error:
-        raise type(error)(f"[consider] {error}") from None
     found = [
         _columns("[consider]", name, choice, predictor, Role.CONSIDERED, estimate)
         for name, choice in choices.items()
@@ -116,10 +114,8 @@ def _columns(
     table: str, name: str, chosen: ParameterChoice, predictor: Predictor, role: Role, estimate: EstimateChoice
 ) -> tuple[Columns, list[Parameter]] | None:
     kind = PARAMETERS[name]
-    try:
+    with named(table):
         return chosen_parameters(kind, chosen, simple_predictor(predictor, kind), role, estimate.pass_gap_h)
-    except InputError as error:
-        raise type(error)(f"{table} {error}") from None
 
 
 def _position(
@@ -157,10 +153,8 @@ def start_pa_m(targets_pa: Mapping[str, LunarPosition]) -> NDArray[np.float64]:
 
 def position_in_pa(table: str, position: LunarPosition, constants: EphemerisConstants) -> LunarPosition:
     """A position of the study in principal axes; an error names its table."""
-    try:
+    with named(f"{table} frame:"):
         return position.to_axes("PA", constants)
-    except InputError as error:
-        raise InputError(f"{table} frame: {error}") from None
 
 
 def status_of(arc: Predictor, targets: Mapping[str, LunarPosition]) -> tuple[Labels, NDArray[np.int8]]:

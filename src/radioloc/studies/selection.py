@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import InputError, StationError
+from radioloc.errors import InputError, named
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.targets import canonical_target
@@ -105,10 +105,8 @@ def _of_stations(
 ) -> NDArray[np.bool_]:
     if stations is None:
         return np.ones(len(observations), dtype=bool)
-    try:
+    with named("[observations] stations:"):
         wanted = {catalogue.get(name).name for name in stations}
-    except StationError as error:
-        raise StationError(f"[observations] stations: {error}") from None
     ends = ends_of(observations.links, catalogue)
     present = set().union(*ends)
     if missing := sorted(wanted - present):

@@ -13,7 +13,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError, StationError
+from radioloc.errors import InputError, named
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
 from radioloc.measurements.map_predictor import JointPredictor
 from radioloc.measurements.observations import VLBI_DELAY, VLBI_DELAY_RATE
@@ -79,10 +79,8 @@ def _ends_m(
     """Error of the first and of the second station of some observations, shape (n, 2)."""
     if not isinstance(given, Mapping):
         return np.full((len(rows), 2), given)
-    try:
+    with named(f"[observations] {key}:"):
         sigma_m = {arc.model.catalogue.get(name).name: sigma for name, sigma in given.items()}
-    except StationError as error:
-        raise StationError(f"[observations] {key}: {error}") from None
     of_station_m = np.array([sigma_m.get(name, 0.0) for name in arc.stations])
     return of_station_m[np.stack([arc.transmitters[rows], arc.receivers[rows]], axis=-1)]
 

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import InputError, StationError
+from radioloc.errors import InputError, named
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS
@@ -89,10 +89,8 @@ def weighted_observations(
     sigma_m = observations.sigma_m.copy()
     for number, weight in enumerate(weights, start=1):
         where = f"[[observations.weights]] number {number} ({weight})"
-        try:
+        with named(f"{where}:"):
             rows = _rows(observations, weight, catalogue)
-        except StationError as error:
-            raise StationError(f"{where}: {error}") from None
         if not rows.any():
             raise InputError(
                 f"{where} holds for no observation; the observations are of {_present(observations)}"
@@ -123,10 +121,8 @@ def require_stations(
     """Raise :class:`InputError` where a station that a key gives a noise is unknown or in no observation."""
     present = set().union(*ends_of(_links(observations), catalogue))
     for name in names:
-        try:
+        with named(f"[observations] {key}:"):
             known = catalogue.get(name).name
-        except StationError as error:
-            raise StationError(f"[observations] {key}: {error}") from None
         if known not in present:
             raise InputError(
                 f"[observations] {key}: no observation by {name}; the observations are of {_present(observations)}"

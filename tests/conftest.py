@@ -5,6 +5,7 @@ import os
 # As many processes of tests as processors leave none for threads of linear algebra. Before NumPy is imported.
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
+import pytest
 from hypothesis import HealthCheck, settings
 
 # `make test` searches a little each time, `make test-all` much longer (--hypothesis-profile=thorough). No test
@@ -17,3 +18,14 @@ for name, examples in {"fast": 25, "thorough": 400}.items():
         suppress_health_check=[HealthCheck.too_slow, HealthCheck.function_scoped_fixture],
     )
 settings.load_profile("fast")
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Figures of an output folder are files without a picture, for tests of what else is written: one takes 0.3 s."""
+
+    def save(figure, paths):
+        for path in paths:
+            path.write_text("not drawn")
+
+    monkeypatch.setattr("radioloc.report.files.save_figure", save)

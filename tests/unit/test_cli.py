@@ -126,6 +126,7 @@ def test_quiet_writes_the_same_files_and_says_nothing(run, folder):
         assert (folder / "a" / name).read_bytes() == (folder / "b" / name).read_bytes(), name
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_terms(run, folder, monkeypatch):
     prepared = []
 
@@ -154,6 +155,7 @@ def test_residuals_command_fits_nothing(run, folder):
     assert [solution["position"]["pa"][f"{axis}_m"] for axis in "xyz"] == JPL_PA_M.tolist()
 
 
+@pytest.mark.usefixtures("undrawn")
 @pytest.mark.parametrize("count", [1, 2])
 def test_not_observable_ends_with_3_and_says_what_is_missing(count, run, folder):
     lines = TABLE.read_text(encoding="utf-8").splitlines(keepends=True)
@@ -185,6 +187,7 @@ def test_crd_is_told_by_its_content(run, folder):
     assert run(study_of(), command="residuals").status == 0
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_replaced_station_is_found_by_the_names_in_the_data(run, folder):
     # The data say 7045; the study gives APOLLO another place, 300 m up.
     (folder / "d.csv").write_text(CRD, encoding="utf-8")
@@ -201,6 +204,7 @@ def test_replaced_station_is_found_by_the_names_in_the_data(run, folder):
         assert change_m == pytest.approx(600.0 * np.sin(np.radians(float(one["elevation_deg"]))), abs=3.0)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_gzip_and_globs(run, folder):
     table = (folder / "d.csv").read_bytes()
     (folder / "d.csv").unlink()
@@ -212,6 +216,7 @@ def test_gzip_and_globs(run, folder):
     assert len(rows_of(folder / "out" / "residuals.csv")) == len(rows)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_not_selected_are_counted(run, folder):
     outcome = run(study_of(more="start = 2006-10-01\n"), "--out", folder / "out")
     solution = json.loads((folder / "out" / "solution.json").read_text(encoding="utf-8"))

@@ -14,15 +14,10 @@ import radioloc
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = [m.name for m in pkgutil.walk_packages(radioloc.__path__, "radioloc.") if "__main__" not in m.name]
-LONG = {"arcs", "monte_carlo", "verify"}
+LONG = {"arcs", "compare", "covariance", "locate_images", "monte_carlo", "simulate", "verify"}
+LONG |= {f"plot_{of}" for of in ("comparison", "contours", "correlations", "covariance", "images")}
 LONG |= {
-    "plot_images",
-    "write_images",
-    "write_arcs",
-    "write_covariance",
-    "write_monte_carlo",
-    "write_report",
-    "write_terms",
+    f"write_{of}" for of in ("arcs", "comparison", "covariance", "images", "monte_carlo", "report", "terms")
 }
 
 

@@ -8,6 +8,7 @@ import pytest
 import rasterio
 import rasterio.warp
 import terrain_maps
+from quick import each_with_one
 from rasterio.transform import Affine
 
 from radioloc.errors import InputError
@@ -88,8 +89,9 @@ CASES = {
 }
 
 
-@pytest.mark.parametrize("interpolation", ["nearest", "bilinear", "cubic"])
-@pytest.mark.parametrize("case", CASES)
+@pytest.mark.parametrize(
+    ("case", "interpolation"), each_with_one(CASES, CASES, ["nearest", "bilinear", "cubic"])
+)
 def test_spots_are_where_the_ground_is(tmp_path, case, interpolation):
     longitude, latitude, projection, off_nadir_deg = CASES[case]
     centre = -90.0 if latitude < -80.0 else latitude

@@ -31,6 +31,7 @@ def statuses(registration):
     return {frame.name: frame.status for frame in registration.frames}
 
 
+@pytest.mark.slow
 def test_the_last_image_is_found_with_the_map_s_shift(tmp_path):
     """Sixteen images, the last ones far too fine for the map, spacecraft in view; the map 12 m east, 7 m south."""
     descent = Descent(spacecraft=True, shift_m=(12.0, -7.0))
@@ -74,35 +75,36 @@ def not_an_image(path):
     return read_frame(path)
 
 
-def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path):
-    """Another scene in the middle, a black, a saturated and a mirrored one, a cut file: the others are registered."""
-    changed = {
-        1: lambda: frame(scene(2), SHORT.matrix(1), SHORT.shape),
-        2: lambda: np.zeros(SHORT.shape, np.uint8),
-        4: lambda: np.full(SHORT.shape, 255, np.uint8),
-        5: lambda: np.ascontiguousarray(SHORT.image(5)[:, ::-1]),
-        6: lambda: not_an_image(tmp_path / "cut.png"),
-    }
-    descent = Descent(frames=9, changed=changed)
+WRONG = {
+    "another scene": (FrameStatus.UNMATCHED, lambda k, _: frame(scene(2), SHORT.matrix(k), SHORT.shape)),
+    "black": (FrameStatus.FEATURELESS, lambda k, _: np.zeros(SHORT.shape, np.uint8)),
+    "saturated": (FrameStatus.FEATURELESS, lambda k, _: np.full(SHORT.shape, 255, np.uint8)),
+    "mirrored": (FrameStatus.UNMATCHED, lambda k, _: np.ascontiguousarray(SHORT.image(k)[:, ::-1])),
+    "cut": (FrameStatus.UNREADABLE, lambda k, folder: not_an_image(folder / "cut.png")),
+}
+ALL_WRONG = {1: "another scene", 2: "black", 4: "saturated", 5: "mirrored", 6: "cut"}
+
+
+@pytest.mark.parametrize(
+    ("frames", "names"),
+    [
+        pytest.param(9, ALL_WRONG, marks=pytest.mark.slow, id="all"),
+        pytest.param(4, {1: "black", 2: "cut"}, id="two"),
+    ],
+)
+def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path, frames, names):
+    """The others are registered."""
+    changed = {k: lambda k=k: WRONG[names[k]][1](k, tmp_path) for k in names}
+    descent = Descent(frames=frames, changed=changed)
     result = register_chain(descent.list, base, map_sigma_m=MAP_M)
-    registered, unmatched, flat = FrameStatus.REGISTERED, FrameStatus.UNMATCHED, FrameStatus.FEATURELESS
-    assert list(statuses(result).values()) == [
-        registered,
-        unmatched,
-        flat,
-        registered,
-        flat,
-        unmatched,
-        FrameStatus.UNREADABLE,
-        registered,
-        registered,
-    ]
-    assert "cut.png" in result.frames[6].reason
-    point = result.ground_point("0008.png")
-    np.testing.assert_allclose(descent.error_m(point, 8), 0.0, rtol=0, atol=PLACE_M)
-    with pytest.raises(
-        InputError, match=r"0001\.png is unmatched: none of its pixels has a place on the map"
-    ):
+    expected = [WRONG[names[k]][0] if k in names else FrameStatus.REGISTERED for k in range(frames)]
+    assert list(statuses(result).values()) == expected
+    [cut] = [k for k in names if names[k] == "cut"]
+    assert "cut.png" in result.frames[cut].reason
+    point = result.ground_point(f"{frames - 1:04d}.png")
+    np.testing.assert_allclose(descent.error_m(point, frames - 1), 0.0, rtol=0, atol=PLACE_M)
+    words = rf"0001\.png is {expected[1].value}: none of its pixels has a place on the map"
+    with pytest.raises(InputError, match=words):
         result.ground_point("0001.png")
     with pytest.raises(InputError, match="not among the images"):
         result.ground_point("elsewhere.png")

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import terrain_maps
 from ldem import write_ldem_4
+from quick import each_with_one
 from rasterio.transform import Affine
 
 from radioloc.errors import InputError
@@ -74,10 +75,13 @@ def first_by_sampling(terrain, origin, direction, top_m, step_m, until_m):
     return distance[np.argmax(under)]
 
 
-@pytest.mark.parametrize("interpolation", ["bilinear", "bicubic"])
-@pytest.mark.parametrize(("height_m", "off_nadir_deg"), [(5e3, 0.0), (1.5e3, 45.0), (400.0, 78.0)])
-def test_rays_end_where_sampling_first_finds_the_ground(hills, interpolation, height_m, off_nadir_deg):
+VIEWS = [(5e3, 0.0), (1.5e3, 45.0), (400.0, 78.0)]
+
+
+@pytest.mark.parametrize(("view", "interpolation"), each_with_one(VIEWS, VIEWS, ["bilinear", "bicubic"]))
+def test_rays_end_where_sampling_first_finds_the_ground(hills, view, interpolation):
     """Down to 2 degrees above the horizon, where hills hide what is behind them."""
+    height_m, off_nadir_deg = view
     terrain = TerrainModel.open(hills, interpolation=interpolation)
     model = camera_above(height_m, off_nadir_deg)
     rng = np.random.default_rng(9)

@@ -385,6 +385,7 @@ def test_mistakes_in_references(files, text, words):
     assert words in str(caught.value)
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_command(files, capsys):
     assert main(["arcs", str(files / "good.toml"), "--hours", "12", "24", "--out", str(files / "out")]) == 0
     text = capsys.readouterr().out

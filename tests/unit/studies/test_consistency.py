@@ -17,9 +17,14 @@ def study():
     return radioloc.read_study("examples/change5/change5.toml")
 
 
-@pytest.fixture(scope="module")
-def tracking(study):
-    return radioloc.read_observations(study.observations.files)
+EPOCHS = [pytest.param(1, marks=pytest.mark.slow, id="all epochs"), pytest.param(9, id="every ninth epoch")]
+
+
+@pytest.fixture(scope="module", params=EPOCHS)
+def tracking(study, request):
+    observations = radioloc.read_observations(study.observations.files)
+    epochs = np.unique(observations.epoch.mjd, return_inverse=True)[1]
+    return observations.select(np.flatnonzero(epochs % request.param == 0))
 
 
 def found(study, observations, added_m):

@@ -70,6 +70,7 @@ def test_a_radius_is_that_of_random_points():
     assert radius_95_m(np.full((2, 2), np.inf)) == np.inf
 
 
+@pytest.mark.slow
 def test_noise_of_a_schedule_has_the_covariance_that_is_drawn():
     noise = NoiseModel(
         link={"range": Noise(0.5, 1.5, 3600.0, walk_m_sqrt_s=0.01, flicker_m=0.8), "vlbi_delay": Noise(0.3)},
@@ -283,7 +284,7 @@ sigma_m = 1.0
 """
 
 
-def test_the_command(tmp_path, capsys):
+def test_the_command(tmp_path, capsys, request):
     plan, other = tmp_path / "plan.toml", tmp_path / "other.toml"
     plan.write_text(PLAN, encoding="utf-8")
     other.write_text(PLAN.replace("T21:11", "T18:11"), encoding="utf-8")
@@ -299,6 +300,7 @@ def test_the_command(tmp_path, capsys):
     assert rows[0].startswith("hours,span_h,observations,sigma_east_m")
     assert (tmp_path / "one" / "covariance.png").stat().st_size > 10_000
     assert not (tmp_path / "one" / "INCOMPLETE").exists()
+    request.getfixturevalue("undrawn")
     assert (
         cli.main(["covariance", str(plan), str(other), "--reach", "40", "--out", str(tmp_path), "--quiet"])
         == 0

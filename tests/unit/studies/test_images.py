@@ -63,6 +63,7 @@ def test_altitudes_are_those_of_the_truth_where_the_camera_looks_down(solution):
         assert solution.altitudes_m[name] == pytest.approx(truth[name], rel=0.06)  # the site is not level
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_written_has_the_keys_of_radio_solutions_and_the_images(solution, tmp_path):
     paths = radioloc.report.write_images(solution, tmp_path)
     assert {path.name for path in tmp_path.iterdir()} == {path.name for path in paths}
@@ -76,6 +77,7 @@ def test_what_is_written_has_the_keys_of_radio_solutions_and_the_images(solution
     assert found.rows[0].method == "images"
 
 
+@pytest.mark.slow
 def test_the_last_image_that_has_no_place_is_told(some, tmp_path):
     black = tmp_path / "9999.png"
     cv2.imwrite(str(black), np.zeros((320, 320), np.uint8))
@@ -155,6 +157,7 @@ def test_what_is_wrong_in_a_study_is_one_sentence(text, tmp_path, capsys):
     assert error.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_a_truncated_frame_is_left_out_by_name(some, tmp_path):
     cut = tmp_path / "0003.png"
     cut.write_bytes(some.images.files[2].read_bytes()[:9000])

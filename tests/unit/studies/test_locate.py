@@ -66,7 +66,7 @@ def test_other_reflectors_are_where_jpl_has_them(name):
 DIRECTIONS = np.array([(1, 0, 0), (-1, 0, 0), (0, 1, 0), (0, -1, 0), (0.3, 0.3, 0.9), (-1, 1, -1)])
 
 
-@pytest.mark.parametrize("direction", some(range(6), [2, 4]))
+@pytest.mark.parametrize("direction", some(range(6), [4]))
 def test_any_start_within_50_km_gives_the_same_answer(direction, apollo15, solution):
     offset_m = 50e3 * DIRECTIONS[direction] / np.linalg.norm(DIRECTIONS[direction])
     start = LunarPosition.from_cartesian(np.array(JPL_PA_M["apollo15"]) + offset_m)
@@ -75,7 +75,7 @@ def test_any_start_within_50_km_gives_the_same_answer(direction, apollo15, solut
     assert apart_m(found, solution) < START_M
 
 
-@pytest.mark.parametrize("form", ["geographic", "cartesian"])
+@pytest.mark.parametrize("form", some(["geographic", "cartesian"], ["cartesian"]))
 def test_frames_and_forms_agree(form, apollo15, near15, model, solution):
     for axes in ("PA", "ME"):
         target = near15.to_axes(axes, model.ephemeris.constants)
@@ -84,7 +84,7 @@ def test_frames_and_forms_agree(form, apollo15, near15, model, solution):
         assert found.sigma_enu_m() == pytest.approx(solution.sigma_enu_m(), rel=1e-3)
 
 
-@pytest.mark.parametrize("blunder_m", [19.0, -19.0, 2.0, 5e4])
+@pytest.mark.parametrize("blunder_m", some([19.0, -19.0, 2.0, 5e4], [2.0]))
 def test_one_blunder_is_rejected_and_does_not_move_the_answer(blunder_m, apollo15, near15, solution):
     found = fit(changed(apollo15, [70], blunder_m), near15)
     assert found.converged

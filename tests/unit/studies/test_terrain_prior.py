@@ -27,6 +27,7 @@ def terrain(tmp_path_factory):
     )
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_an_hour_of_ranges_with_a_map(model, terrain, tmp_path):
     tracked = observations(model, 60.0, stop="2020-12-01T16:11:00", vlbi=False, bias_m={})
     choice = EstimateChoice(

@@ -7,6 +7,7 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import HealthCheck, settings
+from quick import undrawn
 
 # `make test` searches a little each time, `make test-all` much longer (--hypothesis-profile=thorough). No test
 # is late because other processes keep the machine busy, and fixtures of a test are made to serve all its examples.
@@ -20,12 +21,7 @@ for name, examples in {"fast": 25, "thorough": 400}.items():
 settings.load_profile("fast")
 
 
-@pytest.fixture
-def undrawn(monkeypatch):
-    """Figures of an output folder are files without a picture, for tests of what else is written: one takes 0.3 s."""
-
-    def save(figure, paths):
-        for path in paths:
-            path.write_text("not drawn")
-
-    monkeypatch.setattr("radioloc.report.files.save_figure", save)
+@pytest.fixture(name="undrawn")
+def _undrawn():
+    with undrawn():
+        yield

@@ -46,6 +46,7 @@ def test_the_estimate_has_the_least_loss(prior_sigma):
     np.testing.assert_allclose(fit.x, best.x, atol=3e-4)
 
 
+@pytest.mark.slow
 def test_efficiency_under_normal_errors():
     squares = np.zeros(2)
     for seed in range(TRIALS):

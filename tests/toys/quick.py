@@ -1,6 +1,21 @@
-"""Which cases of a parametrized test are run each time; the others are slow, for `make test-all`."""
+"""What makes tests quick: which of many cases are run each time, and files of figures that are not drawn."""
+
+from contextlib import contextmanager
 
 import pytest
+
+
+@contextmanager
+def undrawn():
+    """Files of figures without a picture, for tests of what else is written: a picture takes 0.3 s."""
+
+    def save(figure, paths):
+        for path in paths:
+            path.write_text("not drawn")
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("radioloc.report.files.save_figure", save)
+        yield
 
 
 def some(cases, quick):

@@ -11,7 +11,7 @@ from quick import some
 TESTS = Path(__file__).parents[1]
 
 
-@pytest.mark.parametrize(("seed", "seconds"), some([(1, 3.0), (2, 60.0), (3, 60.0)], [(1, 3.0)]))
+@pytest.mark.parametrize(("seed", "seconds"), some([(1, 1.0), (2, 60.0), (3, 60.0)], [(1, 1.0)]))
 def test_damaged_files(seed, seconds, tmp_path):
     run = subprocess.run(
         [sys.executable, TESTS / "toys" / "fuzz_readers.py", tmp_path, str(seed), str(seconds)],

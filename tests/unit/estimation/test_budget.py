@@ -107,7 +107,8 @@ def test_a_rounded_station_dominates(study):
 
 
 def test_without_a_determined_position_there_is_none(study):
-    held = replace(study, estimate=radioloc.studies.EstimateChoice(position="none", range_bias="all"))
+    estimate = radioloc.studies.EstimateChoice(position="none", range_bias="all")
+    held = replace(study, estimate=estimate, observations=replace(study.observations, hours=6.0))
     assert radioloc.locate(held).budget == ()
 
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import spiceypy
+from quick import some
 
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.imaging import (
@@ -285,7 +286,9 @@ def places(value, path=()):
 
 
 @pytest.mark.filterwarnings("ignore:.*different rays to one point")
-@pytest.mark.parametrize("name", ["synthetic_line_scan.json", "apollo15_metric.json"])
+@pytest.mark.parametrize(
+    "name", some(["synthetic_line_scan.json", "apollo15_metric.json"], ["apollo15_metric.json"])
+)
 def test_any_wrong_value_is_an_error_of_the_library(tmp_path, name):
     """Each value of a file in turn is replaced by others: the file is read, or refused by its name."""
     path, told = tmp_path / "bad.json", []

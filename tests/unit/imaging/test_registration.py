@@ -54,6 +54,7 @@ def test_the_last_image_is_found_with_the_map_s_shift(tmp_path):
     )
 
 
+@pytest.mark.slow
 def test_an_image_before_the_first_that_is_on_the_map_is_placed_too(base):
     """The first sees hardly anything of where the map is searched: it comes by way of the second."""
     matrices = [
@@ -86,17 +87,17 @@ ALL_WRONG = {1: "another scene", 2: "black", 4: "saturated", 5: "mirrored", 6: "
 
 
 @pytest.mark.parametrize(
-    ("frames", "names"),
+    ("frames", "names", "near"),
     [
-        pytest.param(9, ALL_WRONG, marks=pytest.mark.slow, id="all"),
-        pytest.param(4, {1: "black", 2: "cut"}, id="two"),
+        pytest.param(9, ALL_WRONG, None, marks=pytest.mark.slow, id="all"),
+        pytest.param(4, {1: "black", 2: "cut"}, (-19.51, 44.12, 600.0), id="two"),
     ],
 )
-def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path, frames, names):
+def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path, frames, names, near):
     """The others are registered."""
     changed = {k: lambda k=k: WRONG[names[k]][1](k, tmp_path) for k in names}
     descent = Descent(frames=frames, changed=changed)
-    result = register_chain(descent.list, base, map_sigma_m=MAP_M)
+    result = register_chain(descent.list, base, map_sigma_m=MAP_M, near=near)
     expected = [WRONG[names[k]][0] if k in names else FrameStatus.REGISTERED for k in range(frames)]
     assert list(statuses(result).values()) == expected
     [cut] = [k for k in names if names[k] == "cut"]

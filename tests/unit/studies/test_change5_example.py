@@ -16,6 +16,7 @@ def found():
     return radioloc.arcs(radioloc.read_study(EXAMPLE), (12, 24, 48))
 
 
+@pytest.mark.slow
 def test_arcs_lie_where_the_paper_has_them(found):
     """Wang et al. (2021), section 3: within 100 m of the benchmark and of 48 h; table 1: that of 48 h within 30 m."""
     assert found.converged
@@ -27,6 +28,7 @@ def test_arcs_lie_where_the_paper_has_them(found):
     assert np.hypot(arcs[0].west_m, arcs[0].north_m) < 30.0
 
 
+@pytest.mark.slow
 def test_references_are_those_of_the_paper(found):
     stated = {"LROC NAC image map": (-13.3, 21.2), "LROC NAC image": (-2.2, -24.3)}
     rows = {row.name: row for row in found.rows if row.method == "reference"}

@@ -87,6 +87,7 @@ def test_the_last_image_that_has_no_place_is_told(some, tmp_path):
     assert "NOT CONVERGED: the last image, 9999.png, is featureless" in " ".join(str(other).split())
 
 
+@pytest.mark.slow
 def test_a_map_of_other_ground_is_a_refusal(some, tmp_path):
     from radioloc.imaging.shading import sun_direction
     from radioloc.simulation.ground import Ground

@@ -6,12 +6,13 @@ from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from quick import undrawn
 
 import radioloc
 from radioloc.cli import main
 from radioloc.errors import InputError
 from radioloc.kernels import find_kernel
-from radioloc.report.files import INCOMPLETE, write_numbers
+from radioloc.report.files import INCOMPLETE
 from radioloc.studies import verify
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "apollo15"
@@ -35,7 +36,8 @@ def made(tmp_path_factory):
     folder = tmp_path_factory.mktemp("made")
     shutil.copy(EXAMPLE / DATA, folder)
     (folder / "s.toml").write_text(STUDY)
-    write_numbers(radioloc.locate(radioloc.read_study(folder / "s.toml")), folder / "out")
+    with undrawn():
+        assert main(["locate", str(folder / "s.toml"), "--out", str(folder / "out"), "--quiet"]) == 0
     return folder
 
 
@@ -158,10 +160,11 @@ def test_a_study_that_has_moved(copy, again):
     assert verify(copy / "out" / "solution.json", moved).same
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_was_changed_in_python_is_not_taken_for_the_file(copy):
     study = radioloc.read_study(copy / "s.toml")
     other = replace(study, estimate=replace(study.estimate, rejection_sigma=4.0))
-    write_numbers(radioloc.locate(other), copy / "out")
+    radioloc.write_report(radioloc.locate(other), copy / "out")
     with pytest.raises(InputError, match=r"its settings are others \(estimate\)"):
         verify(copy / "out" / "solution.json")
     given = radioloc.read_observations(copy / DATA).select(range(100))
@@ -169,12 +172,13 @@ def test_what_was_changed_in_python_is_not_taken_for_the_file(copy):
     assert solution.provenance["study"] is None
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_kernels_are_known_by_their_content(copy):
     """A kernel that the study names is an input as the data are."""
     with (copy / "s.toml").open("a") as file:
         file.write('[model]\nephemeris = "k.bsp"\n')
     shutil.copy(find_kernel("DE421", "SPK"), copy / "k.bsp")
-    write_numbers(radioloc.locate(radioloc.read_study(copy / "s.toml")), copy / "out")
+    radioloc.write_report(radioloc.locate(radioloc.read_study(copy / "s.toml")), copy / "out")
     assert verify(copy / "out" / "solution.json").same
     with (copy / "k.bsp").open("ab") as file:
         file.write(b"\0" * 1024)

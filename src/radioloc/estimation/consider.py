@@ -81,12 +81,20 @@ class CommonErrors:
 
     def whitened(self, rows_of: Callable[[Rows], NDArray[np.float64]]) -> Iterator[NDArray[np.float64]]:
         """Independent combinations part by part, and the estimates of the errors as the last part."""
+        parts, estimates = self.weighted(rows_of)
+        yield from parts
+        yield estimates
+
+    def weighted(
+        self, rows_of: Callable[[Rows], NDArray[np.float64]]
+    ) -> tuple[list[NDArray[np.float64]], NDArray[np.float64]]:
+        """Columns whitened by the noise times (1 + E E^T)^-1, part by part, and the estimates of the errors in them."""
         parts = list(self.noise.whitened(rows_of))
         along = sum(gram(effect, part) for effect, part in zip(self.effects, parts, strict=True))
         estimates = self.variance[:, None] * along
         for effect, part in zip(self.effects, parts, strict=True):
-            yield part - effect @ estimates
-        yield estimates
+            part -= effect @ estimates
+        return parts, estimates
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -128,17 +136,17 @@ def moved_by(
 
     Directions that the data do not determine have no part in it: their variance is infinite already.
     """
-    free = np.flatnonzero(fit.parameters.free)
-    root = fit.factor.root_covariance()
-
-    def both(rows: Rows) -> NDArray[np.float64]:
-        return np.column_stack([fit.linearization.partials(rows)[:, free] @ root, effects_m(rows)])
-
-    along = np.zeros((root.shape[1], count))
-    for whitened in fit.whitening.whitened(both):
-        along += gram(whitened[:, : len(along)], whitened[:, len(along) :])
+    root, partials = fit.factor.root_covariance(), fit.unit_partials()
+    along, q = np.zeros((root.shape[1], count)), root.shape[1]
+    if isinstance(fit.whitening, CommonErrors):
+        weighted, _ = fit.whitening.weighted(partials)
+        for one, effects in zip(weighted, fit.whitening.noise.whitened(effects_m), strict=True):
+            along += gram(one, effects)
+    else:
+        for part in fit.whitening.whitened(lambda rows: np.hstack([partials(rows), effects_m(rows)])):
+            along += gram(part[:, :q], part[:, q:])
     moved = np.zeros((len(fit.parameters), count))
-    moved[free] = root @ along
+    moved[fit.parameters.free] = root @ along
     return moved
 
 

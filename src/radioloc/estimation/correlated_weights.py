@@ -36,7 +36,7 @@ from radioloc.estimation.least_squares import FitResult, fit_least_squares
 from radioloc.estimation.linearization import ResidualFunction, Rows
 from radioloc.estimation.observation_noise import Whitening
 from radioloc.estimation.series import Batch, SeriesOrder, series_of
-from radioloc.estimation.time_correlation import assess_time_correlation, in_parameters, rows_of
+from radioloc.estimation.time_correlation import assess_time_correlation, in_parameters
 
 _UNIT = SeriesNoise(1.0, np.ones(1), np.zeros(1))
 
@@ -150,8 +150,7 @@ def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation)
     """
     root = fit.factor.root_covariance()
     unit, added = np.eye(root.shape[1]), np.zeros((root.shape[1],) * 2)
-    values_of = rows_of(fit)
-    parts = list(fit.whitening.whitened(lambda rows: values_of(rows)[:, 1:] @ root))
+    parts = list(fit.whitening.whitened(fit.unit_partials()))
     for whitened in parts:
         unit -= gram(whitened, whitened)
     # Estimates of common errors come last
@@ -160,8 +159,9 @@ def _with_covariances(fit: FitResult, noise: _Whitening, found: TimeCorrelation)
         unit += gram(weighted, weighted)
         for one, begin, end in zip(batch.series, batch.begin, batch.begin[1:], strict=False):
             if one.key in found.noise:
-                mine, step_s = weighted[begin:end], weights.step_s[begin:end]
-                added += found.noise[one.key].products(step_s, np.ones(len(step_s)), mine) - gram(mine, mine)
+                step_s = weights.step_s[begin:end]
+                points = (step_s, np.ones(len(step_s)), weighted[begin:end])
+                added += found.noise[one.key].products(*points, less=1.0)
     fit = replace(fit, covariance=covariance_of(fit.factor, fit.parameters, unit))
     return replace(fit, time_correlation=replace(found, added_covariance=in_parameters(added, fit)))
 

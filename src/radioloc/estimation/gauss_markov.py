@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -100,7 +101,7 @@ class Points:
         return np.concatenate([np.arange(self.begin[k], self.begin[k + 1]) for k in some])
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, eq=False)
 class SeriesNoise:
     """Noise of a series in units of the stated one."""
 
@@ -115,24 +116,29 @@ class SeriesNoise:
         ratio = self.ratio
         return ratio / (1.0 + ratio)
 
-    @property
+    @cached_property
     def ratio(self) -> float:
         """Variance of one Gauss-Markov process in their place over the white one."""
         likely = self.likely or self
         return float(likely.coloured.sum()) / likely.white
 
-    @property
+    @cached_property
     def correlation_time_s(self) -> float:
         """Its correlation time: the mean by logarithms."""
         likely = self.likely or self
         weight = likely.coloured if likely.coloured.any() else np.ones(len(likely.tau_s))
         return float(np.exp((weight * np.log(likely.tau_s)).sum() / weight.sum()))
 
-    def products(self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0) -> _Floats:
-        """Columns (n, m) times the covariance of points, of some gain (n,), times columns, shape (m, m)."""
+    def products(
+        self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0, *, less: float = 0.0
+    ) -> _Floats:
+        """Columns (n, m) times the covariance of points, of some gain (n,), times columns, shape (m, m).
+
+        The covariance is less that of white noise of some variance.
+        """
         from radioloc.estimation._kernels import products
 
-        return products(step_s, gain, columns, width_s, self.white, self.tau_s, self.coloured)
+        return products(step_s, gain, columns, width_s, self.white - less, self.tau_s, self.coloured)
 
     def whitened(self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0) -> _Floats:
         """Columns (n, m) of points by the root of the inverse covariance: innovations over their sigmas, (n, m)."""
@@ -346,10 +352,9 @@ def _taken_over(
         known.setdefault(points.series[k].kind, []).append(noise)
     more: dict[int, SeriesNoise] = {}
     for kind, noises in known.items():
-        tau_s, coloured = (
-            np.concatenate(c) for c in zip(*((n.tau_s, n.coloured) for n in noises), strict=True)
-        )
-        mean = SeriesNoise(float(np.mean([one.white for one in noises])), tau_s, coloured / len(noises))
+        tau_s, place = np.unique(np.concatenate([one.tau_s for one in noises]), return_inverse=True)
+        coloured = np.bincount(place, np.concatenate([one.coloured for one in noises])) / len(noises)
+        mean = SeriesNoise(float(np.mean([one.white for one in noises])), tau_s, coloured)
         others = [k for k, one in enumerate(points.series) if one.kind == kind and k not in found]
         if others:
             likelihood = RestrictedLikelihood.of(points, np.array(others), sigmas)

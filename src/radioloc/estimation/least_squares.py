@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import enum
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -27,6 +28,7 @@ from radioloc.estimation.gauss_markov import TimeCorrelation
 from radioloc.estimation.linearization import (
     Linearization,
     ResidualFunction,
+    Rows,
     check_partials,
     check_residuals,
     evaluate,
@@ -154,6 +156,13 @@ class FitResult:
         """
         significant = self.dof > 0 and self.chi2 > chi2_quantile(SCALING_PROBABILITY, self.dof)
         return math.sqrt(self.chi2 / self.dof) if significant and self.independent_weights else 1.0
+
+    def unit_partials(self) -> Callable[[Rows], NDArray[np.float64]]:
+        """From rows (m,) to partials by parameters of unit formal covariance, (m, q)."""
+        free, root = self.parameters.free, self.factor.root_covariance()
+        turned = np.zeros((len(free), root.shape[1]))
+        turned[free] = root
+        return lambda rows: self.linearization.partials(rows) @ turned
 
     @property
     def independent_weights(self) -> bool:

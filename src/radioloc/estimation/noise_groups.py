@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.least_squares import FitResult
-from radioloc.estimation.linearization import Rows
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 
@@ -80,7 +79,8 @@ def _candidates(
     present = np.zeros(count, dtype=bool)
     present[codes] = True
     for (group, chosen), name in found.items():
-        inside = np.isin(np.arange(count), chosen)
+        inside = np.zeros(count, dtype=bool)
+        inside[list(chosen)] = True
         yield name, np.stack([inside, present & (group_of == group) & ~inside])
 
 
@@ -124,11 +124,6 @@ def _chances(sums: _Floats, numbers: _Floats, dof: _Floats) -> _Floats:
 
 def _dof(fit: FitResult, mine: NDArray[np.bool_]) -> float:
     """Used observations of a group less what the parameters take of them, the trace of the hat matrix over them."""
-    root, free = fit.factor.root_covariance(), fit.parameters.free
-
-    def partials(rows: Rows) -> _Floats:
-        return fit.linearization.partials(rows)[:, free] @ root
-
     used = fit.used & mine
-    taken = sum(float(np.square(part).sum()) for part in fit.noise.among(used).whitened(partials))
+    taken = sum(float(np.square(part).sum()) for part in fit.noise.among(used).whitened(fit.unit_partials()))
     return float(used.sum()) - taken

@@ -22,7 +22,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.estimation.consider import Effects
-from radioloc.estimation.factorization import gram
 from radioloc.estimation.gauss_markov import (
     Points,
     SeriesCorrelation,
@@ -89,10 +88,11 @@ def assess_time_correlation(
         if errors is None:
             continue
         part, count = points.of(k), int(points.count[k])
-        step_s, gain, width_s = points.step_s[part], points.gain[part], float(points.width_s[k])
-        added += errors.products(step_s, gain, unit[part], width_s) - gram(unit[part], unit[part])
+        points_of_one = (points.step_s[part], points.gain[part])
+        width_s = float(points.width_s[k])
+        added += errors.products(*points_of_one, unit[part], width_s, less=1.0)
         likely = errors.likely or errors
-        of_sum = float(likely.products(step_s, gain, gain[:, None], width_s)[0, 0])
+        of_sum = float(likely.products(*points_of_one, points.gain[part, None], width_s)[0, 0])
         effective = count**2 * (likely.white + float(likely.coloured.sum())) / of_sum
         found[one.key] = SeriesCorrelation(
             one.name, count, effective, errors.correlation_time_s, errors.share
@@ -111,25 +111,22 @@ def _with_errors(
     batches: Sequence[Batch], fit: FitResult, root: _Floats, common: Effects
 ) -> tuple[Points, _Floats]:
     """Points with effects of common errors as further parameters, and sigmas of all."""
-    own = rows_of(fit)
     count = common(np.zeros(1, dtype=np.intp)).shape[1]
     both = np.zeros((root.shape[0] + count, root.shape[1] + count))
     both[: root.shape[0], : root.shape[1]] = root
     both[root.shape[0] :, root.shape[1] :] = np.eye(count)
-    points = points_of(batches, lambda rows: np.column_stack([own(rows), common(rows)]), both)
+    points = points_of(batches, rows_of(fit, common), both)
     return points, np.repeat([_FREE, 1.0], [root.shape[1], count])
 
 
-def rows_of(fit: FitResult) -> Callable[[Rows], _Floats]:
-    """Residuals and partials by the free parameters side by side, of rows (m,), shape (m, 1 + q)."""
+def rows_of(fit: FitResult, common: Effects | None = None) -> Callable[[Rows], _Floats]:
+    """Residuals, partials by the free parameters and effects side by side, of rows (m,), shape (m, 1 + q + c)."""
     free = fit.parameters.free
 
     def values(rows: Rows) -> _Floats:
         partials = fit.linearization.partials(rows)
-        out = np.empty((len(rows), 1 + int(free.sum())))
-        out[:, 0] = fit.residual_m[rows]
-        out[:, 1:] = partials if free.all() else partials[:, free]
-        return out
+        columns = [fit.residual_m[rows, None], partials if free.all() else partials[:, free]]
+        return np.hstack(columns if common is None else [*columns, common(rows)])
 
     return values
 

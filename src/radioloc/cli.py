@@ -27,6 +27,7 @@ from radioloc.lunar import LunarPosition
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.covariance import plans_card
+from radioloc.report.figures import save_figure
 from radioloc.report.files import (
     write_arcs,
     write_comparison,
@@ -36,6 +37,7 @@ from radioloc.report.files import (
     write_report,
 )
 from radioloc.report.gis import write_gis
+from radioloc.report.map_figure import plot_map
 from radioloc.report.sinex import write_sinex
 from radioloc.report.spice_kernels import FIRST_SITE, write_spice
 from radioloc.studies import locate
@@ -268,6 +270,16 @@ def _parser() -> argparse.ArgumentParser:
         help=f"NAIF code of the lander in .bsp (default: {FIRST_SITE})",
     )
 
+    text = "draw solutions on a map, over shaded terrain or an image"
+    drawn = command("map", _map, text, "")
+    drawn.add_argument(
+        "solutions", type=Path, nargs="+", metavar="SOLUTION.json", help="files solution.json or arcs.json"
+    )
+    drawn.add_argument("out", type=Path, metavar="OUT", help="file to write, .png, .svg or .pdf")
+    drawn.add_argument("--dem", type=Path, metavar="FILE", help="elevation model to shade")
+    drawn.add_argument("--base-map", type=Path, metavar="FILE", help="map image, in its place")
+    drawn.add_argument("--reach", type=float, metavar="METRES", help="from the middle to the edges")
+
     text = "make a solution again from what its provenance names, and compare"
     again = command("verify", _verify, text, "")
     again.add_argument("solution", type=Path, metavar="SOLUTION.json", help="a solution.json")
@@ -406,6 +418,15 @@ def _images(options: argparse.Namespace) -> int:
 def _compare(options: argparse.Namespace) -> int:
     found = compare(options.solutions, options.reference)
     return _done(options, found, write_comparison, found.consistent)
+
+
+def _map(options: argparse.Namespace) -> int:
+    contents = [one.content for path in options.solutions for one in read_solutions(path)[0]]
+    made = plot_map(contents, dem=options.dem, base_map=options.base_map, reach_m=options.reach)
+    save_figure(made, options.out)
+    if not options.quiet:
+        _print(f"written to {options.out}")
+    return EXIT_DONE
 
 
 def _export(options: argparse.Namespace) -> int:

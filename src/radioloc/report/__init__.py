@@ -16,6 +16,7 @@ from radioloc.report.files import (
 from radioloc.report.gis import write_gis
 from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution
+from radioloc.report.map_figure import plot_map
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.parameter_figures import plot_contours, plot_correlations
 from radioloc.report.position_figures import plot_position
@@ -35,6 +36,7 @@ __all__ = [
     "plot_covariance",
     "plot_images",
     "plot_links",
+    "plot_map",
     "plot_position",
     "plot_residuals",
     "save_figure",

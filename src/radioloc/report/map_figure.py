@@ -1,0 +1,284 @@
+"""Positions on a map of the Moon: over shaded terrain or an image, with a grid, a scale and a globe."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.estimation.solution import Solution
+from radioloc.imaging import Map, TangentPlane
+from radioloc.lunar.terrain import TerrainModel
+from radioloc.report.figures import COLORS, length_unit, new_figure
+from radioloc.report.image_solution import ImageSolution
+from radioloc.report.position_figures import error_ellipse
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+_Floats = NDArray[np.float64]
+Located = Solution | ImageSolution | Mapping[str, Any]
+
+_PIXELS = 600
+_SIGMAS = ((3.0, 0.10), (1.0, 0.25))  # of the ellipses, and how opaque they are
+_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG = 315.0, 40.0  # from the upper left, as eyes expect
+_LEAST_CELLS = 60.0  # of the terrain or the image, across
+_FARTHEST_M = 5e5  # of the edges; the plane that touches the sphere shows no more without distortion
+_MARKERS = {"tracking": "o", "images": "^", "joint": "s"}
+
+
+def plot_map(
+    solutions: Located | Iterable[Located],
+    *,
+    dem: str | Path | None = None,
+    base_map: str | Path | None = None,
+    reach_m: float | None = None,
+    title: str | None = None,
+    ax: Axes | None = None,
+) -> Figure:
+    """Draw positions, their error ellipses of one and three sigma, and references on a map in mean-Earth axes.
+
+    Parameters
+    ----------
+    solutions : Solution, ImageSolution or mapping, or several
+        What to draw; a mapping is what ``solution.json`` holds. The first is in the middle.
+    dem : path-like, optional
+        An elevation model, drawn with shades; of any format that :class:`~radioloc.lunar.TerrainModel` opens.
+    base_map : path-like, optional
+        A map image, in place of that; of any format that :class:`~radioloc.imaging.Map` opens.
+    reach_m : float, optional
+        From the middle to the edges, m; by default all that is drawn, and some of the ground around it.
+    title : str, optional
+        Title; the first solution's name by default.
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw in, in place of a figure of its own; without the globe.
+
+    Returns
+    -------
+    matplotlib.figure.Figure
+        Shows itself in a notebook; save it with :func:`~radioloc.report.save_figure`.
+
+    Raises
+    ------
+    InputError
+        There is no position to draw, they are of different axes, both backgrounds are given, or a map does not cover
+        what is drawn.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> figure = radioloc.report.plot_map(solution)
+    >>> figure.axes[0].get_xlabel()
+    'east longitude, ME_DE421 (deg)'
+    """
+    several = [solutions] if isinstance(solutions, Solution | ImageSolution | Mapping) else list(solutions)
+    contents = [one if isinstance(one, Mapping) else one.to_dict() for one in several]
+    if dem is not None and base_map is not None:
+        raise InputError("give either dem or base_map to draw a map on, not both")
+    frame = _frame(contents)
+    plane = TangentPlane(*_place(contents[0]["position"]["me"]))
+    references = {
+        (item["name"], _place(item)) for item in (c.get("reference") for c in contents) if item is not None
+    }
+    reach_m = reach_m or _reach_m(contents, references, plane, _background_cell_m(dem, base_map))
+    factor, unit = length_unit(2.0 * reach_m)
+    if ax is None:
+        figure = new_figure(6.4, 7.4, contents[0]["name"] if title is None else title)
+        axes = figure.add_subplot()
+    else:
+        axes, figure = ax, ax.get_figure()  # type: ignore[assignment]
+    edges = [factor * edge for edge in (-reach_m, reach_m, -reach_m, reach_m)]
+    background = _background(dem, base_map, plane, reach_m)
+    if background is not None:
+        axes.imshow(background, extent=edges, cmap="gray", interpolation="bilinear")  # type: ignore[arg-type]
+    for k, content in enumerate(contents):
+        _draw_solution(axes, content, plane, factor, COLORS[k % len(COLORS)])
+    for k, (name, place) in enumerate(sorted(references)):
+        at = factor * plane.from_longitude_latitude([place])[0]
+        color = COLORS[(len(contents) + k) % len(COLORS)]
+        axes.plot(*at, "P", color=color, markeredgecolor="white", markersize=9, linestyle="", label=name)
+    axes.set_xlim(edges[:2])
+    axes.set_ylim(edges[2:])
+    axes.set_aspect("equal")
+    _draw_grid(axes, plane, reach_m, factor, frame)
+    _draw_scale(axes, factor * reach_m, unit)
+    if ax is None:
+        _draw_globe(figure, plane)
+        figure.legend(loc="outside lower center", ncols=2, fontsize=8, frameon=False)
+    return figure
+
+
+def _place(angles: Mapping[str, Any]) -> tuple[float, float]:
+    return angles["longitude_deg"], angles["latitude_deg"]
+
+
+def _frame(contents: Sequence[Mapping[str, Any]]) -> str:
+    """The axes of all positions."""
+    without = [content["name"] for content in contents if not content["position"]]
+    if without or not contents:
+        raise InputError(f"{', '.join(without) or 'nothing given'}: there is no position to draw on a map")
+    frames = {content["position"]["me"]["frame"] for content in contents}
+    if len(frames) > 1:
+        raise InputError(f"positions of different axes ({', '.join(sorted(frames))}) do not go on one map")
+    return str(frames.pop())
+
+
+def _covariance(content: Mapping[str, Any]) -> _Floats | None:
+    """Of east and north, m^2; None where the position is not determined."""
+    covariance = np.array(content["covariance"]["enu_m2"], dtype=np.float64)[:2, :2]
+    return covariance if np.isfinite(covariance).all() else None
+
+
+def _reach_m(
+    contents: Sequence[Mapping[str, Any]],
+    references: Iterable[tuple[str, tuple[float, float]]],
+    plane: TangentPlane,
+    cell_m: float,
+) -> float:
+    sizes_m = []
+    for content in contents:
+        covariance = _covariance(content)
+        size_m = 0.0 if covariance is None else _SIGMAS[0][0] * float(np.sqrt(np.diag(covariance)).max())
+        sizes_m.append(size_m)
+    places = [_place(content["position"]["me"]) for content in contents] + [place for _, place in references]
+    offsets_m = np.abs(plane.from_longitude_latitude(places)).max(axis=1)
+    offsets_m[: len(sizes_m)] += sizes_m
+    if not offsets_m.max() < _FARTHEST_M:  # nor NaN, where the plane does not show the point
+        raise InputError("positions and references are too far apart for one map, 500 km and more")
+    return max(1.0, 0.5 * _LEAST_CELLS * cell_m, 1.25 * float(offsets_m.max()))
+
+
+def _background_cell_m(dem: str | Path | None, base_map: str | Path | None) -> float:
+    if base_map is not None:
+        return Map.open(base_map).resolution_m
+    return 0.0 if dem is None else TerrainModel.open(dem).metadata.resolution_m
+
+
+def _background(
+    dem: str | Path | None, base_map: str | Path | None, plane: TangentPlane, reach_m: float
+) -> NDArray[Any] | None:
+    pixel_m = 2.0 * reach_m / _PIXELS
+    first_m = reach_m - 0.5 * pixel_m
+    if base_map is not None:
+        view, _ = Map.open(base_map).view(plane, -first_m, first_m, pixel_m, (_PIXELS, _PIXELS))
+        return view
+    if dem is None:
+        return None
+    from matplotlib.colors import LightSource
+
+    east, north = np.meshgrid(*[np.linspace(-first_m, first_m, _PIXELS)] * 2)
+    degrees = plane.to_longitude_latitude(np.column_stack([east.ravel(), north[::-1].ravel()]))
+    longitude, latitude = np.radians(degrees).T
+    heights = (
+        TerrainModel.open(dem, interpolation="bicubic").height_m(longitude, latitude).reshape(east.shape)
+    )
+    light = LightSource(_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG)
+    return np.asarray(light.hillshade(heights, vert_exag=1.0, dx=pixel_m, dy=pixel_m))
+
+
+def _draw_solution(
+    axes: Axes, content: Mapping[str, Any], plane: TangentPlane, factor: float, color: str
+) -> None:
+    at = plane.from_longitude_latitude([_place(content["position"]["me"])])[0]
+    covariance = _covariance(content)
+    if covariance is not None:
+        for scale, opacity in _SIGMAS:
+            ellipse = error_ellipse(at, covariance, scale, factor)
+            ellipse.set(facecolor=(color, opacity), edgecolor=color, linewidth=1.1)
+            axes.add_patch(ellipse)
+    marker = _MARKERS.get(content.get("method", "tracking"), "o")
+    label = content["name"] if covariance is None else f"{content['name']}, 1 and 3 sigma"
+    axes.plot(
+        *(factor * at), marker, color=color, markeredgecolor="white", markersize=6, linestyle="", label=label
+    )
+
+
+def _draw_grid(axes: Axes, plane: TangentPlane, reach_m: float, factor: float, frame: str) -> None:
+    """Lines of equal longitude and latitude, with their degrees where they leave the map below and to the left."""
+    side = np.linspace(-reach_m, reach_m, 201)
+    lowest = np.full_like(side, -reach_m)
+    borders = (
+        plane.to_longitude_latitude(np.column_stack([side, lowest])),
+        plane.to_longitude_latitude(np.column_stack([lowest, side])),
+    )
+    middle = plane.longitude_deg
+    for k, (border, set_ticks) in enumerate(zip(borders, (axes.set_xticks, axes.set_yticks), strict=True)):
+        along = border[:, k]
+        if k == 0:
+            along = middle + (along - middle + 180.0) % 360.0 - 180.0
+        if not (np.diff(along) > 0.0).all():
+            continue  # a pole is on the map
+        step = _nice((along[-1] - along[0]) / 4.0)
+        values = step * np.arange(math.ceil(along[0] / step), math.floor(along[-1] / step) + 1)
+        decimals = max(0, -math.floor(math.log10(step) + 1e-9))
+        set_ticks(factor * np.interp(values, along, side), [f"{value:.{decimals}f}" for value in values])
+        for value in values:
+            other = np.linspace(*_span(plane, reach_m, 1 - k), 50)
+            line = np.column_stack([np.full(50, value), other] if k == 0 else [other, np.full(50, value)])
+            axes.plot(
+                *(factor * plane.from_longitude_latitude(line).T), color="0.6", lw=0.4, alpha=0.7, zorder=1
+            )
+    axes.set_xlabel(f"east longitude, {frame} (deg)", fontsize=9)
+    axes.set_ylabel("latitude (deg)", fontsize=9)
+    axes.tick_params(labelsize=8, color="0.4")
+
+
+def _span(plane: TangentPlane, reach_m: float, k: int) -> tuple[float, float]:
+    """Least and largest longitude (0) or latitude (1) in the corners of the map, and a little more."""
+    corners = plane.to_longitude_latitude(
+        1.1 * reach_m * np.array([[-1, -1], [-1, 1], [1, -1], [1, 1], [0, 1], [0, -1]])
+    )
+    values = corners[:, k]
+    if k == 0:
+        values = plane.longitude_deg + (values - plane.longitude_deg + 180.0) % 360.0 - 180.0
+    return float(values.min()), float(values.max())
+
+
+def _nice(size: float) -> float:
+    """The largest of 1, 2, 5 times a power of ten that is not larger."""
+    power = 10.0 ** math.floor(math.log10(size))
+    return next(step * power for step in (5.0, 2.0, 1.0) if step * power <= size * (1.0 + 1e-9))
+
+
+def _draw_scale(axes: Axes, reach: float, unit: str) -> None:
+    """A bar of a round length in the lower right corner."""
+    from matplotlib.patheffects import withStroke
+
+    length = _nice(0.5 * reach)
+    x, y = 0.92 * reach, -0.9 * reach
+    halo = [withStroke(linewidth=3, foreground="white")]
+    axes.plot([x - length, x], [y, y], color="black", linewidth=2.5, solid_capstyle="butt", path_effects=halo)
+    axes.text(
+        x - 0.5 * length, y + 0.03 * reach, f"{length:g} {unit}", ha="center", fontsize=8, path_effects=halo
+    )
+
+
+def _draw_globe(figure: Figure, plane: TangentPlane) -> None:
+    """The side of the Moon that the Earth sees, the Earth's mean direction in its middle, with the site."""
+    axes = figure.axes[0].inset_axes((0.015, 0.80, 0.185, 0.185))
+    turn = np.linspace(0.0, 2.0 * np.pi, 121)
+    axes.fill(np.cos(turn), np.sin(turn), facecolor=(1.0, 1.0, 1.0, 0.85), edgecolor="0.3", linewidth=0.8)
+    half = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 61)
+    for angle in np.radians(np.arange(-60, 61, 30)):
+        axes.plot(np.sin(angle) * np.cos(half), np.sin(half), color="0.75", linewidth=0.4)
+        axes.plot(
+            np.cos(angle) * np.sin(half), np.full_like(half, np.sin(angle)), color="0.75", linewidth=0.4
+        )
+    axes.plot(0.0, 0.0, "+", color="0.3", markersize=5, markeredgewidth=0.8)
+    axes.annotate("Earth", (0.0, 0.0), (2, 2), textcoords="offset points", fontsize=6, color="0.3")
+    to_earth, to_east, to_north = plane.axes()[2]
+    seen = to_earth > 0.0
+    axes.plot(
+        to_east, to_north, "o", color=COLORS[1], markersize=4, markerfacecolor=COLORS[1] if seen else "white"
+    )
+    if not seen:
+        axes.set_title("far side", fontsize=6, y=-0.12)
+    axes.set_aspect("equal")
+    axes.axis("off")

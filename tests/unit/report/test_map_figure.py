@@ -1,0 +1,113 @@
+"""What the map shows stands where it is: ellipses, references, degrees, the ground."""
+
+import json
+import math
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from radioloc.cli import main
+from radioloc.errors import InputError
+from radioloc.report import plot_map
+
+EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "images"
+PLACE = (-51.9162, 43.0584)
+PER_DEG_M = math.radians(1737400.0)
+
+
+def content(name="lander", place=PLACE, frame="ME_DE421", sigma_m=(20.0, 10.0)):
+    angles = {"longitude_deg": place[0], "latitude_deg": place[1], "height_m": -2550.0}
+    return {
+        "name": name,
+        "position": {"me": {"frame": frame, **angles}},
+        "covariance": {"enu_m2": np.diag([*np.square(sigma_m), 4.0]).tolist()},
+        "reference": {"name": "benchmark", "longitude_deg": PLACE[0], "latitude_deg": PLACE[1] + 0.001},
+    }
+
+
+def labelled(figure):
+    """Lines with a label by it, m."""
+    return {
+        line.get_label(): line.get_xydata()[0]
+        for line in figure.axes[0].get_lines()
+        if not line.get_label().startswith("_")
+    }
+
+
+def test_positions_ellipses_and_references_are_in_metres_about_the_first():
+    other = content("other", (PLACE[0] + 0.001, PLACE[1]))
+    figure = plot_map([content(), other])
+    found = labelled(figure)
+    assert found["lander, 1 and 3 sigma"] == pytest.approx((0.0, 0.0), abs=1e-6)
+    east_m = 0.001 * PER_DEG_M * math.cos(math.radians(PLACE[1]))
+    assert found["other, 1 and 3 sigma"] == pytest.approx((east_m, 0.0), abs=1e-3)
+    assert found["benchmark"] == pytest.approx((0.0, 0.001 * PER_DEG_M), abs=1e-3)
+    sizes = sorted({(round(p.width, 6), round(p.height, 6)) for p in figure.axes[0].patches})
+    assert {tuple(sorted(size)) for size in sizes} == {(20.0, 40.0), (60.0, 120.0)}
+
+
+@pytest.mark.parametrize("place", [PLACE, (179.9999, -20.0), (20.0, -85.0)])
+def test_degrees_stand_where_they_are(place):
+    axes = plot_map(content(place=place) | {"reference": None}).axes[0]
+    for ticks, labels, k in (
+        (axes.get_xticks(), axes.get_xticklabels(), 0),
+        (axes.get_yticks(), axes.get_yticklabels(), 1),
+    ):
+        assert 2 <= len(ticks) <= 12
+        lowest_deg = place[1] + axes.get_ylim()[0] / PER_DEG_M
+        per_deg_m = PER_DEG_M * (math.cos(math.radians(lowest_deg)) if k == 0 else 1.0)
+        degrees = np.array([float(label.get_text()) for label in labels])
+        np.testing.assert_allclose(ticks, (degrees - place[k]) * per_deg_m, atol=0.02)
+
+
+def test_a_position_without_sigmas_is_a_point():
+    undetermined = content() | {"covariance": {"enu_m2": [[None] * 3] * 3}, "reference": None}
+    figure = plot_map(undetermined)
+    assert list(labelled(figure)) == ["lander"]
+    assert not [patch for patch in figure.axes[0].patches if hasattr(patch, "angle")]
+
+
+def test_the_ground_is_under_the_position():
+    rasterio = pytest.importorskip("rasterio")
+    image = (
+        plot_map(content(), base_map=EXAMPLE / "map.tif", reach_m=400.0).axes[0].get_images()[0].get_array()
+    )
+    with rasterio.open(EXAMPLE / "map.tif") as dataset:
+        x, y = rasterio.warp.transform("IAU_2015:30100", dataset.crs, [PLACE[0]], [PLACE[1]])
+        row, column = dataset.index(x[0], y[0])
+        pixels = dataset.read(1)[row - 30 : row + 31, column - 30 : column + 31].astype(float)
+    middle = len(image) // 2
+    reach = round(30 * 8.0 * len(image) / 800.0)
+    drawn = np.asarray(image, dtype=float)[
+        middle - reach : middle + reach + 1, middle - reach : middle + reach + 1
+    ]
+    at = np.linspace(0, len(drawn) - 1, 61).round().astype(int)
+    assert np.corrcoef(drawn[np.ix_(at, at)].ravel(), pixels.ravel())[0, 1] > 0.9
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "message"),
+    [
+        ([], {}, "no position to draw"),
+        ([content() | {"position": None}], {}, "no position to draw"),
+        ([content(), content("b", frame="ME_DE430")], {}, "different axes"),
+        ([content()], {"dem": "a", "base_map": "b"}, "not both"),
+        ([content(place=(3.0, 26.0)) | {"reference": None}], {"dem": EXAMPLE / "dem.tif"}, "outside"),
+        ([content(), content("far", (3.0, 26.0))], {}, "too far apart"),
+        ([content(), content("behind", (150.0, -26.0))], {}, "too far apart"),
+    ],
+)
+def test_what_cannot_be_drawn_is_told(given, options, message):
+    with pytest.raises(InputError, match=message):
+        plot_map(given, **options)
+
+
+def test_the_command_draws_a_map(tmp_path):
+    solution = tmp_path / "solution.json"
+    known = content() | {"converged": True, "provenance": {}, "fit": {}, "sigma": {}}
+    known["position"]["me"] |= dict(zip(("x_m", "y_m", "z_m"), (8e5, -1e6, 1.2e6), strict=True))
+    known["reference"] |= {"height_m": -2550.0}
+    solution.write_text(json.dumps(known))
+    assert main(["map", str(solution), str(tmp_path / "map.png"), "--quiet"]) == 0
+    assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")

@@ -70,7 +70,9 @@ class Vmf3Site:
 
     def at(self, epochs: Epochs, *_place: float) -> Vmf3Values:
         """Values at epochs of any scale but UT1, linear between the file's, of which none may lack."""
-        before, after, share = _around(self.mjd_utc, epochs, f"VMF3 of {self.station}")
+        before, after, share = epochs_around(
+            self.mjd_utc, to_scale(epochs, "UTC").mjd, _LONGEST_GAP_D, f"VMF3 of {self.station}"
+        )
         values = self.values[before] + share[:, None] * (self.values[after] - self.values[before])
         return Vmf3Values(values[:, 0], values[:, 1], 0.0, values[:, 2], values[:, 3])
 
@@ -97,7 +99,9 @@ class Vmf3Grids:
         Kouba (2008): pressure falls as in the standard atmosphere, the wet delay with a scale height of
         2 km. Over a height of 1 km between station and grid the hydrostatic delay is wrong by some 5 mm.
         """
-        before, after, share = _around(self.mjd_utc, epochs, "the maps of VMF3")
+        before, after, share = epochs_around(
+            self.mjd_utc, to_scale(epochs, "UTC").mjd, _LONGEST_GAP_D, "the maps of VMF3"
+        )
         row, column, weight = self.grid.corners(latitude_rad, longitude_rad)
         earlier, later = (self.values[k[:, None], row, column] for k in (before, after))
         corners = earlier + share[:, None, None] * (later - earlier)
@@ -236,9 +240,3 @@ def _require_possible(path: Path, lines: Sequence[int], table: NDArray[np.float6
         units = "hPa, degrees Celsius and hPa are wanted, near 1000, 15 and 10"
         problem = f"p, T, e are {', '.join(shown[4:])}; {units}"
     raise FileFormatError(path, problem, lines[row])
-
-
-def _around(
-    mjd_utc: NDArray[np.float64], epochs: Epochs, source: str
-) -> tuple[NDArray[np.int64], NDArray[np.int64], NDArray[np.float64]]:
-    return epochs_around(mjd_utc, to_scale(epochs, "UTC").mjd, _LONGEST_GAP_D, source)

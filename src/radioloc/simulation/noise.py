@@ -57,16 +57,21 @@ class Noise:
 
     def processes(self, n: int, step_s: float, start_s: float) -> list[Process]:
         """Its parts that last, of a series of n epochs that begins at a time; outliers are left to the editing."""
-        lasting = []
-        if self.coloured_m:
-            lasting.append(Process(self.coloured_m**2, self.correlation_s))
-        if self.flicker_m:
-            times = max(1, math.ceil(_FLICKER_PER_DECADE * math.log10(max(n, 2)))) + 1
-            taus_s = step_s * 10.0 ** (np.arange(times) / _FLICKER_PER_DECADE)
-            lasting += [Process(self.flicker_m**2 / _FLICKER_PER_DECADE, tau_s) for tau_s in taus_s.tolist()]
+        lasting = [Process(sigma_m**2, tau_s) for _, sigma_m, tau_s in self._gauss_markov(n, step_s)]
         if self.walk_m_sqrt_s:
             lasting.append(Process(walk_m2_s=self.walk_m_sqrt_s**2, start_s=start_s))
         return lasting
+
+    def _gauss_markov(self, n: int, step_s: float) -> list[tuple[str, float, float]]:
+        """Names, sigmas, m, and correlation times, s, of its Gauss-Markov processes."""
+        found = [("coloured", self.coloured_m, self.correlation_s)] if self.coloured_m else []
+        if self.flicker_m:
+            # Processes of correlation times that are evenly spaced by logarithm add up to 1/f (van der Ziel 1950).
+            times = max(1, math.ceil(_FLICKER_PER_DECADE * math.log10(max(n, 2)))) + 1
+            each_m = self.flicker_m / math.sqrt(_FLICKER_PER_DECADE)
+            taus_s = (step_s * 10.0 ** (k / _FLICKER_PER_DECADE) for k in range(times))
+            found += [(f"flicker {k}", each_m, tau_s) for k, tau_s in enumerate(taus_s)]
+        return found
 
     def series(
         self, n: int, step_s: float, seeds: Sequence[int], label: str
@@ -83,16 +88,8 @@ class Noise:
 
         if self.white_m:
             error_m += self.white_m * normal("white")
-        if self.coloured_m:
-            correlation = math.exp(-step_s / self.correlation_s)
-            error_m += self.coloured_m * gauss_markov(normal("coloured"), correlation)
-        if self.flicker_m:
-            # Processes of correlation times that are evenly spaced by logarithm add up to 1/f (van der Ziel 1950).
-            times = max(1, math.ceil(_FLICKER_PER_DECADE * math.log10(max(n, 2)))) + 1
-            each_m = self.flicker_m / math.sqrt(_FLICKER_PER_DECADE)
-            for k in range(times):
-                correlation = math.exp(-(10.0 ** (-k / _FLICKER_PER_DECADE)))
-                error_m += each_m * gauss_markov(normal(f"flicker {k}"), correlation)
+        for name, sigma_m, tau_s in self._gauss_markov(n, step_s):
+            error_m += sigma_m * gauss_markov(normal(name), math.exp(-step_s / tau_s))
         if self.walk_m_sqrt_s:
             steps = normal("walk")
             steps[:, :1] = 0.0

@@ -161,16 +161,11 @@ class _Planned:
             notes.append(f"{int((~usable).sum())} observations cannot be used: too low, or out of sight")
         return cls(study, longest, noise, usable, (*notes, *notes_of_plan(longest, left_out)))
 
-    @property
-    def span_h(self) -> float:
-        """From the start to the last observation."""
-        return arc_parts(self.longest, self.study, [1e9])[0].span_h
-
     def parts(self, hours: Iterable[float] | float | None) -> list[ArcPart]:
         """Parts of some lengths, the shortest first; of lengths that are not asked for those that hold anything."""
         if hours is not None:
             return arc_parts(self.longest, self.study, arc_lengths(hours, self.study.observations))
-        span_h = self.span_h
+        span_h = arc_parts(self.longest, self.study, [1e9])[0].span_h
         lengths = [length for length in HOURS if length < 0.98 * span_h]
         while lengths and 2.0 * lengths[-1] < 0.98 * span_h:
             lengths.append(2.0 * lengths[-1])

@@ -172,14 +172,12 @@ class _Pass:
     jd: float
     start_s: float
     latest_s: float
+    # Line, second of day, flight time (s), time tag, number of ranges and RMS (ps), NaN if missing, of records 11.
     points: list[tuple[float, ...]] = field(default_factory=list)
-    """Line, second of day, flight time (s), time tag, number of ranges and RMS (ps), NaN if missing, of records 11."""
-    configurations: list[str] = field(default_factory=list)
-    """Of the points."""
+    configurations: list[str] = field(default_factory=list)  # of the points
+    # Second of day, pressure, temperature and humidity, NaN where it says nothing, of records 20.
     weather: list[tuple[float, ...]] = field(default_factory=list)
-    """Second of day, pressure, temperature and humidity, NaN where it says nothing, of records 20."""
-    rms_ps: dict[str, float] = field(default_factory=dict)
-    """Of the whole pass, by configuration."""
+    rms_ps: dict[str, float] = field(default_factory=dict)  # of the whole pass, by configuration
 
     def day_of(self, second_of_day: NDArray[np.float64]) -> NDArray[np.float64]:
         """Days from the first midnight to the one that puts a second of day nearest the pass's middle."""

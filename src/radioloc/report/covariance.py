@@ -58,11 +58,9 @@ def radius_95_m(covariance_m2: _Floats) -> float:
 class ErrorSource:
     """A part of the position's covariance."""
 
-    source: str
-    """As of :class:`~radioloc.estimation.budget.BudgetItem`, as the next."""
+    source: str  # as of BudgetItem, as the next
     name: str
-    covariance_m2: _Floats
-    """East, north, up, shape (3, 3)."""
+    covariance_m2: _Floats  # east, north, up, shape (3, 3)
 
     @property
     def label(self) -> str:
@@ -82,14 +80,11 @@ class PlannedArc:
     """What the first hours of tracking would tell."""
 
     hours: float
-    span_h: float
-    """From the start to the last observation."""
-    count: int
-    """Observations."""
+    span_h: float  # from the start to the last observation
+    count: int  # observations
+    # They add up to the covariance; none where the position is not determined.
     sources: tuple[ErrorSource, ...]
-    """They add up to the covariance; none where the position is not determined."""
-    missing: tuple[str, ...]
-    """What is not determined, in words."""
+    missing: tuple[str, ...]  # what is not determined, in words
 
     @property
     def determined(self) -> bool:
@@ -147,22 +142,18 @@ class PlannedArc:
 class Share:
     """What the observations of a type or of a station tell."""
 
-    group: str
-    """``"type"`` or ``"station"``."""
+    group: str  # "type" or "station"
     name: str
     count: int
-    alone_m: float
-    """95 % radius from these alone; infinite where they do not determine the position."""
-    without_m: float
-    """95 % radius without them."""
+    alone_m: float  # 95 % radius from these alone; infinite where they do not determine the position
+    without_m: float  # 95 % radius without them
 
 
 @dataclass(frozen=True, slots=True)
 class Gain:
     """What one thing more would make of the longest arc."""
 
-    what: str
-    """Such as ``"station TIANMA65"`` or ``"station_position KASHI known"``."""
+    what: str  # such as "station TIANMA65" or "station_position KASHI known"
     radius_95_m: float
 
 
@@ -171,15 +162,11 @@ class CovarianceStudy(Shown):
     """What a tracking plan would tell of a position."""
 
     name: str
-    arcs: tuple[PlannedArc, ...]
-    """The shortest first."""
+    arcs: tuple[PlannedArc, ...]  # the shortest first
     shares: tuple[Share, ...]
-    gains: tuple[Gain, ...]
-    """The best first."""
-    reach_m: float | None = None
-    """95 % radius that was asked for."""
-    reach_h: float | None = None
-    """After how many hours it is reached; None where it is not."""
+    gains: tuple[Gain, ...]  # the best first
+    reach_m: float | None = None  # 95 % radius that was asked for
+    reach_h: float | None = None  # after how many hours it is reached; None where it is not
     notes: tuple[str, ...] = ()
 
     @property

@@ -24,12 +24,11 @@ class Proof:
     """Trials that were fitted both ways: those farthest from where the model was linearized, then some at random."""
 
     trials: tuple[int, ...]
-    largest_m: float
-    """Largest difference of a position east, north or up."""
+    largest_m: float  # largest difference of a position east, north or up
+    # The same in parts of the sigma claimed; of sigmas themselves, by how much they differ, if that is more.
     largest_sigmas: float
-    """The same in parts of the sigma claimed; of sigmas themselves, by how much they differ, if that is more."""
+    # All differences are within 1 mm or 1 % of sigma, whichever is larger, and all sigmas within 2 %.
     passed: bool
-    """All differences are within 1 mm or 1 % of sigma, whichever is larger, and all sigmas within 2 %."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -30,28 +30,23 @@ class PositionRow:
     latitude R dB. What a reference does not have is None.
     """
 
-    method: str
-    """``"tracking"``, ``"images"``, ``"joint"`` or ``"reference"``."""
-    name: str
-    """Length of the arc, name of the solution or of the reference."""
-    longitude_west_deg: float
-    """Mean-Earth axes."""
+    method: str  # "tracking", "images", "joint" or "reference"
+    name: str  # length of the arc, name of the solution or of the reference
+    longitude_west_deg: float  # mean-Earth axes
     latitude_deg: float
     height_m: float
-    west_deg: float | None
-    """This less the benchmark, as the next four; None for the benchmark itself."""
+    west_deg: float | None  # this less the benchmark, as the next four; None for the benchmark itself
     north_deg: float | None
     west_m: float | None
     north_m: float | None
     up_m: float | None
-    sigma_west_m: float | None = None
-    """Total standard deviation, as the next two; None where not determined."""
+    sigma_west_m: float | None = None  # total standard deviation, as the next two; None where not determined
     sigma_north_m: float | None = None
     sigma_up_m: float | None = None
+    # Horizontal distance from the longest arc's position; None for that itself.
     from_longest_m: float | None = None
-    """Horizontal distance from the longest arc's position; None for that itself."""
+    # The same in the standard deviations that this difference should have.
     from_longest_sigmas: float | None = None
-    """The same in the standard deviations that this difference should have."""
     used: int | None = None
     left_out: int | None = None
     wrms_m: float | None = None

@@ -54,8 +54,7 @@ class ParameterSummary:
     name: str
     mean: float
     std: float
-    rms_error: float | None
-    """None where the truth of the parameter is not known."""
+    rms_error: float | None  # None where the truth of the parameter is not known
     sigma: float
 
 
@@ -67,25 +66,21 @@ class ArcSummary:
     span_h: float
     trials: int
     converged: int
-    mean_m: _Three
-    """Position less truth, east, north, up, as the next two; the claimed sigma is the median."""
+    mean_m: _Three  # position less truth, east, north, up, as the next two; the claimed sigma is the median
     rms_m: _Three
     sigma_m: _Three
     rms_horizontal_m: float
-    radius_68_m: float
-    """Horizontal distance from the truth that 68 % are within; of 95 % likewise."""
+    radius_68_m: float  # horizontal distance from the truth that 68 % are within; of 95 % likewise
     radius_95_m: float
+    # east, north, up: the claimed interval of 95 %; horizontal: the claimed ellipse of 95 %.
     inside: dict[str, Inside]
-    """``east``, ``north``, ``up``: the claimed interval of 95 %; ``horizontal``: the claimed ellipse of 95 %."""
-    nees: Nees
-    """Of the position in space; of that on the sphere the next."""
+    nees: Nees  # of the position in space; of that on the sphere the next
     nees_horizontal: Nees
-    used: float
-    """Mean number of observations that took part; of those that did not the mean and the largest."""
+    used: float  # mean number of observations that took part; of those that did not the mean and the largest
     rejected: float
     rejected_most: int
+    # Horizontal distance from the longest arc's position that 95 % are within; None for that itself.
     from_longest_95_m: float | None
-    """Horizontal distance from the longest arc's position that 95 % are within; None for that itself."""
     parameters: tuple[ParameterSummary, ...]
 
     @property

@@ -29,21 +29,18 @@ _FLICKER_PER_DECADE = 2
 class Noise:
     """What one series of errors is made of; the parts add up."""
 
-    white_m: float = 0.0
-    """Standard deviation of the part that is independent from epoch to epoch."""
+    white_m: float = 0.0  # standard deviation of the part that is independent from epoch to epoch
+    # Standard deviation of a stationary first-order Gauss-Markov process, whose autocovariance is coloured_m^2
+    # exp(-|dt| / correlation_s).
     coloured_m: float = 0.0
-    """Standard deviation of a stationary first-order Gauss-Markov process, whose autocovariance is
-    coloured_m^2 exp(-|dt| / correlation_s)."""
     correlation_s: float = 0.0
+    # Standard deviation of a random walk that starts at zero with the session, m per square root of a second.
     walk_m_sqrt_s: float = 0.0
-    """Standard deviation of a random walk that starts at zero with the session, m per square root of a second."""
-    outlier_fraction: float = 0.0
-    """Fraction of the epochs that get an outlier."""
-    outlier_m: float = 0.0
-    """Its size: even between half and one and a half of it, of either sign."""
+    outlier_fraction: float = 0.0  # fraction of the epochs that get an outlier
+    outlier_m: float = 0.0  # its size: even between half and one and a half of it, of either sign
+    # Standard deviation of flicker noise in each factor of ten of frequency, from one over the step down to one over
+    # the session's length: a power spectral density that falls as 1/f.
     flicker_m: float = 0.0
-    """Standard deviation of flicker noise in each factor of ten of frequency, from one over the step down to one over
-    the session's length: a power spectral density that falls as 1/f."""
 
     def __post_init__(self) -> None:
         for name in self.__slots__:
@@ -108,15 +105,15 @@ class Noise:
 class NoiseModel:
     """Random errors of all observations."""
 
+    # By kind of measurement, the errors of each link, independent between links: of a baseline, the thermal noise of
+    # its correlation.
     link: Mapping[str, Noise] = field(default_factory=dict)
-    """By kind of measurement, the errors of each link, independent between links: of a baseline, the thermal noise of
-    its correlation."""
+    # Errors of each VLBI station's arrival times (clock, instrument, air): a delay has its second station's less its
+    # first one's, so that delays around a triangle add to nothing. Six baselines of four stations hold only three
+    # independent delays of these.
     vlbi_station: Noise = field(default_factory=Noise)
-    """Errors of each VLBI station's arrival times (clock, instrument, air): a delay has its second station's less its
-    first one's, so that delays around a triangle add to nothing. Six baselines of four stations hold only three
-    independent delays of these."""
+    # Likewise errors of by how much each station's arrival time grows over a count interval, for delay rates.
     vlbi_station_rate: Noise = field(default_factory=Noise)
-    """Likewise errors of by how much each station's arrival time grows over a count interval, for delay rates."""
 
     def __post_init__(self) -> None:
         for kind in self.link:
@@ -165,8 +162,7 @@ class NoiseDraws:
     """The noise of a plan of `count` observations, ready to be drawn again and again."""
 
     count: int
-    series: tuple[_Series, ...]
-    """In the order in which they add up."""
+    series: tuple[_Series, ...]  # in the order in which they add up
 
     @classmethod
     def of(cls, model: NoiseModel, plan: Plan) -> NoiseDraws:

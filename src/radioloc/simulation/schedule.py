@@ -70,28 +70,20 @@ LINKS: dict[str, tuple[str, Callable[..., tuple[Pair, ...]]]] = {
 class Session:
     """Links measured in the same way at regular epochs."""
 
-    kind: str
-    """Of :data:`radioloc.measurements.registry.KINDS`, but for those of two targets."""
+    kind: str  # of KINDS, but for those of two targets
+    # Stations of each link: `one_way`, `two_way`, `three_way`, `all_ranges`, `baselines`.
     pairs: Sequence[Pair]
-    """Stations of each link: :func:`one_way`, :func:`two_way`, :func:`three_way`, :func:`all_ranges`,
-    :func:`baselines`."""
     start_utc: str
-    stop_utc: str
-    """The latest possible epoch. No leap second may lie on the days from the first to it."""
+    stop_utc: str  # the latest possible epoch. No leap second may lie on the days from the first to it
     step_s: float
-    sigma_m: float
-    """Standard deviation that the observations are to state."""
+    sigma_m: float  # standard deviation that the observations are to state
+    # Only one station sends at a time: of those that see the target the one that comes first in `pairs`; the links of
+    # the others wait.
     one_uplink: bool = False
-    """Only one station sends at a time: of those that see the target the one that comes first in `pairs`; the links of
-    the others wait."""
-    time_tag: str = "receive"
-    """Event that the epochs belong to, of :data:`~radioloc.measurements.measurement_type.TIME_TAGS`."""
-    count_s: float = math.nan
-    """Count interval of Doppler and delay rates."""
-    uplink_hz: float = math.nan
-    """Of the signal on its way up; NaN where it does not matter, as the next."""
-    wavelength_um: float = math.nan
-    """Of the signal on its way down, micrometres."""
+    time_tag: str = "receive"  # event that the epochs belong to, of TIME_TAGS
+    count_s: float = math.nan  # count interval of Doppler and delay rates
+    uplink_hz: float = math.nan  # of the signal on its way up; NaN where it does not matter, as the next
+    wavelength_um: float = math.nan  # of the signal on its way down, micrometres
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "pairs", tuple(self.pairs))
@@ -138,13 +130,10 @@ class Session:
 class Plan:
     """What is to be measured: n observations without their values."""
 
-    observations: Observations
-    """In the order of time; each value is one metre and means nothing."""
+    observations: Observations  # in the order of time; each value is one metre and means nothing
     sessions: tuple[Session, ...]
-    session: NDArray[np.int64]
-    """Index into `sessions`, shape (n,)."""
-    slot: NDArray[np.int64]
-    """Index into the epochs of the session, seen or not, shape (n,)."""
+    session: NDArray[np.int64]  # index into sessions, shape (n,)
+    slot: NDArray[np.int64]  # index into the epochs of the session, seen or not, shape (n,)
 
 
 @dataclass(frozen=True, slots=True)

@@ -36,26 +36,19 @@ from radioloc.time import epochs_from_strings
 class Simulated:
     """Observations of a simulated world; arrays are of shape (n,), m."""
 
-    observations: Observations
-    """As measured: with all errors; sigmas are those that the schedule states."""
+    observations: Observations  # as measured: with all errors; sigmas are those that the schedule states
+    # Where the point truly is, principal axes, shape (3,); of a spacecraft the offset from its trajectory, zeros.
     target_pa_m: NDArray[np.float64]
-    """Where the point truly is, principal axes, shape (3,); of a spacecraft the offset from its trajectory, zeros."""
     truth: Truth
     noise: NoiseModel
     seed: int
-    error_free_m: NDArray[np.float64]
-    """What the nominal model, with the world's terms, makes of it."""
-    added_m: dict[str, NDArray[np.float64]]
-    """What the truth's errors add, by kind of parameter."""
-    drawn: dict[str, float]
-    """Errors that were drawn, by parameter."""
-    drawn_m: NDArray[np.float64]
-    """What those add."""
+    error_free_m: NDArray[np.float64]  # what the nominal model, with the world's terms, makes of it
+    added_m: dict[str, NDArray[np.float64]]  # what the truth's errors add, by kind of parameter
+    drawn: dict[str, float]  # errors that were drawn, by parameter
+    drawn_m: NDArray[np.float64]  # what those add
     noise_m: NDArray[np.float64]
-    is_outlier: NDArray[np.bool_]
-    """Whether the random error has a wild part."""
-    trajectory: Trajectory | None = None
-    """Where the spacecraft truly is, if the target is one."""
+    is_outlier: NDArray[np.bool_]  # whether the random error has a wild part
+    trajectory: Trajectory | None = None  # where the spacecraft truly is, if the target is one
 
     def summary(self) -> str:
         """Text for people and for the head of a file: what was measured, and what was put in."""
@@ -85,16 +78,12 @@ class World:
 
     scenario: Scenario
     plan: Plan
-    target_pa_m: NDArray[np.float64]
-    """As in :class:`Simulated`, as the next two."""
+    target_pa_m: NDArray[np.float64]  # as in Simulated, as the next two
     error_free_m: NDArray[np.float64]
     added_m: dict[str, NDArray[np.float64]]
-    errors: dict[str, float]
-    """Errors of the truth by parameter, such as ``"range_bias.KASHI"``."""
-    drawn: DrawnErrors
-    """Errors that a trial of a Monte Carlo study draws, and :meth:`draw` if asked to."""
-    enu_pa: NDArray[np.float64]
-    """East, north and up at the target, in principal axes, as rows, shape (3, 3)."""
+    errors: dict[str, float]  # errors of the truth by parameter, such as "range_bias.KASHI"
+    drawn: DrawnErrors  # errors that a trial of a Monte Carlo study draws, and draw if asked to
+    enu_pa: NDArray[np.float64]  # east, north and up at the target, in principal axes, as rows, shape (3, 3)
 
     @property
     def value_m(self) -> NDArray[np.float64]:
@@ -137,20 +126,14 @@ class World:
 class Scenario:
     """All that a simulation needs besides the nominal model, with which the observations would be fitted."""
 
-    schedule: Schedule
-    """What is measured and when."""
-    position: LunarPosition | Trajectory
-    """Where the point or the spacecraft truly is."""
-    truth: Truth = field(default_factory=Truth)
-    """In what the world differs from the nominal model."""
-    noise: NoiseModel = field(default_factory=NoiseModel)
-    """Random errors."""
+    schedule: Schedule  # what is measured and when
+    position: LunarPosition | Trajectory  # where the point or the spacecraft truly is
+    truth: Truth = field(default_factory=Truth)  # in what the world differs from the nominal model
+    noise: NoiseModel = field(default_factory=NoiseModel)  # random errors
+    # Errors that are drawn anew in every trial, about those of the truth.
     truth_sigma: TruthSigma = field(default_factory=TruthSigma)
-    """Errors that are drawn anew in every trial, about those of the truth."""
-    seed: int = 0
-    """Of the noise, a whole number from zero up; the same seed gives the same errors."""
-    name: str = "lander"
-    """Name of the target in the observations."""
+    seed: int = 0  # of the noise, a whole number from zero up; the same seed gives the same errors
+    name: str = "lander"  # name of the target in the observations
 
     def __post_init__(self) -> None:
         require_seed(self.seed)

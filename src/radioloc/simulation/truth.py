@@ -52,14 +52,11 @@ class Truth:
     nothing do not matter.
     """
 
-    values: Mapping[str, ParameterChoice]
-    """Errors by kind of parameter."""
-    terms_on: tuple[str, ...]
-    """Terms (:data:`radioloc.measurements.terms.TERMS`) that the world has and the model not."""
-    terms_off: tuple[str, ...]
-    """The reverse."""
+    values: Mapping[str, ParameterChoice]  # errors by kind of parameter
+    terms_on: tuple[str, ...]  # terms (TERMS) that the world has and the model not
+    terms_off: tuple[str, ...]  # the reverse
+    # When the offsets of clocks and frequencies hold that have a rate; the start of the first session where None.
     clock_epoch_utc: str | None
-    """When the offsets of clocks and frequencies hold that have a rate; the start of the first session where None."""
 
     def __init__(
         self,
@@ -95,9 +92,9 @@ class TruthSigma:
     """Standard deviations of errors that are drawn anew in every trial, about those of the truth; keywords as there."""
 
     sigmas: Mapping[str, ParameterChoice]
+    # Of the point itself about its nominal place, to the east, to the north and up (selenocentric): how far a terrain
+    # map's height may be wrong, where the study has a prior on the height.
     position_enu_m: tuple[float, float, float]
-    """Of the point itself about its nominal place, to the east, to the north and up (selenocentric): how far a terrain
-    map's height may be wrong, where the study has a prior on the height."""
     clock_epoch_utc: str | None
 
     def __init__(
@@ -132,8 +129,7 @@ class DrawnErrors:
 
     names: tuple[str, ...]
     sigmas: NDArray[np.float64]
-    partials: NDArray[np.float64]
-    """Of the observed values by the parameters, shape (k, n)."""
+    partials: NDArray[np.float64]  # of the observed values by the parameters, shape (k, n)
 
     def draw(self, seed: int) -> NDArray[np.float64]:
         """Errors of one trial's seed, shape (k,); one parameter more does not change those of others."""

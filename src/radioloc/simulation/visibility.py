@@ -48,12 +48,11 @@ _SECONDS_TO = 0.1
 class Masks:
     """Elevations from -90 to 90 deg below which nothing is tracked."""
 
-    station_deg: float = 10.0
-    """Of the target above a station's horizon."""
+    station_deg: float = 10.0  # of the target above a station's horizon
+    # Of a station above the target's horizon: what terrain or antenna at the target leaves free.
     target_deg: float = 0.0
-    """Of a station above the target's horizon: what terrain or antenna at the target leaves free."""
+    # Stations (by their catalogue names) with a mask of their own.
     by_station_deg: Mapping[str, float] = field(default_factory=dict)
-    """Stations (by their catalogue names) with a mask of their own."""
 
     def __post_init__(self) -> None:
         for mask_deg in (self.station_deg, self.target_deg, *self.by_station_deg.values()):
@@ -69,12 +68,11 @@ class Masks:
 class Elevations:
     """Elevations at both ends of n signals at k stations."""
 
-    stations: tuple[str, ...]
-    """Catalogue names."""
+    stations: tuple[str, ...]  # catalogue names
+    # Of the target above each station's horizon (the plane normal to the ellipsoid's vertical), shape (n, k).
     at_station_rad: NDArray[np.float64]
-    """Of the target above each station's horizon (the plane normal to the ellipsoid's vertical), shape (n, k)."""
+    # Of each station above the target's horizon (the plane normal to its radius; of a spacecraft, the Moon's limb).
     at_target_rad: NDArray[np.float64]
-    """Of each station above the target's horizon (the plane normal to its radius; of a spacecraft, the Moon's limb)."""
 
     def margin_rad(self, masks: Masks) -> NDArray[np.float64]:
         """How far the lower of both elevations is above its mask, shape (n, k); below zero is not seen."""
@@ -196,10 +194,8 @@ class Window:
 
     start_utc: str
     stop_utc: str
-    rises: bool
-    """Whether it begins by a rise rather than by the limit of the search."""
-    sets: bool
-    """Likewise whether it ends by a set."""
+    rises: bool  # whether it begins by a rise rather than by the limit of the search
+    sets: bool  # likewise whether it ends by a set
 
 
 def windows(

@@ -158,15 +158,11 @@ def arc_lengths(hours: Iterable[float] | float, choice: ObservationChoice) -> li
 class ArcPart:
     """The first hours of an arc."""
 
-    hours: float
-    """Length asked for."""
-    span_h: float
-    """From the start to the last observation."""
-    rows: NDArray[np.intp]
-    """Those of the whole arc that it has."""
+    hours: float  # length asked for
+    span_h: float  # from the start to the last observation
+    rows: NDArray[np.intp]  # those of the whole arc that it has
     arc: Predictor
-    estimate: EstimateChoice
-    """What is estimated in it."""
+    estimate: EstimateChoice  # what is estimated in it
 
 
 def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> list[ArcPart]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import json
 import re
 import shlex
 import tomllib
@@ -215,6 +216,22 @@ def touch_named_files(folder):
     """Files that the example of the study file names beside those that ship."""
     for name in ("my_c04.txt", "y2006.vmf3_r", "y2007.vmf3_r", "gpt3_5.grd", "dem_10m.tif"):
         (folder / name).touch()
+    tie = [
+        {"name": f"map_tie.map.{axis}", "sigma": 25.0, "position_enu_m": [0.0, 0.0, 0.0]}
+        for axis in ("east", "north")
+    ]
+    images = {
+        "name": "images",
+        "method": "images",
+        "message": "",
+        "converged": True,
+        "sigma": {},
+        "provenance": {},
+    }
+    images |= {"position": {"me": {"frame": "ME_DE421", "x_m": 1737400.0, "y_m": 0.0, "z_m": 0.0}}}
+    images |= {"covariance": {"enu_m2": (700.0 * np.eye(3)).tolist()}, "considered": tie}
+    (folder / "out" / "images").mkdir(parents=True)
+    (folder / "out" / "images" / "solution.json").write_text(json.dumps(images))
 
 
 def test_every_key_of_a_study_of_images():

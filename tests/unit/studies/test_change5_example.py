@@ -7,8 +7,13 @@ import numpy as np
 import pytest
 
 import radioloc
+from radioloc.report.files import write_json
+from radioloc.studies import compare, read_image_study
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "change5" / "change5.toml"
+
+LROC = {"LROC NAC image map": (-13.3, 21.2), "LROC NAC image": (-2.2, -24.3)}
+"""Wang et al. (2021), table 1: west and north of the Chang'e-2 map, m, to 0.1 m."""
 
 
 @pytest.fixture(scope="module")
@@ -30,12 +35,49 @@ def test_arcs_lie_where_the_paper_has_them(found):
 
 @pytest.mark.slow
 def test_references_are_those_of_the_paper(found):
-    stated = {"LROC NAC image map": (-13.3, 21.2), "LROC NAC image": (-2.2, -24.3)}
     rows = {row.name: row for row in found.rows if row.method == "reference"}
-    assert set(rows) == {"Chang'e-2 image map", *stated}
-    for name, metres in stated.items():
+    assert set(rows) == {"Chang'e-2 image map", *LROC}
+    for name, metres in LROC.items():
         # The paper gives them to 0.1 m.
         np.testing.assert_allclose((rows[name].west_m, rows[name].north_m), metres, rtol=0.0, atol=0.0501)
+
+
+@pytest.mark.slow
+def test_table_1_in_full_from_tracking_and_images(found, tmp_path):
+    """Arcs, images of the same lander on a map that is 30 m off to the east and 20 m to the south, references."""
+    images = read_image_study(EXAMPLE.parents[1] / "images" / "descent.toml")
+    files = images.images.files
+    some = replace(images, images=replace(images.images, files=(*files[:3], *files[3::2])))
+    write_json(tmp_path / "arcs.json", found.to_dict())
+    write_json(tmp_path / "images.json", radioloc.locate_images(some).to_dict())
+    compared = compare([tmp_path / "arcs.json", tmp_path / "images.json"], "Chang'e-2 image map")
+    assert compared.consistent
+    rows = {row.name: row for row in compared.rows}
+    tracked = [f"change5, {hours} h" for hours in (48, 24, 12)]
+    assert list(rows) == [
+        *tracked,
+        "descent",
+        "joint estimate",
+        "position simulated",
+        "Chang'e-2 image map",
+        *LROC,
+    ]
+    assert (rows["descent"].west_m, rows["descent"].north_m) == pytest.approx(
+        (-30.0, -20.0), abs=8.0
+    )  # a pixel
+    for name, metres in LROC.items():
+        assert (rows[name].west_m, rows[name].north_m) == pytest.approx(metres, abs=0.0501)
+    # The joint estimate is of the longest arc and the images, and is better than either.
+    assert compared.joint.names == ("change5, 48 h", "descent")
+    for axis in ("west", "north"):
+        sigmas_m = [
+            getattr(rows[name], f"sigma_{axis}_m") for name in ("joint estimate", *compared.joint.names)
+        ]
+        assert sigmas_m[0] < min(sigmas_m[1:])
+    # The images are tested against each arc, and may be 36 m off.
+    with_images = [pair for pair in compared.agreements if pair.two == "descent"]
+    assert [pair.one for pair in with_images] == tracked
+    assert all(pair.chance > 0.05 for pair in with_images)
 
 
 def test_residuals_are_those_of_the_paper():

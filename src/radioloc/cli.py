@@ -45,7 +45,8 @@ from radioloc.studies.arcs import arcs
 from radioloc.studies.comparison import compare, read_solutions
 from radioloc.studies.covariance import covariance
 from radioloc.studies.doctor import doctor
-from radioloc.studies.image_study import CameraChoice, ImageChoice, read_image_study
+from radioloc.studies.image_study import TABLES as IMAGE_TABLES
+from radioloc.studies.image_study import read_image_study
 from radioloc.studies.images import locate_images
 from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.schema import keys_of
@@ -130,8 +131,8 @@ def _keys_of_a_study() -> dict[str, dict[str, str]]:
 
 
 def _keys_of_images() -> dict[str, dict[str, str]]:
-    tables = {"[images]": ImageChoice, "[camera]": CameraChoice}
-    return {"tables of a study file": {name: ", ".join(keys_of(record)) for name, record in tables.items()}}
+    tables = {f"[{name}]": ", ".join(keys_of(record)) for name, record in IMAGE_TABLES.items()}
+    return {"tables of a study file, one of [images], [image_point] and [stereo]": tables}
 
 
 def _measurement_types() -> dict[str, dict[str, str]]:
@@ -231,9 +232,9 @@ def _parser() -> argparse.ArgumentParser:
     trials.add_argument("--resume", **flag, help="take over the trials that are in DIR already")
     trials.add_argument("--full", **flag, help="fit every trial with the whole model")
 
-    text = "locate the lander in the last of its descent images on a map"
-    of_images = command("images", _images, text, "a study file with [images]")
-    of_images.add_argument("--out", **folder, help="write solution.json and the mosaic there")
+    text = "locate a lander by its descent images, a point in an orbital image, or stereo images of landmarks"
+    of_images = command("images", _images, text, "a study file with [images], [image_point] or [stereo]")
+    of_images.add_argument("--out", **folder, help="write solution.json and a figure there")
     of_images.more = _keys_of_images
 
     text = "put solutions beside each other, test whether they agree, and combine them"

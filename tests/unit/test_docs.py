@@ -31,7 +31,8 @@ from radioloc.media.neutral_atmosphere import (
 )
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.files import RESIDUAL_COLUMNS
-from radioloc.studies.image_study import CameraChoice, ImageChoice, read_image_study
+from radioloc.studies.image_study import TABLES as IMAGE_TABLES
+from radioloc.studies.image_study import read_image_study
 from radioloc.studies.schema import keys_of
 from radioloc.studies.study import PARAMETER_KEYS
 from radioloc.studies.study_file import TABLES
@@ -236,7 +237,7 @@ def touch_named_files(folder):
 
 def test_every_key_of_a_study_of_images():
     documented = documented_keys("image-study.md")
-    assert documented == {"images": set(keys_of(ImageChoice)), "camera": set(keys_of(CameraChoice))}
+    assert documented == {name: set(keys_of(record)) for name, record in IMAGE_TABLES.items()}
 
 
 def documented_keys(page: str = "study-file.md") -> dict[str, set[str]]:
@@ -549,7 +550,7 @@ def test_toml_is_a_study_or_part_of_one(page, workspace):
         if block.language != "toml":
             continue
         content = tomllib.loads(block.text)
-        if "images" in content:
+        if {"images", "image_point", "stereo"} & set(content):
             if block.file:
                 (workspace / block.file).write_text(block.text)
                 read_image_study(workspace / block.file)

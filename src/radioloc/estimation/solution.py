@@ -104,6 +104,20 @@ class Ellipse:
     azimuth_deg: float
 
 
+def horizontal_ellipse(covariance_en_m2: NDArray[np.float64], probability: float = 0.95) -> Ellipse:
+    """The error ellipse of a covariance of east and north, m^2, that holds the true point with a probability.
+
+    Notes
+    -----
+    For two dimensions the factor to the one-sigma axes is sqrt(-2 ln(1 - probability)), 2.45 for 95 %.
+    """
+    variances, vectors = np.linalg.eigh(covariance_en_m2)
+    factor = math.sqrt(-2.0 * math.log(1.0 - probability))
+    minor, major = factor * np.sqrt(np.maximum(variances, 0.0))
+    azimuth_deg = math.degrees(math.atan2(vectors[0, 1], vectors[1, 1])) % 180.0
+    return Ellipse(float(major), float(minor), azimuth_deg)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class TargetPosition:
     """One of several targets: its name, its position (3,), m, and d(position)/d(parameter) (3, p), principal axes."""
@@ -353,20 +367,11 @@ class Solution:
         return self.covariance if considered is None else self.covariance + considered.covariance
 
     def ellipse(self, probability: float = 0.95, level: Level = "total") -> Ellipse | None:
-        """Horizontal error ellipse that holds the true point with a probability; None if not determined.
-
-        Notes
-        -----
-        For two dimensions the factor to the one-sigma axes is sqrt(-2 ln(1 - probability)), 2.45 for 95 %.
-        """
+        """Horizontal error ellipse that holds the true point with a probability; None if not determined."""
         horizontal = self.position_covariance("enu", level)[:2, :2]
         if not np.isfinite(horizontal).all():
             return None
-        variances, vectors = np.linalg.eigh(horizontal)
-        factor = math.sqrt(-2.0 * math.log(1.0 - probability))
-        minor, major = factor * np.sqrt(np.maximum(variances, 0.0))
-        azimuth_deg = math.degrees(math.atan2(vectors[0, 1], vectors[1, 1])) % 180.0
-        return Ellipse(float(major), float(minor), azimuth_deg)
+        return horizontal_ellipse(horizontal, probability)
 
     def biases(self, kind: str = "range_bias") -> dict[str, tuple[float, float]]:
         """Estimated value and sigma of each parameter of a kind, by the station it belongs to."""

@@ -74,8 +74,10 @@ def _met(model: SensorModel, rays: Rays, pixels: ArrayLike, surface: Surface) ->
     points, hits = surface.intersect(rays.origins_m, rays.directions)
     if not hits.all():
         pixel = np.asarray(pixels, dtype=np.float64)[np.flatnonzero(~hits)[0]]
+        others = int((~hits).sum()) - 1
+        more = f" (and of {others} more)" if others else ""
         raise InputError(
-            f"the ray of the pixel (sample {pixel[0]:.6g}, line {pixel[1]:.6g}) (and of {int((~hits).sum()) - 1} more) "
+            f"the ray of the pixel at sample {pixel[0]:.6g}, line {pixel[1]:.6g}{more} "
             "does not meet the ground: it looks past the Moon, leaves the elevation map, or the orientation is wrong"
         )
     return points

@@ -52,9 +52,20 @@ class ImagePoint:
     position_pa: LunarPosition
     covariance_me_m2: Floats  # (3, 3)
     covariance_pa_m2: Floats
-    covariance_enu_m2: Floats  # east, north, up
-    parts_enu_m2: dict[str, Floats]  # by pixel, position, attitude, height; their sum is the covariance
+    errors_enu_m: dict[
+        str, Floats
+    ]  # east, north, up of each error of one sigma, (3, k): pixel, position, attitude, height
     pixel_size_m: tuple[float, float]  # of the pixel on the ground, along sample and line
+
+    @property
+    def parts_enu_m2(self) -> dict[str, Floats]:
+        """Covariance of east, north and up by what it is from, shape (3, 3) each."""
+        return {name: errors @ errors.T for name, errors in self.errors_enu_m.items()}
+
+    @property
+    def covariance_enu_m2(self) -> Floats:
+        """Covariance of east, north and up: the sum of its parts, shape (3, 3)."""
+        return sum(self.parts_enu_m2.values(), np.zeros((3, 3)))
 
     @property
     def sigma_enu_m(self) -> Floats:
@@ -126,11 +137,11 @@ def locate_image_point(
         "attitude": (found.by_angles[0], sigmas.attitude_rad),
         "height": (found.by_height[0][:, np.newaxis], sigmas.height_m),
     }
-    parts = {}
-    for name, (by_error, sigma) in partials.items():
-        scaled = to_enu @ by_error * _sigmas(name, sigma, by_error.shape[1])
-        parts[name] = scaled @ scaled.T
-    covariance_enu = sum(parts.values(), np.zeros((3, 3)))
+    errors = {
+        name: to_enu @ by_error * _sigmas(name, sigma, by_error.shape[1])
+        for name, (by_error, sigma) in partials.items()
+    }
+    covariance_enu = sum((scaled @ scaled.T for scaled in errors.values()), np.zeros((3, 3)))
     covariance_me = to_enu.T @ covariance_enu @ to_enu
     to_pa = rot_pa_to_me(constants).T
     position = LunarPosition.from_cartesian(point, model.axes)
@@ -141,8 +152,7 @@ def locate_image_point(
         position.to_axes("PA", constants),
         covariance_me,
         to_pa @ covariance_me @ to_pa.T,
-        covariance_enu,
-        parts,
+        errors,
         (float(across), float(along)),
     )
 

@@ -19,6 +19,8 @@ from radioloc.report.image_solution import ImageSolution
 from radioloc.report.map_figure import plot_map
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.parameter_figures import plot_contours, plot_correlations
+from radioloc.report.point_figures import plot_point
+from radioloc.report.point_solution import PointSolution
 from radioloc.report.position_figures import plot_position
 from radioloc.report.residual_figures import plot_links, plot_residuals
 from radioloc.report.sinex import write_sinex
@@ -30,6 +32,7 @@ __all__ = [
     "CovarianceStudy",
     "ImageSolution",
     "MonteCarlo",
+    "PointSolution",
     "plot_comparison",
     "plot_contours",
     "plot_correlations",
@@ -37,6 +40,7 @@ __all__ = [
     "plot_images",
     "plot_links",
     "plot_map",
+    "plot_point",
     "plot_position",
     "plot_residuals",
     "save_figure",

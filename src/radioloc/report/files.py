@@ -25,6 +25,8 @@ from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.parameter_figures import can_be_drawn, plot_contours, plot_correlations
+from radioloc.report.point_figures import plot_point
+from radioloc.report.point_solution import PointSolution
 from radioloc.report.position_figures import plot_error_by_length, plot_position, plot_trial_scatter
 from radioloc.report.residual_figures import plot_links, plot_residuals
 from radioloc.text_files import disk_failed, write_text
@@ -260,8 +262,10 @@ def write_covariance(study: CovarianceStudy, folder: str | Path) -> list[Path]:
     )
 
 
-def write_images(solution: ImageSolution, folder: str | Path) -> list[Path]:
-    """Write ``solution.json``, ``images.png`` and ``images.svg``; all else is as of :func:`write_report`.
+def write_images(solution: ImageSolution | PointSolution, folder: str | Path) -> list[Path]:
+    """Write ``solution.json``, and ``images.png`` and ``images.svg``, or of a point ``position.png`` and ``.svg``.
+
+    All else is as of :func:`write_report`.
 
     Examples
     --------
@@ -270,7 +274,9 @@ def write_images(solution: ImageSolution, folder: str | Path) -> list[Path]:
     >>> [path.name for path in radioloc.report.write_images(solution, "out")]
     ['solution.json', 'images.png', 'images.svg']
     """
-    return _write(folder, {"solution.json": solution.to_dict()}, {"images": partial(plot_images, solution)})
+    mosaic = partial(plot_images, solution) if isinstance(solution, ImageSolution) else None
+    point = partial(plot_point, solution) if isinstance(solution, PointSolution) else None
+    return _write(folder, {"solution.json": solution.to_dict()}, {"images": mosaic, "position": point})
 
 
 def write_comparison(found: Comparison, folder: str | Path) -> list[Path]:

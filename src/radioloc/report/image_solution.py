@@ -11,19 +11,16 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.ephemeris.constants import CONSTANTS
-from radioloc.estimation.statistics import finite_or_none
 from radioloc.imaging import Camera, Map
 from radioloc.imaging.image_chain import FrameStatus
 from radioloc.imaging.registration import RegisteredFrame, Registration
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, Shown, metres, plural
-from radioloc.report.position_table import difference
+from radioloc.report.one_position import ENU, position_content, position_field, reference_field
 
 Floats = NDArray[np.float64]
 
 _MOST_ROWS = 12
-_AXES = ("east", "north", "up")
 MAP_TIE = "map_tie"
 """Name of the considered error that all points of a map have in common."""
 
@@ -117,40 +114,13 @@ class ImageSolution(Shown):
 
     def to_dict(self) -> dict[str, Any]:
         """All numbers, with the keys of :meth:`radioloc.Solution.to_dict`, and ``images``."""
-        longitude, latitude, height = self.position.selenographic
-        pa = self.position.to_axes("PA", CONSTANTS["DE421"])
-        name, benchmark = next(iter(self.references.items()), (None, None))
-        reference = None
-        if name is not None and benchmark is not None:
-            *_, west_m, north_m, up_m = difference(self.position.selenographic, benchmark.selenographic)
-            place = dict(
-                zip(("longitude_deg", "latitude_deg", "height_m"), benchmark.selenographic, strict=True)
-            )
-            apart = {
-                "east_m": -west_m,
-                "north_m": north_m,
-                "up_m": up_m,
-                "horizontal_m": math.hypot(west_m, north_m),
-            }
-            reference = {"name": name, **place, **apart}
         return {
             "name": self.name,
             "method": "images",
             "converged": self.converged,
             "status": "converged" if self.converged else "not converged",
             "message": self.message,
-            "position": {
-                "pa": {"frame": pa.frame, **_named("xyz", pa.xyz_m)},
-                "me": {
-                    "frame": self.position.frame,
-                    "longitude_deg": longitude,
-                    "latitude_deg": latitude,
-                    "height_m": height,
-                    **_named("xyz", self.position.xyz_m),
-                },
-            },
-            "sigma": _named(_AXES, self.sigma_enu_m),
-            "covariance": {"enu_m2": [[finite_or_none(v) for v in row] for row in self.covariance_enu_m2]},
+            **position_content(self.position, self.covariance_enu_m2, self.references),
             "biases": {},
             "considered": [
                 {
@@ -159,7 +129,7 @@ class ImageSolution(Shown):
                     "sigma": sigma_m,
                     "position_enu_m": (sigma_m * np.eye(3)[k]).tolist(),
                 }
-                for k, (axis, sigma_m) in enumerate(zip(_AXES, self.map_sigma_m, strict=False))
+                for k, (axis, sigma_m) in enumerate(zip(ENU, self.map_sigma_m, strict=False))
             ],
             "fit": {
                 "used": sum(frame.inliers for frame in self.registered),
@@ -172,7 +142,6 @@ class ImageSolution(Shown):
                 "by_station": {},
             },
             "images": [self._image(frame) for frame in self.registration.frames],
-            "reference": reference,
             "notes": list(self.notes),
             "provenance": dict(self.provenance),
         }
@@ -210,7 +179,6 @@ class ImageSolution(Shown):
 
     def card(self) -> Card:
         """Card of the solution."""
-        longitude, latitude, height = self.position.selenographic
         sigmas = self.sigma_enu_m
         up = metres(sigmas[2]) if math.isfinite(sigmas[2]) else "not determined"
         tie = " and ".join(metres(value) for value in self.map_sigma_m)
@@ -219,13 +187,7 @@ class ImageSolution(Shown):
             (
                 Field("solution", (self.name,)),
                 Field("status", ("CONVERGED" if self.converged else f"NOT CONVERGED: {self.message}",)),
-                Field(
-                    "position",
-                    (
-                        f"{longitude:.6f} deg E, {latitude:.6f} deg N ({self.position.frame})",
-                        f"{height:.1f} m above the 1737.4 km sphere",
-                    ),
-                ),
+                position_field(self.position),
                 Field(
                     "1 sigma",
                     (
@@ -233,7 +195,7 @@ class ImageSolution(Shown):
                         f"in it the tie of {self.map_name} to the Moon's axes, {tie} m east and north",
                     ),
                 ),
-                Field("reference", tuple(self._references())),
+                reference_field(self.position, self.references),
                 Field(
                     "images",
                     (f"{len(self.registered)} of {len(frames)} registered",),
@@ -252,14 +214,6 @@ class ImageSolution(Shown):
         longitude, latitude, _ = self.position.selenographic
         state = "converged" if self.converged else "NOT CONVERGED"
         return f"<ImageSolution {self.name}: {longitude:.6f} deg E, {latitude:.6f} deg N, {state}>"
-
-    def _references(self) -> Iterator[str]:
-        for name, place in self.references.items():
-            _, _, west_m, north_m, up_m = difference(self.position.selenographic, place.selenographic)
-            yield (
-                f"solution - {name}: east {metres(-west_m)}, north {metres(north_m)}, up {metres(up_m)} m; "
-                f"{metres(math.hypot(west_m, north_m))} m horizontal"
-            )
 
     def _shown(self) -> list[RegisteredFrame]:
         """The first and the last images."""
@@ -286,7 +240,3 @@ class ImageSolution(Shown):
         for frame in self.registration.frames:
             if frame.status is not FrameStatus.REGISTERED:
                 yield f"{frame.name}: {frame.status.value}{f': {frame.reason}' if frame.reason else ''}"
-
-
-def _named(names: Any, values: Any) -> dict[str, float | None]:
-    return {f"{name}_m": finite_or_none(float(value)) for name, value in zip(names, values, strict=True)}

@@ -14,7 +14,7 @@ from radioloc.constants import MEAN_LUNAR_RADIUS_M
 HEADING = ("", "L, deg W", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m")
 """Of :func:`position_cells` after a name."""
 
-METHODS = ("tracking", "images")
+METHODS = ("tracking", "images", "image_point", "stereo")
 """How positions are found."""
 
 Place = tuple[float, float, float]
@@ -30,7 +30,7 @@ class PositionRow:
     latitude R dB. What a reference does not have is None.
     """
 
-    method: str  # "tracking", "images", "joint" or "reference"
+    method: str  # one of METHODS, "joint" or "reference"
     name: str  # length of the arc, name of the solution or of the reference
     longitude_west_deg: float  # mean-Earth axes
     latitude_deg: float

@@ -1,7 +1,16 @@
 """Whole jobs: a study file in, a solution out. The jobs themselves are functions of :mod:`radioloc`."""
 
 from radioloc.studies.comparison import compare
-from radioloc.studies.image_study import CameraChoice, ImageChoice, ImageStudy, read_image_study
+from radioloc.studies.image_study import (
+    CameraChoice,
+    ImageChoice,
+    ImagePointChoice,
+    ImageStudy,
+    Landmark,
+    PointStudy,
+    StereoChoice,
+    read_image_study,
+)
 from radioloc.studies.locate import arc_of
 from radioloc.studies.map_positions import PlaceOnMap
 from radioloc.studies.study import (
@@ -22,11 +31,15 @@ __all__ = [
     "EstimateChoice",
     "HeightPrior",
     "ImageChoice",
+    "ImagePointChoice",
     "ImageStudy",
+    "Landmark",
     "ModelChoice",
     "ObservationChoice",
     "PlaceOnMap",
+    "PointStudy",
     "Reference",
+    "StereoChoice",
     "Study",
     "TerrainPrior",
     "Verification",

@@ -1,4 +1,8 @@
-"""A study of descent images: its tables ``[images]`` and ``[camera]``, and reading them from a file."""
+"""A study of images: its tables, and reading them from a file.
+
+``[images]`` and ``[camera]`` locate a lander by its descent images, ``[image_point]`` a point in one orbital image,
+``[stereo]`` a rover or lander by stereo images of landmarks.
+"""
 
 from __future__ import annotations
 
@@ -7,17 +11,47 @@ from pathlib import Path
 
 from radioloc.errors import InputError
 from radioloc.imaging import Camera
+from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M
 from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of
 from radioloc.studies.study import Reference
 from radioloc.studies.study_file import references_of, toml_content
 from radioloc.time import Epochs
 
 DETECTORS = ("sift", "orb")
-TABLES = ("images", "camera", "reference", "references")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class GroundChoice:
+    """What is known of the ground's height.
+
+    Parameters
+    ----------
+    dem : Path, optional
+        An elevation model.
+    dem_sigma_m : float
+        How well its heights are known, m.
+    height_m, height_sigma_m : float, optional
+        The height above the 1737.4 km sphere and its sigma, m, in place of a model.
+    """
+
+    dem: Path | None = None
+    dem_sigma_m: float = entry(10.0, not_negative=True)
+    height_m: float | None = None
+    height_sigma_m: float = entry(10.0, not_negative=True)
+
+    def __post_init__(self) -> None:
+        check(self)
+        if self.dem is not None and self.height_m is not None:
+            raise InputError("give either dem or height_m, not both")
+        if self.height_m is not None and not LOWEST_M <= self.height_m <= HIGHEST_M:
+            raise InputError(
+                f"height_m = {self.height_m!r} is no height above the 1737.4 km sphere that the Moon's ground has, "
+                f"{LOWEST_M:.0f} to {HIGHEST_M:.0f} m"
+            )
 
 
 @dataclass(frozen=True, slots=True)
-class ImageChoice:
+class ImageChoice(GroundChoice):
     """The images, and what they are laid over.
 
     Parameters
@@ -28,12 +62,8 @@ class ImageChoice:
         How well the map is tied to the Moon's axes, east and north, m; the same error for all its points.
     base_map : Path, optional
         A map image with a lunar projection. With ``shade`` the elevation model takes its place.
-    dem : Path, optional
-        An elevation model: the height of the point. Without it and ``height_m`` there is no height.
-    dem_sigma_m : float
-        How well its heights are known, m.
-    height_m, height_sigma_m : float, optional
-        The height above the 1737.4 km sphere and its sigma, m, in place of a model.
+    dem, dem_sigma_m, height_m, height_sigma_m
+        The height of the point. Without ``dem`` and ``height_m`` there is none.
     mask : Path, optional
         An image of the frames' size, white where they show the ground. What does not move from frame to frame is found
         and left out where none is given.
@@ -58,10 +88,6 @@ class ImageChoice:
     files: tuple[Path, ...]
     base_map_sigma_m: tuple[float, float] = entry(not_negative=True)
     base_map: Path | None = None
-    dem: Path | None = None
-    dem_sigma_m: float = entry(10.0, not_negative=True)
-    height_m: float | None = None
-    height_sigma_m: float = entry(10.0, not_negative=True)
     mask: Path | None = None
     point: str | tuple[float, float] = "centre"
     point_sigma_px: float = entry(1.0, not_negative=True)
@@ -74,7 +100,7 @@ class ImageChoice:
     detector: str = entry("sift", choices=DETECTORS)
 
     def __post_init__(self) -> None:
-        check(self)
+        GroundChoice.__post_init__(self)
         if self.base_map is None and not self.shade:
             raise InputError("base_map is missing; name a map image, or shade = true with a dem")
         if self.shade and self.dem is None:
@@ -86,8 +112,6 @@ class ImageChoice:
             )
         if self.shade and self.base_map is not None:
             raise InputError("give either base_map or shade = true, not both")
-        if self.dem is not None and self.height_m is not None:
-            raise InputError("give either dem or height_m, not both")
         if isinstance(self.point, str) and self.point != "centre":
             raise InputError(f'point must be "centre" or [sample, line], not {self.point!r}')
 
@@ -109,6 +133,140 @@ class CameraChoice:
         middle = (0.5 * (shape[1] - 1), 0.5 * (shape[0] - 1))
         point = self.principal_point_px or middle
         return Camera.of_pinhole(self.focal_length_mm, self.pixel_size_um, point, self.distortion)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ImagePointChoice(GroundChoice):
+    """A point measured in one image, such as a lander in an orbital image.
+
+    Parameters
+    ----------
+    model : Path
+        The image's sensor model: support data (ISD), or an ISIS cube of LRO's NAC with ``spiceinit`` done.
+    point : tuple of float
+        Sample and line of the point.
+    point_sigma_px : float
+        How well they are measured, pixels.
+    position_sigma_m : tuple of float
+        How well the camera's place is known, east, north and up of the point, m.
+    attitude_sigma_rad : tuple of float
+        How well its attitude is, about the camera's x, y and z, rad.
+    dem, dem_sigma_m, height_m, height_sigma_m
+        The ground that the ray meets: one of ``dem`` and ``height_m`` is needed.
+    """
+
+    model: Path
+    point: tuple[float, float]
+    position_sigma_m: tuple[float, float, float] = entry(not_negative=True)
+    attitude_sigma_rad: tuple[float, float, float] = entry(not_negative=True)
+    point_sigma_px: float = entry(1.0, not_negative=True)
+
+    def __post_init__(self) -> None:
+        GroundChoice.__post_init__(self)
+        if self.dem is None and self.height_m is None:
+            raise InputError(
+                "the height of the ground is missing, which one image does not tell; give dem or height_m"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Landmark:
+    """A landmark that the map shows, and its distance from the left camera, or its pixels in both cameras.
+
+    Parameters
+    ----------
+    name : str
+    longitude_deg, latitude_deg : float
+        On the map.
+    distance_m, distance_sigma_m : float, optional
+        Horizontal distance and its sigma, m.
+    left_px, right_px : tuple of float, optional
+        Sample and line in the left and the right image.
+    pitch_deg, roll_deg : float
+        Attitude of the left camera in that image: its axis above the horizon, and how far the camera is turned about
+        the axis, clockwise as it sees.
+    """
+
+    name: str
+    longitude_deg: float
+    latitude_deg: float
+    distance_m: float | None = entry(None, positive=True)
+    distance_sigma_m: float | None = entry(None, positive=True)
+    left_px: tuple[float, float] | None = None
+    right_px: tuple[float, float] | None = None
+    pitch_deg: float = 0.0
+    roll_deg: float = 0.0
+
+    def __post_init__(self) -> None:
+        check(self)
+        given = [
+            one is not None for one in (self.distance_m, self.distance_sigma_m, self.left_px, self.right_px)
+        ]
+        if given not in ([True, True, False, False], [False, False, True, True]):
+            raise InputError(
+                f"landmark {self.name!r}: give either distance_m and distance_sigma_m, or left_px and right_px"
+            )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StereoChoice(GroundChoice):
+    """Stereo images of landmarks from a rover or lander.
+
+    Parameters
+    ----------
+    landmarks : tuple of Landmark
+        Four or more.
+    landmark_sigma_m : float
+        How well each coordinate of a landmark is read off the map, m.
+    map_name : str
+        The map's name: its tie is one error for all solutions on it.
+    map_sigma_m : tuple of float
+        How well the map is tied to the Moon's axes, east and north, m.
+    left, right : CameraChoice, optional
+        The cameras, with their principal points; needed for pixels, as is the baseline.
+    baseline_m : tuple of float, optional
+        The right camera in the axes of the left one (right, down, ahead), m.
+    rotation_deg : tuple of float
+        Rotation vector that turns the axes of the left camera to those of the right one, about right, down and ahead.
+    point_sigma_px : float
+        How well points are measured in each image, pixels.
+    camera_in_body_m : tuple of float
+        The left camera in the body's axes (ahead, right, down), m.
+    body_attitude_deg : tuple of float
+        The body's heading (from north over east), pitch (ahead up) and roll (right side down).
+    dem, dem_sigma_m, height_m, height_sigma_m
+        The height of the ground. Without ``dem`` and ``height_m`` there is none.
+    """
+
+    landmarks: tuple[Landmark, ...]
+    landmark_sigma_m: float = entry(not_negative=True)
+    map_name: str
+    map_sigma_m: tuple[float, float] = entry(not_negative=True)
+    left: CameraChoice | None = None
+    right: CameraChoice | None = None
+    baseline_m: tuple[float, float, float] | None = None
+    rotation_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    point_sigma_px: float = entry(0.3, positive=True)
+    camera_in_body_m: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    body_attitude_deg: tuple[float, float, float] = (0.0, 0.0, 0.0)
+
+    def __post_init__(self) -> None:
+        GroundChoice.__post_init__(self)
+        if len(self.landmarks) < 4:
+            raise InputError(
+                f"{len(self.landmarks)} landmarks; four or more are needed, so that a wrong one shows"
+            )
+        if len({one.name for one in self.landmarks}) < len(self.landmarks):
+            raise InputError("two landmarks have one name, by which they are told apart; rename one")
+        if any(one.left_px is not None for one in self.landmarks):
+            for name in ("left", "right", "baseline_m"):
+                if getattr(self, name) is None:
+                    raise InputError(f"{name} is missing, without which pixels tell no distance")
+            for name in ("left", "right"):
+                if getattr(self, name).principal_point_px is None:
+                    raise InputError(
+                        f"{name}.principal_point_px is missing: (sample, line) of the camera's axis"
+                    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,8 +291,40 @@ class ImageStudy:
     path: Path | None = field(default=None, repr=False)
 
 
-def read_image_study(path: str | Path) -> ImageStudy:
-    """Read a study file with ``[images]``; paths in it are relative to its folder.
+@dataclass(frozen=True, slots=True)
+class PointStudy:
+    """Where a point is that one image shows, or a rover or lander that took stereo images.
+
+    Parameters
+    ----------
+    chosen : ImagePointChoice or StereoChoice
+    references : tuple of Reference
+        Known positions to compare with.
+    name : str
+    path : Path, optional
+        The file that it is from.
+    """
+
+    chosen: ImagePointChoice | StereoChoice
+    references: tuple[Reference, ...] = ()
+    name: str = "images"
+    path: Path | None = field(default=None, repr=False)
+
+
+TABLES: dict[str, type] = {
+    "images": ImageChoice,
+    "camera": CameraChoice,
+    "image_point": ImagePointChoice,
+    "stereo": StereoChoice,
+    "stereo.left": CameraChoice,
+    "stereo.right": CameraChoice,
+    "stereo.landmarks": Landmark,
+}
+"""The records of the tables of a study of images; beside them ``[reference]`` and ``[references.NAME]``."""
+
+
+def read_image_study(path: str | Path) -> ImageStudy | PointStudy:
+    """Read a study file with ``[images]``, ``[image_point]`` or ``[stereo]``; paths in it are relative to its folder.
 
     Raises
     ------
@@ -149,17 +339,26 @@ def read_image_study(path: str | Path) -> ImageStudy:
     'map.tif'
     """
     path = Path(path)
-    hints = Hints({"images": keys_of(ImageChoice), "camera": keys_of(CameraChoice)})
+    hints = Hints({name: keys_of(record) for name, record in TABLES.items()})
     top = TomlTable(path, "", toml_content(path), hints)
-    tables = {name: top.table(name) for name in TABLES}
-    top.finish()
-    if tables["images"] is None:
-        raise InputError(f"{path}: [images] is missing; it names the frames and the map")
-    camera = tables["camera"]
-    return ImageStudy(
-        tables["images"].read(ImageChoice),
-        None if camera is None else camera.read(CameraChoice),
-        references_of(tables["reference"], tables["references"]),
-        path.stem,
-        path,
+    images, camera, point, stereo, reference, references = (
+        top.table(name) for name in ("images", "camera", "image_point", "stereo", "reference", "references")
     )
+    top.finish()
+    if [images, point, stereo].count(None) != 2:
+        raise InputError(
+            f"{path}: one of [images] (frames and a map), [image_point] (a point in an image) and [stereo] (landmarks) "
+            "is needed, and not two of them"
+        )
+    if images is None and camera is not None:
+        raise InputError(
+            f"{path}: [camera] belongs to [images]; the model of an image or [stereo] has its own"
+        )
+    rest = references_of(reference, references), path.stem, path
+    if images is not None:
+        read = images.read(ImageChoice)
+        return ImageStudy(read, None if camera is None else camera.read(CameraChoice), *rest)
+    if point is not None:
+        return PointStudy(point.read(ImagePointChoice), *rest)
+    assert stereo is not None
+    return PointStudy(stereo.read(StereoChoice), *rest)

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import shutil
 import sys
 import tempfile
@@ -11,41 +10,48 @@ import weakref
 from collections.abc import Callable, Iterable
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import overload
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging import Detector, Map, find_mask, read_frame, undistorted
 from radioloc.imaging.altitude import altitude_m
 from radioloc.imaging.image_chain import Frame, FrameStatus
 from radioloc.imaging.registration import Registration, register_chain
 from radioloc.imaging.shaded_maps import sun_over_map, write_shaded_map
-from radioloc.kernels import sha256_of
-from radioloc.lunar import LunarPosition, TerrainModel
+from radioloc.lunar import LunarPosition
 from radioloc.report.image_solution import ImageSolution
-from radioloc.studies.image_study import CameraChoice, ImageChoice, ImageStudy
-from radioloc.studies.record import versions
+from radioloc.report.point_solution import PointSolution
+from radioloc.studies.image_inputs import FRAME, ground_at, provenance_of
+from radioloc.studies.image_point import locate_point
+from radioloc.studies.image_study import CameraChoice, ImageChoice, ImageStudy, PointStudy, StereoChoice
+from radioloc.studies.stereo import locate_stereo
 from radioloc.text_files import read_text
 
 Floats = NDArray[np.float64]
 Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
-FRAME = "ME_DE421"
-"""The axes of lunar maps."""
 _FEWEST_FOR_A_MASK, _MASK_FRAMES = 4, 12
 """So many frames, from all of the descent, tell what moves in the image from what does not."""
 
 
-def locate_images(study: ImageStudy, *, progress: bool = False) -> ImageSolution:
-    """Locate the lander in the last of a study's descent images on its map.
+@overload
+def locate_images(study: ImageStudy, *, progress: bool = ...) -> ImageSolution: ...
+@overload
+def locate_images(study: PointStudy, *, progress: bool = ...) -> PointSolution: ...
+@overload
+def locate_images(
+    study: ImageStudy | PointStudy, *, progress: bool = ...
+) -> ImageSolution | PointSolution: ...
+def locate_images(study: ImageStudy | PointStudy, *, progress: bool = False) -> ImageSolution | PointSolution:
+    """Locate the lander in the last of its descent images on a map, a point in one image, or a rover by stereo images.
 
     Parameters
     ----------
-    study : ImageStudy
+    study : ImageStudy or PointStudy
         As :func:`~radioloc.studies.image_study.read_image_study` reads it.
     progress : bool
         Whether a progress bar is shown on standard error.
@@ -53,9 +59,9 @@ def locate_images(study: ImageStudy, *, progress: bool = False) -> ImageSolution
     Raises
     ------
     InputError
-        A file cannot be used, or images are not in order.
+        A file cannot be used, images are not in order, or a ray does not meet the ground.
     ConvergenceError
-        No image is found on the map.
+        No image is found on the map, or distances fit two places.
 
     Examples
     --------
@@ -64,6 +70,8 @@ def locate_images(study: ImageStudy, *, progress: bool = False) -> ImageSolution
     >>> radioloc.locate_images(study).converged
     True
     """
+    if isinstance(study, PointStudy):
+        return locate_stereo(study) if isinstance(study.chosen, StereoChoice) else locate_point(study)
     chosen = study.images
     if not chosen.shade:
         assert chosen.base_map is not None
@@ -199,7 +207,10 @@ def _solution(
         )
     found = registration.ground_point(last.name, pixel, chosen.point_sigma_px)
     place = (found.longitude_deg, found.latitude_deg)
-    height_m, covariance, notes = _height(chosen, place, found.covariance_m2)
+    ground = ground_at(chosen, *place)
+    covariance = ground.to_enu @ found.covariance_m2 @ ground.to_enu.T
+    covariance[2, 2] += ground.sigma_m**2
+    notes = list(ground.notes)
     if message:
         notes.append(
             "the lander is in the last image; where an image before it looked is not where it stands"
@@ -218,7 +229,7 @@ def _solution(
     return ImageSolution(
         study.name,
         message,
-        LunarPosition.from_selenographic(*place, height_m, FRAME),
+        LunarPosition.from_selenographic(*place, ground.height_m, FRAME),
         covariance,
         chosen.dem.name if chosen.shade and chosen.dem is not None else base.path.name,
         chosen.base_map_sigma_m,
@@ -229,48 +240,6 @@ def _solution(
         altitudes,
         {reference.name: reference.position for reference in study.references},
         (*told, *notes),
-        _provenance(study),
+        provenance_of(study.path, chosen.files, (chosen.base_map, chosen.dem, chosen.mask, chosen.near)),
         dict(zip(_names(chosen.files), chosen.files, strict=True)),
     )
-
-
-def _height(
-    chosen: ImageChoice, place: tuple[float, float], covariance_en_m2: Floats
-) -> tuple[float, Floats, list[str]]:
-    """The height, the covariance of east, north and up, and what there is to say of it."""
-    covariance = np.full((3, 3), 0.0)
-    covariance[:2, :2] = covariance_en_m2
-    if chosen.height_m is not None:
-        covariance[2, 2] = chosen.height_sigma_m**2
-        return chosen.height_m, covariance, []
-    if chosen.dem is None:
-        covariance[2] = covariance[:, 2] = np.nan
-        note = "no height is known: give dem or height_m; the position stands on the sphere of 1737.4 km"
-        return 0.0, covariance, [note]
-    terrain = TerrainModel.open(chosen.dem)
-    longitude, latitude = np.radians([[place[0]], [place[1]]])
-    height, by_longitude, by_latitude = (
-        float(np.ravel(v)[0]) for v in terrain.height_and_slope(longitude, latitude)
-    )
-    slope = np.array([by_longitude / math.cos(latitude[0]), by_latitude]) / (MEAN_LUNAR_RADIUS_M + height)
-    to_enu = np.vstack([np.eye(2), slope])
-    covariance = to_enu @ covariance_en_m2 @ to_enu.T
-    covariance[2, 2] += chosen.dem_sigma_m**2
-    return height, covariance, []
-
-
-def _provenance(study: ImageStudy) -> dict[str, Any]:
-    chosen = study.images
-    files = [
-        *chosen.files,
-        *(p for p in (chosen.base_map, chosen.dem, chosen.mask, chosen.near) if p is not None),
-    ]
-    origin = None
-    if study.path is not None:
-        origin = {
-            "file": str(study.path.resolve()),
-            "sha256": sha256_of(study.path),
-            "hours": None,
-            "inputs": [{"file": path.name, "sha256": sha256_of(path)} for path in files],
-        }
-    return {**versions(), "study": origin, "files": [path.name for path in chosen.files]}

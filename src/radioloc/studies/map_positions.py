@@ -28,7 +28,7 @@ class PlaceOnMap:
     Parameters
     ----------
     solution : Path or None
-        ``solution.json`` of :command:`radioloc images`, or else the numbers that follow.
+        ``solution.json`` of :command:`radioloc images` on a map, or else the numbers that follow.
     longitude_deg, latitude_deg, height_m : float or None
         What the map has there; the height, zero by default, only scales metres.
     sigma_m : float or tuple of float, or None
@@ -101,7 +101,7 @@ class PlaceOnMap:
     def _solved(self, path: Path, known: LunarPosition | None) -> MapPosition:
         try:
             content: dict[str, Any] = json.loads(read_text(path))
-            images, failed = content["method"] == "images", content["message"]
+            images, failed = content["method"] in ("images", "stereo"), content["message"]
             me = content["position"]["me"]
             xyz_m, frame = [float(me[f"{axis}_m"]) for axis in "xyz"], me["frame"]
             sigma_m, names = {}, [self.map]
@@ -118,7 +118,8 @@ class PlaceOnMap:
             images = False
         if not images:
             raise InputError(
-                f"{path}: is no solution.json that this version of radioloc images wrote; make it again"
+                f"{path}: is no solution.json that this version of radioloc images wrote of a place on a map; "
+                "make it again"
             )
         if failed:
             raise InputError(f"{path}: the solution of images did not converge: {failed}")

@@ -14,6 +14,8 @@ from radioloc.kernels import sha256_of
 from radioloc.report.cards import Card, Field
 from radioloc.report.files import INCOMPLETE
 from radioloc.studies.arcs import arcs
+from radioloc.studies.image_study import read_image_study
+from radioloc.studies.images import locate_images
 from radioloc.studies.locate import fit_arc, prepared_arc
 from radioloc.studies.record import study_origin, versions
 from radioloc.studies.study import Study
@@ -84,7 +86,7 @@ def verify(path: str | Path, study: str | Path | None = None) -> Verification:
     Parameters
     ----------
     path : path-like
-        A ``solution.json``, as ``locate``, ``residuals`` or ``arcs`` wrote it.
+        A ``solution.json``, as ``locate``, ``residuals``, ``arcs`` or ``images`` wrote it.
     study : path-like, optional
         The study file, where it is no longer where it was.
 
@@ -145,9 +147,14 @@ def _again(path: Path, then: Mapping[str, Any], file: str | Path | None) -> dict
         raise InputError(
             f"{path}: {found} is not the study file that it was made from; its content is another"
         )
+    problem = f"{path}: cannot be made again from {found}"
+    if "settings" not in then["study"]:  # all of a study of images is in its file
+        now = locate_images(read_image_study(found)).to_dict()
+        _require_same_files(problem, then["study"], now["provenance"]["study"])
+        return now
     whole, hours = read_study(found), then["study"]["hours"]
     study = replace(whole, observations=replace(whole.observations, hours=hours))
-    _require_same(f"{path}: cannot be made again from {found}", then["study"], study)
+    _require_same(problem, then["study"], study)
     if hours != whole.observations.hours:
         return arcs(whole, [hours]).arcs[0].solution.to_dict()
     arc, left_out = prepared_arc(study)
@@ -157,6 +164,16 @@ def _again(path: Path, then: Mapping[str, Any], file: str | Path | None) -> dict
 def _require_same(problem: str, then: Mapping[str, Any], study: Study) -> None:
     """Raise an error where the files or the settings of a study are not those of then."""
     origin = study_origin(study)
+    _require_same_files(problem, then, origin)
+    changed = [key for key, digest in then["settings"].items() if origin["settings"].get(key) != digest]
+    if changed:
+        raise InputError(
+            f"{problem}: its settings are others ({', '.join(changed)}), changed in Python, or read otherwise by "
+            "another version of radioloc"
+        )
+
+
+def _require_same_files(problem: str, then: Mapping[str, Any], origin: Mapping[str, Any]) -> None:
     before, now = (
         Counter((item["file"], item["sha256"]) for item in one["inputs"]) for one in (then, origin)
     )
@@ -165,12 +182,6 @@ def _require_same(problem: str, then: Mapping[str, Any], study: Study) -> None:
         found = [f"{name} {'has another content' if name in new else 'is missing'}" for name in gone]
         found += [f"{name} was not there" for name in new if name not in gone]
         raise InputError(f"{problem}: {', '.join(found)}")
-    changed = [key for key, digest in then["settings"].items() if origin["settings"].get(key) != digest]
-    if changed:
-        raise InputError(
-            f"{problem}: its settings are others ({', '.join(changed)}), changed in Python, or read otherwise by "
-            "another version of radioloc"
-        )
 
 
 Pair = tuple[str, Any, Any, float]
@@ -185,7 +196,7 @@ def _pairs(then: Mapping[str, Any], now: Mapping[str, Any]) -> Iterator[Pair]:
     yield from _position_pairs("", then, now)
     for name in sorted({*then.get("targets", {}), *now.get("targets", {})}):
         yield from _position_pairs(f"{name} ", *(one.get("targets", {}).get(name, {}) for one in (then, now)))
-    rows = [{row["name"]: row for row in one["parameters"]} for one in (then, now)]
+    rows = [{row["name"]: row for row in one.get("parameters", ())} for one in (then, now)]
     for name in dict.fromkeys([*rows[0], *rows[1]]):
         one, two = (row.get(name, {}) for row in rows)
         sigma = one.get("sigma") or 0.0

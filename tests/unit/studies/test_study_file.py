@@ -429,8 +429,8 @@ def test_examples_are_studies():
     examples = sorted((Path(__file__).resolve().parents[3] / "examples").glob("*/*.toml"))
     assert examples
     for example in examples:
-        if example.parent.name == "images":
-            assert len(read_image_study(example).images.files) == 16
+        if example.parent.name in ("images", "stereo"):
+            read_image_study(example)
             continue
         study = read_study(str(example))
         if isinstance(study.target, radioloc.LunarPosition):

@@ -48,7 +48,7 @@ class ConsideredErrors:
 
     @property
     def at_stations(self) -> Effects | None:
-        """Effects of what is at stations and in the air above them, which a fit tells from the position by itself."""
+        """Effects of what is at stations, in the air above them and in maps, which a fit tells from the position."""
         mine = self._at_stations
         sigmas = self.parameters.prior_sigmas[mine]
         return (lambda rows: self.partials(rows)[:, mine] * sigmas) if len(mine) else None

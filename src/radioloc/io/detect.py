@@ -192,4 +192,7 @@ def _reader_of(path: str | Path) -> Reader:
         return reader
     first = next(line for line in text.splitlines() if line.strip())
     known = "; ".join(f"{reader.name} ({reader.description})" for reader in READERS.values())
-    raise FileFormatError(path, f"starts with {first[:40]!r}, which is none of the known formats: {known}")
+    solution = "; a solution of images belongs to [[observations.map_positions]]" if first[0] == "{" else ""
+    raise FileFormatError(
+        path, f"starts with {first[:40]!r}, which is none of the known formats: {known}{solution}"
+    )

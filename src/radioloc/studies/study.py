@@ -512,6 +512,7 @@ class Study:
             "[reference]": self.reference is not None,
             "[references]": bool(self.references),
             "[simulation]": self.simulation is not None,
+            "[[observations.map_positions]]": bool(self.observations.map_positions),
         }
         for key, present in given.items():
             if present:

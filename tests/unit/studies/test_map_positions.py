@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc import LunarPosition
+from radioloc import LunarPosition, Observations
 from radioloc.cli import main
+from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
 from radioloc.estimation.combination import PositionEstimate, agreement
 from radioloc.io.table import write_table
@@ -150,6 +151,27 @@ def test_a_tie_moves_the_position_as_its_sensitivity_says(radio, ranges):
         assert moved_m == pytest.approx(records[f"map_tie.some.map.{axis}"], rel=1e-3, abs=0.01)
 
 
+@pytest.mark.slow
+def test_ellipses_hold_the_truth_where_map_and_ranges_are_drawn(radio, ranges):
+    draws, inside, squares = 100, 0, []
+    rng = np.random.default_rng(20131214)
+    arc, _ = radioloc.studies.arc_of(radio, ranges)
+    truth = LunarPosition.from_selenographic(*PLACE).to_axes("PA", CONSTANTS["DE421"])
+    computed_m = arc.compute(truth.xyz_m).value_m
+    for _ in range(draws):
+        biases_m = 10.0 * rng.standard_normal(2)[arc.receivers]
+        measured = replace(ranges, value_m=computed_m + biases_m + rng.standard_normal(len(ranges)))
+        off_m = 3.0 * rng.standard_normal(2) + TIE_M * rng.standard_normal(2)
+        solution = radioloc.locate(with_places(radio, number(*off_m)), measured)
+        assert solution.converged
+        error_m = (solution.rot_pa_to_enu @ (solution.position_pa_m - truth.xyz_m))[:2]
+        squares.append(error_m @ np.linalg.solve(solution.position_covariance("enu")[:2, :2], error_m))
+        inside += squares[-1] < 5.991  # 95 % of chi-square of two
+    # 99.9 % of right ones: binomial, and chi-square of 200 over 100
+    assert inside >= 87
+    assert 1.40 < np.mean(squares) < 2.73
+
+
 def test_what_is_known_of_another_place_on_the_map_tells_its_tie(radio, ranges):
     reflector = number(40.0, -20.0, target="reflector", known_deg_m=PLACE, sigma_m=0.1)
     solution = radioloc.locate(with_places(radio, number(40.0, -20.0), reflector, map_tie="all"), ranges)
@@ -173,6 +195,31 @@ def test_images_on_one_map_share_its_tie(radio, ranges):
     other = sigma_m(number(), number(1.0, map="another.map"))
     assert other < 0.85 * one  # nearly by the root of two: two maps
     assert one > two > 0.97 * one
+
+
+def test_a_place_is_that_of_its_target(radio, ranges):
+    both = Observations.concatenate(
+        [
+            replace(ranges, links=tuple(replace(link, target=name) for link in ranges.links))
+            for name in ("lander", "rover")
+        ]
+    )
+    study = with_places(radio, number(target="rover"))
+    study = replace(
+        study, target=None, reference=None, targets=dict.fromkeys(("lander", "rover"), radio.target)
+    )
+    lander, rover = radioloc.locate(study, both).targets
+    place = LunarPosition.from_selenographic(*PLACE).to_axes("PA", CONSTANTS["DE421"])
+    apart_m = [np.linalg.norm(np.cross(place.xyz_m, one.position_pa_m)) / 1.7348e6 for one in (lander, rover)]
+    assert apart_m[1] < 10.0 < 25.0 < apart_m[0]
+
+
+def test_of_a_trajectory_there_is_no_place(radio):
+    orbiter = radioloc.read_study(EXAMPLE.parent / "orbiter" / "orbiter.toml")
+    with pytest.raises(
+        InputError, match=r"\[\[observations.map_positions\]\] belongs to a position on the Moon"
+    ):
+        replace(orbiter, observations=replace(orbiter.observations, map_positions=[number()]))
 
 
 def test_partials_are_central_differences(radio, ranges):
@@ -287,6 +334,13 @@ def test_every_command_takes_the_places(file, tmp_path):
 def test_what_cannot_be_is_one_clear_error(file, place, problem, capsys):
     assert main(["locate", str(file(place))]) == 2
     assert problem in " ".join(capsys.readouterr().err.split())
+
+
+def test_a_solution_among_the_files_of_tracking_is_told_where_it_belongs(tmp_path):
+    with pytest.raises(
+        InputError, match=r"a solution of images belongs to \[\[observations.map_positions\]\]"
+    ):
+        radioloc.read_observations(solved(tmp_path))
 
 
 def test_a_solution_that_did_not_converge_is_refused(tmp_path):

@@ -7,11 +7,11 @@ os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
 from hypothesis import HealthCheck, settings
-from quick import undrawn
+from quick import undrawn, unsearched
 
 # `make test` searches a little each time, `make test-all` much longer (--hypothesis-profile=thorough). No test
 # is late because other processes keep the machine busy, and fixtures of a test are made to serve all its examples.
-for name, examples in {"fast": 25, "thorough": 400}.items():
+for name, examples in {"fast": 15, "thorough": 400}.items():
     settings.register_profile(
         name,
         max_examples=examples,
@@ -24,4 +24,10 @@ settings.load_profile("fast")
 @pytest.fixture(name="undrawn")
 def _undrawn():
     with undrawn():
+        yield
+
+
+@pytest.fixture(name="unsearched", scope="module")
+def _unsearched():
+    with unsearched():
         yield

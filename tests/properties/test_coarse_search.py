@@ -53,6 +53,7 @@ def home(tracking):
     st.floats(0.0, math.radians(85.0)),
     st.floats(0.0, 2.0 * math.pi),
 )
+@pytest.mark.slow
 def test_fits_come_home_from_the_whole_near_side(tracking, home, fit, from_middle_rad, azimuth_rad):
     across = math.sin(from_middle_rad)
     start = LunarPosition.from_selenographic(

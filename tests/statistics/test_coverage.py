@@ -15,7 +15,7 @@ COVERED = (359, 396)
 # Chi-square of 400 * 3 degrees of freedom over 400: 1e-5 and 1 - 1e-5 quantiles are 2.506 and 3.551.
 NEES_3 = (2.50, 3.55)
 
-
+pytestmark = pytest.mark.usefixtures("unsearched")
 KNOWN, UNKNOWN = "no biases", "biases with a-priori values"
 
 

@@ -33,6 +33,7 @@ def test_with_the_model_the_covariance_is_right(network):
     assert chi2_per_dof == pytest.approx(1.0, abs=5.0 * (2.0 / (57.0 * RUNS)) ** 0.5)
 
 
+@pytest.mark.slow
 def test_without_it_the_covariance_is_half_of_what_it_should_be(network):
     """The sum of squares does not show it: the sigmas are right, one by one."""
     nees, chi2_per_dof = runs(network, network.noise.sigma_m)

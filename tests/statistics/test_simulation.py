@@ -46,6 +46,7 @@ def nees(world, model, noise):
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_white_noise_gives_positions_as_uncertain_as_the_sigmas_say(model):
     world = prepared(
         model,

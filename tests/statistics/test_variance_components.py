@@ -29,7 +29,8 @@ def test_seldom_added_for_nothing():
     assert added <= 3  # one of a thousand is meant; four of 300 have a chance of 3e-4
 
 
-@pytest.mark.parametrize("excess_m", some([0.01, 0.05], [0.01]))
+@pytest.mark.slow
+@pytest.mark.parametrize("excess_m", [0.01, 0.05])
 def test_size_and_coverage(excess_m):
     excesses, errors = [], []
     for seed in range(TRIALS):
@@ -82,7 +83,7 @@ def stations(seed, counts=(60, 60, 60), own_m=(0.0, 0.0, 0.0), tau_s=0.0, stated
     "case",
     some(
         [{}, {"counts": (200, 60, 12)}, {"counts": (8, 8, 8)}, {"counts": (300, 300, 300), "tau_s": 3600.0}],
-        [{"counts": (200, 60, 12)}, {"counts": (120, 120, 120), "tau_s": 3600.0}],
+        [{"counts": (200, 60, 12)}],
     ),
 )
 def test_a_station_is_seldom_singled_out_for_nothing(case):

@@ -1,4 +1,4 @@
-"""What makes tests quick: which of many cases are run each time, and files of figures that are not drawn."""
+"""What makes tests quick: which of many cases are run each time, and what is left out that others prove."""
 
 from contextlib import contextmanager
 
@@ -15,6 +15,16 @@ def undrawn():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("radioloc.report.files.save_figure", save)
+        yield
+
+
+@contextmanager
+def unsearched():
+    """Fits without the search for what does not fit, half of the time of one of laser ranges."""
+    from radioloc.estimation.consistency import Consistency
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("radioloc.estimation.build.assess_consistency", lambda *_: Consistency())
         yield
 
 

@@ -97,6 +97,7 @@ def rows_of(file):
         return list(csv.DictReader(stream))
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_locate_prints_a_card_and_writes_the_files(run, folder):
     reference = f'[reference]\nname = "JPL"\nframe = "PA_DE421"\nposition_m = {JPL_PA_M.tolist()}\n'
     outcome = run(study_of(more=reference), "--out", folder / "out" / "new")

@@ -60,7 +60,8 @@ def test_a_reader_that_stops_reading(arguments):
     assert (done.returncode, done.stderr) == (0, b"")
 
 
-@pytest.mark.parametrize("end", some(["| true", ">&-"], ["| true"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("end", ["| true", ">&-"])
 def test_the_exit_status_does_not_depend_on_who_reads(end, tmp_path):
     """Not observable from two points, whether or not somebody reads that."""
     lines = (APOLLO.parent / "apollo15_apollo_2006-2007.csv").read_text().splitlines(keepends=True)

@@ -1,6 +1,5 @@
 import numpy as np
 import pytest
-from quick import some
 
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop import EopTable
@@ -57,7 +56,8 @@ def test_holding_keeps_the_pole_and_the_length_of_day(measured):
     assert without_tides[2] - without_tides[1] == pytest.approx(expected, abs=0.03)
 
 
-@pytest.mark.parametrize("how", some(BEYOND, ["extrapolate"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("how", BEYOND)
 def test_errors_are_those_of_the_same_done_before(how):
     """Where the future is known: from every hundredth day since 2000 on, the errors are as large as stated."""
     full = EopTable.packaged()

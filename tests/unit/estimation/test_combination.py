@@ -83,6 +83,7 @@ def test_a_height_that_one_does_not_determine_is_the_others():
     assert np.isnan(none.covariance_enu_m2[2, 2])
 
 
+@pytest.mark.slow
 def test_draws_are_as_likely_as_stated_and_the_joint_ellipse_holds_the_truth():
     """Three estimates with noise of their own and two errors in common, 2000 times."""
     roots = [RNG.normal(size=(3, 3)) * size for size in (4.0, 7.0, 12.0)]

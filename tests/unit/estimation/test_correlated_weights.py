@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from delay_network import DelayNetwork
-from quick import some
 
 from radioloc.estimation import (
     Labels,
@@ -85,7 +84,8 @@ class TwoSeries:
         return inverse, inverse @ (weighted.T @ errors @ weighted + self.prior) @ inverse
 
 
-@pytest.mark.parametrize("seed", some(range(4), [0]))
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(4))
 def test_nearly_generalized_least_squares(seed):
     case = TwoSeries(seed=seed)
     edited, found = case.fits()
@@ -193,6 +193,7 @@ def network(epochs=400, seed=3):
     return replace(case, design=leg), observed, time_s
 
 
+@pytest.mark.slow
 def test_observations_that_share_errors_are_weighed_together():
     case, observed, time_s = network()
     n = len(observed)

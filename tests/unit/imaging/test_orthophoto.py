@@ -123,12 +123,7 @@ def test_spots_are_where_the_ground_is(tmp_path, case, interpolation):
 
 def test_values_types_and_mask(tmp_path):
     longitude, latitude, projection, _ = CASES["equator"]
-    terrain = hilly(
-        tmp_path / "dem.tif",
-        longitude,
-        latitude,
-        f"+proj=stere +lat_0={latitude} +lon_0={longitude} +R=1737400",
-    )
+    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))
     model = camera_over(longitude, latitude)
     for dtype, value in (("uint8", 255), ("uint16", 4000), ("float32", 0.25)):
         image = np.full(model.shape, value, dtype=dtype)
@@ -207,12 +202,7 @@ def test_a_fine_elevation_map_is_read_in_parts(tmp_path, monkeypatch):
 
 def test_bad_input_is_one_clear_error(tmp_path):
     longitude, latitude, _, _ = CASES["equator"]
-    terrain = hilly(
-        tmp_path / "dem.tif",
-        longitude,
-        latitude,
-        f"+proj=stere +lat_0={latitude} +lon_0={longitude} +R=1737400",
-    )
+    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))
     model = camera_over(longitude, latitude)
     image = np.zeros(model.shape, dtype="uint8")
 

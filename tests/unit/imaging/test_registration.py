@@ -181,6 +181,7 @@ def test_distortion_is_taken_off(base):
     np.testing.assert_allclose([point.longitude_deg, point.latitude_deg], expected, rtol=0, atol=2e-5)
 
 
+@pytest.mark.slow
 def test_tie_points_that_are_given_serve_where_none_are_found(base):
     """Two images without detail, the first tied to the ground by hand, the second to the first."""
     frames = [Frame(f"{k}", lambda: np.full((400, 500), 90, np.uint8)) for k in range(2)]

@@ -228,6 +228,7 @@ def test_damaged_and_empty_files(tmp_path):
         write_parquet(tmp_path / "none" / "a.parquet", some_observations())
 
 
+@pytest.mark.slow
 def test_any_bytes_changed(tmp_path):
     file = tmp_path / "a.parquet"
     write_parquet(file, some_observations(30))

@@ -15,6 +15,7 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice, PlaceOnMap
 from radioloc.time import epochs_from_strings
 
+pytestmark = pytest.mark.usefixtures("unsearched")
 PATHS = {
     "range": ("KASHI>lander>KASHI", "JIAMUSI>lander>KASHI", "JIAMUSI>lander>JIAMUSI"),
     "vlbi_delay": ("SESHAN25<lander>KUNMING", "SESHAN25<lander>URUMQI"),

@@ -134,6 +134,7 @@ def test_length_unit(size_m, unit):
     assert factor == {"mm": 1e3, "cm": 1e2, "m": 1.0, "km": 1e-3}[unit]
 
 
+@pytest.mark.slow
 def test_a_figure_keeps_its_layout_and_size_after_it_was_saved(solution, tmp_path):
     figure = plot_residuals(solution)
     engine, dpi = figure.get_layout_engine(), figure.dpi

@@ -131,7 +131,7 @@ def test_contours_are_of_the_position_and_what_it_is_correlated_with(with_biases
     assert expected
 
 
-@pytest.mark.usefixtures("undrawn")
+@pytest.mark.slow
 def test_a_folder_has_correlations_and_contours(tmp_path):
     assert main(["locate", str(APOLLO), "--quiet", "--out", str(tmp_path)]) == 0
     drawn = {path.name for path in tmp_path.glob("co*")}

@@ -4,6 +4,7 @@ import importlib.util
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from radioloc.io.table import read_table
 
@@ -17,6 +18,7 @@ def script():
     return module
 
 
+@pytest.mark.slow
 def test_the_file_is_what_the_script_makes(tmp_path, monkeypatch):
     module = script()
     shipped = read_table(module.FILE)

@@ -20,6 +20,7 @@ from radioloc.report.position_table import difference
 from radioloc.studies import EstimateChoice, ObservationChoice, Reference
 from radioloc.studies.study import HeightPrior
 
+pytestmark = pytest.mark.usefixtures("unsearched")
 SAME_M = 1e-4
 """Rounding, and where the iteration stops: 1e-3 sigmas at most."""
 
@@ -293,6 +294,7 @@ def test_table_and_dictionary(found):
     assert content["arcs"][2]["solution"] == found.arcs[2].solution.to_dict()
 
 
+@pytest.mark.usefixtures("undrawn")
 def test_what_is_written(found, tmp_path):
     written = radioloc.report.write_arcs(found, tmp_path / "new" / "out")
     names = {path.relative_to(tmp_path / "new" / "out").as_posix() for path in written}

@@ -27,6 +27,11 @@ def tracking(study, request):
     return observations.select(np.flatnonzero(epochs % request.param == 0))
 
 
+@pytest.fixture(scope="module")
+def fitted(study, tracking):
+    return radioloc.locate(study, tracking)
+
+
 def found(study, observations, added_m):
     solution = radioloc.locate(study, replace(observations, value_m=observations.value_m + added_m))
     assert str(solution.consistency.found[0]) in " ".join(str(solution).split())
@@ -80,13 +85,12 @@ def test_laser_points_of_later_nights():
     assert first.first_utc == "2006-12-01T00:58:25"
 
 
-def test_nothing_is_said_of_data_that_fit(study, tracking):
-    solution = radioloc.locate(study, tracking)
-    assert not solution.consistency.found
-    groups = solution.consistency.groups
+def test_nothing_is_said_of_data_that_fit(fitted):
+    assert not fitted.consistency.found
+    groups = fitted.consistency.groups
     assert {"station", "link", "type", "pass"} == {item.kind for item in groups}
     assert {item.name for item in groups if item.kind == "station"} >= set(RANGING)
-    assert "misfit" not in str(solution)
+    assert "misfit" not in str(fitted)
 
 
 def test_baseline_that_is_off(study, tracking):
@@ -99,14 +103,13 @@ def test_baseline_that_is_off(study, tracking):
     )  # clocks and weather of both stations are 0.1 m each
 
 
-def test_ranges_of_a_station_with_noise_of_its_own(study, tracking):
+def test_ranges_of_a_station_with_noise_of_its_own(study, tracking, fitted):
     """Neuquen's ranges scatter by 20 m more; the others keep their weights."""
-    solution = radioloc.locate(study, tracking)
     paths = np.array(tracking.paths())
     noisy = np.char.endswith(paths, ">NEUQUEN") & (np.char.find(paths, "<") < 0)
     added_m = 20.0 * noisy * np.random.default_rng(4).normal(size=len(tracking))
     other = radioloc.locate(study, replace(tracking, value_m=tracking.value_m + added_m))
-    assert "range of NEUQUEN" not in solution.fit.excess_noise_m
+    assert "range of NEUQUEN" not in fitted.fit.excess_noise_m
     assert other.to_dict()["fit"]["excess_noise_m"]["range of NEUQUEN"] == pytest.approx(20.0, rel=0.1)
-    assert other.fit.excess_noise_m["range"] == pytest.approx(solution.fit.excess_noise_m["range"], abs=0.1)
+    assert other.fit.excess_noise_m["range"] == pytest.approx(fitted.fit.excess_noise_m["range"], abs=0.1)
     assert "additive variance component of range of NEUQUEN: sigma " in " ".join(str(other).split())

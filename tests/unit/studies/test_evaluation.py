@@ -14,6 +14,7 @@ from radioloc.studies.study import EstimateChoice, ModelChoice, Study
 SAME_M = 1e-4
 
 
+@pytest.mark.slow
 def test_exact_and_interpolated_find_the_same():
     model = radioloc.measurements.PhysicalModel.build()
     table = observations(model, 60.0, stop="2020-12-01T23:00:00")

@@ -7,6 +7,9 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import rasterio
+from rasterio.transform import Affine
+from rasterio.windows import Window
 
 import radioloc
 from radioloc.cli import main
@@ -26,10 +29,19 @@ def study():
 
 
 @pytest.fixture(scope="module")
-def some(study):
-    """The first frames, then every second one, to the lowest."""
+def some(study, tmp_path_factory):
+    """The first frames, then every second one, to the lowest, on the middle of the map."""
+    path, cells, first = tmp_path_factory.mktemp("map") / "map.tif", 506, 309
+    with rasterio.open(study.images.base_map) as whole:
+        values = whole.read(window=Window(first, first, cells, cells))
+        (cell_m, _), bounds = whole.res, whole.bounds
+        west_m, north_m = bounds.left + first * cell_m, bounds.top - first * cell_m
+        shape = {"count": 1, "height": cells, "width": cells, "dtype": values.dtype}
+        place = {"crs": whole.crs, "transform": Affine(cell_m, 0.0, west_m, 0.0, -cell_m, north_m)}
+    with rasterio.open(path, "w", driver="GTiff", **shape, **place) as file:
+        file.write(values)
     files = study.images.files
-    return replace(study, images=replace(study.images, files=(*files[:3], *files[3::2])))
+    return replace(study, images=replace(study.images, base_map=path, files=(*files[:3], *files[3::2])))
 
 
 @pytest.fixture(scope="module")

@@ -19,6 +19,9 @@ JPL_PA_M = {
     "apollo14": (1652689.359, -520999.195, -109731.018),
     "apollo15": (1554678.949, 98094.118, 765004.906),
 }
+# What does not fit is looked for in test_consistency.py.
+pytestmark = pytest.mark.usefixtures("unsearched")
+
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 SAME_M = 1e-4
 """Ways of saying the same thing differ by rounding and by where the iteration stops: 1e-3 sigmas of 0.07 m."""

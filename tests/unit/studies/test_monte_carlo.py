@@ -141,7 +141,8 @@ def test_correlated_weights_are_those_of_the_full_fit(vlbi_station_sigma_m):
     assert (np.abs(columns_of(ready, linear - unlike, "north_m")) > 0.01).all()
 
 
-@pytest.mark.parametrize("weights", some(["independent", "correlated"], ["correlated"]))
+@pytest.mark.slow
+@pytest.mark.parametrize("weights", ["independent", "correlated"])
 def test_trials_by_huber_are_those_of_the_full_fit(weights):
     """Its sigmas are those of least squares or somewhat larger: noise is normal."""
     study, plain = (study_of(600.0, weights=weights, estimator=one) for one in ("huber", "least_squares"))
@@ -260,6 +261,7 @@ def test_a_cluster_gives_the_same_bits(study, found):
     np.testing.assert_array_equal(there.values, found.values)
 
 
+@pytest.mark.slow
 def test_where_the_linear_model_is_off_all_is_fitted_in_full(study, ready, monkeypatch):
     from radioloc.studies import monte_carlo as module
 

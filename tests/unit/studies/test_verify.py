@@ -15,6 +15,7 @@ from radioloc.kernels import find_kernel
 from radioloc.report.files import INCOMPLETE
 from radioloc.studies import verify
 
+pytestmark = pytest.mark.usefixtures("unsearched")
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "apollo15"
 DATA = "apollo15_apollo_2006-2007.csv"
 STUDY = """

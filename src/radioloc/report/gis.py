@@ -72,23 +72,20 @@ def write_gis(solutions: Iterable[Solution | ImageSolution | Mapping[str, Any]],
 
 def _positions(contents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
     """A point for each solution and each reference, each reference once."""
-    found = {}
+    points = []
+    references = {}
     for content in contents:
         me = _position(content)
-        place = (me["longitude_deg"], me["latitude_deg"])
-        sigmas = {f"sigma_{axis}_m": content["sigma"][f"{axis}_m"] for axis in ("east", "north", "up")}
         what = {"frame": me["frame"], "height_m": me["height_m"]}
-        known = {"kind": content.get("method", "tracking"), "name": content["name"], **what}
-        found[len(found)] = _feature("Point", place, known | sigmas | {"converged": content["converged"]})
-    for content in contents:
-        if (known := content.get("reference")) is None:
-            continue
-        place = (known["longitude_deg"], known["latitude_deg"])
-        what = {"frame": content["position"]["me"]["frame"], "height_m": known["height_m"]}
-        found[known["name"], *place] = _feature(
-            "Point", place, {"kind": "reference", "name": known["name"], **what}
-        )
-    return list(found.values())
+        sigmas = {f"sigma_{axis}_m": content["sigma"][f"{axis}_m"] for axis in ("east", "north", "up")}
+        named = {"kind": content.get("method", "tracking"), "name": content["name"], **what, **sigmas}
+        place = (me["longitude_deg"], me["latitude_deg"])
+        points.append(_feature("Point", place, named | {"converged": content["converged"]}))
+        if (known := content.get("reference")) is not None:
+            place = (known["longitude_deg"], known["latitude_deg"])
+            named = {"kind": "reference", "name": known["name"], **what, "height_m": known["height_m"]}
+            references[known["name"], *place] = _feature("Point", place, named)
+    return [*points, *references.values()]
 
 
 def _position(content: Mapping[str, Any]) -> Mapping[str, Any]:

@@ -104,8 +104,8 @@ def plot_map(
         at = factor * plane.from_longitude_latitude([place])[0]
         color = COLORS[(len(contents) + k) % len(COLORS)]
         axes.plot(*at, "P", color=color, markeredgecolor="white", markersize=9, linestyle="", label=name)
-    axes.set_xlim(edges[:2])
-    axes.set_ylim(edges[2:])
+    axes.set_xlim(edges[0], edges[1])
+    axes.set_ylim(edges[2], edges[3])
     axes.set_aspect("equal")
     _draw_grid(axes, plane, reach_m, factor, frame)
     _draw_scale(axes, factor * reach_m, unit)

@@ -112,8 +112,8 @@ def _earth(today: date) -> Iterator[Finding]:
 
 
 def _cache() -> Iterator[Finding]:
-    folder = Path(numba.config.CACHE_DIR or Path(radioloc.__file__).parent)
-    if numba.config.DISABLE_JIT:
+    folder = Path(getattr(numba.config, "CACHE_DIR", "") or Path(radioloc.__file__).parent)
+    if getattr(numba.config, "DISABLE_JIT", 0):  # numba sets its attributes as it runs
         yield Finding(
             "compiler", "switched off by NUMBA_DISABLE_JIT: results are the same, some hundred times slower"
         )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.errors import InputError
 from radioloc.imaging import StereoPair, TangentPlane, body_position, resect
 from radioloc.lunar import LunarPosition
 from radioloc.report.cards import Field, metres
@@ -20,6 +21,7 @@ Floats = NDArray[np.float64]
 
 _UNLIKELY = 1e-3
 """Chance of distances below which they do not agree with the map."""
+_FARTHEST_M = 10e3
 _MISFIT = 3.29
 """Sigmas by which rays pass each other once in 1000."""
 
@@ -40,6 +42,12 @@ def locate_stereo(study: PointStudy) -> PointSolution:
     degrees = np.array([[one.longitude_deg, one.latitude_deg] for one in chosen.landmarks])
     plane = TangentPlane(*(float(value) for value in degrees[0]))
     on_sphere = plane.from_longitude_latitude(degrees)
+    for name, place in zip(names, on_sphere, strict=True):
+        if not np.linalg.norm(place) < _FARTHEST_M:  # NaN on the other side of the Moon
+            raise InputError(
+                f"landmark {name!r} is farther than {_FARTHEST_M / 1e3:.0f} km from landmark {names[0]!r}; give "
+                "longitude_deg to the east and latitude_deg to the north"
+            )
     middle = plane.to_longitude_latitude(on_sphere.mean(axis=0, keepdims=True))[0]
     # Distances on the ground are larger than on the sphere of the map, where the ground is higher.
     scale = 1.0 + ground_at(chosen, *middle).height_m / MEAN_LUNAR_RADIUS_M

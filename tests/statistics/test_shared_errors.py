@@ -3,8 +3,11 @@
 import numpy as np
 import pytest
 from delay_network import DelayNetwork
+from quick import some
 
-from radioloc.estimation import fit_with_editing
+from radioloc.estimation import Labels, fit_with_editing, fit_with_variance_components
+from radioloc.estimation.series import SeriesOrder
+from radioloc.simulation.noise import gauss_markov
 
 RUNS = 400
 # Chi-square of 400 * 3 degrees of freedom over 400: 0.025 and 0.975 quantiles.
@@ -39,3 +42,47 @@ def test_without_it_the_covariance_is_half_of_what_it_should_be(network):
     nees, chi2_per_dof = runs(network, network.noise.sigma_m)
     assert nees > 1.7 * NEES_3[1]
     assert chi2_per_dof == pytest.approx(1.0, abs=0.1)
+
+
+EPOCHS, STEP_S = 60, 600.0
+STATIONS_M = {"none": (0.0,) * 4, "all": (0.3,) * 4, "one": (0.05, 0.05, 1.0, 0.05)}
+
+
+def found_in(stations_m, seed, lasting=0.0):
+    """A fit of delays of 0.3 m and of errors of stations that are not stated; own errors may last for an hour."""
+    network = DelayNetwork.make(epochs=EPOCHS, own_m=0.4, seed=seed)
+    rng = np.random.default_rng([seed, 11])
+    drive = rng.normal(size=(6, EPOCHS))
+    own = drive if not lasting else np.sqrt(1.0 - lasting) * drive
+    if lasting:
+        own = own + np.sqrt(lasting) * gauss_markov(rng.normal(size=(6, EPOCHS)), np.exp(-STEP_S / 3600.0))
+    of_stations = network.incidence @ (np.tile(stations_m, EPOCHS) * rng.normal(size=4 * EPOCHS))
+    observed_m = 0.3 * own.T.ravel() + of_stations  # the truth is zero
+    paths = Labels.of([f"{a}<x>{b}" for a, b in zip(network.first, network.second, strict=True)])
+    types = Labels(np.zeros(len(observed_m), dtype=np.int32), ("vlbi_delay",))
+    edited = fit_with_variance_components(
+        network.residual_function(observed_m),
+        network.parameters(),
+        np.full(len(observed_m), 0.3),
+        order=SeriesOrder.of(types, paths, STEP_S * network.epoch),
+    )
+    assert edited.converged
+    return edited
+
+
+@pytest.mark.parametrize(("lasting", "runs"), some([(0.0, 300), (0.7, 300), (0.7, 30)], [(0.7, 30)]))
+def test_shared_errors_are_seldom_found_where_there_are_none(lasting, runs):
+    found = sum(bool(found_in(STATIONS_M["none"], seed, lasting).shared_sigma_m) for seed in range(runs))
+    assert found <= runs // 100  # one of a thousand is meant; four of 300 have a chance of 3e-4
+
+
+@pytest.mark.parametrize(("which", "runs"), some([("all", RUNS), ("one", RUNS), ("one", 30)], [("one", 30)]))
+def test_shared_errors_are_found_and_the_covariance_is_right(which, runs):
+    nees, sigmas_m = [], []
+    for seed in range(runs):
+        edited = found_in(STATIONS_M[which], seed)
+        sigmas_m.append(list(edited.shared_sigma_m.values()))
+        nees.append(edited.fit.x @ np.linalg.solve(edited.fit.covariance, edited.fit.x))
+    assert np.mean(sigmas_m, axis=0) == pytest.approx(np.array(STATIONS_M[which]), abs=0.06)
+    # Chi-square of 3 degrees of freedom: its mean has a standard error of the root of 6 over the runs.
+    assert abs(np.mean(nees) - 3.0) < 3.0 * np.sqrt(6.0 / runs)

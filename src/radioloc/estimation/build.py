@@ -131,6 +131,7 @@ def build_solution(
             dof=fit.dof,
             robust_scale=edited.robust_scale,
             excess_noise_m=dict(edited.additive_sigma_m),
+            shared_noise_m=dict(edited.shared_sigma_m),
         ),
         residuals=residuals,
         observability=assess_observability(fit),

@@ -51,6 +51,8 @@ class EditedFit:
         What went wrong or is worth knowing; empty if nothing.
     additive_sigma_m : mapping of str to float
         Standard deviation added in quadrature to every stated one of a group, m; zero where those are enough.
+    shared_sigma_m : mapping of str to float
+        Standard deviation of errors of stations that delays share, found from the residuals, m; empty without.
     series_weights : tuple of SeriesWeight
         Series weighed as fewer observations, since their residuals are correlated in time.
     """
@@ -62,6 +64,7 @@ class EditedFit:
     complete: bool = True
     message: str = ""
     additive_sigma_m: Mapping[str, float] = field(default_factory=dict)
+    shared_sigma_m: Mapping[str, float] = field(default_factory=dict)
     series_weights: tuple[SeriesWeight, ...] = ()
 
     @property

@@ -39,7 +39,7 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
     mean = (sides @ squares).sum(axis=2) / (sides @ counts).sum(axis=2)
     sides = np.take_along_axis(sides, np.argsort(-mean, axis=1, kind="stable")[:, :, None], axis=1)
     sums, numbers = sides @ squares, sides @ counts
-    chances = _chances(sums, numbers, numbers.sum(axis=2))
+    chances = chances_of_noisier(sums, numbers, numbers.sum(axis=2))
     for k in np.argsort(chances, kind="stable").tolist():
         if chances[k] > limit:
             return None
@@ -49,7 +49,7 @@ def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[s
         dof = np.array([_dof(fit, side[order.code] > 0.0) for side in sides[k]])
         stated = not added_m[groups.texts[groups.codes[taken.argmax()]]] > 0.0
         enough = stated and sums[k, 0].sum() <= chi2_quantile(SCALING_PROBABILITY, round(dof[0]))
-        if _chances(sums[k], numbers[k], dof) < limit and not enough:
+        if chances_of_noisier(sums[k], numbers[k], dof) < limit and not enough:
             return Labels.coded((*groups.texts, name), np.where(taken, len(groups.texts), groups.codes))
     return None
 
@@ -97,7 +97,7 @@ def _of_batches(fit: FitResult, order: SeriesOrder) -> tuple[_Floats, _Floats]:
     return squares.reshape(-1, _BATCHES), counts.reshape(-1, _BATCHES)
 
 
-def _chances(sums: _Floats, numbers: _Floats, dof: _Floats) -> _Floats:
+def chances_of_noisier(sums: _Floats, numbers: _Floats, dof: _Floats) -> _Floats:
     """Larger of both chances that the first side of each pair is as much noisier than the second, one where it is not.
 
     Sums and numbers of the batches have shape (..., 2, batches), degrees of freedom (..., 2).

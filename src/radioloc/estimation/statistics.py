@@ -193,6 +193,9 @@ class FitStatistics:
         Spread of the residuals over their stated sigmas by the median, outliers included.
     excess_noise_m : dict of str to float
         Noise that was added in quadrature to every stated sigma of a type, m; the chi-square is with it.
+    shared_noise_m : dict of str to float
+        What the sigmas of delays hold of errors of stations that delays of one epoch share, found from the residuals,
+        m; empty without.
     """
 
     total: GroupStatistics
@@ -203,6 +206,7 @@ class FitStatistics:
     dof: int
     robust_scale: float
     excess_noise_m: Mapping[str, float]
+    shared_noise_m: Mapping[str, float]
 
     @property
     def chi2_per_dof(self) -> float | None:
@@ -224,6 +228,7 @@ class FitStatistics:
             "chi2_per_dof": self.chi2_per_dof,
             "chi2_per_dof_bound": self.chi2_per_dof_bound,
             "excess_noise_m": dict(self.excess_noise_m),
+            "shared_noise_m": dict(self.shared_noise_m),
             "robust_scale": self.robust_scale,
             **{key: {group.label: group.to_dict() for group in items} for key, items in groups.items()},
         }

@@ -22,6 +22,7 @@ from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.noise_groups import split
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.shared_noise import noise_with_shared
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 from radioloc.parameters.parameter import ParameterSet
 
@@ -69,7 +70,7 @@ def fit_with_variance_components(
         if divided is None:
             break
         groups, edited = divided, problem.settled(edited, divided)
-    return edited
+    return problem.with_shared(edited, order, groups)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -92,6 +93,23 @@ class _Problem:
             threshold=self.threshold,
             previous=previous if previous.converged else None,
         )
+
+    def with_shared(self, edited: EditedFit, order: SeriesOrder, groups: Labels) -> EditedFit:
+        """Fit in which delays share the errors of their stations, where the residuals show such."""
+        if not edited.converged:
+            return edited
+        least_m = dict.fromkeys(order.types.texts, np.inf)
+        for text, added_m in edited.additive_sigma_m.items():
+            kind = text.partition(" of ")[0]
+            least_m[kind] = min(least_m[kind], added_m)
+        # A noisier station's own component is among what its delays share.
+        type_m = np.array([least_m[text] for text in order.types.texts])
+        own_m = np.hypot(self.stated.own_m, type_m[order.types.codes])
+        found = noise_with_shared(edited.fit, order, own_m)
+        if found is None:
+            return edited
+        again = replace(self, stated=found[0]).fit_with(np.zeros(len(own_m)), edited)
+        return replace(again, additive_sigma_m=edited.additive_sigma_m, shared_sigma_m=found[1])
 
     def settled(self, edited: EditedFit, groups: Labels) -> EditedFit:
         """Fit with the components of groups, from a fit with others or none on."""

@@ -348,6 +348,9 @@ def _fit(solution: Solution) -> Iterator[str]:
             )
         elif " of " in kind:
             yield f"{kind} has no additive variance component, unlike the others"
+    if fit.shared_noise_m:
+        sizes = ", ".join(f"{name} {metres(sigma_m)} m" for name, sigma_m in fit.shared_noise_m.items())
+        yield f"delays of one epoch share errors of stations, as their residuals show: sigma {sizes}"
     yield from _time_correlation(solution)
     if fit.chi2_per_dof is None or fit.chi2_per_dof_bound is None:
         yield "no redundancy: nothing tests the stated sigmas"

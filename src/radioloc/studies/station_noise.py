@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError, named
 from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
+from radioloc.estimation.shared_noise import SAME_EPOCH_S, epoch_numbers
 from radioloc.measurements.map_predictor import JointPredictor
 from radioloc.measurements.observations import VLBI_DELAY, VLBI_DELAY_RATE
 from radioloc.measurements.predictor import Predictor
@@ -22,10 +23,6 @@ from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.studies.study import ObservationChoice, Study
 from radioloc.time import Epochs, utc_to_tai
-
-SAME_EPOCH_S = 0.05
-"""A delay is tagged with the arrival at its first station. One wavefront meets all stations within 43 ms, the light
-time through the Earth; epochs 0.1 s apart or more can be told from each other."""
 
 
 def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
@@ -92,15 +89,12 @@ def same_epoch(epoch: Epochs) -> NDArray[np.intp]:
     """
     tai = utc_to_tai(epoch)
     elapsed_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])
-    order = np.argsort(elapsed_s, kind="stable")
-    begins = np.diff(elapsed_s[order], prepend=-np.inf) > SAME_EPOCH_S
-    number = np.cumsum(begins) - 1
-    first_s = elapsed_s[order][begins]
-    if (elapsed_s[order] - first_s[number]).max() > SAME_EPOCH_S:
+    number = epoch_numbers(elapsed_s)
+    first_s = np.full(number.max() + 1, np.inf)
+    np.minimum.at(first_s, number, elapsed_s)
+    if (elapsed_s - first_s[number]).max() > SAME_EPOCH_S:
         raise InputError(
             "VLBI delays or their rates follow each other too fast to tell which share an epoch: [observations] "
             "vlbi_station_sigma_m needs epochs 0.1 s apart or more, and so does vlbi_station_rate_sigma_m"
         )
-    groups = np.empty(len(tai), dtype=np.intp)
-    groups[order] = number
-    return groups
+    return number

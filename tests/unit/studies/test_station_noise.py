@@ -174,13 +174,14 @@ def test_delays_of_four_stations_carry_half_of_what_they_seem_to(site, made):
     away_m = found.position_pa_m - made.target_pa_m
     assert away_m @ np.linalg.solve(found.position_covariance("pa"), away_m) < 21.1  # 1e-4 by chance
     assert found.provenance["vlbi_station_sigma_m"] == STATION_M
-    # The same sigmas, taken as independent.
+    # The same sigmas, nothing said of what is shared, which the residuals show.
     own_m = np.where(delays, expected_m, made.observations.sigma_m)
-    believed = locate(site, made, replace(made.observations, sigma_m=own_m))
-    # But for the line of sight, which the ranges know, and epochs at which not all four see the Moon.
-    ratio = found.sigma_enu_m("formal") / believed.sigma_enu_m("formal")
-    print(ratio)
-    assert ratio == pytest.approx(math.sqrt(2.0), rel=0.05)
+    shown = locate(site, made, replace(made.observations, sigma_m=own_m))
+    assert shown.fit.shared_noise_m == {
+        f"vlbi_delay of {name}": pytest.approx(STATION_M, rel=0.01) for name in sorted(STATIONS)
+    }
+    assert "share errors of stations" in str(shown)
+    assert found.sigma_enu_m("formal") == pytest.approx(shown.sigma_enu_m("formal"), rel=0.01)
     # Not known of, it is excess noise, a little less than that of a delay.
     alone = locate(site, made)
     assert alone.fit.excess_noise_m["vlbi_delay"] == pytest.approx(math.sqrt(2.0) * STATION_M, rel=0.2)

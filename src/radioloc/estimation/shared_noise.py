@@ -1,0 +1,195 @@
+"""Errors of stations that the delays of one epoch share, found from the residuals where nobody has stated them.
+
+The delays of one epoch between three stations or more close: A to B and B to C less A to C is nothing but the
+baselines' own noise, whatever the arrival times at the stations are off by. Where the other combinations of residuals
+are significantly larger than these, their covariance is
+
+    C = own variance, in parts of the squares of the sigmas, + sum over stations s of var_s b_s b_s^T,
+
+b_s being the signs with which the arrival at s is in the delays. Its components are found by least squares that are
+weighed by C itself, iterated: restricted maximum likelihood of normal errors (Anderson 1973; Koch 1999, section 3.6).
+Means of tenths of the time are taken off first: clocks, air and what parameters absorb are no noise of an epoch.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.estimation.least_squares import FitResult
+from radioloc.estimation.noise_groups import chances_of_noisier
+from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
+from radioloc.estimation.series import SeriesOrder
+from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+
+_Floats = NDArray[np.float64]
+
+SAME_EPOCH_S = 0.05
+"""A delay is tagged with the arrival at its first station. One wavefront meets all stations within 43 ms, the light
+time through the Earth; epochs 0.1 s apart or more can be told from each other."""
+_PARTS = 10
+"""Parts of the time, of which the means are taken off."""
+_STEPS = 20
+_SETTLED = 1e-6
+_LEAST_OWN = 1e-2
+"""Least part of the variance that is the delays' own: below, closures would weigh as if they were exact."""
+_ROUNDING = 1e-9
+_UNLIKE = 2.0
+"""Factor from the common variance of stations to that of one of them from which on each has its own."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Pattern:
+    """Epochs at which the same k baselines were observed, b of them."""
+
+    signs: _Floats  # (k, stations)
+    residual_m: _Floats  # (b, k), less the means of parts of the time
+    sigma_m: _Floats  # (b, k), of the delays' own errors, in proportion
+    part: NDArray[np.intp]  # (b,)
+
+    @property
+    def dof(self) -> int:
+        """Epochs less the means that were taken off."""
+        return len(self.part) - len(np.unique(self.part))
+
+    def sides(self) -> tuple[_Floats, _Floats]:
+        """Sums of squares and degrees of freedom of combinations that hold errors of stations most and least.
+
+        Both have shape (2, parts).
+        """
+        values, axes = np.linalg.eigh(self.signs @ self.signs.T)
+        squares = np.square((self.residual_m / self.sigma_m) @ axes)
+        # Each delay has two stations: with independent errors the mean is two
+        which = np.stack([values > 2.0 + _ROUNDING, values < 2.0 - _ROUNDING])
+        sums = [np.bincount(self.part, squares @ side, _PARTS) for side in which]
+        epochs = np.maximum(np.bincount(self.part, minlength=_PARTS) - 1.0, 0.0)
+        return np.array(sums), which.sum(axis=1)[:, None] * epochs
+
+
+def noise_with_shared(
+    fit: FitResult, order: SeriesOrder, own_m: _Floats
+) -> tuple[ObservationNoise, dict[str, float]] | None:
+    """Noise in which delays share errors of their stations, and those by type and station, m.
+
+    None where the residuals show no such errors, or some are stated. `own_m` (n,) are sigmas that delays have their own
+    errors in proportion to. Sigmas of the delays, all their errors together, stay as large as they are in the mean.
+    """
+    if fit.noise.shared is not None:
+        return None
+    noise_m, group = fit.noise.own_m.copy(), np.full(len(own_m), ALONE)
+    source, effect_m = np.zeros((len(own_m), 2), dtype=np.intp), np.zeros((len(own_m), 2))
+    found: dict[str, float] = {}
+    codes_of: dict[str, list[int]] = {}
+    for code, ends in order.stations.items():
+        if -1.0 in ends.values():
+            codes_of.setdefault(order.type_of(code), []).append(code)
+    for kind, unsorted in codes_of.items():
+        codes = sorted(unsorted)
+        rows = np.flatnonzero(order.types.are(kind))
+        epoch = epoch_numbers(order.time_s[rows])
+        names = sorted({name for code in codes for name in order.stations[code]})
+        signs = np.array([[order.stations[code].get(name, 0.0) for name in names] for code in codes])
+        of_code = np.searchsorted(codes, order.code[rows])
+        patterns = list(_patterns(fit, rows, epoch, of_code, signs, own_m))
+        variance_m2 = _components(patterns, len(names))
+        if variance_m2 is None:
+            continue
+        stations = np.argsort(signs, axis=1)[of_code][:, [0, -1]]
+        # Sizes of residuals are known better than what is left of them without means
+        variances = variance_m2[0] * np.square(own_m[rows]) + variance_m2[1:][stations].sum(axis=1)
+        variance_m2 *= np.square(fit.sigma_m[rows]).sum() / variances.sum()
+        of_stations_m = np.sqrt(variance_m2[1:])
+        noise_m[rows] = np.sqrt(variance_m2[0]) * own_m[rows]
+        group[rows] = group.max() + 1 + epoch
+        source[rows] = stations
+        effect_m[rows] = of_stations_m[stations] * [-1.0, 1.0]
+        found |= {f"{kind} of {name}": of_stations_m[k].item() for k, name in enumerate(names)}
+    return (ObservationNoise(noise_m, SharedErrors(group, source, effect_m)), found) if found else None
+
+
+def epoch_numbers(time_s: _Floats) -> NDArray[np.intp]:
+    """Number of the epoch that each of some times (n,), s, belongs to, in order of time."""
+    order = np.argsort(time_s, kind="stable")
+    number = np.empty(len(time_s), dtype=np.intp)
+    number[order] = np.cumsum(np.diff(time_s[order], prepend=-np.inf) > SAME_EPOCH_S) - 1
+    return number
+
+
+def _patterns(
+    fit: FitResult,
+    rows: NDArray[np.intp],
+    epoch: NDArray[np.intp],
+    of_code: NDArray[np.intp],
+    signs: _Floats,
+    own_m: _Floats,
+) -> Iterator[_Pattern]:
+    """Epochs of which baselines that have stations in common are used, by these baselines.
+
+    Rows (n,) have an epoch and a series (n,), series the signs of stations (series, stations).
+    """
+    used = fit.used[rows]
+    row_of = np.full((epoch.max() + 1, len(signs)), -1)
+    row_of[epoch[used], of_code[used]] = rows[used]
+    packed = np.packbits(row_of >= 0, axis=1)
+    _, first, which = np.unique(packed.view(f"V{packed.shape[1]}"), return_index=True, return_inverse=True)
+    for k, one in enumerate(first.tolist()):
+        there = row_of[one] >= 0
+        mine = np.flatnonzero(which.ravel() == k)
+        part = mine * _PARTS // len(row_of)
+        epochs = np.bincount(part, minlength=_PARTS)
+        alike = np.abs(signs[there] @ signs[there].T)
+        if epochs.max() < 2 or not (alike - np.diag(np.diag(alike))).any():
+            continue
+        at = row_of[mine][:, there]
+        residual_m = fit.residual_m[at]
+        means_m = np.zeros((_PARTS, at.shape[1]))
+        np.add.at(means_m, part, residual_m)
+        means_m /= np.maximum(epochs, 1)[:, None]
+        yield _Pattern(signs[there], residual_m - means_m[part], own_m[at], part)
+
+
+def _components(patterns: Sequence[_Pattern], stations: int) -> _Floats | None:
+    """Own variance in parts of the squared sigmas, then the variances of stations, m^2; none without significance."""
+    if not patterns:
+        return None
+    sides = [pattern.sides() for pattern in patterns]
+    sums, numbers = (np.sum(both, axis=0) for both in zip(*sides, strict=True))
+    if chances_of_noisier(sums, numbers, numbers.sum(axis=1)) > 1.0 - SCALING_PROBABILITY:
+        return None
+    common, of_common = _likeliest(patterns, np.ones((stations, 1)))
+    each, of_each = _likeliest(patterns, np.eye(stations))
+    unlike = np.abs(np.log(np.maximum(each[1:], 1e-300) / common[1])).max() > np.log(_UNLIKE)
+    gained = of_common - of_each > chi2_quantile(SCALING_PROBABILITY, max(stations - 1, 1))
+    return each if unlike and gained else np.append(common[0], np.full(stations, common[1]))
+
+
+def _likeliest(patterns: Sequence[_Pattern], groups: _Floats) -> tuple[_Floats, float]:
+    """Components, of own errors and of groups of stations (stations, g), and -2 log of their likelihood."""
+    from scipy.optimize import nnls
+
+    parts = []
+    for pattern in patterns:
+        of_groups = [(pattern.signs * mine) @ pattern.signs.T for mine in groups.T]
+        own = np.diag(np.square(pattern.sigma_m).mean(axis=0))
+        parts.append((pattern.residual_m.T @ pattern.residual_m, pattern.dof, np.array([own, *of_groups])))
+    components = np.append(1.0, np.zeros(groups.shape[1]))
+    for _ in range(_STEPS):
+        left, right = [], []
+        for squares, dof, matrices in parts:
+            values, axes = np.linalg.eigh(np.tensordot(components, matrices, 1))
+            root = (axes / np.sqrt(values)).T
+            left.append(np.sqrt(dof) * (root @ matrices @ root.T).reshape(len(matrices), -1))
+            right.append((root @ squares @ root.T).ravel() / np.sqrt(dof))
+        before = components
+        components, _ = nnls(np.concatenate(left, axis=1).T, np.concatenate(right))
+        components[0] = max(components[0], _LEAST_OWN * before[0])
+        if np.abs(components - before).max() <= _SETTLED * components.max():
+            break
+    likelihood = 0.0
+    for squares, dof, matrices in parts:
+        covariance = np.tensordot(components, matrices, 1)
+        likelihood += dof * np.linalg.slogdet(covariance)[1] + np.trace(np.linalg.solve(covariance, squares))
+    return components, float(likelihood)

@@ -50,13 +50,17 @@ def test_table_1_in_full_from_tracking_and_images(found, tmp_path):
     some = replace(images, images=replace(images.images, files=(*files[:3], *files[3::2])))
     write_json(tmp_path / "arcs.json", found.to_dict())
     write_json(tmp_path / "images.json", radioloc.locate_images(some).to_dict())
-    compared = compare([tmp_path / "arcs.json", tmp_path / "images.json"], "Chang'e-2 image map")
+    point = radioloc.locate_images(read_image_study(EXAMPLE.parents[1] / "images" / "orbital_image.toml"))
+    write_json(tmp_path / "point.json", point.to_dict())
+    files = [tmp_path / f"{name}.json" for name in ("arcs", "images", "point")]
+    compared = compare(files, "Chang'e-2 image map")
     assert compared.consistent
     rows = {row.name: row for row in compared.rows}
     tracked = [f"change5, {hours} h" for hours in (48, 24, 12)]
     assert list(rows) == [
         *tracked,
         "descent",
+        "orbital_image",
         "joint estimate",
         "position simulated",
         "Chang'e-2 image map",
@@ -67,8 +71,10 @@ def test_table_1_in_full_from_tracking_and_images(found, tmp_path):
     )  # a pixel
     for name, metres in LROC.items():
         assert (rows[name].west_m, rows[name].north_m) == pytest.approx(metres, abs=0.0501)
-    # The joint estimate is of the longest arc and the images, and is better than either.
-    assert compared.joint.names == ("change5, 48 h", "descent")
+    # Less than three sigmas of orbit and pointing
+    assert np.hypot(rows["orbital_image"].west_m, rows["orbital_image"].north_m) < 30.0
+    # The joint estimate is of the longest arc and the images, and is better than any of them.
+    assert set(compared.joint.names) == {"change5, 48 h", "descent", "orbital_image"}
     for axis in ("west", "north"):
         sigmas_m = [
             getattr(rows[name], f"sigma_{axis}_m") for name in ("joint estimate", *compared.joint.names)

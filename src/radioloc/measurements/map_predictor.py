@@ -94,9 +94,8 @@ class MapPredictor(Predictor):
                     f"({one.origin}); give both the same, or name two maps"
                 )
         self.maps = tuple(self.map_sigma_m)
-        names = beside.targets or tuple(
-            dict.fromkeys(name for link in beside.observations.links for name in link.targets)
-        )
+        links = [beside.observations.links[k] for k in np.unique(beside.observations.link)]
+        names = beside.targets or tuple(dict.fromkeys(name for link in links for name in link.targets))
         self.positions = tuple(_named(one, names) for one in self.positions)
         order = [canonical_target(name) for name in beside.targets]
         index = [

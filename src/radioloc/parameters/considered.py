@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import replace
+from functools import cache
 from typing import Any
 
 from radioloc.errors import InputError
@@ -54,7 +55,7 @@ def resolved(
     StationError, InputError
         A name is none of a station, link or target, or one that is listed has no sigma.
     """
-    choices, notes = {}, []
+    choices, notes, rows_of = {}, [], cache(ObservationRows)
     for name, kind in PARAMETERS.items():
         choice = given.get(name)
         if choice is None:
@@ -67,7 +68,7 @@ def resolved(
         if choice.names == "none":
             continue
         choice = replace(choice, per=choice.per or kind.considered_per)
-        rows = ObservationRows(simple_predictor(predictor, kind))
+        rows = rows_of(simple_predictor(predictor, kind))
         found, of_kind = _resolved(kind, choice, rows, estimated.get(name))
         notes += of_kind
         if found is not None:

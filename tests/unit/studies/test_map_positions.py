@@ -212,6 +212,10 @@ def test_a_place_is_that_of_its_target(radio, ranges):
     place = LunarPosition.from_selenographic(*PLACE).to_axes("PA", CONSTANTS["DE421"])
     apart_m = [np.linalg.norm(np.cross(place.xyz_m, one.position_pa_m)) / 1.7348e6 for one in (lander, rover)]
     assert apart_m[1] < 10.0 < 25.0 < apart_m[0]
+    # Of one target that is chosen from the files no name is needed.
+    one = with_places(radio, number())
+    one = replace(one, observations=replace(one.observations, targets=("rover",)))
+    assert radioloc.locate(one, both).residuals.path[-1] == "rover@some.map"
 
 
 def test_of_a_trajectory_there_is_no_place(radio):

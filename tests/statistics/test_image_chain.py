@@ -7,8 +7,6 @@ import pytest
 from image_chains import CENTRE, Chain, drawn_ties
 from scipy.stats import chi2 as chi_squared
 
-from radioloc.imaging.adjustment import adjust
-
 DRAWS = 100
 THREE_SIGMA = 3.0 * np.sqrt(0.95 * 0.05 / DRAWS)
 
@@ -23,8 +21,8 @@ def test_ellipses_of_the_last_image_hold_95_percent(map_below):
     distances = []
     for draw in range(DRAWS):
         ties = drawn_ties(chain, np.random.default_rng(draw), sigma_px=0.6, map_sigma_m=3.0, stated=2.0 / 3.0)
-        result = adjust(ties, chain.approximate(), chain.sizes)
-        place, covariance = result.ground_point(9, CENTRE)
+        result = chain.adjusted(ties)
+        place, covariance = result.place(9, CENTRE)
         error = place - chain.ground(9, CENTRE)
         distances.append(error @ np.linalg.solve(covariance, error))
     assert np.mean(np.array(distances) < chi_squared.ppf(0.95, 2)) == pytest.approx(0.95, abs=THREE_SIGMA)

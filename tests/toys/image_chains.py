@@ -6,8 +6,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from radioloc.imaging.adjustment import TiePoints
+from radioloc.imaging.adjustment import TiePoints, adjust, approximate_places
 from radioloc.imaging.homography import transformed
+from radioloc.imaging.projections import Homographies
 
 CENTRE = np.array([499.5, 499.5])
 SIZE = 1000.0
@@ -47,6 +48,12 @@ class Chain:
         rng = np.random.default_rng(1)
         shift = [np.array([[1, 0, a], [0, 1, b], [0, 0, 1.0]]) for a, b in rng.normal(0, 5, (self.images, 2))]
         return np.array([s @ self.matrix(k) for k, s in enumerate(shift)])
+
+    def adjusted(self, ties):
+        matrices = self.approximate()
+        return adjust(
+            ties, Homographies.of_matrices(matrices, self.sizes), approximate_places(ties, matrices)
+        )
 
 
 def drawn_ties(chain, rng, *, sigma_px, map_sigma_m, stated=1.0, outliers=0.03):

@@ -1,15 +1,15 @@
-r"""One adjustment of all images: their homographies and the places of all tie points, by weighted least squares.
+r"""One adjustment of all images and the places of all tie points, by weighted least squares.
 
-Unknown are, for each image i, the homography :math:`G_i` from the ground plane to its pixels (equation 7 of Wang et
-al. 2021) and, for each tie point j, its place :math:`X_j` in the plane. Observed are the tie point's pixel in each
-image that has it, :math:`x_{ij} = G_i X_j`, and the place that the map gives to some, :math:`m_j = X_j`. A feature that
-is measured once and matched to many is one observation, so that nothing is counted twice; the chain of images from high
-to low, and all ways around it, are in the one set of normal equations. Places are eliminated from these (Triggs et al.
-2000, section 6.1):
+Unknown are, for each image i, how it shows places, :math:`G_i` (:mod:`radioloc.imaging.projections`: a homography, or
+the pose of a camera over relief), and, for each tie point j, its place :math:`X_j` in the plane. Observed are the tie
+point's pixel in each image that has it, :math:`x_{ij} = G_i X_j`, and the place that the map gives to some,
+:math:`m_j = X_j`. A feature that is measured once and matched to many is one observation, so that nothing is counted
+twice; the chain of images from high to low, and all ways around it, are in the one set of normal equations. Places are
+eliminated from these (Triggs et al. 2000, section 6.1):
 
 .. math:: S = U - W V^{-1} W^T, \qquad C = S^{-1}
 
-C is the covariance of all homographies together, with the errors of the map's features and the chain. What all of the
+C is the covariance of all images together, with the errors of the map's features and the chain. What all of the
 map has in common, its tie to the Moon's axes, is not in it.
 
 How large errors are is found from residuals, of pixels of images and of places on the map apart (variance components of
@@ -19,7 +19,7 @@ once in 1000.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,13 +28,13 @@ from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.stats import chi2 as chi_squared
 
 from radioloc.errors import ConvergenceError, InputError
-from radioloc.imaging.homography import by_correction, corrected, derivative, transformed
+from radioloc.imaging.projections import Projections
 
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_STEPS = 30
-_CONVERGED = 1e-5  # of coordinates of size one; the step after it would be of the order of its square
+_STEPS = 12  # in a round; wrong tie points over cells of an elevation model may keep it from settling
+_CONVERGED = 1e-4  # change of chi squared by a step: no parameter moves by more than a hundredth of its sigma
 _ROUNDS = 40
 _RARE = 1e-3
 _SETTLED = 0.02  # relative change of a variance component
@@ -56,15 +56,33 @@ class TiePoints:
     map_m: Floats  # in the plane, shape (m, 2)
     map_sigma_m: Floats  # shape (m,)
 
+    @property
+    def count(self) -> int:
+        """How many points."""
+        return int(max(self.point.max(initial=-1), self.map_point.max(initial=-1))) + 1
+
+    def only(self, points: NDArray[np.bool_]) -> TiePoints:
+        """Some of the points, counted anew."""
+        number = np.cumsum(points) - 1
+        here, on_map = points[self.point], points[self.map_point]
+        return TiePoints(
+            self.image[here],
+            number[self.point[here]],
+            self.pixels[here],
+            self.sigma_px[here],
+            number[self.map_point[on_map]],
+            self.map_m[on_map],
+            self.map_sigma_m[on_map],
+        )
+
 
 @dataclass(frozen=True, slots=True, eq=False)
-class AdjustedHomographies:
+class Adjusted:
     """What the adjustment found."""
 
-    matrices: Floats  # from the plane to pixels, shape (images, 3, 3)
+    model: Projections
     covariance: Floats  # of all corrections, shape (8 images, 8 images)
-    normals: Floats  # the corrections' normalizations, shape (images, 3, 3)
-    points_m: Floats  # places of the tie points, shape (points, 2)
+    places_m: Floats  # of the tie points, shape (points, 2)
     used: NDArray[np.bool_]  # which pixels,
     map_used: NDArray[np.bool_]  # and which places on the map were used
     residuals_px: Floats  # shape (n, 2)
@@ -72,74 +90,131 @@ class AdjustedHomographies:
     sigma_factors: tuple[float, float]  # of the sigmas of pixels and of places on the map
     redundancy: int
 
-    def ground_point(self, image: int, pixel: Floats) -> tuple[Floats, Floats]:
-        """The place of a pixel in the plane, m, and its covariance, m^2, with those of chain, matches and features."""
-        matrix, normal = self.matrices[image], self.normals[image]
-        ground = transformed(np.linalg.inv(matrix), pixel[np.newaxis])
-        by_parameters = by_correction(transformed(normal, pixel[np.newaxis]))[0] / normal[0, 0]
-        to_ground = np.linalg.solve(derivative(matrix, ground)[0], by_parameters)
-        block = slice(8 * image, 8 * image + 8)
-        return ground[0], to_ground @ self.covariance[block, block] @ to_ground.T
+    def place(self, image: int, pixel: Floats, pixel_sigma: float = 0.0) -> tuple[Floats, Floats]:
+        """The place of a pixel, m, and its covariance, m^2, with those of chain, matches, features and the pixel."""
+        place = self.model.place(image, pixel)
+        at = self.model.project(np.array([image]), np.array([0]), place[np.newaxis])
+        to_place = np.linalg.inv(at.by_place[0])
+        by_parameters = to_place @ at.by_parameters[0]
+        block = self.block(image)
+        covariance = by_parameters @ self.covariance[block, block] @ by_parameters.T
+        return place, covariance + pixel_sigma**2 * to_place @ to_place.T
+
+    def block(self, image: int) -> slice:
+        """Where the parameters of an image are among all."""
+        return slice(8 * image, 8 * image + 8)
 
 
-def adjust(ties: TiePoints, matrices: Floats, sizes: Floats) -> AdjustedHomographies:
-    """Adjust the homographies of all images and the places of all tie points together.
+def adjust(ties: TiePoints, model: Projections, places: Floats) -> Adjusted:
+    """Adjust all images and the places of all tie points together.
 
     Parameters
     ----------
     ties : TiePoints
-        The observations.
-    matrices : numpy.ndarray, shape (images, 3, 3)
-        Approximate homographies from the plane to pixels.
-    sizes : numpy.ndarray, shape (images, 2)
-        Samples and lines of the images.
+        The observations; those of places that the model of the ground does not have are left out.
+    model : Homographies or Poses
+        Approximate.
+    places : numpy.ndarray, shape (points, 2)
+        Approximate places of the points in the plane, m.
 
     Returns
     -------
-    AdjustedHomographies
-        The images' homographies with their covariance.
+    Adjusted
+        The images with their covariance.
 
     Raises
     ------
     InputError
-        The tie points do not determine the homographies.
+        The tie points do not determine the images.
     ConvergenceError
         The iteration does not settle.
     """
-    normals = np.array([_of_size(size) for size in sizes])
-    matrices = np.array([m / np.linalg.norm(m) for m in matrices])
-    used, map_used = np.ones(len(ties.point), bool), np.ones(len(ties.map_point), bool)
-    points = _first_places(ties, matrices)
-    factors, apart = np.ones(2), True
+    observed = _Observed(ties, np.ones(len(ties.point), bool), np.ones(len(ties.map_point), bool), np.ones(2))
+    apart = True
     for number in range(_ROUNDS):
-        matrices, points, normal = _solve(ties, used, map_used, factors, matrices, normals, points)
-        residuals, map_residuals = _residuals(ties, matrices, points)
-        shares, redundancy = normal.redundancies(ties, used, map_used, factors)
-        before = factors
+        observed = observed.without(~model.known(places))
+        model, places, normal, small = _solve(observed, model, places)
+        residuals = ties.pixels - model.project(ties.image, ties.point, places).pixels
+        map_residuals = ties.map_m - places[ties.map_point]
+        shares, redundancy = normal.redundancies(observed)
         # Where few observations are left to tell the two apart, both have one factor, and keep it.
         apart = apart and bool((shares > _ENOUGH_REDUNDANCY).all())
-        factors = _components(ties, used, map_used, residuals, map_residuals, shares, apart)
-        next_used, next_map_used = _kept(ties, used, map_used, residuals, map_residuals, factors)
-        changed = int((next_used != used).sum() + (next_map_used != map_used).sum())
-        settled = changed <= _FEW_CHANGES * int(used.sum() + map_used.sum())
-        if settled and number and np.abs(factors / before - 1.0).max() < _SETTLED:
-            covariance = normal.inverse()
-            return AdjustedHomographies(
-                matrices,
-                covariance,
-                normals,
-                points,
-                used,
-                map_used,
+        factors = observed.components(residuals, map_residuals, shares, apart)
+        following = replace(observed, factors=factors).kept(residuals, map_residuals)
+        settled = small and following.changes(observed) <= _FEW_CHANGES * observed.number
+        if settled and number and np.abs(factors / observed.factors - 1.0).max() < _SETTLED:
+            return Adjusted(
+                model,
+                normal.inverse(),
+                places,
+                observed.used,
+                observed.map_used,
                 residuals,
                 map_residuals,
-                (float(before[0]), float(before[1])),
+                (float(observed.factors[0]), float(observed.factors[1])),
                 redundancy,
             )
-        used, map_used = next_used, next_map_used
+        observed = following
     raise ConvergenceError(
         f"the images' adjustment did not settle in {_ROUNDS} rounds of leaving out tie points"
     )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Observed:
+    """Tie points, which of their observations are used, and the factors of the sigmas of pixels and of the map."""
+
+    ties: TiePoints
+    used: NDArray[np.bool_]
+    map_used: NDArray[np.bool_]
+    factors: Floats
+
+    @property
+    def number(self) -> int:
+        """How many observations are used."""
+        return int(self.used.sum() + self.map_used.sum())
+
+    def changes(self, other: _Observed) -> int:
+        """How many are used in one and not in the other."""
+        return int((self.used != other.used).sum() + (self.map_used != other.map_used).sum())
+
+    def without(self, points: NDArray[np.bool_]) -> _Observed:
+        """Without some points."""
+        used, map_used = self.used & ~points[self.ties.point], self.map_used & ~points[self.ties.map_point]
+        return replace(self, used=used, map_used=map_used)
+
+    def components(
+        self, residuals: Floats, map_residuals: Floats, redundancies: Floats, apart: bool
+    ) -> Floats:
+        """Factors of the sigmas of pixels and of places on the map, apart or one, from residuals and redundancies."""
+        chi2, map_chi2 = replace(self, factors=np.ones(2)).chi2(residuals, map_residuals)
+        sums = np.array([chi2[self.used].sum(), map_chi2[self.map_used].sum()])
+        if apart:
+            return np.maximum(np.sqrt(sums / redundancies), _LEAST_FACTOR)
+        redundancy = float(redundancies.sum())
+        factor = float(np.sqrt(sums.sum() / max(redundancy, 1.0)))
+        return np.full(2, max(factor, _LEAST_FACTOR if redundancy > _ENOUGH_REDUNDANCY else 1.0))
+
+    def chi2(self, residuals: Floats, map_residuals: Floats) -> tuple[Floats, Floats]:
+        """Of each observation, two degrees of freedom."""
+        sigma_px, map_sigma_m = self.factors[0] * self.ties.sigma_px, self.factors[1] * self.ties.map_sigma_m
+        return (residuals**2).sum(axis=1) / sigma_px**2, (map_residuals**2).sum(axis=1) / map_sigma_m**2
+
+    def kept(self, residuals: Floats, map_residuals: Floats) -> _Observed:
+        """Without the worst observation of each tie point whose chi squared is beyond chance."""
+        count = self.ties.count
+        point = np.concatenate([self.ties.point, self.ties.map_point])
+        kept = np.concatenate([self.used, self.map_used])
+        chi2 = np.concatenate(self.chi2(residuals, map_residuals))
+        number = np.bincount(point[kept], minlength=count)
+        total = np.bincount(point[kept], weights=chi2[kept], minlength=count)
+        bad = total > chi_squared.isf(_RARE, 2 * np.maximum(number - 1, 1))
+        worst = np.zeros(count)
+        np.maximum.at(worst, point[kept], chi2[kept])
+        kept = kept & ~(bad[point] & (chi2 >= worst[point]))
+        alone = np.bincount(point[kept], minlength=count) < 2  # one observation of a point says nothing
+        kept &= ~alone[point]
+        return replace(self, used=kept[: len(self.used)], map_used=kept[len(self.used) :])
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -148,6 +223,7 @@ class _NormalEquations:
 
     factor: tuple[Floats, bool]
     right: Floats
+    parameters: int  # that have an effect
     coupling: sparse.csr_matrix  # W^T
     points_inverse: Floats  # V^-1, shape (points, 2, 2)
     points_right: Floats
@@ -155,15 +231,14 @@ class _NormalEquations:
     def inverse(self) -> Floats:
         return np.asarray(cho_solve(self.factor, np.eye(len(self.right))))
 
-    def redundancies(
-        self, ties: TiePoints, used: NDArray[np.bool_], map_used: NDArray[np.bool_], factors: Floats
-    ) -> tuple[Floats, int]:
+    def redundancies(self, observed: _Observed) -> tuple[Floats, int]:
         """Redundancies of the pixels together and of the map's places together, and their sum."""
+        ties, map_used = observed.ties, observed.map_used
         seen = np.zeros(len(self.points_inverse), bool)
-        seen[ties.point[used]] = seen[ties.map_point[map_used]] = True
-        total = 2 * (int(used.sum()) + int(map_used.sum()) - int(seen.sum())) - len(self.right)
+        seen[ties.point[observed.used]] = seen[ties.map_point[map_used]] = True
+        total = 2 * (observed.number - int(seen.sum())) - self.parameters
         which = ties.map_point[map_used]
-        weight = (factors[1] * ties.map_sigma_m[map_used]) ** -2.0
+        weight = (observed.factors[1] * ties.map_sigma_m[map_used]) ** -2.0
         inverse = self.inverse()
         explained = 0.0
         for begin in range(0, len(which), _ROWS_AT_ONCE):
@@ -182,57 +257,39 @@ class _NormalEquations:
 
 
 def _solve(
-    ties: TiePoints,
-    used: NDArray[np.bool_],
-    map_used: NDArray[np.bool_],
-    factors: Floats,
-    matrices: Floats,
-    normals: Floats,
-    points: Floats,
-) -> tuple[Floats, Floats, _NormalEquations]:
+    observed: _Observed, model: Projections, places: Floats
+) -> tuple[Projections, Floats, _NormalEquations, bool]:
+    """The model and the places after some steps, the normal equations of the last one, and whether it was small."""
     for _ in range(_STEPS):
-        normal = _normal_equations(ties, used, map_used, factors, matrices, normals, points)
+        normal = _normal_equations(observed, model, places)
         step = cho_solve(normal.factor, normal.right)
         back = normal.points_right - (normal.coupling @ step).reshape(-1, 2)
-        points = points + np.einsum("jkl,jl->jk", normal.points_inverse, back)
-        matrices = np.array(
-            [corrected(m, n, d) for m, n, d in zip(matrices, normals, step.reshape(-1, 8), strict=True)]
-        )
-        if np.abs(step).max() < _CONVERGED:
-            return matrices, points, normal
-    raise ConvergenceError(f"the images' adjustment did not converge in {_STEPS} steps")
+        places = places + np.einsum("jkl,jl->jk", normal.points_inverse, back)
+        model = model.corrected(step.reshape(model.images, -1))
+        if small := bool(step @ normal.right < _CONVERGED):
+            break
+    return model, places, normal, small
 
 
-def _normal_equations(
-    ties: TiePoints,
-    used: NDArray[np.bool_],
-    map_used: NDArray[np.bool_],
-    factors: Floats,
-    matrices: Floats,
-    normals: Floats,
-    points: Floats,
-) -> _NormalEquations:
+def _normal_equations(observed: _Observed, model: Projections, places: Floats) -> _NormalEquations:
+    ties, used, map_used = observed.ties, observed.used, observed.map_used
     image, point = ties.image[used], ties.point[used]
-    matrix, normal = matrices[image], normals[image]
-    at = points[point]
-    predicted = _each(matrix, at)
-    weight = (factors[0] * ties.sigma_px[used]) ** -1.0
-    by_image = by_correction(_each(normal, predicted)) * (weight / normal[:, 0, 0])[:, np.newaxis, np.newaxis]
-    by_point = _each_derivative(matrix, at, predicted) * weight[:, np.newaxis, np.newaxis]
-    residual = (ties.pixels[used] - predicted) * weight[:, np.newaxis]
+    found = model.project(image, point, places)
+    weight = (observed.factors[0] * ties.sigma_px[used]) ** -1.0
+    by_image = found.by_parameters * weight[:, np.newaxis, np.newaxis]
+    by_point = found.by_place * weight[:, np.newaxis, np.newaxis]
+    residual = (ties.pixels[used] - found.pixels) * weight[:, np.newaxis]
     map_point = ties.map_point[map_used]
-    map_weight = (factors[1] * ties.map_sigma_m[map_used]) ** -2.0
-    count, images = len(points), len(matrices)
+    map_weight = (observed.factors[1] * ties.map_sigma_m[map_used]) ** -2.0
+    count, images = len(places), model.images
     information = np.zeros((count, 2, 2))
     np.add.at(information, point, by_point.transpose(0, 2, 1) @ by_point)
     np.add.at(information, map_point, map_weight[:, np.newaxis, np.newaxis] * np.eye(2))
-    information[~information.any(axis=(1, 2))] = np.eye(
-        2
-    )  # points of which nothing is used stay where they are
+    information[~information.any(axis=(1, 2))] = np.eye(2)  # of which nothing is used, stay where they are
     points_inverse = np.asarray(np.linalg.inv(information))
     points_right = np.zeros((count, 2))
     np.add.at(points_right, point, np.einsum("nki,nk->ni", by_point, residual))
-    np.add.at(points_right, map_point, map_weight[:, np.newaxis] * (ties.map_m[map_used] - points[map_point]))
+    np.add.at(points_right, map_point, map_weight[:, np.newaxis] * (ties.map_m[map_used] - places[map_point]))
     blocks = by_image.transpose(0, 2, 1) @ by_image
     own = np.zeros((images, 8, 8))
     np.add.at(own, image, blocks)
@@ -249,99 +306,26 @@ def _normal_equations(
     eliminated = spread @ coupling
     reduced = -np.asarray((coupling.T @ eliminated).todense())
     for k in range(images):
-        reduced[8 * k : 8 * k + 8, 8 * k : 8 * k + 8] += own[k]
+        block = slice(8 * k, 8 * k + 8)
+        reduced[block, block] += own[k]
+    held = model.held().ravel()
+    reduced[held, held] = 1.0
     try:
         factor = cho_factor(reduced)
     except LinAlgError:
         raise InputError(
-            "the tie points do not determine the images' homographies; some image has too few, or lies on a line"
+            "the tie points do not determine the images; some image has too few, or all on a line"
         ) from None
     reduced_right = right.ravel() - eliminated.T @ points_right.ravel()
-    return _NormalEquations(factor, reduced_right, coupling, points_inverse, points_right)
+    return _NormalEquations(factor, reduced_right, int((~held).sum()), coupling, points_inverse, points_right)
 
 
-def _residuals(ties: TiePoints, matrices: Floats, points: Floats) -> tuple[Floats, Floats]:
-    predicted = _each(matrices[ties.image], points[ties.point])
-    return ties.pixels - predicted, ties.map_m - points[ties.map_point]
-
-
-def _components(
-    ties: TiePoints,
-    used: NDArray[np.bool_],
-    map_used: NDArray[np.bool_],
-    residuals: Floats,
-    map_residuals: Floats,
-    redundancies: Floats,
-    apart: bool,
-) -> Floats:
-    """Factors of the sigmas of pixels and of places on the map, apart or one, from residuals and redundancies."""
-    sums = np.array(
-        [
-            ((residuals[used] / ties.sigma_px[used, np.newaxis]) ** 2).sum(),
-            ((map_residuals[map_used] / ties.map_sigma_m[map_used, np.newaxis]) ** 2).sum(),
-        ]
-    )
-    if apart:
-        return np.maximum(np.sqrt(sums / redundancies), _LEAST_FACTOR)
-    redundancy = float(redundancies.sum())
-    factor = float(np.sqrt(sums.sum() / max(redundancy, 1.0)))
-    return np.full(2, max(factor, _LEAST_FACTOR if redundancy > _ENOUGH_REDUNDANCY else 1.0))
-
-
-def _kept(
-    ties: TiePoints,
-    used: NDArray[np.bool_],
-    map_used: NDArray[np.bool_],
-    residuals: Floats,
-    map_residuals: Floats,
-    factors: Floats,
-) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
-    """What is left after the worst observation of each tie point whose chi squared is beyond chance is left out."""
-    count = int(max(ties.point.max(initial=-1), ties.map_point.max(initial=-1))) + 1
-    point = np.concatenate([ties.point, ties.map_point])
-    kept = np.concatenate([used, map_used])
-    chi2 = np.concatenate(
-        [
-            ((residuals / (factors[0] * ties.sigma_px)[:, np.newaxis]) ** 2).sum(axis=1),
-            ((map_residuals / (factors[1] * ties.map_sigma_m)[:, np.newaxis]) ** 2).sum(axis=1),
-        ]
-    )
-    number = np.bincount(point[kept], minlength=count)
-    total = np.bincount(point[kept], weights=chi2[kept], minlength=count)
-    bad = total > chi_squared.isf(_RARE, 2 * np.maximum(number - 1, 1))
-    worst = np.zeros(count)
-    np.maximum.at(worst, point[kept], chi2[kept])
-    kept = kept & ~(bad[point] & (chi2 >= worst[point]))
-    alone = np.bincount(point[kept], minlength=count) < 2  # one observation of a point says nothing
-    kept &= ~alone[point]
-    return kept[: len(used)], kept[len(used) :]
-
-
-def _first_places(ties: TiePoints, matrices: Floats) -> Floats:
-    """Places of the points: the map's, or the means over their images."""
-    count = int(max(ties.point.max(initial=-1), ties.map_point.max(initial=-1))) + 1
-    ground = _each(np.asarray(np.linalg.inv(matrices))[ties.image], ties.pixels)
-    number = np.bincount(ties.point, minlength=count)[:, np.newaxis]
-    places = np.stack(
-        [np.bincount(ties.point, weights=ground[:, k], minlength=count) for k in (0, 1)], axis=1
-    ) / np.maximum(number, 1)
+def approximate_places(ties: TiePoints, matrices: Floats) -> Floats:
+    """Places of the points: the map's, or the means over their images by homographies, shape (images, 3, 3)."""
+    homogeneous = np.insert(ties.pixels, 2, 1.0, axis=1)
+    ground = np.einsum("nij,nj->ni", np.linalg.inv(matrices)[ties.image], homogeneous)
+    number = np.bincount(ties.point, minlength=ties.count)[:, np.newaxis]
+    sums = [np.bincount(ties.point, ground[:, k] / ground[:, 2], minlength=ties.count) for k in (0, 1)]
+    places = np.stack(sums, axis=1) / np.maximum(number, 1)
     places[ties.map_point] = ties.map_m
     return places
-
-
-def _of_size(size: Floats) -> Floats:
-    """The similarity that brings the pixels of an image to between -1 and 1."""
-    half = 0.5 * float(np.max(size))
-    return np.array([[1 / half, 0, -0.5 * size[0] / half], [0, 1 / half, -0.5 * size[1] / half], [0, 0, 1.0]])
-
-
-def _each(matrices: Floats, points: Floats) -> Floats:
-    """Points transformed each by its own matrix."""
-    homogeneous = np.einsum("nij,nj->ni", matrices[:, :, :2], points) + matrices[:, :, 2]
-    return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
-
-
-def _each_derivative(matrices: Floats, points: Floats, images: Floats) -> Floats:
-    scale = np.einsum("nj,nj->n", matrices[:, 2, :2], points) + matrices[:, 2, 2]
-    by_points = matrices[:, :2, :2] - images[:, :, np.newaxis] * matrices[:, 2, np.newaxis, :2]
-    return np.asarray(by_points / scale[:, np.newaxis, np.newaxis])

@@ -79,7 +79,7 @@ class Homography:
         inverse = np.asarray(np.linalg.inv(self.matrix), dtype=np.float64)
         # d(M^-1) = -M^-1 dM M^-1, row by row; the last element of dM is none
         change = -np.kron(inverse, inverse.T)[:, :8]
-        return _of_matrix(inverse, change @ self.covariance @ change.T)
+        return of_elements(inverse, change @ self.covariance @ change.T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -221,10 +221,10 @@ def of_correction(matrix: Floats, normal: Floats, covariance: Floats) -> Homogra
     """A homography from its matrix and the covariance of the elements of its correction."""
     # elements of N^-1 Delta N G, row by row, by those of Delta
     change = np.kron(np.linalg.inv(normal), (normal @ matrix).T)[:, :8]
-    return _of_matrix(matrix, change @ covariance @ change.T)
+    return of_elements(matrix, change @ covariance @ change.T)
 
 
-def _of_matrix(matrix: Floats, covariance: Floats) -> Homography:
+def of_elements(matrix: Floats, covariance: Floats) -> Homography:
     """A homography from a matrix of any scale and the covariance of its nine elements."""
     last = matrix[2, 2]
     if abs(last) < 1e-12 * np.abs(matrix).max():

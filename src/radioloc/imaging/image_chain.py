@@ -16,10 +16,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import ConvergenceError, InputError, RadiolocError
+from radioloc.imaging.cameras import Camera
 from radioloc.imaging.frames import Image, Mask, load_opencv
 from radioloc.imaging.homography import derivative, fit_homography, transformed
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.matching import Features, Matches, MatchStatus, detect, match
+from radioloc.imaging.rectification import undistorted
 from radioloc.imaging.tie_points import TiePoint
 
 if TYPE_CHECKING:
@@ -61,15 +63,16 @@ class Frame:
         For messages and results.
     read : callable
         Returns the image, eight bits; called once, when its turn comes.
-    undistorted : callable, optional
-        From pixels, shape (n, 2), to where they would be without distortion; homographies are of these.
+    camera : callable, optional
+        From lines and samples to the camera of such an image. Its distortion is taken off; homographies are of pixels
+        without it.
     rectification : numpy.ndarray, shape (3, 3), optional
         From pixels to those of a view from above, for features of very oblique images.
     """
 
     name: str
     read: Callable[[], Image]
-    undistorted: Callable[[Floats], Floats] | None = None
+    camera: Callable[[tuple[int, int]], Camera] | None = None
     rectification: Floats | None = None
 
 
@@ -85,6 +88,16 @@ class Taken:
     matched_to: list[str] = field(default_factory=list)
     candidates: int = 0
     to_plane: Floats | None = None  # approximate
+    camera: Camera | None = None
+
+    @property
+    def centre(self) -> Floats:
+        """The pixel in the middle."""
+        return 0.5 * (np.array(self.size, dtype=np.float64) - 1.0)
+
+    def undistorted(self, pixels: Floats) -> Floats:
+        """Pixels, shape (n, 2), where they would be without distortion."""
+        return pixels if self.camera is None else undistorted(self.camera)(pixels)
 
 
 class ImageChain:
@@ -103,7 +116,6 @@ class ImageChain:
             raise InputError(f"images have the same name: {sorted({n for n in names if names.count(n) > 1})}")
         self.mask, self.map = mask, on_map
         self.taken: list[Taken] = []
-        self.undistorted = {f.name: f.undistorted for f in frames if f.undistorted is not None}
         self.pairs: list[tuple[Node, Node]] = []
         self.links: list[tuple[int, int, Floats]] = []  # homographies between images
         self.place: dict[Node, tuple[Floats, float]] = {}  # pixel or place in the plane, with sigma
@@ -140,8 +152,9 @@ class ImageChain:
             raise InputError(f"{frame.name} has {image.shape} lines and samples, the mask {self.mask.shape}")
         size = (image.shape[1], image.shape[0])
         reduction = max(1, -(-max(size) // _LARGEST_SIDE_PIXELS))
-        features = self._features(frame, image, reduction)
-        this = Taken(frame.name, size, FrameStatus.UNMATCHED, features=features)
+        camera = None if frame.camera is None else frame.camera(image.shape)
+        this = Taken(frame.name, size, FrameStatus.UNMATCHED, camera=camera)
+        this.features = features = self._features(this, frame, image, reduction)
         number = len(self.taken)
         self.taken.append(this)
         self._take_given(frame, number)
@@ -173,9 +186,7 @@ class ImageChain:
         known: list[tuple[Floats, float, Floats, float]] = []
         for k, tie in enumerate(self.given):
             for m in (m for m in tie.measurements if m.image == frame.name):
-                pixel = np.array([m.sample, m.line])
-                if frame.undistorted is not None:
-                    pixel = frame.undistorted(pixel[np.newaxis])[0]
+                pixel = this.undistorted(np.array([[m.sample, m.line]]))[0]
                 node = (number, 2, k)
                 self.place[node] = (pixel, m.sigma_px)
                 first = self.first_of_given.setdefault(k, node)
@@ -197,12 +208,12 @@ class ImageChain:
             this.matched_to.append("given")
             this.candidates += len(known)
 
-    def _features(self, frame: Frame, image: Image, reduction: int) -> Features:
+    def _features(self, this: Taken, frame: Frame, image: Image, reduction: int) -> Features:
         """Features of an image reduced by a whole number, at their pixels in the image itself, undistorted."""
         cv2 = load_opencv()
         mask = self.mask
         if frame.rectification is not None:
-            return self._rectified(frame, image, reduction)
+            return self._rectified(this, frame, image, reduction)
         if reduction > 1:
             size = (image.shape[1] // reduction, image.shape[0] // reduction)
             cut = slice(size[1] * reduction), slice(size[0] * reduction)
@@ -211,9 +222,10 @@ class ImageChain:
                 mask = cv2.resize(mask[cut].astype(np.uint8), size, interpolation=cv2.INTER_AREA) == 1
         found = detect(image, mask, self.map.detector, _FEATURES)
         pixels = (found.pixels + 0.5) * reduction - 0.5
-        return self._placed(frame, found, pixels, found.sigma_px * reduction, image.shape, reduction)
+        shape = (image.shape[0] * reduction, image.shape[1] * reduction)
+        return found.moved(this.undistorted(pixels), found.sigma_px * reduction, shape)
 
-    def _rectified(self, frame: Frame, image: Image, reduction: int) -> Features:
+    def _rectified(self, this: Taken, frame: Frame, image: Image, reduction: int) -> Features:
         cv2 = load_opencv()
         assert frame.rectification is not None
         line, sample = np.mgrid[: image.shape[0], : image.shape[1]]
@@ -237,20 +249,7 @@ class ImageChain:
         found = detect(view, seen, self.map.detector, _FEATURES)
         back = np.linalg.inv(matrix)
         sigma_px = found.sigma_px * np.sqrt(np.abs(np.linalg.det(derivative(back, found.pixels))))
-        return self._placed(frame, found, transformed(back, found.pixels), sigma_px, image.shape, 1)
-
-    def _placed(
-        self,
-        frame: Frame,
-        found: Features,
-        pixels: Floats,
-        sigma_px: Floats,
-        shape: tuple[int, ...],
-        reduction: int,
-    ) -> Features:
-        if frame.undistorted is not None and len(pixels):
-            pixels = frame.undistorted(pixels)
-        return found.moved(pixels, sigma_px, (shape[0] * reduction, shape[1] * reduction))
+        return found.moved(this.undistorted(transformed(back, found.pixels)), sigma_px, image.shape)
 
     def _tie_to_map(self, frame: Frame, number: int, image: Image, reduction: int) -> None:
         this = self.taken[number]
@@ -265,7 +264,7 @@ class ImageChain:
                 return
             needed = int(self.map.base.resolution_m / pixel_m)
             if needed > 1.5 * reduction:
-                features, kind = self._features(frame, image, needed), 1
+                features, kind = self._features(this, frame, image, needed), 1
             level = self.map.level(pixel_m * max(reduction, needed))
             found = self._near_prediction(features, this, level, width_m)
         elif self.searches < _SEARCHES:

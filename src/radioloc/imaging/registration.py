@@ -14,19 +14,26 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.imaging.frames import Mask
-from radioloc.imaging.homography import Homography, derivative, of_correction
-from radioloc.imaging.image_chain import Frame, FrameStatus, ImageChain, pixel_size_m
+from radioloc.imaging.homography import Homography
+from radioloc.imaging.image_chain import Frame, FrameStatus, ImageChain, Taken, pixel_size_m
 from radioloc.imaging.map_features import MapFeatures
 from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.matching import Detector
 from radioloc.imaging.tie_points import TiePoint
+from radioloc.lunar import TerrainModel
+from radioloc.lunar.terrain_window import NoTerrainError
 
 if TYPE_CHECKING:
-    from radioloc.imaging.adjustment import AdjustedHomographies, TiePoints
+    from radioloc.imaging.adjustment import Adjusted, TiePoints
+    from radioloc.imaging.projections import Projections
 
 Floats = NDArray[np.float64]
 
 _FEWEST_TIES = 6
+_FEWEST_WITH_HEIGHT = 0.5  # of an image's tie points: the model of heights covers what it shows
+_FARTHEST = (
+    4.0  # from the middle of an image's tie points, in standard deviations of these; of a square's corner 2.4
+)
 # What features of the map have in common beside its tie, of a pixel of the map: craters seem to move under another sun,
 # and blur and sampling of images differ. No number of tie points makes it smaller.
 _COMMON_PART = 0.3
@@ -47,6 +54,7 @@ class RegisteredFrame:
     rms_px: float = float("nan")
     rms_m: float = float("nan")
     pixel_m: float = float("nan")  # at the image's centre
+    altitude_m: float = float("nan")  # of the camera above the ground that it sees, if it has a pose
     homography: Homography | None = None  # equation 7: from east and north in the plane, m, to pixels
     centre: Floats = field(default_factory=lambda: np.full(2, np.nan))
 
@@ -73,9 +81,10 @@ class Registration:
     ]  # of features' stated sigmas in images and on the map, found from residuals
     redundancy: int
     map_places_m: Floats  # adjusted places in the plane of the tie points with the map, shape (k, 2)
-    _adjusted: AdjustedHomographies = field(repr=False)
-    _index: dict[str, int] = field(repr=False)
-    _undistorted: dict[str, Callable[[Floats], Floats]] = field(repr=False)
+    relief: bool  # whether heights of the ground were taken into account
+    _ties: TiePoints = field(repr=False)
+    _adjusted: Adjusted = field(repr=False)
+    _taken: dict[str, tuple[int, Taken]] = field(repr=False)
 
     def ground_point(
         self, name: str, pixel: ArrayLike | None = None, pixel_sigma: float = 0.0
@@ -88,21 +97,28 @@ class Registration:
         Raises
         ------
         InputError
-            The image is not registered.
+            The image is not registered, or the pixel shows no ground, or ground far beyond the image's tie points.
         """
-        if name not in self._index:
+        if name not in self._taken:
             status = {frame.name: frame.status.value for frame in self.frames}.get(
                 name, "not among the images"
             )
             raise InputError(f"{name} is {status}: none of its pixels has a place on the map")
-        frame = next(f for f in self.frames if f.name == name)
-        at = np.asarray(frame.centre if pixel is None else pixel, dtype=np.float64)
-        if name in self._undistorted:
-            at = self._undistorted[name](at[np.newaxis])[0]
-        place, covariance = self._adjusted.ground_point(self._index[name], at)
-        matrix = self._adjusted.matrices[self._index[name]]
-        back = np.linalg.inv(derivative(matrix, place[np.newaxis])[0])
-        covariance = covariance + pixel_sigma**2 * back @ back.T
+        image, taken = self._taken[name]
+        at = np.asarray(taken.centre if pixel is None else pixel, dtype=np.float64)
+        try:
+            place, covariance = self._adjusted.place(image, taken.undistorted(at[np.newaxis])[0], pixel_sigma)
+        except InputError as error:
+            raise InputError(f"{name}: {error}") from None
+        mine = self._adjusted.used & (self._ties.image == image)
+        tied = self._adjusted.places_m[self._ties.point[mine]]
+        away = place - tied.mean(axis=0)
+        if away @ np.linalg.solve(np.cov(tied.T), away) > _FARTHEST**2:
+            raise InputError(
+                f"{name}: what is seen at sample {at[0]:.1f}, line {at[1]:.1f} is {np.hypot(*away):.3g} m from the "
+                f"middle of the image's {len(tied)} tie points, far beyond the ground that they determine; choose "
+                "another image or pixel"
+            )
         longitude, latitude = self.plane.to_longitude_latitude(place[np.newaxis])[0]
         common_m2 = np.square(self.map_sigma_m) + (_COMMON_PART * self.map_pixel_m) ** 2
         ground = self.plane.covariance_at(place, covariance) + np.diag(common_m2)
@@ -117,6 +133,7 @@ def register_chain(
     mask: Mask | None = None,
     near: tuple[float, float, float] | None = None,
     ties: Sequence[TiePoint] = (),
+    terrain: TerrainModel | None = None,
     detector: Detector = Detector.SIFT,
     progress: Callable[[Iterable[Frame]], Iterable[Frame]] = iter,
 ) -> Registration:
@@ -136,6 +153,9 @@ def register_chain(
         Longitude and latitude, degrees, and a radius, m: where on the map the images are sought.
     ties : sequence of TiePoint, optional
         Tie points that are measured already, in images by their names; they are used beside those that are found.
+    terrain : TerrainModel, optional
+        Heights of the ground, where the images' cameras are known: relief moves points of images, unless the camera
+        stands above them. Without, or where it does not have half of an image's tie points, the ground is a plane.
     detector : Detector
         Of features.
     progress : callable, optional
@@ -156,14 +176,14 @@ def register_chain(
     chain = ImageChain(frames, MapFeatures(base, _plane_of(base, near), detector), mask, near, ties)
     for frame in progress(frames):
         chain.add(frame)
-    return _registration(chain, map_sigma_m)
+    return _registration(chain, map_sigma_m, terrain)
 
 
 def _plane_of(base: Map, near: tuple[float, float, float] | None) -> TangentPlane:
     return base.plane() if near is None else TangentPlane(near[0], near[1])
 
 
-def _adjusted(chain: ImageChain) -> tuple[TiePoints, list[int], AdjustedHomographies, set[int]]:
+def _adjusted(chain: ImageChain, terrain: TerrainModel | None) -> tuple[list[int], TiePoints, Adjusted]:
     """Adjust what is tied to the map, leaving out images of which too little agrees."""
     from radioloc.imaging.adjustment import adjust  # brings much of scipy
 
@@ -171,37 +191,76 @@ def _adjusted(chain: ImageChain) -> tuple[TiePoints, list[int], AdjustedHomograp
     left_out: set[int] = set()
     while True:
         images, ties = chain.ties(left_out)
-        taken = [chain.taken[n] for n in images]
         counts = np.bincount(ties.image, minlength=len(images))
         if (counts >= _FEWEST_TIES).all():
-            matrices = np.array([np.linalg.inv(one.to_plane) for one in taken])  # type: ignore[arg-type]
-            result = adjust(ties, matrices, np.array([one.size for one in taken], dtype=np.float64))
+            ties, model, places = _modelled(chain, [chain.taken[n] for n in images], ties, terrain)
+            result = adjust(ties, model, places)
             counts = np.bincount(ties.image[result.used], minlength=len(images))
             if (counts >= _FEWEST_TIES).all():
-                return ties, images, result, left_out
-        left_out |= {images[k] for k in np.flatnonzero(counts < _FEWEST_TIES)}
+                return images, ties, result
+        for k in np.flatnonzero(counts < _FEWEST_TIES):
+            left_out.add(images[k])
+            chain.taken[images[k]].status = FrameStatus.REJECTED
 
 
-def _registration(chain: ImageChain, map_sigma_m: tuple[float, float]) -> Registration:
-    ties, images, result, left_out = _adjusted(chain)
-    on_map = np.zeros(int(ties.point.max()) + 1, bool)
+def _modelled(
+    chain: ImageChain, taken: Sequence[Taken], ties: TiePoints, terrain: TerrainModel | None
+) -> tuple[TiePoints, Projections, Floats]:
+    """Approximate images, with the tie points whose ground they know and the places of these."""
+    from radioloc.imaging.adjustment import approximate_places
+    from radioloc.imaging.poses import PosesAndHomographies, Relief, camera_matrix
+    from radioloc.imaging.projections import Homographies
+
+    matrices = np.array([np.linalg.inv(one.to_plane) for one in taken])  # type: ignore[arg-type]
+    places = approximate_places(ties, matrices)
+    homographies = Homographies.of_matrices(matrices, np.array([one.size for one in taken], dtype=np.float64))
+    cameras = [camera_matrix(one.camera) for one in taken if one.camera is not None]
+    if terrain is None or len(cameras) < len(taken):
+        return ties, homographies, places
+    west, south, east, north = chain.extent_m
+    size = np.array([east - west, north - south])  # wrong tie points may seem to be anywhere
+    known = np.asarray(
+        (np.abs(places - 0.5 * np.array([west + east, south + north])) < 1.5 * size).all(axis=1)
+    )
+    try:
+        relief = Relief.around(chain.map.plane, terrain, places[known])
+    except NoTerrainError:
+        return ties, homographies, places
+    known[known] = relief.known(places[known])
+    some = ties.only(known)
+    before, after = (np.bincount(one.image, minlength=len(taken)) for one in (ties, some))
+    if (after < _FEWEST_WITH_HEIGHT * before).any():
+        return ties, homographies, places
+    places = places[known]
+    seen = some.image, places[some.point]
+    return some, PosesAndHomographies.of_homographies(relief, np.array(cameras), homographies, *seen), places
+
+
+def _registration(
+    chain: ImageChain, map_sigma_m: tuple[float, float], terrain: TerrainModel | None
+) -> Registration:
+    from radioloc.imaging.poses import PosesAndHomographies
+
+    images, ties, result = _adjusted(chain, terrain)
+    on_map = np.zeros(ties.count, bool)
     on_map[ties.map_point[result.map_used]] = True
     frames = []
     for number, taken in enumerate(chain.taken):
         frame = RegisteredFrame(
             taken.name,
-            FrameStatus.REJECTED if number in left_out else taken.status,
+            taken.status,
             taken.reason,
             tuple(taken.matched_to),
             taken.candidates,
-            centre=0.5 * (np.array(taken.size, dtype=np.float64) - 1.0),
+            centre=taken.centre,
         )
         if number in images:
             k = images.index(number)
-            block = slice(8 * k, 8 * k + 8)
+            block = result.block(k)
+            homography = result.model.homography(k, result.covariance[block, block])
             mine = result.used & (ties.image == k)
             rms_px = float(np.sqrt(np.mean(result.residuals_px[mine] ** 2)))
-            pixel_m = pixel_size_m(np.linalg.inv(result.matrices[k]), taken.size)
+            pixel_m = pixel_size_m(homography.inverse().matrix, taken.size)
             frame = replace(
                 frame,
                 status=FrameStatus.REGISTERED,
@@ -210,9 +269,10 @@ def _registration(chain: ImageChain, map_sigma_m: tuple[float, float]) -> Regist
                 rms_px=rms_px,
                 rms_m=rms_px * pixel_m,
                 pixel_m=pixel_m,
-                homography=of_correction(
-                    result.matrices[k], result.normals[k], result.covariance[block, block]
-                ),
+                altitude_m=result.model.altitude_m(k)
+                if isinstance(result.model, PosesAndHomographies)
+                else float("nan"),
+                homography=homography,
             )
         frames.append(frame)
     _require_order([f for f in frames if f.status is FrameStatus.REGISTERED])
@@ -223,10 +283,11 @@ def _registration(chain: ImageChain, map_sigma_m: tuple[float, float]) -> Regist
         map_pixel_m=chain.map.base.resolution_m,
         sigma_factors=result.sigma_factors,
         redundancy=result.redundancy,
-        map_places_m=result.points_m[ties.map_point[result.map_used]],
+        map_places_m=result.places_m[ties.map_point[result.map_used]],
+        relief=isinstance(result.model, PosesAndHomographies),
+        _ties=ties,
         _adjusted=result,
-        _index={chain.taken[n].name: k for k, n in enumerate(images)},
-        _undistorted=chain.undistorted,
+        _taken={chain.taken[n].name: (k, chain.taken[n]) for k, n in enumerate(images)},
     )
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -11,6 +12,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.errors import InputError
 from radioloc.imaging import Camera, Map
 from radioloc.imaging.image_chain import FrameStatus
 from radioloc.imaging.registration import RegisteredFrame, Registration
@@ -158,7 +160,14 @@ class ImageSolution(Shown):
         }
         if frame.homography is None:
             return content
-        point = self.registration.ground_point(frame.name)
+        centre = None
+        with contextlib.suppress(InputError):  # it may show the sky, or ground far beyond the tie points
+            point = self.registration.ground_point(frame.name)
+            centre = {
+                "longitude_deg": point.longitude_deg,
+                "latitude_deg": point.latitude_deg,
+                "covariance_en_m2": point.covariance_m2.tolist(),
+            }
         return content | {
             "rms_px": frame.rms_px,
             "rms_m": frame.rms_m,
@@ -170,11 +179,7 @@ class ImageSolution(Shown):
             },
             "parameters": frame.homography.matrix.ravel()[:8].tolist(),
             "covariance": frame.homography.covariance.tolist(),
-            "centre": {
-                "longitude_deg": point.longitude_deg,
-                "latitude_deg": point.latitude_deg,
-                "covariance_en_m2": point.covariance_m2.tolist(),
-            },
+            "centre": centre,
         }
 
     def card(self) -> Card:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import math
 import shutil
 import sys
 import tempfile
@@ -16,22 +17,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
-from radioloc.imaging import Detector, Map, find_mask, read_frame, undistorted
+from radioloc.imaging import Detector, Map, find_mask, read_frame
 from radioloc.imaging.altitude import altitude_m
 from radioloc.imaging.image_chain import Frame, FrameStatus
 from radioloc.imaging.registration import Registration, register_chain
 from radioloc.imaging.shaded_maps import sun_over_map, write_shaded_map
-from radioloc.lunar import LunarPosition
+from radioloc.lunar import LunarPosition, TerrainModel
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.point_solution import PointSolution
 from radioloc.studies.image_inputs import FRAME, ground_at, provenance_of
 from radioloc.studies.image_point import locate_point
-from radioloc.studies.image_study import CameraChoice, ImageChoice, ImageStudy, PointStudy, StereoChoice
+from radioloc.studies.image_study import ImageChoice, ImageStudy, PointStudy, StereoChoice
 from radioloc.studies.stereo import locate_stereo
 from radioloc.text_files import read_text
 
 Floats = NDArray[np.float64]
-Image = NDArray[np.uint8]
 Mask = NDArray[np.bool_]
 
 _FEWEST_FOR_A_MASK, _MASK_FRAMES = 4, 12
@@ -91,8 +91,9 @@ def locate_images(study: ImageStudy | PointStudy, *, progress: bool = False) -> 
 def _located(study: ImageStudy, base_map: Path, progress: bool, *notes: str) -> ImageSolution:
     chosen = study.images
     base = Map.open(base_map)
+    camera = None if study.camera is None else study.camera.camera
     frames = [
-        _frame(name, path, study.camera)
+        Frame(name, partial(read_frame, path), camera)
         for name, path in zip(_names(chosen.files), chosen.files, strict=True)
     ]
     mask = _mask(chosen)
@@ -102,6 +103,7 @@ def _located(study: ImageStudy, base_map: Path, progress: bool, *notes: str) -> 
         map_sigma_m=chosen.base_map_sigma_m,
         mask=mask,
         near=_near(chosen),
+        terrain=None if camera is None or chosen.dem is None else TerrainModel.open(chosen.dem),
         detector=Detector(chosen.detector),
         progress=_bar(progress, len(frames)),
     )
@@ -128,26 +130,6 @@ def _shaded_map(chosen: ImageChoice, folder: Path) -> tuple[Path, str]:
     write_shaded_map(chosen.dem, path, azimuth_deg, elevation_deg)
     where = f"azimuth {azimuth_deg:.2f} and elevation {elevation_deg:.2f} degrees over its middle"
     return path, f"{chosen.dem.name} is shaded with the Sun at {where}"
-
-
-class _Picture:
-    """An image as the registration takes it; the camera of one is known once its size is."""
-
-    def __init__(self, path: Path, camera: CameraChoice) -> None:
-        self._path, self._camera = path, camera
-        self.undistorted: Callable[[Floats], Floats]
-
-    def read(self) -> Image:
-        image = read_frame(self._path)
-        self.undistorted = undistorted(self._camera.camera(image.shape))
-        return image
-
-
-def _frame(name: str, path: Path, camera: CameraChoice | None) -> Frame:
-    if camera is None or not any(camera.distortion):
-        return Frame(name, partial(read_frame, path))
-    picture = _Picture(path, camera)
-    return Frame(name, picture.read, lambda pixels: picture.undistorted(pixels))
 
 
 def _mask(chosen: ImageChoice) -> Mask | None:
@@ -217,15 +199,13 @@ def _solution(
         )
     camera = study.camera
     altitudes = {}
-    if camera is not None:
-        for frame in frames:
-            if frame.status is FrameStatus.REGISTERED:
-                shape = (round(2.0 * frame.centre[1] + 1.0), round(2.0 * frame.centre[0] + 1.0))
-                altitudes[frame.name] = float(altitude_m(camera.camera(shape), frame.pixel_m))
-        if any(frame.status is FrameStatus.REGISTERED for frame in frames):
-            notes.append(
-                "altitudes are those of a camera that looks straight down, from the size of its pixels"
-            )
+    for frame in frames:
+        if frame.status is FrameStatus.REGISTERED and camera is not None:
+            shape = (round(2.0 * frame.centre[1] + 1.0), round(2.0 * frame.centre[0] + 1.0))
+            downward_m = float(altitude_m(camera.camera(shape), frame.pixel_m))
+            altitudes[frame.name] = frame.altitude_m if math.isfinite(frame.altitude_m) else downward_m
+    if not registration.relief:
+        notes.append(_of_plane(chosen, camera is not None))
     return ImageSolution(
         study.name,
         message,
@@ -243,3 +223,13 @@ def _solution(
         provenance_of(study.path, chosen.files, (chosen.base_map, chosen.dem, chosen.mask, chosen.near)),
         dict(zip(_names(chosen.files), chosen.files, strict=True)),
     )
+
+
+def _of_plane(chosen: ImageChoice, camera: bool) -> str:
+    """What is to be known where relief could not be modelled."""
+    if camera and chosen.dem is not None:
+        why = f"{chosen.dem.name} does not have the ground of some image"
+    else:
+        why = "relief is modelled with both dem and [camera]"
+    altitudes = "; altitudes are those of a camera that looks straight down" if camera else ""
+    return f"the ground is taken as a plane, so that relief moves points of oblique images: {why}{altitudes}"

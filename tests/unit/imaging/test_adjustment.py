@@ -9,7 +9,6 @@ import pytest
 from image_chains import CENTRE, Chain, drawn_ties
 
 from radioloc.errors import InputError
-from radioloc.imaging.adjustment import adjust
 from radioloc.imaging.homography import transformed
 
 EXACT_M = 1e-6
@@ -26,12 +25,12 @@ def exact(chain=CHAIN, stated=1.0):
 
 
 def test_exact_tie_points_give_the_truth_from_a_start_pixels_off():
-    result = adjust(exact(), CHAIN.approximate(), CHAIN.sizes)
+    result = CHAIN.adjusted(exact())
     assert result.used.all()
     assert result.map_used.all()
     for k in range(5):
         np.testing.assert_allclose(
-            result.ground_point(k, CENTRE)[0], CHAIN.ground(k, CENTRE), rtol=0, atol=10 * EXACT_M
+            result.place(k, CENTRE)[0], CHAIN.ground(k, CENTRE), rtol=0, atol=10 * EXACT_M
         )
 
 
@@ -48,7 +47,7 @@ def test_covariance_is_that_of_all_unknowns_together():
     """Against dense normal equations of homographies and places, by differences of the observations' functions."""
     chain = Chain(images=3, map_below=2, tied=8, on_map=8)
     ties = drawn_ties(chain, np.random.default_rng(2), sigma_px=0.5, map_sigma_m=2.0, outliers=0.0)
-    result = adjust(ties, chain.approximate(), chain.sizes)
+    result = chain.adjusted(ties)
     keep, on_map = result.used, result.map_used
     image, point = ties.image[keep], ties.point[keep]
 
@@ -62,8 +61,8 @@ def test_covariance_is_that_of_all_unknowns_together():
         return np.concatenate([np.ravel(pixels), places[ties.map_point[on_map]].ravel()])
 
     seen = np.unique(point)
-    parameters = [(m / m[2, 2]).ravel()[:8] for m in result.matrices]
-    design = central(observed, np.concatenate([*parameters, result.points_m.ravel()]), 1e-6, 1e-5)
+    parameters = [(m / m[2, 2]).ravel()[:8] for m in result.model.matrices]
+    design = central(observed, np.concatenate([*parameters, result.places_m.ravel()]), 1e-6, 1e-5)
     of_places = 24 + (2 * seen[:, np.newaxis] + np.arange(2)).ravel()
     sigma = [
         result.sigma_factors[0] * ties.sigma_px[keep],
@@ -78,7 +77,7 @@ def test_covariance_is_that_of_all_unknowns_together():
 
     by_parameters = central(ground, parameters[2], 1e-5, 1e-6)
     expected = by_parameters @ covariance[16:24, 16:24] @ by_parameters.T
-    _, of_centre = result.ground_point(2, CENTRE)
+    _, of_centre = result.place(2, CENTRE)
     np.testing.assert_allclose(of_centre, expected, rtol=0, atol=1e-3 * expected.max())  # of differences
 
 
@@ -86,7 +85,7 @@ def test_wrong_tie_points_are_left_out():
     ties = drawn_ties(CHAIN, np.random.default_rng(3), sigma_px=0.5, map_sigma_m=2.0, outliers=0.0)
     pixels, wrong = ties.pixels.copy(), np.arange(0, len(ties.point), 17)
     pixels[wrong] += [40.0, -25.0]
-    result = adjust(replace(ties, pixels=pixels), CHAIN.approximate(), CHAIN.sizes)
+    result = CHAIN.adjusted(replace(ties, pixels=pixels))
     assert not result.used[wrong].any()
     assert result.used.mean() > 0.85  # their partners in the other image go with them
     assert result.sigma_factors[0] == pytest.approx(1.0, abs=0.15)
@@ -96,5 +95,5 @@ def test_images_that_nothing_ties_to_the_map_are_refused():
     ties = exact()
     nowhere = np.zeros(0, np.int64)
     loose = replace(ties, map_point=nowhere, map_m=np.zeros((0, 2)), map_sigma_m=np.zeros(0))
-    with pytest.raises(InputError, match="do not determine the images' homographies"):
-        adjust(loose, CHAIN.approximate(), CHAIN.sizes)
+    with pytest.raises(InputError, match="do not determine the images"):
+        CHAIN.adjusted(loose)

@@ -8,11 +8,14 @@ from image_descents import PIXEL_M, Descent, scene
 from scenes import frame, frame_matrix
 
 from radioloc.errors import ConvergenceError, FileFormatError, InputError
+from radioloc.imaging.cameras import Camera
+from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.frames import read_frame
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.image_chain import Frame, FrameStatus
 from radioloc.imaging.maps import Map
 from radioloc.imaging.masks import find_mask
+from radioloc.imaging.rectification import undistorted
 from radioloc.imaging.registration import register_chain
 from radioloc.imaging.tie_points import Measurement, TiePoint
 
@@ -160,11 +163,8 @@ def test_a_pixel_and_its_sigma(base):
 @pytest.mark.slow
 def test_distortion_is_taken_off(base):
     """Frames seen through a lens that draws toward the middle by up to 9 pixels, and their pixels as they would be."""
-    centre = np.array([249.5, 199.5])
-
-    def ideal(pixels):
-        off = pixels - centre
-        return centre + off * (1.0 + 3e-7 * (off**2).sum(axis=1, keepdims=True))
+    lens = Camera(1000.0, np.eye(2), [249.5, 199.5], Distortion("radial", [0.0, -3e-7, 0.0]))
+    ideal = undistorted(lens)
 
     def bent(k):
         import cv2
@@ -173,7 +173,7 @@ def test_distortion_is_taken_off(base):
         at = ideal(grid.reshape(-1, 2)).reshape(grid.shape).astype(np.float32)
         return cv2.remap(SHORT.image(k), at[..., 0], at[..., 1], cv2.INTER_CUBIC)
 
-    frames = [Frame(f"{k}", lambda k=k: bent(k), undistorted=ideal) for k in range(3)]
+    frames = [Frame(f"{k}", lambda k=k: bent(k), lambda _: lens) for k in range(3)]
     result = register_chain(frames, base, map_sigma_m=MAP_M)
     corner = np.array([[20.0, 30.0]])
     point = result.ground_point("2", corner[0])

@@ -20,11 +20,15 @@ def study():
 EPOCHS = [pytest.param(1, marks=pytest.mark.slow, id="all epochs"), pytest.param(9, id="every ninth epoch")]
 
 
+@pytest.fixture(scope="module")
+def whole(study):
+    return radioloc.read_observations(study.observations.files)
+
+
 @pytest.fixture(scope="module", params=EPOCHS)
-def tracking(study, request):
-    observations = radioloc.read_observations(study.observations.files)
-    epochs = np.unique(observations.epoch.mjd, return_inverse=True)[1]
-    return observations.select(np.flatnonzero(epochs % request.param == 0))
+def tracking(whole, request):
+    epochs = np.unique(whole.epoch.mjd, return_inverse=True)[1]
+    return whole.select(np.flatnonzero(epochs % request.param == 0))
 
 
 @pytest.fixture(scope="module")
@@ -56,21 +60,21 @@ def test_clock_of_a_vlbi_station(study, tracking):
 
 
 @pytest.mark.slow
-def test_ranging_station_off_its_place(study, tracking):
+def test_ranging_station_off_its_place(study, whole):
     """Kashi 50 m east; the editing leaves out nearly all of its two-way ranges, the others get noise of their own."""
-    arc, position_pa_m = radioloc.studies.arc_of(study, tracking)
+    arc, position_pa_m = radioloc.studies.arc_of(study, whole)
     at = arc.at(position_pa_m)
-    rows = ObservationRows(arc, np.arange(len(tracking)), None, at, position_pa_m)
+    rows = ObservationRows(arc, np.arange(len(whole)), None, at, position_pa_m)
     kashi = rows.ends == arc.stations.index("KASHI")
     east_m = 50.0 * (STATION_POSITION.partials(rows)[..., 0] * kashi).sum(axis=1)
-    solution, first = found(study, tracking, east_m)
+    solution, first = found(study, whole, east_m)
     assert (first.kind, first.name) == ("a priori", "station_position.KASHI")
     # Of the 50 m a quarter is left to the position, little more than its sigma
     assert np.linalg.norm(first.shift_enu_m) < 1.5 * np.linalg.norm(solution.sigma_enu_m())
     assert first.amounts == {"east": pytest.approx(50.0, abs=2.0)}
     assert str(first).startswith("KASHI does not fit the others (a displacement of +")
     # Without a place to move: the station all the same
-    _, first = found(replace(study, consider={}, consider_defaults=False), tracking, east_m)
+    _, first = found(replace(study, consider={}, consider_defaults=False), whole, east_m)
     assert (first.kind, first.name) == ("station", "KASHI")
 
 

@@ -77,15 +77,19 @@ def noise_with_shared(
     None where the residuals show no such errors, or some are stated. `own_m` (n,) are sigmas that delays have their own
     errors in proportion to. Sigmas of the delays, all their errors together, stay as large as they are in the mean.
     """
-    if fit.noise.shared is not None:
-        return None
-    noise_m, group = fit.noise.own_m.copy(), np.full(len(own_m), ALONE)
-    source, effect_m = np.zeros((len(own_m), 2), dtype=np.intp), np.zeros((len(own_m), 2))
     found: dict[str, float] = {}
     codes_of: dict[str, list[int]] = {}
     for code, ends in order.stations.items():
         if -1.0 in ends.values():
             codes_of.setdefault(order.type_of(code), []).append(code)
+    noise_m, shared = fit.noise.own_m.copy(), fit.noise.shared
+    if shared is None:
+        group = np.full(len(own_m), ALONE)
+        source, effect_m = np.zeros((len(own_m), 2), dtype=np.intp), np.zeros((len(own_m), 2))
+    elif any((shared.group[order.types.are(kind)] != ALONE).any() for kind in codes_of):
+        return None
+    else:  # of places on maps
+        group, source, effect_m = shared.group.copy(), shared.source.copy(), shared.effect_m.copy()
     for kind, unsorted in codes_of.items():
         codes = sorted(unsorted)
         rows = np.flatnonzero(order.types.are(kind))

@@ -171,7 +171,9 @@ def fit_arc(
     considered, not_considered = considered_errors(study, problem, estimate, fitted.fit.x)
     if ties_m.any():
         own_m = np.sqrt(fitted.fit.noise.own_m**2 - ties_m**2)
-        fitted = replace(fitted, fit=replace(fitted.fit, noise=ObservationNoise(own_m, noise.shared)))
+        fitted = replace(
+            fitted, fit=replace(fitted.fit, noise=ObservationNoise(own_m, fitted.fit.noise.shared))
+        )
     if allowed:
         common = None if considered is None else considered.at_stations
         fitted = fit_with_correlated_weights(problem.linearize, fitted, order, common)

@@ -7,13 +7,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from delay_network import DelayNetwork
 
 import radioloc
 from radioloc import LunarPosition, Observations
 from radioloc.cli import main
 from radioloc.ephemeris.constants import CONSTANTS
 from radioloc.errors import InputError
+from radioloc.estimation import ALONE, Labels, ObservationNoise, SharedErrors, fit_with_variance_components
 from radioloc.estimation.combination import PositionEstimate, agreement
+from radioloc.estimation.series import SeriesOrder
 from radioloc.io.table import write_table
 from radioloc.measurements.map_predictor import MapPosition, MapPredictor
 from radioloc.parameters.choice import ParameterChoice
@@ -130,6 +133,35 @@ def test_a_tie_that_is_considered_is_as_one_that_is_estimated(radio, ranges):
         assert covariances[0] == pytest.approx(covariances[1], rel=1e-4)
         assert considered.converged
         assert {item.source: item for item in considered.budget}["map_tie"].name == "some.map"
+
+
+def test_errors_that_delays_share_are_found_beside_a_place_of_which_east_and_north_are_correlated():
+    network, rng = DelayNetwork.make(epochs=60, ranges=2, own_m=0.4, seed=3), np.random.default_rng(5)
+    epochs, place = network.epoch[:-2], [-2, -1]
+    of_stations_m = 0.3 * rng.normal(size=(60, 4))
+    observed_m = np.append(
+        of_stations_m[epochs, network.second[:-2]] - of_stations_m[epochs, network.first[:-2]], [0.0, 0.0]
+    )
+    observed_m += 0.3 * rng.normal(size=len(observed_m))
+    count = len(observed_m)
+    group, effect_m = np.full(count, ALONE), np.zeros((count, 2))
+    group[place], effect_m[place, 1] = 0, 0.2
+    shared = SharedErrors(group, np.zeros((count, 2), dtype=np.intp), effect_m)
+    names = [f"{a}<x>{b}" for a, b in zip(network.first[:-2], network.second[:-2], strict=True)] + [
+        "x@map"
+    ] * 2
+    types = Labels.of(["vlbi_delay"] * (count - 2) + ["map_east", "map_north"])
+    order = SeriesOrder.of(types, Labels.of(names), np.append(600.0 * epochs, [0.0, 0.0]))
+    found = fit_with_variance_components(
+        network.residual_function(observed_m),
+        network.parameters(),
+        ObservationNoise(np.full(count, 0.3), shared),
+        order=order,
+    )
+    assert found.shared_sigma_m == {f"vlbi_delay of {k}": pytest.approx(0.3, rel=0.25) for k in range(4)}
+    kept = found.fit.noise.shared
+    assert kept.group[-2] == kept.group[-1] not in kept.group[:-2]
+    assert (kept.effect_m[place] == effect_m[place]).all()
 
 
 def test_with_independent_weights_ties_are_estimated(radio, ranges):

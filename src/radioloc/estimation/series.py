@@ -37,26 +37,22 @@ class SeriesOrder:
     time_s: _Floats  # (n,), when each was made, s from any instant
     code: NDArray[np.intp]  # (n,), series of each observation
     order: NDArray[np.intp]  # (n,), rows, sorted by series and time
-    stations: Mapping[
-        int, Mapping[str, float]
-    ]  # of each series, with the sign of each one's reception in the value
+    links: Labels  # type and path of each observation
+    # Of each series, with the sign of each one's reception in the value
+    stations: Mapping[int, Mapping[str, float]]
 
     @classmethod
     def of(cls, types: Labels, paths: Labels, time_s: _Floats) -> SeriesOrder:
         """That of observations of some types and paths (n,), made at some times (n,), s."""
         code = types.codes.astype(np.intp) * len(paths.texts) + paths.codes
-        of_paths = {
-            one: Link.from_path(path).reception_signs if ">" in (path := paths.texts[one]) else {path: 1.0}
-            for one in np.unique(paths.codes).tolist()
-        }
-        stations = {one: of_paths[one % len(paths.texts)] for one in np.unique(code).tolist()}
-        return cls(types, paths, time_s, code, np.lexsort((time_s, code)), stations)
-
-    @property
-    def links(self) -> Labels:
-        """Type and path of each observation."""
-        codes, number = np.unique(self.code, return_inverse=True)
-        return Labels(number.astype(np.int32), tuple(self.name_of(code) for code in codes.tolist()))
+        codes, number = np.unique(code, return_inverse=True)
+        names, stations = [], {}
+        for one in codes.tolist():
+            kind, path = types.texts[one // len(paths.texts)], paths.texts[one % len(paths.texts)]
+            names.append(f"{kind} {path}")
+            stations[one] = Link.from_path(path).reception_signs if ">" in path else {path: 1.0}
+        links = Labels(number.astype(np.int32), tuple(names))
+        return cls(types, paths, time_s, code, np.lexsort((time_s, code)), links, stations)
 
     def type_of(self, code: int) -> str:
         """Kind of measurement."""

@@ -213,9 +213,12 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
     for block in noise.among(used).blocks:
         sort = np.argsort(order.code[block.rows], axis=1, kind="stable")
         rows = np.take_along_axis(block.rows, sort, axis=1)
+        codes = order.code[rows]
         axes = np.take_along_axis(block.axes, sort[:, :, None], axis=1)
         root = (axes / block.combined_m[:, None, :]) @ np.swapaxes(axes, 1, 2)
-        keys, which = np.unique(order.code[rows], axis=0, return_inverse=True)
+        keys, which = codes[:1], np.zeros(len(codes))
+        if (codes != keys).any():
+            keys, which = np.unique(codes, axis=0, return_inverse=True)
         for k, key in enumerate(keys):
             mine = which.ravel() == k
             parts = (rows[mine], root[mine], axes[mine], block.combined_m[mine])

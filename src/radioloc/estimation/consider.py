@@ -41,21 +41,29 @@ class ConsideredErrors:
     """Considered parameters, each with its sigma, and their columns of the design matrix.
 
     The partials are those of some observations, from their indices (m,) to d(computed)/d(parameter), shape (m, c).
+    Those by what is at stations alone may be given as well, where they are had with less effort.
     """
 
     parameters: ParameterSet
     partials: Callable[[Rows], NDArray[np.float64]]
+    station_partials: Callable[[Rows], NDArray[np.float64]] | None = None
 
     @property
     def at_stations(self) -> Effects | None:
         """Effects of what is at stations, in the air above them and in maps, which a fit tells from the position."""
         mine = self._at_stations
         sigmas = self.parameters.prior_sigmas[mine]
-        return (lambda rows: self.partials(rows)[:, mine] * sigmas) if len(mine) else None
+        partials = self.station_partials or (lambda rows: self.partials(rows)[:, mine])
+        return (lambda rows: partials(rows) * sigmas) if len(mine) else None
 
     @property
     def _at_stations(self) -> NDArray[np.intp]:
-        return np.flatnonzero([item.kind not in _OF_FRAMES for item in self.parameters])
+        return np.flatnonzero([is_at_station(item.kind) for item in self.parameters])
+
+
+def is_at_station(kind: str) -> bool:
+    """Whether a kind of parameter is of stations or the air above them, not of frames that all observations share."""
+    return kind not in _OF_FRAMES
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -15,7 +15,7 @@ observations alone, its own set of all estimated parameters, take the group out 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -25,7 +25,7 @@ from radioloc.estimation.consider import ConsideredErrors
 from radioloc.estimation.gauss_markov import Points, SeriesNoise, noise_of_series
 from radioloc.estimation.least_squares import FitResult
 from radioloc.estimation.linearization import Rows
-from radioloc.estimation.series import Batch, SeriesOrder, points_of, series_of
+from radioloc.estimation.series import SeriesOrder, points_of, series_of
 from radioloc.estimation.time_correlation import ABSORBED
 
 _Floats = NDArray[np.float64]
@@ -113,9 +113,14 @@ class BinnedProblem:
         points = points_of(batches, lambda rows: fit.residual_m[rows, None], np.zeros((0, 0)))
         found, begin = [], 0
         for batch in batches:
-            for link, of_link in _links_alone(batch, order.code):
-                one = points_of([of_link], constant_and_partials, unit)
-                code = np.repeat(link, np.diff(one.begin))
+            size, number = np.diff(batch.blocks), np.full(len(fit.used), -1)  # of an observation in its block
+            number[batch.rows] = np.arange(len(batch.rows)) - np.repeat(batch.blocks[:-1], size)
+            for j in range(batch.whitening.shape[1]):
+                one = points_of([batch], _only(constant_and_partials, number == j), unit)
+                link = order.code[batch.rows[batch.blocks[:-1] + np.minimum(j, size - 1)]]
+                of_values = np.empty(len(batch.rows), dtype=np.intp)
+                of_values[batch.place] = np.repeat(np.where(j < size, link, _NO_LINK), size)
+                code = np.repeat(of_values[batch.begin[:-1]], np.diff(one.begin))
                 there = np.flatnonzero(code != _NO_LINK)
                 found.append((begin + there, code[there], np.column_stack([one.residual, one.unit])[there]))
             begin += len(code)
@@ -241,16 +246,17 @@ class BinnedProblem:
         return larger._with_noise(noise_of_series(points, ABSORBED, jointly=False), larger.estimate)
 
 
-def _links_alone(batch: Batch, code: NDArray[np.intp]) -> Iterator[tuple[NDArray[np.intp], Batch]]:
-    """The first, second, ... link of the blocks of each series, (s,), and the batch with that alone."""
-    size = np.diff(batch.blocks)
-    for j in range(batch.whitening.shape[1]):
-        of_one = np.zeros_like(batch.whitening)
-        of_one[:, j] = batch.whitening[:, j]
-        link = np.where(j < size, code[batch.rows[batch.blocks[:-1] + np.minimum(j, size - 1)]], _NO_LINK)
-        of_values = np.empty(len(batch.rows), dtype=np.intp)
-        of_values[batch.place] = np.repeat(link, size)
-        yield of_values[batch.begin[:-1]], replace(batch, whitening=of_one)
+def _only(values_of: Callable[[Rows], _Floats], mine: NDArray[np.bool_]) -> Callable[[Rows], _Floats]:
+    """Values of some of the observations, zeros for the others."""
+
+    def values(rows: Rows) -> _Floats:
+        there = mine[rows]
+        found = values_of(rows[there])
+        out = np.zeros((len(rows), found.shape[1]))
+        out[there] = found
+        return out
+
+    return values
 
 
 def _white(points: Points, k: int, estimate: _Floats) -> SeriesNoise:

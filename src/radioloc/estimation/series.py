@@ -216,7 +216,7 @@ def _combinations(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.
         codes = order.code[rows]
         axes = np.take_along_axis(block.axes, sort[:, :, None], axis=1)
         root = (axes / block.combined_m[:, None, :]) @ np.swapaxes(axes, 1, 2)
-        keys, which = codes[:1], np.zeros(len(codes))
+        keys, which = codes[:1], np.zeros(len(codes), dtype=np.intp)
         if (codes != keys).any():
             keys, which = np.unique(codes, axis=0, return_inverse=True)
         for k, key in enumerate(keys):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
-from radioloc.estimation.consider import ConsideredErrors
+from radioloc.estimation.consider import ConsideredErrors, is_at_station
 from radioloc.estimation.labels import USED, Labels
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
@@ -24,7 +25,7 @@ from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
 from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
-from radioloc.parameters.parameter import Parameter, Role
+from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
@@ -87,7 +88,13 @@ def considered_errors(
     at = problem.predictor.at(positions_pa_m)
     nowhere = np.zeros(0)  # residuals are not asked for
     here = DesignMatrix(model, at, positions_pa_m, model.parameters.prior_values, nowhere)
-    return ConsideredErrors(model.parameters, here.partials), notes
+    at_stations = [item for item in model.parameters if is_at_station(item.kind)]
+    if not at_stations:
+        return ConsideredErrors(model.parameters, here.partials), notes
+    columns = tuple(one for one in model.columns if is_at_station(one.kind.name))
+    alone = replace(model, parameters=ParameterSet(at_stations), columns=columns)
+    there = replace(here, model=alone, x=alone.parameters.prior_values)
+    return ConsideredErrors(model.parameters, here.partials, there.partials), notes
 
 
 def _considered_model(

@@ -43,9 +43,12 @@ def evaluate_smooth(function: Callable[[Epochs], NDArray[Any]], epochs: Epochs) 
 def lagrange_weights(u: NDArray[np.float64]) -> NDArray[np.float64]:
     """Weights of the nodes -3 to 4 for a place u among them, best between 0 and 1, shape (n, 8)."""
     nodes = np.arange(_POINTS) - (_POINTS // 2 - 1.0)
-    apart = u[:, None] - nodes
-    weights = np.empty_like(apart)
-    for k in range(_POINTS):
-        others = np.arange(_POINTS) != k
-        weights[:, k] = np.prod(apart[:, others], axis=1) / np.prod(nodes[k] - nodes[others])
-    return weights
+    apart = u - nodes[:, None]
+    weights = np.ones_like(apart)
+    for k in range(1, _POINTS):
+        weights[k] = weights[k - 1] * apart[k - 1]  # the product over the nodes before
+    after = np.ones_like(u)
+    for k in reversed(range(_POINTS)):
+        weights[k] *= after / np.prod(np.delete(nodes[k] - nodes, k))
+        after *= apart[k]
+    return weights.T

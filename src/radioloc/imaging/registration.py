@@ -34,9 +34,12 @@ _FEWEST_WITH_HEIGHT = 0.5  # of an image's tie points: the model of heights cove
 _FARTHEST = (
     4.0  # from the middle of an image's tie points, in standard deviations of these; of a square's corner 2.4
 )
-# What features of the map have in common beside its tie, of a pixel of the map: craters seem to move under another sun,
-# and blur and sampling of images differ. No number of tie points makes it smaller.
-_COMMON_PART = 0.3
+# What all features of the map have in common beside its tie, of a pixel of the map: under another sun craters seem to
+# move, each by up to a pixel, all together by less than a tenth; no number of tie points makes that smaller.
+_COMMON_PART = 0.1
+# Of the rms residual of places on the map, where the ground is taken as a plane: relief moves neighbouring tie points
+# alike, and places err as if four of them were independent.
+_COMMON_RELIEF = 0.5
 _RISE = 1.3  # a later image whose pixels are larger by more than this is out of order
 
 
@@ -75,7 +78,7 @@ class Registration:
     frames: tuple[RegisteredFrame, ...]
     plane: TangentPlane
     map_sigma_m: tuple[float, float]
-    map_pixel_m: float
+    common_sigma_m: float  # of what features of the map have in common beside its tie, east and north
     sigma_factors: tuple[
         float, float
     ]  # of features' stated sigmas in images and on the map, found from residuals
@@ -92,7 +95,8 @@ class Registration:
         """Where a pixel of a registered image, by default its centre, lies on the Moon, with its covariance.
 
         The covariance has the errors of features and of the chain, and what all points have in common: the tie of the
-        map to the Moon's axes, and 0.3 pixel of the map, by which features may seem moved under another sun.
+        map to the Moon's axes, a tenth of its pixel, by which features may seem moved under another sun, and, without
+        relief, half of the rms residual on the map.
 
         Raises
         ------
@@ -120,7 +124,7 @@ class Registration:
                 "another image or pixel"
             )
         longitude, latitude = self.plane.to_longitude_latitude(place[np.newaxis])[0]
-        common_m2 = np.square(self.map_sigma_m) + (_COMMON_PART * self.map_pixel_m) ** 2
+        common_m2 = np.square(self.map_sigma_m) + self.common_sigma_m**2
         ground = self.plane.covariance_at(place, covariance) + np.diag(common_m2)
         return GroundPoint(float(longitude), float(latitude), ground)
 
@@ -275,16 +279,21 @@ def _registration(
                 homography=homography,
             )
         frames.append(frame)
+    relief = isinstance(result.model, PosesAndHomographies)
+    common_m = _COMMON_PART * chain.map.base.resolution_m
+    if not relief:
+        rms_m = float(np.sqrt(np.mean(result.map_residuals_m[result.map_used] ** 2)))
+        common_m = float(np.hypot(common_m, _COMMON_RELIEF * rms_m))
     _require_order([f for f in frames if f.status is FrameStatus.REGISTERED])
     return Registration(
         frames=tuple(frames),
         plane=chain.map.plane,
         map_sigma_m=map_sigma_m,
-        map_pixel_m=chain.map.base.resolution_m,
+        common_sigma_m=common_m,
         sigma_factors=result.sigma_factors,
         redundancy=result.redundancy,
         map_places_m=result.places_m[ties.map_point[result.map_used]],
-        relief=isinstance(result.model, PosesAndHomographies),
+        relief=relief,
         _ties=ties,
         _adjusted=result,
         _taken={chain.taken[n].name: (k, chain.taken[n]) for k, n in enumerate(images)},

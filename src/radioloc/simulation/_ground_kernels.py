@@ -197,7 +197,18 @@ def look(
     """
     missed = 0
     above = math.sqrt(origin_m[0] ** 2 + origin_m[1] ** 2 + origin_m[2] ** 2)
-    level = 0.0
+    # A first ray starts from the height of the ground below the camera, which may stand below the sphere or the grid.
+    below, _, _ = height(
+        radius_m * origin_m[0] / above,
+        radius_m * origin_m[1] / above,
+        slope_per_pixel,
+        largest_m,
+        seed,
+        base_m,
+        corner_m,
+        base_pixel_m,
+    )
+    level = below
     for k in range(len(directions)):
         dx, dy, dz = directions[k, 0], directions[k, 1], directions[k, 2]
         along = (origin_m[0] * dx + origin_m[1] * dy + origin_m[2] * dz) / above
@@ -232,7 +243,7 @@ def look(
                 break
         if not settled:
             missed += 1
-        level = h
+        level = h if radius_m + h < above else below
         points_m[k, 0], points_m[k, 1], points_m[k, 2] = x, y, h
         # The normal in axes that are horizontal here; east and north turn by less than the image's own width.
         ux, uy, uz = px / r, py / r, pz / r

@@ -172,3 +172,12 @@ def test_what_cannot_be_simulated_is_refused():
         Ground(PLANE, heights_m=[[0.0, np.nan], [0.0, 0.0]])
     with pytest.raises(InputError, match="pixels look past the ground"):
         Descent(GROUND, CAMERA, (96, 96), tilt_deg=80.0).frame(0)
+
+
+def test_ground_that_lies_lower_than_its_grid_is_seen_from_close_by():
+    """The site of this relief is 143 m below the heights that are given: a camera above it stands below those."""
+    hollow = Ground(PLANE, seed=1, heights_m=np.full((2, 2), -2985.0))
+    camera = Camera.of_pinhole(8.3, 6.7 * 1024 / 8, [3.5, 3.5])
+    low = Descent(hollow, camera, (8, 8), frames=2, altitudes_m=(100.0, 4.0), spacecraft=False)
+    _, points = low.frame(1)
+    np.testing.assert_allclose(points[..., 2], hollow.heights_at_m(np.zeros((1, 2)), 0.5)[0], rtol=0, atol=2.0)

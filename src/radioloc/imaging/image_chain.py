@@ -177,7 +177,7 @@ class ImageChain:
             for i, j in zip(found.first, found.second, strict=True):
                 self._tie(self._node(number, 0, features, i), self._node(number - back, 0, other.features, j))
             if other.to_plane is not None and len(found.first) > best:
-                best, this.to_plane = len(found.first), other.to_plane @ found.matrix
+                best, this.to_plane = len(found.first), _product(other.to_plane, found.matrix)
         self._tie_to_map(frame, number, image, reduction)
 
     def _take_given(self, frame: Frame, number: int) -> None:
@@ -335,7 +335,7 @@ class ImageChain:
         for number, other, matrix in reversed(self.links):
             one, two = self.taken[number], self.taken[other]
             if two.to_plane is None and one.to_plane is not None:
-                two.to_plane = one.to_plane @ np.linalg.inv(matrix)
+                two.to_plane = _product(one.to_plane, np.asarray(np.linalg.inv(matrix), dtype=np.float64))
 
     def ties(self, left_out: set[int]) -> tuple[list[int], TiePoints]:
         """The images that are tied to the map, by their numbers, and their tie points.
@@ -382,6 +382,12 @@ class ImageChain:
             f"no image was found on {self.map.base.path} ({', '.join(status)}{more}); give a map of the landing area "
             "under a sun like the images', or shade the elevation model at their sun"
         )
+
+
+def _product(first: Floats, second: Floats) -> Floats:
+    """Of homographies, of size one: along hundreds of images the products would overflow."""
+    product = first @ second
+    return np.asarray(product / np.linalg.norm(product))
 
 
 def pixel_size_m(to_plane: Floats, size: tuple[int, int]) -> float:

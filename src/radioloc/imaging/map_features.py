@@ -16,7 +16,7 @@ Tile = tuple[int, int, int]  # level, line and column of the tile
 
 _TILE_PIXELS = 1024
 _OVERLAP_PIXELS = 32  # features near an edge are described from what is beyond it
-_FEATURES_OF_TILE = 3000
+_FEATURES_OF_TILE = 8000
 _MOST_FEATURES = 12000
 
 
@@ -54,7 +54,8 @@ class MapFeatures:
         pixels = np.concatenate([f.pixels for f in features])
         place_m = pixels * [1.0, -1.0] * self.pixel_m(level)
         kept = np.flatnonzero(((place_m >= [west, south]) & (place_m <= [east, north])).all(axis=1))
-        kept = kept[:: 1 + len(kept) // _MOST_FEATURES]
+        # The number in its tile is a feature's rank among those of its surroundings.
+        kept = kept[np.argsort(names[kept, 3], kind="stable")[:_MOST_FEATURES]]
         joined = Features(
             pixels[kept],
             np.concatenate([f.sigma_px for f in features])[kept],

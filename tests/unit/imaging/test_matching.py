@@ -128,10 +128,10 @@ def test_no_bias_between_scales(factor):
 
 def test_a_prediction_finds_more_under_another_sun():
     first, second = frame_matrix((740.0, 760.0), 1.5), frame_matrix((750.0, 735.0), 1.4, 20.0)
-    features = detect(frame(scene(), first)), detect(frame(scene(sun_deg=20.0), second))
+    features = detect(frame(scene(), first)), detect(frame(scene(sun_deg=30.0), second))
     truth = np.linalg.solve(second, first)
     free, guided = match(*features), match(*features, predicted=truth, radius_px=15.0)
-    assert guided.status is MatchStatus.MATCHED
+    assert len(free.first) > 50  # the Sun stands 30 degrees to the side: 16 of SIFT as Lowe has it
     assert len(guided.first) > 1.5 * len(free.first)
     assert np.abs(transformed(guided.matrix, CORNERS) - transformed(truth, CORNERS)).max() < 2.0
 

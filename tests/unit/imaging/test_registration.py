@@ -8,6 +8,7 @@ from image_descents import PIXEL_M, Descent, scene
 from scenes import frame, frame_matrix
 
 from radioloc.errors import ConvergenceError, FileFormatError, InputError
+from radioloc.imaging import image_chain
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import Distortion
 from radioloc.imaging.frames import read_frame
@@ -209,3 +210,17 @@ def test_masks_and_files_refused(base):
         register_chain(SHORT.list[:1], base, map_sigma_m=MAP_M, mask=np.ones((4, 5), bool))
     with pytest.raises(FileFormatError):
         not_an_image(base.path.with_name("a.png"))
+
+
+def test_homographies_along_hundreds_of_images_do_not_vanish():
+    """Each has its elements over their norm, some 600: of a hundred such products nothing would be left."""
+    matrix = np.array([[0.9, 0.1, 300.0], [-0.1, 0.9, -500.0], [0.0, 0.0, 1.0]])
+    to_plane = np.eye(3)
+    for _ in range(500):
+        to_plane = image_chain._product(to_plane, matrix / np.linalg.norm(matrix))
+    assert np.linalg.norm(to_plane) == pytest.approx(1.0)
+    np.testing.assert_allclose(
+        to_plane[:2, 2] / to_plane[2, 2],
+        np.linalg.solve(np.eye(2) - matrix[:2, :2], matrix[:2, 2]),
+        rtol=1e-9,
+    )

@@ -180,4 +180,6 @@ def test_ground_that_lies_lower_than_its_grid_is_seen_from_close_by():
     camera = Camera.of_pinhole(8.3, 6.7 * 1024 / 8, [3.5, 3.5])
     low = Descent(hollow, camera, (8, 8), frames=2, altitudes_m=(100.0, 4.0), spacecraft=False)
     _, points = low.frame(1)
-    np.testing.assert_allclose(points[..., 2], hollow.heights_at_m(np.zeros((1, 2)), 0.5)[0], rtol=0, atol=2.0)
+    np.testing.assert_allclose(
+        points[..., 2], hollow.heights_at_m(np.zeros((1, 2)), 0.5)[0], rtol=0, atol=2.0
+    )

@@ -1,0 +1,20 @@
+"""Whether landers are found within a pixel of the map, in ellipses that hold the truth, over drawn descents."""
+
+import pytest
+from coverage_cells import bounds
+from drawn_descents import outcomes
+from scipy.stats import chi2
+
+DESCENTS = 100
+
+
+@pytest.mark.slow
+def test_landers_are_found_within_a_pixel_of_the_map():
+    drawn = outcomes(range(DESCENTS))
+    found = [o for o in drawn if not o.refused]
+    beyond = [(o.seed, o.refused or f"{o.pixels:.2f} pixels") for o in drawn if not o.pixels < 1.0]
+    assert len(beyond) <= 0.05 * DESCENTS, beyond
+    for squares in ([o.relative for o in found], [o.total for o in found]):
+        inside = sum(square < chi2.ppf(0.95, 2) for square in squares)
+        low, high = bounds(len(found), 0.95, compared=2)
+        assert low <= inside <= high

@@ -172,7 +172,7 @@ CELLS = [(world, data, hours) for world in NOISE for data in DATA for hours in s
 CELLS += [(world, data, 12.0) for world in COVERED for data in DATA]
 CELLS.remove(("delays share errors", "ranges", 12.0))  # which is white noise
 CELLS += [(world, data, 48.0) for world in ("twice the stated sigmas", "one noisy station") for data in DATA]
-CELLS.sort(key=lambda cell: list(WORLDS).index(cell[0]))
+CELLS.sort(key=lambda cell: (list(WORLDS).index(cell[0]), DATA.index(cell[1]), cell[2]))
 CELLS += [(world, data, 12.0) for world in UNTOLD for data in DATA]
 
 
@@ -223,12 +223,13 @@ def draw(file: str, trials: int, processes: int) -> None:
             panel.plot(values, "o", ms=4, color=colour, label=f"claimed {100.0 * level:.0f} %")
         panel.set(ylabel=f"{region}: truth inside, %", ylim=(25.0, 101.0), xlim=(-0.5, len(CELLS) - 0.5))
     panels[0].legend(loc="lower left", ncols=2)
-    for depth, height, colour in ((2, 102.0, "0.6"), (1, 107.0, "0.2")):
+    for depth, height, size, colour in ((2, 103.0, 6, "0.6"), (1, 118.0, 7, "0.2")):
         groups = [cell[:depth] for cell in CELLS]
         for name in dict.fromkeys(groups):
             first, count = groups.index(name), groups.count(name)
-            middle = first + 0.5 * (count - 1)
-            panels[0].text(middle, height, name[-1], ha="center", va="bottom", fontsize=7)
+            middle, text = first + 0.5 * (count - 1), name[-1].replace(" ", "\n")
+            turned = 90 if depth == 2 else 0
+            panels[0].text(middle, height, text, ha="center", va="bottom", fontsize=size, rotation=turned)
             for panel in panels:
                 panel.axvline(first - 0.5, color=colour, lw=0.6)
     panels[1].set_xticks(range(len(CELLS)), [f"{hours:g}" for _, _, hours in CELLS], fontsize=7)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -21,7 +22,11 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
+_Tables = dict[tuple[int, ...], NDArray[np.float32]]
+"""Samples and lines, in images of a shape, of the pixels of images without distortion."""
+
 _PANELS = 3
+_PART = 0.15  # of an image
 _PIXELS = 700
 _SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
 
@@ -55,7 +60,8 @@ def plot_images(solution: ImageSolution) -> Figure:
     widths = np.geomspace(widest, 3.0 * closest, _PANELS)
     figure = new_figure(13.0, 5.2, f"{solution.name}: {len(frames)} images on {solution.map_name}")
     panels = figure.subplots(1, _PANELS)
-    centres = np.array([transformed(np.linalg.inv(f.homography.matrix), f.centre[None])[0] for f in frames])  # type: ignore[union-attr]
+    centres = np.array([_centre(frame) for frame in frames])
+    tables: _Tables = {}
     for k, (axes, width) in enumerate(zip(panels, widths, strict=True)):
         middle = 0.5 * (corners[0].min(axis=0) + corners[0].max(axis=0)) if k == 0 else lander
         west, north = middle[0] - 0.5 * width - lander[0], middle[1] + 0.5 * width - lander[1]
@@ -63,7 +69,7 @@ def plot_images(solution: ImageSolution) -> Figure:
         style_axes(axes)
         axes.grid(visible=False)
         edges = [factor * edge for edge in (west, west + width, north - width, north)]
-        mosaic = _mosaic(solution, west + lander[0], north + lander[1], width)
+        mosaic = _mosaic(solution, west + lander[0], north + lander[1], width, tables)
         axes.imshow(mosaic, extent=edges, cmap="gray", vmin=0, vmax=255, interpolation="bilinear")
         for corner in corners:
             if np.ptp(corner, axis=0).max() > 0.02 * width:
@@ -107,7 +113,27 @@ def _corners(frame: RegisteredFrame) -> Floats:
     return transformed(to_plane, np.array([[0.0, 0.0], [2.0, 0.0], [2.0, 2.0], [0.0, 2.0]]) * frame.centre)
 
 
-def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: float) -> NDArray[np.uint8]:
+def _centre(frame: RegisteredFrame) -> Floats:
+    """The middle of an image in the plane, m, shape (2,)."""
+    assert frame.homography is not None
+    to_plane = np.asarray(np.linalg.inv(frame.homography.matrix), dtype=np.float64)
+    return transformed(to_plane, frame.centre[np.newaxis])[0]
+
+
+def _apart(frames: Sequence[RegisteredFrame]) -> Iterator[RegisteredFrame]:
+    """The frames that show more than those before them: nearer by a part, or of other ground; and the last."""
+    drawn, middle = math.inf, np.zeros(2)
+    for frame in frames:
+        here = _centre(frame)
+        moved = float(np.abs(here - middle).max()) > _PART * frame.pixel_m * frame.centre.max()
+        if frame.pixel_m < (1.0 - _PART) * drawn or moved or frame is frames[-1]:
+            drawn, middle = frame.pixel_m, here
+            yield frame
+
+
+def _mosaic(
+    solution: ImageSolution, west_m: float, north_m: float, width_m: float, tables: _Tables
+) -> NDArray[np.uint8]:
     """The map and, over it, the images from high to low."""
     cv2 = load_opencv()
     pixel_m = width_m / _PIXELS
@@ -119,11 +145,11 @@ def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: flo
     to_plane = np.array(
         [[pixel_m, 0.0, west_m + 0.5 * pixel_m], [0.0, -pixel_m, north_m - 0.5 * pixel_m], [0.0, 0.0, 1.0]]
     )
-    for frame in solution.registered:
+    for frame in _apart(solution.registered):
         assert frame.homography is not None
         if frame.pixel_m * 2.0 * frame.centre.max() < 0.01 * width_m:
             continue  # too small to be seen
-        image, usable = _undistorted(solution, frame)
+        image, usable = _undistorted(solution, frame, tables)
         # From the canvas to the image's pixels, which are put together where the canvas is coarser.
         matrix = frame.homography.matrix @ to_plane
         reduction = max(1, int(pixel_m / frame.pixel_m))
@@ -136,7 +162,7 @@ def _mosaic(solution: ImageSolution, west_m: float, north_m: float, width_m: flo
 
 
 def _undistorted(
-    solution: ImageSolution, frame: RegisteredFrame
+    solution: ImageSolution, frame: RegisteredFrame, tables: _Tables
 ) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
     """An image without its camera's distortion, and 255 where it shows the ground."""
     cv2 = load_opencv()
@@ -146,11 +172,11 @@ def _undistorted(
         usable[~solution.mask] = 0
     if solution.camera is None or not any(solution.camera.distortion):
         return image, usable
-    real = solution.camera.camera(image.shape)
-    ideal = real.without_distortion()
-    pixels = np.stack(np.meshgrid(np.arange(image.shape[1]), np.arange(image.shape[0])), axis=-1).reshape(
-        -1, 2
-    )
-    place, _ = real.pixels(ideal.directions(pixels))
-    x, y = (place[:, k].reshape(image.shape).astype(np.float32) for k in (0, 1))
+    if image.shape not in tables:
+        real = solution.camera.camera(image.shape)
+        ideal = real.without_distortion()
+        pixels = np.stack(np.meshgrid(*map(np.arange, image.shape[::-1])), axis=-1).reshape(-1, 2)
+        place, _ = real.pixels(ideal.directions(pixels))
+        tables[image.shape] = place.T.reshape(2, *image.shape).astype(np.float32)
+    x, y = tables[image.shape]
     return cv2.remap(image, x, y, cv2.INTER_LINEAR), cv2.remap(usable, x, y, cv2.INTER_NEAREST)

@@ -16,20 +16,23 @@ SIZE = 1000.0
 
 @dataclass(frozen=True)
 class Chain:
-    """Images of 1000 x 1000 pixels that come down over a plane, each with 0.75 of the width of the one before."""
+    """Images of 1000 x 1000 pixels that come down over a plane, each with a part of the width of the one before."""
 
     images: int
     map_below: int  # images that see features of the map
     tied: int = 40  # tie points of each image with the one before
     on_map: int = 30  # features of the map in each image that sees it
+    part: float = 0.75
+    drift_m: tuple[float, float] = (-80.0, 30.0)  # of an image's middle from one to the next
 
     def matrix(self, k):
         """From the plane, m, to pixels: turned, tilted at first."""
-        pixel_m, turn, tilt = 4.0 * 0.75**k, 0.1 * k, 1e-4 * 0.7**k
+        pixel_m, turn, tilt = 4.0 * self.part**k, 0.1 * k, 1e-4 * 0.7**k
+        east_m, north_m = (k * drift for drift in self.drift_m)
         to_ground = np.array(
             [
-                [pixel_m * np.cos(turn), pixel_m * np.sin(turn), 900.0 - 80.0 * k],
-                [pixel_m * np.sin(turn), -pixel_m * np.cos(turn), -400.0 + 30.0 * k],
+                [pixel_m * np.cos(turn), pixel_m * np.sin(turn), 900.0 + east_m],
+                [pixel_m * np.sin(turn), -pixel_m * np.cos(turn), -400.0 + north_m],
                 [tilt, -tilt, 1.0],
             ]
         )
@@ -49,8 +52,8 @@ class Chain:
         shift = [np.array([[1, 0, a], [0, 1, b], [0, 0, 1.0]]) for a, b in rng.normal(0, 5, (self.images, 2))]
         return np.array([s @ self.matrix(k) for k, s in enumerate(shift)])
 
-    def adjusted(self, ties):
-        matrices = self.approximate()
+    def adjusted(self, ties, start=None):
+        matrices = self.approximate() if start is None else start
         return adjust(
             ties, Homographies.of_matrices(matrices, self.sizes), approximate_places(ties, matrices)
         )

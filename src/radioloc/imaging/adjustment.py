@@ -33,7 +33,9 @@ from radioloc.imaging.projections import Projections
 Floats = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_STEPS = 12  # in a round; wrong tie points over cells of an elevation model may keep it from settling
+_STEPS = 40  # in a round; wrong tie points over cells of an elevation model may keep it from settling
+_HALVINGS = 7  # of a step
+_ROUNDING = 1e-6  # of chi squared
 _CONVERGED = 1e-4  # change of chi squared by a step: no parameter moves by more than a hundredth of its sigma
 _ROUNDS = 40
 _RARE = 1e-3
@@ -134,8 +136,7 @@ def adjust(ties: TiePoints, model: Projections, places: Floats) -> Adjusted:
     for number in range(_ROUNDS):
         observed = observed.without(~model.known(places))
         model, places, normal, small = _solve(observed, model, places)
-        residuals = ties.pixels - model.project(ties.image, ties.point, places).pixels
-        map_residuals = ties.map_m - places[ties.map_point]
+        residuals, map_residuals = observed.residuals(model, places)
         shares, redundancy = normal.redundancies(observed)
         # Where few observations are left to tell the two apart, both have one factor, and keep it.
         apart = apart and bool((shares > _ENOUGH_REDUNDANCY).all())
@@ -194,6 +195,17 @@ class _Observed:
         redundancy = float(redundancies.sum())
         factor = float(np.sqrt(sums.sum() / max(redundancy, 1.0)))
         return np.full(2, max(factor, _LEAST_FACTOR if redundancy > _ENOUGH_REDUNDANCY else 1.0))
+
+    def residuals(self, model: Projections, places: Floats) -> tuple[Floats, Floats]:
+        """Of pixels, and of places on the map."""
+        ties = self.ties
+        pixels = model.project(ties.image, ties.point, places).pixels
+        return ties.pixels - pixels, ties.map_m - places[ties.map_point]
+
+    def total_chi2(self, model: Projections, places: Floats) -> float:
+        """Of all observations that are used."""
+        chi2, map_chi2 = self.chi2(*self.residuals(model, places))
+        return float(chi2[self.used].sum() + map_chi2[self.map_used].sum())
 
     def chi2(self, residuals: Floats, map_residuals: Floats) -> tuple[Floats, Floats]:
         """Of each observation, two degrees of freedom."""
@@ -264,11 +276,23 @@ def _solve(
         normal = _normal_equations(observed, model, places)
         step = cho_solve(normal.factor, normal.right)
         back = normal.points_right - (normal.coupling @ step).reshape(-1, 2)
-        places = places + np.einsum("jkl,jl->jk", normal.points_inverse, back)
-        model = model.corrected(step.reshape(model.images, -1))
+        of_places = np.einsum("jkl,jl->jk", normal.points_inverse, back)
+        model, places = _stepped(observed, model, places, step.reshape(model.images, -1), of_places)
         if small := bool(step @ normal.right < _CONVERGED):
             break
     return model, places, normal, small
+
+
+def _stepped(
+    observed: _Observed, model: Projections, places: Floats, step: Floats, of_places: Floats
+) -> tuple[Projections, Floats]:
+    """After a step, halved until chi squared does not grow: from far off a whole one may lead beyond a horizon."""
+    most = (1.0 + _ROUNDING) * observed.total_chi2(model, places)
+    for part in 0.5 ** np.arange(_HALVINGS + 1):
+        following = model.corrected(part * step), places + part * of_places
+        if observed.total_chi2(*following) <= most:
+            break
+    return following
 
 
 def _normal_equations(observed: _Observed, model: Projections, places: Floats) -> _NormalEquations:

@@ -73,10 +73,15 @@ class Projections(Protocol):
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Homographies:
-    """Images of a plane."""
+    """Images of a plane.
+
+    A correction moves the places before the image is taken of them: when the ground on which a chain of images stands
+    turns out to be elsewhere, by many widths of the low ones, all of these follow in one step. Corrections of pixels
+    would lead such an image beyond its horizon.
+    """
 
     matrices: Floats  # from places to pixels, shape (images, 3, 3)
-    normals: Floats  # of corrections, from pixels to numbers of size one, shape (images, 3, 3)
+    normals: Floats  # from pixels to numbers of size one, shape (images, 3, 3)
 
     @classmethod
     def of_matrices(cls, matrices: Floats, sizes: Floats) -> Homographies:
@@ -91,11 +96,12 @@ class Homographies:
 
     def project(self, image: Indices, point: Indices, places_m: Floats) -> Projected:
         """Pixels of tie points."""
-        matrix, normal = self.matrices[image], self.normals[image]
+        matrix, normal = self.matrices[image], self._normals_of_places()[image]
         ahead = np.einsum("nij,nj->ni", matrix[:, :, :2], places_m[point]) + matrix[:, :, 2]
-        scale = normal[:, 0, 0, np.newaxis, np.newaxis]
         pixels, by_place = dehomogenized(ahead, matrix[:, :, :2])
-        return Projected(pixels, by_place, by_correction(pixels * scale[:, 0] + normal[:, :2, 2]) / scale)
+        normalized = np.einsum("nij,nj->ni", normal[:, :2, :2], places_m[point]) + normal[:, :2, 2]
+        by_normalized = by_place @ np.linalg.inv(normal[:, :2, :2])
+        return Projected(pixels, by_place, by_normalized @ by_correction(normalized))
 
     def known(self, places_m: Floats) -> NDArray[np.bool_]:
         """All of the plane."""
@@ -107,7 +113,8 @@ class Homographies:
 
     def corrected(self, steps: Floats) -> Homographies:
         """After corrections."""
-        matrices = [corrected(*one) for one in zip(self.matrices, self.normals, steps, strict=True)]
+        normals = self._normals_of_places() @ np.linalg.inv(self.matrices)
+        matrices = [corrected(*one) for one in zip(self.matrices, normals, steps, strict=True)]
         return replace(self, matrices=np.array(matrices))
 
     def place(self, image: int, pixel: Floats) -> Floats:
@@ -123,11 +130,24 @@ class Homographies:
 
     def homography(self, image: int, covariance: Floats) -> Homography:
         """Of the image."""
-        return of_correction(self.matrices[image], self.normals[image], covariance)
+        matrix = self.matrices[image]
+        return of_correction(matrix, self._normals_of_places()[image] @ np.linalg.inv(matrix), covariance)
 
     def altitude_m(self, image: int) -> float:
         """Not known."""
         return float("nan")
+
+    def _normals_of_places(self) -> Floats:
+        """From places to numbers of size one, as the middle of each image shows its surroundings."""
+        normal = self.normals @ self.matrices
+        middle = np.linalg.inv(normal)[:, :, 2]
+        middle = middle[:, :2] / middle[:, 2:]
+        ahead = np.einsum("nij,nj->ni", normal[:, :, :2], middle) + normal[:, :, 2]
+        result = np.zeros_like(normal)
+        result[:, :2, :2] = normal[:, :2, :2] / ahead[:, 2, np.newaxis, np.newaxis]
+        result[:, :2, 2] = -np.einsum("nij,nj->ni", result[:, :2, :2], middle)
+        result[:, 2, 2] = 1.0
+        return result
 
 
 def dehomogenized(values: Floats, partials: Floats) -> tuple[Floats, Floats]:

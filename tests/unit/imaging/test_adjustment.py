@@ -34,6 +34,18 @@ def test_exact_tie_points_give_the_truth_from_a_start_pixels_off():
         )
 
 
+@pytest.mark.parametrize("tilt", [-2e-4, 3e-4])
+def test_low_images_that_start_many_widths_and_a_tilt_off_come_to_the_truth(tilt):
+    """The lowest shows 8 m; all but the first three start 200 m away, each tilted."""
+    chain = Chain(images=10, map_below=3, part=0.5, drift_m=(0.0, 0.0))
+    away = np.array([[1.0, 0.0, 200.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]])
+    tilted = np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [tilt, 0.0, 1.0 - tilt * CENTRE[0]]])
+    start = [chain.matrix(k) if k < 3 else tilted @ chain.matrix(k) @ away for k in range(chain.images)]
+    result = chain.adjusted(exact(chain), np.array(start))
+    assert result.used.all()
+    np.testing.assert_allclose(result.place(9, CENTRE)[0], chain.ground(9, CENTRE), rtol=0, atol=10 * EXACT_M)
+
+
 def central(function, at, relative, least):
     """Derivatives by differences, a column for each argument."""
     columns = []

@@ -14,7 +14,7 @@ from radioloc.estimation.combination import Agreement, JointEstimate
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, Shown, metres, plural
-from radioloc.report.figures import COLORS, length_unit, new_figure, style_axes
+from radioloc.report.figures import COLORS, SCALE_95, length_unit, new_figure, style_axes
 from radioloc.report.position_figures import error_ellipse
 from radioloc.report.position_table import HEADING, PositionRow, csv_table, markdown_table, position_cells
 
@@ -214,12 +214,11 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
     >>> radioloc.report.plot_comparison(found).axes[0].get_ylabel()
     'north of JPL, DE421 solution (m)'
     """
-    scale = math.sqrt(-2.0 * math.log(0.05))
     places = [(-(row.west_m or 0.0), row.north_m or 0.0) for row in comparison.rows]
     corners_m = []
     for row, place in zip(comparison.rows, places, strict=True):
         covariance = comparison.covariances_en_m2.get(row.name)
-        size_m = 0.0 if covariance is None else scale * np.sqrt(np.diag(covariance))
+        size_m = 0.0 if covariance is None else SCALE_95 * np.sqrt(np.diag(covariance))
         corners_m += [np.add(place, size_m), np.subtract(place, size_m)]
     lowest_m, highest_m = np.min(corners_m, axis=0), np.max(corners_m, axis=0)
     centre_m, reach_m = 0.5 * (lowest_m + highest_m), 0.54 * max(1.0, float((highest_m - lowest_m).max()))
@@ -234,7 +233,7 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
         color = COLORS[k % len(COLORS)]
         covariance = comparison.covariances_en_m2.get(row.name)
         if covariance is not None:
-            ellipse = error_ellipse((east_m, north_m), covariance, scale, factor)
+            ellipse = error_ellipse((east_m, north_m), covariance, SCALE_95, factor)
             ellipse.set(facecolor=(color, 0.08), edgecolor=color, linewidth=1.1)
             axes.add_patch(ellipse)
         marker = markers.get(row.method, "o")

@@ -6,6 +6,7 @@ each shows itself as the last line of a cell. matplotlib is imported when the fi
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterable
 from functools import partial
 from io import BytesIO
@@ -25,6 +26,9 @@ if TYPE_CHECKING:
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours that people with colour-blindness tell apart (Okabe and Ito 2008)."""
+
+SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
+"""Of the axes of one sigma to those of the ellipse that holds 95 % in the plane."""
 
 _UNIX_EPOCH_JD = 2440587.5
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))

@@ -23,12 +23,13 @@ from radioloc.lunar.selenographic import (
     east_north_up,
     selenographic_to_cartesian,
 )
+from radioloc.report.figures import SCALE_95
 from radioloc.report.image_solution import ImageSolution
 from radioloc.text_files import write_blocks, write_text
 
 CRS = "IAU_2015:30100"
 """Longitude and latitude on the Moon's sphere, as PROJ and GDAL know it."""
-_ELLIPSES = {"1 sigma": 1.0, "95 %": math.sqrt(-2.0 * math.log(0.05))}
+_ELLIPSES = {"1 sigma": 1.0, "95 %": SCALE_95}
 _CORNERS = 90
 
 

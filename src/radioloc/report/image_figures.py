@@ -13,7 +13,7 @@ from radioloc.imaging import read_frame
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.registration import RegisteredFrame
-from radioloc.report.figures import COLORS, length_unit, new_figure, style_axes
+from radioloc.report.figures import COLORS, SCALE_95, length_unit, new_figure, style_axes
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.position_figures import error_ellipse
 
@@ -28,7 +28,6 @@ _Tables = dict[tuple[int, ...], NDArray[np.float32]]
 _PANELS = 3
 _PART = 0.15  # of an image
 _PIXELS = 700
-_SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
 
 
 def plot_images(solution: ImageSolution) -> Figure:
@@ -82,7 +81,7 @@ def plot_images(solution: ImageSolution) -> Figure:
             (solution.covariance_enu_m2, "-"),
             (solution.relative_covariance_en_m2, ":"),
         ):
-            ellipse = error_ellipse((0.0, 0.0), covariance[:2, :2], _SCALE_95, factor)
+            ellipse = error_ellipse((0.0, 0.0), covariance[:2, :2], SCALE_95, factor)
             ellipse.set(fill=False, edgecolor=COLORS[1], linewidth=1.3, linestyle=dashes)
             axes.add_patch(ellipse)
         axes.plot(0.0, 0.0, "+", color=COLORS[1], markersize=13, markeredgewidth=1.8)

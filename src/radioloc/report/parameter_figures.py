@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -11,7 +10,7 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Level, Solution
-from radioloc.report.figures import COLORS, new_figure, style_axes
+from radioloc.report.figures import COLORS, SCALE_95, new_figure, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -24,7 +23,7 @@ _MOST_BESIDE_POSITION, _WORTH_SHOWING = 3, 0.5  # correlation with the position
 _NUMBERS_UP_TO = 12  # parameters, with numbers in the cells of the matrix
 _WITHOUT = "without considered errors"
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 181)
-_LEVELS = {"1 sigma": 1.0, "95 %": math.sqrt(-2.0 * math.log(0.05))}
+_LEVELS = {"1 sigma": 1.0, "95 %": SCALE_95}
 """Factors on the axes of the ellipse of two parameters."""
 
 

@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.report.figures import COLORS, length_unit, new_figure, style_axes
+from radioloc.report.figures import COLORS, SCALE_95, length_unit, new_figure, style_axes
 from radioloc.report.point_solution import PointSolution
 from radioloc.report.position_figures import error_ellipse
 from radioloc.report.position_table import difference
@@ -19,7 +18,6 @@ if TYPE_CHECKING:
 
 Floats = NDArray[np.float64]
 
-_SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
 _SHOWN = 1e-2
 """Sources with a smaller part of the sigma are not drawn."""
 
@@ -71,10 +69,10 @@ def _draw_sources(axes: Axes, solution: PointSolution) -> None:
     parts = {source.name: source.covariance_enu_m2[:2, :2] for source in solution.sources}
     least_m2 = _SHOWN**2 * total_m2.trace()
     ellipses = {name: part for name, part in parts.items() if part.trace() > least_m2} | {"all": total_m2}
-    reach_m = 1.15 * _SCALE_95 * float(np.sqrt(np.diag(total_m2).max()))
+    reach_m = 1.15 * SCALE_95 * float(np.sqrt(np.diag(total_m2).max()))
     factor = _frame(axes, solution, reach_m)
     for color, (name, part) in zip(COLORS[1:], ellipses.items(), strict=False):
-        ellipse = error_ellipse((0.0, 0.0), part, _SCALE_95, factor)
+        ellipse = error_ellipse((0.0, 0.0), part, SCALE_95, factor)
         look = (
             {"edgecolor": color, "linewidth": 1.4}
             if name != "all"
@@ -109,7 +107,7 @@ def _draw_landmarks(axes: Axes, solution: PointSolution) -> None:
         (source.covariance_enu_m2[:2, :2] for source in solution.sources if not source.shared),
         np.zeros((2, 2)),
     )
-    ellipse = error_ellipse((0.0, 0.0), own_m2, _SCALE_95, factor)
+    ellipse = error_ellipse((0.0, 0.0), own_m2, SCALE_95, factor)
     ellipse.set(
         facecolor=(COLORS[0], 0.3), edgecolor=COLORS[0], linewidth=0.9, label="95 %, relative to the map"
     )

@@ -11,7 +11,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution, compare_with
-from radioloc.report.figures import COLORS, length_unit, new_figure, style_axes
+from radioloc.report.figures import COLORS, SCALE_95, length_unit, new_figure, style_axes
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.trial_statistics import SIDES
 
@@ -21,8 +21,6 @@ if TYPE_CHECKING:
     from matplotlib.patches import Ellipse
 
 _Floats = NDArray[np.float64]
-_SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
-"""Of the axes of the ellipse that holds 95 % in the plane."""
 _MOST_PANELS = 12
 
 
@@ -76,7 +74,7 @@ def plot_position(
     # A square that holds the larger ellipse and the origin.
     sigmas_m = solution.sigma_enu_m()
     corners_m = np.array([(east_m, north_m), (east_m, north_m), (0.0, 0.0)])
-    corners_m[:2] += np.outer((-_SCALE_95, _SCALE_95), sigmas_m[:2])
+    corners_m[:2] += np.outer((-SCALE_95, SCALE_95), sigmas_m[:2])
     center_m = 0.5 * (corners_m.min(axis=0) + corners_m.max(axis=0))
     reach_m = 0.58 * float((corners_m.max(axis=0) - corners_m.min(axis=0)).max())
     factor, unit = length_unit(reach_m)
@@ -86,7 +84,7 @@ def plot_position(
     style_axes(axes)
     axes.set_aspect("equal")
     covariance_m2 = solution.position_covariance("enu")[:2, :2]
-    for scale, opacity, label in ((_SCALE_95, 0.15, "95 %"), (1.0, 0.3, "1 sigma")):
+    for scale, opacity, label in ((SCALE_95, 0.15, "95 %"), (1.0, 0.3, "1 sigma")):
         ellipse = error_ellipse((east_m, north_m), covariance_m2, scale, factor)
         ellipse.set(facecolor=(COLORS[0], opacity), edgecolor=COLORS[0], linewidth=0.9, label=label)
         axes.add_patch(ellipse)
@@ -143,7 +141,7 @@ def plot_trial_scatter(study: MonteCarlo) -> Figure:
         if len(error_m) > 2:
             lines.append((error_m.mean(axis=0), np.cov(error_m.T), COLORS[1], "-", "95 % found"))
         for centre_m, spread_m2, color, dashes, label in reversed(lines):
-            ellipse = error_ellipse(centre_m, spread_m2, _SCALE_95, factor)
+            ellipse = error_ellipse(centre_m, spread_m2, SCALE_95, factor)
             ellipse.set(fill=False, edgecolor=color, linestyle=dashes, linewidth=1.3, label=label)
             axes.add_patch(ellipse)
         axes.plot(0.0, 0.0, "+", color=COLORS[6], markersize=9, markeredgewidth=1.2, label="truth")
@@ -189,7 +187,7 @@ def plot_error_by_length(study: MonteCarlo) -> Figure:
 def _reach_m(error_m: _Floats, claimed_m2: _Floats) -> float:
     """Half the width of a square about the truth that holds all but a few of the trials, and the ellipse."""
     most_m = float(np.quantile(np.abs(error_m), 0.998, axis=0).max())
-    return 1.1 * max(most_m, _SCALE_95 * float(np.sqrt(np.diag(claimed_m2).max())))
+    return 1.1 * max(most_m, SCALE_95 * float(np.sqrt(np.diag(claimed_m2).max())))
 
 
 def error_ellipse(

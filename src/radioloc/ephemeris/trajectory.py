@@ -9,12 +9,14 @@ from __future__ import annotations
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
+from radioloc.ephemeris.lunar_axes import LUNAR_AXES, LunarAxes, states_to_icrf
 from radioloc.ephemeris.positions import Ephemeris
 from radioloc.errors import CoverageError, InputError, KernelError
 from radioloc.kernels import KernelFile, find_kernel, sha256_of
@@ -37,6 +39,7 @@ class TrajectorySegment:
     end_s: float
     descriptor: NDArray[np.float64]  # SPICE's packed summary, shape (5,)
     rot_to_icrf: NDArray[np.float64]  # from the segment's inertial frame, shape (3, 3)
+    axes: LunarAxes | None = None  # fixed to the Moon, in the place of an inertial frame
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -54,15 +57,16 @@ class Trajectory:
         Parameters
         ----------
         path : path-like
-            An SPK of any type that SPICE evaluates by itself, in an inertial frame, relative to the Earth, the Moon,
-            the Sun or a barycentre.
+            An SPK of any type that SPICE evaluates by itself, in an inertial frame or in axes of the Moon that have a
+            NAIF code (:data:`~radioloc.ephemeris.lunar_axes.LUNAR_AXES`), relative to the Earth, the Moon, the Sun or
+            a barycentre.
         body : int
             NAIF code of the body, such as -85.
 
         Raises
         ------
         KernelError
-            The file is missing, damaged or no SPK, does not hold the body, or gives it in a frame that turns.
+            The file is missing, damaged or no SPK, does not hold the body, or gives it in another frame.
         InputError
             The code is not an integer.
         """
@@ -90,7 +94,8 @@ class Trajectory:
         return f"body {self.body} of {self.kernel.path.name}"
 
     def __str__(self) -> str:
-        return f"{self.name}, {self.kernel.start_tdb} to {self.kernel.end_tdb} TDB"
+        axes = dict.fromkeys(f" in {segment.axes.frame}" for segment in self.segments if segment.axes)
+        return f"{self.name}{' and'.join(axes)}, {self.kernel.start_tdb} to {self.kernel.end_tdb} TDB"
 
     def geocentric(
         self, ephemeris: Ephemeris, tdb: Epochs
@@ -103,7 +108,7 @@ class Trajectory:
         Raises
         ------
         CoverageError
-            An epoch lies outside the trajectory or in a gap of it, or outside the ephemeris.
+            An epoch lies outside the trajectory or in a gap of it, or outside the ephemeris, or the Moon's orientation.
         KernelError
             SPICE cannot evaluate the file, or the ephemeris does not hold the centre.
         """
@@ -169,6 +174,9 @@ class Trajectory:
         halves = np.einsum("nij,nkj->nki", rot, out.reshape(-1, 2, 3)).reshape(-1, 6)
         if not np.isfinite(halves).all():
             raise KernelError(f"{self.kernel.path} is damaged: a state is not a number; fetch the file again")
+        for k in np.unique(which):
+            if (axes := self.segments[k].axes) is not None:
+                halves[which == k] = states_to_icrf(halves[which == k], et_s[which == k], axes)
         return np.asarray(halves)
 
 
@@ -176,6 +184,11 @@ def _trajectory_segment(path: Path, segment: DafSegment) -> TrajectorySegment:
     import spiceypy
 
     body, center, frame, _ = segment.integers
+    packed = spiceypy.dafps(2, 6, [segment.start_s, segment.end_s], [*segment.integers, *segment.addresses])
+    # Six integers are packed in three floats; spiceypy leaves room for more.
+    found = partial(TrajectorySegment, center, segment.start_s, segment.end_s, np.asarray(packed)[:5])
+    if frame in LUNAR_AXES:
+        return found(np.eye(3), LUNAR_AXES[frame])
     try:
         inertial = spiceypy.frinfo(frame)[1] == _INERTIAL_CLASS
         name = spiceypy.frmnam(frame)
@@ -184,12 +197,10 @@ def _trajectory_segment(path: Path, segment: DafSegment) -> TrajectorySegment:
     if not inertial:
         raise KernelError(
             f"{path} gives body {body} in the frame {name or 'of NAIF code'} {f'({frame})' if name else frame}, which "
-            f"turns or is not known; write the trajectory in an inertial frame such as {_ICRF}"
+            f"turns or is not known; write the trajectory in an inertial frame such as {_ICRF}, or in axes of the Moon "
+            f"({', '.join(dict.fromkeys(axes.name for axes in LUNAR_AXES.values()))})"
         )
-    rot = np.asarray(spiceypy.pxform(name, _ICRF, 0.0))
-    packed = spiceypy.dafps(2, 6, [segment.start_s, segment.end_s], [*segment.integers, *segment.addresses])
-    # Six integers are packed in three floats; spiceypy leaves room for more.
-    return TrajectorySegment(center, segment.start_s, segment.end_s, np.asarray(packed)[:5], rot)
+    return found(np.asarray(spiceypy.pxform(name, _ICRF, 0.0)))
 
 
 @contextmanager

@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc import vectors
+from radioloc.ephemeris.lunar_axes import LUNAR_AXES
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.imaging.cameras import Camera
 from radioloc.imaging.distortion import KINDS, Distortion
@@ -35,15 +36,8 @@ Floats = NDArray[np.float64]
 _FRAME, _LINE_SCAN = "USGS_ASTRO_FRAME_SENSOR_MODEL", "USGS_ASTRO_LINE_SCANNER_SENSOR_MODEL"
 _UNITS_M = {"m": 1.0, "km": 1e3}
 _CSM_CENTRE = 0.5  # of the first pixel
-_AXES = {
-    31001: "ME_DE421",
-    31007: "ME_DE421",
-    31006: "PA_DE421",
-    31008: "PA_DE440",
-    31009: "ME_DE421",
-    10020: "IAU_MOON",
-}
-"""NAIF's codes of axes (31009 leads from DE440 to the mean-Earth axes of DE421)."""
+_AXES = {code: axes.frame for code, axes in LUNAR_AXES.items()} | {10020: "IAU_MOON"}
+"""Axes by NAIF's code."""
 
 
 _STATE_STEP_S = 1e-3

@@ -13,6 +13,7 @@ from spk_files import (
     circular,
     lander,
     low_lunar_orbit,
+    position_on_moon,
     tracking,
     write_chebyshev,
     write_states,
@@ -26,6 +27,7 @@ from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import reasons
+from radioloc.report import write_spice
 
 NOWHERE = np.zeros(3)
 
@@ -78,6 +80,18 @@ def test_a_lander_written_as_a_trajectory_is_where_it_was(model, tmp_path, path,
     assert np.abs(moving.by_time_m_s - fixed.by_time_m_s).max() < 1e-7
     assert np.abs(moving.elevation_rad - fixed.elevation_rad).max() < 1e-12
     assert (moving.status == fixed.status).all()
+
+
+def test_a_lander_in_axes_of_the_moon_is_where_it_was(model, tmp_path):
+    """As `radioloc export` writes it."""
+    table = tracking("KASHI>x>JIAMUSI", epochs_tai(20, 30.0), "bounce")
+    surface = model.without("lunar_tide", "lunar_scale", "lunar_lorentz")
+    position = position_on_moon()
+    pa_m = np.array([position["position"]["pa"][f"{axis}_m"] for axis in "xyz"])
+    file, _ = write_spice(position, tmp_path / "lander.bsp")
+    still = Trajectory.open(file, 301001)
+    moving = ExactPredictor(model, table, NOWHERE, still).compute(NOWHERE)
+    assert np.abs(moving.value_m - ExactPredictor(surface, table, pa_m).compute(pa_m).value_m).max() < SAME_M
 
 
 @pytest.mark.parametrize("kind", ["type 3", "type 9", "relative to the Earth"])

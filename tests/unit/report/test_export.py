@@ -6,12 +6,13 @@ import math
 import numpy as np
 import pytest
 import spiceypy
+from spk_files import position_on_moon
 
 from radioloc.cli import main
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.kernels import find_kernel
-from radioloc.lunar import LunarPosition, east_north_up, rot_icrf_to_pa, rot_pa_to_me
+from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.report import write_gis, write_spice
 from radioloc.time import Epochs
 
@@ -21,15 +22,9 @@ COVARIANCE = np.array([[100.0, 30.0, 0.0], [30.0, 50.0, 0.0], [0.0, 0.0, 9.0]])
 
 def content(ephemeris="DE421", place=PLACE, covariance=COVARIANCE, name="lander 5"):
     """What a solution.json says of a position."""
-    constants = Ephemeris.open(ephemeris).constants
-    me = LunarPosition.from_selenographic(*place, frame=constants.me_frame)
-    pa = me.to_axes("PA", constants)
-    xyz = dict(zip(("x_m", "y_m", "z_m"), pa.xyz_m.tolist(), strict=True))
-    angles = dict(zip(("longitude_deg", "latitude_deg", "height_m"), place, strict=True))
-    return {
+    return position_on_moon(place, ephemeris) | {
         "name": name,
         "converged": True,
-        "position": {"pa": {"frame": pa.frame, **xyz}, "me": {"frame": me.frame, **angles}},
         "sigma": {"east_m": 10.0, "north_m": math.sqrt(50.0), "up_m": 3.0},
         "covariance": {"enu_m2": np.where(np.isfinite(covariance), covariance, None).tolist()},
         "reference": {"name": "benchmark", "longitude_deg": -51.9, "latitude_deg": 43.0, "height_m": -2500.0},

@@ -7,7 +7,7 @@ Observations that were left out are all drawn, but for those that would lie with
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,10 +34,19 @@ REJECTED_COLOR = "#B00020"
 _EDGE = 0.93  # where, in half heights, observations beyond a panel are shown
 
 
-def draw_envelope(
-    axes: Axes, dates: Dates, values: NDArray[np.float64], limits: Limits, *, color: str, label: str
-) -> Any:
-    """Draw the envelope of many points and return the handle for a legend."""
+class Envelope(NamedTuple):
+    """What many values are in each bin of time that has any: its middle, how many, their range, mean and deviation."""
+
+    middle: Dates
+    counts: NDArray[np.intp]
+    lowest: NDArray[np.float64]
+    highest: NDArray[np.float64]
+    mean: NDArray[np.float64]
+    deviation: NDArray[np.float64]
+
+
+def envelope_of(dates: Dates, values: NDArray[np.float64], limits: Limits) -> Envelope:
+    """Put many values into bins of time."""
     place = bin_of(dates, limits)
     count = np.bincount(place, minlength=BINS)
     there = count > 0
@@ -48,11 +57,19 @@ def draw_envelope(
     squares = np.bincount(place, (values - mean[np.cumsum(there)[place] - 1]) ** 2, BINS)[there]
     deviation = np.sqrt(squares / count[there])
     middle = limits[0] + (np.flatnonzero(there) + 0.5) / BINS * (limits[1] - limits[0])
+    return Envelope(middle, count[there], lowest[there], highest[there], mean, deviation)
+
+
+def draw_envelope(
+    axes: Axes, dates: Dates, values: NDArray[np.float64], limits: Limits, *, color: str, label: str
+) -> Any:
+    """Draw the envelope of many points and return the handle for a legend."""
+    middle, _, lowest, highest, mean, deviation = envelope_of(dates, values, limits)
     # Side by side: as wide as a bin, in points of 1/72 inch; an image, so that vector files stay small.
     width = 72.0 * axes.get_window_extent().width / axes.figure.dpi / BINS
     style: dict[str, Any] = {"color": color, "linewidth": max(width, 0.5), "solid_capstyle": "butt"}
     style |= {"snap": False, "rasterized": True}
-    axes.plot(*_bars(middle, lowest[there], highest[there]), alpha=0.35, **style)
+    axes.plot(*_bars(middle, lowest, highest), alpha=0.35, **style)
     [dark] = axes.plot(*_bars(middle, mean - deviation, mean + deviation), alpha=0.7, label=label, **style)
     return dark
 

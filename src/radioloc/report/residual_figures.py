@@ -55,7 +55,7 @@ _LINKS = _Layout(
 )
 
 
-class _Panel:
+class Panel:
     """What one panel shows: its title, which panels share its scale, which rows by the name of their link.
 
     A panel of a station, in which bars must find room, shares its scale with all others and has but one nameless link.
@@ -72,6 +72,16 @@ class _Panel:
         highest_m = max(size_m.max(), np.median(sigma_m)) if like else (size_m + sigma_m).max()
         self.half_height_m = 1.15 * float(highest_m)
         self.statistics = residuals.statistics(title, self.rows)
+
+    def statement(self, factor: float, unit: str) -> str:
+        """How many are used and their rms, in a unit that is a factor from metres; of links, how many are left out."""
+        found = self.statistics
+        text = f"{found.used} used"
+        size_m = found.rms_m if self.like else found.wrms_m
+        if size_m is not None:
+            size = f"{factor * size_m:#.3g}" if self.like else f"{factor * size_m:.3g}"
+            text += f", {'rms' if self.like else 'wrms'} {size} {unit}"
+        return f"{text}, {found.rejected} left out" if self.like and found.rejected else text
 
 
 def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> Figure:
@@ -110,7 +120,7 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
     residuals = _residuals_of(solution)
     stations = residuals.stations
     panels = [
-        _Panel(residuals, name, "", {"": np.flatnonzero(stations.are(name))}) for name in stations.present()
+        Panel(residuals, name, "", {"": np.flatnonzero(stations.are(name))}) for name in stations.present()
     ]
     return _grid(solution, title, panels, _STATIONS)
 
@@ -129,7 +139,7 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
     >>> figure.axes[0].get_title(loc="left")
     'range APOLLO'
     """
-    return _grid(solution, title, _link_panels(_residuals_of(solution)), _LINKS)
+    return _grid(solution, title, link_panels(_residuals_of(solution)), _LINKS)
 
 
 def _residuals_of(solution: Solution | Residuals) -> Residuals:
@@ -139,7 +149,7 @@ def _residuals_of(solution: Solution | Residuals) -> Residuals:
     return residuals
 
 
-def _link_panels(residuals: Residuals) -> list[_Panel]:
+def link_panels(residuals: Residuals) -> list[Panel]:
     """Group observations by type and by baseline or receiver, baselines first."""
     found: dict[tuple[bool, int, str], dict[str, _Rows]] = {}
     types, paths = residuals.types, residuals.paths
@@ -152,11 +162,21 @@ def _link_panels(residuals: Residuals) -> list[_Panel]:
         place = not links[k].differenced, KINDS.index(kind), links[k].place
         found.setdefault(place, {})[ways(links)[k]] = np.flatnonzero(keys == key)
     return [
-        _Panel(
+        Panel(
             residuals, f"{_word(KINDS[kind])} {place}", KINDS[kind], dict(sorted(rows.items(), reverse=True))
         )
         for (_, kind, place), rows in sorted(found.items(), key=lambda item: item[0])
     ]
+
+
+def half_heights_m(panels: Sequence[Panel]) -> list[float]:
+    """Half the height of each panel, the same for those that are alike unless one would be squeezed."""
+    heights_m = []
+    for panel in panels:
+        like_m = [other.half_height_m for other in panels if other.like == panel.like]
+        squeezed = max(like_m) > _MAX_HEIGHT_RATIO * min(like_m)
+        heights_m.append(panel.half_height_m if squeezed else max(like_m))
+    return heights_m
 
 
 def _word(kind: str) -> str:
@@ -165,7 +185,7 @@ def _word(kind: str) -> str:
 
 
 def _grid(
-    solution: Solution | Residuals, title: str | None, panels: Sequence[_Panel], layout: _Layout
+    solution: Solution | Residuals, title: str | None, panels: Sequence[Panel], layout: _Layout
 ) -> Figure:
     """A grid of panels over one axis of dates, and below it what is not said in them."""
     residuals = _residuals_of(solution)
@@ -183,10 +203,7 @@ def _grid(
     figure = new_figure(width_in, height_in, title)
     places = list(figure.subplots(n_rows, n_columns, sharex=True, squeeze=False).flat)
     dates = utc_dates(residuals.epoch_utc)
-    for k, panel in enumerate(panels):
-        like_m = [other.half_height_m for other in panels if other.like == panel.like]
-        squeezed = max(like_m) > _MAX_HEIGHT_RATIO * min(like_m)
-        half_height_m = panel.half_height_m if squeezed else max(like_m)
+    for k, (panel, half_height_m) in enumerate(zip(panels, half_heights_m(panels), strict=True)):
         _draw(places[k], residuals, dates, panel, half_height_m, COLORS[k % len(COLORS)])
     for axes in places[len(panels) :]:
         axes.set_visible(False)
@@ -208,7 +225,7 @@ def _draw(
     axes: Axes,
     residuals: Residuals,
     dates: NDArray[np.datetime64],
-    panel: _Panel,
+    panel: Panel,
     half_height_m: float,
     color: str,
 ) -> None:
@@ -217,12 +234,7 @@ def _draw(
     axes.axhline(0.0, color="0.4", linewidth=0.8)
     factor, unit = length_unit(half_height_m)
     y, limit, limits = factor * residuals.residual_m, factor * half_height_m, (dates.min(), dates.max())
-    found = panel.statistics
-    size_m = found.rms_m if panel.like else found.wrms_m
-    statement = f"{found.used} used"
-    if size_m is not None:
-        text = f"{factor * size_m:#.3g}" if panel.like else f"{factor * size_m:.3g}"
-        statement += f", {'rms' if panel.like else 'wrms'} {text} {unit}"
+    statement = panel.statement(factor, unit)
     handles: list[Any] = []
     for k, (name, rows) in enumerate(panel.links.items()):
         kept = rows[residuals.used[rows]]
@@ -241,8 +253,6 @@ def _draw(
     axes.set_ylim(-limit * (_LEGEND_STRIP if any(panel.links) else 1.0), limit)
     axes.set_ylabel(f"residual ({unit})", fontsize=8)
     if panel.like:
-        if found.rejected:
-            statement += f", {found.rejected} left out"
         panel_title(axes, panel.title, "left", fontsize=7.5, fontweight="bold")
         size = 6.5 if len(panel.title) + len(statement) < _LONGEST_TITLES else 5.2
         panel_title(axes, statement, "right", fontsize=size)

@@ -467,12 +467,18 @@ def _split(solution: Solution) -> Iterator[str]:
 
 
 def _left_out(solution: Solution) -> Iterator[str]:
+    rows = left_out_rows(solution, _MAX_OUTLIERS)
+    for epoch, name, _, reason in rows:
+        yield f"{epoch} {name}: {reason}"
+    yield from more(solution.fit.total.rejected, len(rows))
+
+
+def left_out_rows(solution: Solution, most: int) -> list[tuple[str, ...]]:
+    """Epoch, link, residual (m) and reason of observations left out, those with the largest residuals first."""
     rows = solution.residuals
     out = np.flatnonzero(~rows.used)
     # The largest outliers say most; what was left out from the beginning has its own reasons.
-    out = out[np.argsort(-np.abs(rows.residual_m[out] / rows.sigma_m[out]), kind="stable")]
-    shown = out[:_MAX_OUTLIERS]
-    epochs = utc_strings(rows.epoch_utc[shown], decimals=0)
-    for epoch, name, reason in zip(epochs, _links(rows)[shown], rows.statuses[shown], strict=True):
-        yield f"{epoch} {name}: {reason}"
-    yield from more(len(out), len(shown))
+    out = out[np.argsort(-np.abs(rows.residual_m[out] / rows.sigma_m[out]), kind="stable")][:most]
+    sizes = (f"{value:.4g}" for value in rows.residual_m[out])
+    columns = utc_strings(rows.epoch_utc[out], decimals=0), _links(rows)[out], sizes, rows.statuses[out]
+    return list(zip(*columns, strict=True))

@@ -13,24 +13,27 @@ Here are the names that most users need. What they rest on is in the packages, e
 
 import warnings as _warnings
 from importlib import import_module as _import_module
+from typing import TYPE_CHECKING
 from typing import Any as _Any
 
 from radioloc._version import __version__
-from radioloc.earth import StationCatalogue
-from radioloc.errors import RadiolocError
-from radioloc.estimation import Solution
-from radioloc.io import read_observations, write_observations
-from radioloc.lunar import LunarPosition
-from radioloc.measurements import Observations
-from radioloc.report import plot_links, plot_position, plot_residuals, write_report
-from radioloc.studies import Study, read_study
-from radioloc.studies.arcs import arcs
-from radioloc.studies.covariance import covariance
-from radioloc.studies.images import locate_images
-from radioloc.studies.locate import locate, residuals
-from radioloc.studies.monte_carlo import monte_carlo
-from radioloc.studies.simulate import simulate
-from radioloc.time import Epochs
+
+if TYPE_CHECKING:  # what is here is imported when it is first used
+    from radioloc.earth import StationCatalogue
+    from radioloc.errors import RadiolocError
+    from radioloc.estimation import Solution
+    from radioloc.io import read_observations, write_observations
+    from radioloc.lunar import LunarPosition
+    from radioloc.measurements import Observations
+    from radioloc.report import plot_links, plot_position, plot_residuals, write_report
+    from radioloc.studies import Study, read_study
+    from radioloc.studies.arcs import arcs
+    from radioloc.studies.covariance import covariance
+    from radioloc.studies.images import locate_images
+    from radioloc.studies.locate import locate, residuals
+    from radioloc.studies.monte_carlo import monte_carlo
+    from radioloc.studies.simulate import simulate
+    from radioloc.time import Epochs
 
 __all__ = [
     "Epochs",
@@ -57,6 +60,29 @@ __all__ = [
     "write_report",
 ]
 
+_HOMES = {
+    name: home
+    for home, names in {
+        "earth": "StationCatalogue",
+        "errors": "RadiolocError",
+        "estimation": "Solution",
+        "io": "read_observations write_observations",
+        "lunar": "LunarPosition",
+        "measurements": "Observations",
+        "report": "plot_links plot_position plot_residuals write_report",
+        "studies": "Study read_study",
+        "studies.arcs": "arcs",
+        "studies.covariance": "covariance",
+        "studies.images": "locate_images",
+        "studies.locate": "locate residuals",
+        "studies.monte_carlo": "monte_carlo",
+        "studies.simulate": "simulate",
+        "time": "Epochs",
+    }.items()
+    for name in names.split()
+}
+"""The module that each name is from."""
+
 _MOVED = {
     name: home
     for home, names in {
@@ -76,8 +102,21 @@ _MOVED = {
 
 
 def __getattr__(name: str) -> _Any:
-    if name not in _MOVED:
-        raise AttributeError(f"module 'radioloc' has no attribute {name!r}")
-    home = f"radioloc.{_MOVED[name]}"
-    _warnings.warn(f"radioloc.{name} is now {home}.{name}", DeprecationWarning, stacklevel=2)
-    return getattr(_import_module(home), name)
+    if name in _HOMES:
+        value = getattr(_import_module(f"radioloc.{_HOMES[name]}"), name)
+        globals()[name] = value
+        return value
+    if name in _MOVED:
+        home = f"radioloc.{_MOVED[name]}"
+        _warnings.warn(f"radioloc.{name} is now {home}.{name}", DeprecationWarning, stacklevel=2)
+        return getattr(_import_module(home), name)
+    try:
+        return _import_module(f"radioloc.{name}")
+    except ModuleNotFoundError as error:
+        if error.name != f"radioloc.{name}":
+            raise
+        raise AttributeError(f"module 'radioloc' has no attribute {name!r}") from None
+
+
+def __dir__() -> list[str]:
+    return sorted({*globals(), *__all__})

@@ -5,6 +5,7 @@ import gzip
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
 import warnings
@@ -16,6 +17,8 @@ from quick import some
 
 import radioloc
 from radioloc import cli
+from radioloc.cli.commands import COMMANDS
+from radioloc.cli.parser import EXIT_STATUS, make_parser
 from radioloc.errors import ConvergenceError, DataQualityWarning
 from radioloc.io import READERS
 from radioloc.measurements.registry import MEASUREMENTS
@@ -26,6 +29,9 @@ from radioloc.studies.study_file import TABLES
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 TABLE = EXAMPLES / "apollo15" / "apollo15_apollo_2006-2007.csv"
 JPL_PA_M = np.array([1554678.949, 98094.118, 765004.906])  # JPL IOM 335-JW,DB,WF-20080314-001, DE421
+
+HELP_LIMIT_S = 0.5
+"""Of a processor's time, as the machine may do other things meanwhile."""
 
 TARGET = '[target]\nframe = "ME_DE421"\nlongitude_deg = 3.5\nlatitude_deg = 26.0\nheight_m = -1000.0\n'
 
@@ -317,6 +323,57 @@ def test_help_and_version(capsys):
             cli.main(arguments)
         assert end.value.code == 0
         assert text in capsys.readouterr().out
+
+
+def commands():
+    """Parsers of all commands by name."""
+    [found] = [action.choices for action in make_parser()._actions if action.dest == "command"]
+    return found
+
+
+@pytest.mark.parametrize("name", commands())
+def test_each_command_has_examples_that_parse(name, capsys):
+    parser = commands()[name]
+    assert parser.examples
+    for example in parser.examples:
+        program, *arguments = shlex.split(example)
+        assert program == "radioloc"
+        assert make_parser().parse_args(arguments).command == name
+    assert name in COMMANDS
+    assert "examples:" in parser.format_help()
+
+
+def test_general_help_comes_at_once_and_has_the_exit_statuses():
+    start = os.times().children_user
+    done = process("--help")
+    assert os.times().children_user - start < HELP_LIMIT_S
+    assert done.returncode == 0
+    for status in EXIT_STATUS:
+        assert re.search(rf"^  {status} +\w", done.stdout, re.MULTILINE)
+
+
+@pytest.mark.parametrize("arguments", [["doctor"], ["frames", "3.6", "26.1", "-1900"], ["stations", "kashi"]])
+def test_json_is_all_that_is_printed(arguments, capsys):
+    assert cli.main([*arguments, "--json"]) == 0
+    out, err = capsys.readouterr()
+    assert err == ""
+    assert json.loads(out)
+
+
+def test_a_study_s_json_is_that_of_its_file(run, folder):
+    outcome = run(study_of(), "--json", "--out", folder / "out", command="residuals")
+    assert (outcome.status, outcome.err) == (0, "")
+    assert outcome.out == (folder / "out" / "solution.json").read_text(encoding="utf-8")
+
+
+def test_json_of_stations_and_frames_has_the_numbers_of_the_library(capsys):
+    assert cli.main(["stations", "kashi", "--json"]) == 0
+    [station] = json.loads(capsys.readouterr().out)
+    assert station["itrf_m"] == radioloc.StationCatalogue.default().get("KASHI").itrf_m.tolist()
+    assert cli.main(["frames", "3.6", "26.1", "-1900", "--frame", "PA_DE421", "--json"]) == 0
+    rows = {row["frame"]: row for row in json.loads(capsys.readouterr().out)}
+    place = radioloc.LunarPosition.from_selenographic(3.6, 26.1, -1900.0, "PA_DE421")
+    assert rows["ME_DE421"]["xyz_m"] == list(place.to_frame("ME_DE421").xyz_m)
 
 
 def test_stations_are_listed(capsys):

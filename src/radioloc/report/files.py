@@ -319,8 +319,13 @@ def made_folder(folder: str | Path) -> Path:
 
 
 def write_json(path: str | Path, content: Mapping[str, Any]) -> None:
-    """Write a dictionary as JSON that any other program reads: numpy values as lists and numbers, never NaN."""
-    write_text(path, json.dumps(_plain(content, ""), indent=2, ensure_ascii=False, allow_nan=False) + "\n")
+    """Write a dictionary as :func:`json_text`."""
+    write_text(path, json_text(content))
+
+
+def json_text(content: Any) -> str:
+    """JSON that any other program reads: numpy values as lists and numbers, never NaN."""
+    return json.dumps(_plain(content, ""), indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def _plain(value: Any, where: str) -> Any:

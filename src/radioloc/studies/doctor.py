@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from datetime import UTC, date, datetime
 from importlib.metadata import PackageNotFoundError, requires, version
 from pathlib import Path
+from typing import Any
 
 import numba
 
@@ -51,6 +52,10 @@ class Diagnosis(Shown):
     def sound(self) -> bool:
         """Whether nothing is wrong."""
         return all(finding.sound for finding in self.findings)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Whether it is sound, and all findings, in types that JSON has."""
+        return {"sound": self.sound, "findings": [asdict(finding) for finding in self.findings]}
 
     def card(self) -> Card:
         """A label for each of what was looked at, what is wrong first."""

@@ -1,0 +1,278 @@
+"""What each command does: read, compute, write files, print, and give the exit status."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Callable, Sequence
+from contextlib import suppress
+from dataclasses import fields
+from pathlib import Path
+from typing import Any, Protocol
+
+from radioloc.cli.output import complain, say
+from radioloc.cli.parser import DONE, INTERRUPTED, NOT_CONVERGED
+from radioloc.earth.stations import Station, StationCatalogue
+from radioloc.ephemeris import CONSTANTS
+from radioloc.errors import InputError
+from radioloc.io.detect import read_observations
+from radioloc.io.tdm import TdmAgreement
+from radioloc.io.write import require_writable, write_observations
+from radioloc.lunar import LunarPosition
+from radioloc.report.covariance import plans_card
+from radioloc.report.figures import save_figure
+from radioloc.report.files import (
+    json_text,
+    write_arcs,
+    write_comparison,
+    write_covariance,
+    write_images,
+    write_monte_carlo,
+    write_report,
+)
+from radioloc.report.gis import write_gis
+from radioloc.report.map_figure import plot_map
+from radioloc.report.sinex import write_sinex
+from radioloc.report.spice_kernels import FIRST_SITE, write_spice
+from radioloc.studies import locate
+from radioloc.studies.arcs import arcs
+from radioloc.studies.comparison import compare, read_solutions
+from radioloc.studies.covariance import covariance
+from radioloc.studies.doctor import doctor
+from radioloc.studies.image_study import read_image_study
+from radioloc.studies.images import locate_images
+from radioloc.studies.monte_carlo import monte_carlo
+from radioloc.studies.selection import DEFAULT_HOURS
+from radioloc.studies.simulate import simulate
+from radioloc.studies.study_file import read_study
+from radioloc.studies.verification import verify
+
+
+class Result(Protocol):
+    """What a study comes to: ``str()`` is its card."""
+
+    def to_dict(self) -> dict[str, Any]:
+        """All numbers of it."""
+
+
+def _done(options: argparse.Namespace, found: Result, write: Callable[..., object], good: bool) -> int:
+    """Write the files of a result if asked for, print it, and give the exit status."""
+    if options.out is not None:
+        write(found, options.out)
+    _tell(options, found, found.to_dict)
+    return DONE if good else NOT_CONVERGED
+
+
+def _tell(options: argparse.Namespace, card: object, content: Callable[[], Any] = dict) -> None:
+    """Print a card and where files were written, or the content as JSON, or nothing, as asked."""
+    out = getattr(options, "out", None)
+    if options.json:
+        say(json_text(content()), end="")
+    elif not options.quiet:
+        say(card if out is None else f"{card}\n\nwritten to {out}")
+
+
+def _locate(options: argparse.Namespace) -> int:
+    """Do a study, write its files and print its card."""
+    if options.terms and options.out is None:
+        options.parser.error("--terms needs --out DIR, where to write terms.csv")
+    fitted = options.command == "locate"
+    study = read_study(options.study)
+    arc, left_out = locate.prepared_arc(study)
+    solution = locate.fit_arc(study, arc, left_out, study.estimate if fitted else None)
+    if options.out is not None:
+        write_report(solution, options.out, arc if options.terms else None)
+    _tell(options, solution, solution.to_dict)
+    if options.sinex is not None:  # after the card, which says why a solution has none
+        write_sinex(solution, options.sinex)
+    return DONE if solution.converged or not fitted else NOT_CONVERGED
+
+
+def _arcs(options: argparse.Namespace) -> int:
+    found = arcs(read_study(options.study), options.hours or DEFAULT_HOURS)
+    return _done(options, found, write_arcs, found.converged)
+
+
+def _simulate(options: argparse.Namespace) -> int:
+    require_writable(options.out, options.originator)  # before the work, which may take long
+    made = simulate(read_study(options.study), options.seed, draw_errors=options.draw)
+    comments = [made.summary()]
+    write_observations(options.out, made.observations, originator=options.originator, comments=comments)
+    _tell(options, made.summary())
+    return DONE
+
+
+def _convert(options: argparse.Namespace) -> int:
+    require_writable(options.out, options.originator)  # before the reading, which may take long
+    tdm = TdmAgreement(sigma_m=_sigmas(options.sigma)) if options.sigma else None
+    observations = read_observations(options.files, tdm=tdm)
+    write_observations(options.out, observations, originator=options.originator)
+    _tell(options, observations.summary())
+    return DONE
+
+
+def _sigmas(texts: Sequence[str]) -> dict[str, float]:
+    """Sigmas by type, from texts such as ``range=1.0``."""
+    found = {}
+    for text in texts:
+        name, _, number = text.partition("=")
+        try:
+            found[name] = float(number)
+        except ValueError:
+            raise InputError(f"--sigma {text}: write it as TYPE=METRES, such as range=1.0") from None
+    return found
+
+
+def _monte_carlo(options: argparse.Namespace) -> int:
+    if options.resume and options.out is None:
+        options.parser.error("--resume needs --out DIR, where the trials are")
+    try:
+        found = monte_carlo(
+            read_study(options.study),
+            options.trials,
+            options.hours or DEFAULT_HOURS,
+            seed=options.seed,
+            workers=options.workers,
+            out=options.out,
+            resume=options.resume,
+            full=options.full,
+            progress=not options.quiet,
+        )
+    except KeyboardInterrupt:
+        keeps = f"{options.out} keeps" if options.out else "with --out DIR, it keeps"
+        complain(f"interrupted; {keeps} the trials made so far, and the same command with --resume goes on")
+        return INTERRUPTED
+    return _done(options, found, write_monte_carlo, found.converged)
+
+
+def _images(options: argparse.Namespace) -> int:
+    solution = locate_images(read_image_study(options.study), progress=not options.quiet)
+    return _done(options, solution, write_images, solution.converged)
+
+
+def _compare(options: argparse.Namespace) -> int:
+    found = compare(options.solutions, options.reference)
+    return _done(options, found, write_comparison, found.consistent)
+
+
+def _map(options: argparse.Namespace) -> int:
+    contents = [one.content for path in options.solutions for one in read_solutions(path)[0]]
+    made = plot_map(contents, dem=options.dem, base_map=options.base_map, reach_m=options.reach)
+    save_figure(made, options.out)
+    if not options.quiet:
+        say(f"written to {options.out}")
+    return DONE
+
+
+def _export(options: argparse.Namespace) -> int:
+    contents = [one.content for path in options.solutions for one in read_solutions(path)[0]]
+    if options.out.suffix != ".bsp":
+        written: Sequence[Path] = [write_gis(contents, options.out)]
+    elif len(contents) == 1:
+        written = write_spice(
+            contents[0], options.out, code=FIRST_SITE if options.code is None else options.code
+        )
+    else:
+        raise InputError(f"{options.out}: SPICE kernels hold one lander; give one solution")
+    if not options.quiet:
+        say("written to " + " and ".join(map(str, written)))
+    return DONE
+
+
+def _verify(options: argparse.Namespace) -> int:
+    found = verify(options.solution, options.study)
+    if not options.quiet:
+        say(found)
+    return DONE if found.same else NOT_CONVERGED
+
+
+def _covariance(options: argparse.Namespace) -> int:
+    studies = [read_study(path) for path in options.studies]
+    if len({study.name for study in studies}) < len(studies):
+        options.parser.error("two study files have one name, by which their plans are told apart; rename one")
+    found = [covariance(study, options.hours, reach_m=options.reach) for study in studies]
+    for plan in found:
+        if options.out is not None:
+            write_covariance(plan, options.out / plan.name if len(found) > 1 else options.out)
+    cards = [str(plan) for plan in found]
+    card = "\n\n".join([*cards, str(plans_card(found))] if len(found) > 1 else cards)
+    _tell(options, card, lambda: [plan.to_dict() for plan in found] if len(found) > 1 else found[0].to_dict())
+    return DONE if all(plan.determined for plan in found) else NOT_CONVERGED
+
+
+def _doctor(options: argparse.Namespace) -> int:
+    found = doctor()
+    _tell(options, found, found.to_dict)
+    return DONE if found.sound else NOT_CONVERGED
+
+
+def _frames(options: argparse.Namespace) -> int:
+    place = LunarPosition.from_selenographic(
+        options.longitude, options.latitude, options.height, options.frame
+    )
+    own = place.to_frame(options.frame)  # an error where these axes are not known
+    found = {}
+    for name in dict.fromkeys(
+        name for one in CONSTANTS.values() for name in (f"PA_{one.name}", one.me_frame)
+    ):
+        with suppress(InputError):  # no angles lead there
+            found[name] = own.to_frame(name)
+    lines = []
+    rows = []
+    for name, there in found.items():
+        longitude_deg, latitude_deg, height_m = there.selenographic
+        x, y, z = there.xyz_m
+        lines.append(
+            f"{name:<9} {longitude_deg:14.9f} {latitude_deg:13.9f} deg {height_m:11.4f} m   "
+            f"{x:14.4f} {y:14.4f} {z:14.4f} m"
+        )
+        numbers = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg, "height_m": height_m}
+        rows.append({"frame": name, **numbers, "xyz_m": there.xyz_m})
+    _tell(options, "\n".join(lines), lambda: rows)
+    return DONE
+
+
+def _stations(options: argparse.Namespace) -> int:
+    wanted = options.name.casefold()
+    found = [
+        station
+        for station in StationCatalogue.default()
+        if any(wanted in name.casefold() for name in (station.name, *station.aliases))
+    ]
+    if not found:
+        raise InputError(f"no station has {options.name!r} in its name; list all with radioloc stations")
+    lines = (
+        f"{station.name:<10} {station.kind:<5} {station.quality:<8} "
+        + " ".join(f"{x:15.4f}" for x in station.itrf_m)
+        + f" m  {', '.join(station.aliases)}"
+        for station in found
+    )
+    _tell(options, "\n".join(lines), lambda: [_of_a_station(station) for station in found])
+    return DONE
+
+
+def _of_a_station(station: Station) -> dict[str, Any]:
+    """What the catalogue says of a station, but for its ocean loading."""
+    names = (field.name for field in fields(station))
+    return {name: getattr(station, name) for name in names if name not in ("ocean_loading", "sigma_m")} | {
+        "sigma_m": station.position_sigma_m
+    }
+
+
+COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
+    "locate": _locate,
+    "residuals": _locate,
+    "arcs": _arcs,
+    "simulate": _simulate,
+    "convert": _convert,
+    "montecarlo": _monte_carlo,
+    "images": _images,
+    "compare": _compare,
+    "export": _export,
+    "map": _map,
+    "verify": _verify,
+    "covariance": _covariance,
+    "doctor": _doctor,
+    "frames": _frames,
+    "stations": _stations,
+}
+"""Commands by name."""

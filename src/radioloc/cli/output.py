@@ -1,0 +1,62 @@
+"""What the command line says: results on standard output, all else in single lines on standard error."""
+
+from __future__ import annotations
+
+import logging
+import os
+import sys
+import warnings
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Any
+
+from radioloc.errors import RadiolocWarning
+
+
+def say(text: object, end: str = "\n") -> None:
+    """Print at once; no word where the reader has seen enough, as `head` does, or standard output is closed."""
+    try:
+        print(text, end=end, flush=True)
+    except OSError as error:
+        # Python would try to write the rest again at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        if not isinstance(error, BrokenPipeError):
+            raise OSError(error.errno, error.strerror, "standard output") from None
+
+
+def complain(message: str) -> None:
+    """Say in one line on standard error what is wrong."""
+    print(f"radioloc: {' '.join(message.split())}", file=sys.stderr)
+
+
+@contextmanager
+def prepared(verbose: bool) -> Iterator[None]:
+    """Show warnings of the library as single lines, each once, and if `verbose` what it logs with the time it took."""
+    warnings.showwarning = _shown_once()
+    logger = logging.getLogger("radioloc")
+    handler = logging.StreamHandler()
+    handler.setFormatter(logging.Formatter("radioloc: %(relativeCreated)6.0f ms  %(message)s"))
+    level = logger.level
+    if verbose:
+        logger.addHandler(handler)
+        logger.setLevel(logging.INFO)
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+
+
+def _shown_once() -> Callable[..., None]:
+    """Make what shows the library's own warnings as one line each, and each once; others as Python does."""
+    seen: set[str] = set()
+    as_python_does = warnings.showwarning
+
+    def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
+        if not issubclass(category, RadiolocWarning):
+            as_python_does(message, category, *where)
+        elif str(message) not in seen:
+            seen.add(str(message))
+            complain(f"warning: {message}")
+
+    return show

@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 import math
 import shutil
-import sys
 import tempfile
 import weakref
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from functools import partial
 from pathlib import Path
 from typing import overload
@@ -23,6 +22,7 @@ from radioloc.imaging.image_chain import Frame, FrameStatus
 from radioloc.imaging.registration import Registration, register_chain
 from radioloc.imaging.shaded_maps import sun_over_map, write_shaded_map
 from radioloc.lunar import LunarPosition, TerrainModel
+from radioloc.progress import progress_bar
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.point_solution import PointSolution
 from radioloc.studies.image_inputs import FRAME, ground_at, provenance_of
@@ -54,7 +54,7 @@ def locate_images(study: ImageStudy | PointStudy, *, progress: bool = False) -> 
     study : ImageStudy or PointStudy
         As :func:`~radioloc.studies.image_study.read_image_study` reads it.
     progress : bool
-        Whether a progress bar is shown on standard error.
+        Whether a progress bar is shown, on a terminal or in a notebook.
 
     Raises
     ------
@@ -105,7 +105,7 @@ def _located(study: ImageStudy, base_map: Path, progress: bool, *notes: str) -> 
         near=_near(chosen),
         terrain=None if camera is None or chosen.dem is None else TerrainModel.open(chosen.dem),
         detector=Detector(chosen.detector),
-        progress=_bar(progress, len(frames)),
+        progress=partial(progress_bar, wanted=progress, unit="image"),
     )
     return _solution(study, registration, base, mask, notes)
 
@@ -157,14 +157,6 @@ def _near(chosen: ImageChoice) -> tuple[float, float, float] | None:
         return place["longitude_deg"], place["latitude_deg"], 3.0 * sigma_m + chosen.near_margin_m
     except (ValueError, LookupError, TypeError):
         raise InputError(f"{chosen.near}: is no solution.json with a position and its sigmas") from None
-
-
-def _bar(progress: bool, count: int) -> Callable[[Iterable[Frame]], Iterable[Frame]]:
-    if not progress:
-        return iter
-    from tqdm import tqdm
-
-    return partial(tqdm, total=count, unit="image", file=sys.stderr)
 
 
 def _solution(

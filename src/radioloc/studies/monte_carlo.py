@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import contextlib
 import logging
-import sys
 from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.progress import progress_bar
 from radioloc.report.monte_carlo import MonteCarlo, Proof
 from radioloc.simulation.noise import generator, require_seed
 from radioloc.studies.linear_trials import LinearTrials
@@ -80,7 +79,7 @@ def monte_carlo(
     full : bool
         Fit every trial with the whole model, however long it takes.
     progress : bool
-        Show a bar on standard error, where that is a terminal.
+        Show a bar, on a terminal or in a notebook.
 
     Returns
     -------
@@ -176,21 +175,13 @@ class _Runner:
         else:
             at_once = max(1, min(_MOST_IN_CHUNK, -(-len(missing) // self.chunks)))
         chunks = [missing[k : k + at_once] for k in range(0, len(missing), at_once)]
-        with self._bar(len(found)) as bar:
+        with progress_bar(wanted=self.progress, total=self.trials, initial=len(found), unit="trial") as bar:
             for chunk, values in self.workers.run(job, self.seed, chunks):
                 if self.folder is not None:
                     self.folder.add(way, chunk, values)
                 found |= dict(zip(chunk, values, strict=True))
-                if bar is not None:
-                    bar.update(len(chunk))
+                bar.update(len(chunk))
         return np.array([found[trial] for trial in range(self.trials)])
-
-    def _bar(self, done: int) -> Any:
-        if not (self.progress and sys.stderr and sys.stderr.isatty()):
-            return contextlib.nullcontext()
-        from tqdm import tqdm
-
-        return tqdm(total=self.trials, initial=done, unit="trial", file=sys.stderr)
 
 
 def _prove(linear: LinearTrials, full: FullTrials, seed: int, values: _Floats) -> Proof:

@@ -1,0 +1,122 @@
+"""The notebooks run from a fresh kernel, and show what their files keep."""
+
+import ast
+import re
+from decimal import Decimal
+from pathlib import Path
+
+import nbformat
+import pytest
+from run_notebooks import run
+
+ROOT = Path(__file__).resolve().parents[2]
+NOTEBOOKS = sorted((ROOT / "examples/notebooks").glob("*.ipynb"))
+QUICK: set[str] = set()
+MOST_BYTES = 400_000
+LAST_DIGITS = 3
+"""By how many units of its last digit a number may differ: rounding, and revisions of Earth orientation."""
+
+NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A folder beside the examples, so that what notebooks write is not among them."""
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    for beside in (ROOT / "examples").iterdir():
+        if beside.is_dir() and beside.name != "notebooks":
+            (tmp_path / beside.name).symlink_to(beside)
+    place = tmp_path / "notebooks"
+    place.mkdir()
+    return place
+
+
+@pytest.mark.parametrize(
+    "path",
+    [pytest.param(p, marks=[] if p.stem in QUICK else pytest.mark.slow, id=p.stem) for p in NOTEBOOKS],
+)
+def test_it_runs_and_its_file_has_what_it_shows(path, folder):
+    kept, now = nbformat.read(path, as_version=4), run(path, folder)
+    for cell, kept_cell in zip(now.cells, kept.cells, strict=True):
+        if cell.cell_type == "code":
+            assert_alike(cell, kept_cell)
+
+
+def assert_alike(cell, kept):
+    shown, kept_shown = texts(cell), texts(kept)
+    assert len(shown) == len(kept_shown), cell.source
+    for text, kept_text in zip(shown, kept_shown, strict=True):
+        assert NUMBER.sub("#", text).split() == NUMBER.sub("#", kept_text).split()
+        for number, kept_number in zip(NUMBER.findall(text), NUMBER.findall(kept_text), strict=True):
+            assert near(Decimal(number), Decimal(kept_number)), f"{number} is {kept_number} in the file"
+
+
+def texts(cell):
+    """What a cell shows, each output as text; of pictures only that there is one, and in what formats."""
+    found = []
+    for output in cell.outputs:
+        assert output.output_type in ("stream", "display_data", "execute_result")
+        if output.output_type == "stream":
+            assert output.name == "stdout", f"{cell.source} warns: {output.text}"
+            found.append(output.text)
+        else:
+            found.append(f"{sorted(output.data)} {output.data['text/plain']}")
+    return found
+
+
+def near(number, kept):
+    exponent = kept.as_tuple().exponent
+    return abs(number - kept) <= (LAST_DIGITS * Decimal(10) ** exponent if exponent else 0)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_it_is_small_was_run_in_order_and_ends_with_checks(path):
+    notebook = nbformat.read(path, as_version=4)
+    nbformat.validate(notebook)
+    assert path.stat().st_size < MOST_BYTES
+    code = [cell for cell in notebook.cells if cell.cell_type == "code"]
+    assert [cell.execution_count for cell in code] == list(range(1, len(code) + 1))
+    assert code[-1] is notebook.cells[-1]
+    checks = ast.parse(code[-1].source).body
+    assert sum(isinstance(statement, ast.Assert) for statement in checks) > 0.6 * len(checks)
+
+
+def test_numbers_agree_in_their_last_digits_only():
+    assert near(Decimal("3.628497"), Decimal("3.628495"))
+    assert not near(Decimal("3.62850"), Decimal("3.62846"))
+    assert not near(Decimal("151"), Decimal("152"))
+
+
+@pytest.fixture
+def run_cells(folder, tmp_path):
+    """Run cells of code in a fresh kernel; the outputs of each."""
+
+    def outputs(*sources):
+        path = tmp_path / "cells.ipynb"
+        cells = [nbformat.v4.new_code_cell(source) for source in sources]
+        nbformat.write(nbformat.v4.new_notebook(cells=cells), path)
+        return [cell.outputs for cell in run(path, folder).cells]
+
+    return outputs
+
+
+FIGURE = "from radioloc.report.figures import new_figure\na = new_figure(3, 2)\na.subplots()\na"
+BAR = "from radioloc.progress import progress_bar\nprogress_bar(wanted=True, total=3).update(2)"
+NO_WIDGETS = "import sys\nsys.modules['ipywidgets'] = None"
+
+
+def test_figures_show_once_with_and_without_pyplot_and_bars_without_warnings(run_cells):
+    pyplot = "import matplotlib.pyplot as plt\nplt.plot([1, 2]);"
+    cells = run_cells(FIGURE, f"{FIGURE};", pyplot, FIGURE, "b = a", NO_WIDGETS, BAR)
+    shown = [[sorted(output.data) for output in outputs] for outputs in cells[:5]]
+    png = ["image/png", "text/plain"]
+    assert shown == [[png], [], [png], [png], []]
+    [bar] = [output for output in cells[-1] if output.output_type == "stream"]
+    assert "2/3" in bar.text
+    assert "arn" not in bar.text
+
+
+@pytest.mark.slow
+def test_a_bar_is_a_widget_where_there_are_some(run_cells):
+    [[bar, *_]] = run_cells(BAR)
+    assert "application/vnd.jupyter.widget-view+json" in bar.data

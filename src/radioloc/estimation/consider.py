@@ -116,6 +116,10 @@ class Consider:
     parameters: ParameterSet  # the considered ones, c
     sensitivity: NDArray[np.float64]  # (p, c)
 
+    def __repr__(self) -> str:
+        kinds = ", ".join(dict.fromkeys(item.kind for item in self.parameters))
+        return f"<Consider {len(self.parameters)} parameters: {kinds}>"
+
     @property
     def covariance(self) -> NDArray[np.float64]:
         """What they add to the covariance of the estimate, shape (p, p)."""

@@ -150,6 +150,9 @@ class Consistency:
     groups: tuple[Inconsistency, ...] = ()
     found: tuple[Inconsistency, ...] = ()
 
+    def __repr__(self) -> str:
+        return f"<Consistency of {len(self.groups)} groups, {len(self.found)} finding(s)>"
+
     def to_list(self) -> list[dict[str, Any]]:
         """What was found, then the groups, in types that JSON has."""
         return [item.to_dict() for item in (*self.found, *self.groups)]

@@ -63,6 +63,9 @@ class Residuals:
     def __len__(self) -> int:
         return len(self.residual_m)
 
+    def __repr__(self) -> str:
+        return f"<Residuals {len(self)}, {int(self.used.sum())} used>"
+
     def select(self, rows: Any) -> Residuals:
         """Some rows: a slice, a mask or indices."""
         columns: dict[str, Any] = {name: getattr(self, name) for name in self.__slots__}

@@ -9,7 +9,7 @@ from radioloc.lunar.frames import (
     rot_icrf_to_pa,
     rot_pa_to_me,
 )
-from radioloc.lunar.position import LunarPosition
+from radioloc.lunar.position import LunarPosition, rot_between
 from radioloc.lunar.selenographic import (
     cartesian_to_selenographic,
     east_north_up,
@@ -22,6 +22,7 @@ __all__ = [
     "TerrainModel",
     "cartesian_to_selenographic",
     "east_north_up",
+    "rot_between",
     "rot_icrf_to_iau_moon",
     "rot_icrf_to_pa",
     "rot_pa_to_me",

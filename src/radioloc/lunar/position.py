@@ -99,6 +99,11 @@ class LunarPosition:
         xyz_m = selenographic_to_cartesian(np.radians(longitude_deg), np.radians(latitude_deg), height_m)
         return cls.from_cartesian(xyz_m, frame)
 
+    def __repr__(self) -> str:
+        longitude_deg, latitude_deg, height_m = self.selenographic
+        place = f"{longitude_deg:.6f} deg E, {latitude_deg:.6f} deg N, {height_m:.1f} m"
+        return f"<LunarPosition {place} ({self.frame})>"
+
     @property
     def selenographic(self) -> tuple[float, float, float]:
         """East longitude and latitude in degrees, height above the 1737.4 km sphere in metres."""
@@ -130,13 +135,10 @@ class LunarPosition:
         >>> [round(x, 1) for x in point.to_frame("PA_DE440").xyz_m.tolist()]
         [1554678.2, 98094.5, 765005.8]
         """
-        own, other = (_constants_of(name) for name in (self.frame, frame))
         if frame == self.frame:
+            _constants_of(frame)
             return self
-        if own.me_frame != other.me_frame:
-            raise InputError(f"no angles lead from {self.frame} to {frame}, whose mean-Earth axes differ")
-        mean = self if self.frame == own.me_frame else self.to_axes("ME", own)
-        return mean if frame == other.me_frame else mean.to_axes("PA", other)
+        return LunarPosition(frame, rot_between(self.frame, frame) @ self.xyz_m)
 
     def to_axes(self, axes: str, constants: EphemerisConstants) -> LunarPosition:
         """The same point in principal (``"PA"``) or mean-Earth (``"ME"``) axes of the same ephemeris."""
@@ -150,6 +152,37 @@ class LunarPosition:
             return self
         rot = rot_pa_to_me(constants)
         return LunarPosition.from_cartesian((rot if axes == "ME" else rot.T) @ self.xyz_m, frames[axes])
+
+
+def rot_between(frame: str, other: str) -> NDArray[np.float64]:
+    """Rotation from one set of axes on the Moon to another, shape (3, 3): that of :meth:`LunarPosition.to_frame`.
+
+    Many points are turned at once: ``points_m @ rot_between(frame, other).T`` of shape (n, 3).
+
+    Parameters
+    ----------
+    frame, other : str
+        ``"PA_DE421"``, ``"ME_DE421"``, ``"PA_DE440"``, ...
+
+    Raises
+    ------
+    InputError
+        The constants of an ephemeris are not known, or no angles lead from its mean-Earth axes to the other's.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.lunar import rot_between
+    >>> points_me_m = np.full((1_000_000, 3), [1737400.0, 0.0, 0.0])
+    >>> points_pa_m = points_me_m @ rot_between("ME_DE421", "PA_DE440").T
+    >>> points_pa_m[-1].round(1).tolist()
+    [1737399.8, -571.5, 662.9]
+    """
+    own, its = _constants_of(frame), _constants_of(other)
+    if own.me_frame != its.me_frame:
+        raise InputError(f"no angles lead from {frame} to {other}, whose mean-Earth axes differ")
+    to_me = np.eye(3) if frame == own.me_frame else rot_pa_to_me(own)
+    return to_me if other == its.me_frame else rot_pa_to_me(its).T @ to_me
 
 
 def _constants_of(frame: str) -> EphemerisConstants:

@@ -101,6 +101,14 @@ class PhysicalModel:
         earth = _earth_orientation(table, terms)
         return cls(spk, pck, earth, stations, terms, ionosphere, equipment, radio_atmosphere, added)
 
+    def __repr__(self) -> str:
+        table = self.earth.table
+        off = ", ".join(name for name in TERMS if not self.has(name))
+        return (
+            f"<PhysicalModel {self.ephemeris.name}, Earth orientation {table.first_date} to {table.last_date}, "
+            f"{len(self.catalogue)} stations, {f'without {off}' if off else 'all terms'}>"
+        )
+
     def without(self, *names: str) -> PhysicalModel:
         """The same model with some more terms left out."""
         terms = self.terms & active_terms(names, (medium.name for medium in self.added_media))

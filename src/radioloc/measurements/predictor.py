@@ -75,6 +75,9 @@ class Computed:
     by_electron_content_m: NDArray[np.float64]
     mean_by_position_pa: NDArray[np.float64]
 
+    def __repr__(self) -> str:
+        return f"<Computed {len(self.value_m)} observations, {int((~self.usable).sum())} unusable>"
+
     def rows(self, which: Any) -> Computed:
         """Some of the rows, chosen by a mask, a slice or indices."""
         return Computed(*(getattr(self, field.name)[which] for field in fields(self)))
@@ -138,6 +141,9 @@ class Predictor(ABC):
         self.model, self.trajectory = model, trajectory
         self.targets, self.more_partials = tuple(targets), more_partials
         self._take(observations)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__} {len(self.observations)} observations by {', '.join(self.stations)}>"
 
     def _take(self, observations: Observations) -> None:
         """Find the stations and targets of observations, in the order of their links."""

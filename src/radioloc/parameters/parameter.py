@@ -121,6 +121,9 @@ class ParameterSet:
     def __len__(self) -> int:
         return len(self.parameters)
 
+    def __repr__(self) -> str:
+        return f"<ParameterSet {len(self)}: {', '.join(self.names)}>"
+
     def __iter__(self) -> Iterator[Parameter]:
         return iter(self.parameters)
 

@@ -50,6 +50,13 @@ class Simulated:
     is_outlier: NDArray[np.bool_]  # whether the random error has a wild part
     trajectory: Trajectory | None = None  # where the spacecraft truly is, if the target is one
 
+    def __repr__(self) -> str:
+        first, last = self.observations.span().day_strings()
+        outliers = int(self.is_outlier.sum())
+        return (
+            f"<Simulated {len(self.observations)} {first} to {last}, seed {self.seed}, {outliers} outliers>"
+        )
+
     def summary(self) -> str:
         """Text for people and for the head of a file: what was measured, and what was put in."""
         x, y, z = self.target_pa_m.tolist()
@@ -84,6 +91,9 @@ class World:
     errors: dict[str, float]  # errors of the truth by parameter, such as "range_bias.KASHI"
     drawn: DrawnErrors  # errors that a trial of a Monte Carlo study draws, and draw if asked to
     enu_pa: NDArray[np.float64]  # east, north and up at the target, in principal axes, as rows, shape (3, 3)
+
+    def __repr__(self) -> str:
+        return f"<World {len(self.plan.observations)} observations of {self.scenario.name}>"
 
     @property
     def value_m(self) -> NDArray[np.float64]:

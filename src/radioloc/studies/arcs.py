@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import replace
+from pathlib import Path
 
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
@@ -12,10 +13,13 @@ from radioloc.report.arc_study import Arc, ArcStudy
 from radioloc.studies.locate import fit_arc, prepared_arc
 from radioloc.studies.selection import DEFAULT_HOURS, arc_lengths, arc_parts
 from radioloc.studies.study import Reference, Study
+from radioloc.studies.study_file import as_study
 
 
 def arcs(
-    study: Study, hours: Iterable[float] = DEFAULT_HOURS, observations: Observations | None = None
+    study: Study | str | Path,
+    hours: Iterable[float] = DEFAULT_HOURS,
+    observations: Observations | None = None,
 ) -> ArcStudy:
     """Fit the first hours of a study's observations, for several lengths.
 
@@ -23,7 +27,7 @@ def arcs(
 
     Parameters
     ----------
-    study : Study
+    study : Study or path-like
         Its own ``hours`` are replaced. Its ``reference``, or else the first of its ``references``, is the benchmark.
     hours : iterable of float
         Lengths of the arcs from the study's start, or else from the first observation, h.
@@ -38,11 +42,11 @@ def arcs(
     Examples
     --------
     >>> import radioloc
-    >>> study = radioloc.read_study("examples/change5/change5.toml")
-    >>> found = radioloc.arcs(study, hours=[6.0, 12.0])
+    >>> found = radioloc.arcs("examples/change5/change5.toml", hours=[6.0, 12.0])
     >>> [arc.solution.converged for arc in found.arcs]
     [True, True]
     """
+    study = as_study(study)
     if isinstance(study.target, Trajectory):
         raise InputError(
             f"{study.name}: an arc-length study compares positions, but the target is a trajectory; "

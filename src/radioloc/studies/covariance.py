@@ -11,6 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -50,6 +51,7 @@ from radioloc.studies.problem import (
 from radioloc.studies.selection import ArcPart, arc_lengths, arc_parts, selected
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import Study
+from radioloc.studies.study_file import as_study
 from radioloc.studies.weights import ends_of
 
 _Floats = NDArray[np.float64]
@@ -63,13 +65,16 @@ _TO_H = 1.0 / 12.0
 
 @on_one_blas_thread
 def covariance(
-    study: Study, hours: Iterable[float] | float | None = None, *, reach_m: float | None = None
+    study: Study | str | Path,
+    hours: Iterable[float] | float | None = None,
+    *,
+    reach_m: float | None = None,
 ) -> CovarianceStudy:
     """Find how well the tracking of a study would tell a position, in seconds and without trials.
 
     Parameters
     ----------
-    study : Study
+    study : Study or path-like
         With a simulation, whose schedule and noise are taken, or with files, whose epochs and stated sigmas are.
     hours : iterable of float, optional
         Lengths from the start, h; up to the end of the plan, doubled again and again, where not given.
@@ -90,10 +95,11 @@ def covariance(
     Examples
     --------
     >>> import radioloc
-    >>> found = radioloc.covariance(radioloc.read_study("examples/change5/short_arc.toml"), reach_m=1000.0)
+    >>> found = radioloc.covariance("examples/change5/short_arc.toml", reach_m=1000.0)
     >>> found.determined, found.reach_h
     (True, 0.5)
     """
+    study = as_study(study)
     if isinstance(study.target, Trajectory) or len(study.targets) > 1:
         raise InputError(f"{study.name}: a covariance study is of one position on the Moon")
     if study.estimate.position == "none":

@@ -27,7 +27,7 @@ from radioloc.report.image_solution import ImageSolution
 from radioloc.report.point_solution import PointSolution
 from radioloc.studies.image_inputs import FRAME, ground_at, provenance_of
 from radioloc.studies.image_point import locate_point
-from radioloc.studies.image_study import ImageChoice, ImageStudy, PointStudy, StereoChoice
+from radioloc.studies.image_study import ImageChoice, ImageStudy, PointStudy, StereoChoice, read_image_study
 from radioloc.studies.stereo import locate_stereo
 from radioloc.text_files import read_text
 
@@ -44,15 +44,17 @@ def locate_images(study: ImageStudy, *, progress: bool = ...) -> ImageSolution: 
 def locate_images(study: PointStudy, *, progress: bool = ...) -> PointSolution: ...
 @overload
 def locate_images(
-    study: ImageStudy | PointStudy, *, progress: bool = ...
+    study: ImageStudy | PointStudy | str | Path, *, progress: bool = ...
 ) -> ImageSolution | PointSolution: ...
-def locate_images(study: ImageStudy | PointStudy, *, progress: bool = False) -> ImageSolution | PointSolution:
+def locate_images(
+    study: ImageStudy | PointStudy | str | Path, *, progress: bool = False
+) -> ImageSolution | PointSolution:
     """Locate the lander in the last of its descent images on a map, a point in one image, or a rover by stereo images.
 
     Parameters
     ----------
-    study : ImageStudy or PointStudy
-        As :func:`~radioloc.studies.image_study.read_image_study` reads it.
+    study : ImageStudy or PointStudy or path-like
+        As :func:`~radioloc.studies.image_study.read_image_study` reads it, or the path of its file.
     progress : bool
         Whether a progress bar is shown, on a terminal or in a notebook.
 
@@ -66,10 +68,13 @@ def locate_images(study: ImageStudy | PointStudy, *, progress: bool = False) -> 
     Examples
     --------
     >>> import radioloc
-    >>> study = radioloc.studies.read_image_study("examples/images/descent.toml")
-    >>> radioloc.locate_images(study).converged
+    >>> radioloc.locate_images("examples/images/descent.toml").converged
     True
     """
+    if isinstance(study, (str, Path)):
+        study = read_image_study(study)
+    elif not isinstance(study, ImageStudy | PointStudy):
+        raise InputError(f"{study!r} is no study of images; give one, or the path of its file")
     if isinstance(study, PointStudy):
         return locate_stereo(study) if isinstance(study.chosen, StereoChoice) else locate_point(study)
     chosen = study.images

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,18 +55,19 @@ from radioloc.studies.problem import (
 from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import considered_ties_m, stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
+from radioloc.studies.study_file import as_study
 from radioloc.studies.verdict import misfits, places
 from radioloc.studies.weights import require_stations, weighted_observations
 from radioloc.time import Epochs
 
 
-def locate(study: Study, observations: Observations | None = None) -> Solution:
+def locate(study: Study | str | Path, observations: Observations | None = None) -> Solution:
     """Fit the position and what else the study asks for.
 
     Parameters
     ----------
-    study : Study
-        From :func:`~radioloc.studies.study_file.read_study`, or built in Python.
+    study : Study or path-like
+        Built in Python, from :func:`~radioloc.studies.study_file.read_study`, or the path of its file.
     observations : Observations, optional
         In place of the study's files.
 
@@ -78,14 +80,15 @@ def locate(study: Study, observations: Observations | None = None) -> Solution:
     Examples
     --------
     >>> import radioloc
-    >>> solution = radioloc.locate(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> solution = radioloc.locate("examples/apollo15/apollo15.toml")
     >>> solution.converged, len(solution.residuals)
     (True, 153)
     """
+    study = as_study(study)
     return fit_arc(study, *prepared_arc(study, observations), study.estimate)
 
 
-def residuals(study: Study, observations: Observations | None = None) -> Solution:
+def residuals(study: Study | str | Path, observations: Observations | None = None) -> Solution:
     """Observed minus computed at the study's position, nothing fitted, nothing edited.
 
     Parameters and errors as :func:`locate`.
@@ -93,14 +96,16 @@ def residuals(study: Study, observations: Observations | None = None) -> Solutio
     Examples
     --------
     >>> import radioloc
-    >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    >>> radioloc.residuals(study).residuals.residual_m.shape
+    >>> radioloc.residuals("examples/apollo15/apollo15.toml").residuals.residual_m.shape
     (153,)
     """
+    study = as_study(study)
     return fit_arc(study, *prepared_arc(study, observations), None)
 
 
-def arc_of(study: Study, observations: Observations | None = None) -> tuple[Predictor, NDArray[np.float64]]:
+def arc_of(
+    study: Study | str | Path, observations: Observations | None = None
+) -> tuple[Predictor, NDArray[np.float64]]:
     """The prepared arc of a study and its a-priori position in principal axes, for predictions and tables of terms.
 
     Parameters and errors as :func:`locate`.
@@ -108,10 +113,11 @@ def arc_of(study: Study, observations: Observations | None = None) -> tuple[Pred
     Examples
     --------
     >>> import radioloc
-    >>> arc, position_pa_m = radioloc.studies.arc_of(radioloc.read_study("examples/apollo15/apollo15.toml"))
+    >>> arc, position_pa_m = radioloc.studies.arc_of("examples/apollo15/apollo15.toml")
     >>> arc.compute(position_pa_m).by_position_pa.shape
     (153, 3)
     """
+    study = as_study(study)
     arc, _ = prepared_arc(study, observations)
     return arc, start_pa_m(targets_in_pa(study, arc.model.ephemeris.constants))
 

@@ -21,6 +21,7 @@ from radioloc.studies.prepared_trials import FullTrials, Prepared
 from radioloc.studies.selection import DEFAULT_HOURS, arc_lengths
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.study import Study
+from radioloc.studies.study_file import as_study
 from radioloc.studies.trial_files import TrialFolder, refuse_other_study, study_record
 from radioloc.studies.workers import Job, Workers, workers_of
 
@@ -41,7 +42,7 @@ when outliers are left out, and that alone moves sigmas by up to 1 %."""
 
 @on_one_blas_thread
 def monte_carlo(
-    study: Study,
+    study: Study | str | Path,
     trials: int = 1000,
     hours: Iterable[float] | float = DEFAULT_HOURS,
     *,
@@ -57,7 +58,7 @@ def monte_carlo(
 
     Parameters
     ----------
-    study : Study
+    study : Study or path-like
         With a simulation, which says what is tracked, the noise, and what departs by lot; its estimate, priors and
         noise settings are those of every fit, as :func:`~radioloc.studies.locate.locate` takes them.
     trials : int
@@ -104,11 +105,11 @@ def monte_carlo(
     Examples
     --------
     >>> import radioloc
-    >>> study = radioloc.read_study("examples/change5/simulation.toml")
-    >>> found = radioloc.monte_carlo(study, trials=20, hours=12.0)
+    >>> found = radioloc.monte_carlo("examples/change5/simulation.toml", trials=20, hours=12.0)
     >>> found["east_m"].shape
     (20, 1)
     """
+    study = as_study(study)
     lengths = arc_lengths(hours, study.observations)
     seed = scenario_of(study).seed if seed is None else seed
     require_seed(seed)

@@ -2,20 +2,23 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
 from radioloc.errors import InputError
 from radioloc.simulation import Scenario, Simulated
 from radioloc.studies.locate import model_of
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.study import Study
+from radioloc.studies.study_file import as_study
 
 
 @on_one_blas_thread
-def simulate(study: Study, seed: int | None = None, *, draw_errors: bool = False) -> Simulated:
+def simulate(study: Study | str | Path, seed: int | None = None, *, draw_errors: bool = False) -> Simulated:
     """Simulate the tracking that a study describes.
 
     Parameters
     ----------
-    study : Study
+    study : Study or path-like
         With a simulation; its model is the nominal one.
     seed : int, optional
         Of all that is drawn; the scenario's where not given.
@@ -36,10 +39,11 @@ def simulate(study: Study, seed: int | None = None, *, draw_errors: bool = False
     Examples
     --------
     >>> import radioloc
-    >>> made = radioloc.simulate(radioloc.read_study("examples/change5/simulation.toml"), seed=1)
+    >>> made = radioloc.simulate("examples/change5/simulation.toml", seed=1)
     >>> sorted(set(made.observations.types().tolist()))
     ['range', 'vlbi_delay']
     """
+    study = as_study(study)
     scenario = scenario_of(study)
     return scenario.world(model_of(study)).draw(seed=seed, draw_errors=draw_errors)
 

@@ -433,6 +433,17 @@ class Study:
         if isinstance(self.target, Trajectory):
             self._require_no_position(self.target)
 
+    def __repr__(self) -> str:
+        target = ", ".join(self.targets) if len(self.targets) > 1 else repr(self.target).strip("<>")
+        estimated = [name for name, choice in self.estimate.parameters.items() if choice.names != "none"]
+        if self.estimate.position != "none":
+            estimated.insert(0, f"{self.estimate.position} position")
+        return (
+            f"<Study {self.name}: {target}; {len(self.observations.files)} file(s); "
+            f"estimates {', '.join(estimated) or 'nothing'}"
+            f"{'; simulated' if self.simulation else ''}>"
+        )
+
     def _name_targets(self) -> None:
         named: dict[str, LunarPosition] = {}
         for name, position in self.targets.items():

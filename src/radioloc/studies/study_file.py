@@ -184,6 +184,15 @@ def read_study(path: str | Path) -> Study:
     )
 
 
+def as_study(study: Study | str | Path) -> Study:
+    """A study as it is, or that of a file."""
+    if isinstance(study, (str, Path)):
+        return read_study(study)
+    if not isinstance(study, Study):
+        raise InputError(f"{study!r} is no study; give a Study, or the path of a study file")
+    return study
+
+
 def toml_content(path: Path) -> dict[str, object]:
     """What a study file says; a mistake is one sentence."""
     try:

@@ -1,0 +1,41 @@
+"""Whole jobs take the path of a study file where they take a study."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc.errors import InputError
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+JOBS = ("locate", "residuals", "arcs", "covariance", "simulate", "monte_carlo", "locate_images")
+
+
+@pytest.mark.parametrize("job", JOBS)
+@pytest.mark.parametrize("path_like", [str, Path])
+def test_a_file_that_is_not_there_is_named(job, path_like):
+    with pytest.raises(InputError, match=r"^nowhere\.toml: there is no such study file"):
+        getattr(radioloc, job)(path_like("nowhere.toml"))
+
+
+@pytest.mark.parametrize("job", JOBS)
+def test_what_is_neither_study_nor_path_is_refused(job):
+    with pytest.raises(InputError, match=r"\['apollo15.toml'\] is no .*study.*; give .*path"):
+        getattr(radioloc, job)(["apollo15.toml"])
+
+
+def test_a_path_gives_what_its_study_gives():
+    path = EXAMPLES / "apollo15" / "apollo15.toml"
+    by_path, by_study = radioloc.locate(str(path)), radioloc.locate(study=radioloc.read_study(path))
+    assert by_path.name == "apollo15"
+    assert np.array_equal(by_path.position_pa_m, by_study.position_pa_m)
+    assert np.array_equal(
+        radioloc.residuals(study=path).residuals.residual_m,
+        radioloc.residuals(radioloc.read_study(path)).residuals.residual_m,
+    )
+
+
+def test_a_study_of_tracking_is_none_of_images():
+    with pytest.raises(InputError, match=r"is no study of images"):
+        radioloc.locate_images(radioloc.read_study(EXAMPLES / "apollo15" / "apollo15.toml"))

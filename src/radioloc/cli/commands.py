@@ -32,7 +32,9 @@ from radioloc.report.files import (
 from radioloc.report.gis import write_gis
 from radioloc.report.map_figure import plot_map
 from radioloc.report.sinex import write_sinex
+from radioloc.report.solution_table import solution_table
 from radioloc.report.spice_kernels import FIRST_SITE, write_spice
+from radioloc.report.text_table import TABLE_ENDINGS, write_table_file
 from radioloc.studies import locate
 from radioloc.studies.arcs import arcs
 from radioloc.studies.comparison import compare, read_solutions
@@ -165,8 +167,10 @@ def _map(options: argparse.Namespace) -> int:
 
 def _export(options: argparse.Namespace) -> int:
     contents = [one.content for path in options.solutions for one in read_solutions(path)[0]]
-    if options.out.suffix != ".bsp":
-        written: Sequence[Path] = [write_gis(contents, options.out)]
+    if options.out.suffix in TABLE_ENDINGS:
+        written: Sequence[Path] = [write_table_file(solution_table(contents), options.out)]
+    elif options.out.suffix != ".bsp":
+        written = [write_gis(contents, options.out)]
     elif len(contents) == 1:
         written = write_spice(
             contents[0], options.out, code=FIRST_SITE if options.code is None else options.code

@@ -242,9 +242,10 @@ def make_parser() -> Parser:
 
     other = command(
         "export",
-        "write solutions as a map layer or as SPICE kernels",
+        "write solutions for other tools: map layers, SPICE kernels, tables",
         "results/solution.json lander.geojson",
         "results/solution.json lander.bsp",
+        "results/solution.json lander.tex",
         json=False,
     )
     solutions(other)
@@ -252,7 +253,7 @@ def make_parser() -> Parser:
         "out",
         type=Path,
         metavar="OUT",
-        help="file to write; its ending names the format: .geojson, .gpkg or .bsp (with a frames kernel .tf)",
+        help="file to write, by its ending: .geojson, .gpkg, .bsp (with a frames kernel .tf), .md or .tex",
     )
     other.add_argument("--code", **number, help="NAIF code of the lander in a .bsp file (default: 301001)")
 

@@ -24,7 +24,9 @@ from radioloc.report.point_solution import PointSolution
 from radioloc.report.position_figures import plot_position
 from radioloc.report.residual_figures import plot_links, plot_residuals
 from radioloc.report.sinex import write_sinex
+from radioloc.report.solution_table import solution_table
 from radioloc.report.spice_kernels import write_spice
+from radioloc.report.text_table import TextTable
 
 __all__ = [
     "ArcStudy",
@@ -33,6 +35,7 @@ __all__ = [
     "ImageSolution",
     "MonteCarlo",
     "PointSolution",
+    "TextTable",
     "plot_comparison",
     "plot_contours",
     "plot_correlations",
@@ -44,6 +47,7 @@ __all__ = [
     "plot_position",
     "plot_residuals",
     "save_figure",
+    "solution_table",
     "write_arcs",
     "write_comparison",
     "write_covariance",

@@ -20,11 +20,12 @@ from radioloc.report.position_table import (
     PositionRow,
     csv_table,
     difference,
-    markdown_table,
     place_fields,
     position_cells,
+    position_table,
 )
 from radioloc.report.solution_card import which_sigmas
+from radioloc.report.text_table import TextTable
 
 _ARCS_IN_ROW = 3
 _WIDE = 18  # characters of a value with its sigma of which one fewer goes into a row
@@ -167,7 +168,14 @@ class ArcStudy(Shown):
 
     def to_markdown(self) -> str:
         """The table of positions in Markdown."""
-        return markdown_table(self.rows, {arc.name: f"{arc.name} data" for arc in self.arcs})
+        return self._position_table().to_markdown()
+
+    def to_latex(self) -> str:
+        """The table of positions as a ``tabular`` of LaTeX."""
+        return self._position_table().to_latex()
+
+    def _position_table(self) -> TextTable:
+        return position_table(self.rows, {arc.name: f"{arc.name} data" for arc in self.arcs})
 
     def card(self) -> Card:
         """Card of the study."""

@@ -16,7 +16,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, Shown, metres, plural
 from radioloc.report.figures import COLORS, SCALE_95, length_unit, new_figure, style_axes
 from radioloc.report.position_figures import error_ellipse
-from radioloc.report.position_table import HEADING, PositionRow, csv_table, markdown_table, position_cells
+from radioloc.report.position_table import HEADING, PositionRow, csv_table, position_cells, position_table
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -99,7 +99,11 @@ class Comparison(Shown):
 
     def to_markdown(self) -> str:
         """The table of positions in Markdown."""
-        return markdown_table(self.rows)
+        return position_table(self.rows).to_markdown()
+
+    def to_latex(self) -> str:
+        """The table of positions as a ``tabular`` of LaTeX."""
+        return position_table(self.rows).to_latex()
 
     def card(self) -> Card:
         """Card of the comparison."""

@@ -197,7 +197,7 @@ def _write_terms(predictor: Predictor, solution: Solution, path: Path) -> None:
 
 
 def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
-    """Write ``arcs.json``, ``table1.csv``, ``table1.md``, ``figure2.png``, ``figure2.svg`` and a folder for each arc.
+    """Write ``arcs.json``, ``table1.csv``, ``.md``, ``.tex``, ``figure2.png``, ``.svg``, and a folder for each arc.
 
     Table and figure are what table 1 and figure 2 of Wang et al. (2021) show. Each arc's folder, such as ``12h``, has
     its ``solution.json`` and ``residuals.csv``. Parameters and errors are as of :func:`write_report`.
@@ -207,9 +207,13 @@ def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
     >>> import radioloc
     >>> found = radioloc.arcs(radioloc.read_study("examples/change5/change5.toml"), hours=[12.0])
     >>> sorted(path.suffix for path in radioloc.report.write_arcs(found, "out") if path.parent.name == "out")
-    ['.csv', '.json', '.md', '.png', '.svg']
+    ['.csv', '.json', '.md', '.png', '.svg', '.tex']
     """
-    contents: dict[str, _Content] = {"table1.csv": study.to_csv(), "table1.md": study.to_markdown()}
+    contents: dict[str, _Content] = {
+        "table1.csv": study.to_csv(),
+        "table1.md": study.to_markdown(),
+        "table1.tex": study.to_latex(),
+    }
     contents["arcs.json"] = study.to_dict()
     for arc in study.arcs:
         contents |= _numbers(arc.solution, f"{arc.hours:g}h/")
@@ -280,7 +284,7 @@ def write_images(solution: ImageSolution | PointSolution, folder: str | Path) ->
 
 
 def write_comparison(found: Comparison, folder: str | Path) -> list[Path]:
-    """Write ``comparison.json``, ``table1.csv``, ``table1.md``, ``comparison.png`` and ``comparison.svg``.
+    """Write ``comparison.json``, ``table1.csv``, ``.md``, ``.tex``, ``comparison.png`` and ``comparison.svg``.
 
     All else is as of :func:`write_report`.
 
@@ -294,7 +298,12 @@ def write_comparison(found: Comparison, folder: str | Path) -> list[Path]:
     """
     return _write(
         folder,
-        {"table1.csv": found.to_csv(), "table1.md": found.to_markdown(), "comparison.json": found.to_dict()},
+        {
+            "table1.csv": found.to_csv(),
+            "table1.md": found.to_markdown(),
+            "table1.tex": found.to_latex(),
+            "comparison.json": found.to_dict(),
+        },
         {"comparison": partial(plot_comparison, found)},
     )
 

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.report.text_table import TextTable
 
 HEADING = ("", "L, deg W", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m")
 """Of :func:`position_cells` after a name."""
@@ -82,14 +83,11 @@ def position_cells(row: PositionRow) -> tuple[str, ...]:
     return (*cells, f"{row.west_deg:.5f}", f"{row.north_deg:.5f}", f"{row.west_m:.1f}", f"{row.north_m:.1f}")
 
 
-def markdown_table(rows: Iterable[PositionRow], names: Mapping[str, str] | None = None) -> str:
-    """The table in Markdown; ``names`` of rows that are called otherwise here."""
-    heading = ["Method", "", "L (°W)", "B (°N)", "δL (°W)", "δB (°N)", "δL (m)", "δB (m)"]
-    lines = [heading, ["---"] * 2 + ["---:"] * 6]
-    for row in rows:
-        name = (names or {}).get(row.name, row.name)
-        lines.append([row.method, name.replace("|", r"\|"), *position_cells(row)])
-    return "".join(f"| {' | '.join(cells)} |\n" for cells in lines)
+def position_table(rows: Iterable[PositionRow], names: Mapping[str, str] | None = None) -> TextTable:
+    """The table to print; ``names`` of rows that are called otherwise there."""
+    heading = ("Method", "", "L (°W)", "B (°N)", "δL (°W)", "δB (°N)", "δL (m)", "δB (m)")
+    cells = [(row.method, (names or {}).get(row.name, row.name), *position_cells(row)) for row in rows]
+    return TextTable(heading, cells, words=2)
 
 
 def csv_table(rows: Sequence[PositionRow], more: Sequence[Mapping[str, Any]] = ()) -> str:

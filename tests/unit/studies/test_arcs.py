@@ -302,6 +302,7 @@ def test_what_is_written(found, tmp_path):
         "arcs.json",
         "table1.csv",
         "table1.md",
+        "table1.tex",
         "figure2.png",
         "figure2.svg",
         *(f"{h}h/{file}" for h in (12, 24, 48) for file in ("solution.json", "residuals.csv")),

@@ -75,7 +75,7 @@ def test_differences_are_those_of_the_paper(table, tmp_path):
     out = tmp_path / "out"
     assert main(["compare", *map(str, table), "--out", str(out), "--quiet"]) == 0
     assert {path.name for path in out.iterdir()} == {
-        "comparison.json", "comparison.png", "comparison.svg", "table1.csv", "table1.md"
+        "comparison.json", "comparison.png", "comparison.svg", "table1.csv", "table1.md", "table1.tex"
     }  # fmt: skip
     with (out / "table1.csv").open() as stream:
         lines = list(csv.DictReader(stream))

@@ -29,8 +29,9 @@ from radioloc.report.files import (
     write_monte_carlo,
     write_report,
 )
-from radioloc.report.gis import write_gis
+from radioloc.report.gis import GIS_ENDINGS, write_gis
 from radioloc.report.map_figure import plot_map
+from radioloc.report.oem import write_oem
 from radioloc.report.sinex import write_sinex
 from radioloc.report.solution_table import solution_table
 from radioloc.report.spice_kernels import FIRST_SITE, write_spice
@@ -167,16 +168,25 @@ def _map(options: argparse.Namespace) -> int:
 
 def _export(options: argparse.Namespace) -> int:
     contents = [one.content for path in options.solutions for one in read_solutions(path)[0]]
-    if options.out.suffix in TABLE_ENDINGS:
-        written: Sequence[Path] = [write_table_file(solution_table(contents), options.out)]
-    elif options.out.suffix != ".bsp":
+    ending = options.out.suffix
+    if ending in (".bsp", ".oem") and len(contents) > 1:
+        raise InputError(f"{options.out}: such a file holds one lander; give one solution")
+    if ending == ".bsp":
+        code = FIRST_SITE if options.code is None else options.code
+        written: Sequence[Path] = write_spice(contents[0], options.out, code=code)
+    elif ending == ".oem":
+        for name in ("start", "stop", "originator"):
+            if getattr(options, name) is None:
+                options.parser.error(f"{options.out} needs --{name}")
+        span, agency = (options.start, options.stop), options.originator
+        written = [write_oem(contents[0], options.out, *span, originator=agency, step_s=options.step)]
+    elif ending in TABLE_ENDINGS:
+        written = [write_table_file(solution_table(contents), options.out)]
+    elif ending in GIS_ENDINGS:
         written = [write_gis(contents, options.out)]
-    elif len(contents) == 1:
-        written = write_spice(
-            contents[0], options.out, code=FIRST_SITE if options.code is None else options.code
-        )
     else:
-        raise InputError(f"{options.out}: SPICE kernels hold one lander; give one solution")
+        known = ", ".join((*GIS_ENDINGS, ".bsp", ".oem", *TABLE_ENDINGS))
+        raise InputError(f"{options.out}: the ending says no format that is written; use one of {known}")
     if not options.quiet:
         say("written to " + " and ".join(map(str, written)))
     return DONE

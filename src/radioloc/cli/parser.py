@@ -242,10 +242,11 @@ def make_parser() -> Parser:
 
     other = command(
         "export",
-        "write solutions for other tools: map layers, SPICE kernels, tables",
+        "write solutions for other tools: map layers, SPICE kernels, an ephemeris message, tables",
         "results/solution.json lander.geojson",
         "results/solution.json lander.bsp",
         "results/solution.json lander.tex",
+        "results/solution.json lander.oem --start 2020-12-01 --stop 2020-12-15 --originator AGENCY",
         json=False,
     )
     solutions(other)
@@ -253,9 +254,21 @@ def make_parser() -> Parser:
         "out",
         type=Path,
         metavar="OUT",
-        help="file to write, by its ending: .geojson, .gpkg, .bsp (with a frames kernel .tf), .md or .tex",
+        help="file to write, by its ending: .geojson, .gpkg, .bsp (with a frames kernel .tf), .oem, .md or .tex",
     )
     other.add_argument("--code", **number, help="NAIF code of the lander in a .bsp file (default: 301001)")
+    other.add_argument(
+        "--start", metavar="UTC", help="first epoch of an .oem file, such as 2020-12-01T12:00:00"
+    )
+    other.add_argument("--stop", metavar="UTC", help="last epoch of an .oem file")
+    other.add_argument(
+        "--step",
+        type=float,
+        default=3600.0,
+        metavar="SECONDS",
+        help="from state to state of an .oem file (default: 3600)",
+    )
+    other.add_argument("--originator", metavar="NAME", help="agency that makes an .oem file")
 
     drawn = command(
         "map",

@@ -18,6 +18,7 @@ from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.map_figure import plot_map
 from radioloc.report.monte_carlo import MonteCarlo
+from radioloc.report.oem import write_oem
 from radioloc.report.parameter_figures import plot_contours, plot_correlations
 from radioloc.report.point_figures import plot_point
 from radioloc.report.point_solution import PointSolution
@@ -54,6 +55,7 @@ __all__ = [
     "write_gis",
     "write_images",
     "write_monte_carlo",
+    "write_oem",
     "write_report",
     "write_sinex",
     "write_spice",

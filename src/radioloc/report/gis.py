@@ -31,6 +31,7 @@ CRS = "IAU_2015:30100"
 """Longitude and latitude on the Moon's sphere, as PROJ and GDAL know it."""
 _ELLIPSES = {"1 sigma": 1.0, "95 %": SCALE_95}
 _CORNERS = 90
+GIS_ENDINGS = (".geojson", ".gpkg")
 
 
 def write_gis(solutions: Iterable[Solution | ImageSolution | Mapping[str, Any]], path: str | Path) -> Path:

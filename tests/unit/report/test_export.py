@@ -130,6 +130,6 @@ def test_the_command_writes_what_the_ending_says(tmp_path, capsys):
         assert all(str(tmp_path / one) in capsys.readouterr().out for one in written[:1])
         assert all((tmp_path / one).exists() for one in written)
     assert main(["export", str(solution), str(tmp_path / "c.kml")]) == 2
-    assert "written as .geojson or .gpkg" in capsys.readouterr().err
+    assert "use one of .geojson, .gpkg, .bsp, .oem, .md, .tex" in capsys.readouterr().err
     assert main(["export", str(solution), str(solution), str(tmp_path / "d.bsp")]) == 2
-    assert "hold one lander" in capsys.readouterr().err
+    assert "holds one lander" in capsys.readouterr().err

@@ -12,7 +12,7 @@ SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_reade
 	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/studies/test_trajectory_study.py \
 	tests/unit/studies/test_monte_carlo.py tests/unit/report
 
-.PHONY: demo test test-all coverage test-uncompiled test-lowest lint bench scaling clean
+.PHONY: demo test test-all coverage test-uncompiled test-lowest lint docs bench scaling clean
 
 $(VENV)/.installed-demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -55,6 +55,9 @@ lint: $(VENV)/.installed-dev  ## Style, types and the direction of imports.
 $(VENV)/.installed-bench: $(VENV)/.installed-dev
 	$(BIN)/python -m pip install --quiet --editable ".[bench]"
 	touch $@
+
+docs: $(VENV)/.installed-dev  ## The documentation as a site, out/docs/index.html.
+	$(BIN)/python -m sphinx -E -W --keep-going -q -b html -c docs -d out/doctrees . out/docs
 
 bench: $(VENV)/.installed-bench  ## Ratios against what else there is, off by default.
 	$(BIN)/python -m pytest tests/benchmarks --benchmark-only

@@ -125,7 +125,7 @@ def test_index_lists_every_page():
     listed = {
         (DOCS / a).resolve() for a in re.findall(r"\]\(([^)#]+\.md)\)", (DOCS / "index.md").read_text())
     }
-    assert listed == {page for page in PAGES if page.name != "index.md"}
+    assert listed >= {page for page in PAGES if page.name != "index.md"}
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda p: str(p.relative_to(DOCS)))

@@ -19,7 +19,7 @@ _FRAMES = {31006: "PA_DE421", 31008: "PA_DE440"}
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LunarOrientation:
-    """Orientation of the principal axes of one ephemeris; make one with :meth:`open`."""
+    """Orientation of the principal axes of one ephemeris; make one with :meth:`LunarOrientation.open`."""
 
     frame: str  # the axes, such as PA_DE421
     frame_code: int  # NAIF's code of the axes

@@ -35,7 +35,7 @@ class EarthState:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ephemeris:
-    """A planetary and lunar ephemeris; make one with :meth:`open`."""
+    """A planetary and lunar ephemeris; make one with :meth:`Ephemeris.open`."""
 
     name: str  # such as DE421
     constants: EphemerisConstants  # masses, Love numbers and axes that belong to it

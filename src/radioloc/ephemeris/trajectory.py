@@ -44,7 +44,7 @@ class TrajectorySegment:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Trajectory:
-    """The trajectory of a body, as an SPK of any type has it; make one with :meth:`open`."""
+    """The trajectory of a body, as an SPK of any type has it; make one with :meth:`Trajectory.open`."""
 
     kernel: KernelFile  # its span is from the body's first epoch to its last, gaps or not
     body: int  # NAIF code

@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Camera:
-    """Interior orientation of a camera; of a common one, see :meth:`of_pinhole`.
+    """Interior orientation of a camera; of a common one, see :meth:`Camera.of_pinhole`.
 
     Parameters
     ----------

@@ -82,7 +82,7 @@ class TangentPlane:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Map:
-    """A map of one band with a projection; build with :meth:`open`. Its pixels are read when a view asks for them."""
+    """A map of one band with a projection; build with :meth:`Map.open`. Pixels are read when a view asks for them."""
 
     path: Path
     files: tuple[SourceFile, ...]

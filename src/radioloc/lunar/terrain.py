@@ -45,7 +45,7 @@ _RINGS = 16  # points on a radius, at most, at which roughness looks up cells
 
 @dataclass(frozen=True, slots=True, eq=False)
 class TerrainModel:
-    """The terrain of one map; build with :meth:`open`.
+    """The terrain of one map; build with :meth:`TerrainModel.open`.
 
     Parameters
     ----------

@@ -26,7 +26,7 @@ from radioloc.media.troposphere import Troposphere
 
 @dataclass(frozen=True, slots=True)
 class PhysicalModel:
-    """Everything a measurement model needs besides the observations and the position; make one with :meth:`build`."""
+    """All that a prediction needs besides observations and a position; make one with :meth:`PhysicalModel.build`."""
 
     ephemeris: Ephemeris
     libration: LunarOrientation  # of the same ephemeris

@@ -56,10 +56,15 @@ def public_names() -> dict[str, list[tuple[str, str]]]:
 
     What several packages name is documented on the page of the one that defines it.
     """
-    packages = [
-        module.name for module in pkgutil.iter_modules(radioloc.__path__, "radioloc.") if module.ispkg
+    modules = [
+        "radioloc",
+        *(
+            module.name
+            for module in pkgutil.iter_modules(radioloc.__path__, "radioloc.")
+            if module.name != "radioloc.__main__"
+        ),
     ]
-    faces = {name: importlib.import_module(name) for name in ["radioloc", "radioloc.errors", *packages]}
+    faces = {name: importlib.import_module(name) for name in modules}
 
     def described(name, public):
         value = getattr(faces[name], public)
@@ -69,16 +74,10 @@ def public_names() -> dict[str, list[tuple[str, str]]]:
             return f"{place}.{public}", "exception" if issubclass(value, BaseException) else "class"
         return f"{place}.{public}", "function" if inspect.isroutine(inspect.unwrap(value)) else "data"
 
-    errors = [
-        name
-        for name, value in vars(radioloc.errors).items()
-        if getattr(value, "__module__", "") == "radioloc.errors" and isinstance(value, type)
-    ]
     return {
-        name: [
-            described(name, public) for public in getattr(face, "__all__", errors) if public != "__version__"
-        ]
+        name: [described(name, public) for public in face.__all__ if public != "__version__"]
         for name, face in faces.items()
+        if hasattr(face, "__all__")
     }
 
 

@@ -12,6 +12,21 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+__all__ = [
+    "ConvergenceError",
+    "CoverageError",
+    "DataQualityWarning",
+    "FileFormatError",
+    "InputError",
+    "KernelError",
+    "PluginWarning",
+    "PredictedEopWarning",
+    "RadiolocError",
+    "RadiolocWarning",
+    "RenamedKeyWarning",
+    "StationError",
+]
+
 # What a message repeats of a file or an argument: a text in quotes, or a word that is not the name of a file.
 _LONG = re.compile(r"""(?<!\w)(['"])(?:(?!\1).){100,}\1(?!\w)|[^\s/\\]{100,}""")
 _SHOWN_CHARACTERS = 80

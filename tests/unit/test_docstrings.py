@@ -15,7 +15,8 @@ import radioloc
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = [m.name for m in pkgutil.walk_packages(radioloc.__path__, "radioloc.") if "__main__" not in m.name]
 LONG = {"arcs", "compare", "covariance", "locate_images", "monte_carlo", "simulate", "verify"}
-LONG |= {f"plot_{of}" for of in ("comparison", "contours", "correlations", "covariance", "images")}
+LONG |= {f"plot_{of}" for of in ("comparison", "contours", "correlations", "covariance", "images", "trials")}
+LONG.add("plot_error_by_length")
 LONG |= {
     f"write_{of}" for of in ("arcs", "comparison", "covariance", "images", "monte_carlo", "report", "terms")
 }

@@ -179,6 +179,8 @@ class Solution:
         Fits made while editing.
     reference : ReferenceComparison or None
         Difference to a known position.
+    references : tuple of ReferenceComparison
+        Differences to further ones.
     notes : tuple of str
         Sentences for the reader that the analysis adds, such as caveats about the ephemeris.
     provenance : mapping
@@ -218,6 +220,7 @@ class Solution:
     iterations: int = 0
     passes: int = 1
     reference: ReferenceComparison | None = None
+    references: tuple[ReferenceComparison, ...] = ()
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     trajectory: str | None = None
@@ -259,7 +262,13 @@ class Solution:
             raise InputError(f"there is no target {name!r}; there are {', '.join(targets)}")
         at, partials = targets[name].position_pa_m, targets[name].position_partials
         return replace(
-            self, name=name, position_pa_m=at, position_partials=partials, targets=(), reference=None
+            self,
+            name=name,
+            position_pa_m=at,
+            position_partials=partials,
+            targets=(),
+            reference=None,
+            references=(),
         )
 
     @property
@@ -452,6 +461,7 @@ class Solution:
             "observability": self.observability.to_dict(),
             "consistency": self.consistency.to_list(),
             "reference": None if self.reference is None else self.reference.to_dict(),
+            "references": [one.to_dict() for one in self.references],
             "notes": list(self.notes),
             "provenance": dict(self.provenance),
         }

@@ -28,6 +28,7 @@ from radioloc.report.sinex import write_sinex
 from radioloc.report.solution_table import solution_table
 from radioloc.report.spice_kernels import write_spice
 from radioloc.report.text_table import TextTable
+from radioloc.report.trial_figures import plot_error_by_length, plot_trials
 
 __all__ = [
     "ArcStudy",
@@ -41,12 +42,14 @@ __all__ = [
     "plot_contours",
     "plot_correlations",
     "plot_covariance",
+    "plot_error_by_length",
     "plot_images",
     "plot_links",
     "plot_map",
     "plot_point",
     "plot_position",
     "plot_residuals",
+    "plot_trials",
     "save_figure",
     "solution_table",
     "write_arcs",

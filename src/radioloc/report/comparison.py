@@ -7,15 +7,13 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.estimation.combination import Agreement, JointEstimate
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, Shown, metres, plural
-from radioloc.report.figures import COLORS, SCALE_95, length_unit, new_figure, style_axes
-from radioloc.report.position_figures import error_ellipse
+from radioloc.report.figures import legend_below, one_panel
+from radioloc.report.position_figures import DrawnPlace, draw_places
 from radioloc.report.position_table import HEADING, PositionRow, csv_table, position_cells, position_table
 
 if TYPE_CHECKING:
@@ -218,38 +216,9 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
     >>> radioloc.report.plot_comparison(found).axes[0].get_ylabel()
     'north of JPL, DE421 solution (m)'
     """
-    places = [(-(row.west_m or 0.0), row.north_m or 0.0) for row in comparison.rows]
-    corners_m = []
-    for row, place in zip(comparison.rows, places, strict=True):
-        covariance = comparison.covariances_en_m2.get(row.name)
-        size_m = 0.0 if covariance is None else SCALE_95 * np.sqrt(np.diag(covariance))
-        corners_m += [np.add(place, size_m), np.subtract(place, size_m)]
-    lowest_m, highest_m = np.min(corners_m, axis=0), np.max(corners_m, axis=0)
-    centre_m, reach_m = 0.5 * (lowest_m + highest_m), 0.54 * max(1.0, float((highest_m - lowest_m).max()))
-    factor, unit = length_unit(reach_m)
-    axes = (
-        new_figure(5.6, 6.4, f"Positions beside {comparison.benchmark}").add_subplot() if ax is None else ax
-    )
-    style_axes(axes)
-    axes.set_aspect("equal")
-    markers = {"reference": "+", "joint": "s", "images": "^"}
-    for k, (row, (east_m, north_m)) in enumerate(zip(comparison.rows, places, strict=True)):
-        color = COLORS[k % len(COLORS)]
-        covariance = comparison.covariances_en_m2.get(row.name)
-        if covariance is not None:
-            ellipse = error_ellipse((east_m, north_m), covariance, SCALE_95, factor)
-            ellipse.set(facecolor=(color, 0.08), edgecolor=color, linewidth=1.1)
-            axes.add_patch(ellipse)
-        marker = markers.get(row.method, "o")
-        axes.plot(
-            factor * east_m, factor * north_m, marker, color=color, markersize=7, linestyle="", label=row.name
-        )
-    axes.set_xlim(factor * (centre_m[0] - reach_m), factor * (centre_m[0] + reach_m))
-    axes.set_ylim(factor * (centre_m[1] - reach_m), factor * (centre_m[1] + reach_m))
-    axes.set_xlabel(f"east of {comparison.benchmark} ({unit})")
-    axes.set_ylabel(f"north of {comparison.benchmark} ({unit})")
-    figure = axes.get_figure()
-    assert figure is not None
-    axes.set_title("ellipses of 95 %", fontsize=8, color="0.3")
-    figure.legend(loc="outside lower center", ncols=2, fontsize=8, frameon=False)
-    return figure  # type: ignore[return-value]
+    places = [DrawnPlace.of_row(row, comparison.covariances_en_m2.get(row.name)) for row in comparison.rows]
+    legend_rows = -(-len(places) // 2)
+    axes = one_panel(ax, 5.6, 5.9 + 0.17 * legend_rows, f"Positions beside {comparison.benchmark}")
+    draw_places(axes, places, comparison.benchmark)
+    legend_below(axes, ax, 2)
+    return axes.figure.figure

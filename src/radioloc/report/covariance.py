@@ -21,9 +21,10 @@ from radioloc.errors import InputError
 from radioloc.estimation.budget import NOISE
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.report.cards import Card, Field, Shown, metres, more
-from radioloc.report.figures import COLORS, new_figure, style_axes
+from radioloc.report.figures import COLORS, several_panels, style_axes
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _Floats = NDArray[np.float64]
@@ -279,12 +280,14 @@ def _what_first(arc: PlannedArc) -> str:
     return f"{kind.removeprefix('a priori: ')} is what to know better first"
 
 
-def plot_covariance(study: CovarianceStudy) -> Figure:
+def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     """Figure of the sigmas by length, and of what they are made of.
 
     Parameters
     ----------
     study : CovarianceStudy
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid whose place the panels take, in place of a figure of their own.
 
     Raises
     ------
@@ -297,13 +300,13 @@ def plot_covariance(study: CovarianceStudy) -> Figure:
     >>> found = radioloc.covariance(radioloc.read_study("examples/change5/short_arc.toml"))
     >>> figure = radioloc.report.plot_covariance(found)
     """
-    from matplotlib.ticker import LogLocator, NullFormatter
+    from matplotlib.ticker import LogLocator, NullLocator
 
     arcs = [arc for arc in study.arcs if arc.determined]
     if not arcs:
         raise InputError(f"{study.name}: no length determines the position; there is nothing to draw")
     hours = np.array([arc.hours for arc in arcs])
-    figure = new_figure(7.5, 6.5, study.name)
+    figure = several_panels(ax, 7.5, 6.5, study.name)
     above, below = figure.subplots(2, 1, sharex=True)
     radius_m = np.array([arc.radius_95_m for arc in arcs])
     above.plot(hours, radius_m, "o-", color="0.1", linewidth=2.0, label="95 % radius, horizontal")
@@ -335,10 +338,10 @@ def plot_covariance(study: CovarianceStudy) -> Figure:
         axes.legend(fontsize=7, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
         axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_formatter(NullFormatter())
+        axes.yaxis.set_minor_locator(NullLocator())
     below.set_xticks(hours, [f"{h:.3g}" for h in hours])
     below.minorticks_off()
-    return figure
+    return figure.figure
 
 
 def _length_cells(arc: PlannedArc) -> tuple[str, ...]:

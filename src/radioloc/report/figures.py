@@ -22,7 +22,7 @@ from radioloc.time import Epochs
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure, SubFigure
 
 COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 """Colours that people with colour-blindness tell apart (Okabe and Ito 2008)."""
@@ -30,6 +30,8 @@ COLORS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#00
 SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
 """Of the axes of one sigma to those of the ellipse that holds 95 % in the plane."""
 
+_DPI = 200
+"""Dots per inch of files made of dots."""
 _UNIX_EPOCH_JD = 2440587.5
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
@@ -48,6 +50,38 @@ def new_figure(width_in: float, height_in: float, title: str = "") -> Figure:
     if title:
         figure.suptitle(title, fontsize=11, fontweight="bold")
     return figure
+
+
+def one_panel(ax: Axes | None, width_in: float, height_in: float, title: str = "") -> Axes:
+    """The axes given, or the only ones of a figure with a title, sizes in inches."""
+    return new_figure(width_in, height_in, title).add_subplot() if ax is None else ax
+
+
+def several_panels(ax: Axes | None, width_in: float, height_in: float, title: str = "") -> Figure | SubFigure:
+    """A figure with a title for several panels, or in place of the axes given a part of theirs.
+
+    Raises
+    ------
+    InputError
+        The axes do not belong to a grid, so nothing says how much room there is.
+    """
+    if ax is None:
+        return new_figure(width_in, height_in, title)
+    place, figure = ax.get_subplotspec(), ax.figure
+    if place is None or figure is None:
+        raise InputError("ax has no place in a grid; give axes that figure.subplots or add_subplot has made")
+    ax.remove()
+    part = figure.add_subfigure(place)
+    part.suptitle(title, fontsize=10, fontweight="bold")
+    return part
+
+
+def legend_below(axes: Axes, ax: Axes | None, columns: int) -> None:
+    """A legend below the only panel of a figure; within axes that were given, as ``ax``."""
+    if ax is None:
+        axes.figure.legend(loc="outside lower center", ncols=columns, fontsize=8, frameon=False)
+    else:
+        axes.legend(fontsize=7, framealpha=0.85)
 
 
 def _png(figure: Figure) -> bytes:
@@ -104,7 +138,7 @@ def date_axis(axes: Axes, dates: NDArray[np.datetime64], minticks: int = 4, maxt
     axes.set_xlabel("UTC")
 
 
-def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: int = 200) -> None:
+def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path) -> None:
     """Write a figure to files of the formats that their names end in, such as ``.png`` and ``.svg``.
 
     Parameters
@@ -112,9 +146,7 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: i
     figure : matplotlib.figure.Figure
         The figure.
     paths : path-like or iterable of path-like
-        One or more files.
-    dpi : int
-        Dots per inch of formats made of dots.
+        One or more files; those made of dots have 200 to the inch.
 
     Raises
     ------
@@ -145,13 +177,13 @@ def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path, dpi: i
     }
     with rc_context(fixed):
         try:
-            figure.dpi = dpi
+            figure.dpi = _DPI
             if engine is not None:
                 engine.execute(figure)
             figure.set_layout_engine(None)
             for path, ending in zip(files, endings, strict=True):
                 with replaced_file(path) as temporary:
-                    figure.savefig(temporary, format=ending, dpi=dpi, metadata=_UNDATED.get(ending))
+                    figure.savefig(temporary, format=ending, dpi=_DPI, metadata=_UNDATED.get(ending))
         finally:
             figure.dpi = own_dpi
             figure.set_layout_engine(engine)

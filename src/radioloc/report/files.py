@@ -27,8 +27,9 @@ from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.parameter_figures import can_be_drawn, plot_contours, plot_correlations
 from radioloc.report.point_figures import plot_point
 from radioloc.report.point_solution import PointSolution
-from radioloc.report.position_figures import plot_error_by_length, plot_position, plot_trial_scatter
+from radioloc.report.position_figures import plot_position
 from radioloc.report.residual_figures import plot_links, plot_residuals
+from radioloc.report.trial_figures import plot_error_by_length, plot_trials
 from radioloc.text_files import disk_failed, write_text
 
 if TYPE_CHECKING:
@@ -238,7 +239,7 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     from radioloc.io.csv_file import batches_of, write_csv
 
     trials = partial(write_csv, batches=batches_of(study.columns_of_trials()))
-    figures = {"trials": plot_trial_scatter, "error_by_length": plot_error_by_length}
+    figures = {"trials": plot_trials, "error_by_length": plot_error_by_length}
     some = bool((study["converged"] == 1.0).any())
     return _write(
         folder,

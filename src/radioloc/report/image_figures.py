@@ -13,11 +13,12 @@ from radioloc.imaging import read_frame
 from radioloc.imaging.frames import load_opencv
 from radioloc.imaging.homography import transformed
 from radioloc.imaging.registration import RegisteredFrame
-from radioloc.report.figures import COLORS, SCALE_95, length_unit, new_figure, style_axes
+from radioloc.report.figures import COLORS, SCALE_95, length_unit, several_panels, style_axes
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.position_figures import error_ellipse
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Floats = NDArray[np.float64]
@@ -30,12 +31,14 @@ _PART = 0.15  # of an image
 _PIXELS = 700
 
 
-def plot_images(solution: ImageSolution) -> Figure:
+def plot_images(solution: ImageSolution, ax: Axes | None = None) -> Figure:
     """Draw the mosaic of the images on the map, from all that the highest shows down to the lander.
 
     Parameters
     ----------
     solution : ImageSolution
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid whose place the panels take, in place of a figure of their own.
 
     Returns
     -------
@@ -57,7 +60,8 @@ def plot_images(solution: ImageSolution) -> Figure:
     corners = [_corners(frame) for frame in frames]
     widest, closest = (float(np.ptp(c, axis=0).max()) for c in (corners[0], corners[-1]))
     widths = np.geomspace(widest, 3.0 * closest, _PANELS)
-    figure = new_figure(13.0, 5.2, f"{solution.name}: {len(frames)} images on {solution.map_name}")
+    title = f"{solution.name}: {len(frames)} images on {solution.map_name}"
+    figure = several_panels(ax, 13.0, 4.9, title)
     panels = figure.subplots(1, _PANELS)
     centres = np.array([_centre(frame) for frame in frames])
     tables: _Tables = {}
@@ -102,7 +106,7 @@ def plot_images(solution: ImageSolution) -> Figure:
         )
     ]
     figure.legend(handles=handles, loc="outside lower center", ncols=6, fontsize=8, frameon=False)
-    return figure
+    return figure.figure
 
 
 def _corners(frame: RegisteredFrame) -> Floats:

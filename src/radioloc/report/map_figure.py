@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,9 +15,9 @@ from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.imaging import Map, TangentPlane
 from radioloc.lunar.terrain import TerrainModel
-from radioloc.report.figures import COLORS, length_unit, new_figure
+from radioloc.report.figures import COLORS, legend_below, length_unit, one_panel
 from radioloc.report.image_solution import ImageSolution
-from radioloc.report.position_figures import error_ellipse
+from radioloc.report.position_figures import error_ellipse, marker_style
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -29,8 +30,8 @@ _PIXELS = 600
 _SIGMAS = ((3.0, 0.10), (1.0, 0.25))  # of the ellipses, and how opaque they are
 _SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG = 315.0, 40.0  # from the upper left, as eyes expect
 _LEAST_CELLS = 60.0  # of the terrain or the image, across
+_MOST_NAMED = 3  # studies in the title
 _FARTHEST_M = 5e5  # of the edges; the plane that touches the sphere shows no more without distortion
-_MARKERS = {"tracking": "o", "images": "^", "joint": "s"}
 
 
 def plot_map(
@@ -39,7 +40,6 @@ def plot_map(
     dem: str | Path | None = None,
     base_map: str | Path | None = None,
     reach_m: float | None = None,
-    title: str | None = None,
     ax: Axes | None = None,
 ) -> Figure:
     """Draw positions, their error ellipses of one and three sigma, and references on a map in mean-Earth axes.
@@ -54,8 +54,6 @@ def plot_map(
         A map image, in place of that; of any format that :class:`~radioloc.imaging.Map` opens.
     reach_m : float, optional
         From the middle to the edges, m; by default all that is drawn, and some of the ground around it.
-    title : str, optional
-        Title; the first solution's name by default.
     ax : matplotlib.axes.Axes, optional
         Axes to draw in, in place of a figure of its own; without the globe.
 
@@ -84,35 +82,39 @@ def plot_map(
         raise InputError("give either dem or base_map to draw a map on, not both")
     frame = _frame(contents)
     plane = TangentPlane(*_place(contents[0]["position"]["me"]))
-    references = {
-        (item["name"], _place(item)) for item in (c.get("reference") for c in contents) if item is not None
-    }
-    reach_m = reach_m or _reach_m(contents, references, plane, _background_cell_m(dem, base_map))
+    # In the order of the solutions, each once.
+    references = dict.fromkeys((item["name"], _place(item)) for c in contents for item in _known(c))
+    ground = _ground(dem, base_map)
+    reach_m = reach_m or _reach_m(contents, references, plane, ground)
     factor, unit = length_unit(2.0 * reach_m)
-    if ax is None:
-        figure = new_figure(6.4, 7.4, contents[0]["name"] if title is None else title)
-        axes = figure.add_subplot()
-    else:
-        axes, figure = ax, ax.get_figure()  # type: ignore[assignment]
+    studies = list(dict.fromkeys(re.sub(r", [0-9.]+ h$", "", content["name"]) for content in contents))
+    title = " and ".join(studies) if len(studies) <= _MOST_NAMED else f"{len(studies)} studies"
+    legend_rows = -(-(len(contents) + len(references)) // 2)
+    axes = one_panel(ax, 6.4, 6.5 + 0.17 * legend_rows, title)
     edges = [factor * edge for edge in (-reach_m, reach_m, -reach_m, reach_m)]
-    background = _background(dem, base_map, plane, reach_m)
-    if background is not None:
-        axes.imshow(background, extent=edges, cmap="gray", interpolation="bilinear")  # type: ignore[arg-type]
+    if ground is not None:
+        image = _shown(ground, plane, reach_m)
+        axes.imshow(image, extent=edges, cmap="gray", interpolation="bilinear")  # type: ignore[arg-type]
     for k, content in enumerate(contents):
-        _draw_solution(axes, content, plane, factor, COLORS[k % len(COLORS)])
-    for k, (name, place) in enumerate(sorted(references)):
+        _draw_solution(axes, content, plane, factor, k)
+    for k, (name, place) in enumerate(references):
         at = factor * plane.from_longitude_latitude([place])[0]
-        color = COLORS[(len(contents) + k) % len(COLORS)]
-        axes.plot(*at, "P", color=color, markeredgecolor="white", markersize=9, linestyle="", label=name)
+        axes.plot(*at, label=name, **marker_style("reference", k))
     axes.set_xlim(edges[0], edges[1])
     axes.set_ylim(edges[2], edges[3])
     axes.set_aspect("equal")
     _draw_grid(axes, plane, reach_m, factor, frame)
     _draw_scale(axes, factor * reach_m, unit)
     if ax is None:
-        _draw_globe(figure, plane)
-        figure.legend(loc="outside lower center", ncols=2, fontsize=8, frameon=False)
-    return figure
+        _draw_globe(axes, plane)
+    legend_below(axes, ax, 2)
+    return axes.figure.figure
+
+
+def _known(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """The references of a solution."""
+    first = content.get("reference")
+    return [*([] if first is None else [first]), *content.get("references", ())]
 
 
 def _place(angles: Mapping[str, Any]) -> tuple[float, float]:
@@ -140,7 +142,7 @@ def _reach_m(
     contents: Sequence[Mapping[str, Any]],
     references: Iterable[tuple[str, tuple[float, float]]],
     plane: TangentPlane,
-    cell_m: float,
+    ground: Map | TerrainModel | None,
 ) -> float:
     sizes_m = []
     for content in contents:
@@ -152,52 +154,48 @@ def _reach_m(
     offsets_m[: len(sizes_m)] += sizes_m
     if not offsets_m.max() < _FARTHEST_M:  # nor NaN, where the plane does not show the point
         raise InputError("positions and references are too far apart for one map, 500 km and more")
+    cell_m = 0.0
+    if ground is not None:
+        cell_m = ground.resolution_m if isinstance(ground, Map) else ground.metadata.resolution_m
     return max(1.0, 0.5 * _LEAST_CELLS * cell_m, 1.25 * float(offsets_m.max()))
 
 
-def _background_cell_m(dem: str | Path | None, base_map: str | Path | None) -> float:
+def _ground(dem: str | Path | None, base_map: str | Path | None) -> Map | TerrainModel | None:
     if base_map is not None:
-        return Map.open(base_map).resolution_m
-    return 0.0 if dem is None else TerrainModel.open(dem).metadata.resolution_m
+        return Map.open(base_map)
+    return None if dem is None else TerrainModel.open(dem, interpolation="bicubic")
 
 
-def _background(
-    dem: str | Path | None, base_map: str | Path | None, plane: TangentPlane, reach_m: float
-) -> NDArray[Any] | None:
+def _shown(ground: Map | TerrainModel, plane: TangentPlane, reach_m: float) -> NDArray[Any]:
+    """The map image, or the shaded terrain, about the middle."""
     pixel_m = 2.0 * reach_m / _PIXELS
     first_m = reach_m - 0.5 * pixel_m
-    if base_map is not None:
-        view, _ = Map.open(base_map).view(plane, -first_m, first_m, pixel_m, (_PIXELS, _PIXELS))
+    if isinstance(ground, Map):
+        view, _ = ground.view(plane, -first_m, first_m, pixel_m, (_PIXELS, _PIXELS))
         return view
-    if dem is None:
-        return None
     from matplotlib.colors import LightSource
 
     east, north = np.meshgrid(*[np.linspace(-first_m, first_m, _PIXELS)] * 2)
     degrees = plane.to_longitude_latitude(np.column_stack([east.ravel(), north[::-1].ravel()]))
     longitude, latitude = np.radians(degrees).T
-    heights = (
-        TerrainModel.open(dem, interpolation="bicubic").height_m(longitude, latitude).reshape(east.shape)
-    )
+    heights = ground.height_m(longitude, latitude).reshape(east.shape)
     light = LightSource(_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG)
     return np.asarray(light.hillshade(heights, vert_exag=1.0, dx=pixel_m, dy=pixel_m))
 
 
 def _draw_solution(
-    axes: Axes, content: Mapping[str, Any], plane: TangentPlane, factor: float, color: str
+    axes: Axes, content: Mapping[str, Any], plane: TangentPlane, factor: float, number: int
 ) -> None:
     at = plane.from_longitude_latitude([_place(content["position"]["me"])])[0]
+    style = marker_style(content.get("method", "tracking"), number)
     covariance = _covariance(content)
     if covariance is not None:
         for scale, opacity in _SIGMAS:
             ellipse = error_ellipse(at, covariance, scale, factor)
-            ellipse.set(facecolor=(color, opacity), edgecolor=color, linewidth=1.1)
+            ellipse.set(facecolor=(style["color"], opacity), edgecolor=style["color"], linewidth=1.1)
             axes.add_patch(ellipse)
-    marker = _MARKERS.get(content.get("method", "tracking"), "o")
     label = content["name"] if covariance is None else f"{content['name']}, 1 and 3 sigma"
-    axes.plot(
-        *(factor * at), marker, color=color, markeredgecolor="white", markersize=6, linestyle="", label=label
-    )
+    axes.plot(*(factor * at), label=label, **style)
 
 
 def _draw_grid(axes: Axes, plane: TangentPlane, reach_m: float, factor: float, frame: str) -> None:
@@ -260,9 +258,9 @@ def _draw_scale(axes: Axes, reach: float, unit: str) -> None:
     )
 
 
-def _draw_globe(figure: Figure, plane: TangentPlane) -> None:
+def _draw_globe(around: Axes, plane: TangentPlane) -> None:
     """The side of the Moon that the Earth sees, the Earth's mean direction in its middle, with the site."""
-    axes = figure.axes[0].inset_axes((0.015, 0.80, 0.185, 0.185))
+    axes = around.inset_axes((0.015, 0.80, 0.185, 0.185))
     turn = np.linspace(0.0, 2.0 * np.pi, 121)
     axes.fill(np.cos(turn), np.sin(turn), facecolor=(1.0, 1.0, 1.0, 0.85), edgecolor="0.3", linewidth=0.8)
     half = np.linspace(-0.5 * np.pi, 0.5 * np.pi, 61)

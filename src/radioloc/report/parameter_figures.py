@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Level, Solution
-from radioloc.report.figures import COLORS, SCALE_95, new_figure, style_axes
+from radioloc.report.figures import COLORS, SCALE_95, one_panel, several_panels, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -27,12 +27,18 @@ _LEVELS = {"1 sigma": 1.0, "95 %": SCALE_95}
 """Factors on the axes of the ellipse of two parameters."""
 
 
-def plot_correlations(solution: Solution) -> Figure:
+def plot_correlations(solution: Solution, ax: Axes | None = None) -> Figure:
     """Draw the correlation matrix of the estimated parameters.
 
     Below the diagonal are the correlations of the total covariance; above it, where parameters are considered, those
     that the data alone leave. Of more than 40 parameters those of the position are drawn, and others that it is
     correlated with most.
+
+    Parameters
+    ----------
+    solution : Solution
+    ax : matplotlib.axes.Axes, optional
+        Axes to draw in, in place of a figure of its own.
 
     Raises
     ------
@@ -54,26 +60,25 @@ def plot_correlations(solution: Solution) -> Figure:
     total, without = (_covariance(solution, names, level) for level in ("total", "scaled"))
     coefficients = np.tril(_correlation(total)) + np.triu(_correlation(without), 1)
     side_in = 2.2 + 0.34 * len(names)
-    figure = new_figure(side_in + 1.4, side_in + 0.3, f"{solution.name}: correlations")
-    ax = figure.add_subplot()
-    image = ax.imshow(coefficients, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
-    ax.set_xticks(range(len(names)), names, rotation=90, fontsize=8)
-    ax.set_yticks(range(len(names)), names, fontsize=8)
-    figure.colorbar(image, ax=ax, shrink=0.8)
+    axes = one_panel(ax, side_in + 1.4, side_in + 0.3, f"{solution.name}: correlations")
+    image = axes.imshow(coefficients, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+    axes.set_xticks(range(len(names)), names, rotation=90, fontsize=8)
+    axes.set_yticks(range(len(names)), names, fontsize=8)
+    axes.figure.colorbar(image, ax=axes, shrink=0.8)
     notes = []
     if solution.consider is not None:
         notes = ["lower left: total covariance", f"upper right: {_WITHOUT}"]
     if len(names) < len(everything):
         notes.append(f"{len(names)} of {len(everything)} parameters")
-    ax.set_title("\n".join(notes), fontsize=8, color="0.3")
+    axes.set_title("\n".join(notes), fontsize=8, color="0.3")
     if len(names) <= _NUMBERS_UP_TO:
         for (row, column), value in np.ndenumerate(coefficients):
             color = "white" if abs(value) > 0.6 else "black"
-            ax.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=6.5, color=color)
-    return figure
+            axes.text(column, row, f"{value:+.2f}", ha="center", va="center", fontsize=6.5, color=color)
+    return axes.figure.figure
 
 
-def plot_contours(solution: Solution, names: Sequence[str] | None = None) -> Figure:
+def plot_contours(solution: Solution, names: Sequence[str] | None = None, ax: Axes | None = None) -> Figure:
     """Draw parameters two by two, with the ellipses of one sigma and of 95 %, and the profile of each alone.
 
     Ellipses and profiles are those of the total covariance; where parameters are considered, thin dashed lines are
@@ -84,6 +89,8 @@ def plot_contours(solution: Solution, names: Sequence[str] | None = None) -> Fig
     solution : Solution
     names : sequence of str, optional
         Two to eight parameters; by default the position, and up to three others that it is correlated with most.
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid whose place the panels take, in place of a figure of their own.
 
     Raises
     ------
@@ -104,32 +111,32 @@ def plot_contours(solution: Solution, names: Sequence[str] | None = None) -> Fig
         covariances.append(_covariance(solution, names, "scaled"))
     count, limits = len(names), 3.2 * np.sqrt(np.diag(covariances[0]))
     units = [solution.parameters[name].unit for name in names]
-    figure = new_figure(2.3 * count + 0.6, 2.3 * count, f"{solution.name}: about the estimate")
+    figure = several_panels(ax, 2.3 * count + 0.6, 2.3 * count, f"{solution.name}: about the estimate")
     panels = figure.subplots(count, count, squeeze=False)
     for row in range(count):
         for column in range(count):
-            ax = panels[row, column]
+            axes = panels[row, column]
             if column > row:
-                ax.remove()
+                axes.remove()
                 continue
-            style_axes(ax)
-            ax.set_xlim(-limits[column], limits[column])
+            style_axes(axes)
+            axes.set_xlim(-limits[column], limits[column])
             if row == column:
-                ax.set_ylim(0.0, 9.0)
-                ax.set_ylabel("increase of chi-square", fontsize=7)
-                _draw_profiles(ax, [covariance[row, row] for covariance in covariances], limits[row])
+                axes.set_ylim(0.0, 9.0)
+                axes.set_ylabel("increase of chi-square", fontsize=7)
+                _draw_profiles(axes, [covariance[row, row] for covariance in covariances], limits[row])
             else:
-                ax.set_ylim(-limits[row], limits[row])
+                axes.set_ylim(-limits[row], limits[row])
                 pair = np.ix_([column, row], [column, row])
-                _draw_ellipses(ax, [covariance[pair] for covariance in covariances])
+                _draw_ellipses(axes, [covariance[pair] for covariance in covariances])
                 if column == 0:
-                    ax.set_ylabel(f"{names[row]}, {units[row]}", fontsize=8)
+                    axes.set_ylabel(f"{names[row]}, {units[row]}", fontsize=8)
             if row == count - 1:
-                ax.set_xlabel(f"{names[column]}, {units[column]}", fontsize=8)
-            ax.tick_params(labelsize=7)
+                axes.set_xlabel(f"{names[column]}, {units[column]}", fontsize=8)
+            axes.tick_params(labelsize=7)
     handles, labels = panels[count - 1, 0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="upper right", fontsize=8, frameon=False)
-    return figure
+    return figure.figure
 
 
 def can_be_drawn(solution: Solution) -> tuple[bool, bool]:

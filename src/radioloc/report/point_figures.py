@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.report.figures import COLORS, SCALE_95, length_unit, new_figure, style_axes
+from radioloc.report.figures import COLORS, SCALE_95, length_unit, several_panels, style_axes
 from radioloc.report.point_solution import PointSolution
 from radioloc.report.position_figures import error_ellipse
 from radioloc.report.position_table import difference
@@ -22,12 +22,14 @@ _SHOWN = 1e-2
 """Sources with a smaller part of the sigma are not drawn."""
 
 
-def plot_point(solution: PointSolution) -> Figure:
+def plot_point(solution: PointSolution, ax: Axes | None = None) -> Figure:
     """Draw the 95 % ellipses of a position by source of error, and its landmarks where it has some.
 
     Parameters
     ----------
     solution : PointSolution
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid whose place the panels take, in place of a figure of their own.
 
     Returns
     -------
@@ -43,7 +45,7 @@ def plot_point(solution: PointSolution) -> Figure:
     2
     """
     stereo = solution.landmarks_en_m is not None
-    figure = new_figure(10.0 if stereo else 5.2, 5.6, f"{solution.name}: position")
+    figure = several_panels(ax, 10.0 if stereo else 5.2, 5.6, f"{solution.name}: position")
     panels = figure.subplots(1, 1 + stereo, squeeze=False)[0]
     if stereo:
         _draw_landmarks(panels[0], solution)
@@ -61,7 +63,7 @@ def plot_point(solution: PointSolution) -> Figure:
         fontsize=8,
         frameon=False,
     )
-    return figure
+    return figure.figure
 
 
 def _draw_sources(axes: Axes, solution: PointSolution) -> None:

@@ -1,19 +1,19 @@
-"""Positions and their errors: an estimate with its error ellipses, trials about the truth, errors by length of arc."""
+"""Positions and their errors: estimates with their ellipses beside known places, and by length of arc."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
-from radioloc.estimation.solution import Solution, compare_with
-from radioloc.report.figures import COLORS, SCALE_95, length_unit, new_figure, style_axes
-from radioloc.report.monte_carlo import MonteCarlo
-from radioloc.report.trial_statistics import SIDES
+from radioloc.estimation.solution import ReferenceComparison, Solution, compare_with
+from radioloc.report.cards import to_sigma
+from radioloc.report.figures import COLORS, SCALE_95, length_unit, one_panel, style_axes
+from radioloc.report.position_table import PositionRow
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -21,29 +21,90 @@ if TYPE_CHECKING:
     from matplotlib.patches import Ellipse
 
 _Floats = NDArray[np.float64]
-_MOST_PANELS = 12
+
+_MARKERS = {"tracking": "o", "images": "^", "image_point": "v", "stereo": "D", "joint": "s"}
+_OF_REFERENCES = "+xsDo^"
+
+
+class DrawnPlace(NamedTuple):
+    """A position to draw: by what method, its name, how far east and north, m, and the covariance of both, m^2."""
+
+    method: str
+    name: str
+    at_m: tuple[float, float]
+    covariance_m2: _Floats | None = None
+
+    @classmethod
+    def of_row(cls, row: PositionRow, covariance_m2: _Floats | None) -> DrawnPlace:
+        """A row of a table, as far from the benchmark as that says."""
+        return cls(row.method, row.name, (-(row.west_m or 0.0), row.north_m or 0.0), covariance_m2)
+
+
+def marker_style(method: str, number: int) -> dict[str, Any]:
+    """How the first, second ... estimate is marked; black and open if it is a reference, not to hide another."""
+    style: dict[str, Any] = {"markersize": 8, "linestyle": ""}
+    if method != "reference":
+        color = COLORS[number % (len(COLORS) - 1)]
+        return style | {"marker": _MARKERS.get(method, "o"), "color": color, "markeredgecolor": "white"}
+    from matplotlib.patheffects import withStroke
+
+    style |= {"color": "black", "fillstyle": "none", "markeredgewidth": 1.4}
+    halo = withStroke(linewidth=3.0, foreground="white")
+    return style | {"marker": _OF_REFERENCES[number % len(_OF_REFERENCES)], "path_effects": [halo]}
+
+
+def draw_places(axes: Axes, places: Sequence[DrawnPlace], origin: str) -> None:
+    """Draw positions about one of them, and the ellipses of 95 % of those that have a covariance."""
+    corners_m = []
+    for place in places:
+        size_m = 0.0 if place.covariance_m2 is None else SCALE_95 * np.sqrt(np.diag(place.covariance_m2))
+        corners_m += [np.add(place.at_m, size_m), np.subtract(place.at_m, size_m)]
+    factor = draw_square(axes, np.array(corners_m), origin)
+    seen = {True: 0, False: 0}
+    for place in places:
+        known = place.method == "reference"
+        style = marker_style(place.method, seen[known])
+        seen[known] += 1
+        if place.covariance_m2 is not None:
+            ellipse = error_ellipse(place.at_m, place.covariance_m2, SCALE_95, factor)
+            ellipse.set(facecolor=(style["color"], 0.08), edgecolor=style["color"], linewidth=1.1)
+            axes.add_patch(ellipse)
+        axes.plot(*np.multiply(factor, place.at_m), label=place.name, zorder=3, **style)
+    axes.set_title("ellipses of 95 %", fontsize=8, color="0.3")
+
+
+def draw_square(axes: Axes, corners_m: _Floats, origin: str) -> float:
+    """A square with room around the corners, shape (n, 2), with its labels; the factor from metres to its unit."""
+    lowest_m, highest_m = corners_m.min(axis=0), corners_m.max(axis=0)
+    reach_m = 0.58 * float((highest_m - lowest_m).max()) or 1.0
+    factor, unit = length_unit(reach_m)
+    style_axes(axes)
+    axes.set_aspect("equal")
+    middle = 0.5 * factor * (lowest_m + highest_m)
+    axes.set_xlim(middle[0] - factor * reach_m, middle[0] + factor * reach_m)
+    axes.set_ylim(middle[1] - factor * reach_m, middle[1] + factor * reach_m)
+    axes.set_xlabel(f"east of {origin} ({unit})")
+    axes.set_ylabel(f"north of {origin} ({unit})")
+    return factor
 
 
 def plot_position(
     solution: Solution,
     reference_pa_m: ArrayLike | None = None,
     reference_name: str | None = None,
-    title: str | None = None,
     ax: Axes | None = None,
 ) -> Figure:
-    """Draw the estimate east and north of another position, with the ellipses of one sigma and of 95 %.
+    """Draw the estimate east and north of a known position, with the ellipses of one sigma and of 95 %.
 
     Parameters
     ----------
     solution : Solution
-        What to draw; ellipses are those of the total covariance.
+        What to draw, with all its references; ellipses are those of the total covariance.
     reference_pa_m : array_like, shape (3,), optional
-        The position at the origin, principal axes, m; the reference of the solution by default, or else the
+        The position at the origin, principal axes, m; the first reference of the solution by default, or else the
         estimate itself.
     reference_name : str, optional
         What that is.
-    title : str, optional
-        Title; the solution's name by default.
     ax : matplotlib.axes.Axes, optional
         Axes to draw in, in place of a figure of its own.
 
@@ -66,128 +127,48 @@ def plot_position(
     """
     if not (solution.position_estimated and solution.position_determined):
         raise InputError("the position is held or not determined, so there is no error ellipse to draw")
-    comparison = solution.reference
+    known = list(solution.references)
+    if solution.reference is not None:
+        known.insert(0, solution.reference)
     if reference_pa_m is not None:
-        comparison = compare_with(solution, reference_pa_m, reference_name or "reference")
-    east_m, north_m = (0.0, 0.0) if comparison is None else (comparison.east_m, comparison.north_m)
-
-    # A square that holds the larger ellipse and the origin.
+        known.insert(0, compare_with(solution, reference_pa_m, reference_name or "reference"))
+    origin_m = np.array([known[0].east_m, known[0].north_m] if known else [0.0, 0.0])
+    others_m = [origin_m - (one.east_m, one.north_m) for one in known]
     sigmas_m = solution.sigma_enu_m()
-    corners_m = np.array([(east_m, north_m), (east_m, north_m), (0.0, 0.0)])
-    corners_m[:2] += np.outer((-SCALE_95, SCALE_95), sigmas_m[:2])
-    center_m = 0.5 * (corners_m.min(axis=0) + corners_m.max(axis=0))
-    reach_m = 0.58 * float((corners_m.max(axis=0) - corners_m.min(axis=0)).max())
-    factor, unit = length_unit(reach_m)
+    reach_m = SCALE_95 * sigmas_m[:2]
     of = f" of {solution.targets[0].name}" if solution.targets else ""
-    title = f"{solution.name}: position{of}" if title is None else title
-    axes = new_figure(5.2, 5.4, title).add_subplot() if ax is None else ax
-    style_axes(axes)
-    axes.set_aspect("equal")
+    axes = one_panel(ax, 5.2, 5.6, f"{solution.name}: position{of}")
+    corners_m = np.array([origin_m - reach_m, origin_m + reach_m, *others_m])
+    factor = draw_square(axes, corners_m, known[0].name if known else "the estimate")
     covariance_m2 = solution.position_covariance("enu")[:2, :2]
     for scale, opacity, label in ((SCALE_95, 0.15, "95 %"), (1.0, 0.3, "1 sigma")):
-        ellipse = error_ellipse((east_m, north_m), covariance_m2, scale, factor)
+        ellipse = error_ellipse(origin_m, covariance_m2, scale, factor)
         ellipse.set(facecolor=(COLORS[0], opacity), edgecolor=COLORS[0], linewidth=0.9, label=label)
         axes.add_patch(ellipse)
-    axes.plot(factor * east_m, factor * north_m, "o", color=COLORS[0], markersize=5, label="estimate")
-    if comparison is not None:
-        axes.plot(0.0, 0.0, "+", color=COLORS[1], markersize=12, markeredgewidth=1.8, label=comparison.name)
-    axes.set_xlim(factor * (center_m[0] - reach_m), factor * (center_m[0] + reach_m))
-    axes.set_ylim(factor * (center_m[1] - reach_m), factor * (center_m[1] + reach_m))
-    origin = "the estimate" if comparison is None else comparison.name
-    axes.set_xlabel(f"east of {origin} ({unit})")
-    axes.set_ylabel(f"north of {origin} ({unit})")
+    axes.plot(*(factor * origin_m), label="estimate", **marker_style("tracking", 0))
+    for k, (one, at_m) in enumerate(zip(known, others_m, strict=True)):
+        axes.plot(*(factor * at_m), label=one.name, **marker_style("reference", k))
     axes.legend(loc="best", fontsize=8, frameon=True, framealpha=0.9, edgecolor="0.8")
+    axes.set_title("\n".join(_caption(solution, known)), fontsize=8, color="0.3")
+    return axes.figure.figure
+
+
+def _caption(solution: Solution, known: Sequence[ReferenceComparison]) -> list[str]:
+    """Where the estimate is, how well that is known, and how far from the first known position."""
+    longitude_deg, latitude_deg, height_m = solution.selenographic
+    of_degrees = np.degrees(np.sqrt(np.diag(solution.position_covariance("geographic"))[:2]))
+    sigmas_m = solution.sigma_enu_m()
+    place = (
+        f"{to_sigma(longitude_deg, of_degrees[0])}\N{DEGREE SIGN} E, {to_sigma(latitude_deg, of_degrees[1])}"
+        f"\N{DEGREE SIGN} N, {to_sigma(height_m, sigmas_m[2])} m ({solution.me_frame})"
+    )
     factor, unit = length_unit(float(max(sigmas_m)))
     east, north, up = (f"{factor * sigma_m:.3g}" for sigma_m in sigmas_m)
-    caption = f"1 sigma: east {east}, north {north}, up {up} {unit}"
-    if comparison is not None:
-        factor, unit = length_unit(comparison.horizontal_m)
-        caption += f"; offset {factor * comparison.horizontal_m:.3g} {unit}"
-    axes.set_title(caption, fontsize=8, color="0.3")
-    return axes.get_figure()  # type: ignore[return-value]
-
-
-def plot_trial_scatter(study: MonteCarlo) -> Figure:
-    """Draw the horizontal errors of each arc's trials with the 95 % ellipses that are claimed and that are found.
-
-    The claimed one has the medians of the trials' sigmas and of their correlation.
-    """
-    good = study["converged"] == 1.0
-    arcs = np.flatnonzero(good.any(axis=0)).tolist()
-    if not 0 < len(arcs) <= _MOST_PANELS:
-        raise InputError(f"{len(arcs)} arcs; a figure has room for 1 to {_MOST_PANELS}")
-    errors_m = [study.errors_m[good[:, k], k, :2] for k in arcs]
-    claimed_m2 = []
-    for k in arcs:
-        correlation = float(np.median(study["correlation_east_north"][good[:, k], k]))
-        root_m = np.median(study.sigmas_m[good[:, k], k, :2], axis=0)
-        claimed_m2.append(np.outer(root_m, root_m) * [[1.0, correlation], [correlation, 1.0]])
-    reach_m = max(_reach_m(e, c) for e, c in zip(errors_m, claimed_m2, strict=True))
-    factor, unit = length_unit(reach_m)
-    columns = min(len(arcs), 4)
-    rows = -(-len(arcs) // columns)
-    figure = new_figure(3.1 * columns + 0.5, 3.4 * rows + 0.9, f"{study.name}: {study.trials} trials")
-    panels = figure.subplots(rows, columns, sharex=True, sharey=True, squeeze=False)
-    for axes in panels.ravel()[len(arcs) :]:
-        axes.set_visible(False)
-    shown = panels.ravel()[: len(arcs)]
-    for axes, k, error_m, covariance_m2 in zip(shown, arcs, errors_m, claimed_m2, strict=True):
-        style_axes(axes)
-        axes.set_aspect("equal")
-        opacity = max(0.15, min(0.7, 60.0 / len(error_m)))
-        style = {"s": 6, "color": COLORS[0], "alpha": opacity, "linewidths": 0}
-        axes.scatter(*(factor * error_m.T), label="trials", **style)
-        lines = [(np.zeros(2), covariance_m2, COLORS[6], "--", "95 % claimed")]
-        if len(error_m) > 2:
-            lines.append((error_m.mean(axis=0), np.cov(error_m.T), COLORS[1], "-", "95 % found"))
-        for centre_m, spread_m2, color, dashes, label in reversed(lines):
-            ellipse = error_ellipse(centre_m, spread_m2, SCALE_95, factor)
-            ellipse.set(fill=False, edgecolor=color, linestyle=dashes, linewidth=1.3, label=label)
-            axes.add_patch(ellipse)
-        axes.plot(0.0, 0.0, "+", color=COLORS[6], markersize=9, markeredgewidth=1.2, label="truth")
-        axes.set_xlim(-factor * reach_m, factor * reach_m)
-        axes.set_ylim(-factor * reach_m, factor * reach_m)
-        axes.set_title(f"{study.hours[k]:g} h", fontsize=9)
-    for axes in panels[-1]:
-        axes.set_xlabel(f"east of the truth ({unit})")
-    for axes in panels[:, 0]:
-        axes.set_ylabel(f"north of the truth ({unit})")
-    handles, labels = shown[0].get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
-    return figure
-
-
-def plot_error_by_length(study: MonteCarlo) -> Figure:
-    """Draw how the errors fall with the length of the arc in h, beside the sigmas claimed."""
-    from matplotlib.ticker import LogLocator, NullLocator
-
-    arcs = sorted((arc for arc in study.arcs if arc is not None), key=lambda arc: arc.hours)
-    length = [arc.hours for arc in arcs]
-    rms_m, sigma_m = np.array([arc.rms_m for arc in arcs]), np.array([arc.sigma_m for arc in arcs])
-    far_m = np.array([arc.radius_95_m for arc in arcs])
-    factor, unit = length_unit(float(max(rms_m.max(), sigma_m.max(), far_m.max())))
-    figure = new_figure(6.2, 4.4, f"{study.name}: {study.trials} trials")
-    axes = figure.add_subplot()
-    style_axes(axes)
-    for k, name in enumerate(SIDES):
-        axes.plot(length, factor * rms_m[:, k], "o-", color=COLORS[k], markersize=4, label=f"{name}, rms")
-        axes.plot(length, factor * sigma_m[:, k], "--", color=COLORS[k], lw=1.0, label=f"{name}, claimed")
-    axes.plot(length, factor * far_m, "s-", color=COLORS[6], markersize=4, label="horizontal, 95 %")
-    axes.set_yscale("log")
-    axes.set_xlabel("length of the arc (h)")
-    axes.set_ylabel(f"error of the position ({unit})")
-    axes.set_xticks(length, [f"{h:g}" for h in length])
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_locator(NullLocator())
-    figure.legend(loc="outside right center", fontsize=8, frameon=False)
-    return figure
-
-
-def _reach_m(error_m: _Floats, claimed_m2: _Floats) -> float:
-    """Half the width of a square about the truth that holds all but a few of the trials, and the ellipse."""
-    most_m = float(np.quantile(np.abs(error_m), 0.998, axis=0).max())
-    return 1.1 * max(most_m, SCALE_95 * float(np.sqrt(np.diag(claimed_m2).max())))
+    sigmas = f"1 sigma: east {east}, north {north}, up {up} {unit}"
+    if known:
+        factor, unit = length_unit(known[0].horizontal_m)
+        sigmas += f"; offset {factor * known[0].horizontal_m:.3g} {unit}"
+    return [place, sigmas]
 
 
 def error_ellipse(

@@ -19,8 +19,8 @@ from radioloc.report.figures import (
     COLORS,
     date_axis,
     length_unit,
-    new_figure,
     panel_title,
+    several_panels,
     style_axes,
     utc_dates,
 )
@@ -84,7 +84,9 @@ class Panel:
         return f"{text}, {found.rejected} left out" if self.like and found.rejected else text
 
 
-def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> Figure:
+def plot_residuals(
+    solution: Solution | Residuals, title: str | None = None, ax: Axes | None = None
+) -> Figure:
     """Draw residuals over time, one panel for each station.
 
     Bars are the stated sigmas; of more than 5000 observations of a station the envelope is drawn, as a line below says.
@@ -98,6 +100,8 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
         What to draw.
     title : str, optional
         Title; the solution's name by default.
+    ax : matplotlib.axes.Axes, optional
+        Axes of a grid whose place the panels take, in place of a figure of their own.
 
     Returns
     -------
@@ -122,10 +126,10 @@ def plot_residuals(solution: Solution | Residuals, title: str | None = None) -> 
     panels = [
         Panel(residuals, name, "", {"": np.flatnonzero(stations.are(name))}) for name in stations.present()
     ]
-    return _grid(solution, title, panels, _STATIONS)
+    return _grid(solution, title, ax, panels, _STATIONS)
 
 
-def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figure:
+def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axes | None = None) -> Figure:
     """Draw residuals over time, a panel for each VLBI baseline and for each station that receives ranges or Doppler.
 
     Two- and three-way ranges of a station have colours of their own. Panels of a kind share a scale. Of more than
@@ -139,7 +143,7 @@ def plot_links(solution: Solution | Residuals, title: str | None = None) -> Figu
     >>> figure.axes[0].get_title(loc="left")
     'range APOLLO'
     """
-    return _grid(solution, title, link_panels(_residuals_of(solution)), _LINKS)
+    return _grid(solution, title, ax, link_panels(_residuals_of(solution)), _LINKS)
 
 
 def _residuals_of(solution: Solution | Residuals) -> Residuals:
@@ -185,7 +189,11 @@ def _word(kind: str) -> str:
 
 
 def _grid(
-    solution: Solution | Residuals, title: str | None, panels: Sequence[Panel], layout: _Layout
+    solution: Solution | Residuals,
+    title: str | None,
+    ax: Axes | None,
+    panels: Sequence[Panel],
+    layout: _Layout,
 ) -> Figure:
     """A grid of panels over one axis of dates, and below it what is not said in them."""
     residuals = _residuals_of(solution)
@@ -200,7 +208,7 @@ def _grid(
     n_columns = min(layout.columns, len(panels))
     n_rows = -(-len(panels) // n_columns)
     width_in, height_in = np.multiply(layout.panel_in, (n_columns, n_rows)) + layout.margin_in
-    figure = new_figure(width_in, height_in, title)
+    figure = several_panels(ax, width_in, height_in, title)
     places = list(figure.subplots(n_rows, n_columns, sharex=True, squeeze=False).flat)
     dates = utc_dates(residuals.epoch_utc)
     for k, (panel, half_height_m) in enumerate(zip(panels, half_heights_m(panels), strict=True)):
@@ -218,7 +226,7 @@ def _grid(
         notes.append(layout.left_out)
     if notes:
         figure.supxlabel("; ".join(notes), fontsize=7, color=color)
-    return figure
+    return figure.figure
 
 
 def _draw(

@@ -20,7 +20,7 @@ from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder
-from radioloc.estimation.solution import Solution, TargetPosition
+from radioloc.estimation.solution import Solution, TargetPosition, compare_with
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm.agreement import LightTime
@@ -196,11 +196,16 @@ def fit_arc(
     if considered is not None:
         in_sigma |= any(considered.parameters.of_kind(kind) for kind in ("moon_position", "libration"))
     lander_pa_m = problem.position_pa_m(x)
+    others = {
+        one.name: position_in_pa(f"[references] {one.name}", one.position, constants).xyz_m
+        for one in study.references
+        if one is not study.reference
+    }
     several = tuple(
         TargetPosition(name, problem.position_pa_m(x, k), problem.position_partials(x, k))
         for k, name in enumerate(targets if len(targets) > 1 else ())
     )
-    return build_solution(
+    solution = build_solution(
         fitted,
         position_pa_m=lander_pa_m,
         position_partials=problem.position_partials(x),
@@ -230,6 +235,8 @@ def fit_arc(
         trajectory=None if arc.trajectory is None else str(arc.trajectory),
         targets=several,
     )
+    known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
+    return replace(solution, references=known)
 
 
 def _of_the_starts(away_m: Mapping[str, float]) -> Iterator[str]:

@@ -1,3 +1,4 @@
+import re
 import subprocess
 import sys
 from dataclasses import replace
@@ -9,7 +10,15 @@ from toy_moon import LANDER_M, ToyMoon, toy_solution
 
 from radioloc.errors import InputError
 from radioloc.estimation import Labels
-from radioloc.report import plot_links, plot_position, plot_residuals, save_figure
+from radioloc.estimation.solution import compare_with
+from radioloc.report import (
+    plot_contours,
+    plot_correlations,
+    plot_links,
+    plot_position,
+    plot_residuals,
+    save_figure,
+)
 from radioloc.report.figures import length_unit, new_figure
 
 
@@ -174,3 +183,50 @@ def test_position_is_drawn_in_axes_given(solution):
     assert left.get_xlabel() == "east of truth (m)"
     assert len(left.patches) == 2
     assert figure._repr_png_()[:4] == b"\x89PNG"
+
+
+def test_all_references_are_drawn_about_the_first(solution):
+    others = [LANDER_M + np.array([0.0, 20.0, 0.0]), LANDER_M + np.array([0.0, 0.0, -9.0])]
+    known = tuple(compare_with(solution, at_m, name) for at_m, name in zip(others, "ab", strict=True))
+    axes = plot_position(replace(solution, references=known)).axes[0]
+    drawn = {line.get_label(): line.get_xydata()[0] for line in axes.lines}
+    assert list(drawn) == ["estimate", "truth", "a", "b"]
+    rot = solution.rot_pa_to_enu
+    for name, at_m in zip(("truth", "a", "b"), (LANDER_M, *others), strict=True):
+        np.testing.assert_allclose(drawn[name], (rot @ (at_m - LANDER_M))[:2], atol=1e-9)
+        assert axes.viewLim.contains(*drawn[name])
+
+
+def test_the_place_is_on_the_figure_with_its_axes(solution):
+    place, sigmas = plot_position(solution).axes[0].get_title().split("\n")
+    longitude, latitude, height = (float(text) for text in re.findall(r"-?\d+\.\d+", place)[:3])
+    # A thousandth of a degree is 30 m.
+    assert (longitude, latitude) == pytest.approx(solution.selenographic[:2], abs=1e-3)
+    assert height == pytest.approx(solution.selenographic[2], abs=0.1)
+    assert place.endswith("m (ME_DE421)")
+    assert sigmas.startswith("1 sigma: east ")
+
+
+@pytest.mark.parametrize(
+    "plot", some([plot_residuals, plot_links, plot_contours, plot_correlations], [plot_links])
+)
+def test_any_figure_is_drawn_in_the_place_of_axes_given(solution, plot):
+    figure = new_figure(9.0, 5.0)
+    mine, place = figure.subplots(1, 2)
+    mine.plot([0.0, 1.0])
+    paths = Labels.of([f"{name}>lander>{name}" for name in solution.residuals.station])
+    of_links = replace(solution, residuals=replace(solution.residuals, paths=paths))
+    assert plot(of_links, ax=place) is figure
+    figure.canvas.draw()
+    drawn = [
+        axes for axes in [*figure.axes, *(a for sub in figure.subfigs for a in sub.axes)] if axes is not mine
+    ]
+    edge = mine.bbox.x1
+    assert drawn
+    assert all(axes.bbox.x0 > edge for axes in drawn)
+    assert len(mine.lines) == 1
+
+
+def test_axes_without_a_place_in_a_grid_are_refused(solution):
+    with pytest.raises(InputError, match="ax has no place in a grid"):
+        plot_residuals(solution, ax=new_figure(3.0, 3.0).add_axes((0.1, 0.1, 0.8, 0.8)))

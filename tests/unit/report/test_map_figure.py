@@ -9,6 +9,8 @@ import pytest
 
 from radioloc.cli import main
 from radioloc.errors import InputError
+from radioloc.imaging import Map
+from radioloc.lunar import TerrainModel
 from radioloc.report import plot_map
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "images"
@@ -111,3 +113,25 @@ def test_the_command_draws_a_map(tmp_path):
     solution.write_text(json.dumps(known))
     assert main(["map", str(solution), str(tmp_path / "map.png"), "--quiet"]) == 0
     assert (tmp_path / "map.png").read_bytes().startswith(b"\x89PNG")
+
+
+def test_the_map_is_opened_once_and_all_references_are_on_it(monkeypatch):
+    opened = []
+    for kind in (Map, TerrainModel):
+        monkeypatch.setattr(kind, "open", count_into(opened, kind.open))
+    known = {"name": "further", "longitude_deg": PLACE[0], "latitude_deg": PLACE[1] - 0.001}
+    several = [content("study, 48 h") | {"references": [known]}, content("study, 12 h"), content("descent")]
+    for option, name in (("dem", "dem.tif"), ("base_map", "map.tif")):
+        opened.clear()
+        figure = plot_map(several, **{option: EXAMPLE / name}, reach_m=400.0)
+        assert len(opened) == 1
+        assert labelled(figure)["further"] == pytest.approx((0.0, -0.001 * PER_DEG_M), abs=1e-3)
+    assert figure.get_suptitle() == "study and descent"
+
+
+def count_into(opened, really):
+    def open_and_count(path, **options):
+        opened.append(path)
+        return really(path, **options)
+
+    return open_and_count

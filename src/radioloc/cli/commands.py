@@ -32,6 +32,7 @@ from radioloc.report.files import (
 from radioloc.report.gis import GIS_ENDINGS, write_gis
 from radioloc.report.map_figure import plot_map
 from radioloc.report.oem import write_oem
+from radioloc.report.residuals_tdm import write_residuals_tdm
 from radioloc.report.sinex import write_sinex
 from radioloc.report.solution_table import solution_table
 from radioloc.report.spice_kernels import FIRST_SITE, write_spice
@@ -78,12 +79,16 @@ def _locate(options: argparse.Namespace) -> int:
     """Do a study, write its files and print its card."""
     if options.terms and options.out is None:
         options.parser.error("--terms needs --out DIR, where to write terms.csv")
+    if options.residuals_tdm is not None and options.originator is None:
+        options.parser.error("--residuals-tdm needs --originator NAME, the agency that makes the message")
     fitted = options.command == "locate"
     study = read_study(options.study)
     arc, left_out = locate.prepared_arc(study)
     solution = locate.fit_arc(study, arc, left_out, study.estimate if fitted else None)
     if options.out is not None:
         write_report(solution, options.out, arc if options.terms else None)
+    if options.residuals_tdm is not None:
+        write_residuals_tdm(solution, arc.observations, options.residuals_tdm, originator=options.originator)
     _tell(options, solution, solution.to_dict)
     if options.sinex is not None:  # after the card, which says why a solution has none
         write_sinex(solution, options.sinex)

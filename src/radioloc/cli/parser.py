@@ -135,6 +135,13 @@ def make_parser() -> Parser:
         of_a_fit.add_argument(
             "--terms", **flag, help="with --out, also write terms.csv: what each term of the model adds"
         )
+        of_a_fit.add_argument(
+            "--residuals-tdm",
+            type=Path,
+            metavar="FILE",
+            help="write the residuals to FILE as a Tracking Data Message, .xml or KVN; needs --originator",
+        )
+        of_a_fit.add_argument("--originator", metavar="NAME", help="agency that makes that message")
         of_a_fit.set_defaults(sinex=None)
         if name == "locate":
             of_a_fit.add_argument(

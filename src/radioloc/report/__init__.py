@@ -24,6 +24,7 @@ from radioloc.report.point_figures import plot_point
 from radioloc.report.point_solution import PointSolution
 from radioloc.report.position_figures import plot_position
 from radioloc.report.residual_figures import plot_links, plot_residuals
+from radioloc.report.residuals_tdm import write_residuals_tdm
 from radioloc.report.sinex import write_sinex
 from radioloc.report.solution_table import solution_table
 from radioloc.report.spice_kernels import write_spice
@@ -60,6 +61,7 @@ __all__ = [
     "write_monte_carlo",
     "write_oem",
     "write_report",
+    "write_residuals_tdm",
     "write_sinex",
     "write_spice",
     "write_terms",

@@ -225,6 +225,7 @@ def look(
         h, hx, hy, x, y, r, pixel_m = 0.0, 0.0, 0.0, 0.0, 0.0, above, 0.0
         px, py, pz = 0.0, 0.0, 0.0
         settled = False
+        outside, inside = 0.0, math.inf  # along the ray: points known above and below the ground
         for _ in range(MOST_STEPS):
             px, py, pz = origin_m[0] + t * dx, origin_m[1] + t * dy, origin_m[2] + t * dz
             r = math.sqrt(px * px + py * py + pz * pz)
@@ -237,10 +238,18 @@ def look(
             steep = fall - hx * (dx - fall * px / r) - hy * (dy - fall * py / r)
             if steep > 0.5 * fall:
                 steep = 0.5 * fall
+            if t < inside:
+                if apart > 0.0:
+                    outside = t
+                else:
+                    inside = t
             t -= apart / steep
             if abs(apart) < 0.05 * pixel_m:
                 settled = True
                 break
+            # Over rough ground, steps may lead from one side of a rim to the other again and again.
+            if not outside < t < inside:
+                t = 0.5 * (outside + inside)
         if not settled:
             missed += 1
         level = h if radius_m + h < above else below

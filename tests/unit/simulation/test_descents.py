@@ -183,3 +183,23 @@ def test_ground_that_lies_lower_than_its_grid_is_seen_from_close_by():
     np.testing.assert_allclose(
         points[..., 2], hollow.heights_at_m(np.zeros((1, 2)), 0.5)[0], rtol=0, atol=2.0
     )
+
+
+def test_a_ray_along_a_rough_slope_meets_the_ground():
+    """Newton's steps alone lead one of these rays from one side of a rim to the other again and again."""
+    rough = Ground(PLANE, seed=68, heights_m=np.full((2, 2), -1938.7062597632605))
+    camera = Camera.of_pinhole(8.3, 6.7 * 4, [127.5, 127.5], [-0.05])
+    high = Descent(
+        rough,
+        camera,
+        (256, 256),
+        frames=12,
+        altitudes_m=(6000.0, 4.0),
+        heading_deg=130.6652370128568,
+        seed=68,
+    )
+    lines, samples = np.mgrid[:256, :256]
+    _, points = high.frame(0)
+    found = high.model(0).project(on_the_moon(points.reshape(-1, 3)))
+    expected = np.stack([samples.ravel(), lines.ravel()], axis=1)
+    np.testing.assert_allclose(found.pixels, expected, atol=0.08)

@@ -6,14 +6,10 @@ files and figures included, the wall time is limited: of the quickest of some ru
 """
 
 import json
-import os
-import subprocess
-import sys
-import time
 from pathlib import Path
 
 import pytest
-from busy import skip_if_busy
+from busy import run, skip_if_busy
 from change5_case import STUDY
 
 EXAMPLE = Path(__file__).parents[2] / "examples" / "change5" / "simulation.toml"
@@ -88,25 +84,6 @@ with numba.core.event.install_timer("numba:compile", compiled.append):
 ended = time.process_time()
 print(json.dumps({"compile": sum(compiled), "fit": ended - began, "begin": ended}))
 """
-
-
-def run(folder, *command, **environment):
-    """Wall time, s, CPU time, s, peak memory, MB, and the output of a process of Python."""
-    started = time.perf_counter()
-    process = subprocess.Popen(
-        [sys.executable, *command],
-        cwd=folder,
-        env=os.environ | {"PYTHONWARNINGS": "ignore"} | environment,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    output = process.stdout.read()
-    process.stdout.close()
-    _, status, usage = os.wait4(process.pid, 0)
-    process.returncode = os.waitstatus_to_exitcode(status)
-    assert process.returncode == 0, output
-    peak_kb = usage.ru_maxrss / (1024 if sys.platform == "darwin" else 1)
-    return time.perf_counter() - started, usage.ru_utime + usage.ru_stime, peak_kb / 1e3, output
 
 
 @pytest.fixture(scope="module")

@@ -23,11 +23,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy import sparse
 from scipy.linalg import LinAlgError, cho_factor, cho_solve
 from scipy.stats import chi2 as chi_squared
 
 from radioloc.errors import ConvergenceError, InputError
+from radioloc.imaging._adjustment_kernels import eliminate, explained_on_map, places_moved
 from radioloc.imaging.projections import Projections
 
 Floats = NDArray[np.float64]
@@ -43,7 +43,6 @@ _SETTLED = 0.02  # relative change of a variance component
 _FEW_CHANGES = 1e-3  # of all observations, left out in one round more
 _ENOUGH_REDUNDANCY = 30.0  # below that, sigmas are not told apart, nor made smaller
 _LEAST_FACTOR = 0.05
-_ROWS_AT_ONCE = 2000
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -131,11 +130,17 @@ def adjust(ties: TiePoints, model: Projections, places: Floats) -> Adjusted:
     ConvergenceError
         The iteration does not settle.
     """
-    observed = _Observed(ties, np.ones(len(ties.point), bool), np.ones(len(ties.map_point), bool), np.ones(2))
+    used, map_used = np.ones(len(ties.point), bool), np.ones(len(ties.map_point), bool)
+    observed = _Observed(ties, np.lexsort((ties.image, ties.point)), used, map_used, np.ones(2))
     apart = True
     for number in range(_ROUNDS):
         observed = observed.without(~model.known(places))
-        model, places, normal, small = _solve(observed, model, places)
+        try:
+            model, places, normal, small = _solve(observed, model, places)
+        except LinAlgError:
+            raise InputError(
+                "the tie points do not determine the images; some image has too few, or all on a line"
+            ) from None
         residuals, map_residuals = observed.residuals(model, places)
         shares, redundancy = normal.redundancies(observed)
         # Where few observations are left to tell the two apart, both have one factor, and keep it.
@@ -166,6 +171,7 @@ class _Observed:
     """Tie points, which of their observations are used, and the factors of the sigmas of pixels and of the map."""
 
     ties: TiePoints
+    order: Indices  # of the pixels by points, and of those of a point by images
     used: NDArray[np.bool_]
     map_used: NDArray[np.bool_]
     factors: Floats
@@ -236,36 +242,34 @@ class _NormalEquations:
     factor: tuple[Floats, bool]
     right: Floats
     parameters: int  # that have an effect
-    coupling: sparse.csr_matrix  # W^T
+    first: Indices  # where each point's pixels begin, and how many there are,
+    image: Indices  # of each of these
+    coupling: Floats  # W^T, shape (n, 2, 8)
     points_inverse: Floats  # V^-1, shape (points, 2, 2)
-    points_right: Floats
+    points_right: Floats  # shape (points, 2)
+    map_weight: Floats  # shape (points,)
 
     def inverse(self) -> Floats:
         return np.asarray(cho_solve(self.factor, np.eye(len(self.right))))
 
+    def step(self) -> Floats:
+        """Of all images."""
+        return np.asarray(cho_solve(self.factor, self.right))
+
+    def places_moved(self, step: Floats) -> Floats:
+        """What a step of the images does to the places, shape (points, 2)."""
+        parts = self.coupling, self.points_inverse, self.points_right
+        return np.asarray(places_moved(self.first, self.image, *parts, step))
+
     def redundancies(self, observed: _Observed) -> tuple[Floats, int]:
         """Redundancies of the pixels together and of the map's places together, and their sum."""
-        ties, map_used = observed.ties, observed.map_used
-        seen = np.zeros(len(self.points_inverse), bool)
-        seen[ties.point[observed.used]] = seen[ties.map_point[map_used]] = True
+        on_map = self.map_weight > 0.0
+        seen = on_map | (np.diff(self.first) > 0)
         total = 2 * (observed.number - int(seen.sum())) - self.parameters
-        which = ties.map_point[map_used]
-        weight = (observed.factors[1] * ties.map_sigma_m[map_used]) ** -2.0
-        inverse = self.inverse()
-        explained = 0.0
-        for begin in range(0, len(which), _ROWS_AT_ONCE):
-            j = which[begin : begin + _ROWS_AT_ONCE]
-            rows = (2 * j[:, np.newaxis] + np.arange(2)).ravel()
-            coupling = self.coupling[rows]
-            part = np.asarray((coupling @ inverse).reshape(len(j), 2, -1))
-            dense = np.asarray(coupling.todense()).reshape(len(j), 2, -1)
-            vinv = self.points_inverse[j]
-            covariance = vinv + vinv @ (part @ dense.transpose(0, 2, 1)) @ vinv
-            explained += float(
-                (weight[begin : begin + len(j)] * np.trace(covariance, axis1=1, axis2=2)).sum()
-            )
-        on_map = 2.0 * len(which) - explained
-        return np.array([total - on_map, on_map]), total
+        parts = self.coupling, self.points_inverse, self.map_weight
+        explained = explained_on_map(self.first, self.image, *parts, self.inverse())
+        of_map = 2.0 * int(observed.map_used.sum()) - explained
+        return np.array([total - of_map, of_map]), total
 
 
 def _solve(
@@ -274,10 +278,9 @@ def _solve(
     """The model and the places after some steps, the normal equations of the last one, and whether it was small."""
     for _ in range(_STEPS):
         normal = _normal_equations(observed, model, places)
-        step = cho_solve(normal.factor, normal.right)
-        back = normal.points_right - (normal.coupling @ step).reshape(-1, 2)
-        of_places = np.einsum("jkl,jl->jk", normal.points_inverse, back)
-        model, places = _stepped(observed, model, places, step.reshape(model.images, -1), of_places)
+        step = normal.step()
+        moved = normal.places_moved(step)
+        model, places = _stepped(observed, model, places, step.reshape(model.images, -1), moved)
         if small := bool(step @ normal.right < _CONVERGED):
             break
     return model, places, normal, small
@@ -296,52 +299,34 @@ def _stepped(
 
 
 def _normal_equations(observed: _Observed, model: Projections, places: Floats) -> _NormalEquations:
-    ties, used, map_used = observed.ties, observed.used, observed.map_used
-    image, point = ties.image[used], ties.point[used]
+    ties, map_used = observed.ties, observed.map_used
+    pixels = observed.order[observed.used[observed.order]]
+    image, point = ties.image[pixels], ties.point[pixels]
     found = model.project(image, point, places)
-    weight = (observed.factors[0] * ties.sigma_px[used]) ** -1.0
+    weight = (observed.factors[0] * ties.sigma_px[pixels]) ** -1.0
     by_image = found.by_parameters * weight[:, np.newaxis, np.newaxis]
-    by_point = found.by_place * weight[:, np.newaxis, np.newaxis]
-    residual = (ties.pixels[used] - found.pixels) * weight[:, np.newaxis]
+    by_place = found.by_place * weight[:, np.newaxis, np.newaxis]
+    residual = (ties.pixels[pixels] - found.pixels) * weight[:, np.newaxis]
     map_point = ties.map_point[map_used]
-    map_weight = (observed.factors[1] * ties.map_sigma_m[map_used]) ** -2.0
-    count, images = len(places), model.images
-    information = np.zeros((count, 2, 2))
-    np.add.at(information, point, by_point.transpose(0, 2, 1) @ by_point)
-    np.add.at(information, map_point, map_weight[:, np.newaxis, np.newaxis] * np.eye(2))
-    information[~information.any(axis=(1, 2))] = np.eye(2)  # of which nothing is used, stay where they are
-    points_inverse = np.asarray(np.linalg.inv(information))
-    points_right = np.zeros((count, 2))
-    np.add.at(points_right, point, np.einsum("nki,nk->ni", by_point, residual))
-    np.add.at(points_right, map_point, map_weight[:, np.newaxis] * (ties.map_m[map_used] - places[map_point]))
-    blocks = by_image.transpose(0, 2, 1) @ by_image
-    own = np.zeros((images, 8, 8))
-    np.add.at(own, image, blocks)
-    right = np.zeros((images, 8))
-    np.add.at(right, image, np.einsum("nki,nk->ni", by_image, residual))
-    crossed = by_point.transpose(0, 2, 1) @ by_image  # (n, 2, 8)
-    rows = np.broadcast_to((2 * point[:, np.newaxis] + np.arange(2))[:, :, np.newaxis], crossed.shape)
-    columns = np.broadcast_to((8 * image[:, np.newaxis] + np.arange(8))[:, np.newaxis], crossed.shape)
-    entries = (crossed.ravel(), (rows.ravel(), columns.ravel()))
-    coupling = sparse.csr_matrix(entries, shape=(2 * count, 8 * images))
-    spread = sparse.bsr_matrix(
-        (points_inverse, np.arange(count), np.arange(count + 1)), shape=(2 * count, 2 * count)
-    ).tocsr()
-    eliminated = spread @ coupling
-    reduced = -np.asarray((coupling.T @ eliminated).todense())
-    for k in range(images):
-        block = slice(8 * k, 8 * k + 8)
-        reduced[block, block] += own[k]
+    map_weights = (observed.factors[1] * ties.map_sigma_m[map_used]) ** -2.0
+    count, size = len(places), 8 * model.images
+    map_weight, map_right = np.zeros(count), np.zeros((count, 2))
+    np.add.at(map_weight, map_point, map_weights)
+    np.add.at(map_right, map_point, map_weights[:, np.newaxis] * (ties.map_m[map_used] - places[map_point]))
+    first = np.searchsorted(point, np.arange(count + 1))
+    reduced, right = np.zeros((size, size)), np.zeros(size)
+    coupling, inverse, points_right = (
+        np.empty((len(pixels), 2, 8)),
+        np.empty((count, 2, 2)),
+        np.empty((count, 2)),
+    )
+    given = by_image, by_place, residual, map_weight, map_right
+    if not eliminate(first, image, *given, reduced, right, coupling, inverse, points_right):
+        raise LinAlgError
     held = model.held().ravel()
     reduced[held, held] = 1.0
-    try:
-        factor = cho_factor(reduced)
-    except LinAlgError:
-        raise InputError(
-            "the tie points do not determine the images; some image has too few, or all on a line"
-        ) from None
-    reduced_right = right.ravel() - eliminated.T @ points_right.ravel()
-    return _NormalEquations(factor, reduced_right, int((~held).sum()), coupling, points_inverse, points_right)
+    of_places = first, image, coupling, inverse, points_right, map_weight
+    return _NormalEquations(cho_factor(reduced, lower=True), right, int((~held).sum()), *of_places)
 
 
 def approximate_places(ties: TiePoints, matrices: Floats) -> Floats:

@@ -96,12 +96,12 @@ class Homographies:
 
     def project(self, image: Indices, point: Indices, places_m: Floats) -> Projected:
         """Pixels of tie points."""
-        matrix, normal = self.matrices[image], self._normals_of_places()[image]
+        matrix, normals = self.matrices[image], self._normals_of_places()
+        normal, place_by_normalized = normals[image], np.linalg.inv(normals[:, :2, :2])[image]
         ahead = np.einsum("nij,nj->ni", matrix[:, :, :2], places_m[point]) + matrix[:, :, 2]
         pixels, by_place = dehomogenized(ahead, matrix[:, :, :2])
         normalized = np.einsum("nij,nj->ni", normal[:, :2, :2], places_m[point]) + normal[:, :2, 2]
-        by_normalized = by_place @ np.linalg.inv(normal[:, :2, :2])
-        return Projected(pixels, by_place, by_normalized @ by_correction(normalized))
+        return Projected(pixels, by_place, by_place @ place_by_normalized @ by_correction(normalized))
 
     def known(self, places_m: Floats) -> NDArray[np.bool_]:
         """All of the plane."""

@@ -178,8 +178,11 @@ def _undistorted(
     if image.shape not in tables:
         real = solution.camera.camera(image.shape)
         ideal = real.without_distortion()
-        pixels = np.stack(np.meshgrid(*map(np.arange, image.shape[::-1])), axis=-1).reshape(-1, 2)
-        place, _ = real.pixels(ideal.directions(pixels))
-        tables[image.shape] = place.T.reshape(2, *image.shape).astype(np.float32)
+        lines, samples = image.shape
+        table = np.empty((2, lines, samples), np.float32)
+        for line in range(lines):  # all at once would take a gigabyte
+            pixels = np.stack([np.arange(samples), np.full(samples, line)], axis=-1)
+            table[:, line] = real.pixels(ideal.directions(pixels))[0].T
+        tables[image.shape] = table
     x, y = tables[image.shape]
     return cv2.remap(image, x, y, cv2.INTER_LINEAR), cv2.remap(usable, x, y, cv2.INTER_NEAREST)

@@ -9,7 +9,9 @@ import pytest
 from image_chains import CENTRE, Chain, drawn_ties
 
 from radioloc.errors import InputError
+from radioloc.imaging.adjustment import adjust, approximate_places
 from radioloc.imaging.homography import transformed
+from radioloc.imaging.projections import Homographies
 
 EXACT_M = 1e-6
 CHAIN = Chain(images=5, map_below=3)
@@ -109,3 +111,11 @@ def test_images_that_nothing_ties_to_the_map_are_refused():
     loose = replace(ties, map_point=nowhere, map_m=np.zeros((0, 2)), map_sigma_m=np.zeros(0))
     with pytest.raises(InputError, match="do not determine the images"):
         CHAIN.adjusted(loose)
+
+
+def test_images_that_start_as_a_line_are_refused():
+    ties, matrices = exact(), CHAIN.approximate()
+    flat = matrices.copy()
+    flat[2][1] = flat[2][0]
+    with pytest.raises(InputError, match="do not determine the images"):
+        adjust(ties, Homographies.of_matrices(flat, CHAIN.sizes), approximate_places(ties, matrices))

@@ -1,0 +1,113 @@
+"""A lander located by 240 frames of 2352 x 1728 pixels on a map of 10,000 x 10,000: time and memory of the command.
+
+Frames and map are drawn once, in some minutes, and kept in a folder of the system's for temporary files. To draw each
+frame from the ground would take the better part of an hour: every sixth is, at half the size (features are sought in
+reduced images), and those between are that one as the lower camera sees it, with noise and spacecraft of their own.
+"""
+
+from __future__ import annotations
+
+import json
+import tempfile
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+from busy import run, skip_if_busy
+
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.imaging import Camera, Sphere, TangentPlane, image_to_ground
+from radioloc.imaging.shading import sun_direction
+from radioloc.simulation.descents import Descent
+from radioloc.simulation.ground import Ground
+
+WALL_S, PEAK_MB = 300.0, 2000.0
+FRAMES, EVERY, SHAPE = 240, 6, (1728, 2352)
+MAP_PIXEL_M, MAP_PIXELS = 1.5, 10_000
+SHIFT_M = (6.0, -4.0)
+LEVEL_M = -2550.0
+
+GROUND = Ground(TangentPlane(-51.9162, 43.0584), seed=5, heights_m=np.full((2, 2), LEVEL_M))
+DESCENT = Descent(
+    GROUND,
+    Camera.of_pinhole(8.3, 4.33, [0.5 * (n - 1) for n in SHAPE[::-1]], [-0.05]),
+    SHAPE,
+    frames=FRAMES,
+    altitudes_m=(9000.0, 4.0),
+    seed=5,
+)
+HALF = replace(
+    DESCENT,
+    camera=Camera.of_pinhole(8.3, 8.66, [0.5 * (n // 2 - 1) for n in SHAPE[::-1]], [-0.05]),
+    shape=(SHAPE[0] // 2, SHAPE[1] // 2),
+    noise=0.0,
+    spacecraft=False,
+)
+STUDY = f"""[images]
+files = ["frames/*.png"]
+base_map = "map.tif"
+base_map_sigma_m = [5.0, 5.0]
+height_m = {LEVEL_M}
+[camera]
+focal_length_mm = 8.3
+pixel_size_um = 4.33
+distortion = [-0.05, 0.0, 0.0, 0.0, 0.0]
+"""
+
+
+def draw(folder: Path) -> None:
+    """Draw what is not there yet; the study file comes last."""
+    import cv2
+
+    (folder / "frames").mkdir(parents=True, exist_ok=True)
+    if not (folder / "map.tif").exists():
+        GROUND.write_map(
+            folder / "new.tif", MAP_PIXEL_M, MAP_PIXEL_M * MAP_PIXELS, sun_direction(85.0, 40.0), SHIFT_M, 1.0
+        )
+        (folder / "new.tif").rename(folder / "map.tif")
+    parts, hidden = DESCENT._parts(), DESCENT.spacecraft_mask()
+    for k in range(FRAMES):
+        if k % EVERY == 0:
+            high = HALF.frame(k)[0]
+        shown = cv2.remap(high, *in_frame_above(k), cv2.INTER_CUBIC, borderMode=cv2.BORDER_REFLECT_101)
+        noisy = np.clip(shown + np.random.default_rng(k).normal(0.0, 2.0, SHAPE), 0, 255).astype(np.uint8)
+        path = folder / "frames" / f"{k + 1:04d}.png"
+        cv2.imwrite(str(path), np.where(hidden, parts, noisy), [cv2.IMWRITE_PNG_COMPRESSION, 1])
+    (folder / "study.toml").write_text(STUDY)
+
+
+def in_frame_above(k: int) -> list:
+    """Where pixels of a frame are in the one before it that is drawn: samples and lines, both of shape `SHAPE`."""
+    import cv2
+
+    nodes = np.stack(np.meshgrid(*(np.linspace(0.0, n - 1.0, 1 + n // 16) for n in SHAPE[::-1])), axis=-1)
+    level_m = float(GROUND.heights_at_m(np.zeros((1, 2)), 1.0)[0])
+    points_m = image_to_ground(DESCENT.model(k), nodes.reshape(-1, 2), Sphere(MEAN_LUNAR_RADIUS_M + level_m))
+    found = HALF.model(k - k % EVERY).project(points_m).pixels.reshape(nodes.shape)
+    across, down = (
+        np.linspace(0.0, n - 1.0, size) for n, size in zip(nodes.shape[1::-1], SHAPE[::-1], strict=True)
+    )
+    at = [axis.astype(np.float32) for axis in np.meshgrid(across, down)]
+    return [cv2.remap(found[..., c].astype(np.float32), *at, cv2.INTER_LINEAR) for c in (0, 1)]
+
+
+def test_located_with_240_images(benchmark, capsys):
+    folder = Path(tempfile.gettempdir()) / "radioloc_240_images"
+    if not (folder / "study.toml").exists():
+        draw(folder)
+    command = "-m", "radioloc", "images", "study.toml", "--out", "out"
+    wall_s, cpu_s, peak_mb, _ = benchmark.pedantic(run, args=(folder, *command), rounds=1)
+    with capsys.disabled():
+        print(f"\nlocated by {FRAMES} images: {wall_s:.0f} s, {cpu_s:.0f} s of CPU time, {peak_mb:.0f} MB")
+    benchmark.extra_info.update({"cpu_s": cpu_s, "peak_mb": peak_mb})
+    content = json.loads((folder / "out" / "solution.json").read_text())
+    assert [image["status"] for image in content["images"]] == ["registered"] * FRAMES
+    place = content["position"]["me"]
+    truth, found = GROUND.plane.from_longitude_latitude(
+        [DESCENT.lander()[:2], (place["longitude_deg"], place["latitude_deg"])]
+    )
+    assert np.hypot(*(found - truth - SHIFT_M)) < MAP_PIXEL_M
+    assert peak_mb < PEAK_MB
+    if wall_s > WALL_S:
+        skip_if_busy(2.0, f"{wall_s:.0f} s say nothing of {WALL_S:g} s")
+    assert wall_s < WALL_S

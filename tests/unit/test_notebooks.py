@@ -60,7 +60,8 @@ def texts(cell):
             assert output.name == "stdout", f"{cell.source} warns: {output.text}"
             found.append(output.text)
         else:
-            found.append(f"{sorted(output.data)} {output.data['text/plain']}")
+            table = re.sub("<[^>]*>", " ", output.data.get("text/html", ""))
+            found.append(f"{sorted(output.data)} {output.data['text/plain']} {table}")
     return found
 
 
@@ -102,15 +103,20 @@ def run_cells(folder, tmp_path):
 
 FIGURE = "from radioloc.report.figures import new_figure\na = new_figure(3, 2)\na.subplots()\na"
 BAR = "from radioloc.progress import progress_bar\nprogress_bar(wanted=True, total=3).update(2)"
+TABLE = (
+    "from radioloc.report.cards import text_table\nprint(*text_table(['a', 'b'], [['1', '2']], 9), sep='|')"
+)
 NO_WIDGETS = "import sys\nsys.modules['ipywidgets'] = None"
 
 
-def test_figures_show_once_with_and_without_pyplot_and_bars_without_warnings(run_cells):
+def test_figures_and_cards_show_once_and_bars_without_warnings(run_cells):
     pyplot = "import matplotlib.pyplot as plt\nplt.plot([1, 2]);"
-    cells = run_cells(FIGURE, f"{FIGURE};", pyplot, FIGURE, "b = a", NO_WIDGETS, BAR)
+    cells = run_cells(FIGURE, f"{FIGURE};", pyplot, FIGURE, "b = a", TABLE, NO_WIDGETS, BAR)
     shown = [[sorted(output.data) for output in outputs] for outputs in cells[:5]]
     png = ["image/png", "text/plain"]
     assert shown == [[png], [], [png], [png], []]
+    [table] = cells[5]
+    assert table.text == "a  b|1  2\n"
     [bar] = [output for output in cells[-1] if output.output_type == "stream"]
     assert "2/3" in bar.text
     assert "arn" not in bar.text

@@ -95,7 +95,9 @@ def text_table(heading: Sequence[str], rows: Iterable[Sequence[str]], width: int
     for row in rows:
         table.add_row(*map(Text, row))
     numbers = sum(2 + max(map(len, column)) for column in list(zip(heading, *rows, strict=True))[1:])
-    console = Console(file=io.StringIO(), width=max(width, numbers + _SHORTEST_NAME), color_system=None)
+    console = Console(
+        file=io.StringIO(), width=max(width, numbers + _SHORTEST_NAME), color_system=None, force_jupyter=False
+    )
     with console.capture() as capture:
         console.print(table)
     return capture.get().splitlines()

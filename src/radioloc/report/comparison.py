@@ -211,8 +211,7 @@ def plot_comparison(comparison: Comparison, ax: Axes | None = None) -> Figure:
     --------
     >>> import radioloc
     >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    >>> written = radioloc.write_report(radioloc.locate(study), "out")
-    >>> found = radioloc.studies.compare(["out/solution.json"])
+    >>> found = radioloc.studies.compare([radioloc.locate(study)])
     >>> radioloc.report.plot_comparison(found).axes[0].get_ylabel()
     'north of JPL, DE421 solution (m)'
     """

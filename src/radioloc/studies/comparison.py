@@ -15,24 +15,30 @@ import numpy as np
 
 from radioloc.errors import InputError
 from radioloc.estimation.combination import PositionEstimate, agreement, joint_estimate
+from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
+from radioloc.report.arc_study import ArcStudy
 from radioloc.report.comparison import Comparison
+from radioloc.report.image_solution import ImageSolution
+from radioloc.report.point_solution import PointSolution
 from radioloc.report.position_table import Place, PositionRow, place_fields
 from radioloc.studies.stated_positions import read_stated
 from radioloc.text_files import read_text
 
 _JOINT = "joint estimate"
 
+Result = ArcStudy | ImageSolution | PointSolution | Solution
 
-def compare(paths: Iterable[str | Path], reference: str | None = None) -> Comparison:
+
+def compare(solutions: Iterable[str | Path | Result], reference: str | None = None) -> Comparison:
     """Put solutions beside each other, as table 1 of Wang et al. (2021) does, test each pair, and combine them.
 
     Parameters
     ----------
-    paths : iterable of path-like
-        Files ``solution.json`` of :command:`locate` and :command:`images`, ``arcs.json`` of :command:`arcs`, which
-        holds a solution for each arc, or TOML files of positions that somebody else states.
+    solutions : iterable of path-like, Solution, ArcStudy, ImageSolution or PointSolution
+        Results, those of arcs being a solution for each arc; or files: ``solution.json`` of :command:`locate` and
+        :command:`images`, ``arcs.json`` of :command:`arcs`, or TOML files of positions that somebody else states.
     reference : str, optional
         The benchmark: the name of a solution, or of a reference in one of the files. By default the first reference,
         or else the first solution.
@@ -46,32 +52,32 @@ def compare(paths: Iterable[str | Path], reference: str | None = None) -> Compar
     --------
     >>> import radioloc
     >>> study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    >>> written = radioloc.write_report(radioloc.locate(study), "out")
-    >>> [row.name for row in radioloc.studies.compare(["out/solution.json"]).rows]
+    >>> [row.name for row in radioloc.studies.compare([radioloc.locate(study)]).rows]
     ['apollo15', 'JPL, DE421 solution']
     """
-    solutions: list[RecordedSolution] = []
+    recorded: list[RecordedSolution] = []
     references: dict[str, Place] = {}
-    for path in map(Path, paths):
-        found, known = (_stated(path), {}) if path.suffix == ".toml" else read_solutions(path)
-        solutions += found
+    for given in solutions:
+        is_stated = isinstance(given, str | Path) and Path(given).suffix == ".toml"
+        found, known = (_stated(Path(str(given))), {}) if is_stated else read_solutions(given)
+        recorded += found
         references = known | references
-    if not solutions:
+    if not recorded:
         raise InputError("there is no solution to compare; give files solution.json, arcs.json or TOML")
-    frames = {solution.content["position"]["me"]["frame"]: solution.where for solution in solutions}
+    frames = {solution.content["position"]["me"]["frame"]: solution.where for solution in recorded}
     if len(frames) > 1:
         listed = ", ".join(f"{where} in {frame}" for frame, where in frames.items())
         raise InputError(
             f"positions of different axes cannot be compared: {listed}; use one ephemeris for all"
         )
     frame = next(iter(frames))
-    names = _names(solutions)
-    estimates = [replace(one.estimate, name=name) for one, name in zip(solutions, names, strict=True)]
+    names = _names(recorded)
+    estimates = [replace(one.estimate, name=name) for one, name in zip(recorded, names, strict=True)]
     joint = joint_estimate(
-        [item for item, one in zip(estimates, solutions, strict=True) if one.content["converged"]]
+        [item for item, one in zip(estimates, recorded, strict=True) if one.content["converged"]]
     )
     covariances = {one.name: one.total_enu_m2[:2, :2] for one in estimates}
-    places = {name: one.place for name, one in zip(names, solutions, strict=True)}
+    places = {name: one.place for name, one in zip(names, recorded, strict=True)}
     if joint is not None:
         places[_JOINT] = LunarPosition.from_cartesian(joint.position_me_m, frame).selenographic
         covariances[_JOINT] = joint.covariance_enu_m2[:2, :2]
@@ -83,7 +89,7 @@ def compare(paths: Iterable[str | Path], reference: str | None = None) -> Compar
     def beside(name: str) -> dict[str, Any]:
         return place_fields(places[name], None if name == benchmark else places[benchmark])
 
-    rows = [_row(one.content, name, beside(name)) for one, name in zip(solutions, names, strict=True)]
+    rows = [_row(one.content, name, beside(name)) for one, name in zip(recorded, names, strict=True)]
     if joint is not None:
         sigmas = [finite_or_none(math.sqrt(variance)) for variance in np.diag(joint.covariance_enu_m2)]
         rows.append(PositionRow("joint", _JOINT, **beside(_JOINT), **_sigmas(sigmas)))
@@ -100,7 +106,7 @@ def compare(paths: Iterable[str | Path], reference: str | None = None) -> Compar
 
 @dataclass(frozen=True, slots=True)
 class RecordedSolution:
-    """A solution as a file has it: what to call it in messages, all that it says, and its estimate of the position."""
+    """A solution of a file or a result: what to call it in messages, all that it says, its estimate of the position."""
 
     where: str
     content: Mapping[str, Any]
@@ -113,11 +119,11 @@ class RecordedSolution:
         return me["longitude_deg"], me["latitude_deg"], me["height_m"]
 
 
-def read_solutions(path: Path) -> tuple[list[RecordedSolution], dict[str, Place]]:
-    """The solutions of a ``solution.json`` or ``arcs.json``, and the references that it knows."""
-    text = read_text(path)
+def read_solutions(given: str | Path | Result) -> tuple[list[RecordedSolution], dict[str, Place]]:
+    """The solutions of a ``solution.json``, an ``arcs.json`` or a result, and the references that it knows."""
+    text = read_text(Path(given)) if isinstance(given, str | Path) else None
     try:
-        content = json.loads(text)
+        content = given.to_dict() if text is None else json.loads(text)  # type: ignore[union-attr]
         arcs = content.get("arcs", [{"solution": content}])
         references = {
             row["name"]: (-row["longitude_west_deg"], row["latitude_deg"], row["height_m"])
@@ -130,17 +136,17 @@ def read_solutions(path: Path) -> tuple[list[RecordedSolution], dict[str, Place]
         }
         solutions = [
             RecordedSolution(
-                f"{path}, {arc['hours']:g} h" if "hours" in arc else str(path),
+                f"{given}, {arc['hours']:g} h" if "hours" in arc else str(given),
                 arc["solution"],
                 PositionEstimate.from_solution(arc["solution"]),
             )
             for arc in arcs
         ]
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{given}: {error}") from None
     except (ValueError, LookupError, TypeError, AttributeError):
         raise InputError(
-            f"{path}: is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
+            f"{given}: is neither a solution.json nor an arcs.json of this version of radioloc; make it again"
         ) from None
     return solutions, references or places
 

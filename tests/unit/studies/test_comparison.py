@@ -164,8 +164,10 @@ def test_one_that_did_not_converge_is_told(table, tmp_path, capsys):
 @pytest.mark.usefixtures("undrawn")
 def test_solutions_of_locate_are_compared_with_their_reference(tmp_path):
     study = radioloc.read_study("examples/apollo15/apollo15.toml")
-    path = radioloc.write_report(radioloc.locate(study), tmp_path / "apollo15")[0]
+    located = radioloc.locate(study)
+    path = radioloc.write_report(located, tmp_path / "apollo15")[0]
     found = compare([path])
+    assert compare([located]).to_dict() == found.to_dict()
     reference = json.loads(path.read_text())["reference"]
     row = found.rows[0]
     assert found.benchmark == "JPL, DE421 solution"
@@ -209,5 +211,7 @@ def test_other_files_frames_and_references_are_refused(table, tmp_path, capsys):
     other["position"]["me"]["frame"] = "ME_DE440"
     with pytest.raises(InputError, match="use one ephemeris for all"):
         compare([table[0], written(tmp_path / "other", other)])
+    with pytest.raises(InputError, match="3: is neither"):
+        compare([3])
     with pytest.raises(InputError, match="there is no 'LOLA' to compare with; there are Image matching"):
         compare(table, "LOLA")

@@ -13,5 +13,4 @@ def optional(module: str, need: str, extra: str) -> ModuleType:
     try:
         return importlib.import_module(module)
     except ImportError as error:
-        package = module.partition(".")[0]
-        raise InputError(f"{need} pip install {package} (the extra {extra!r} of radioloc)") from error
+        raise InputError(f"{need} pip install 'radioloc[{extra}]'") from error

@@ -22,8 +22,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             options = make_parser().parse_args(arguments)
             with prepared(options.verbose):
-                from radioloc.cli.commands import COMMANDS
+                from radioloc.cli.commands import COMMANDS, ready
 
+                ready(options)
                 return COMMANDS[options.command](options)
         except SystemExit:  # of --help and --version, which have printed
             say("", end="")

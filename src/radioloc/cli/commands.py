@@ -32,6 +32,7 @@ from radioloc.report.files import (
 from radioloc.report.gis import GIS_ENDINGS, write_gis
 from radioloc.report.map_figure import plot_map
 from radioloc.report.oem import write_oem
+from radioloc.report.page import require_page
 from radioloc.report.residuals_tdm import write_residuals_tdm
 from radioloc.report.sinex import write_sinex
 from radioloc.report.solution_table import solution_table
@@ -58,10 +59,18 @@ class Result(Protocol):
         """All numbers of it."""
 
 
+def ready(options: argparse.Namespace) -> None:
+    """Complain, before work that may take long, of a page that could not be written after it."""
+    if getattr(options, "report", False):
+        if options.out is None:
+            options.parser.error("--report needs --out DIR, where to write report.html")
+        require_page()
+
+
 def _done(options: argparse.Namespace, found: Result, write: Callable[..., object], good: bool) -> int:
     """Write the files of a result if asked for, print it, and give the exit status."""
     if options.out is not None:
-        write(found, options.out)
+        write(found, options.out, html=options.report)
     _tell(options, found, found.to_dict)
     return DONE if good else NOT_CONVERGED
 
@@ -86,7 +95,7 @@ def _locate(options: argparse.Namespace) -> int:
     arc, left_out = locate.prepared_arc(study)
     solution = locate.fit_arc(study, arc, left_out, study.estimate if fitted else None)
     if options.out is not None:
-        write_report(solution, options.out, arc if options.terms else None)
+        write_report(solution, options.out, arc if options.terms else None, html=options.report)
     if options.residuals_tdm is not None:
         write_residuals_tdm(solution, arc.observations, options.residuals_tdm, originator=options.originator)
     _tell(options, solution, solution.to_dict)
@@ -211,7 +220,8 @@ def _covariance(options: argparse.Namespace) -> int:
     found = [covariance(study, options.hours, reach_m=options.reach) for study in studies]
     for plan in found:
         if options.out is not None:
-            write_covariance(plan, options.out / plan.name if len(found) > 1 else options.out)
+            folder = options.out / plan.name if len(found) > 1 else options.out
+            write_covariance(plan, folder, html=options.report)
     cards = [str(plan) for plan in found]
     card = "\n\n".join([*cards, str(plans_card(found))] if len(found) > 1 else cards)
     _tell(options, card, lambda: [plan.to_dict() for plan in found] if len(found) > 1 else found[0].to_dict())

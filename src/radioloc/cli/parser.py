@@ -117,6 +117,12 @@ def make_parser() -> Parser:
             help="solution.json or arcs.json files",
         )
 
+    def add_folder(to: Parser, text: str) -> None:
+        to.add_argument("--out", **folder, help=text)
+        to.add_argument(
+            "--report", **flag, help="with --out, also write report.html, one page that shows everything"
+        )
+
     file_of_a_study = "the study file"
     for name, text, examples in (
         (
@@ -131,7 +137,7 @@ def make_parser() -> Parser:
         ),
     ):
         of_a_fit = command(name, text, *examples, study=file_of_a_study)
-        of_a_fit.add_argument("--out", **folder, help="write solution.json, residuals.csv and plots to DIR")
+        add_folder(of_a_fit, "write solution.json, residuals.csv and plots to DIR")
         of_a_fit.add_argument(
             "--terms", **flag, help="with --out, also write terms.csv: what each term of the model adds"
         )
@@ -158,7 +164,7 @@ def make_parser() -> Parser:
         study=file_of_a_study,
     )
     of_arcs.add_argument("--hours", **hours)
-    of_arcs.add_argument("--out", **folder, help="write tables, a figure and all solutions to DIR")
+    add_folder(of_arcs, "write tables, a figure and all solutions to DIR")
 
     simulated = "a study file with [simulation]"
     made = command(
@@ -212,7 +218,7 @@ def make_parser() -> Parser:
     trials.add_argument(
         "--workers", **number, default=1, help="processes to share the trials among (default: 1)"
     )
-    trials.add_argument("--out", **folder, help="write trials, summary and figures to DIR")
+    add_folder(trials, "write trials, summary and figures to DIR")
     trials.add_argument("--resume", **flag, help="go on from the trials that are already in DIR")
     trials.add_argument(
         "--full", **flag, help="fit every trial with the whole model rather than its linearization; slow"
@@ -224,7 +230,7 @@ def make_parser() -> Parser:
         "descent.toml --out results",
         study="a study file with [images], [image_point] or [stereo]",
     )
-    of_images.add_argument("--out", **folder, help="write solution.json and a figure to DIR")
+    add_folder(of_images, "write solution.json and a figure to DIR")
     of_images.more = _keys_of_images
 
     beside = command(
@@ -245,7 +251,7 @@ def make_parser() -> Parser:
         metavar="NAME",
         help="the solution or reference to compare the others with (default: the first reference)",
     )
-    beside.add_argument("--out", **folder, help="write a table, comparison.json and a figure to DIR")
+    add_folder(beside, "write a table, comparison.json and a figure to DIR")
 
     other = command(
         "export",
@@ -318,9 +324,7 @@ def make_parser() -> Parser:
     plans.add_argument(
         "--reach", **metres, help="say after how many hours the 95 %% error radius is this small"
     )
-    plans.add_argument(
-        "--out", **folder, help="write tables and a figure to DIR; of several plans, to a folder each"
-    )
+    add_folder(plans, "write tables and a figure to DIR; of several plans, to a folder each")
     plans.more = _keys_of_a_study
 
     command(

@@ -19,6 +19,7 @@ from radioloc.report.image_solution import ImageSolution
 from radioloc.report.map_figure import plot_map
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.oem import write_oem
+from radioloc.report.page import write_html
 from radioloc.report.parameter_figures import plot_contours, plot_correlations
 from radioloc.report.point_figures import plot_point
 from radioloc.report.point_solution import PointSolution
@@ -57,6 +58,7 @@ __all__ = [
     "write_comparison",
     "write_covariance",
     "write_gis",
+    "write_html",
     "write_images",
     "write_monte_carlo",
     "write_oem",

@@ -18,18 +18,14 @@ from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.report.arc_study import ArcStudy
-from radioloc.report.comparison import Comparison, plot_comparison
-from radioloc.report.covariance import CovarianceStudy, plot_covariance
+from radioloc.report.comparison import Comparison
+from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.figures import save_figure
-from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.monte_carlo import MonteCarlo
-from radioloc.report.parameter_figures import can_be_drawn, plot_contours, plot_correlations
-from radioloc.report.point_figures import plot_point
+from radioloc.report.page import PAGE, write_page
 from radioloc.report.point_solution import PointSolution
-from radioloc.report.position_figures import plot_position
-from radioloc.report.residual_figures import plot_links, plot_residuals
-from radioloc.report.trial_figures import plot_error_by_length, plot_trials
+from radioloc.report.result_figures import Result, figures_of
 from radioloc.text_files import disk_failed, write_text
 
 if TYPE_CHECKING:
@@ -41,11 +37,13 @@ RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_DECIMALS, "status")
 
 INCOMPLETE = "INCOMPLETE"
 """File of a folder whose other files may be of different results, as it was not written to the end."""
-OF_A_MONTE_CARLO = ("montecarlo.json", "trials.csv", "trials.[ps][nv]g", "error_by_length.[ps][nv]g")
+OF_A_MONTE_CARLO = ("montecarlo.json", "trials.csv", "trials.[ps][nv]g", "error_by_length.[ps][nv]g", PAGE)
 """Files of a Monte Carlo study, by name or pattern."""
 
 
-def write_report(solution: Solution, folder: str | Path, terms_by: Predictor | None = None) -> list[Path]:
+def write_report(
+    solution: Solution, folder: str | Path, terms_by: Predictor | None = None, *, html: bool = False
+) -> list[Path]:
     """Write a solution's files and plots.
 
     Parameters
@@ -56,6 +54,8 @@ def write_report(solution: Solution, folder: str | Path, terms_by: Predictor | N
         earlier solution are removed, and until all are written there is one called ``INCOMPLETE``.
     terms_by : Predictor, optional
         That of the solution's study, to write ``terms.csv`` as well (:func:`write_terms`).
+    html : bool
+        Write ``report.html`` as well (:func:`write_html`).
 
     Returns
     -------
@@ -65,7 +65,8 @@ def write_report(solution: Solution, folder: str | Path, terms_by: Predictor | N
     Raises
     ------
     InputError
-        The folder cannot be made or written to, or the solution has no elevations.
+        The folder cannot be made or written to, the solution has no elevations, or the extra ``report`` is not
+        installed and a page is wanted.
     OSError
         The disk is full or fails.
 
@@ -76,21 +77,10 @@ def write_report(solution: Solution, folder: str | Path, terms_by: Predictor | N
     >>> [path.name for path in radioloc.write_report(solution, "out")][:2]
     ['solution.json', 'residuals.csv']
     """
-    rows = solution.residuals
-    # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
-    apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
-    located = solution.position_estimated and solution.position_determined
-    correlations, contours = can_be_drawn(solution)
-    figures = {
-        "residuals": partial(plot_links if apart else plot_residuals, solution),
-        "position": partial(plot_position, solution) if located else None,
-        "correlations": partial(plot_correlations, solution) if correlations else None,
-        "contours": partial(plot_contours, solution) if contours else None,
-    }
     contents: dict[str, _Content] = _numbers(solution)
     if terms_by is not None:
         contents["terms.csv"] = partial(_write_terms, terms_by, solution)
-    return _write(folder, contents, figures, ("terms.csv",))
+    return _write(solution, folder, contents, html, ("terms.csv",))
 
 
 _Content = str | Mapping[str, Any] | Callable[[Path], object]
@@ -104,9 +94,10 @@ def _numbers(solution: Solution, folder: str = "") -> dict[str, _Content]:
 
 
 def _write(
+    result: Result,
     folder: str | Path,
     contents: Mapping[str, _Content],
-    figures: Mapping[str, Callable[[], Figure] | None],
+    html: bool,
     earlier: tuple[str, ...] = (),
 ) -> list[Path]:
     """Write files and figures by name, those that there are; others of such names, or of earlier ones, are removed.
@@ -128,9 +119,15 @@ def _write(
             write_json(written[-1], content)
         else:
             content(written[-1])
+    figures = figures_of(result)
     for name, draw in figures.items():
         written += [] if draw is None else write_figure(draw(), folder, name)
-    remove_files(folder, (*contents, *(f"{name}.[ps][nv]g" for name in figures), *earlier), written)
+    if html:
+        drawn = {path.stem: path for path in written if path.suffix == ".png"}
+        written.append(folder / PAGE)
+        write_page(result, drawn, written[-1])
+    earlier = (PAGE, *(f"{name}.[ps][nv]g" for name in figures), *earlier)
+    remove_files(folder, (*contents, *earlier), written)
     marker.unlink()
     return written
 
@@ -197,7 +194,7 @@ def _write_terms(predictor: Predictor, solution: Solution, path: Path) -> None:
     write_csv(path, batches_of(columns | named, dict.fromkeys(named, 6)))
 
 
-def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
+def write_arcs(study: ArcStudy, folder: str | Path, *, html: bool = False) -> list[Path]:
     """Write ``arcs.json``, ``table1.csv``, ``.md``, ``.tex``, ``figure2.png``, ``.svg``, and a folder for each arc.
 
     Table and figure are what table 1 and figure 2 of Wang et al. (2021) show. Each arc's folder, such as ``12h``, has
@@ -219,10 +216,10 @@ def write_arcs(study: ArcStudy, folder: str | Path) -> list[Path]:
     for arc in study.arcs:
         contents |= _numbers(arc.solution, f"{arc.hours:g}h/")
     earlier = ("[0-9]*h/solution.json", "[0-9]*h/residuals.csv")
-    return _write(folder, contents, {"figure2": partial(plot_links, study.longest)}, earlier)
+    return _write(study, folder, contents, html, earlier)
 
 
-def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
+def write_monte_carlo(study: MonteCarlo, folder: str | Path, *, html: bool = False) -> list[Path]:
     """Write ``montecarlo.json``, ``trials.csv``, ``trials.png``, ``trials.svg``, ``error_by_length.png`` and ``.svg``.
 
     There are no figures where no trial has converged, and more than twelve arcs are an error, as they do not fit on a
@@ -239,16 +236,10 @@ def write_monte_carlo(study: MonteCarlo, folder: str | Path) -> list[Path]:
     from radioloc.io.csv_file import batches_of, write_csv
 
     trials = partial(write_csv, batches=batches_of(study.columns_of_trials()))
-    figures = {"trials": plot_trials, "error_by_length": plot_error_by_length}
-    some = bool((study["converged"] == 1.0).any())
-    return _write(
-        folder,
-        {"montecarlo.json": study.to_dict(), "trials.csv": trials},
-        {name: partial(draw, study) if some else None for name, draw in figures.items()},
-    )
+    return _write(study, folder, {"montecarlo.json": study.to_dict(), "trials.csv": trials}, html)
 
 
-def write_covariance(study: CovarianceStudy, folder: str | Path) -> list[Path]:
+def write_covariance(study: CovarianceStudy, folder: str | Path, *, html: bool = False) -> list[Path]:
     """Write ``covariance.json``, ``covariance.csv``, ``covariance.png`` and ``covariance.svg``.
 
     There are no figures where the position is not determined. All else is as of :func:`write_report`.
@@ -260,14 +251,13 @@ def write_covariance(study: CovarianceStudy, folder: str | Path) -> list[Path]:
     >>> [path.name for path in radioloc.report.write_covariance(found, "out")][:2]
     ['covariance.json', 'covariance.csv']
     """
-    return _write(
-        folder,
-        {"covariance.json": study.to_dict(), "covariance.csv": study.to_csv()},
-        {"covariance": partial(plot_covariance, study) if study.determined else None},
-    )
+    contents: dict[str, _Content] = {"covariance.json": study.to_dict(), "covariance.csv": study.to_csv()}
+    return _write(study, folder, contents, html)
 
 
-def write_images(solution: ImageSolution | PointSolution, folder: str | Path) -> list[Path]:
+def write_images(
+    solution: ImageSolution | PointSolution, folder: str | Path, *, html: bool = False
+) -> list[Path]:
     """Write ``solution.json``, and ``images.png`` and ``images.svg``, or of a point ``position.png`` and ``.svg``.
 
     All else is as of :func:`write_report`.
@@ -279,12 +269,10 @@ def write_images(solution: ImageSolution | PointSolution, folder: str | Path) ->
     >>> [path.name for path in radioloc.report.write_images(solution, "out")]
     ['solution.json', 'images.png', 'images.svg']
     """
-    mosaic = partial(plot_images, solution) if isinstance(solution, ImageSolution) else None
-    point = partial(plot_point, solution) if isinstance(solution, PointSolution) else None
-    return _write(folder, {"solution.json": solution.to_dict()}, {"images": mosaic, "position": point})
+    return _write(solution, folder, {"solution.json": solution.to_dict()}, html)
 
 
-def write_comparison(found: Comparison, folder: str | Path) -> list[Path]:
+def write_comparison(found: Comparison, folder: str | Path, *, html: bool = False) -> list[Path]:
     """Write ``comparison.json``, ``table1.csv``, ``.md``, ``.tex``, ``comparison.png`` and ``comparison.svg``.
 
     All else is as of :func:`write_report`.
@@ -297,16 +285,13 @@ def write_comparison(found: Comparison, folder: str | Path) -> list[Path]:
     >>> [path.name for path in radioloc.report.write_comparison(found, "compared")][:2]
     ['table1.csv', 'table1.md']
     """
-    return _write(
-        folder,
-        {
-            "table1.csv": found.to_csv(),
-            "table1.md": found.to_markdown(),
-            "table1.tex": found.to_latex(),
-            "comparison.json": found.to_dict(),
-        },
-        {"comparison": partial(plot_comparison, found)},
-    )
+    contents: dict[str, _Content] = {
+        "table1.csv": found.to_csv(),
+        "table1.md": found.to_markdown(),
+        "table1.tex": found.to_latex(),
+        "comparison.json": found.to_dict(),
+    }
+    return _write(found, folder, contents, html)
 
 
 def write_figure(figure: Figure, folder: Path, name: str) -> list[Path]:

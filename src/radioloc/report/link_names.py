@@ -4,7 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
+
+
+def have_paths(rows: Residuals) -> bool:
+    """Whether paths are those of observations, not names of stations in their place."""
+    return all(">" in path or "@" in path for path in rows.paths.present())
 
 
 def ways(links: Sequence[Link]) -> list[str]:

@@ -121,12 +121,7 @@ def plot_residuals(
     >>> figure.axes[0].get_title(loc="left")
     'APOLLO'
     """
-    residuals = _residuals_of(solution)
-    stations = residuals.stations
-    panels = [
-        Panel(residuals, name, "", {"": np.flatnonzero(stations.are(name))}) for name in stations.present()
-    ]
-    return _grid(solution, title, ax, panels, _STATIONS)
+    return _grid(solution, title, ax, station_panels(_residuals_of(solution)), _STATIONS)
 
 
 def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axes | None = None) -> Figure:
@@ -151,6 +146,14 @@ def _residuals_of(solution: Solution | Residuals) -> Residuals:
     if not len(residuals):
         raise InputError("there are no residuals to draw")
     return residuals
+
+
+def station_panels(residuals: Residuals) -> list[Panel]:
+    """Group observations by station."""
+    stations = residuals.stations
+    return [
+        Panel(residuals, name, "", {"": np.flatnonzero(stations.are(name))}) for name in stations.present()
+    ]
 
 
 def link_panels(residuals: Residuals) -> list[Panel]:

@@ -28,7 +28,7 @@ from radioloc.report.cards import (
     signed_metres,
     to_sigma,
 )
-from radioloc.report.link_names import short_names
+from radioloc.report.link_names import have_paths, short_names
 from radioloc.time import utc_strings
 
 # A card is to fit a screen; to_dict() has all rows.
@@ -81,7 +81,7 @@ def solution_card(solution: Solution) -> Card:
             _budget(solution),
             Field("reference", _reference(solution)),
             Field("a priori", _position_priors(solution)),
-            _other_parameters(solution),
+            parameter_field(solution, _MAX_PARAMETERS),
             Field("held", _held(solution)),
             Field("passes", _passes(solution)),
             Field("data", _data(solution)),
@@ -296,10 +296,11 @@ def _held(solution: Solution) -> Iterator[str]:
         yield ", ".join(f"{item.name} {item.prior_value:.6g} {item.unit}" for item in items)
 
 
-def _other_parameters(solution: Solution) -> Field:
+def parameter_field(solution: Solution, most: int) -> Field:
+    """Estimated parameters beside the position, the first of them."""
     others, sigmas = _others(solution), solution.sigmas()
     rows = []
-    for k in others[:_MAX_PARAMETERS]:
+    for k in others[:most]:
         item = solution.parameters.parameters[k]
         prior = (
             "free" if math.isinf(item.prior_sigma) else f"{item.prior_value:.4g} +- {item.prior_sigma:.4g}"
@@ -308,7 +309,7 @@ def _other_parameters(solution: Solution) -> Field:
             (item.name, to_sigma(solution.values[k], sigmas[k]), sigma_text(sigmas[k]), item.unit, prior)
         )
     heading = ("parameter", "value", "sigma", "unit", "a priori")
-    return Field("estimated", (), heading, rows, more(len(others), _MAX_PARAMETERS))
+    return Field("estimated", (), heading, rows, more(len(others), most))
 
 
 def _passes(solution: Solution) -> Iterator[str]:
@@ -396,19 +397,14 @@ def _time_correlation(solution: Solution) -> Iterator[str]:
 
 def _ends(rows: Residuals) -> set[str]:
     """Stations at either end of some path."""
-    if not _have_paths(rows):
+    if not have_paths(rows):
         return set(rows.stations.present())
     return {station for path in rows.paths.present() for station in Link.from_path(path).stations}
 
 
-def _have_paths(rows: Residuals) -> bool:
-    """Whether paths are those of observations, not names of stations in their place."""
-    return all(">" in path or "@" in path for path in rows.paths.present())
-
-
 def _links(rows: Residuals) -> Labels:
     """What the station or link of each observation is called, with the type where those differ."""
-    if not _have_paths(rows):
+    if not have_paths(rows):
         return rows.stations
     # Of several types a station has no one rms: metres of range and of range difference are not alike.
     several = len(rows.types.present()) > 1
@@ -423,7 +419,7 @@ def _links(rows: Residuals) -> Labels:
 def _groups(solution: Solution) -> Iterator[Field]:
     """Statistics by station; where types differ, or a station has part in several paths, by type and by path."""
     rows, fit = solution.residuals, solution.fit
-    if not _have_paths(rows) or len(fit.by_path) == len(fit.by_station) == len(_ends(rows)):
+    if not have_paths(rows) or len(fit.by_path) == len(fit.by_station) == len(_ends(rows)):
         found = [("stations", fit.by_station, _MAX_ROWS)]
     else:
         found = [("types", fit.by_type, _MAX_ROWS)] if len(fit.by_type) > 1 else []

@@ -271,5 +271,5 @@ MAP_SHA256 = "13eb2a6155b0aa89661b38114ecc546d83d71c15f973b2490484827705623726"
 def test_missing_rasterio_says_what_to_install(monkeypatch, tmp_path):
     path = write(tmp_path / "a.tif", SLOPING, EQC, SMALL)
     monkeypatch.setitem(sys.modules, "rasterio", None)
-    with pytest.raises(InputError, match="pip install rasterio"):
+    with pytest.raises(InputError, match=r"pip install 'radioloc\[terrain\]'"):
         TerrainModel.open(path)

@@ -1,0 +1,318 @@
+"""The HTML page of a result: that it is sound HTML, needs nothing else, and says what the result says."""
+
+import base64
+import gzip
+import json
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from html import escape
+from html.parser import HTMLParser
+from pathlib import Path
+
+import numpy as np
+import pytest
+from toy_moon import LANDER_M, ToyMoon, toy_solution
+
+from radioloc import cli
+from radioloc.errors import InputError
+from radioloc.estimation import Labels
+from radioloc.report.arc_study import Arc, ArcStudy
+from radioloc.report.cards import metres
+from radioloc.report.envelope import BINS, MOST_POINTS
+from radioloc.report.files import write_report
+from radioloc.report.page import write_html, write_page
+from radioloc.report.residual_charts import residual_charts
+
+EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
+VOID = {"meta", "img", "br", "input", "link"}
+LARGEST = 2.6e6
+"""Of a page with figures and charts, bytes: three quarters are the script of the charts."""
+NASTY = '<img src=x onerror="alert(1)">&amp;{{ 7 * 7 }}'
+PROVENANCE = {
+    "study": {"file": f"/tmp/{NASTY}.toml", "inputs": [{"file": "a.csv", "sha256": "0" * 64}]},
+    "n": 3,
+}
+
+
+class Page(HTMLParser):
+    """Elements in order, texts by element, and tables as rows of cells."""
+
+    def __init__(self, text):
+        super().__init__()
+        self.open, self.elements, self.tables, self.words = [], [], [], []
+        self.scripts, self.headings = {}, []
+        self.feed(text)
+        self.close()
+        assert not self.open
+
+    def handle_starttag(self, tag, attributes):
+        self.elements.append((tag, dict(attributes)))
+        assert len(dict(attributes)) == len(attributes), (tag, attributes)
+        if tag == "table":
+            self.tables.append([])
+        elif tag == "tr":
+            self.tables[-1].append([])
+        elif tag in ("td", "th"):
+            self.tables[-1][-1].append("")
+        elif tag in ("h1", "h2", "h3"):
+            self.headings.append(tag)
+        if tag not in VOID:
+            self.open.append((tag, dict(attributes)))
+
+    def handle_endtag(self, tag):
+        assert self.open.pop()[0] == tag
+
+    def handle_data(self, data):
+        tag, attributes = self.open[-1] if self.open else ("", {})
+        if tag == "script":
+            self.scripts[attributes.get("id", "code")] = data
+        elif tag != "style":
+            self.words.append(data.strip())
+        if tag in ("td", "th"):
+            self.tables[-1][-1][-1] += data
+
+    def table(self, *heading):
+        """The rows of all tables with a heading."""
+        return [row for table in self.tables if table[0] == list(heading) for row in table[1:]]
+
+    def all(self, tag):
+        return [attributes for name, attributes in self.elements if name == tag]
+
+    def charts(self):
+        return json.loads(gzip.decompress(base64.b64decode(self.scripts["charts"])))
+
+
+def numbers(packed):
+    return np.frombuffer(base64.b64decode(packed["bdata"]), f"<{packed['dtype']}")
+
+
+def ranges_of(count, span_h, **given):
+    """A solution of two-way ranges."""
+    model = ToyMoon(count, span_h)
+    return toy_solution(model, path=[f"{name}>lander>{name}" for name in model.station], **given)
+
+
+@pytest.fixture(scope="module")
+def solution():
+    found = ranges_of(
+        90,
+        72.0,
+        blunders_m={4: 19.0, 7: -1e5},
+        reference_pa_m=LANDER_M,
+        reference_name="truth",
+    )
+    return replace(found, name="toy", provenance=PROVENANCE, notes=(f"a note {NASTY}",))
+
+
+@pytest.fixture(scope="module")
+def written(solution, tmp_path_factory):
+    path = tmp_path_factory.mktemp("page") / "toy.html"
+    write_html(solution, path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def page(written):
+    return Page(written.read_text(encoding="utf-8"))
+
+
+def test_a_page_is_sound_html(page):
+    assert page.all("html") == [{"lang": "en"}]
+    assert page.headings[0] == "h1"
+    assert page.headings.count("h1") == 1
+    ids = [attributes["id"] for _, attributes in page.elements if "id" in attributes]
+    assert len(set(ids)) == len(ids)
+    links = [attributes["href"] for attributes in page.all("a")]
+    assert {link.removeprefix("#") for link in links} <= set(ids)
+    for attributes in page.all("section"):
+        assert attributes["aria-labelledby"] in ids
+        assert f"#{attributes['id']}" in links
+    for attributes in page.all("img"):
+        assert attributes["alt"].startswith("toy: ")
+        assert int(attributes["width"]) > 100 < int(attributes["height"])
+    # Whatever can be scrolled or zoomed is reached by the keyboard and has a name.
+    reached = [attributes for tag, attributes in page.elements if tag == "div" and "tabindex" in attributes]
+    assert len(reached) == len(page.tables) + len(page.charts())
+    assert all(attributes["aria-label"] for attributes in reached)
+
+
+def test_a_page_needs_no_network_and_no_other_file(page, written):
+    for tag, attributes in page.elements:
+        for name in ("src", "href", "srcset", "data", "action"):
+            assert attributes.get(name, "#").startswith(("#", "data:image/webp;base64,")), tag
+    assert not page.all("link")
+    [policy] = [one["content"] for one in page.all("meta") if "http-equiv" in one]
+    assert policy.startswith("default-src 'none'; img-src data:")
+    plain = re.sub(r"[A-Za-z0-9+/=]{200,}", "", written.read_text(encoding="utf-8"))
+    assert not re.search(r"https?:|url\(|@import|fetch\(|XMLHttp", plain)
+    assert written.stat().st_size < LARGEST
+
+
+def test_text_of_users_is_text_on_the_page(page, written):
+    assert not any("onerror" in attributes for _, attributes in page.elements)
+    assert f"a note {NASTY}" in page.words
+    assert ["study.file", f"/tmp/{NASTY}.toml"] in page.table("key", "value")
+    assert "<img src=x" not in written.read_text(encoding="utf-8")
+
+
+def page_of(result, folder):
+    write_page(result, {}, folder / "page.html")
+    return Page((folder / "page.html").read_text(encoding="utf-8"))
+
+
+def test_what_hovering_says_is_text(solution):
+    statuses = np.where(solution.residuals.used, "used", NASTY)
+    charts = residual_charts(
+        replace(solution, residuals=replace(solution.residuals, statuses=Labels.of(statuses)))
+    )
+    reasons = [text for chart in charts for trace in chart.content["data"] for text in trace.get("text", ())]
+    assert reasons == [escape(NASTY, quote=False)] * 2
+
+
+def test_charts_are_of_stations_where_paths_are_not_known():
+    charts = residual_charts(toy_solution(ToyMoon(30, 24.0)))
+    assert [chart.title for chart in charts] == ["A", "B", "C"]
+
+
+def test_numbers_are_those_of_the_dictionary(page, solution):
+    content = solution.to_dict()
+    place = content["position"]["me"]
+    text = " ".join(page.words)
+    for number in (
+        f"{place['longitude_deg']:.8f} deg E",
+        f"{place['height_m']:.3f} m",
+        f"{place['x_m']:.3f}",
+    ):
+        assert number in text
+    sides = ("east_m", "north_m", "up_m", "total_m")
+    expected = [
+        [row["source"], row["name"] or "-", *(metres(row[k]) for k in sides)] for row in content["budget"]
+    ]
+    assert page.table("1 sigma, m", "of", "east", "north", "up", "3D") == expected
+    names = {row["name"] for row in content["parameters"]} - set(solution.parameters.names[:3])
+    listed = page.table("parameter", "value", "sigma", "unit", "a priori")
+    assert {row[0] for row in listed} == names
+    for row in listed:
+        [mine] = [one for one in content["parameters"] if one["name"] == row[0]]
+        assert float(row[1]) == pytest.approx(mine["value"], abs=0.01 * mine["total_sigma"])
+    left_out = page.table("UTC", "link", "residual, m", "reason")
+    assert sorted(row[3] for row in left_out) == sorted(row["reason"] for row in content["rejected"])
+    assert [float(row[2]) for row in left_out] == pytest.approx([-1e5, 19.0], rel=0.3)
+    assert page.table("key", "value") == [
+        ["study.file", f"/tmp/{NASTY}.toml"],
+        ["study.inputs[0].file", "a.csv"],
+        ["study.inputs[0].sha256", "0" * 64],
+        ["n", "3"],
+    ]
+
+
+def test_charts_hold_every_observation(page, solution):
+    rows = solution.residuals
+    shown = {"used": [], "left out": []}
+    for chart in page.charts():
+        assert "m)" in chart["layout"]["yaxis"]["title"]["text"]
+        for trace in chart["data"]:
+            part = shown["left out" if trace["marker"]["color"] == "left out" else "used"]
+            part.append(np.stack([numbers(trace["x"]), numbers(trace["y"])]))
+    for part, which in (("used", rows.used), ("left out", ~rows.used)):
+        found = np.concatenate(shown[part], axis=1)
+        np.testing.assert_allclose(np.sort(found[1]), np.sort(rows.residual_m[which]), rtol=1e-6)
+        since_2000_ms = (rows.epoch_utc.jd[which] - 2451544.5 + rows.epoch_utc.fraction[which]) * 86400e3
+        np.testing.assert_allclose(np.sort(found[0]), np.sort(since_2000_ms) + 946684800e3, atol=1.0)
+
+
+def test_charts_of_many_observations_show_their_envelope(solution):
+    rows = solution.residuals.select(np.flatnonzero(solution.residuals.used))
+    many = rows.select(np.resize(np.flatnonzero(rows.stations.are("A")), MOST_POINTS + 1))
+    [chart] = residual_charts(replace(solution, residuals=many))
+    [trace] = chart.content["data"]
+    assert len(numbers(trace["y"])) <= BINS
+    assert sum(int(text.split()[0]) for text in trace["text"]) == MOST_POINTS + 1
+    highest = numbers(trace["y"]) + numbers(trace["error_y"]["array"])
+    assert highest.max() == pytest.approx(many.residual_m.max(), rel=1e-6)
+    assert f"1/{BINS} of the time" in chart.note
+
+
+def test_an_arc_study_has_the_card_of_each_arc_and_the_charts_of_the_longest(solution, tmp_path):
+    short = ranges_of(30, 24.0)
+    page = page_of(ArcStudy("toy", (Arc(72.0, 72.0, solution), Arc(24.0, 24.0, short))), tmp_path)
+    assert {"The arc of 72 h", "The arc of 24 h"} <= set(page.words)
+    shown = sum(len(numbers(trace["y"])) for chart in page.charts() for trace in chart["data"])
+    assert shown == len(solution.residuals)
+    assert "toy: map with error ellipses of one and three sigma, and where on the Moon it is" in (
+        image["alt"] for image in page.all("img")
+    )
+
+
+def test_the_same_result_makes_the_same_page(solution, tmp_path):
+    for name in ("one", "two"):
+        write_page(solution, {}, tmp_path / name)
+    assert (tmp_path / "one").read_bytes() == (tmp_path / "two").read_bytes()
+
+
+def test_a_page_is_one_of_the_files_of_its_folder(solution, tmp_path, undrawn):
+    rows = replace(solution.residuals, elevation_deg=np.full(len(solution.residuals), 45.0))
+    solution = replace(solution, residuals=rows, trajectory=None)
+    (tmp_path / "report.html").write_text("of an earlier result")
+    write_report(solution, tmp_path)
+    assert not (tmp_path / "report.html").exists()
+
+
+@pytest.mark.parametrize("package", ["jinja2", "plotly.offline"])
+def test_without_the_extra_one_line_says_what_to_install(solution, package, monkeypatch, tmp_path, capsys):
+    monkeypatch.setitem(sys.modules, package, None)
+    with pytest.raises(InputError, match=r"pip install 'radioloc\[report\]'$"):
+        write_html(solution, tmp_path / "toy.html")
+    # Before the work: there is no such study.
+    assert cli.main(["locate", "none.toml", "--out", str(tmp_path), "--report"]) == 2
+    assert capsys.readouterr().err.count("pip install 'radioloc[report]'\n") == 1
+
+
+def test_a_page_needs_a_folder(capsys):
+    with pytest.raises(SystemExit) as end:
+        cli.main(["locate", "none.toml", "--report"])
+    assert end.value.code == 2
+    assert "--report needs --out DIR" in capsys.readouterr().err
+
+
+@pytest.fixture(scope="module")
+def change5(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("change5")
+    study = str(EXAMPLES / "change5" / "change5.toml")
+    assert cli.main(["locate", study, "--out", str(folder), "--report", "--quiet"]) == 0
+    return folder
+
+
+@pytest.mark.slow
+def test_the_page_of_a_real_study_is_small(change5):
+    page = Page((change5 / "report.html").read_text(encoding="utf-8"))
+    assert (change5 / "report.html").stat().st_size < LARGEST
+    content = json.loads((change5 / "solution.json").read_text(encoding="utf-8"))
+    assert len(page.table("UTC", "link", "residual, m", "reason")) == content["fit"]["rejected"]
+    assert ["ephemeris.sha256", content["provenance"]["ephemeris"]["sha256"]] in page.table("key", "value")
+
+
+CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser") or shutil.which("google-chrome")
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(CHROMIUM is None, reason="needs Chromium")
+@pytest.mark.parametrize("width", [390, 1280])
+def test_a_browser_draws_the_charts_and_nothing_is_wider_than_the_screen(written, width, tmp_path):
+    probe = (
+        "<script>setTimeout(() => { document.title = [document.documentElement.scrollWidth,"
+        " innerWidth, document.querySelectorAll('.js-plotly-plot').length].join(' ') }, 9000)</script></body>"
+    )
+    copy = tmp_path / "page.html"
+    copy.write_text(written.read_text(encoding="utf-8").replace("</body>", probe), encoding="utf-8")
+    flags = ("--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking")
+    size, profile = f"--window-size={width},6000", f"--user-data-dir={tmp_path / 'profile'}"
+    command = [CHROMIUM, *flags, size, profile, "--virtual-time-budget=12000", "--dump-dom", copy.as_uri()]
+    shown = subprocess.run(command, capture_output=True, text=True, check=True, timeout=300).stdout
+    needed, there, charts = map(int, re.search(r"<title>(\d+) (\d+) (\d+)</title>", shown).groups())
+    assert needed <= there
+    assert charts == shown.count('class="plot')
+    assert charts > 1

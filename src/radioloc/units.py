@@ -13,6 +13,24 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 
+ASTROPY_UNITS = {
+    name: name.replace("_", " / ", 1)
+    for name in ("m", "s", "h", "deg", "rad", "um", "mm", "arcsec", "m2", "m_s", "rad_s", "m_rad", "rad_m", "s_s")
+} | {
+    "hpa": "hPa", "k": "K", "hz": "Hz", "px": "pix", "tecu": "1e16 / m2", "per_mm": "1 / mm",
+    "m_yr": "m / yr", "m_s2": "m / s2", "m3_s2": "m3 / s2", "m_sqrt_s": "m / s(1/2)", "deg_m": "",
+}  # fmt: skip
+"""Units that names end in, as astropy spells them; of numbers of several units none."""
+
+
+def unit_of(name: str) -> str | None:
+    """Unit, in astropy's spelling, that the name of an argument ends in, such as ``step_s``; None without one."""
+    if name == "hours":
+        return "h"
+    words = name.split("_")
+    endings = ("_".join(words[k:]) for k in range(1, len(words)))
+    return next((ASTROPY_UNITS[ending] or None for ending in endings if ending in ASTROPY_UNITS), None)
+
 
 def in_unit(value: Any, unit: str, name: str) -> Any:
     """A number or array in a unit of astropy's spelling, such as ``"m / yr"``, without it; the name is for the error.
@@ -35,15 +53,21 @@ def in_unit(value: Any, unit: str, name: str) -> Any:
 
 
 def as_metres(value: Any, name: str) -> Any:
-    """A length as metres; an astropy ``EarthLocation`` as its geocentric coordinates. See :func:`in_unit`."""
-    if hasattr(value, "geocentric"):
-        return np.stack([in_unit(part, "m", name) for part in value.geocentric], axis=-1)
+    """A length as metres; of an ``EarthLocation`` or a representation of astropy x, y, z. See :func:`in_unit`."""
+    if hasattr(value, "to_geocentric"):
+        return np.stack([in_unit(part, "m", name) for part in value.to_geocentric()], axis=-1)
+    if hasattr(value, "to_cartesian"):
+        return in_unit(value.to_cartesian().get_xyz(xyz_axis=-1), "m", name)
+    if hasattr(value, "xyz_m"):
+        raise InputError(
+            f"{name} is {value!r}; give its coordinates, to_frame(...).xyz_m, in the axes that are wanted"
+        )
     return in_unit(value, "m", name)
 
 
 def as_float_array(value: Any, unit: str, name: str) -> NDArray[np.float64]:
     """Numbers in a unit as an array of floats; see :func:`in_unit`."""
-    bare = in_unit(value, unit, name)
+    bare = as_metres(value, name) if unit == "m" else in_unit(value, unit, name)
     try:
         return np.asarray(bare, dtype=np.float64)
     except (TypeError, ValueError):

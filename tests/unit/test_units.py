@@ -82,6 +82,7 @@ def test_a_station():
     location = EarthLocation.from_geocentric(*ITRF_M, unit="m")
     assert np.array_equal(station(itrf_m=location).itrf_m, ITRF_M)
     assert geodetic_from_itrf(location).height_m == geodetic_from_itrf(ITRF_M).height_m
+    assert station(itrf_m=location).location == location
     moving = station(velocity_m_yr=[-15.0, 14.0, 10.0] * u.mm / u.yr, axis_offset_m=70.0 * u.cm)
     assert np.allclose(moving.velocity_m_yr, [-0.015, 0.014, 0.010])
     assert moving.axis_offset_m == pytest.approx(0.7)
@@ -106,6 +107,8 @@ def test_a_time_of_any_scale_is_the_same_instant(scale):
         # Times of a day's fraction are good to 1e-11 s; TDB of astropy is at the geocentre too, at a UT1 left aside.
         assert np.abs(tried.seconds_since(tdb)).max() < 1e-8
     assert to_scale(to_scale(epochs, "UTC"), "TAI").scale == "TAI"
+    assert epochs.to_time().scale == scale
+    assert np.abs((epochs.to_time() - time).to_value("s")).max() < 1e-11
 
 
 def test_what_is_no_time_here_is_refused():

@@ -24,6 +24,7 @@ import astropy_iers_data
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import SECONDS_PER_DAY, TT_MINUS_TAI_S
 from radioloc.earth.eop_files import EopRows, read_eop_rows
 from radioloc.earth.eop_tides import zonal_tides
@@ -164,6 +165,7 @@ class EopTable:
         """UT1 - TT (s), xp, yp, dX, dY (rad) of the days, shape (n, 5), and the days in TT."""
         return self._values, self._nodes_tt
 
+    @bare_arguments
     def interpolate(self, tt: Epochs, *, zonal: bool = True) -> EopValues:
         """Values at epochs of TT within the table.
 

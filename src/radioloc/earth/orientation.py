@@ -19,6 +19,7 @@ import erfa
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_tides import libration, ocean_tides
@@ -74,6 +75,7 @@ class EarthOrientation:
             f"{self.table.last_measured_date}; {', '.join(terms) or 'no added terms'}>"
         )
 
+    @bare_arguments
     def evaluate(self, tt: Epochs) -> EarthRotation:
         """Orientation at epochs of TT; a :class:`PredictedEopWarning` where any rests on predictions not asked for.
 

@@ -18,6 +18,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import J2000_JD
 from radioloc.earth.blq import BlqCoefficients, parse_blq
 from radioloc.errors import InputError, StationError
@@ -147,10 +148,18 @@ class Station:
         return self.velocity_m_yr is not None
 
     @property
+    def location(self) -> Any:
+        """:attr:`itrf_m` as an astropy ``EarthLocation``."""
+        from astropy.coordinates import EarthLocation
+
+        return EarthLocation.from_geocentric(*self.itrf_m, unit="m")
+
+    @property
     def position_sigma_m(self) -> float:
         """Standard deviation of each coordinate, m, as stated or by the quality."""
         return _SIGMA_M[self.quality] if self.sigma_m is None else self.sigma_m
 
+    @bare_arguments
     def position_at(self, tt: Epochs) -> NDArray[np.float64]:
         """Give the reference point in the ITRF at epochs of TT, without tides and loading, m, shape (n, 3)."""
         tt.require("TT")

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.ephemeris.chebyshev import evaluate
 from radioloc.errors import KernelError
 from radioloc.kernels import Kernel, KernelFile, open_pck
@@ -48,6 +49,7 @@ class LunarOrientation:
         """Path, SHA-256 and span of the file."""
         return self.pck.file
 
+    @bare_arguments
     def angles(self, tdb: Epochs) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Euler angles phi, theta, psi of the principal axes, rad, and their rates, rad/s, at epochs of TDB, (n, 3).
 

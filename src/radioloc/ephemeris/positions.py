@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.ephemeris.chebyshev import evaluate
 from radioloc.ephemeris.constants import CONSTANTS, EphemerisConstants
 from radioloc.errors import InputError, KernelError
@@ -84,6 +85,7 @@ class Ephemeris:
             if (code, centers.get(code, _SOLAR_SYSTEM_BARYCENTRE)) in held
         )
 
+    @bare_arguments
     def earth(self, tdb: Epochs) -> EarthState:
         """Barycentric position, velocity and acceleration of the geocentre at epochs of TDB.
 
@@ -93,6 +95,7 @@ class Ephemeris:
         earth = self._relative(_EARTH, _EARTH_MOON_BARYCENTRE, tdb, derivatives=2)
         return EarthState(*((b + e) * _M_PER_KM for b, e in zip(barycentre, earth, strict=True)))
 
+    @bare_arguments
     def geocentric(self, body: str, tdb: Epochs) -> _State:
         """Geocentric position and velocity of a body, geometric (no light time), in barycentric coordinates, ICRF axes.
 
@@ -121,6 +124,7 @@ class Ephemeris:
             raise InputError(f"body {body!r} is not known; use one of {', '.join(BODIES)}")
         return self.geocentric_center(BODIES[body], tdb)
 
+    @bare_arguments
     def geocentric_center(self, code: int, tdb: Epochs) -> _State:
         """Geocentric position and velocity of a trajectory's centre by NAIF code; as :meth:`geocentric`."""
         if code == _EARTH:
@@ -134,6 +138,7 @@ class Ephemeris:
             other = other[0] - barycentre[0], other[1] - barycentre[1]
         return (other[0] - earth[0]) * _M_PER_KM, (other[1] - earth[1]) * _M_PER_KM
 
+    @bare_arguments
     def barycentric(self, body: str, tdb: Epochs) -> _State:
         """Barycentric position and velocity of a body; as :meth:`geocentric`, with the rounding of :meth:`earth`."""
         earth = self.earth(tdb)

@@ -15,6 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.ephemeris.lunar_axes import LUNAR_AXES, LunarAxes, states_to_icrf
 from radioloc.ephemeris.positions import Ephemeris
@@ -97,6 +98,7 @@ class Trajectory:
         axes = dict.fromkeys(f" in {segment.axes.frame}" for segment in self.segments if segment.axes)
         return f"{self.name}{' and'.join(axes)}, {self.kernel.start_tdb} to {self.kernel.end_tdb} TDB"
 
+    @bare_arguments
     def geocentric(
         self, ephemeris: Ephemeris, tdb: Epochs
     ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:

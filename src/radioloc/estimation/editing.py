@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.gauss_markov import SeriesWeight
 from radioloc.estimation.labels import USED, Labels
@@ -89,6 +90,7 @@ class EditedFit:
         return self.complete and self.fit.converged
 
 
+@bare_arguments
 def fit_with_editing(
     residual_function: ResidualFunction,
     parameters: ParameterSet,

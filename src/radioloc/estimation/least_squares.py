@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.factorization import (
     Factor,
@@ -170,6 +171,7 @@ class FitResult:
         return isinstance(self.whitening, Combinations)
 
 
+@bare_arguments
 def fit_least_squares(
     residual_function: ResidualFunction,
     parameters: ParameterSet,

@@ -11,6 +11,7 @@ from typing import Any, Literal, Protocol, get_args
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.estimation.budget import BudgetItem, error_budget, sources
@@ -20,8 +21,10 @@ from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.statistics import FitStatistics, Residuals, finite_or_none, read_only
+from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
 from radioloc.parameters.parameter import ParameterSet
+from radioloc.tables import TableForm, as_table
 
 Axes = Literal["enu", "pa", "me", "geographic"]
 Level = Literal["total", "scaled", "formal"]
@@ -282,6 +285,12 @@ class Solution:
         return np.asarray(self.rot_pa_to_me @ self.position_pa_m)
 
     @property
+    def position(self) -> LunarPosition:
+        """The position as a point in mean-Earth axes, to be given in others (:meth:`LunarPosition.to_frame`)."""
+        self._place_rad()  # of a trajectory there is none
+        return LunarPosition(self.me_frame, self.position_me_m)
+
+    @property
     def selenographic(self) -> tuple[float, float, float]:
         """East longitude and latitude in mean-Earth axes, deg, and height above the 1737.4 km sphere, m."""
         longitude_rad, latitude_rad, height_m = self._place_rad()
@@ -466,24 +475,37 @@ class Solution:
             "provenance": dict(self.provenance),
         }
 
-    def to_table(self, what: Literal["residuals", "parameters"] = "residuals") -> Any:
-        """Residuals or parameters as an ``astropy.table.Table``.
+    def to_table(
+        self, what: Literal["residuals", "parameters"] = "residuals", form: TableForm = "astropy"
+    ) -> Any:
+        """Residuals or parameters as a table.
+
+        Parameters
+        ----------
+        what : {"residuals", "parameters"}
+            The unit of a parameter is in the column ``unit``, as each row has its own.
+        form : {"astropy", "pandas"}
+            A ``QTable`` with units and ``Time``, or a ``DataFrame``.
 
         Raises
         ------
         InputError
             Something else is asked for.
+
+        Examples
+        --------
+        >>> import radioloc
+        >>> solution = radioloc.locate("examples/apollo15/apollo15.toml")
+        >>> solution.to_table()["residual_m"].unit, solution.to_table("parameters", "pandas")["name"].tolist()
+        (Unit("m"), ['position.east', 'position.north', 'position.height'])
         """
         if what == "parameters":
-            from astropy.table import Table
-
             rows = self._parameter_rows()
-            return Table(
-                {key: [math.inf if row[key] is None else row[key] for row in rows] for key in rows[0]}
-            )
+            columns = {key: [math.inf if row[key] is None else row[key] for row in rows] for key in rows[0]}
+            return as_table(columns, form)
         if what != "residuals":
             raise InputError(f"there is no table of {what!r}; use residuals or parameters")
-        return self.residuals.to_table()
+        return self.residuals.to_table(form)
 
     def __str__(self) -> str:
         return str(card_of(self))
@@ -575,6 +597,7 @@ def _matrix(matrix: NDArray[np.float64]) -> list[list[float | None]]:
     return [[finite_or_none(value) for value in row] for row in matrix]
 
 
+@bare_arguments
 def compare_with(
     solution: Solution, reference_pa_m: ArrayLike, name: str = "reference"
 ) -> ReferenceComparison:

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.labels import USED, Labels
+from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, utc_strings
 
 SCALING_PROBABILITY = 0.999
@@ -139,15 +140,15 @@ class Residuals:
         }
         return [dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)]
 
-    def to_table(self) -> Any:
-        """All columns as an ``astropy.table.Table``."""
-        from astropy.table import Table
-
+    def to_table(self, form: TableForm = "astropy") -> Any:
+        """All columns as a ``QTable`` of astropy, with units and ``Time``, or a ``DataFrame`` of pandas."""
         names = ("type", "station", "path", "observed_m", "computed_m", "residual_m", "sigma_m", "status")
-        columns = {"epoch_utc": utc_strings(self.epoch_utc)} | {name: getattr(self, name) for name in names}
+        columns: dict[str, Any] = {"epoch_utc": self.epoch_utc} | {
+            name: getattr(self, name) for name in names
+        }
         if self.elevation_deg is not None:
             columns["elevation_deg"] = self.elevation_deg
-        return Table(columns)
+        return as_table(columns, form)
 
 
 @dataclass(frozen=True, slots=True)

@@ -14,6 +14,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
 from radioloc.estimation.labels import Labels
@@ -34,6 +35,7 @@ _SETTLED = 1e-3
 """A component has settled when its sigma changes by less than this part of itself; it is known far worse."""
 
 
+@bare_arguments
 def fit_with_variance_components(
     residual_function: ResidualFunction,
     parameters: ParameterSet,

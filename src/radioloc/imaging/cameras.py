@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.errors import InputError
 from radioloc.imaging.distortion import Distortion
 
@@ -46,6 +47,7 @@ class Camera:
     looks_along_z: int = 1
 
     def __post_init__(self) -> None:
+        bare_fields(self)
         matrix, point = (
             np.array(value, dtype=np.float64) for value in (self.pixel_per_mm, self.principal_point_px)
         )
@@ -67,6 +69,7 @@ class Camera:
             object.__setattr__(self, name, value)
 
     @classmethod
+    @bare_arguments
     def of_pinhole(
         cls,
         focal_length_mm: float,

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc import vectors
+from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.imaging.sensor_models import Rays, SensorModel, require_mean_earth
 from radioloc.imaging.surfaces import Surface
@@ -83,6 +84,7 @@ def _met(model: SensorModel, rays: Rays, pixels: ArrayLike, surface: Surface) ->
     return points
 
 
+@bare_arguments
 def ground_to_image(model: SensorModel, points_m: ArrayLike) -> Floats:
     """Pixels, shape (n, 2), of points in the model's axes, shape (n, 3); also of points beyond the image's edges.
 

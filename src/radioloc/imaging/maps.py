@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import FileFormatError, InputError
 from radioloc.imaging.frames import Image, Mask, eight_bit, load_opencv
@@ -57,6 +58,7 @@ class TangentPlane:
         local_m = selenographic_to_cartesian(lon_lat[:, 0], lon_lat[:, 1], 0.0) @ self.axes().T
         return np.where(local_m[:, 2:] > 0.0, local_m[:, :2], np.nan)
 
+    @bare_arguments
     def to_longitude_latitude(self, east_north_m: ArrayLike) -> Floats:
         """Longitudes and latitudes, degrees, shape (n, 2), of points of the plane, m; NaN beyond the Moon's limb."""
         plane_m = np.asarray(east_north_m, dtype=np.float64)
@@ -69,6 +71,7 @@ class TangentPlane:
         degrees[~seen] = np.nan
         return degrees
 
+    @bare_arguments
     def covariance_at(self, east_north_m: ArrayLike, covariance_m2: ArrayLike) -> Floats:
         """A covariance of the plane's metres in east and north at another of its points, m^2, shape (2, 2)."""
         here = np.radians(self.to_longitude_latitude(np.reshape(east_north_m, (1, 2)))[0])
@@ -133,6 +136,7 @@ class Map:
         degrees[:, 0] -= 360.0 * np.round(degrees[:, 0] / 360.0)
         return degrees
 
+    @bare_arguments
     def pixels(self, longitude_latitude_deg: ArrayLike) -> Floats:
         """Pixels, shape (n, 2), of longitudes and latitudes; not finite where the projection does not show them."""
         radians = np.radians(_pairs(longitude_latitude_deg, "longitudes and latitudes"))
@@ -144,6 +148,7 @@ class Map:
         a, b, c, d, e, f = self._grid.transform[:6]
         return (pixels + 0.5) @ np.array([[a, d], [b, e]]) + np.array([c, f])
 
+    @bare_arguments
     def from_xy_m(self, xy_m: ArrayLike) -> Floats:
         """Pixels, shape (n, 2), of the projection's own x and y; the inverse of :meth:`xy_m`."""
         a, b, c, d, e, f = self._grid.transform[:6]

@@ -25,6 +25,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.imaging.frames import Image, Mask, load_opencv
 from radioloc.imaging.homography import derivative, fit_homography, transformed
@@ -160,6 +161,7 @@ def detect(
     )
 
 
+@bare_arguments
 def match(
     first: Features,
     second: Features,

@@ -13,6 +13,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.errors import InputError
 from radioloc.imaging.cameras import as_points
 from radioloc.imaging.rotations import (
@@ -114,6 +115,7 @@ class TabulatedOrientation:
     _even: tuple[bool, bool] = field(init=False, repr=False)
 
     def __post_init__(self) -> None:
+        bare_fields(self)
         names = {"position_times_s": "positions_m", "rotation_times_s": "quaternions"}
         even = []
         for (times_name, values_name), components in zip(names.items(), (3, 4), strict=True):
@@ -194,6 +196,7 @@ class PolynomialOrientation:
     rot_camera_to_body: Floats
 
     @classmethod
+    @bare_arguments
     def fit(
         cls,
         orientation: Orientation,

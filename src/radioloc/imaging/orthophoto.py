@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc import vectors
+from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.imaging.sensor_models import SensorModel, inside, require_mean_earth
@@ -38,6 +39,7 @@ nothing hides a camera."""
 _KINDS = {"bilinear": "bilinear", "cubic": "bicubic"}
 
 
+@bare_arguments
 def write_orthophoto(
     path: str | Path,
     image: NDArray[Any],

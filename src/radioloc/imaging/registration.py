@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.imaging.frames import Mask
 from radioloc.imaging.homography import Homography
@@ -129,6 +130,7 @@ class Registration:
         return GroundPoint(float(longitude), float(latitude), ground)
 
 
+@bare_arguments
 def register_chain(
     frames: Sequence[Frame],
     base: Map,

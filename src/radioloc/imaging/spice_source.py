@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc import vectors
+from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError, KernelError
 from radioloc.imaging.moon_axes import rot_j2000_to_me
 from radioloc.imaging.orientation import TabulatedOrientation
@@ -21,6 +22,7 @@ Floats = NDArray[np.float64]
 _KM = 1e3
 
 
+@bare_arguments
 def orientation_from_spice(
     kernels: Sequence[str | Path],
     *,

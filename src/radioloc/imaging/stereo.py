@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.imaging.cameras import Camera, as_points
 
@@ -91,6 +92,7 @@ class StereoPair:
         object.__setattr__(self, "baseline_m", baseline)
         object.__setattr__(self, "rot_left_to_right", rotation)
 
+    @bare_arguments
     def intersect(self, left_px: ArrayLike, right_px: ArrayLike, sigma_px: float = 0.3) -> Intersection:
         """Intersect the rays of points that both images show, by least squares of their four coordinates.
 
@@ -185,6 +187,7 @@ class Resection:
     chi2: float
 
 
+@bare_arguments
 def resect(
     landmarks_m: ArrayLike,
     distances_m: ArrayLike,
@@ -260,6 +263,7 @@ def resect(
     return Resection(best.x, covariance, best.fun * sigmas, 2.0 * float(best.cost))
 
 
+@bare_arguments
 def body_position(camera_m: ArrayLike, rot_body_to_map: ArrayLike, camera_in_body_m: ArrayLike) -> Floats:
     """The place of a body's origin from that of a camera mounted on it, m, shape (3,) (equation 7).
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc import vectors
+from radioloc.boundary import bare_fields
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 
@@ -44,6 +45,7 @@ class Sphere:
     mean_earth: bool = field(default=False, init=False)
 
     def __post_init__(self) -> None:
+        bare_fields(self)
         if not (np.isfinite(self.radius_m) and self.radius_m > 0.0):
             raise InputError(f"radius_m = {self.radius_m!r} is not a positive number of metres")
 

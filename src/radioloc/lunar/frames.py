@@ -10,6 +10,7 @@ import erfa
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import ARCSEC_RAD, J2000_JD
 from radioloc.ephemeris import EphemerisConstants
 from radioloc.errors import InputError
@@ -93,6 +94,7 @@ _IAU_TERMS = np.array(
 )
 
 
+@bare_arguments
 def rot_icrf_to_iau_moon(tdb: Epochs) -> NDArray[np.float64]:
     """Rotation from the ICRF to the IAU's mean rotation of the Moon (SPICE's IAU_MOON) at epochs of TDB, (n, 3, 3).
 

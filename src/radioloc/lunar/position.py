@@ -8,11 +8,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.ephemeris import CONSTANTS, EphemerisConstants
+from radioloc.boundary import bare_arguments
+from radioloc.constants import C_M_S
+from radioloc.ephemeris import CONSTANTS, Ephemeris, EphemerisConstants, LunarOrientation
 from radioloc.errors import InputError
-from radioloc.lunar.frames import rot_pa_to_me
+from radioloc.lunar.frames import rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.selenographic import cartesian_to_selenographic, selenographic_to_cartesian
-from radioloc.units import as_metres, in_unit
+from radioloc.time import Epochs
+from radioloc.units import as_metres
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -62,6 +65,7 @@ class LunarPosition:
         return cls(frame, as_metres(xyz_m, "xyz_m"))
 
     @classmethod
+    @bare_arguments
     def from_selenographic(
         cls, longitude_deg: float, latitude_deg: float, height_m: float, frame: str = "ME_DE421"
     ) -> LunarPosition:
@@ -81,11 +85,11 @@ class LunarPosition:
         [0.0, 0.0, 1738000.0]
         """
         longitude_deg, latitude_deg, height_m = (
-            _number(in_unit(value, unit, name), name)
-            for value, unit, name in (
-                (longitude_deg, "deg", "longitude_deg"),
-                (latitude_deg, "deg", "latitude_deg"),
-                (height_m, "m", "height_m"),
+            _number(value, name)
+            for value, name in (
+                (longitude_deg, "longitude_deg"),
+                (latitude_deg, "latitude_deg"),
+                (height_m, "height_m"),
             )
         )
         if not -360.0 <= longitude_deg <= 360.0:
@@ -109,6 +113,46 @@ class LunarPosition:
         """East longitude and latitude in degrees, height above the 1737.4 km sphere in metres."""
         longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(self.xyz_m)
         return float(np.degrees(longitude_rad)), float(np.degrees(latitude_rad)), float(height_m)
+
+    @property
+    def representation(self) -> Any:
+        """x, y, z in its own axes as a ``CartesianRepresentation`` of astropy, from which one can be made again."""
+        from astropy.coordinates import CartesianRepresentation
+
+        return CartesianRepresentation(self.xyz_m, unit="m")
+
+    @bare_arguments
+    def to_gcrs(self, tdb: Epochs) -> Any:
+        """Where the point stands in the sky, as an astropy ``SkyCoord`` in GCRS, n times.
+
+        From the geocentre, with the light time; astropy leads on to a station's azimuth and elevation. For pointing,
+        not for measurements: what is left out is below 0.1 arcseconds.
+
+        Parameters
+        ----------
+        tdb : Epochs or Time
+            When the light arrives; a Time in any scale.
+
+        Examples
+        --------
+        >>> from astropy.time import Time
+        >>> from radioloc.lunar import LunarPosition
+        >>> lander = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+        >>> lander.to_gcrs(Time("2020-12-01T15:11:00")).ra.deg.round(2).tolist()
+        [82.92]
+        """
+        from astropy.coordinates import GCRS, CartesianRepresentation, SkyCoord
+
+        name = self.frame.partition("_")[2]
+        pa_m = self.to_frame(f"PA_{name}").xyz_m
+        ephemeris, libration = Ephemeris.open(name), LunarOrientation.open(name)
+        light_s, xyz_m = 0.0, np.zeros((len(tdb), 3))
+        for _ in range(2):
+            left = tdb.shifted(-light_s)
+            rot_pa_to_icrf = np.swapaxes(rot_icrf_to_pa(libration.angles(left)[0]), -1, -2)
+            xyz_m = ephemeris.geocentric("moon", left)[0] + rot_pa_to_icrf @ pa_m
+            light_s = np.linalg.norm(xyz_m, axis=-1) / C_M_S
+        return SkyCoord(GCRS(CartesianRepresentation(xyz_m, unit="m", xyz_axis=-1), obstime=tdb.to_time()))
 
     def to_frame(self, frame: str) -> LunarPosition:
         """The same point in axes of any ephemeris whose constants are known.

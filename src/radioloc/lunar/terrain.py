@@ -15,6 +15,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.errors import InputError
 from radioloc.lunar.interpolation import STENCIL_CELLS, first_cell, weights
@@ -60,6 +61,7 @@ class TerrainModel:
     _grid: MapGrid = field(repr=False)
 
     @classmethod
+    @bare_arguments
     def open(
         cls,
         path: str | Path,
@@ -98,10 +100,12 @@ class TerrainModel:
         metadata, grid = open_map(path, radius_m=radius_m, unit=unit)
         return cls(metadata, interpolation, grid)
 
+    @bare_arguments
     def height_m(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> Floats:
         """Height of the terrain above the sphere of 1737.4 km, m, shape (...,); see :meth:`height_and_slope`."""
         return self.height_and_slope(longitude_rad, latitude_rad)[0]
 
+    @bare_arguments
     def window(self, longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> TerrainWindow:
         """The rectangle of cells around points, read into memory: for very many heights near each other.
 
@@ -115,6 +119,7 @@ class TerrainModel:
         place = longitude.ravel(), latitude.ravel()
         return TerrainWindow.read(self.metadata, self._grid, self.interpolation, *place)
 
+    @bare_arguments
     def height_and_slope(
         self, longitude_rad: ArrayLike, latitude_rad: ArrayLike
     ) -> tuple[Floats, Floats, Floats]:
@@ -153,6 +158,7 @@ class TerrainModel:
         by_longitude, by_latitude = by_row * derivatives[:, 0] + by_column * derivatives[:, 1]
         return height[()], by_longitude[()], by_latitude[()]
 
+    @bare_arguments
     def roughness_m(
         self, longitude_rad: ArrayLike, latitude_rad: ArrayLike, radius_m: float | None = None
     ) -> Floats:
@@ -181,6 +187,7 @@ class TerrainModel:
         points = zip(longitude.ravel(), latitude.ravel(), strict=True)
         return np.array([self._scatter_m(*point, reach_m) for point in points]).reshape(longitude.shape)[()]
 
+    @bare_arguments
     def sigma_m(
         self,
         longitude_rad: ArrayLike,

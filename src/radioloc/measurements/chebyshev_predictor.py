@@ -23,6 +23,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.errors import PredictedEopWarning
 from radioloc.measurements.dense_series import CHECK_POINTS, DenseSeries, Segments, check_points, nodes
@@ -88,6 +89,7 @@ class ChebyshevPredictor(Predictor):
     coefficients are as small; docs/architecture.md derives the bound.
     """
 
+    @bare_arguments
     def __init__(
         self,
         model: PhysicalModel,
@@ -126,6 +128,7 @@ class ChebyshevPredictor(Predictor):
             nodes=int(first_nodes(self._degree)[-1]),
         )
 
+    @bare_arguments
     def check(self, lander_pa_m: NDArray[np.float64]) -> InterpolationAccuracy:
         """Compare with the model at the check points for another position, and divide anew if that asks for it."""
         good, deviation = compare(self._degree, self._computed, self._checks, lander_pa_m)
@@ -135,6 +138,7 @@ class ChebyshevPredictor(Predictor):
             self._plan(lander_pa_m)
         return self.accuracy
 
+    @bare_arguments
     def at(self, lander_pa_m: NDArray[np.float64]) -> ChebyshevPrediction:
         """Predict for a position in principal axes, m: all values at once, partials of the rows that are asked for."""
         if np.linalg.norm(lander_pa_m - self._checked_pa_m, axis=-1).max() > CHECKED_WITHIN_M:
@@ -159,6 +163,7 @@ class ChebyshevPredictor(Predictor):
         part._computed = self._computed.select(np.concatenate([rows, exact]))
         return part
 
+    @bare_arguments
     def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> ChebyshevPredictor:
         """The same observations prepared with another model, for values only."""
         return ChebyshevPredictor(model, self.observations, lander_pa_m, targets=self.targets)

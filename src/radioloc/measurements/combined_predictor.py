@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import Part
 from radioloc.measurements.observations import Observations
@@ -79,6 +80,7 @@ class CombinedPredictor(Predictor):
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
         return np.logical_or.reduceat(self.inner.predicted_eop, self.parts.first[:-1])
 
+    @bare_arguments
     def at(self, lander_pa_m: NDArray[np.float64]) -> CombinedPrediction:
         """The predictions for a position."""
         return CombinedPrediction(self.parts, self.inner.at(lander_pa_m))

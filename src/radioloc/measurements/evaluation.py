@@ -7,6 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
@@ -25,6 +26,7 @@ _MANY = 5000
 """Below so many observations computing them is a matter of a second; compiled code takes about as long to load."""
 
 
+@bare_arguments
 def prepare_predictor(
     model: PhysicalModel,
     observations: Observations,

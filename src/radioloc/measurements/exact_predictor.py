@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
@@ -78,6 +79,7 @@ class ExactPredictor(Predictor):
         The trajectory cannot be evaluated, or leads too far from the Earth; an observation is a combination of others.
     """
 
+    @bare_arguments
     def __init__(
         self,
         model: PhysicalModel,
@@ -124,6 +126,7 @@ class ExactPredictor(Predictor):
         out[self._integrated] |= predicted[len(self.observations) :]
         return out
 
+    @bare_arguments
     def at(self, lander_pa_m: NDArray[np.float64]) -> Computed:
         """Predict all observations for a position; a ConvergenceError where the light times do not settle."""
         path, relay, (up, down) = self._solve(lander_pa_m)
@@ -228,6 +231,7 @@ class ExactPredictor(Predictor):
             setattr(whole, name, rows_of(joined([getattr(arc, name) for arc in arcs]), order))
         return whole
 
+    @bare_arguments
     def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> ExactPredictor:
         """The same observations prepared with another model, for values only."""
         return ExactPredictor(model, self.observations, lander_pa_m, self.trajectory, self.targets)

@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
@@ -141,6 +142,7 @@ class MapPredictor(Predictor):
         """Whether an observation rests on predicted Earth orientation, shape (n,): none does."""
         return np.zeros(len(self.observations), dtype=bool)
 
+    @bare_arguments
     def at(self, lander_pa_m: NDArray[np.float64]) -> Computed:
         """Predict for a position: along the great circles of the place's east and north, at its height."""
         known = np.isfinite(self._known_pa_m[:, 0])
@@ -195,6 +197,7 @@ class JointPredictor(Predictor):
         """Whether an observation rests on predicted Earth orientation, shape (n,)."""
         return np.concatenate([self.tracking.predicted_eop, self.places.predicted_eop])
 
+    @bare_arguments
     def at(self, lander_pa_m: NDArray[np.float64]) -> JointPrediction:
         """The predictions for a position."""
         return JointPrediction(self.tracking.at(lander_pa_m), self.places.at(lander_pa_m))

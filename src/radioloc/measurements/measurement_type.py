@@ -12,6 +12,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from enum import Enum
 
+from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link
 
@@ -101,6 +102,7 @@ class MeasurementType:
     limit: str = ""
 
     def __post_init__(self) -> None:
+        bare_fields(self)
         if (self.geometry is Geometry.COMBINED) != (self.parts is not None):
             raise InputError(
                 f"measurement type {self.name}: parts belong to Geometry.COMBINED, and only to it"

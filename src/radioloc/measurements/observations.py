@@ -8,18 +8,21 @@ is kept per row.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
+from importlib import import_module
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, is_integrated, kind_of
 from radioloc.plugins import LazyNames
+from radioloc.tables import TableForm, as_table
 from radioloc.time import Epochs, to_scale, utc_strings
 from radioloc.units import in_unit
 
@@ -172,6 +175,66 @@ class Observations:
         made._validate()
         return made
 
+    @classmethod
+    def from_table(
+        cls,
+        table: Any,
+        columns: Mapping[str, str] | None = None,
+        units: Mapping[str, str] | None = None,
+        *,
+        catalogue: StationCatalogue | None = None,
+        lunar: bool = True,
+        **constants: Any,
+    ) -> Observations:
+        """Read a table of pandas, Arrow, polars or astropy, or a dictionary of arrays.
+
+        Parameters
+        ----------
+        table : DataFrame, Table, QTable or mapping of str to array_like
+            With the columns that a file of observations has (``docs/reference/observation-table.md``): ``epoch_utc``
+            (text, timestamps, or a Time of any scale), ``type``, ``path``, ``observed_m`` or ``light_time_s``,
+            ``sigma_m`` or ``sigma_s``, ``time_tag``, and what else was recorded.
+        columns : mapping of str to str, optional
+            Which columns of the table are those, where they have other names: ``{"observed_m": "rho"}``. Where it is
+            given, if only empty, columns that are not known are left out; else they are an error.
+        units : mapping of str to str, optional
+            Units, as astropy spells them, of columns by their names in the table: ``{"rho": "km"}``. Columns of astropy
+            and fields of Arrow may state their own; else the unit is that in the name here.
+        catalogue : StationCatalogue, optional
+            Gives stations their catalogue names; that of the package where not given.
+        lunar : bool
+            Whether the target is at the Moon, so that a range of another length is a mistake.
+        **constants
+            What is the same in all rows and in no column, by the name of the column.
+
+        Raises
+        ------
+        InputError
+            A column is missing, not known, of another unit, or holds what cannot be; the row, counted from 1, is said.
+
+        Warns
+        -----
+        DataQualityWarning
+            The same observation is there twice, and counted once.
+
+        Examples
+        --------
+        >>> import radioloc
+        >>> radioloc.Observations.from_table(
+        ...     {"t": ["2024-05-02T06:00:00", "2024-05-02T06:10:00"], "rho": [765432.1, 765400.2]},
+        ...     columns={"epoch_utc": "t", "observed_m": "rho"},
+        ...     units={"rho": "km"},
+        ...     type="range", path="KASHI>lander>KASHI", time_tag="receive", sigma_m=2.5,
+        ... )
+        <Observations 2 2024-05-02 to 2024-05-02>
+        """
+        # Readers stand above this package.
+        frames = import_module("radioloc.io.frames")
+        found: Observations = frames.observations_from(
+            table, columns, units, constants, catalogue=catalogue, lunar=lunar
+        )
+        return found
+
     @staticmethod
     def concatenate(parts: Sequence[Observations]) -> Observations:
         """Join tables, in order."""
@@ -198,6 +261,10 @@ class Observations:
             return "<Observations none>"
         first, last = self.span().day_strings()
         return f"<Observations {len(self)} {first} to {last}>"
+
+    def __getitem__(self, which: Any) -> Observations:
+        """As :meth:`select`; a single row is a table, too."""
+        return self.select(which)
 
     def span(self) -> Epochs:
         """The first and the last epoch; there is at least one."""
@@ -228,13 +295,30 @@ class Observations:
         """Where a row came from, such as ``data.np2, line 12``."""
         return f"{self.files[self.file[row]]}, line {self.line[row]}"
 
-    def to_table(self) -> Any:
-        """Everything as an ``astropy.table.Table``, one column per measured or recorded quantity."""
-        from astropy.table import Table
+    def to_table(self, form: TableForm = "astropy") -> Any:
+        """Everything as a table, one column per measured or recorded quantity; :meth:`from_table` gives it back.
 
-        columns = {"epoch_utc": utc_strings(self.epoch), "type": self.types(), "path": self.paths()}
+        Parameters
+        ----------
+        form : {"astropy", "pandas"}
+            A ``QTable`` with units and ``Time``, or a ``DataFrame`` with dates in UTC to the nanosecond.
+
+        Raises
+        ------
+        InputError
+            Another form, or an epoch in a leap second for pandas, which knows none.
+
+        Examples
+        --------
+        >>> import radioloc
+        >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
+        >>> ranges[:3].to_table()["value_m"].to("km").round(3)
+        <Quantity [794277.837, 794510.672, 794819.824] km>
+        """
+        columns: dict[str, Any] = {"epoch_utc": self.epoch, "type": self.types(), "path": self.paths()}
         columns |= {"time_tag": self.tags()} | {name: getattr(self, name) for name in _UNITS}
-        return Table(columns | {"file": np.array(self.files, dtype=np.str_)[self.file], "line": self.line})
+        columns |= {"file": np.array(self.files, dtype=np.str_)[self.file], "line": self.line}
+        return as_table(columns, form)
 
     def summary(self) -> str:
         """Text for people: how many observations, from when to when, by path and kind."""

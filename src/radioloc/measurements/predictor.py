@@ -16,6 +16,7 @@ from typing import Any, Protocol, Self
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, StationError
@@ -196,6 +197,7 @@ class Predictor(ABC):
         """Predict all observations for a position, with partials."""
         return self.at(lander_pa_m).rows(slice(None))
 
+    @bare_arguments
     def with_values(self, value_m: NDArray[np.float64]) -> Self:
         """The same arc with other measured values, shape (n,), m; nothing is prepared again."""
         other = copy.copy(self)

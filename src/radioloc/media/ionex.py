@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import FileFormatError, InputError
 from radioloc.media.grids import LatLonGrid, epochs_around
@@ -54,6 +55,7 @@ class IonexMaps:
         axes = self.grid.latitudes_deg.tolist(), self.grid.longitudes_deg.tolist()
         return (*axes, self.shell_height_m, self.base_radius_m)
 
+    @bare_arguments
     def vertical_tec(
         self, latitude_rad: ArrayLike, longitude_rad: ArrayLike, epochs: Epochs
     ) -> NDArray[np.float64]:
@@ -77,6 +79,7 @@ class IonexMaps:
             share * self._on_map(after, latitude, longitude, mjd, share > 0.0)
         )
 
+    @bare_arguments
     def slant_tec(
         self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
     ) -> NDArray[np.float64]:

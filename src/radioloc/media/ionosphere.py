@@ -24,6 +24,7 @@ from typing import ClassVar, Protocol
 import numpy as np
 from numpy.typing import ArrayLike
 
+from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
 from radioloc.media.medium import Floats, Leg, LegDelay, LegEnd
@@ -147,9 +148,11 @@ class UniformTec:
     vertical_tecu: float
 
     def __post_init__(self) -> None:
+        bare_fields(self)
         if not 0.0 <= self.vertical_tecu <= 1000.0:
             raise InputError(f"an electron content of {self.vertical_tecu!r} TECU cannot be; give 0 to 1000")
 
+    @bare_arguments
     def slant_tec(
         self, station_itrf_m: ArrayLike, azimuth_rad: ArrayLike, elevation_rad: ArrayLike, epochs: Epochs
     ) -> Floats:

@@ -23,6 +23,7 @@ from radioloc.parameters.kind import Amount, ParameterKind, Scope
 from radioloc.parameters.parameter import Parameter, Role
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.parameters.rows import ObservationRows, networks
+from radioloc.units import ASTROPY_UNITS, in_unit
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,6 +239,9 @@ def _amounts(kind: ParameterKind, key: str, given: Any, *, positive: bool) -> An
 
 
 def _amount(kind: ParameterKind, key: str, given: Any, positive: bool) -> Amount:
+    given = in_unit(given, ASTROPY_UNITS.get(kind.unit, kind.unit), key)
+    if isinstance(given, np.ndarray):
+        given = given.tolist()
     count = len(kind.components)
     if count > 1 and isinstance(given, Sequence) and not isinstance(given, str):
         if len(given) != count:

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.imaging import Map, TangentPlane
@@ -34,6 +35,7 @@ _MOST_NAMED = 3  # studies in the title
 _FARTHEST_M = 5e5  # of the edges; the plane that touches the sphere shows no more without distortion
 
 
+@bare_arguments
 def plot_map(
     solutions: Located | Iterable[Located],
     *,

@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
@@ -29,6 +30,7 @@ _LONGEST_STEP_S = 86400.0
 _DEGREE = 7
 
 
+@bare_arguments
 def write_oem(
     solution: Solution | ImageSolution | Mapping[str, Any],
     path: str | Path,

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.solution import ReferenceComparison, Solution, compare_with
 from radioloc.report.cards import to_sigma
@@ -88,6 +89,7 @@ def draw_square(axes: Axes, corners_m: _Floats, origin: str) -> float:
     return factor
 
 
+@bare_arguments
 def plot_position(
     solution: Solution,
     reference_pa_m: ArrayLike | None = None,

@@ -15,6 +15,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.estimation.process_noise import NONE, Process, ProcessNoise
 from radioloc.measurements.registry import KINDS
@@ -43,6 +44,7 @@ class Noise:
     flicker_m: float = 0.0
 
     def __post_init__(self) -> None:
+        bare_fields(self)
         for name in self.__slots__:
             value = getattr(self, name)
             if not (math.isfinite(value) and value >= 0.0):

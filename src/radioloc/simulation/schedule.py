@@ -15,6 +15,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import InputError
 from radioloc.measurements.link import Link
@@ -86,6 +87,7 @@ class Session:
     wavelength_um: float = math.nan  # of the signal on its way down, micrometres
 
     def __post_init__(self) -> None:
+        bare_fields(self)
         object.__setattr__(self, "pairs", tuple(self.pairs))
         if self.kind not in KINDS:
             raise InputError(f"kind {self.kind!r} is not known; use {', '.join(KINDS)}")
@@ -143,6 +145,7 @@ class Schedule:
     sessions: Sequence[Session]
     masks: Masks = field(default_factory=Masks)
 
+    @bare_arguments
     def plan(self, model: PhysicalModel, target_pa_m: Target, target: str = "lander") -> Plan:
         """Epochs and links of what can be seen.
 

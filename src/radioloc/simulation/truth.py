@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.errors import InputError
 from radioloc.measurements.physical_model import PhysicalModel
@@ -58,6 +59,7 @@ class Truth:
     # When the offsets of clocks and frequencies hold that have a rate; the start of the first session where None.
     clock_epoch_utc: str | None
 
+    @bare_arguments
     def __init__(
         self,
         *,
@@ -97,6 +99,7 @@ class TruthSigma:
     position_enu_m: tuple[float, float, float]
     clock_epoch_utc: str | None
 
+    @bare_arguments
     def __init__(
         self,
         *,

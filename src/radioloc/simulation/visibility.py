@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M, SECONDS_PER_DAY
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.ephemeris import Trajectory
@@ -55,6 +56,7 @@ class Masks:
     by_station_deg: Mapping[str, float] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
+        bare_fields(self)
         for mask_deg in (self.station_deg, self.target_deg, *self.by_station_deg.values()):
             if not -90.0 <= mask_deg <= 90.0:
                 raise InputError(f"an elevation mask of {mask_deg!r} deg is not between -90 and 90")
@@ -82,6 +84,7 @@ class Elevations:
         )
 
 
+@bare_arguments
 def elevations(model: PhysicalModel, target_pa_m: Target, stations: Sequence[str], tt: Epochs) -> Elevations:
     """Elevations of the target and of the stations above each other's horizons.
 
@@ -198,6 +201,7 @@ class Window:
     sets: bool  # likewise whether it ends by a set
 
 
+@bare_arguments
 def windows(
     model: PhysicalModel,
     target_pa_m: Target,

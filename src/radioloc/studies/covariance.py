@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
@@ -63,6 +64,7 @@ _TO_H = 1.0 / 12.0
 """When a radius is reached is found to five minutes."""
 
 
+@bare_arguments
 @on_one_blas_thread
 def covariance(
     study: Study | str | Path,

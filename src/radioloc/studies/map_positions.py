@@ -62,11 +62,11 @@ class PlaceOnMap:
     frame: str = "ME_DE421"
 
     def __post_init__(self) -> None:
+        check(self)
         for key in ("sigma_m", "map_sigma_m"):
             value = getattr(self, key)
             if isinstance(value, int | float):
                 object.__setattr__(self, key, (float(value),) * 2)
-        check(self)
         given = [key for key in _EITHER if getattr(self, key) is not None]
         if self.solution is not None and given:
             raise InputError(f"map_positions: {given[0]} is in the solution already; give either of them")

@@ -16,6 +16,7 @@ from pathlib import Path
 from types import UnionType
 from typing import Any, NoReturn, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.time import Epochs, epochs_from_strings
 
@@ -36,7 +37,8 @@ def entry(default: Any = dataclasses.MISSING, *, factory: Any = dataclasses.MISS
 
 
 def check(record: Any) -> None:
-    """Hold a record to the rules of its fields; a single name becomes a tuple of one."""
+    """Hold a record to the rules of its fields; a single name becomes a tuple of one, a date or Time an epoch."""
+    bare_fields(record)
     for f in dataclasses.fields(record):
         value, rules = getattr(record, f.name), f.metadata
         if value is None:
@@ -47,6 +49,9 @@ def check(record: Any) -> None:
             if not value:
                 raise InputError(f"{f.name} names none; leave it out to take all")
         if rules.get("moment"):
+            if isinstance(value, str) or hasattr(value, "jd1"):
+                value = epochs_from_strings(value)
+                object.__setattr__(record, f.name, value)
             if not isinstance(value, Epochs) or len(value) != 1:
                 raise InputError(
                     f'{f.name} must be one epoch, such as epochs_from_strings("2024-05-02"), not {value!r}'

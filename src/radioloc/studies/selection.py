@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, named
 from radioloc.measurements.observations import Observations
@@ -144,6 +145,7 @@ def _since_start_s(
     return epoch.seconds_since(among[int(np.lexsort((among.fraction, among.jd))[0])])
 
 
+@bare_arguments
 def arc_lengths(hours: Iterable[float] | float, choice: ObservationChoice) -> list[float]:
     """Lengths of arcs, each once, the shortest first, h; refused where none is given, or one is not above zero."""
     lengths = sorted({float(length) for length in np.atleast_1d(np.asarray(hours, dtype=np.float64))})

@@ -12,6 +12,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+from radioloc.boundary import bare
 from radioloc.earth.eop_prediction import BEYOND
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
@@ -257,6 +258,7 @@ class EstimateChoice:
         parameters: Mapping[str, ParameterChoice] | None = None,
         **keys: Any,
     ) -> None:
+        ephemeris_sigma_m = bare("ephemeris_sigma_m", ephemeris_sigma_m)
         of_axes = (
             tuple(ephemeris_sigma_m) if isinstance(ephemeris_sigma_m, Iterable) else (ephemeris_sigma_m,) * 3
         )

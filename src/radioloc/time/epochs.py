@@ -57,6 +57,20 @@ class Epochs:
             raise InputError("an epoch of the Time is masked; leave it out")
         return cls.from_jd(np.ravel(time.jd1), np.ravel(time.jd2), str(time.scale).upper())
 
+    def to_time(self) -> Any:
+        """The epochs as an astropy ``Time`` of the same scale, to 5e-12 s.
+
+        Examples
+        --------
+        >>> Epochs.from_jd(2459184.5, [0.25, 0.5], "TDB").to_time()
+        <Time object: scale='tdb' format='isot' value=['2020-12-01T06:00:00.000' '2020-12-01T12:00:00.000']>
+        """
+        from astropy.time import Time
+
+        time = Time(self.jd, self.fraction, format="jd", scale=self.scale.lower())
+        time.format = "isot"
+        return time
+
     @classmethod
     def from_jd(cls, jd: ArrayLike, fraction: ArrayLike = 0.0, scale: str = "TDB") -> Epochs:
         """Build from any split of Julian dates in two, shapes () or (n,), without loss."""

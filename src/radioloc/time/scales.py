@@ -16,6 +16,7 @@ import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache
+from typing import Any
 
 import astropy_iers_data
 import erfa
@@ -26,6 +27,7 @@ from radioloc.constants import C_M_S, SECONDS_PER_DAY, TT_MINUS_TAI_S
 from radioloc.errors import CoverageError, InputError
 from radioloc.time.epochs import Epochs
 from radioloc.time.smooth import evaluate_smooth
+from radioloc.units import as_float_array
 
 _JD_1972 = 2441317.5
 _ISO = re.compile(
@@ -62,8 +64,15 @@ def _any_year() -> Iterator[None]:
         yield
 
 
+def in_scale(epochs: Epochs | Any, scale: str) -> Epochs:
+    """Epochs that are in a scale; a Time of astropy, of any scale, is converted to it."""
+    if not isinstance(epochs, Epochs):
+        return to_scale(Epochs.from_time(epochs), scale)
+    epochs.require(scale)
+    return epochs
+
+
 def _require_utc_era(utc: Epochs) -> None:
-    utc.require("UTC")
     if len(utc) and utc.jd.min() < _JD_1972:
         early = utc[int(np.argmin(utc.jd))].day_strings()[0]
         raise CoverageError(
@@ -76,6 +85,7 @@ def _require_utc_era(utc: Epochs) -> None:
 
 def utc_to_tai(utc: Epochs) -> Epochs:
     """UTC to TAI; from 1972 on, when the present UTC began."""
+    utc = in_scale(utc, "UTC")
     _require_utc_era(utc)
     if not len(utc):
         return Epochs(utc.jd, utc.fraction, "TAI")
@@ -94,7 +104,7 @@ def utc_to_tai(utc: Epochs) -> Epochs:
 
 def tai_to_utc(tai: Epochs) -> Epochs:
     """TAI to UTC; from 1972 on."""
-    tai.require("TAI")
+    tai = in_scale(tai, "TAI")
     with _any_year():
         jd, fraction = erfa.taiutc(tai.jd, tai.fraction)
     utc = Epochs.from_jd(jd, fraction, "UTC")
@@ -102,19 +112,18 @@ def tai_to_utc(tai: Epochs) -> Epochs:
     return utc
 
 
-def _shifted(epochs: Epochs, scale: str, to: str, seconds: float | NDArray[np.float64]) -> Epochs:
-    epochs.require(scale)
+def _shifted(epochs: Epochs, to: str, seconds: float | NDArray[np.float64]) -> Epochs:
     return Epochs.from_jd(epochs.jd, epochs.fraction + seconds / SECONDS_PER_DAY, to)
 
 
 def tai_to_tt(tai: Epochs) -> Epochs:
     """TAI to TT, a constant 32.184 s."""
-    return _shifted(tai, "TAI", "TT", TT_MINUS_TAI_S)
+    return _shifted(in_scale(tai, "TAI"), "TT", TT_MINUS_TAI_S)
 
 
 def tt_to_tai(tt: Epochs) -> Epochs:
     """TT to TAI, a constant 32.184 s."""
-    return _shifted(tt, "TT", "TAI", -TT_MINUS_TAI_S)
+    return _shifted(in_scale(tt, "TT"), "TAI", -TT_MINUS_TAI_S)
 
 
 def utc_to_tt(utc: Epochs) -> Epochs:
@@ -124,7 +133,8 @@ def utc_to_tt(utc: Epochs) -> Epochs:
 
 def tt_to_tdb(tt: Epochs) -> Epochs:
     """TT to TDB at the geocentre (ERFA ``dtdb``, Fairhead and Bretagnon 1990)."""
-    return _shifted(tt, "TT", "TDB", geocentric_tdb_minus_tt(tt))
+    tt = in_scale(tt, "TT")
+    return _shifted(tt, "TDB", geocentric_tdb_minus_tt(tt))
 
 
 def tdb_to_tt(tdb: Epochs) -> Epochs:
@@ -133,7 +143,8 @@ def tdb_to_tt(tdb: Epochs) -> Epochs:
     The difference is below 2 ms and changes by less than 4e-10 of a shift, so taking it at the TDB date itself is
     good to 1e-12 s.
     """
-    return _shifted(tdb, "TDB", "TT", -geocentric_tdb_minus_tt(tdb))
+    tdb = in_scale(tdb, "TDB")
+    return _shifted(tdb, "TT", -geocentric_tdb_minus_tt(tdb))
 
 
 def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
@@ -141,6 +152,8 @@ def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
 
     ERFA ``dtdb``: Fairhead and Bretagnon (1990), with 787 terms, good to some nanoseconds over decades.
     """
+    if not isinstance(epochs, Epochs):
+        epochs = in_scale(epochs, "TDB")
     return evaluate_smooth(lambda at: np.asarray(erfa.dtdb(at.jd, at.fraction, 0.0, 0.0, 0.0, 0.0)), epochs)
 
 
@@ -149,7 +162,9 @@ def topocentric_tdb_minus_tt(earth_velocity_m_s: ArrayLike, station_gcrs_m: Arra
 
     Up to 2.1 microseconds, daily; it does not cancel in three-way range, where it reaches hundreds of metres.
     """
-    return np.einsum("...i,...i->...", np.asarray(earth_velocity_m_s), np.asarray(station_gcrs_m)) / C_M_S**2
+    velocity_m_s = as_float_array(earth_velocity_m_s, "m / s", "earth_velocity_m_s")
+    station_m = as_float_array(station_gcrs_m, "m", "station_gcrs_m")
+    return np.einsum("...i,...i->...", velocity_m_s, station_m) / C_M_S**2
 
 
 def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epochs:
@@ -242,6 +257,8 @@ def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
     Any scale but UTC is written as it stands, without one. The last decimal is rounded, over the end of a day where
     need be.
     """
+    if not isinstance(utc, Epochs):
+        utc = in_scale(utc, "UTC")
     if not 0 <= decimals <= 9:
         raise InputError(f"decimals = {decimals!r} is not a number of decimals from 0 to 9")
     with _any_year():
@@ -256,6 +273,8 @@ def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
 
 def to_scale(epochs: Epochs, scale: str) -> Epochs:
     """Epochs in another scale: UTC (from 1972 on), TAI, TT or TDB (at the geocentre); UT1 needs Earth orientation."""
+    if not isinstance(epochs, Epochs):
+        epochs = Epochs.from_time(epochs)
     if scale == epochs.scale:
         return epochs
     if not {scale, epochs.scale} <= set(_CHAIN):

@@ -371,7 +371,12 @@ def test_tables(solution):
     assert len(residuals) == 200
     np.testing.assert_allclose(residuals["observed_m"] - residuals["computed_m"], residuals["residual_m"])
     assert residuals["status"][17].startswith("outlier")
+    assert str(residuals["residual_m"].unit) == "m"
+    assert residuals["epoch_utc"].scale == "utc"
     assert list(solution.to_table("parameters")["name"]) == list(solution.parameters.names)
+    frame = solution.to_table(form="pandas")
+    assert frame["residual_m"].tolist() == solution.residuals.residual_m.tolist()
+    assert solution.to_table("parameters", "pandas")["value"].tolist() == solution.values.tolist()
     with pytest.raises(InputError, match="no table of 'other'"):
         solution.to_table("other")
 
@@ -383,6 +388,15 @@ def test_solution_is_immutable(solution):
         solution.position_pa_m[0] = 0.0
     with pytest.raises(ValueError, match="read-only"):
         solution.residuals.residual_m[0] = 0.0
+
+
+def test_the_position_as_a_point_on_the_moon(solution):
+    assert solution.position.frame == solution.me_frame
+    assert solution.position.selenographic == pytest.approx(solution.selenographic, abs=1e-9)
+    assert solution.position.xyz_m == pytest.approx(solution.position_me_m)
+    moving = replace(solution, trajectory="an orbiter")
+    with pytest.raises(InputError, match="it has no position on the Moon"):
+        _ = moving.position
 
 
 def test_unknown_axes_and_levels_are_refused(solution):

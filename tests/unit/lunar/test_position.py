@@ -1,11 +1,18 @@
 """A point on the Moon with its frame: what is refused, and that the forms agree."""
 
+import astropy.units as u
 import numpy as np
 import pytest
+from astropy.coordinates import AltAz, SphericalRepresentation
+from astropy.time import Time
+from astropy.utils import iers
 
 from radioloc.ephemeris import Ephemeris
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition, rot_between
+from radioloc.measurements import PhysicalModel
+from radioloc.simulation import elevations
+from radioloc.time import Epochs, utc_to_tt
 
 # JPL's position of the Apollo 15 reflector, PA_DE421 (JPL IOM 335-JW,DB,WF-20080314-001, 2008).
 PA_M = (1554678.949, 98094.118, 765004.906)
@@ -146,3 +153,37 @@ def test_a_rotation_to_axes_that_are_not_known_is_refused():
         rot_between("PA_DE421", "IAU_MOON")
     with pytest.raises(InputError, match="no angles lead from PA_DE421 to ME_DE430"):
         rot_between("PA_DE421", "ME_DE430")
+
+
+def test_a_representation_of_astropy_there_and_back():
+    point = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+    place = point.representation.represent_as(SphericalRepresentation)
+    assert place.lon.wrap_at(180 * u.deg).deg == pytest.approx(-51.9162, abs=1e-9)
+    assert place.lat.deg == pytest.approx(43.0584, abs=1e-9)
+    assert place.distance.to_value("m") == pytest.approx(1737400.0 - 2550.4, abs=1e-6)
+    assert LunarPosition("ME_DE421", place).xyz_m == pytest.approx(point.xyz_m, abs=ROUNDING_M)
+
+
+ARCSECOND_RAD = np.radians(1.0 / 3600.0)
+"""Diurnal aberration, 0.3 arcseconds, and polar motion are what pointing leaves out."""
+
+
+@pytest.mark.parametrize("frame", ["ME_DE421", "PA_DE440"])
+def test_the_sky_of_astropy_has_the_elevations_of_tracking(frame):
+    point = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4).to_frame(frame)
+    model = PhysicalModel.build(off=["troposphere"])
+    time = Time(["2020-12-01T15:11:00", "2020-12-01T18:00:00", "2020-12-02T15:11:00"], scale="utc")
+    kashi = model.catalogue.get("KASHI")
+    with iers.conf.set_temp("auto_download", False):
+        seen = point.to_gcrs(time).transform_to(AltAz(obstime=time, location=kashi.location))
+    ours = elevations(model, point.to_frame("PA_DE421").xyz_m, ["KASHI"], utc_to_tt(Epochs.from_time(time)))
+    assert seen.alt.rad == pytest.approx(ours.at_station_rad[:, 0], abs=ARCSECOND_RAD)
+    assert (seen.distance.to_value("m") > 3.4e8).all()
+
+
+def test_a_moment_in_any_scale_is_the_same_sky():
+    point = LunarPosition("PA_DE421", PA_M)
+    time = Time("2024-05-02T06:00:00", scale="utc")
+    assert point.to_gcrs(time).separation(point.to_gcrs(time.tdb)).to_value("arcsec") < 1e-6
+    with pytest.raises(InputError, match="is no astropy Time"):
+        point.to_gcrs("2024-05-02")

@@ -161,7 +161,18 @@ def test_to_table_has_all_columns():
         "files",
     }
     assert names <= set(table.colnames)
-    assert table["epoch_utc"][0] == "2023-02-25T06:00:00.000000000"
+    assert table["epoch_utc"].scale == "utc"
+    assert table["epoch_utc"][0].isot == "2023-02-25T06:00:00.000"
+    units = {
+        name: str(table[name].unit) for name in ("value_m", "pressure_hpa", "uplink_hz", "temperature_k")
+    }
+    assert units == {"value_m": "m", "pressure_hpa": "hPa", "uplink_hz": "Hz", "temperature_k": "K"}
+    assert table["value_m"].to_value("km").tolist() == (observations.value_m / 1e3).tolist()
+    frame = observations.to_table("pandas")
+    assert frame.columns.tolist() == table.colnames
+    assert frame["epoch_utc"][0].isoformat() == "2023-02-25T06:00:00+00:00"
+    with pytest.raises(InputError, match="no table of 'polars'; use astropy or pandas"):
+        observations.to_table("polars")
     assert list(table["line"]) == [10, 11, 12, 13]
 
 

@@ -46,7 +46,7 @@ def test_a_key_of_a_parameter_can_be_replaced():
         ({"extra_sigma_m": -0.1}, "extra_sigma_m must not be negative"),
         ({"extra_sigma_m": math.nan}, "extra_sigma_m must not be negative"),
         ({"vlbi_station_sigma_m": math.inf}, "vlbi_station_sigma_m must not be negative"),
-        ({"start": "2024-05-02"}, "start must be one epoch"),
+        ({"start": 2460432.5}, "start must be one epoch"),
         ({"stop": epochs_from_strings(["2024-05-02", "2024-05-03"])}, "stop must be one epoch"),
         ({"stop": epochs_from_strings("2024-05-02", "TT")}, "UTC"),
         (

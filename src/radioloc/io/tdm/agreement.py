@@ -12,6 +12,7 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.io.tdm.keywords import LONGEST_S, TYPES
 from radioloc.measurements.equipment_delays import EquipmentDelays
@@ -76,6 +77,7 @@ class TdmAgreement:
     lunar: bool = True
 
     def __post_init__(self) -> None:
+        bare_fields(self)
         for kind, sigma in self.sigma_m.items():
             if kind not in TYPES:
                 known = ", ".join(TYPES)

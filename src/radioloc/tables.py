@@ -1,0 +1,58 @@
+"""Columns as tables of other packages: of astropy, with units and times, or of pandas."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any, Literal
+
+import numpy as np
+
+from radioloc.errors import InputError
+from radioloc.extras import optional
+from radioloc.time import Epochs, utc_strings
+from radioloc.units import unit_of
+
+TableForm = Literal["astropy", "pandas"]
+
+
+def as_table(columns: Mapping[str, Any], form: TableForm) -> Any:
+    """Columns as a ``QTable`` of astropy, or a ``DataFrame`` of pandas, whose dates are UTC to the nanosecond.
+
+    Units are those that the names end in.
+
+    Raises
+    ------
+    InputError
+        Another form is asked for, or pandas, which knows no leap second, for an epoch in one.
+    """
+    if form == "astropy":
+        from astropy.table import QTable
+        from astropy.units import Quantity
+
+        return QTable({name: _with_unit(Quantity, name, column) for name, column in columns.items()})
+    if form == "pandas":
+        pandas = optional("pandas", "a table of pandas needs pandas:", "notebook")
+        return pandas.DataFrame(
+            {
+                name: pandas.DatetimeIndex(_dates(column), tz="UTC") if isinstance(column, Epochs) else column
+                for name, column in columns.items()
+            }
+        )
+    raise InputError(f"there is no table of {form!r}; use astropy or pandas")
+
+
+def _with_unit(quantity: Any, name: str, column: Any) -> Any:
+    if isinstance(column, Epochs):
+        return column.to_time()
+    unit = unit_of(name)
+    return column if unit is None else quantity(column, unit)
+
+
+def _dates(utc: Epochs) -> Any:
+    texts = utc_strings(utc)
+    leap = np.flatnonzero(np.char.find(texts, ":60.") > 0)
+    if len(leap):
+        raise InputError(
+            f"{texts[leap[0]]} is in a leap second, of which pandas knows none; use a table of astropy"
+        )
+    return texts.astype("datetime64[ns]")

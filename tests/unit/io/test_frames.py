@@ -1,0 +1,255 @@
+"""Tables in memory give the observations that a file of the same columns gives, or are refused by column and row."""
+
+from pathlib import Path
+
+import astropy.units as u
+import numpy as np
+import pandas
+import pyarrow
+import pytest
+from astropy.table import MaskedColumn, QTable, Table
+from astropy.time import Time
+
+import radioloc
+from radioloc import Observations
+from radioloc.constants import C_M_S
+from radioloc.errors import DataQualityWarning, InputError
+from radioloc.io import read_parquet, write_parquet
+from radioloc.measurements import Link
+from radioloc.time import epochs_from_strings
+
+RANGES = Path(__file__).resolve().parents[3] / "examples" / "apollo15" / "apollo15_apollo_2006-2007.csv"
+DATES = ["2024-05-02T06:00:00.25", "2024-05-02T06:10:00.5"]
+PATH = "KASHI>lander>KASHI"
+COLUMNS = {
+    "epoch_utc": DATES, "type": ["range"] * 2, "path": [PATH] * 2, "observed_m": [765432100.5, 765400200.25],
+    "sigma_m": [2.5, 2.0], "time_tag": ["receive"] * 2, "pressure_hpa": [870.0, np.nan],
+}  # fmt: skip
+
+
+def same(one, other):
+    """Whether all that was measured is the same, to the last bit."""
+    assert len(one) == len(other)
+    assert np.array_equal(one.epoch.jd, other.epoch.jd)
+    assert np.array_equal(one.epoch.fraction, other.epoch.fraction)
+    for name in ("types", "tags", "paths"):
+        assert np.array_equal(getattr(one, name)(), getattr(other, name)())
+    for name in (
+        "value_m",
+        "sigma_m",
+        "pressure_hpa",
+        "temperature_k",
+        "wavelength_um",
+        "uplink_hz",
+        "count_s",
+    ):
+        assert np.array_equal(getattr(one, name), getattr(other, name), equal_nan=True), name
+    return True
+
+
+@pytest.fixture(scope="module")
+def expected():
+    return Observations.from_columns(
+        epoch=epochs_from_strings(DATES),
+        links=[Link("KASHI", "lander", "KASHI")],
+        value_m=[765432100.5, 765400200.25],
+        sigma_m=[2.5, 2.0],
+        tag=1,
+        pressure_hpa=[870.0, np.nan],
+    )
+
+
+def in_time_zone():
+    dates = pandas.to_datetime(DATES).tz_localize("UTC").tz_convert("Asia/Shanghai")
+    return pandas.DataFrame(COLUMNS | {"epoch_utc": dates})
+
+
+def nullable():
+    frame = pandas.DataFrame(COLUMNS).convert_dtypes()
+    return frame.astype({"path": "category", "type": "category"})
+
+
+def masked():
+    pressure = MaskedColumn([87000.0, 1.0], mask=[False, True], unit="Pa")
+    return Table(COLUMNS | {"pressure_hpa": pressure, "path": np.array([PATH, PATH], dtype="S")})
+
+
+TABLES = {
+    "a dictionary of lists": lambda: COLUMNS,
+    "a dictionary of arrays": lambda: {name: np.array(column) for name, column in COLUMNS.items()},
+    "pandas": lambda: pandas.DataFrame(COLUMNS),
+    "pandas by dates": lambda: pandas.DataFrame(COLUMNS).assign(
+        epoch_utc=pandas.to_datetime(DATES)).set_index("epoch_utc"),
+    "pandas, its rows chosen": lambda: pandas.DataFrame(COLUMNS).iloc[[1, 0]].iloc[[1, 0]],
+    "pandas in a time zone": in_time_zone,
+    "pandas with nulls and categories": nullable,
+    "Arrow": lambda: pyarrow.table({name: list(column) for name, column in COLUMNS.items()}),
+    "Arrow with units": lambda: pyarrow.table(
+        [pyarrow.array(column) for column in (COLUMNS | {"observed_m": [765432.1005, 765400.20025]}).values()],
+        pyarrow.schema([
+            pyarrow.field(name, pyarrow.array(column).type, metadata={"unit": "km"} if name == "observed_m" else None)
+            for name, column in COLUMNS.items()
+        ]),
+    ),
+    "astropy": lambda: Table(COLUMNS),
+    "astropy with units": lambda: QTable(
+        COLUMNS | {"observed_m": [765432.1005, 765400.20025] * u.km, "sigma_m": [25, 20] * u.dm}),
+    "astropy with a masked column": masked,
+    "a Time in TDB": lambda: COLUMNS | {"epoch_utc": Time(DATES, scale="utc").tdb},
+    "Epochs": lambda: COLUMNS | {"epoch_utc": epochs_from_strings(DATES)},
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("make", TABLES.values(), ids=TABLES.keys())
+def test_tables_of_all_kinds(make, expected):
+    found = Observations.from_table(make())
+    # By way of TDB an epoch is rounded in the tenth of a nanosecond; products of units in the last digit.
+    off_s = 86400.0 * np.abs(found.epoch.fraction - expected.epoch.fraction)
+    assert off_s.max() < 1e-9
+    np.testing.assert_allclose(found.value_m, expected.value_m, rtol=1e-15)
+    np.testing.assert_allclose(found.sigma_m, expected.sigma_m, rtol=1e-15)
+    np.testing.assert_allclose(found.pressure_hpa, expected.pressure_hpa, rtol=1e-15, equal_nan=True)
+    assert found.paths().tolist() == [PATH, PATH]
+    assert found.tags().tolist() == ["receive", "receive"]
+
+
+def test_columns_of_other_names_with_units_and_constants(expected):
+    frame = pandas.DataFrame(
+        {
+            "t": DATES,
+            "rho": [765432.1005, 765400.20025],
+            "s": [8.0, 7.0],
+            "p": [87.0, np.nan],
+            "remark": ["", "low"],
+        }
+    )
+    found = Observations.from_table(
+        frame,
+        columns={"epoch_utc": "t", "observed_m": "rho", "sigma_s": "s", "pressure_hpa": "p"},
+        units={"rho": "km", "s": "ns", "p": "kPa"},
+        type="range",
+        path=PATH,
+        time_tag="receive",
+    )
+    np.testing.assert_allclose(found.value_m, expected.value_m, rtol=1e-15)
+    np.testing.assert_allclose(found.sigma_m, C_M_S * np.array([8e-9, 7e-9]), rtol=1e-15)
+    np.testing.assert_allclose(found.pressure_hpa, [870.0, np.nan], equal_nan=True)
+    by_time = Observations.from_table(
+        {"epoch_utc": DATES, "light_time_s": [2.553, 2.554] * u.s},
+        type="range", path=PATH, time_tag="receive", sigma_m=25.0 * u.dm,
+    )  # fmt: skip
+    np.testing.assert_allclose(by_time.value_m, C_M_S * np.array([2.553, 2.554]), rtol=1e-15)
+    assert by_time.sigma_m.tolist() == [2.5, 2.5]
+
+
+def test_names_of_stations_are_those_of_the_catalogue():
+    found = Observations.from_table(COLUMNS | {"path": ["Kashi>LANDER>kashi"] * 2})
+    assert found.links == (Link("KASHI", "lander", "KASHI"),)
+
+
+@pytest.mark.parametrize("form", ["astropy", "pandas"])
+def test_a_table_and_back(form):
+    observations = radioloc.read_observations(RANGES)
+    table = observations.to_table(form)
+    back = Observations.from_table(table)
+    off_s = 86400.0 * np.abs(back.epoch.fraction - observations.epoch.fraction)
+    assert off_s.max() <= {"astropy": 1e-11, "pandas": 0.6e-9}[form]
+    assert np.array_equal(back.value_m, observations.value_m)
+    assert np.array_equal(back.wavelength_um, observations.wavelength_um)
+    assert np.array_equal(back.line, np.arange(1, 154))
+
+
+def test_a_parquet_file_read_by_others_keeps_its_units(tmp_path, expected):
+    import pyarrow.parquet
+
+    write_parquet(tmp_path / "ranges.parquet", expected)
+    assert same(
+        Observations.from_table(pyarrow.parquet.read_table(tmp_path / "ranges.parquet")),
+        read_parquet(tmp_path / "ranges.parquet"),
+    )
+
+
+def test_a_leap_second_goes_to_astropy_and_not_to_pandas():
+    leap = epochs_from_strings(["2016-12-31T23:59:60.5", "2016-12-31T12:00:00"])
+    observations = Observations.from_columns(
+        epoch=leap, links=[Link("KASHI", "lander", "KASHI")], value_m=7.6e8, sigma_m=1.0
+    )
+    table = observations.to_table()
+    assert table["epoch_utc"].isot.tolist() == ["2016-12-31T23:59:60.500", "2016-12-31T12:00:00.000"]
+    back = Observations.from_table(table).epoch
+    assert np.abs(86401.0 * (back.fraction - leap.fraction)).max() < 1e-11
+    with pytest.raises(InputError, match=r"2016-12-31T23:59:60\.500000000 is in a leap second"):
+        observations.to_table("pandas")
+    noon = observations[1:].to_table("pandas")["epoch_utc"][0]
+    assert noon.isoformat() == "2016-12-31T12:00:00+00:00"
+
+
+@pytest.mark.parametrize(
+    ("table", "told"),
+    [
+        (3.0, "float is no table; give one of pandas"),
+        ({name: c for name, c in COLUMNS.items() if name != "time_tag"}, "column time_tag is missing"),
+        (COLUMNS | {"presure": [870.0, 870.0]}, "column 'presure' is not known; say in `columns` what it is"),
+        (COLUMNS | {"sigma_m": [2.5]}, "columns of a table are of one length, but these have .*'sigma_m': 1"),
+        (COLUMNS | {"observed_m": [7.65e8, np.nan]}, "table, line 2: observed_m: is missing"),
+        (
+            COLUMNS | {"observed_m": ["far", "near"]},
+            "observed_m = .* is not a number or an array of numbers, in m",
+        ),
+        (COLUMNS | {"observed_m": [2.5, 2.6] * u.s}, "observed_m is in s; give m"),
+        (COLUMNS | {"observed_m": [7.65e5, 7.66e5]}, "table, line 1: the time of flight is 0.0025"),
+        (COLUMNS | {"sigma_m": [2.5, -1.0]}, "table, line 2: sigma_m is -1, but must be"),
+        (COLUMNS | {"type": ["range", "rainge"]}, "table, line 2: type: 'rainge' is not known"),
+        (
+            COLUMNS | {"epoch_utc": ["2024-05-02T06:00:00", "soon"]},
+            "table, line 2: epoch_utc: 'soon' is not a date",
+        ),
+        (COLUMNS | {"epoch_utc": [2460432.75, 2460432.76]}, "column epoch_utc is of type double; give text"),
+        (COLUMNS | {"light_time_s": [2.5, 2.5]}, "observed_m and light_time_s say the same"),
+        ({name: [] for name in COLUMNS}, "has columns, but no observations"),
+    ],
+)
+def test_what_cannot_be_is_refused(table, told):
+    with pytest.raises(InputError, match=told):
+        Observations.from_table(table)
+
+
+@pytest.mark.parametrize(
+    ("given", "told"),
+    [
+        ({"columns": {"range": "rho"}}, "columns: 'range' is not known; use epoch_utc"),
+        ({"columns": {"observed_m": "rho"}}, "columns: the table has no 'rho' for observed_m"),
+        ({"units": {"rho": "km"}}, "units names the column 'rho', but the table has epoch_utc"),
+        ({"units": {"observed_m": "parsnip"}}, "'parsnip' of observed_m is no unit that astropy knows"),
+        ({"units": {"observed_m": "s"}}, "observed_m is in s; give m"),
+        ({"units": {"path": "km"}}, "units: path has no unit"),
+        ({"sigma_m": 1.0}, "sigma_m is a column of the table, and given for all rows"),
+        ({"distance": 1.0}, "column 'distance' is not known"),
+    ],
+)
+def test_what_is_said_of_a_table_and_cannot_be(given, told):
+    with pytest.raises(InputError, match=told):
+        Observations.from_table(COLUMNS, **given)
+    with pytest.raises(InputError, match="observed_m is in km, as the table says, not in m"):
+        Observations.from_table(
+            QTable(COLUMNS | {"observed_m": [7.6e5] * 2 * u.km}), units={"observed_m": "m"}
+        )
+
+
+def test_a_row_that_is_there_twice_is_counted_once():
+    twice = {name: [column[0]] * 2 for name, column in COLUMNS.items()}
+    with pytest.warns(DataQualityWarning, match="is already there"):
+        assert len(Observations.from_table(twice)) == 1
+
+
+def test_rows_are_chosen_as_of_an_array(expected):
+    observations = radioloc.read_observations(RANGES)
+    assert same(observations[5:10], observations.select(np.arange(5, 10)))
+    assert same(observations[[7, 3]], observations.select([7, 3]))
+    late = observations.epoch.jd > 2454000.5
+    assert same(observations[late], observations.select(np.flatnonzero(late)))
+    assert 0 < len(observations[late]) < 153
+    assert same(observations[-1], observations[152:])
+    assert [len(one) for one in expected] == [1, 1]
+    with pytest.raises(IndexError):
+        observations[153]

@@ -1,0 +1,319 @@
+"""Whatever is public honours units and scales of time by the names of its arguments, or refuses them by name."""
+
+from __future__ import annotations
+
+import importlib
+import inspect
+import types
+from pathlib import Path
+
+import astropy.units as u
+import numpy as np
+import pytest
+from astropy.coordinates import CartesianRepresentation, EarthLocation
+from astropy.time import Time
+
+import radioloc
+from radioloc.boundary import takes_astropy
+from radioloc.earth import EarthOrientation, StationCatalogue
+from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.errors import InputError
+from radioloc.io import TdmAgreement
+from radioloc.lunar import rot_icrf_to_iau_moon
+from radioloc.measurements import EquipmentDelays, PhysicalModel, StationDelay
+from radioloc.media import UniformTec
+from radioloc.simulation import (
+    Masks,
+    Noise,
+    Session,
+    Truth,
+    TruthSigma,
+    elevations,
+    hidden_by_moon,
+    two_way,
+    windows,
+)
+from radioloc.studies import (
+    EstimateChoice,
+    HeightPrior,
+    ModelChoice,
+    ObservationChoice,
+    PlaceOnMap,
+    Weight,
+)
+from radioloc.studies.selection import arc_lengths
+from radioloc.time import (
+    epochs_from_strings,
+    geocentric_tdb_minus_tt,
+    tdb_to_tt,
+    to_scale,
+    topocentric_tdb_minus_tt,
+    tt_to_tdb,
+    utc_strings,
+    utc_to_tt,
+)
+from radioloc.units import unit_of
+
+PACKAGES = (
+    "earth ephemeris estimation imaging io lunar measurements media parameters report simulation studies time"
+)
+
+ELSEWHERE = """
+earth.BlqCoefficients earth.EopTable earth.Station lunar.LunarPosition measurements.Observations.from_columns
+"""
+"""What test_units.py tries as a whole."""
+
+INSIDE = """
+ephemeris.Trajectory.segment_at ephemeris.Trajectory.states estimation.ObservationNoise estimation.Parameter
+estimation.ObservationNoise.with_added estimation.Residuals estimation.Solution estimation.build_solution
+imaging.ConstantOrientation.at imaging.Features.moved imaging.LineScanModel.lines_at imaging.Map.view
+imaging.Plane.gradient imaging.Plane.intersect imaging.PolynomialOrientation.at imaging.Sphere.gradient
+imaging.Sphere.intersect imaging.TabulatedOrientation.at imaging.Terrain.gradient imaging.Terrain.intersect
+io.TdmAgreement.known_light_time_s measurements.Predictor.compute measurements.Predictor.terms media.Leg
+media.RadioAtmosphere.above media.Status.text parameters.ObservationRows parameters.Parameter
+parameters.ObservationRows.by_displacement simulation.Noise.processes simulation.Noise.series time.evaluate_smooth
+"""
+"""What only the library itself calls, and what hands its arguments on to what does."""
+
+
+def callables(face):
+    """Public functions, constructors that check what they are given, and methods, with what stands for `self`."""
+    for name in face.__all__:
+        value = getattr(face, name)
+        if isinstance(value, types.FunctionType):
+            yield name, value, ()
+        elif isinstance(value, type) and value.__module__.startswith("radioloc"):
+            made = getattr(value, "__dataclass_params__", None)
+            if "__post_init__" in vars(value) if made and made.init else "__init__" in vars(value):
+                yield name, value, ()
+            for method, function in vars(value).items():
+                if not method.startswith("_") and isinstance(function, classmethod):
+                    yield f"{name}.{method}", getattr(value, method), ()
+                elif not method.startswith("_") and isinstance(function, types.FunctionType):
+                    yield f"{name}.{method}", function, (None,)
+
+
+def cases():
+    for package in PACKAGES.split():
+        for name, function, of_self in callables(importlib.import_module(f"radioloc.{package}")):
+            parameters = dict(list(inspect.signature(function).parameters.items())[len(of_self) :])
+            for argument in parameters:
+                left_out = f"{package}.{name}" in (ELSEWHERE + INSIDE).split()
+                left_out |= getattr(function, "__isabstractmethod__", False)
+                if takes_astropy(argument) and not left_out:
+                    yield pytest.param(
+                        function, of_self, parameters, argument, id=f"{package}.{name}-{argument}"
+                    )
+
+
+@pytest.mark.parametrize(("function", "of_self", "parameters", "argument"), [*cases()])
+def test_each_argument_refuses_what_it_is_not_by_name(function, of_self, parameters, argument):
+    others = {
+        name: None
+        for name, one in parameters.items()
+        if one.default is inspect.Parameter.empty and one.kind not in (one.VAR_POSITIONAL, one.VAR_KEYWORD)
+    }
+    wrong = Time("2020-01-01", scale="tcb") if unit_of(argument) is None else 1.0 * u.cd
+    with pytest.raises(InputError, match="time scale 'TCB'" if unit_of(argument) is None else argument):
+        function(*of_self, **(others | {argument: wrong}))
+
+
+# What is given with a unit, and the same without.
+
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+SESSION = {
+    "kind": "range", "pairs": two_way("KASHI"), "start_utc": "2020-12-01T15:11:00", "stop_utc": "2020-12-01T16:11:00",
+    "step_s": 60.0, "sigma_m": 2.5,
+}  # fmt: skip
+START = Time("2020-12-01T15:11:00", scale="utc")
+
+
+@pytest.mark.parametrize(
+    ("given", "plain"),
+    [
+        (
+            lambda: Session(**SESSION | {"start_utc": START.tdb, "step_s": 1 * u.min, "sigma_m": 250 * u.cm}),
+            lambda: Session(**SESSION | {"start_utc": "2020-12-01T15:11:00.000000000"}),
+        ),
+        (
+            lambda: Session(**SESSION | {"start_utc": epochs_from_strings("2020-12-01T15:11:00")}),
+            lambda: Session(**SESSION | {"start_utc": "2020-12-01T15:11:00.000000000"}),
+        ),
+        (
+            lambda: Noise(white_m=14 * u.dm, coloured_m=0.5 * u.m, correlation_s=2 * u.h),
+            lambda: Noise(white_m=1.4, coloured_m=0.5, correlation_s=7200.0),
+        ),
+        (
+            lambda: Noise(walk_m_sqrt_s=6 * u.cm / u.min**0.5),
+            lambda: Noise(walk_m_sqrt_s=0.06 / 60.0**0.5),
+        ),
+        (
+            lambda: Masks(np.pi / 18 * u.rad, by_station_deg={"KASHI": 300 * u.arcmin}),
+            lambda: Masks(10.0, by_station_deg={"KASHI": 5.0}),
+        ),
+        (
+            lambda: EstimateChoice(
+                range_bias="all", range_bias_sigma_m=20 * u.cm, clock="all",
+                clock_sigma_s={"KASHI": 3 * u.us, "JIAMUSI": 5e-6}, ephemeris_sigma_m=1e-3 * u.km, pass_gap_h=1 * u.day,
+            ),
+            lambda: EstimateChoice(
+                range_bias="all", range_bias_sigma_m=0.2, clock="all",
+                clock_sigma_s={"KASHI": 3e-6, "JIAMUSI": 5e-6}, ephemeris_sigma_m=1.0, pass_gap_h=24.0,
+            ),
+        ),
+        (
+            lambda: EstimateChoice(
+                electron_content="all", electron_content_sigma_tecu=5e16 / u.m**2,
+                station_position=["KASHI"], station_position_sigma_m=[1, 2, 3] * u.cm,
+                ephemeris_sigma_m=[1, 2, 3] * u.m,
+            ),
+            lambda: EstimateChoice(
+                electron_content="all", electron_content_sigma_tecu=5.0,
+                station_position=["KASHI"], station_position_sigma_m=(0.01, 0.02, 0.03),
+                ephemeris_sigma_m=(1.0, 2.0, 3.0),
+            ),
+        ),
+        (lambda: HeightPrior(-2.5 * u.km, 20 * u.m), lambda: HeightPrior(-2500.0, 20.0)),
+        (lambda: Truth(range_bias_m={"KASHI": 3 * u.km / 1000}), lambda: Truth(range_bias_m={"KASHI": 3.0})),
+        (lambda: Truth(clock_epoch_utc=START.tai), lambda: Truth(clock_epoch_utc="2020-12-01T15:11:00.000000000")),
+        (lambda: TruthSigma(clock_s=2 * u.us), lambda: TruthSigma(clock_s=2e-6)),
+        (lambda: TruthSigma(position_enu_m=[1, 2, 3] * u.dam), lambda: TruthSigma(position_enu_m=(10.0, 20.0, 30.0))),
+        (lambda: Weight(type="range", sigma_m=5 * u.cm), lambda: Weight(type="range", sigma_m=0.05)),
+        (
+            lambda: ObservationChoice(
+                hours=2 * u.day, extra_sigma_m=1 * u.cm, vlbi_station_sigma_m={"KASHI": 3 * u.dm}
+            ),
+            lambda: ObservationChoice(hours=48.0, extra_sigma_m=0.01, vlbi_station_sigma_m={"KASHI": 0.3}),
+        ),
+        (lambda: ModelChoice(tec_tecu=2e17 / u.m**2), lambda: ModelChoice(tec_tecu=20.0)),
+        (lambda: UniformTec(2e17 / u.m**2), lambda: UniformTec(20.0)),
+        (
+            lambda: PlaceOnMap(
+                longitude_deg=1 * u.rad, latitude_deg=0.5, sigma_m=0.01 * u.km, map="m",
+                map_sigma_m=[0.02, 0.03] * u.km,
+                known_deg_m=(1.0 * u.rad, 0.5 * u.deg, 1 * u.km),
+            ),
+            lambda: PlaceOnMap(
+                longitude_deg=np.degrees(1.0), latitude_deg=0.5, sigma_m=10.0, map="m", map_sigma_m=(20.0, 30.0),
+                known_deg_m=(1.0 * u.rad, 0.5 * u.deg, 1 * u.km),
+            ),
+        ),
+        (
+            lambda: TdmAgreement({"range": 2 * u.cm}, light_time_s=2500 * u.ms),
+            lambda: TdmAgreement({"range": 0.02}, light_time_s=2.5),
+        ),
+        (
+            lambda: EquipmentDelays(2 * u.us, {"KASHI": StationDelay(transmit_s=300 * u.ns)}),
+            lambda: EquipmentDelays(2e-6, {"KASHI": StationDelay(transmit_s=3e-7)}),
+        ),
+        (lambda: arc_lengths([1 * u.day, 30 * u.min], ObservationChoice()), lambda: [0.5, 24.0]),
+        (lambda: arc_lengths(0.5 * u.day, ObservationChoice()), lambda: [12.0]),
+    ],
+)  # fmt: skip
+def test_records_are_the_same_with_units(given, plain):
+    assert repr(rounded(given())) == repr(rounded(plain()))
+
+
+def rounded(value):
+    """A record as nested dictionaries, floats to 12 digits: units are converted by products."""
+    if hasattr(value, "__dataclass_fields__"):
+        return {name: rounded(getattr(value, name)) for name in value.__dataclass_fields__}
+    if isinstance(value, dict):
+        return {name: rounded(item) for name, item in value.items()}
+    if isinstance(value, list | tuple):
+        return tuple(map(rounded, value))
+    assert not hasattr(value, "unit") or value.unit in (u.deg, u.rad, u.km)
+    return float(f"{value:.12g}") if isinstance(value, float) else value
+
+
+def test_a_choice_of_observations_takes_dates_and_times():
+    plain = ObservationChoice(start=epochs_from_strings("2020-12-01T15:11:00")).start
+    for given in ("2020-12-01T15:11:00", START, START.tdb):
+        start = ObservationChoice(start=given).start
+        assert start.scale == "UTC"
+        assert abs((start.jd - plain.jd + start.fraction - plain.fraction)[0]) * 86400.0 < 1e-8
+    with pytest.raises(InputError, match="'soon' is not a date"):
+        ObservationChoice(start="soon")
+    with pytest.raises(InputError, match="stop must be one epoch"):
+        ObservationChoice(stop=Time(["2020-12-01", "2020-12-02"]))
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build()
+
+
+TIMES = Time(["2020-12-01T15:11:00", "2020-12-02T01:00:00"], scale="utc")
+
+
+@pytest.mark.parametrize("scale", ["utc", "tai", "tt", "tdb"])
+def test_an_epoch_in_any_scale_is_the_same_instant(scale, model):
+    time, utc = getattr(TIMES, scale), epochs_from_strings(TIMES.isot.tolist())
+    tt = utc_to_tt(utc)
+    tdb = tt_to_tdb(tt)
+    rounding_s = 1e-8  # 3e-6 m of a station, 1e-5 m of the Moon
+    assert np.abs(utc_to_tt(time).seconds_since(tt)).max() < rounding_s
+    assert np.abs(tt_to_tdb(time).seconds_since(tdb)).max() < rounding_s
+    assert np.abs(tdb_to_tt(time).seconds_since(tt)).max() < rounding_s
+    assert np.abs(to_scale(time, "TDB").seconds_since(tdb)).max() < rounding_s
+    assert geocentric_tdb_minus_tt(time) == pytest.approx(geocentric_tdb_minus_tt(tdb), abs=1e-12)
+    assert utc_strings(time, 6).tolist() == ["2020-12-01T15:11:00.000000", "2020-12-02T01:00:00.000000"]
+    station = StationCatalogue.default().get("WETTZELL")
+    for function, argument, within in (
+        (lambda at: Ephemeris.open().geocentric("moon", at)[0], tdb, 1e-4),
+        (lambda at: Ephemeris.open().earth(at).position_m, tdb, 1e-3),
+        (lambda at: LunarOrientation.open().angles(at)[0], tdb, 1e-13),
+        (rot_icrf_to_iau_moon, tdb, 1e-13),
+        (lambda at: EarthOrientation.default().evaluate(at).rot_itrf_to_gcrs, tt, 2e-12),
+        (station.position_at, tt, 1e-6),
+        (lambda at: elevations(model, LANDER_PA_M, ["KASHI"], at).at_station_rad, tt, 2e-12),
+        (lambda at: UniformTec(10.0).slant_tec(station.itrf_m, 0.1, 0.7, at), utc, 1e-12),
+    ):
+        np.testing.assert_allclose(function(time), function(argument), rtol=0.0, atol=within)
+
+
+LANDER_PA_M = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4).to_frame("PA_DE421").xyz_m
+
+
+def test_places_in_kilometres_and_of_astropy(model):
+    in_km = LANDER_PA_M / 1e3 * u.km
+    of_astropy = CartesianRepresentation(*in_km)
+    plain = windows(model, LANDER_PA_M, ["KASHI"], "2020-12-01T15:11:00", "2020-12-02T15:11:00")
+    assert plain
+    for place in (in_km, of_astropy):
+        assert windows(model, place, ["KASHI"], START.tt, START.tdb + 1 * u.day) == plain
+    assert radioloc.LunarPosition("PA_DE421", of_astropy).xyz_m == pytest.approx(LANDER_PA_M, abs=1e-8)
+    assert hidden_by_moon(of_astropy, -of_astropy)
+    with pytest.raises(InputError, match=r"target_pa_m is <LunarPosition .*give its coordinates"):
+        windows(model, radioloc.LunarPosition("PA_DE421", LANDER_PA_M), ["KASHI"], "2020-12-01", "2020-12-02")
+    station = EarthLocation.from_geocentric(4075539.9, 931735.2, 4801629.4, unit="m")
+    earth_km_s = [10.0, 25.0, 12.0] * u.km / u.s
+    bare = topocentric_tdb_minus_tt([1e4, 2.5e4, 1.2e4], [4075539.9, 931735.2, 4801629.4])
+    assert topocentric_tdb_minus_tt(earth_km_s, station) == pytest.approx(bare, rel=1e-14)
+
+
+def test_rays_through_the_ionosphere_in_degrees():
+    station = EarthLocation.from_geocentric(4075539.9, 931735.2, 4801629.4, unit="m")
+    itrf_m = [4075539.9, 931735.2, 4801629.4]
+    in_degrees = UniformTec(10.0).slant_tec(station, 30 * u.deg, 60 * u.deg, TIMES)
+    assert in_degrees == pytest.approx(
+        UniformTec(10.0).slant_tec(itrf_m, np.pi / 6, np.pi / 3, TIMES), rel=1e-14
+    )
+    with pytest.raises(InputError, match="elevation_rad is in m; give rad"):
+        UniformTec(10.0).slant_tec(station, 30 * u.deg, 60 * u.m, TIMES)
+
+
+def test_predictions_of_a_place_in_kilometres():
+    arc, place_m = radioloc.studies.arc_of(EXAMPLES / "apollo15/apollo15.toml")
+    computed = arc.compute(place_m)
+    assert np.array_equal(arc.compute(place_m * u.m).value_m, computed.value_m)
+    assert arc.compute(place_m / 1e3 * u.km).value_m == pytest.approx(computed.value_m, abs=1e-6)
+    with pytest.raises(InputError, match="lander_pa_m is in rad; give m"):
+        arc.at(place_m * u.rad)
+
+
+def test_lengths_that_a_study_is_asked_for():
+    with pytest.raises(InputError, match="reach_m is in s; give m"):
+        radioloc.covariance(EXAMPLES / "change5/short_arc.toml", reach_m=1 * u.s)
+    with pytest.raises(InputError, match="hours is in m; give h"):
+        radioloc.arcs(EXAMPLES / "apollo15/apollo15.toml", hours=[1.0, 2.0] * u.m)

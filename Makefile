@@ -12,7 +12,7 @@ SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_reade
 	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/studies/test_trajectory_study.py \
 	tests/unit/studies/test_monte_carlo.py tests/unit/report
 
-.PHONY: demo test test-all coverage test-uncompiled test-lowest lint docs bench scaling clean
+.PHONY: demo test test-all coverage test-uncompiled test-lowest package audit lint docs bench scaling clean
 
 $(VENV)/.installed-demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -46,6 +46,22 @@ test-lowest:  ## Install the lowest versions that pyproject.toml allows, in a ve
 	$(VENV)-lowest/bin/uv pip install --quiet --python $(VENV)-lowest --resolution lowest-direct --editable ".[dev]"
 	$(VENV)-lowest/bin/python -m pytest -W ignore -m "not slow" $(SMOKE)  # of old packages' warnings none is ours
 
+package:  ## Build source distribution and wheel, check them, and run the wheel in an environment that has nothing else.
+	$(PYTHON) -m venv --clear $(VENV)-package
+	$(VENV)-package/bin/python -m pip install --quiet build twine cffconvert
+	rm -rf dist
+	$(VENV)-package/bin/python -m build
+	$(VENV)-package/bin/twine check --strict dist/*
+	$(VENV)-package/bin/cffconvert --validate
+	$(PYTHON) -m venv --clear $(VENV)-package
+	$(VENV)-package/bin/python -m pip install --quiet dist/*.whl
+	$(VENV)-package/bin/radioloc doctor
+	$(VENV)-package/bin/radioloc locate examples/apollo15/apollo15.toml
+
+audit: $(VENV)/.installed-dev  ## Look for known vulnerabilities in what the package and its development need.
+	$(BIN)/python -m pip install --quiet pip-audit
+	$(BIN)/pip-audit --skip-editable
+
 lint: $(VENV)/.installed-dev  ## Style, types and the direction of imports.
 	$(BIN)/ruff check .
 	$(BIN)/ruff format --check .
@@ -66,4 +82,4 @@ scaling: $(VENV)/.installed-dev  ## Time and memory from a thousand to ten milli
 	$(BIN)/python tests/benchmarks/scaling.py docs/images/scaling.png
 
 clean:
-	rm -rf $(VENV) $(VENV)-lowest out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf $(VENV) $(VENV)-lowest $(VENV)-package dist out .pytest_cache .mypy_cache .ruff_cache .hypothesis

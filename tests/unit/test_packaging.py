@@ -1,0 +1,90 @@
+"""The package: what its metadata say, and that it runs where there is no source tree."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import tarfile
+import zipfile
+from email import message_from_string
+from pathlib import Path
+
+import pytest
+
+from radioloc import __version__
+from radioloc.kernels import registered
+
+ROOT = Path(__file__).parents[2]
+
+
+def run(*command, cwd, **environment):
+    done = subprocess.run(command, cwd=cwd, env=environment or None, capture_output=True, text=True)
+    assert done.returncode == 0, done.stdout + done.stderr
+    return done.stdout
+
+
+def test_the_citation_is_of_this_version():
+    text = (ROOT / "CITATION.cff").read_text(encoding="utf-8")
+    assert f"\nversion: {__version__}\n" in text
+
+
+def test_the_terms_of_all_data_that_ship_are_listed():
+    text = (ROOT / "DATA_LICENSES.md").read_text(encoding="utf-8")
+    data = [path for path in (ROOT / "src").glob("radioloc/*/data/*") if path.is_file()]
+    assert len(data) >= 9
+    names = [path.name for path in data] + [kernel.name for kernel in registered()]
+    assert [name for name in names if f"{name}`" not in text] == []
+
+
+@pytest.fixture(scope="module")
+def built(tmp_path_factory):
+    """Source distribution, and the wheel that is built from it."""
+    folder = tmp_path_factory.mktemp("dist")
+    for package in ("build", "hatchling", "hatch_fancy_pypi_readme"):
+        pytest.importorskip(package)
+    run(sys.executable, "-m", "build", "--no-isolation", "--outdir", str(folder), str(ROOT), cwd=folder)
+    (source,), (wheel,) = folder.glob("*.tar.gz"), folder.glob("*.whl")
+    return source, wheel
+
+
+@pytest.mark.slow
+def test_on_an_index_no_link_leads_into_the_source_tree(built):
+    with zipfile.ZipFile(built[1]) as wheel:
+        (name,) = [name for name in wheel.namelist() if name.endswith(".dist-info/METADATA")]
+        metadata = message_from_string(wheel.read(name).decode())
+    readme = metadata.get_payload()
+    assert readme.startswith("# radioloc")
+    assert len(readme) > 5000
+    links = re.findall(r"\]\(([^)]*)\)", readme)
+    assert [link for link in links if not link.startswith("https://")] == []
+    assert "![" not in readme
+    assert (metadata["Version"], metadata["License-Expression"]) == (__version__, "MIT")
+    assert metadata.get_all("License-File") == ["DATA_LICENSES.md", "LICENSE"]
+
+
+@pytest.mark.slow
+def test_the_source_distribution_has_what_the_tests_need(built):
+    with tarfile.open(built[0]) as source:
+        names = {name.partition("/")[2] for name in source.getnames()}
+    kept = run("git", "ls-files", cwd=ROOT).splitlines() if (ROOT / ".git").exists() else []
+    assert set(kept) <= names
+
+
+@pytest.mark.slow
+def test_the_wheel_runs_without_the_source_tree(built, tmp_path):
+    """Beside the packages of this environment; `make package` has one that holds nothing else."""
+    installed = tmp_path / "installed"
+    run(
+        *(sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--target", str(installed)),
+        str(built[1]),
+        cwd=tmp_path,
+    )
+    study = ROOT / "examples" / "apollo15" / "apollo15.toml"
+    here = {"PYTHONPATH": str(installed), "PATH": str(Path(sys.executable).parent), "HOME": str(tmp_path)}
+    where = run(sys.executable, "-c", "import radioloc; print(radioloc.__file__)", cwd=tmp_path, **here)
+    assert where.startswith(str(installed))
+    assert "kernels" in run(sys.executable, "-m", "radioloc", "doctor", cwd=tmp_path, **here)
+    card = run(sys.executable, "-m", "radioloc", "locate", str(study), cwd=tmp_path, **here)
+    assert "CONVERGED" in card
+    assert "3.62849499 deg E" in card

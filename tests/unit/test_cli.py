@@ -2,6 +2,7 @@
 
 import csv
 import gzip
+import io
 import json
 import os
 import re
@@ -14,12 +15,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 from quick import some
+from tdm_messages import TWO_WAY, kvn
 
 import radioloc
 from radioloc import cli
 from radioloc.cli.commands import COMMANDS
 from radioloc.cli.parser import EXIT_STATUS, make_parser
-from radioloc.errors import ConvergenceError, DataQualityWarning
+from radioloc.errors import ConvergenceError, DataQualityWarning, PredictedEopWarning
 from radioloc.io import READERS
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.parameters.registry import PARAMETERS
@@ -325,18 +327,12 @@ def test_help_and_version(capsys):
         assert text in capsys.readouterr().out
 
 
-def commands():
-    """Parsers of all commands by name."""
-    [found] = [action.choices for action in make_parser()._actions if action.dest == "command"]
-    return found
-
-
-@pytest.mark.parametrize("name", commands())
+@pytest.mark.parametrize("name", make_parser().commands)
 def test_each_command_has_examples_that_parse(name, capsys):
-    parser = commands()[name]
+    parser = make_parser().commands[name]
     assert parser.examples
     for example in parser.examples:
-        program, *arguments = shlex.split(example)
+        program, *arguments = shlex.split(example.partition(" > ")[0])
         assert program == "radioloc"
         assert make_parser().parse_args(arguments).command == name
     assert name in COMMANDS
@@ -376,6 +372,89 @@ def test_json_of_stations_and_frames_has_the_numbers_of_the_library(capsys):
     assert rows["ME_DE421"]["xyz_m"] == list(place.to_frame("ME_DE421").xyz_m)
 
 
+class Stream(io.StringIO):
+    """Standard input, of which the bytes are read."""
+
+    @property
+    def buffer(self):
+        return io.BytesIO(self.getvalue().encode())
+
+
+def test_a_study_from_standard_input_has_paths_relative_to_the_working_directory(folder, capsys, monkeypatch):
+    monkeypatch.chdir(folder)
+    monkeypatch.setattr(sys, "stdin", Stream(study_of()))
+    assert cli.main(["residuals", "-", "--json"]) == 0
+    from_stream = json.loads(capsys.readouterr().out)
+    (folder / "stdin.toml").write_text(study_of(), encoding="utf-8")
+    assert cli.main(["residuals", "stdin.toml", "--json"]) == 0
+    from_file = json.loads(capsys.readouterr().out)
+    assert from_stream["provenance"].pop("study") is None
+    assert from_file["provenance"].pop("study")["file"] == str(folder / "stdin.toml")
+    assert from_stream == from_file
+
+
+def test_convert_from_standard_input_to_standard_output(folder):
+    given = (folder / "d.csv").read_bytes()
+    command = [sys.executable, "-m", "radioloc", "convert", "-", "-", "--format"]
+    packed, table = (
+        subprocess.run([*command, *more], input=content, capture_output=True, check=True, timeout=600)
+        for more, content in ((["parquet"], given), (["csv"], given))
+    )
+    assert (packed.stderr, table.stderr) == (b"", b"")
+    (folder / "e.parquet").write_bytes(packed.stdout)
+    (folder / "e.csv").write_bytes(table.stdout)
+    first = radioloc.read_observations(folder / "d.csv")
+    for name in ("e.parquet", "e.csv"):
+        assert (radioloc.read_observations(folder / name).value_m == first.value_m).all()
+
+
+def test_what_is_wrong_with_standard_input_is_said_of_it(capsys, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", Stream("hello\n"))
+    assert cli.main(["convert", "-", "-"]) == 2
+    refused(Outcome(2, *capsys.readouterr()), "radioloc: stdin: starts with 'hello'")
+
+
+def test_convert_reads_as_a_study_does(folder, capsys):
+    ranges = TWO_WAY | {"RANGE_UNITS": "RU", "INTEGRATION_REF": None}
+    (folder / "d.tdm").write_text("\n".join(kvn((ranges, ["RANGE = 2021-03-28T14:00:00 1000.0"]))))
+    arguments = ["convert", str(folder / "d.tdm"), str(folder / "e.csv"), "--sigma", "range=1.0"]
+    assert cli.main(arguments) == 2
+    refused(Outcome(2, *capsys.readouterr()), "tdm_range_unit_s", "as --study")
+    (folder / "s.toml").write_text(study_of("d.tdm", "tdm_range_unit_s = 0.00257\n"))
+    assert cli.main([*arguments, "--study", str(folder / "s.toml")]) == 0
+    [row] = rows_of(folder / "e.csv")
+    assert float(row["observed_m"]) == pytest.approx(2.57 * 299792458.0, abs=1e-6)
+    assert float(row["sigma_m"]) == 1.0
+
+
+def test_verbose_says_what_is_done_on_standard_error(run):
+    outcome = run(study_of(), "-v", "-q", command="residuals")
+    assert outcome.out == ""
+    lines = outcome.err.splitlines()
+    assert len(lines) == 3
+    assert all(re.match(r"radioloc: +\d+ ms  \w", line) for line in lines)
+    assert "read 22 observations" in lines[0]
+    assert run(study_of(), "-q", command="residuals").err == ""
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_knows_commands_and_options(shell, capsys):
+    assert cli.main(["completion", shell]) == 0
+    script = capsys.readouterr().out
+    for name, parser in make_parser().commands.items():
+        assert name in script
+        for action in parser._actions:
+            assert all(option.lstrip("-") in script for option in action.option_strings)
+
+
+def test_completion_in_bash(tmp_path, capsys):
+    assert cli.main(["completion", "bash"]) == 0
+    (tmp_path / "script").write_text(capsys.readouterr().out)
+    ask = 'source ./script; COMP_WORDS=(radioloc locate --si); COMP_CWORD=2; _shtab_radioloc; echo "${COMPREPLY[@]}"'
+    done = subprocess.run(["bash", "-c", ask], cwd=tmp_path, capture_output=True, text=True, timeout=60)
+    assert done.stdout == "--sinex\n"
+
+
 def test_stations_are_listed(capsys):
     assert cli.main(["stations"]) == 0
     out = capsys.readouterr().out
@@ -394,6 +473,17 @@ def test_warnings_of_the_library_are_single_lines_said_once(run, monkeypatch):
     outcome = run(study_of(), "--quiet")
     assert outcome.out == ""
     assert outcome.err == "radioloc: warning: poor data\n"
+
+
+def test_of_predicted_earth_orientation_one_warning_is_enough(run, monkeypatch):
+    def warns(*given):
+        for count in range(3):
+            warnings.warn(f"predicted at {count} epochs", PredictedEopWarning, stacklevel=1)
+        return fit_arc(*given)
+
+    fit_arc = locate.fit_arc
+    monkeypatch.setattr(locate, "fit_arc", warns)
+    assert run(study_of(), command="residuals").err == "radioloc: warning: predicted at 0 epochs\n"
 
 
 def test_predicted_earth_orientation_is_said(run, folder):

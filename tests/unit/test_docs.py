@@ -579,7 +579,7 @@ def test_toml_is_a_study_or_part_of_one(page, workspace):
 def test_every_command_option_and_exit_status_is_described():
     path = DOCS / "reference" / "command-line.md"
     page = path.read_text()
-    [commands] = [action.choices for action in make_parser()._actions if action.dest == "command"]
+    commands = make_parser().commands
     described = {name for row in rows_of_table(path, "option") for name in quoted(row[0])}
     described = {name.split()[0] for name in described}
     assert {"locate", "residuals", "arcs", "stations"} <= set(commands)

@@ -8,7 +8,7 @@ from __future__ import annotations
 import warnings
 from collections.abc import Sequence
 
-from radioloc.cli.output import complain, prepared, say
+from radioloc.cli.output import complain, prepared, say, standard_streams
 from radioloc.cli.parser import BAD_INPUT, DISK, INTERRUPTED, NOT_CONVERGED, make_parser
 from radioloc.errors import ConvergenceError, RadiolocError, RadiolocWarning
 from radioloc.text_files import disk_failed
@@ -21,7 +21,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
         warnings.simplefilter("default", RadiolocWarning)
         try:
             options = make_parser().parse_args(arguments)
-            with prepared(options.verbose):
+            with prepared(options.verbose), standard_streams(options):
                 from radioloc.cli.commands import COMMANDS, ready
 
                 ready(options)

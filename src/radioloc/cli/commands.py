@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 import argparse
+import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import fields
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any, Protocol
 
 from radioloc.cli.output import complain, say
-from radioloc.cli.parser import DONE, INTERRUPTED, NOT_CONVERGED
+from radioloc.cli.parser import DONE, INTERRUPTED, NOT_CONVERGED, make_parser
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.ephemeris import CONSTANTS
 from radioloc.errors import InputError
+from radioloc.extras import optional
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm import TdmAgreement
 from radioloc.io.write import require_writable, write_observations
@@ -120,8 +122,22 @@ def _simulate(options: argparse.Namespace) -> int:
 
 def _convert(options: argparse.Namespace) -> int:
     require_writable(options.out, options.originator)  # before the reading, which may take long
-    tdm = TdmAgreement(sigma_m=_sigmas(options.sigma)) if options.sigma else None
-    observations = read_observations(options.files, tdm=tdm)
+    sigma_m = _sigmas(options.sigma)
+    if options.study is not None:
+        study = read_study(options.study)
+        agreed = study.observations.tdm
+        tdm = replace(agreed, sigma_m={**agreed.sigma_m, **sigma_m})
+        study = replace(study, observations=replace(study.observations, tdm=tdm))
+        observations = locate.read_as(study, options.files)
+    else:
+        try:
+            observations = read_observations(options.files, tdm=TdmAgreement(sigma_m=sigma_m))
+        except InputError as error:
+            if not re.search(r"tdm_|light_time_s|\[stations", str(error)):
+                raise
+            raise InputError(
+                f"{error}; convert takes the study file as --study, and light times from its target"
+            ) from None
     write_observations(options.out, observations, originator=options.originator)
     _tell(options, observations.summary())
     return DONE
@@ -287,6 +303,17 @@ def _of_a_station(station: Station) -> dict[str, Any]:
     }
 
 
+def _completion(options: argparse.Namespace) -> int:
+    shtab = optional("shtab", "completion scripts are made by shtab, which is not installed;", "completion")
+    parser = make_parser()
+    for command in parser.commands.values():
+        for action in command._actions:
+            if action.type is Path:
+                action.complete = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE  # type: ignore[attr-defined]
+    say(shtab.complete(parser, options.shell), end="")
+    return DONE
+
+
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "locate": _locate,
     "residuals": _locate,
@@ -302,6 +329,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "covariance": _covariance,
     "doctor": _doctor,
     "frames": _frames,
+    "completion": _completion,
     "stations": _stations,
 }
 """Commands by name."""

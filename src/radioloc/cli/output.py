@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import argparse
 import logging
 import os
 import sys
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Any
 
-from radioloc.errors import RadiolocWarning
+from radioloc.errors import InputError, PredictedEopWarning, RadiolocError, RadiolocWarning
+
+STREAM = Path("-")
+"""In place of a file: standard input or output."""
 
 
 def say(text: object, end: str = "\n") -> None:
@@ -27,6 +33,31 @@ def say(text: object, end: str = "\n") -> None:
 def complain(message: str) -> None:
     """Say in one line on standard error what is wrong."""
     print(f"radioloc: {' '.join(message.split())}", file=sys.stderr)
+
+
+@contextmanager
+def standard_streams(options: argparse.Namespace) -> Iterator[None]:
+    """Put files in the place of ``-`` among files to read and to write, which need more than a stream."""
+    given = [name for name in ("files", "solutions") if STREAM in getattr(options, name, ())]
+    printed = "format" in options and options.out == STREAM
+    if not given and not printed:
+        yield
+        return
+    with TemporaryDirectory() as folder:
+        read, written = Path(folder, "stdin"), Path(folder, f"stdout.{getattr(options, 'format', '')}")
+        if given:
+            read.write_bytes(sys.stdin.buffer.read())
+        for name in given:
+            setattr(options, name, [read if path == STREAM else path for path in getattr(options, name)])
+        if printed:
+            options.out, options.quiet = written, True
+        try:
+            yield
+        except RadiolocError as error:
+            raise InputError(str(error).replace(f"{folder}{os.sep}", "")) from None
+        if printed:
+            sys.stdout.buffer.write(written.read_bytes())
+            sys.stdout.buffer.flush()
 
 
 @contextmanager
@@ -49,14 +80,17 @@ def prepared(verbose: bool) -> Iterator[None]:
 
 def _shown_once() -> Callable[..., None]:
     """Make what shows the library's own warnings as one line each, and each once; others as Python does."""
-    seen: set[str] = set()
+    seen: set[str | type[Warning]] = set()
     as_python_does = warnings.showwarning
 
     def show(message: Warning | str, category: type[Warning], *where: Any) -> None:
         if not issubclass(category, RadiolocWarning):
             as_python_does(message, category, *where)
-        elif str(message) not in seen:
-            seen.add(str(message))
+            return
+        # Of Earth orientation it differs from part to part of a computation, in nothing but its counts.
+        same = category if category is PredictedEopWarning else str(message)
+        if same not in seen:
+            seen.add(same)
             complain(f"warning: {message}")
 
     return show

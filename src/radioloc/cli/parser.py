@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import argparse
 import textwrap
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NoReturn
 
 from radioloc._version import __version__
@@ -40,6 +41,8 @@ class Parser(argparse.ArgumentParser):
     examples: Sequence[str] = ()
     more: Callable[[], Rows] = dict
     """Asked only when help is."""
+    commands: Mapping[str, Parser] = MappingProxyType({})
+    """Parsers of commands by name."""
 
     def error(self, message: str) -> NoReturn:
         """End with one line."""
@@ -75,6 +78,7 @@ def make_parser() -> Parser:
     parser.more = lambda: {"exit status": {str(status): text for status, text in EXIT_STATUS.items()}}
     parser.add_argument("--version", action="version", version=f"radioloc {__version__}")
     commands = parser.add_subparsers(required=True, title="commands", metavar="COMMAND", dest="command")
+    parser.commands = commands.choices
 
     flag: dict[str, Any] = {"action": "store_true"}
     folder: dict[str, Any] = {"type": Path, "metavar": "DIR"}
@@ -87,7 +91,12 @@ def make_parser() -> Parser:
     }
     file: dict[str, Any] = {
         "type": Path,
-        "help": "file to write; its ending names the format: .csv, .parquet, .tdm, .kvn or .xml",
+        "help": "file to write; its ending names the format: .csv, .parquet, .tdm, .kvn or .xml; - for standard output",
+    }
+    format_of_stdout: dict[str, Any] = {
+        "choices": ("csv", "parquet", "tdm", "xml"),
+        "default": "csv",
+        "help": "format of what is written to standard output (default: csv)",
     }
     agency: dict[str, Any] = {
         "metavar": "NAME",
@@ -114,7 +123,7 @@ def make_parser() -> Parser:
             type=Path,
             nargs="+",
             metavar="SOLUTION.json",
-            help="solution.json or arcs.json files",
+            help="solution.json or arcs.json files; - for standard input",
         )
 
     def add_folder(to: Parser, text: str) -> None:
@@ -123,7 +132,7 @@ def make_parser() -> Parser:
             "--report", **flag, help="with --out, also write report.html, one page that shows everything"
         )
 
-    file_of_a_study = "the study file"
+    file_of_a_study = "the study file; - for standard input, with paths relative to the working directory"
     for name, text, examples in (
         (
             "locate",
@@ -175,6 +184,7 @@ def make_parser() -> Parser:
         json=False,
     )
     made.add_argument("--out", **file, metavar="FILE", required=True)
+    made.add_argument("--format", **format_of_stdout)
     made.add_argument("--originator", **agency)
     made.add_argument("--seed", **seed)
     made.add_argument(
@@ -188,10 +198,15 @@ def make_parser() -> Parser:
         "read observation files of any known format and write them as one file",
         "laser.npt ranges.csv",
         "message.tdm ranges.csv --sigma range=1.0",
+        "- - --format parquet",
         json=False,
     )
     convert.add_argument(
-        "files", type=Path, nargs="+", metavar="IN", help="files to read, each of any format"
+        "files",
+        type=Path,
+        nargs="+",
+        metavar="IN",
+        help="files to read, each of any format; - for standard input",
     )
     convert.add_argument("out", **file, metavar="OUT")
     convert.add_argument(
@@ -202,6 +217,13 @@ def make_parser() -> Parser:
         help="sigma of the observations of one type, such as range=1.0, in Tracking Data Messages, which state none; "
         "may be repeated",
     )
+    convert.add_argument(
+        "--study",
+        type=Path,
+        metavar="STUDY.toml",
+        help="read as this study does, with its stations and what it says of Tracking Data Messages",
+    )
+    convert.add_argument("--format", **format_of_stdout)
     convert.add_argument("--originator", **agency)
     convert.more = _formats
 
@@ -244,7 +266,7 @@ def make_parser() -> Parser:
         type=Path,
         nargs="+",
         metavar="SOLUTION.json",
-        help="solution.json or arcs.json files, or positions in a TOML file",
+        help="solution.json or arcs.json files, or positions in a TOML file; - for standard input",
     )
     beside.add_argument(
         "--reference",
@@ -351,6 +373,14 @@ def make_parser() -> Parser:
     stations.add_argument(
         "name", nargs="?", default="", metavar="NAME", help="a name, an alias, or a part of one"
     )
+
+    complete = command(
+        "completion",
+        "print a script by which a shell completes commands, options and files",
+        "bash > ~/.local/share/bash-completion/completions/radioloc",
+        json=False,
+    )
+    complete.add_argument("shell", choices=("bash", "zsh", "fish"), help="the shell")
     return parser
 
 

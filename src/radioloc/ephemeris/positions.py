@@ -65,7 +65,7 @@ class Ephemeris:
         if name not in CONSTANTS:
             raise KernelError(
                 f"{kernel.file.path} calls itself {label!r}, an ephemeris whose constants are not known here "
-                f"(known: {', '.join(CONSTANTS)}); give them as constants="
+                f"(known: {', '.join(CONSTANTS)}); use one of these, or give constants= in Python"
             )
         return cls(name, CONSTANTS[name], kernel)
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -17,6 +18,8 @@ from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm
 from radioloc.measurements.observations import Observations
 from radioloc.plugins import named_where_it_fails, registry
 from radioloc.text_files import head_of, read_text
+
+logger = logging.getLogger(__name__)
 
 _HEAD_BYTES = 65536
 
@@ -171,6 +174,9 @@ def read_observations(
     for reader, group in groups:
         with named_where_it_fails(f"reader {reader.name}", "read"):
             parts.append(reader.read(group, settings))
+        logger.info(
+            "read %d observations from %s (%s)", len(parts[-1]), ", ".join(map(str, group)), reader.name
+        )
     if len(parts) == 1:
         return parts[0]
     return without_duplicates(Observations.concatenate(parts))

@@ -150,7 +150,7 @@ def _meaning(
         if len(units) != 1 or not units[0]:
             raise InputError(
                 f"{path} gives its values in {sorted(declared)}, not in metres or kilometres; if it is an elevation "
-                "map, say unit='m' or unit='km'"
+                "map, set its unit (gdal_edit.py -units m), or say unit='m' or unit='km' in Python"
             )
     else:
         units = list(_UNITS_M)
@@ -176,11 +176,12 @@ def _meaning(
         raise InputError(
             f"{found}, which in {' or '.join(units)} are neither heights ({LOWEST_M:.0f} to {HIGHEST_M:.0f} m) nor "
             "radii of the Moon; an undeclared scale, unit or void value (set them with gdal_translate -a_scale "
-            "-a_offset -a_nodata, or say unit=)?"
+            "-a_offset -a_nodata, or gdal_edit.py -units)?"
         )
     if len(meanings) > 1:
         raise InputError(
-            f"{found} with no unit given, which could be metres or kilometres; say unit='m' or 'km'"
+            f"{found} with no unit given, which could be metres or kilometres; set it (gdal_edit.py -units m), or say "
+            "unit='m' or 'km' in Python"
         )
     low_m, high_m = LUNAR_SPHERES_M
     if units == ["m"] and low_m <= 1e3 * abs(offset) <= high_m:

@@ -30,6 +30,8 @@ from radioloc.report.text_table import TextTable
 _ARCS_IN_ROW = 3
 _WIDE = 18  # characters of a value with its sigma of which one fewer goes into a row
 _MAX_PARAMETERS = 12  # a card is to fit a screen; to_dict() has them all
+_FILLED = 0.95
+"""Of an arc, where its data last to its end, but for the time from one observation to the next."""
 _UNLIKELY_SIGMAS = 3.72
 """Two coordinates of a right model stay below this in 99.9 %."""
 
@@ -81,11 +83,14 @@ class ArcStudy(Shown):
     references : tuple of Reference
         Known positions in mean-Earth axes. The first is the benchmark that all others are compared with; where there
         is none, that is the longest arc.
+    longitude_to_360 : bool
+        Whether the card counts longitudes from 0 to 360 deg, not from -180 to 180.
     """
 
     name: str
     arcs: tuple[Arc, ...]
     references: Sequence[KnownPosition] = ()
+    longitude_to_360: bool = False
 
     @property
     def longest(self) -> Solution:
@@ -182,7 +187,7 @@ class ArcStudy(Shown):
         longest, rows = self.longest, self.rows
         failed = [arc.name for arc in self.arcs if not arc.solution.converged]
         axes = (
-            f"{longest.me_frame}, fitted in {longest.pa_frame}; L west longitude, B latitude; dL, dB relative to "
+            f"{longest.me_frame}, fitted in {longest.pa_frame}; L east longitude, B latitude; dL, dB relative to "
             f"{self.benchmark}, on the sphere of {MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
         )
         sizes = ("", "L, m", "B, m", "h, m", "height, m", f"from {self.arcs[0].name}, m", "in sigmas")
@@ -192,7 +197,12 @@ class ArcStudy(Shown):
                 Field("arc lengths", (self.name,)),
                 Field("status", (f"NOT CONVERGED: {', '.join(failed)}" if failed else "all arcs converged",)),
                 Field("axes", (axes,)),
-                Field("positions", (), HEADING, ((row.name, *position_cells(row)) for row in rows)),
+                Field(
+                    "positions",
+                    (),
+                    HEADING,
+                    ((row.name, *position_cells(row, to_360=self.longitude_to_360)) for row in rows),
+                ),
                 Field("1 sigma", (), sizes, map(_sigma_cells, self.arcs, rows)),
                 Field("data", (), counts, map(_data_cells, self.arcs, rows)),
                 *_parameter_fields(self),
@@ -273,12 +283,9 @@ def _notes(study: ArcStudy, rows: tuple[PositionRow, ...]) -> Iterator[str]:
     for arc in study.arcs:
         if arc.solution.message:
             yield f"{arc.name}: {arc.solution.message}"
-    for longer, shorter in zip(study.arcs, study.arcs[1:], strict=False):
-        if len(longer.solution.residuals) == len(shorter.solution.residuals):
-            yield (
-                f"the arc of {longer.name} has no more observations than that of {shorter.name}: there are none after "
-                f"{shorter.span_h:.2f} h"
-            )
+    for arc in study.arcs:
+        if arc.span_h < _FILLED * arc.hours:
+            yield f"the arc of {arc.name} is longer than its data, which end after {arc.span_h:.2f} h"
     for row in rows:
         if row.from_longest_sigmas is not None and row.from_longest_sigmas > _UNLIKELY_SIGMAS:
             yield (

@@ -14,7 +14,14 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.report.cards import Card, Field, Shown, metres, plural
 from radioloc.report.figures import legend_below, one_panel
 from radioloc.report.position_figures import DrawnPlace, draw_places
-from radioloc.report.position_table import HEADING, PositionRow, csv_table, position_cells, position_table
+from radioloc.report.position_table import (
+    HEADING,
+    PositionRow,
+    csv_table,
+    east_longitude_deg,
+    position_cells,
+    position_table,
+)
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -106,7 +113,7 @@ class Comparison(Shown):
     def card(self) -> Card:
         """Card of the comparison."""
         axes = (
-            f"{self.frame}; L west longitude, B latitude; dL, dB relative to {self.benchmark}, on the sphere of "
+            f"{self.frame}; L east longitude, B latitude; dL, dB relative to {self.benchmark}, on the sphere of "
             f"{MEAN_LUNAR_RADIUS_M / 1e3:.1f} km"
         )
         sizes = ("1 sigma", "L, m", "B, m", "h, m", "height, m")
@@ -159,7 +166,7 @@ class Comparison(Shown):
             return
         row = next(row for row in self.rows if row.method == "joint")
         yield (
-            f"{row.longitude_west_deg:.5f} deg W, {row.latitude_deg:.5f} deg N, {row.height_m:.1f} m, from "
+            f"{east_longitude_deg(row):.5f} deg E, {row.latitude_deg:.5f} deg N, {row.height_m:.1f} m, from "
             f"{' and '.join(self.joint.names)}; sigmas east {metres(row.sigma_west_m)}, north "
             f"{metres(row.sigma_north_m)}, up {metres(row.sigma_up_m)} m"
         )

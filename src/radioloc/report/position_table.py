@@ -12,7 +12,7 @@ from typing import Any
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.report.text_table import TextTable
 
-HEADING = ("", "L, deg W", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m")
+HEADING = ("", "L, deg E", "B, deg N", "dL, deg", "dB, deg", "dL, m", "dB, m")
 """Of :func:`position_cells` after a name."""
 
 METHODS = ("tracking", "images", "image_point", "stereo")
@@ -75,18 +75,28 @@ def place_fields(place: Place, benchmark: Place | None) -> dict[str, Any]:
     }
 
 
-def position_cells(row: PositionRow) -> tuple[str, ...]:
-    """Longitude and latitude with their differences in deg and m, as text."""
-    cells = (f"{row.longitude_west_deg:.5f}", f"{row.latitude_deg:.5f}")
-    if row.west_deg is None:
+def east_longitude_deg(row: PositionRow, to_360: bool = False) -> float:
+    """East longitude, -180 to 180 or 0 to 360 deg."""
+    return -row.longitude_west_deg % 360.0 if to_360 else -row.longitude_west_deg
+
+
+def position_cells(row: PositionRow, *, east: bool = True, to_360: bool = False) -> tuple[str, ...]:
+    """Longitude (to the east, or as the row has it) and latitude with their differences in deg and m, as text."""
+    sign = -1.0 if east else 1.0
+    longitude_deg = east_longitude_deg(row, to_360) if east else row.longitude_west_deg
+    cells = (f"{longitude_deg:z.5f}", f"{row.latitude_deg:.5f}")
+    if row.west_deg is None or row.west_m is None:
         return (*cells, "benchmark", "-", "-", "-")
-    return (*cells, f"{row.west_deg:.5f}", f"{row.north_deg:.5f}", f"{row.west_m:.1f}", f"{row.north_m:.1f}")
+    differences = f"{sign * row.west_deg:z.5f}", f"{row.north_deg:z.5f}"
+    return (*cells, *differences, f"{sign * row.west_m:z.1f}", f"{row.north_m:z.1f}")
 
 
 def position_table(rows: Iterable[PositionRow], names: Mapping[str, str] | None = None) -> TextTable:
     """The table to print; ``names`` of rows that are called otherwise there."""
     heading = ("Method", "", "L (°W)", "B (°N)", "δL (°W)", "δB (°N)", "δL (m)", "δB (m)")
-    cells = [(row.method, (names or {}).get(row.name, row.name), *position_cells(row)) for row in rows]
+    cells = [
+        (row.method, (names or {}).get(row.name, row.name), *position_cells(row, east=False)) for row in rows
+    ]
     return TextTable(heading, cells, words=2)
 
 

@@ -71,4 +71,4 @@ def arcs(
         found.append(Arc(part.hours, part.span_h, fit_arc(one, part.arc, reasons, part.estimate)))
     constants = longest.model.ephemeris.constants
     references = [Reference(item.position.to_axes("ME", constants), item.name) for item in known]
-    return ArcStudy(study.name, tuple(found), tuple(references))
+    return ArcStudy(study.name, tuple(found), tuple(references), study.longitude_to_360)

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+import logging
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -59,6 +60,8 @@ from radioloc.studies.study_file import as_study
 from radioloc.studies.verdict import misfits, places
 from radioloc.studies.weights import require_stations, weighted_observations
 from radioloc.time import Epochs
+
+logger = logging.getLogger(__name__)
 
 
 def locate(study: Study | str | Path, observations: Observations | None = None) -> Solution:
@@ -135,6 +138,7 @@ def prepared_arc(study: Study, observations: Observations | None = None) -> tupl
         position_in_pa(f"[references] {reference.name}", reference.position, constants)
     chosen, left_out = _observations(study, observations, model, targets)
     arc = _arc(study, model, chosen, targets)
+    logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
     if places := study.observations.map_positions:
         arc = JointPredictor(arc, MapPredictor(arc, [place.read() for place in places]))
     return arc, left_out
@@ -174,6 +178,12 @@ def fit_arc(
     ties_m = considered_ties_m(arc, problem.parameters, study) * allowed
     wide = noise.with_added(ties_m) if ties_m.any() else noise
     fitted = _fit(problem, wide, order, estimate, *status_of(arc, targets))
+    logger.info(
+        "fitted %d parameters to %d of %d observations",
+        problem.parameters.free.sum(),
+        fitted.fit.used.sum(),
+        len(observations),
+    )
     considered, not_considered = considered_errors(study, problem, estimate, fitted.fit.x)
     if ties_m.any():
         own_m = np.sqrt(fitted.fit.noise.own_m**2 - ties_m**2)
@@ -288,22 +298,33 @@ def _observations(
                 f"{study.name}: the study has no observations, only a simulation; use `radioloc montecarlo`, or "
                 "`radioloc simulate` to make a file of observations and name it as [observations] files"
             )
-        # What the model has of delays, a file's are not to be taken off as well.
-        tdm = replace(study.observations.tdm, modelled=model.delays)
-        if tdm.light_time_s is None:
-            tdm = replace(tdm, light_time_s=_light_time_to(study, model, targets))
-        observations = read_observations(
-            study.observations.files,
-            catalogue=study.catalogue,
-            tdm=tdm,
-            lunar=not isinstance(study.target, Trajectory),
-        )
+        observations = _read(study, study.observations.files, model, targets)
     chosen, left_out = select_observations(observations, study.observations, study.catalogue, study.targets)
     for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m"):
         given = getattr(study.observations, key)
         if isinstance(given, Mapping):
             require_stations(chosen, key, given, study.catalogue)
     return weighted_observations(chosen, study.observations.weights, study.catalogue), left_out
+
+
+def read_as(study: Study, files: Sequence[str | Path]) -> Observations:
+    """Observations of files, read by what a study says of stations and Tracking Data Messages, and of where they lead.
+
+    Errors as of :func:`locate`.
+    """
+    model = model_of(study)
+    return _read(study, files, model, targets_in_pa(study, model.ephemeris.constants))
+
+
+def _read(
+    study: Study, files: Sequence[str | Path], model: PhysicalModel, targets: Mapping[str, LunarPosition]
+) -> Observations:
+    # What the model has of delays, a file's are not to be taken off as well.
+    tdm = replace(study.observations.tdm, modelled=model.delays)
+    if tdm.light_time_s is None:
+        tdm = replace(tdm, light_time_s=_light_time_to(study, model, targets))
+    lunar = not isinstance(study.target, Trajectory)
+    return read_observations(files, catalogue=study.catalogue, tdm=tdm, lunar=lunar)
 
 
 def _light_time_to(study: Study, model: PhysicalModel, targets: Mapping[str, LunarPosition]) -> LightTime:

@@ -20,7 +20,7 @@ from radioloc.kernels import find_kernel, sha256_of
 from radioloc.studies.study import ModelChoice, Study, TerrainPrior
 
 _LONGEST_LIST = 100
-_WITHOUT_EFFECT = ("catalogue", "name", "path", "reference", "references")
+_WITHOUT_EFFECT = ("catalogue", "longitude_to_360", "name", "path", "reference", "references")
 """Fields of a study that change no number that is computed; the catalogue is recorded as the list of its stations."""
 _PACKAGES = ("numpy", "scipy", "numba", "pyerfa", "astropy-iers-data")
 

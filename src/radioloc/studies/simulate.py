@@ -53,6 +53,6 @@ def scenario_of(study: Study) -> Scenario:
     if study.simulation is None:
         raise InputError(
             f"{study.name}: there is nothing to simulate; give the study file a [simulation] table "
-            "(docs/reference/simulation.md), or Study(simulation=Scenario(...))"
+            "(docs/reference/simulation.md), or in Python Study(simulation=Scenario(...))"
         )
     return study.simulation

@@ -408,6 +408,8 @@ class Study:
     candidates : iterable of str or None
         Stations, and links by their paths, of which a covariance study says what each would buy; all stations of the
         catalogue where ``None``.
+    longitude_to_360 : bool
+        Whether cards count longitudes from 0 to 360 deg, as the file of the study does, not from -180 to 180.
     """
 
     target: LunarPosition | Trajectory = None  # type: ignore[assignment]  # of targets, then
@@ -424,6 +426,7 @@ class Study:
     consider_defaults: bool = True
     path: Path | None = None
     candidates: tuple[str, ...] | None = None
+    longitude_to_360: bool = False
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "references", tuple(self.references))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import sys
 import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
@@ -32,6 +33,9 @@ from radioloc.studies.study import (
     Study,
 )
 from radioloc.studies.weights import Weight
+
+STDIN = Path("-")
+"""In place of a study file: standard input."""
 
 _FASTEST_PLATE_M_YR = 1.0
 """Plates move by up to 0.1 m a year; more is another unit."""
@@ -126,7 +130,7 @@ def read_study(path: str | Path) -> Study:
     Parameters
     ----------
     path : path-like
-        A TOML file; paths in it are relative to its folder.
+        A TOML file, or ``-`` for standard input; paths in it are relative to its folder, or to the working directory.
 
     Raises
     ------
@@ -141,7 +145,8 @@ def read_study(path: str | Path) -> Study:
     'ME_DE421'
     """
     path = Path(path)
-    top = TomlTable(path, "", toml_content(path), _hints())
+    content: dict[str, Any] = toml_content(path)
+    top = TomlTable(path, "", content, _hints())
     tables = {key: top.table(key) for key in _TABLES_OF_A_STUDY}
     top.finish()  # before anything else, so that a misspelt table is not called missing
 
@@ -164,6 +169,7 @@ def read_study(path: str | Path) -> Study:
         raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
     target = made("target", _target) or next(iter(targets.values())).position
     considered, defaults = made("consider", _considered) or ({}, True)
+    places = [content.get("target", {}), *content.get("targets", {}).values()]
     planned = made("covariance", lambda table: table.read(CovarianceChoice))
     return top.build(
         Study,
@@ -177,9 +183,10 @@ def read_study(path: str | Path) -> Study:
         catalogue=catalogue,
         reference=made("reference", _reference),
         references=tuple((made("references", _positions) or {}).values()),
-        name=path.stem,
-        path=path,
+        name="stdin" if path == STDIN else path.stem,
+        path=None if path == STDIN else path,
         candidates=None if planned is None else planned.candidates,
+        longitude_to_360=any(place.get("longitude_deg", 0.0) > 180.0 for place in places),
         simulation=made("simulation", partial(_simulation, target=target, catalogue=catalogue)),
     )
 
@@ -196,8 +203,9 @@ def as_study(study: Study | str | Path) -> Study:
 def toml_content(path: Path) -> dict[str, object]:
     """What a study file says; a mistake is one sentence."""
     try:
+        content = sys.stdin.buffer.read() if path == STDIN else path.read_bytes()
         # Some editors put a byte order mark in front, which TOML does not know.
-        return tomllib.loads(path.read_text(encoding="utf-8-sig"))
+        return tomllib.loads(content.decode("utf-8-sig"))
     except FileNotFoundError:
         raise InputError(f"{path}: there is no such study file; check the name and the directory") from None
     except IsADirectoryError:

@@ -187,7 +187,17 @@ def test_an_arc_longer_than_the_data_says_so(study, tracked):
     found = radioloc.arcs(study, [48.0, 96.0], tracked)
     assert found.arcs[0].span_h == found.arcs[1].span_h == pytest.approx(47.5, abs=1e-6)
     text = " ".join(str(found).split())
-    assert "the arc of 96 h has no more observations than that of 48 h" in text
+    assert "the arc of 96 h is longer than its data, which end after 47.50 h" in text
+    assert "the arc of 48 h is longer" not in text
+
+
+def test_longitudes_are_to_the_east_as_the_study_counts_them(found):
+    west_deg = found.rows[0].longitude_west_deg
+    assert west_deg == pytest.approx(51.916, abs=1e-2)
+    assert f"{-west_deg:.5f}" in str(found)
+    assert f"{360.0 - west_deg:.5f}" in str(replace(found, longitude_to_360=True))
+    west_m = found.rows[1].west_m
+    assert f" {-west_m:.1f} " in str(found)
 
 
 def test_reference_of_another_ephemeris(study, tracked):
@@ -253,10 +263,10 @@ def test_card_fits_and_says_what_the_table_holds(found):
         "all arcs converged",
         "ME_DE421, fitted in PA_DE421",
         "51.91620  43.05840  benchmark",
-        "51.91560  43.05910   -0.00060   0.00070  -13.3   21.2",
-        "51.91610  43.05760   -0.00010  -0.00080   -2.2  -24.3",
+        "51.91560  43.05910    0.00060   0.00070   13.3   21.2",
+        "51.91610  43.05760    0.00010  -0.00080    2.2  -24.3",
         "range_bias.NEUQUEN, m",
-        f"{found.rows[2].west_m:.1f}",
+        f"{-found.rows[2].west_m:.1f}",
         str(found.rows[0].used),
     ):
         assert words in text, words

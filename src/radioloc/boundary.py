@@ -54,7 +54,7 @@ def bare(name: str, value: Any) -> Any:
 
 def bare_fields(record: Any) -> None:
     """Make floats and epochs of the fields of a frozen record that is being made; see :func:`bare`."""
-    for field in fields(record):
+    for field in (field for field in fields(record) if field.init):  # others are not there yet
         given = getattr(record, field.name)
         value = bare(field.name, given)
         if value is not given:

@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 import radioloc
+from radioloc.lunar import TerrainModel
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
@@ -28,6 +29,7 @@ def shown():
         "Consider": solution.consider,
         "Consistency": solution.consistency,
         "Simulated": radioloc.simulate(EXAMPLES / "change5" / "simulation.toml", seed=3),
+        "TerrainModel": TerrainModel.open(EXAMPLES / "change5" / "ldem_4_landing_site.tif"),
         "several targets": radioloc.read_study(EXAMPLES / "reflectors" / "de421.toml"),
     }
     return {name: repr(one) for name, one in objects.items()}
@@ -49,6 +51,7 @@ def shown():
         ("Residuals", "<Residuals 153, 151 used>", []),
         ("Consider", "<Consider ", ["station_position"]),
         ("Consistency", "<Consistency of ", ["finding(s)>"]),
+        ("TerrainModel", "<TerrainModel ldem_4_landing_site.tif: longitudes -56", ["of 7581 m, bilinear>"]),
         ("Simulated", "<Simulated 11005 2020-12-01 to 2020-12-03, seed 3, ", ["outliers>"]),
     ],
 )

@@ -60,6 +60,11 @@ class TerrainModel:
     interpolation: str
     _grid: MapGrid = field(repr=False)
 
+    def __repr__(self) -> str:
+        told = self.metadata
+        cells = f"cells of {told.resolution_m:.4g} m, {self.interpolation}"
+        return f"<TerrainModel {told.path.name}: {told.coverage}; {cells}>"
+
     @classmethod
     @bare_arguments
     def open(

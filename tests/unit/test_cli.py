@@ -348,7 +348,9 @@ def test_general_help_comes_at_once_and_has_the_exit_statuses():
         assert re.search(rf"^  {status} +\w", done.stdout, re.MULTILINE)
 
 
-@pytest.mark.parametrize("arguments", [["doctor"], ["frames", "3.6", "26.1", "-1900"], ["stations", "kashi"]])
+@pytest.mark.parametrize(
+    "arguments", [["doctor"], ["frames", "3.6", "26.1", "-1900"], ["stations", "kashi"], ["kernels"]]
+)
 def test_json_is_all_that_is_printed(arguments, capsys):
     assert cli.main([*arguments, "--json"]) == 0
     out, err = capsys.readouterr()
@@ -453,6 +455,51 @@ def test_completion_in_bash(tmp_path, capsys):
     ask = 'source ./script; COMP_WORDS=(radioloc locate --si); COMP_CWORD=2; _shtab_radioloc; echo "${COMPREPLY[@]}"'
     done = subprocess.run(["bash", "-c", ask], cwd=tmp_path, capture_output=True, text=True, timeout=60)
     assert done.stdout == "--sinex\n"
+
+
+def test_frames_have_the_iau_s_axes_at_an_epoch_and_lead_back(capsys):
+    def rows(*arguments):
+        assert cli.main(["frames", *map(str, arguments), "--epoch", "2020-12-01", "--json"]) == 0
+        return {row.pop("frame"): row for row in json.loads(capsys.readouterr().out)}
+
+    there = rows(3.6, 26.1, -1900.0)
+    iau = there["IAU_MOON"]
+    # The series of the IAU leaves its axes up to 155 m away from the mean-Earth axes.
+    away_m = np.linalg.norm(np.subtract(iau["xyz_m"], there["ME_DE421"]["xyz_m"]))
+    assert 20.0 < away_m < 155.0
+    numbers = (iau[key] for key in ("longitude_deg", "latitude_deg", "height_m"))
+    back = rows(*numbers, "--frame", "IAU_MOON")
+    assert set(back) == set(there) == {"PA_DE421", "ME_DE421", "PA_DE440", "IAU_MOON"}
+    for name, row in there.items():
+        np.testing.assert_allclose(back[name]["xyz_m"], row["xyz_m"], rtol=0.0, atol=1e-6)
+    with pytest.raises(SystemExit):
+        cli.main(["frames", "1", "2", "3", "--frame", "IAU_MOON"])
+    refused(Outcome(2, *capsys.readouterr()), "give --epoch UTC")
+
+
+@pytest.mark.parametrize(
+    ("wanted", "names"),
+    [
+        ("argentina", {"NEUQUEN"}),
+        ("Observatory", {"APOLLO", "MATERA", "MLRS2", "WETTZELL"}),
+        ("7941", {"MATERA"}),
+    ],
+)
+def test_stations_are_found_by_alias_complex_and_country(wanted, names, capsys):
+    assert cli.main(["stations", wanted, "--json"]) == 0
+    found = json.loads(capsys.readouterr().out)
+    assert {station["name"] for station in found} == names
+    assert all(station["complex"] and station["country"] for station in found)
+
+
+def test_visibility_and_leave_one_out_print_their_cards(capsys):
+    plan = str(EXAMPLES / "change5" / "simulation.toml")
+    assert cli.main(["visibility", plan, "--stations", "KS", "--stop", "2020-12-02", "--mask", "5"]) == 0
+    assert "KASHI" in capsys.readouterr().out
+    data = str(EXAMPLES / "apollo15" / "apollo15_2024.toml")
+    assert cli.main(["leave-one-out", data, "--json"]) == 0
+    names = [one["name"] for one in json.loads(capsys.readouterr().out)["without"]]
+    assert names == ["APOLLO", "GRASSE", "MATERA"]
 
 
 def test_stations_are_listed(capsys):

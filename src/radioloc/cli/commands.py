@@ -6,20 +6,24 @@ import argparse
 import re
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import fields, replace
+from dataclasses import asdict, fields, replace
 from pathlib import Path
 from typing import Any, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.cli.output import complain, say
 from radioloc.cli.parser import DONE, INTERRUPTED, NOT_CONVERGED, make_parser
 from radioloc.earth.stations import Station, StationCatalogue
-from radioloc.ephemeris import CONSTANTS
+from radioloc.ephemeris import CONSTANTS, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.extras import optional
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm import TdmAgreement
 from radioloc.io.write import require_writable, write_observations
-from radioloc.lunar import LunarPosition
+from radioloc.kernels import add_kernel, added, registered
+from radioloc.lunar import LunarPosition, rot_icrf_to_iau_moon, rot_icrf_to_pa
 from radioloc.report.covariance import plans_card
 from radioloc.report.figures import save_figure
 from radioloc.report.files import (
@@ -48,10 +52,13 @@ from radioloc.studies.doctor import doctor
 from radioloc.studies.image_study import read_image_study
 from radioloc.studies.images import locate_images
 from radioloc.studies.monte_carlo import monte_carlo
+from radioloc.studies.passes import visibility
 from radioloc.studies.selection import DEFAULT_HOURS
 from radioloc.studies.simulate import simulate
 from radioloc.studies.study_file import read_study
+from radioloc.studies.subsets import leave_one_out
 from radioloc.studies.verification import verify
+from radioloc.time import epochs_from_strings, tt_to_tdb, utc_to_tt
 
 
 class Result(Protocol):
@@ -251,16 +258,26 @@ def _doctor(options: argparse.Namespace) -> int:
 
 
 def _frames(options: argparse.Namespace) -> int:
-    place = LunarPosition.from_selenographic(
-        options.longitude, options.latitude, options.height, options.frame
-    )
-    own = place.to_frame(options.frame)  # an error where these axes are not known
+    given = (options.longitude, options.latitude, options.height)
+    if options.frame == _IAU and options.epoch is None:
+        options.parser.error(f"{_IAU} moves against the other axes by some 100 m; give --epoch UTC")
+    pa_to_iau = None if options.epoch is None else _rot_pa_to_iau(options.epoch)
+    if options.frame == _IAU and pa_to_iau is not None:
+        iau = LunarPosition.from_selenographic(
+            *given, "PA_DE421"
+        )  # the numbers are checked as of any other axes
+        own = LunarPosition.from_cartesian(pa_to_iau.T @ iau.xyz_m, "PA_DE421")
+    else:
+        place = LunarPosition.from_selenographic(*given, options.frame)
+        own = place.to_frame(options.frame)  # an error where these axes are not known
     found = {}
     for name in dict.fromkeys(
         name for one in CONSTANTS.values() for name in (f"PA_{one.name}", one.me_frame)
     ):
         with suppress(InputError):  # no angles lead there
             found[name] = own.to_frame(name)
+    if pa_to_iau is not None and "PA_DE421" in found:
+        found[_IAU] = LunarPosition.from_cartesian(pa_to_iau @ found["PA_DE421"].xyz_m, "PA_DE421")
     lines = []
     rows = []
     for name, there in found.items():
@@ -276,19 +293,35 @@ def _frames(options: argparse.Namespace) -> int:
     return DONE
 
 
+_IAU = "IAU_MOON"
+
+
+def _rot_pa_to_iau(epoch_utc: str) -> NDArray[np.float64]:
+    """Rotation from the principal axes of DE421 to the IAU's mean rotation at an epoch, shape (3, 3)."""
+    tdb = tt_to_tdb(utc_to_tt(epochs_from_strings([epoch_utc], "UTC")))
+    angles_rad, _ = LunarOrientation.open("DE421").angles(tdb)
+    rotation: NDArray[np.float64] = rot_icrf_to_iau_moon(tdb)[0] @ rot_icrf_to_pa(angles_rad)[0].T
+    return rotation
+
+
 def _stations(options: argparse.Namespace) -> int:
     wanted = options.name.casefold()
     found = [
         station
         for station in StationCatalogue.default()
-        if any(wanted in name.casefold() for name in (station.name, *station.aliases))
+        if any(
+            wanted in text.casefold()
+            for text in (station.name, *station.aliases, station.complex, station.country)
+        )
     ]
     if not found:
-        raise InputError(f"no station has {options.name!r} in its name; list all with radioloc stations")
+        raise InputError(
+            f"no station has {options.name!r} in its name, complex or country; list all with radioloc stations"
+        )
     lines = (
         f"{station.name:<10} {station.kind:<5} {station.quality:<8} "
         + " ".join(f"{x:15.4f}" for x in station.itrf_m)
-        + f" m  {', '.join(station.aliases)}"
+        + f" m  {', '.join(station.aliases)}; {station.complex}, {station.country}"
         for station in found
     )
     _tell(options, "\n".join(lines), lambda: [_of_a_station(station) for station in found])
@@ -301,6 +334,43 @@ def _of_a_station(station: Station) -> dict[str, Any]:
     return {name: getattr(station, name) for name in names if name not in ("ocean_loading", "sigma_m")} | {
         "sigma_m": station.position_sigma_m
     }
+
+
+def _visibility(options: argparse.Namespace) -> int:
+    found = visibility(
+        options.study,
+        options.stations,
+        start_utc=options.start,
+        stop_utc=options.stop,
+        mask_deg=options.mask,
+    )
+    _tell(options, found, found.to_dict)
+    return DONE
+
+
+def _leave_one_out(options: argparse.Namespace) -> int:
+    found = leave_one_out(options.study)
+    _tell(options, found, found.to_dict)
+    return DONE if found.solution.converged else NOT_CONVERGED
+
+
+def _kernels(options: argparse.Namespace) -> int:
+    if (options.action == "add") != bool(options.files):
+        options.parser.error("kernels add needs files, and only add takes them")
+    known = [add_kernel(path) for path in options.files] or [*registered(), *added()]
+    problems = [one.problem() if options.action == "verify" else "" for one in known]
+    verdict = {"verify": "verified", "add": "added"}.get(options.action, "")
+    lines = (
+        problem
+        or f"{one.name:<28} {one.kind} {one.ephemeris:<6} {one.start_tdb} to {one.end_tdb} {verdict}".rstrip()
+        for one, problem in zip(known, problems, strict=True)
+    )
+    content = [
+        asdict(one) | {"path": one.path, "ships": one in registered(), "problem": problem or None}
+        for one, problem in zip(known, problems, strict=True)
+    ]
+    _tell(options, "\n".join(lines), lambda: content)
+    return NOT_CONVERGED if any(problems) else DONE
 
 
 def _completion(options: argparse.Namespace) -> int:
@@ -329,6 +399,9 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "covariance": _covariance,
     "doctor": _doctor,
     "frames": _frames,
+    "kernels": _kernels,
+    "leave-one-out": _leave_one_out,
+    "visibility": _visibility,
     "completion": _completion,
     "stations": _stations,
 }

@@ -349,6 +349,50 @@ def make_parser() -> Parser:
     add_folder(plans, "write tables and a figure to DIR; of several plans, to a folder each")
     plans.more = _keys_of_a_study
 
+    passes = command(
+        "visibility",
+        "list when each station sees the target of a study: rise, set and highest elevation",
+        "plan.toml",
+        "study.toml --stations KASHI APOLLO --start 2026-12-01 --stop 2026-12-08 --json",
+        study=file_of_a_study,
+    )
+    passes.add_argument(
+        "--stations", nargs="+", default=(), metavar="NAME", help="stations (default: those of the study)"
+    )
+    for name, which in (("start", "first"), ("stop", "last")):
+        passes.add_argument(
+            f"--{name}", metavar="UTC", help=f"{which} epoch (default: that of the schedule or of the data)"
+        )
+    passes.add_argument(
+        "--mask",
+        type=float,
+        metavar="DEG",
+        help="lowest elevation at the stations (default: that of the schedule, or 10)",
+    )
+
+    command(
+        "leave-one-out",
+        "fit a study without each of its stations and links, and print how the position moves",
+        "study.toml",
+        study=file_of_a_study,
+    )
+
+    kernels = command(
+        "kernels",
+        "list the kernels that are found by name, verify their checksums, or add one",
+        "",
+        "verify",
+        "add de430.bsp moon_pa_de430.bpc",
+    )
+    kernels.add_argument(
+        "action",
+        nargs="?",
+        choices=("list", "verify", "add"),
+        default="list",
+        help="what to do (default: list)",
+    )
+    kernels.add_argument("files", type=Path, nargs="*", metavar="FILE", help="kernel files to add")
+
     command(
         "doctor",
         "check kernels, Earth orientation, leap seconds, the compiler's cache and optional packages",
@@ -360,18 +404,28 @@ def make_parser() -> Parser:
         "frames",
         "convert a point on the Moon to the axes of each ephemeris",
         "3.6285 26.1334 -1922.9",
-        "-- -51.9162 43.0584 -2550.4",
+        "--epoch 2020-12-01T15:11 -- -51.9162 43.0584 -2550.4",
     )
     for name in ("longitude", "latitude", "height"):
         unit = "above 1737.4 km, m" if name == "height" else "deg east" if name == "longitude" else "deg"
         axes.add_argument(name, type=float, help=unit)
     axes.add_argument(
-        "--frame", default="ME_DE421", metavar="FRAME", help="axes of these numbers (default: ME_DE421)"
+        "--frame",
+        default="ME_DE421",
+        metavar="FRAME",
+        help="axes of these numbers, such as PA_DE440 or, with --epoch, IAU_MOON (default: ME_DE421)",
+    )
+    axes.add_argument(
+        "--epoch", metavar="UTC", help="also show IAU_MOON, the IAU's mean rotation, at this epoch"
     )
 
-    stations = command("stations", "list the stations that are known by name", "", "kashi")
+    stations = command("stations", "list the stations that are known by name", "", "kashi", "china --json")
     stations.add_argument(
-        "name", nargs="?", default="", metavar="NAME", help="a name, an alias, or a part of one"
+        "name",
+        nargs="?",
+        default="",
+        metavar="NAME",
+        help="a name, an alias, a complex, a country, or a part of one",
     )
 
     complete = command(

@@ -62,6 +62,8 @@ class Station:
         Ocean tide loading; None where there are no coefficients, and then the term is missing from a model.
     mount : str
         Which axis of the antenna is fixed, of :data:`MOUNTS`.
+    complex, country : str
+        The observatory or network that it belongs to, and where it is; empty where nobody says.
     sigma_m : float or Quantity, optional
         Standard deviation of each coordinate, m; by the quality where it is not given.
     axis_offset_m : float or Quantity, optional
@@ -86,6 +88,8 @@ class Station:
     mount: str = "azimuth_elevation"
     axis_offset_m: float | None = None
     sigma_m: float | None = None
+    complex: str = ""
+    country: str = ""
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
@@ -270,4 +274,6 @@ def _station_from_row(row: dict[str, str], loading: dict[str, BlqCoefficients]) 
         ocean_loading=loading.get(row["name"]),
         mount=row["mount"] or MOUNTS[0],
         axis_offset_m=float(row["axis_offset_m"]) if row["axis_offset_m"] else None,
+        complex=row["complex"],
+        country=row["country"],
     )

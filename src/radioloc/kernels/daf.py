@@ -52,6 +52,12 @@ def read_segments(path: Path, kind: str) -> list[DafSegment]:
         raise KernelError(f"{path} is damaged: {error}; fetch or make the file again") from error
 
 
+def kind_of(path: Path) -> str:
+    """``"SPK"`` or ``"PCK"``, by the first bytes of a file; what is neither is taken for an SPK."""
+    with path.open("rb") as file:
+        return "PCK" if file.read(8).startswith(b"DAF/PCK") else "SPK"
+
+
 def tdb_date(seconds: float) -> str:
     """TDB seconds since J2000 as a date, with the time of day to the second where it is not midnight."""
     if not abs(seconds) < 1e11:

@@ -6,6 +6,9 @@ needs second derivatives and refuses epochs outside a segment's own span, where 
 
 from __future__ import annotations
 
+import json
+import re
+import shutil
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,9 +17,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import KernelError
-from radioloc.kernels.daf import read_segments, tdb_date
-from radioloc.kernels.registry import find_kernel, registered, sha256_of
+from radioloc.kernels.daf import kind_of, read_segments, tdb_date
+from radioloc.kernels.registry import (
+    REGISTRY_NAME,
+    RegisteredKernel,
+    added,
+    find_kernel,
+    registered,
+    sha256_of,
+    user_directory,
+)
 from radioloc.kernels.segment_checks import require_sound
+from radioloc.text_files import write_text
 
 _INERTIAL_FRAME = 1  # NAIF's J2000, which the JPL ephemerides use as the name of the ICRF.
 _CHEBYSHEV_TYPE = 2
@@ -86,6 +98,50 @@ def open_pck(name_or_path: str | Path) -> Kernel:
     return _open(name_or_path, "PCK")
 
 
+def add_kernel(path: str | Path) -> RegisteredKernel:
+    """Copy a kernel to ``RADIOLOC_KERNELS``, or else ``~/.radioloc/kernels``, where it is found by name from then on.
+
+    Its SHA-256 is checked whenever it is opened. A file that :func:`open_spk` or :func:`open_pck` refuses, or of
+    a name that is known already, is a :class:`KernelError`.
+    """
+    path = Path(path)
+    if not path.is_file():
+        raise KernelError(f"{path}: there is no such kernel; give the path of a file")
+    kind = kind_of(path)
+    known = (*registered(), *added())
+    if path.name in {entry.name for entry in known}:
+        raise KernelError(f"a kernel called {path.name} is there already; rename the file")
+    opened = _open(path, kind)
+    # SPKs call themselves DE-0440LE-0440, lunar PCKs de421.nio or MOON_PA_DE440.
+    labels = (*(segment.name for segment in opened.segments), path.stem)
+    found = (re.search(r"DE-?0*(\d{3})", label, re.IGNORECASE) for label in labels)
+    number = next((match[1] for match in found if match), None)
+    folder = user_directory()
+    entry = RegisteredKernel(
+        path.name,
+        kind,
+        "" if number is None else f"DE{number}",
+        opened.file.sha256,
+        path.stat().st_size,
+        opened.file.start_tdb,
+        opened.file.end_tdb,
+        tuple(sorted({segment.target for segment in opened.segments})),
+        folder=folder,
+    )
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(path, entry.path)
+    except OSError as error:
+        raise KernelError(f"{entry.path} cannot be written: {error.strerror}") from error
+    keys = ("name", "kind", "ephemeris", "sha256", "size_bytes", "start_tdb", "end_tdb", "bodies")
+    tables = (
+        "\n".join(["[[kernel]]", *(f"{key} = {json.dumps(getattr(one, key))}" for key in keys)])
+        for one in (*added(), entry)
+    )
+    write_text(folder / REGISTRY_NAME, "\n\n".join(tables) + "\n")
+    return entry
+
+
 def _open(name_or_path: str | Path, kind: str) -> Kernel:
     path = find_kernel(name_or_path, kind)
     sha256 = sha256_of(path)
@@ -96,6 +152,9 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
             f"but {entry.name} ships with {entry.sha256}; install the package again, or rename the file if "
             "it is your own"
         )
+    mine = next((one for one in added() if one.path == path), None)
+    if mine is not None and (problem := mine.problem()):
+        raise KernelError(problem)
     segments = tuple(_read_segments(path, kind))
     if not segments:
         raise KernelError(

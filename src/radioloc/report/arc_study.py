@@ -10,7 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.estimation.combination import PositionEstimate, agreement
+from radioloc.estimation.combination import Agreement, PositionEstimate, agreement
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
@@ -223,10 +223,15 @@ def sigmas_apart(part: Solution, whole: Solution) -> float | None:
     95 % and below 3.72 in 99.9 %. None where the part is stated to know as much as the whole, or a position is not
     determined.
     """
+    found = apart(part, whole, horizontal=True)
+    return None if found.chi2 is None else math.sqrt(found.chi2)
+
+
+def apart(part: Solution, whole: Solution, *, horizontal: bool = False) -> Agreement:
+    """Compare a solution from a part of the data with that from all, as :func:`~.combination.agreement` does."""
     estimates = [PositionEstimate.from_solution(one.to_dict()) for one in (part, whole)]
     of_part, of_whole = (replace(one, study="", hours=float(k)) for k, one in enumerate(estimates))
-    found = agreement(of_part, of_whole, horizontal=True)
-    return None if found.chi2 is None else math.sqrt(found.chi2)
+    return agreement(of_part, of_whole, horizontal=horizontal)
 
 
 def _sigma_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:

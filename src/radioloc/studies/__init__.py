@@ -13,6 +13,7 @@ from radioloc.studies.image_study import (
 )
 from radioloc.studies.locate import arc_of
 from radioloc.studies.map_positions import PlaceOnMap
+from radioloc.studies.passes import visibility
 from radioloc.studies.study import (
     EstimateChoice,
     HeightPrior,
@@ -23,6 +24,7 @@ from radioloc.studies.study import (
     TerrainPrior,
 )
 from radioloc.studies.study_file import read_study
+from radioloc.studies.subsets import leave_one_out
 from radioloc.studies.verification import Verification, verify
 from radioloc.studies.weights import Weight
 
@@ -46,7 +48,9 @@ __all__ = [
     "Weight",
     "arc_of",
     "compare",
+    "leave_one_out",
     "read_image_study",
     "read_study",
     "verify",
+    "visibility",
 ]

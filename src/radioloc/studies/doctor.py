@@ -14,7 +14,7 @@ import numba
 
 import radioloc
 from radioloc.earth.eop import EopTable
-from radioloc.kernels.registry import kernel_directory, registered, sha256_of
+from radioloc.kernels.registry import added, registered
 from radioloc.report.cards import Card, Field, Shown
 from radioloc.studies.record import versions
 from radioloc.time.scales import last_leap_second
@@ -91,17 +91,10 @@ def doctor(today: date | None = None) -> Diagnosis:
 
 
 def _kernels() -> Iterator[Finding]:
-    for kernel in registered():
-        path = kernel_directory() / kernel.name
+    for kernel in (*registered(), *added()):
         span = f"{kernel.ephemeris} {kernel.kind}, {kernel.start_tdb} to {kernel.end_tdb}"
-        if not path.is_file():
-            yield Finding("kernels", f"{path} is missing; install radioloc again", False)
-        elif sha256_of(path) != kernel.sha256:
-            yield Finding(
-                "kernels", f"{path} is not the file that was shipped; install radioloc again", False
-            )
-        else:
-            yield Finding("kernels", f"{kernel.name}: {span}")
+        problem = kernel.problem()
+        yield Finding("kernels", problem or f"{kernel.name}: {span}", not problem)
 
 
 def _earth(today: date) -> Iterator[Finding]:

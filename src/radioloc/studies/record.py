@@ -24,6 +24,9 @@ _WITHOUT_EFFECT = ("catalogue", "longitude_to_360", "name", "path", "reference",
 """Fields of a study that change no number that is computed; the catalogue is recorded as the list of its stations."""
 _PACKAGES = ("numpy", "scipy", "numba", "pyerfa", "astropy-iers-data")
 
+_OF_A_STATION = ("complex", "country")
+"""What is said of stations and changes nothing."""
+
 
 def versions() -> dict[str, str]:
     """Versions of what computes."""
@@ -78,7 +81,7 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Path):
         return {"file": value.name, "sha256": sha256_of(value) if value.is_file() else None}
     if is_dataclass(value):
-        return {f.name: _plain(getattr(value, f.name)) for f in fields(value)}
+        return {f.name: _plain(getattr(value, f.name)) for f in fields(value) if f.name not in _OF_A_STATION}
     if isinstance(value, Enum):
         return _plain(value.value)
     if isinstance(value, np.ndarray):

@@ -1,6 +1,7 @@
 """What `doctor` says of sound and of broken installations."""
 
 import shutil
+from dataclasses import replace
 from datetime import date
 
 import pytest
@@ -40,7 +41,8 @@ def test_kernels_that_are_not_those_shipped_are_told(tmp_path, monkeypatch, caps
         content = bytearray(kernel.read_bytes())
         content[5000] ^= 1
         kernel.write_bytes(content)
-    monkeypatch.setattr(module, "kernel_directory", lambda: folder)
+    there = [replace(one, folder=folder) for one in registry.registered()]
+    monkeypatch.setattr(module, "registered", lambda: there)
     assert main(["doctor"]) == 3
     told = capsys.readouterr().out
     assert told.startswith("status      NOT SOUND")

@@ -1,0 +1,109 @@
+"""Positions without each station and each link: what the position rests on, as a card."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass
+from typing import Any
+
+from radioloc.estimation.solution import Solution
+from radioloc.report.cards import Card, Field, Shown, metres, signed_metres
+from radioloc.report.covariance import radius_95_m
+from radioloc.report.solution_card import which_sigmas
+
+_UNLIKELY_SIGMAS = 4.03
+"""Three coordinates of a right model stay below this in 99.9 %."""
+
+
+@dataclass(frozen=True, slots=True)
+class Without:
+    """The position without a station or a link.
+
+    Parameters
+    ----------
+    kind : {"station", "link"}
+    name : str
+        The station, or the path of the link.
+    left_out : int
+        Observations that go with it.
+    used : int
+        Observations that are used without it.
+    converged : bool
+        Whether the fit converges without it.
+    radius_95_m : float or None
+        95 % radius of the horizontal position, m; None where it is not determined without it.
+    shift_enu_m : tuple of float or None
+        The position without it less that with all, east, north, up, m; None where it is not determined.
+    sigma_enu_m : tuple of float or None
+        Standard deviation of that shift, m; None where it is not known.
+    sigmas : float or None
+        Length of the shift in standard deviations of it, over all components.
+    """
+
+    kind: str
+    name: str
+    left_out: int
+    used: int
+    converged: bool
+    radius_95_m: float | None = None
+    shift_enu_m: tuple[float, float, float] | None = None
+    sigma_enu_m: tuple[float | None, ...] | None = None
+    sigmas: float | None = None
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LeaveOneOut(Shown):
+    """A solution, and the positions without each of its stations and links; ``str()`` is a card.
+
+    Parameters
+    ----------
+    solution : Solution
+        From all observations.
+    without : tuple of Without
+        Stations, then links.
+    """
+
+    solution: Solution
+    without: tuple[Without, ...]
+
+    def to_dict(self) -> dict[str, Any]:
+        """All but single residuals, in types that JSON has."""
+        return {"solution": self.solution.to_dict(), "without": [asdict(one) for one in self.without]}
+
+    def card(self) -> Card:
+        """By how much the position moves without each."""
+        heading = ("without", "used", "east, m", "north, m", "up, m", "sigmas", "95 %, m")
+        radius_m = radius_95_m(self.solution.position_covariance()[:2, :2])
+        return Card(
+            [
+                Field("left out", [f"each station and link of {self.solution.name} in turn"]),
+                Field(
+                    "all",
+                    [f"{self.solution.fit.total.used} observations used; 95 % within {metres(radius_m)} m"],
+                ),
+                Field("shift", (), heading, map(_cells, self.without)),
+                Field("notes", self._notes()),
+            ]
+        )
+
+    def _notes(self) -> Iterator[str]:
+        for one in self.without:
+            if one.shift_enu_m is None:
+                yield f"without {one.name} the position is not determined"
+            elif not one.converged:
+                yield f"without {one.name} the fit does not converge"
+            elif one.sigmas is not None and one.sigmas > _UNLIKELY_SIGMAS:
+                yield (
+                    f"without {one.name} the position moves by {math.hypot(*one.shift_enu_m):.3g} m, {one.sigmas:.1f} "
+                    f"sigmas of that shift (99.9 % are below {_UNLIKELY_SIGMAS}): it does not fit the others, or the "
+                    "sigmas are too small"
+                )
+        yield from which_sigmas([self.solution])
+
+
+def _cells(one: Without) -> tuple[str, ...]:
+    if one.shift_enu_m is None:
+        return (one.name, str(one.used), *("-" * 5))
+    sigmas = "-" if one.sigmas is None else f"{one.sigmas:.1f}"
+    return (one.name, str(one.used), *map(signed_metres, one.shift_enu_m), sigmas, metres(one.radius_95_m))

@@ -90,9 +90,9 @@ def read_dates(texts: Any, scale: str) -> ReadDates:
     by_day = characters[:, 8] == ord("T")
     year = (number(0, 1, 2, 3) - 1970).astype("datetime64[Y]")
     in_year = number(5, 6)
-    month = year.astype("datetime64[M]") + np.where(by_day, 0, in_year - 1)
+    month = year.astype("datetime64[M]") + np.where(by_day, 0, in_year - 1).astype("timedelta64[M]")
     day = np.where(by_day, number(5, 6, 7), number(8, 9))
-    midnight = month.astype("datetime64[D]") + day - 1
+    midnight = month.astype("datetime64[D]") + (day - 1).astype("timedelta64[D]")
     exists = np.where(
         by_day,
         midnight.astype("datetime64[Y]") == year,

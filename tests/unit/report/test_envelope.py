@@ -37,7 +37,8 @@ def residuals(count, left_out=0.01):
 
 
 def dates_of(count):
-    return np.datetime64("2020-12-01", "ms") + np.sort(np.random.default_rng(1).integers(0, 86400000, count))
+    milliseconds = np.sort(np.random.default_rng(1).integers(0, 86400000, count))
+    return np.datetime64("2020-12-01", "ms") + milliseconds.astype("timedelta64[ms]")
 
 
 def test_bars_reach_from_the_lowest_to_the_highest_of_each_span():

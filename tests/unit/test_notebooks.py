@@ -11,7 +11,7 @@ from run_notebooks import run
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "examples/notebooks").glob("*.ipynb"))
-QUICK: set[str] = set()
+QUICK = {"your_own_models"}
 MOST_BYTES = 400_000
 LAST_DIGITS = 3
 """By how many units of its last digit a number may differ: rounding, and revisions of Earth orientation."""
@@ -23,11 +23,12 @@ NUMBER = re.compile(r"-?\d+(?:\.\d+)?(?:e[+-]?\d+)?")
 def folder(tmp_path, monkeypatch):
     """A folder beside the examples, so that what notebooks write is not among them."""
     monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    place = tmp_path / "examples" / "notebooks"
+    place.mkdir(parents=True)
+    (tmp_path / "kernels").symlink_to(ROOT / "kernels")
     for beside in (ROOT / "examples").iterdir():
-        if beside.is_dir() and beside.name != "notebooks":
-            (tmp_path / beside.name).symlink_to(beside)
-    place = tmp_path / "notebooks"
-    place.mkdir()
+        if beside.name != place.name:
+            (place.parent / beside.name).symlink_to(beside)
     return place
 
 

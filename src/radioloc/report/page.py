@@ -33,9 +33,9 @@ if TYPE_CHECKING:
 PAGE = "report.html"
 """Name of the page in an output folder."""
 _DPI = 200  # of images, as of the files
-_MOST_LEFT_OUT = 300
+_FEW_LEFT_OUT, _MOST_LEFT_OUT = 20, 300
 _NUMBER = re.compile(r"[-+]?\d[\d.]*(e[-+]?\d+)?|-")
-_LONG_WORD = 30
+_SHORT, _LONG_WORD = 16, 30
 
 _RESULT, _POSITION, _RESIDUALS, _BUDGET = "Result", "Position", "Residuals", "Error budget"
 _OBSERVABILITY, _LEFT_OUT, _PROVENANCE = "Parameters and observability", "Left out", "Provenance"
@@ -141,10 +141,10 @@ def write_page(result: Result, figures: Mapping[str, Path | BytesIO], path: str 
         lstrip_blocks=True,
         undefined=jinja2.StrictUndefined,
     )
-    environment.filters["kind"] = _kind
+    environment.filters["kinds"] = _kinds
     text = environment.get_template("report.html").render(
         title=_title(result),
-        failed=_failed(result),
+        verdict=_verdict(result),
         sections=sections,
         library=_packed(plotly.get_plotlyjs()) if charts else "",
         charts=_packed(json.dumps([chart.content for chart in charts], allow_nan=False)) if charts else "",
@@ -158,31 +158,42 @@ def _packed(text: str) -> str:
     return base64.b64encode(gzip.compress(text.encode(), mtime=0)).decode()
 
 
-def _kind(cell: str) -> str:
-    """Numbers stand to the right, and neither these nor short words are broken."""
-    if _NUMBER.fullmatch(cell):
-        return "number"
-    return "word" if " " not in cell and len(cell) < _LONG_WORD else ""
+def _kinds(rows: Sequence[Sequence[str]]) -> list[str]:
+    """Of each column: numbers stand to the right, and neither these nor what is short is broken."""
+    return [
+        "number" if _mostly_numbers(cells) else "word" if _short(cells) else ""
+        for cells in zip(*rows, strict=True)
+    ]
+
+
+def _mostly_numbers(cells: Sequence[str]) -> bool:
+    return 2 * sum(_NUMBER.fullmatch(cell) is not None for cell in cells) > len(cells)
+
+
+def _short(cells: Sequence[str]) -> bool:
+    return all(len(cell) < (_SHORT if " " in cell else _LONG_WORD) for cell in cells)
 
 
 def _title(result: Result) -> str:
     return str(getattr(result, "name", "Comparison"))
 
 
-def _failed(result: Result) -> bool:
-    """Whether the result cannot be used as it is; a solution without a fit is no failure."""
+def _verdict(result: Result) -> str:
+    """Whether the result can be used as it is; of a solution without a fit there is nothing to say."""
     if isinstance(result, Solution) and not result.parameters.free.any():
-        return False
-    return not all(getattr(result, name, True) for name in ("converged", "consistent", "determined"))
+        return ""
+    good = all(getattr(result, name, True) for name in ("converged", "consistent", "determined"))
+    return "good" if good else "failed"
 
 
 def _sections(result: Result, figures: Mapping[str, Path | BytesIO]) -> list[_Section]:
     """What the page shows, in order."""
     found = {title: _Section(title) for title in _TITLES}
     of = _RESULT
+    sections = _SECTION_OF if isinstance(result, Solution | ArcStudy) else {}
     card = solution_card(result) if isinstance(result, Solution) else result.card()
     for item in card.fields:
-        of = _SECTION_OF.get(item.label, _RESULT) if item.label else of
+        of = sections.get(item.label, _RESULT) if item.label else of
         found[of].fields.append(item)
     drawn = dict(figures)
     try:
@@ -197,7 +208,11 @@ def _sections(result: Result, figures: Mapping[str, Path | BytesIO]) -> list[_Se
         replaced = name in ("residuals", "figure2") and bool(found[title].charts)
         found[title].images.append(_image(figure, f"{_title(result)}: {alt}", name in _PHOTOGRAPHS, replaced))
     if isinstance(solution, Solution):
-        found[_LEFT_OUT].fields[:] = _left_out(solution)
+        table = _left_out(solution)
+        if solution.fit.total.rejected <= _FEW_LEFT_OUT:
+            found[_LEFT_OUT].fields[:] = [table]
+        else:
+            found[_LEFT_OUT].more.append(("More of them, the largest residuals first", (table,)))
     if isinstance(result, Solution):
         for title, name, table in _tables(result):
             found[title].more.append((name, (table,)))
@@ -261,11 +276,11 @@ def _tables(solution: Solution) -> Iterator[tuple[str, str, Field]]:
     yield _OBSERVABILITY, "All large correlations", Field("", (), ("parameter", "and", "correlation"), rows)
 
 
-def _left_out(solution: Solution) -> Iterator[Field]:
+def _left_out(solution: Solution) -> Field:
     """More of what was left out than the card has."""
     rows = left_out_rows(solution, _MOST_LEFT_OUT)
     heading = ("UTC", "link", "residual, m", "reason")
-    yield Field(
+    return Field(
         "largest first", (), heading, rows, more(solution.fit.total.rejected, len(rows), "residuals.csv")
     )
 

@@ -20,7 +20,7 @@ from radioloc.report.residual_figures import Panel, half_heights_m, link_panels,
 _MOST_ON_PAGE = 40_000
 _MOST_WITH_BARS = 300
 """Bars of more observations than these in one chart hide each other."""
-_UTC = "%{x|%Y-%m-%d %H:%M:%S} UTC<br>"
+_HOVER = "%{x|%Y-%m-%d %H:%M:%S} UTC<extra></extra><br>"
 
 
 @dataclass(frozen=True, slots=True)
@@ -60,6 +60,8 @@ def _chart(residuals: Residuals, dates: Dates, panel: Panel, half_height_m: floa
             trace |= _envelope(dates[used], y[used], (dates.min(), dates.max()), unit)
         else:
             trace |= _dots(dates[used], y[used], sigma[used], unit, len(panel.used) <= _MOST_WITH_BARS)
+        if len(panel.links) > 1:
+            trace["hovertemplate"] = f"%{{fullData.name}}<br>{trace['hovertemplate']}"
         traces.append(trace)
     if len(panel.out):
         traces.append(_left_out(residuals, dates, y, panel.out, unit))
@@ -83,7 +85,7 @@ def _dots(
 ) -> dict[str, Any]:
     trace: dict[str, Any] = {"mode": "markers", "x": _packed(_milliseconds(dates), "f8"), "y": _packed(y)}
     trace["customdata"] = _packed(sigma)
-    trace["hovertemplate"] = f"{_UTC}%{{y:.4g}} ± %{{customdata:.3g}} {unit}"
+    trace["hovertemplate"] = f"{_HOVER}%{{y:.4g}} ± %{{customdata:.3g}} {unit}"
     if bars:
         trace["error_y"] = {"type": "data", "array": _packed(sigma), "thickness": 1, "width": 0}
     return trace
@@ -101,7 +103,7 @@ def _envelope(
             f"{n} observations, {low:.4g} to {high:.4g}, mean {mean:.4g} ± {deviation:.3g} {unit}"
             for _, n, low, high, mean, deviation in zip(*found, strict=True)
         ],
-        "hovertemplate": f"{_UTC}%{{text}}",
+        "hovertemplate": f"{_HOVER}%{{text}}",
         "error_y": {
             "type": "data",
             "symmetric": False,
@@ -125,7 +127,7 @@ def _left_out(
         "x": _packed(_milliseconds(dates[shown]), "f8"),
         "y": _packed(y[shown]),
         "text": [escape(text, quote=False) for text in residuals.statuses[shown]],
-        "hovertemplate": f"{_UTC}%{{y:.4g}} {unit}<br>%{{text}}",
+        "hovertemplate": f"{_HOVER}%{{y:.4g}} {unit}<br>%{{text}}",
     }
 
 

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+import dataclasses
 import doctest
 import importlib
 import pkgutil
+import re
 import types
 from pathlib import Path
 
 import pytest
 
 import radioloc
+from radioloc.estimation import Solution
 
 ROOT = Path(__file__).resolve().parents[2]
 NAMES = [m.name for m in pkgutil.walk_packages(radioloc.__path__, "radioloc.") if "__main__" not in m.name]
-LONG = {"arcs", "compare", "covariance", "locate_images", "monte_carlo", "simulate", "verify"}
+LONG = {
+    "arcs",
+    "compare",
+    "covariance",
+    "locate_images",
+    "monte_carlo",
+    "register_chain",
+    "simulate",
+    "verify",
+}
 LONG |= {f"plot_{of}" for of in ("comparison", "contours", "correlations", "covariance", "images", "trials")}
-LONG.add("plot_error_by_length")
+LONG |= {"plot_error_by_length", "write_html"}
 LONG |= {
     f"write_{of}" for of in ("arcs", "comparison", "covariance", "images", "monte_carlo", "report", "terms")
 }
@@ -27,37 +39,60 @@ def workspace(tmp_path, monkeypatch):
     """A folder that has the project's examples, to work in."""
     (tmp_path / "examples").symlink_to(ROOT / "examples")
     monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("RADIOLOC_KERNELS", str(tmp_path / "kernels"))
 
 
-@pytest.mark.parametrize("package", ["time", "ephemeris", "earth", "lunar", "imaging"])
-def test_examples(package):
-    results = [
-        doctest.testmod(importlib.import_module(name))
-        for name in NAMES
-        if name.startswith(f"radioloc.{package}.")
-    ]
-    assert sum(result.attempted for result in results) > 0
-    assert sum(result.failed for result in results) == 0
-
-
-FACES = (radioloc, radioloc.measurements, radioloc.report, radioloc.studies)
+PACKAGES = [importlib.import_module(name) for name in NAMES if name.count(".") == 1]
+FACES = [radioloc, *(package for package in PACKAGES if hasattr(package, "__all__"))]
+PUBLIC = {
+    value: f"{face.__name__}.{name}"
+    for face in reversed(FACES)
+    for name in face.__all__
+    if isinstance(value := getattr(face, name), types.FunctionType)
+}
 
 
 def public_functions():
-    functions = {
-        name: value
-        for face in FACES
-        for name in face.__all__
-        if isinstance(value := getattr(face, name), types.FunctionType)
-    }
-    for name, function in functions.items():
-        yield pytest.param(function, id=name, marks=[pytest.mark.slow] if name in LONG else [])
+    for function, name in PUBLIC.items():
+        slow = [pytest.mark.slow] if function.__name__ in LONG else []
+        yield pytest.param(function, id=name, marks=slow)
+
+
+def others_with_examples():
+    """Classes, their methods, and functions that are not public."""
+    for name in NAMES:
+        found = [one for one in vars(importlib.import_module(name)).values() if hasattr(one, "__module__")]
+        own = [one for one in found if one.__module__ == name and isinstance(one, type | types.FunctionType)]
+        members = [member for one in own if isinstance(one, type) for member in vars(one).values()]
+        for one in own + [getattr(member, "__func__", getattr(member, "fget", member)) for member in members]:
+            named = isinstance(one, type | types.FunctionType) and one not in PUBLIC
+            if named and ">>>" in (one.__doc__ or ""):
+                yield pytest.param(one, id=f"{name}.{one.__qualname__}")
+
+
+def run_examples(found, names):
+    [example] = doctest.DocTestFinder(recurse=False).find(found, found.__qualname__, globs=names)
+    told: list[str] = []
+    assert doctest.DocTestRunner().run(example, out=told.append).failed == 0, "".join(told)
 
 
 @pytest.mark.parametrize("function", [*public_functions()])
 def test_each_public_function_has_an_example_that_runs(function):
-    name = function.__name__
-    [example] = doctest.DocTestFinder(recurse=False).find(function, name, globs={})
-    assert example.examples
-    told: list[str] = []
-    assert doctest.DocTestRunner().run(example, out=told.append).failed == 0, "".join(told)
+    assert ">>>" in function.__doc__
+    run_examples(function, {})
+
+
+@pytest.mark.parametrize("found", [*others_with_examples()])
+def test_examples_of_classes_and_others_run(found):
+    run_examples(found, dict(vars(importlib.import_module(found.__module__))))
+
+
+def test_each_attribute_of_a_solution_is_described():
+    """In the words of numpydoc: a field's name, perhaps with others, and its kind; then a sentence."""
+    described = dict(re.findall(r"^    ([a-z_, ]+) : .+\n        (\S.*)", Solution.__doc__, re.MULTILINE))
+    named = {name: text for names, text in described.items() for name in names.split(", ")}
+    for field in dataclasses.fields(Solution):
+        assert len(named.get(field.name, "").split()) > 1, field.name
+    for name, member in vars(Solution).items():
+        if not name.startswith("_") and isinstance(member, property | types.FunctionType):
+            assert member.__doc__, name

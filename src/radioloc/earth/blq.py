@@ -62,7 +62,7 @@ class BlqCoefficients:
 
 
 def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
-    """Read a file in BLQ layout, plain or gzip, as the ocean tide loading provider sends it: coefficients by site.
+    r"""Read a file in BLQ layout, plain or gzip, as the ocean tide loading provider sends it: coefficients by site.
 
     Lines that start with ``$$`` are comments, of which the column order and the tide model are used. The head of an
     e-mail and what follows ``$$ END TABLE`` are left aside. A file with the column order and without that mark is read
@@ -74,6 +74,16 @@ def read_blq(path: str | Path) -> dict[str, BlqCoefficients]:
         The file cannot be read, the columns are in another order, a record is cut short or has other than eleven
         numbers in a row, the last line has no end, a number cannot be read or is impossible, a site appears twice, or
         there is none.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from radioloc.earth import read_blq
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "mysite.blq")
+    >>> rows = 3 * [" ".join(11 * [".001"])] + 3 * [" ".join(11 * ["30.0"])]
+    >>> _ = path.write_text("\n".join(["  MYSITE", *rows, "$$ END TABLE", ""]))
+    >>> read_blq(path)["MYSITE"].amplitude_m.shape
+    (3, 11)
     """
     # Names of sites and models may be in any encoding: what is no UTF-8 in them is replaced.
     content = b"".join(block for _, block in read_blocks(path, encoding="latin-1"))

@@ -31,7 +31,16 @@ class Geodetic:
 
 
 def geodetic_from_itrf(itrf_m: ArrayLike) -> Geodetic:
-    """Turn geocentric positions in the ITRF, (..., 3), into geodetic coordinates: ERFA ``gc2gd`` (Fukushima 2006)."""
+    """Turn geocentric positions in the ITRF, (..., 3), into geodetic coordinates: ERFA ``gc2gd`` (Fukushima 2006).
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.earth import StationCatalogue, geodetic_from_itrf
+    >>> place = geodetic_from_itrf(StationCatalogue.default().get("WETTZELL").itrf_m)
+    >>> np.degrees([place.longitude_rad, place.latitude_rad]).round(4).tolist(), round(float(place.height_m))
+    ([12.878, 49.1444], 665)
+    """
     positions = np.asarray(as_metres(itrf_m, "itrf_m"), dtype=np.float64)
     if positions.shape[-1:] != (3,) or not np.isfinite(positions).all():
         raise InputError(f"positions must be finite, of shape (..., 3), but have shape {positions.shape}")

@@ -88,6 +88,23 @@ def build_solution(
     ------
     InputError
         A column or a matrix is not of the shape that the fit asks for.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.estimation import Parameter, ParameterSet, build_solution, fit_with_editing
+    >>> from radioloc.time import Epochs
+    >>> parameters = ParameterSet([Parameter(f"position.{axis}", "m", "position") for axis in "xyz"])
+    >>> directions = np.column_stack([np.cos(np.arange(9.0)), np.sin(np.arange(9.0)), np.arange(9.0) % 2])
+    >>> observed_m = directions @ [1737400.0, 0.0, 0.0] + 0.1 * np.cos(3.0 * np.arange(9.0))
+    >>> edited = fit_with_editing(lambda x: (observed_m - directions @ x, directions), parameters, 0.1)
+    >>> solution = build_solution(
+    ...     edited, epoch_utc=Epochs.from_jd(2460432.5, np.arange(9) / 9, "UTC"), station=["A"] * 9, path=["A"] * 9,
+    ...     type=["range"] * 9, observed_m=observed_m, position_pa_m=edited.fit.x, position_partials=np.eye(3),
+    ...     rot_pa_to_me=np.eye(3), pa_frame="PA_DE421", me_frame="ME_DE421",
+    ... )
+    >>> solution.converged, solution.sigma_enu_m().shape
+    (True, (3,))
     """
     fit = edited.fit
     statuses = [fit.status if edited.complete else FitStatus.UNSETTLED, *(doubt.status for doubt in doubts)]

@@ -112,6 +112,22 @@ def fit_with_correlated_weights(
     EditedFit
         With the weights of series. Noise, sum of squares and formal covariance are those of the stated sigmas; estimate
         and factor those of the weights.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_correlated_weights, fit_with_editing
+    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
+    >>> hours = np.arange(400) / 10
+    >>> design = np.column_stack([np.ones(400), hours])
+    >>> from radioloc.estimation.series import SeriesOrder
+    >>> lasting = np.convolve(np.random.default_rng(1).normal(size=420), np.exp(-np.arange(21) / 7), "valid")
+    >>> observed = 3.0 + 0.5 * hours + 0.1 * lasting
+    >>> order = SeriesOrder.of(Labels.of(["range"] * 400), Labels.of(["KASHI>lander>KASHI"] * 400), 3600.0 * hours)
+    >>> edited = fit_with_editing(lambda x: (observed - design @ x, design), parameters, 0.2)
+    >>> weighed = fit_with_correlated_weights(lambda x: (observed - design @ x, design), edited, order)
+    >>> [weight.name for weight in weighed.series_weights]
+    ['range KASHI>lander>KASHI']
     """
     stated = edited.fit
     # A fit that did not come to its end says itself what is wrong with it.

@@ -137,6 +137,18 @@ def fit_with_editing(
     ------
     InputError
         The threshold is below 2; others as for :func:`~radioloc.estimation.least_squares.fit_least_squares`.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.estimation import Parameter, ParameterSet, fit_with_editing
+    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
+    >>> hours = np.arange(20.0)
+    >>> design = np.column_stack([np.ones(20), hours])
+    >>> observed = 3.0 + 0.5 * hours + 0.01 * np.cos(2.0 * hours) + 9.0 * (hours == 7.0)
+    >>> edited = fit_with_editing(lambda x: (observed - design @ x, design), parameters, sigma_m=0.01)
+    >>> edited.fit.x.round(2).tolist(), np.flatnonzero(~edited.fit.used).tolist()
+    ([3.0, 0.5], [7])
     """
     if threshold is not None and not threshold >= _LOWEST_THRESHOLD:
         raise InputError(f"an outlier threshold of {threshold} sigmas cuts good data; give 2 or more")

@@ -212,6 +212,18 @@ def fit_least_squares(
     InputError
         Shapes do not agree, a sigma is not positive and finite, or the residuals or partials at the start
         are not finite.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.estimation import Parameter, ParameterSet, fit_least_squares
+    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
+    >>> hours = np.arange(20.0)
+    >>> design = np.column_stack([np.ones(20), hours])
+    >>> observed = 3.0 + 0.5 * hours + 0.01 * np.cos(2.0 * hours)
+    >>> fit = fit_least_squares(lambda x: (observed - design @ x, design), parameters, sigma_m=0.01)
+    >>> fit.x.round(2).tolist(), fit.dof
+    ([3.0, 0.5], 18)
     """
     x = parameters.prior_values if start is None else np.array(start, dtype=np.float64)
     if x.shape != (len(parameters),):

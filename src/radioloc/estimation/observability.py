@@ -198,6 +198,18 @@ def assess_observability(fit: FitResult) -> Observability:
     they are those of largest sigma. The covariance is the inverse of the normal matrix of the weights: the formal one,
     or with correlated weights a larger one. Undetermined directions span a space; its basis is brought to reduced
     echelon form, so that each direction names as few parameters as it can.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.estimation import Parameter, ParameterSet, assess_observability, fit_least_squares
+    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
+    >>> hours = np.arange(20.0)
+    >>> design = np.column_stack([np.ones(20), hours])
+    >>> once = np.ones((20, 2))  # all at one time: offset and drift cannot be told apart
+    >>> fit = fit_least_squares(lambda x: (3.0 - once @ x, once), parameters, sigma_m=0.01)
+    >>> assess_observability(fit).describe()
+    ('the data do not determine 0.71 offset - 0.71 drift', 'would help: an a-priori sigma for drift, offset')
     """
     parameters = fit.parameters
     scales = parameters.scales[parameters.free]

@@ -495,9 +495,9 @@ class Solution:
         Examples
         --------
         >>> import radioloc
-        >>> solution = radioloc.locate("examples/apollo15/apollo15.toml")
+        >>> solution = radioloc.residuals("examples/apollo15/apollo15.toml")
         >>> solution.to_table()["residual_m"].unit, solution.to_table("parameters", "pandas")["name"].tolist()
-        (Unit("m"), ['position.east', 'position.north', 'position.height'])
+        (Unit("m"), ['position.x', 'position.y', 'position.z'])
         """
         if what == "parameters":
             rows = self._parameter_rows()
@@ -611,6 +611,15 @@ def compare_with(
         Known position in the same principal axes, m.
     name : str
         What it is.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> from radioloc.estimation import compare_with
+    >>> solution = radioloc.locate("examples/apollo15/apollo15.toml")
+    >>> published = compare_with(solution, [1554678.949, 98094.118, 765004.906], "JPL")
+    >>> round(published.distance_m, 1)
+    0.4
     """
     reference_pa_m = np.asarray(reference_pa_m)
     longitude_rad, latitude_rad, height_m = cartesian_to_selenographic(solution.rot_pa_to_me @ reference_pa_m)

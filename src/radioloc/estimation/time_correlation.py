@@ -65,6 +65,21 @@ def assess_time_correlation(
     -------
     TimeCorrelation
         Without series where no type shows more correlation than chance does in one fit of a hundred.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.estimation import Labels, Parameter, ParameterSet, assess_time_correlation, fit_least_squares
+    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
+    >>> hours = np.arange(400) / 10
+    >>> design = np.column_stack([np.ones(400), hours])
+    >>> from radioloc.estimation.series import SeriesOrder
+    >>> lasting = np.convolve(np.random.default_rng(1).normal(size=420), np.exp(-np.arange(21) / 7), "valid")
+    >>> observed = 3.0 + 0.5 * hours + 0.1 * lasting
+    >>> order = SeriesOrder.of(Labels.of(["range"] * 400), Labels.of(["KASHI>lander>KASHI"] * 400), 3600.0 * hours)
+    >>> fit = fit_least_squares(lambda x: (observed - design @ x, design), parameters, sigma_m=0.2)
+    >>> [found.count for found in assess_time_correlation(fit, order).series]
+    [400]
     """
     if fit.time_correlation is not None:  # assessed already
         return fit.time_correlation

@@ -57,6 +57,18 @@ def fit_with_variance_components(
     Nothing is added unless the reduced chi-square exceeds what chance allows in 999 of 1000 fits. Fit and
     excess alternate until the components settle; observations left out take no part in it and may come back.
     Where components and selection drive each other in a circle, the largest components of the circle are taken.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.estimation import Parameter, ParameterSet, fit_with_variance_components
+    >>> parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m/h", "bias")])
+    >>> hours = np.arange(20.0)
+    >>> design = np.column_stack([np.ones(20), hours])
+    >>> observed = 3.0 + 0.5 * hours + np.cos(2.0 * hours)
+    >>> edited = fit_with_variance_components(lambda x: (observed - design @ x, design), parameters, 0.01)
+    >>> {kind: round(sigma_m, 1) for kind, sigma_m in edited.additive_sigma_m.items()}
+    {'all': 0.8}
     """
     links = None if order is None else order.links
     edited = fit_with_editing(

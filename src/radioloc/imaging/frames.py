@@ -47,6 +47,7 @@ def read_frame(path: str | Path) -> Image:
     Examples
     --------
     >>> import tempfile, pathlib, cv2, numpy as np
+    >>> from radioloc.imaging import read_frame
     >>> path = pathlib.Path(tempfile.mkdtemp(), "frame.png")
     >>> cv2.imwrite(str(path), np.arange(12, dtype=np.uint8).reshape(3, 4))
     True

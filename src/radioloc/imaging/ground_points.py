@@ -44,7 +44,12 @@ def image_to_ground(model: SensorModel, pixels: ArrayLike, surface: Surface) -> 
 
     Examples
     --------
-    See :class:`FrameModel`.
+    >>> from radioloc.imaging import Camera, ConstantOrientation, FrameModel, Sphere, image_to_ground
+    >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
+    >>> down = [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+    >>> model = FrameModel(camera, ConstantOrientation([1747400.0, 0.0, 0.0], down), (1024, 1024))
+    >>> image_to_ground(model, [[511.5, 511.5]], Sphere()).round(3).tolist()
+    [[1737400.0, 0.0, 0.0]]
     """
     return _met(model, model.rays(pixels), pixels, surface)
 
@@ -56,6 +61,16 @@ def image_to_ground_and_partials(model: SensorModel, pixels: ArrayLike, surface:
     -----
     The point P = S + lambda d stays on the surface: with the gradient g of the height above it,
     dP = (1 - d g^T / g.d) (dS + lambda dd) + d dh / g.d.
+
+    Examples
+    --------
+    >>> from radioloc.imaging import Camera, ConstantOrientation, FrameModel, Sphere, image_to_ground_and_partials
+    >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
+    >>> down = [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+    >>> model = FrameModel(camera, ConstantOrientation([1747400.0, 0.0, 0.0], down), (1024, 1024))
+    >>> ground = image_to_ground_and_partials(model, [[511.5, 511.5]], Sphere())
+    >>> ground.by_pixel.round(2).tolist()  # metres by sample and line
+    [[[0.0, 0.0], [8.07, 0.0], [0.0, -8.07]]]
     """
     rays, ray_partials = model.rays_and_partials(pixels)
     points = _met(model, rays, pixels, surface)
@@ -93,6 +108,15 @@ def ground_to_image(model: SensorModel, points_m: ArrayLike) -> Floats:
     InputError
         A point is behind the camera, was not before the detector while the orientation is known, or is so far from
         the axis that the lens does not see it. ``model.project`` says which.
+
+    Examples
+    --------
+    >>> from radioloc.imaging import Camera, ConstantOrientation, FrameModel, ground_to_image
+    >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
+    >>> down = [[0.0, 0.0, -1.0], [1.0, 0.0, 0.0], [0.0, -1.0, 0.0]]
+    >>> model = FrameModel(camera, ConstantOrientation([1747400.0, 0.0, 0.0], down), (1024, 1024))
+    >>> ground_to_image(model, [[1737400.0, 0.0, 0.0]]).round(6).tolist()
+    [[511.5, 511.5]]
     """
     found = model.project(points_m)
     if not found.seen.all():

@@ -123,6 +123,8 @@ def fit_homography(
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from radioloc.imaging import fit_homography
     >>> square = [[0.0, 0.0], [9.0, 0.0], [9.0, 9.0], [0.0, 9.0], [4.0, 5.0]]
     >>> fit = fit_homography(square, np.multiply(2.0, square) + 1.0, 0.1, 0.1)
     >>> (fit.homography.matrix.round(9) + 0.0).tolist()

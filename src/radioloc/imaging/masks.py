@@ -44,6 +44,8 @@ def find_mask(images: Sequence[Image]) -> Mask:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from radioloc.imaging import find_mask
     >>> rng = np.random.default_rng(1)
     >>> images = [rng.integers(0, 255, (120, 160)).astype(np.uint8) for _ in range(6)]
     >>> for image in images:

@@ -131,6 +131,8 @@ def detect(
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from radioloc.imaging import detect
     >>> disk = np.hypot(*np.mgrid[-50:50, -50:50]) < 9
     >>> features = detect(np.where(disk, 200, 60).astype(np.uint8))
     >>> features.pixels[0].round().tolist()  # an even number of pixels: the centre is half a pixel off
@@ -183,6 +185,15 @@ def match(
     -------
     Matches
         With a status; of what did not match there are no tie points.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.imaging import detect, match
+    >>> image = np.kron(np.random.default_rng(1).integers(0, 255, (40, 40)), np.ones((8, 8))).astype(np.uint8)
+    >>> found = match(detect(image), detect(np.roll(image, 16, axis=1)))
+    >>> found.status.value
+    'matched'
     """
     if min(len(first.pixels), len(second.pixels)) < _FEWEST_FEATURES:
         return _none(MatchStatus.FEATURELESS)

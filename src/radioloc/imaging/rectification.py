@@ -23,6 +23,8 @@ def undistorted(camera: Camera) -> Callable[[Floats], Floats]:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from radioloc.imaging import Camera, undistorted
     >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5], [-0.1, 0.0, 0.0, 0.0, 0.0])
     >>> undistorted(camera)(np.array([[511.5, 511.5], [1000.0, 511.5]])).round(1).tolist()
     [[511.5, 511.5], [1008.0, 511.5]]
@@ -54,6 +56,8 @@ def rectification(camera: Camera, down: ArrayLike) -> Floats:
 
     Examples
     --------
+    >>> import numpy as np
+    >>> from radioloc.imaging import Camera, rectification
     >>> camera = Camera.of_pinhole(8.3, 6.7, [511.5, 511.5])
     >>> tilt = np.radians(40.0)
     >>> turned = rectification(camera, [0.0, np.sin(tilt), np.cos(tilt)])

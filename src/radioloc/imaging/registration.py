@@ -178,6 +178,16 @@ def register_chain(
         Images are not in order from high to low.
     ConvergenceError
         No image is found on the map.
+
+    Examples
+    --------
+    >>> from functools import partial
+    >>> from radioloc.imaging import Frame, Map, read_frame, register_chain
+    >>> name = "examples/images/frames/0001.png"
+    >>> frames = [Frame("0001.png", partial(read_frame, name))]
+    >>> found = register_chain(frames, Map.open("examples/images/map.tif"), map_sigma_m=(25.0, 25.0))
+    >>> found.frames[0].status.value
+    'registered'
     """
     chain = ImageChain(frames, MapFeatures(base, _plane_of(base, near), detector), mask, near, ties)
     for frame in progress(frames):

@@ -70,8 +70,9 @@ def read_tie_points(path: str | Path, *, image: str | None = None, base: Map | N
 
     Examples
     --------
-    >>> import tempfile
-    >>> path = Path(tempfile.mkdtemp(), "a.gcp")
+    >>> import pathlib, tempfile
+    >>> from radioloc.imaging import read_tie_points
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "a.gcp")
     >>> _ = path.write_text("5 44.12 -19.51 -2640 25 25 10 1801.png 174.0 173.5 0.5 0.5\n")
     >>> point = read_tie_points(path)[0]
     >>> point.longitude_deg, point.measurements[0].sample
@@ -99,6 +100,16 @@ def write_tie_points(
         Points that the format cannot hold.
     FileFormatError
         The file cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from radioloc.imaging import Measurement, TiePoint, read_tie_points, write_tie_points
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "points.gcp")
+    >>> point = TiePoint("5", (Measurement("1801.png", 174.0, 173.5),), -19.51, 44.12, 25.0, -2640.0)
+    >>> write_tie_points(path, [point])
+    >>> read_tie_points(path)[0].measurements[0].image
+    '1801.png'
     """
     path = Path(path)
     suffix = path.suffix.lower()

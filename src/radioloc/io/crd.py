@@ -85,7 +85,28 @@ def looks_like_crd(lines: list[str]) -> bool:
 
 
 def read_crd(path: str | Path, *, catalogue: Catalogue | None = None) -> Observations:
-    """Read a CRD file of normal points, plain or gzip; without a catalogue stations keep their pad numbers."""
+    r"""Read a CRD file of normal points, plain or gzip; without a catalogue stations keep their pad numbers.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from radioloc.io import read_crd
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "apollo15.np2")
+    >>> _ = path.write_text(
+    ...     "H1 CRD  2 2025  6 26 21\n"
+    ...     "H2       APOL 7045 95  1  4       ILRS\n"
+    ...     "H3 apollo15        103  103       na 0 1  3\n"
+    ...     "H4  1 2024  5  2 11 33  1 2024  5  2 11 37  4  1 0 0 0 1 0 2 0\n"
+    ...     "C0 0     532.0 std3 lpd apd4 cesm  na  na  na  na\n"
+    ...     "11 41695.0 2.4382990776324 std3 2  243.0     91     264.9 na na na na 0 193.8\n"
+    ...     "20 41695.0  723.75 280.34   34 1\n"
+    ...     "H8\n"
+    ...     "H9\n"
+    ... )
+    >>> print(read_crd(path).summary())
+    1 observations, 2024-05-02T11:34:55 to 2024-05-02T11:34:55 UTC, 1 file(s)
+      7045>apollo15>7045  range        1
+    """
     return parse_crd(path, read_lines(path), catalogue)
 
 

@@ -29,7 +29,19 @@ _ALWAYS_UNPACKED_BYTES = 2**24
 
 
 def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None, lunar: bool = True) -> Observations:
-    """Read a Parquet file of observations; the row, counted from 1, stands for the line."""
+    """Read a Parquet file of observations; the row, counted from 1, stands for the line.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import radioloc
+    >>> from radioloc.io import read_parquet
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "ranges.parquet")
+    >>> ranges = radioloc.read_observations("examples/change5/short_arc.csv")
+    >>> radioloc.write_observations(path, ranges)
+    >>> len(read_parquet(path)) == len(ranges)
+    True
+    """
     # Arrow takes a fifth of a second to import.
     import pyarrow
     from pyarrow import parquet
@@ -68,7 +80,19 @@ def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None, lunar:
 
 
 def write_parquet(path: str | Path, observations: Observations) -> None:
-    """Write observations as a Parquet file that :func:`read_parquet` gives back, epochs to 1e-12 s or better."""
+    """Write observations as a Parquet file that :func:`read_parquet` gives back, epochs to 1e-12 s or better.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import radioloc
+    >>> from radioloc.io import read_parquet, write_parquet
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "ranges.parquet")
+    >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
+    >>> write_parquet(path, ranges[:5])
+    >>> read_parquet(path)
+    <Observations 5 2006-04-07 to 2006-04-08>
+    """
     from pyarrow import parquet
 
     from radioloc.io.table_columns import record_batches

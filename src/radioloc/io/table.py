@@ -30,7 +30,14 @@ _HASH, _DELETE, _NEW_LINE = 0x23, 0x7F, 0x0A
 
 
 def read_table(path: str | Path, *, catalogue: Catalogue | None = None, lunar: bool = True) -> Observations:
-    """Read a table, plain or gzip, in the order of its rows; ranges of a lunar target must be those of the Moon."""
+    """Read a table, plain or gzip, in the order of its rows; ranges of a lunar target must be those of the Moon.
+
+    Examples
+    --------
+    >>> from radioloc.io import read_table
+    >>> read_table("examples/change5/short_arc.csv")
+    <Observations 122 2020-12-01 to 2020-12-01>
+    """
     return _from_blocks(path, read_blocks(path), catalogue, lunar)
 
 
@@ -40,6 +47,17 @@ def write_table(
     """Write observations as a table that :func:`read_table` gives back unchanged.
 
     In seconds (``light_time_s``, ``sigma_s``) rather than metres values that were read as such keep their digits.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import radioloc
+    >>> from radioloc.io import read_table, write_table
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "ranges.csv")
+    >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
+    >>> write_table(path, ranges[:5])
+    >>> read_table(path)
+    <Observations 5 2006-04-07 to 2006-04-08>
     """
     from radioloc.io.csv_file import write_csv
     from radioloc.io.table_columns import record_batches

@@ -89,12 +89,25 @@ def open_spk(name_or_path: str | Path) -> Kernel:
 
     A missing or damaged file, one of another kind or without a segment of type 2 in the ICRF, and one that carries the
     name of a kernel that ships but has another SHA-256, is a :class:`KernelError`.
+
+    Examples
+    --------
+    >>> from radioloc.kernels import open_spk
+    >>> open_spk("DE421").file.start_tdb
+    '1969-01-01'
     """
     return _open(name_or_path, "SPK")
 
 
 def open_pck(name_or_path: str | Path) -> Kernel:
-    """Open a binary PCK; parameters and errors as :func:`open_spk`."""
+    """Open a binary PCK; parameters and errors as :func:`open_spk`.
+
+    Examples
+    --------
+    >>> from radioloc.kernels import open_pck
+    >>> open_pck("DE440").file.kind
+    'PCK'
+    """
     return _open(name_or_path, "PCK")
 
 
@@ -103,6 +116,15 @@ def add_kernel(path: str | Path) -> RegisteredKernel:
 
     Its SHA-256 is checked whenever it is opened. A file that :func:`open_spk` or :func:`open_pck` refuses, or of
     a name that is known already, is a :class:`KernelError`.
+
+    Examples
+    --------
+    >>> import os, shutil, tempfile
+    >>> from radioloc.kernels import add_kernel, find_kernel
+    >>> os.environ["RADIOLOC_KERNELS"] = tempfile.mkdtemp()
+    >>> mine = shutil.copy(find_kernel("DE440", "PCK"), os.path.join(tempfile.mkdtemp(), "mine.bpc"))
+    >>> add_kernel(mine).ephemeris
+    'DE440'
     """
     path = Path(path)
     if not path.is_file():

@@ -74,7 +74,18 @@ def user_directory() -> Path:
 
 
 def added() -> tuple[RegisteredKernel, ...]:
-    """Kernels that were added by :func:`radioloc.kernels.add_kernel`, in their order."""
+    """Kernels that were added by :func:`radioloc.kernels.add_kernel`, in their order.
+
+    Examples
+    --------
+    >>> import os, shutil, tempfile
+    >>> from radioloc.kernels import add_kernel, added, find_kernel
+    >>> os.environ["RADIOLOC_KERNELS"] = tempfile.mkdtemp()
+    >>> mine = shutil.copy(find_kernel("DE440", "PCK"), os.path.join(tempfile.mkdtemp(), "mine.bpc"))
+    >>> _ = add_kernel(mine)
+    >>> [kernel.name for kernel in added()]
+    ['mine.bpc']
+    """
     folder = user_directory()
     return _entries(folder) if (folder / REGISTRY_NAME).is_file() else ()
 
@@ -95,6 +106,12 @@ def find_kernel(name_or_path: str | Path, kind: str | None = None) -> Path:
     """Path of a kernel: of a file, or of one that ships or was added, by its name or its ephemeris' (``"DE421"``).
 
     With `kind` an ephemeris names one file. Kernels that ship come before those that were added.
+
+    Examples
+    --------
+    >>> from radioloc.kernels import find_kernel
+    >>> find_kernel("DE421", "PCK").name
+    'moon_pa_de421_1969_2050.bpc'
     """
     path = Path(name_or_path)
     if path.is_file():
@@ -121,7 +138,14 @@ def find_kernel(name_or_path: str | Path, kind: str | None = None) -> Path:
 
 
 def sha256_of(path: Path) -> str:
-    """SHA-256 of a file, as 64 hexadecimal digits."""
+    """SHA-256 of a file, as 64 hexadecimal digits.
+
+    Examples
+    --------
+    >>> from radioloc.kernels import find_kernel, open_spk, sha256_of
+    >>> sha256_of(find_kernel("DE421", "SPK")) == open_spk("DE421").file.sha256
+    True
+    """
     try:
         with path.open("rb") as file:
             return hashlib.file_digest(file, "sha256").hexdigest()

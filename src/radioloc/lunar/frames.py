@@ -30,6 +30,15 @@ def rot_icrf_to_pa(angles_rad: ArrayLike) -> NDArray[np.float64]:
     -----
     Folkner, Williams and Boggs (2009), IPN Progress Report 42-178, on the orientation of the Moon. The principal axes
     are those of the ephemeris that the angles are of: PA_DE421 and PA_DE440 differ by up to 1 m on the surface.
+
+    Examples
+    --------
+    >>> from radioloc.ephemeris import LunarOrientation
+    >>> from radioloc.lunar import rot_icrf_to_pa
+    >>> from radioloc.time import epochs_from_strings
+    >>> angles_rad, _ = LunarOrientation.open().angles(epochs_from_strings("2020-12-01", "TDB"))
+    >>> rot_icrf_to_pa(angles_rad)[0, 2].round(3).tolist()  # the Moon's axis in the ICRF
+    [-0.027, -0.394, 0.919]
     """
     phi, theta, psi = _angles(angles_rad, "rad", "angles_rad")
     return np.asarray(erfa.rz(psi, erfa.rx(theta, erfa.rz(phi, np.eye(3)))))
@@ -66,6 +75,13 @@ def rot_pa_to_me(constants: EphemerisConstants) -> NDArray[np.float64]:
 
     With DE421's angles a point moves by up to 875 m (the literature often quotes 860 m, from older angles).
     Frames kernels give the inverse, from ME to PA, as the same three angles with opposite sign and order.
+
+    Examples
+    --------
+    >>> from radioloc.ephemeris import CONSTANTS
+    >>> from radioloc.lunar import rot_pa_to_me
+    >>> (rot_pa_to_me(CONSTANTS["DE421"]) @ [1737400.0, 0.0, 0.0]).round().tolist()
+    [1737400.0, 572.0, -662.0]
     """
     about_x, about_y, about_z = (angle * ARCSEC_RAD for angle in constants.pa_to_me_arcsec)
     return np.asarray(erfa.rx(about_x, erfa.ry(about_y, erfa.rz(about_z, np.eye(3)))))
@@ -101,6 +117,13 @@ def rot_icrf_to_iau_moon(tdb: Epochs) -> NDArray[np.float64]:
     Rz(W) Rx(90 deg - delta) Rz(90 deg + alpha) of the pole's right ascension alpha and declination delta and the prime
     meridian W (Archinal et al. 2011, table 2). The series leaves the axes up to 155 m away from ME_DE421 on the
     surface; it is for comparison with data given in these axes, not for tracking.
+
+    Examples
+    --------
+    >>> from radioloc.lunar import rot_icrf_to_iau_moon
+    >>> from radioloc.time import epochs_from_strings
+    >>> rot_icrf_to_iau_moon(epochs_from_strings("2020-12-01", "TDB")).shape
+    (1, 3, 3)
     """
     tdb.require("TDB")
     days = (tdb.jd - J2000_JD) + tdb.fraction

@@ -45,6 +45,14 @@ def cartesian_to_selenographic(
     ----------
     point_m : array_like, shape (..., 3)
         Cartesian coordinates, m; not the Moon's centre. At a pole the longitude is zero.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.lunar import cartesian_to_selenographic
+    >>> longitude_rad, latitude_rad, height_m = cartesian_to_selenographic([0.0, 1737400.0, 0.0])
+    >>> float(np.degrees(longitude_rad)), float(latitude_rad), float(height_m)
+    (90.0, 0.0, 0.0)
     """
     point = as_float_array(point_m, "m", "point_m")
     if point.ndim == 0 or point.shape[-1] != 3:
@@ -63,6 +71,12 @@ def east_north_up(longitude_rad: ArrayLike, latitude_rad: ArrayLike) -> NDArray[
     """East, north and up unit vectors at points, as rows, (..., 3, 3); at a pole the longitude chooses the meridian.
 
     The matrix times a vector gives its east, north and up components.
+
+    Examples
+    --------
+    >>> from radioloc.lunar import east_north_up
+    >>> east_north_up(0.0, 0.0)[2].tolist()  # up
+    [1.0, 0.0, 0.0]
     """
     longitude, latitude, _ = checked(longitude_rad, latitude_rad, 0.0)
     return vectors.east_north_up(longitude, latitude)

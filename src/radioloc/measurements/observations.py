@@ -313,7 +313,7 @@ class Observations:
         >>> import radioloc
         >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
         >>> ranges[:3].to_table()["value_m"].to("km").round(3)
-        <Quantity [794277.837, 794510.672, 794819.824] km>
+        <Quantity [794279.926, 794512.76 , 794821.912] km>
         """
         columns: dict[str, Any] = {"epoch_utc": self.epoch, "type": self.types(), "path": self.paths()}
         columns |= {"time_tag": self.tags()} | {name: getattr(self, name) for name in _UNITS}

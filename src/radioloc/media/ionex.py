@@ -116,7 +116,7 @@ class IonexMaps:
 
 
 def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
-    """Read the maps of one or more IONEX files.
+    r"""Read the maps of one or more IONEX files.
 
     Parameters
     ----------
@@ -128,6 +128,30 @@ def read_ionex(paths: str | Path | Sequence[str | Path]) -> IonexMaps:
     FileFormatError
         A file cannot be read or is not IONEX of two dimensions, maps are cut short or missing, a content or the shell
         is impossible, or the files' grids or shells differ.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from radioloc.media import read_ionex
+    >>> def line(content, label):
+    ...     return f"{content:<60}{label}\n"
+    ...
+    >>> date = "  2020    12     1     0     0     0"
+    >>> head = [("     1.0            I", "IONEX VERSION / TYPE"), ("     2", "MAP DIMENSION"), ("    -1", "EXPONENT")]
+    >>> head += [(date, "EPOCH OF FIRST MAP"), (date, "EPOCH OF LAST MAP"), ("  7200", "INTERVAL")]
+    >>> head += [("     1", "# OF MAPS IN FILE"), ("  6371.0", "BASE RADIUS")]
+    >>> head += [("   450.0 450.0   0.0", "HGT1 / HGT2 / DHGT"), ("    87.5 -87.5 -87.5", "LAT1 / LAT2 / DLAT")]
+    >>> head += [("  -180.0 180.0  90.0", "LON1 / LON2 / DLON"), ("", "END OF HEADER")]
+    >>> head += [("     1", "START OF TEC MAP"), (date, "EPOCH OF CURRENT MAP")]
+    >>> text = "".join(line(*one) for one in head)
+    >>> for latitude in (87.5, 0.0, -87.5):
+    ...     text += line(f"  {latitude:6.1f}-180.0 180.0  90.0 450.0", "LAT/LON1/LON2/DLON/H") + 5 * "  200" + "\n"
+    ...
+    >>> text += line("     1", "END OF TEC MAP") + line("", "END OF FILE")
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "uniform.20i")
+    >>> _ = path.write_text(text)
+    >>> read_ionex(path).tec_tecu.shape
+    (1, 3, 5)
     """
     files = [Path(paths)] if isinstance(paths, str | Path) else [Path(path) for path in paths]
     if not files:

@@ -196,7 +196,7 @@ def read_radio_atmosphere(
     vmf3_orography: str | Path | None = None,
     gpt3: str | Path | None = None,
 ) -> RadioAtmosphere:
-    """Read files of VMF3, of sites or maps, and of GPT3.
+    r"""Read files of VMF3, of sites or maps, and of GPT3.
 
     Parameters
     ----------
@@ -213,6 +213,17 @@ def read_radio_atmosphere(
         A file cannot be read, is of another kind, or holds what cannot be.
     InputError
         Neither is given, or maps without their heights or heights without maps.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from radioloc.earth import StationCatalogue
+    >>> from radioloc.media import read_radio_atmosphere
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "2020336.vmf3_r")
+    >>> values = "0.00120480  0.00058178  2.1686  0.1047   951.19   6.89   8.47"
+    >>> _ = path.write_text(f"WETTZELL  59184.00  {values}\nWETTZELL  59184.25  {values}\n")
+    >>> read_radio_atmosphere([path]).source_of(StationCatalogue.default().get("WETTZELL"))
+    'VMF3'
     """
     files = tuple(map(Path, vmf3))
     if not files and gpt3 is None:

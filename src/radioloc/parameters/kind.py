@@ -139,10 +139,28 @@ class ParameterKind:
 
 
 def everywhere(rows: ObservationRows) -> NDArray[np.bool_]:
-    """Acts on every observation, as one end."""
+    """Acts on every observation, as one end.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> from radioloc.parameters import ObservationRows, everywhere
+    >>> arc, _ = radioloc.studies.arc_of("examples/apollo15/apollo15.toml")
+    >>> everywhere(ObservationRows(arc)).shape
+    (153, 1)
+    """
     return np.ones((len(rows), 1), dtype=bool)
 
 
 def both_stations(rows: ObservationRows) -> NDArray[np.bool_]:
-    """Acts on every observation, at each station that takes part."""
+    """Acts on every observation, at each station that takes part.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> from radioloc.parameters import ObservationRows, both_stations
+    >>> arc, _ = radioloc.studies.arc_of("examples/apollo15/apollo15.toml")
+    >>> both_stations(ObservationRows(arc)).shape
+    (153, 2)
+    """
     return rows.ends >= 0

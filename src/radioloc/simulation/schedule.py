@@ -33,27 +33,62 @@ _ROUND_TRIP_S = 2.6
 
 
 def one_way(*stations: str) -> tuple[Pair, ...]:
-    """Pairs of stations that receive what the target sends by itself."""
+    """Pairs of stations that receive what the target sends by itself.
+
+    Examples
+    --------
+    >>> from radioloc.simulation import one_way
+    >>> one_way("KASHI", "JIAMUSI")
+    (('', 'KASHI'), ('', 'JIAMUSI'))
+    """
     return tuple(("", station) for station in stations)
 
 
 def two_way(*stations: str) -> tuple[Pair, ...]:
-    """Pairs of stations that receive what they sent."""
+    """Pairs of stations that receive what they sent.
+
+    Examples
+    --------
+    >>> from radioloc.simulation import two_way
+    >>> two_way("KASHI", "JIAMUSI")
+    (('KASHI', 'KASHI'), ('JIAMUSI', 'JIAMUSI'))
+    """
     return tuple((station, station) for station in stations)
 
 
 def three_way(transmitter: str, *receivers: str) -> tuple[Pair, ...]:
-    """Pairs of one transmitter with other receivers."""
+    """Pairs of one transmitter with other receivers.
+
+    Examples
+    --------
+    >>> from radioloc.simulation import three_way
+    >>> three_way("KASHI", "JIAMUSI", "NEUQUEN")
+    (('KASHI', 'JIAMUSI'), ('KASHI', 'NEUQUEN'))
+    """
     return tuple((transmitter, receiver) for receiver in receivers)
 
 
 def all_ranges(*stations: str) -> tuple[Pair, ...]:
-    """Pairs of each station with itself and with every other, transmitters in the order given."""
+    """Pairs of each station with itself and with every other, transmitters in the order given.
+
+    Examples
+    --------
+    >>> from radioloc.simulation import all_ranges
+    >>> all_ranges("KASHI", "JIAMUSI")
+    (('KASHI', 'KASHI'), ('KASHI', 'JIAMUSI'), ('JIAMUSI', 'KASHI'), ('JIAMUSI', 'JIAMUSI'))
+    """
     return tuple((sender, receiver) for sender in stations for receiver in stations)
 
 
 def baselines(*stations: str) -> tuple[Pair, ...]:
-    """All baselines of some stations, six of four; of each, the first is the one named earlier."""
+    """All baselines of some stations, six of four; of each, the first is the one named earlier.
+
+    Examples
+    --------
+    >>> from radioloc.simulation import baselines
+    >>> baselines("TIANMA65", "KUNMING", "URUMQI")
+    (('TIANMA65', 'KUNMING'), ('TIANMA65', 'URUMQI'), ('KUNMING', 'URUMQI'))
+    """
     return tuple(combinations(stations, 2))
 
 

@@ -202,6 +202,17 @@ def simulate(
         A station is not in the catalogue.
     CoverageError
         An epoch lies outside the kernels or the Earth orientation table.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> from radioloc.measurements import PhysicalModel
+    >>> from radioloc.simulation import Schedule, Session, simulate, two_way
+    >>> lander = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+    >>> start, stop = "2020-12-01T17:00:00", "2020-12-01T18:00:00"
+    >>> hour = Session("range", two_way("KASHI"), start, stop, step_s=60.0, sigma_m=2.5)
+    >>> simulate(Schedule([hour]), lander, model=PhysicalModel.build(), seed=1)
+    <Simulated 61 2020-12-01 to 2020-12-01, seed 1, 0 outliers>
     """
     scenario = Scenario(schedule, target, truth or Truth(), noise or NoiseModel(), seed=seed, name=name)
     return scenario.world(model).draw()

@@ -105,6 +105,18 @@ def elevations(model: PhysicalModel, target_pa_m: Target, stations: Sequence[str
         A station is not in the catalogue.
     CoverageError
         An epoch lies outside the kernels, the trajectory or the Earth orientation table.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> from radioloc.measurements import PhysicalModel
+    >>> from radioloc.simulation import elevations
+    >>> lander = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+    >>> from radioloc.time import epochs_from_strings
+    >>> tt = epochs_from_strings("2020-12-01T18:00:00", "TT")
+    >>> seen = elevations(PhysicalModel.build(), lander.to_frame("PA_DE421").xyz_m, ["KASHI"], tt)
+    >>> seen.at_station_rad.round(3).tolist()
+    [[1.087]]
     """
     target_gcrs_m, from_moon_m, dip_rad = _target(model, target_pa_m, tt_to_tdb(tt))
     moon_distance_m = np.linalg.norm(from_moon_m, axis=-1)
@@ -224,6 +236,16 @@ def windows(
         Limits of the search, in order.
     masks : Masks, optional
         10 deg at the stations and the horizon at the target where not given.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> from radioloc.measurements import PhysicalModel
+    >>> from radioloc.simulation import windows
+    >>> lander = radioloc.LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+    >>> pa_m = lander.to_frame("PA_DE421").xyz_m
+    >>> windows(PhysicalModel.build(), pa_m, ["KASHI", "JIAMUSI"], "2020-12-01T15:00:00", "2020-12-02T03:00:00")
+    [Window(start_utc='2020-12-01T15:00:00', stop_utc='2020-12-01T23:02:30', rises=False, sets=True)]
     """
     masks = masks or Masks()
     if not stations:

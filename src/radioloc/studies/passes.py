@@ -8,6 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
+from radioloc.boundary import bare_arguments
 from radioloc.ephemeris import Trajectory
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.report.passes import Pass, Passes
@@ -22,6 +23,7 @@ _STEP_S = 60.0
 """Between epochs at which the elevation is looked at: the highest is then found to 0.0002 deg."""
 
 
+@bare_arguments
 def visibility(
     study: Study | str | Path,
     stations: Sequence[str] = (),

@@ -84,7 +84,14 @@ def _require_utc_era(utc: Epochs) -> None:
 
 
 def utc_to_tai(utc: Epochs) -> Epochs:
-    """UTC to TAI; from 1972 on, when the present UTC began."""
+    """UTC to TAI; from 1972 on, when the present UTC began.
+
+    Examples
+    --------
+    >>> from radioloc.time import epochs_from_strings, utc_strings, utc_to_tai
+    >>> utc_strings(utc_to_tai(epochs_from_strings("2020-12-01T15:11:00")), 6).tolist()
+    ['2020-12-01T15:11:37.000000']
+    """
     utc = in_scale(utc, "UTC")
     _require_utc_era(utc)
     if not len(utc):
@@ -103,7 +110,14 @@ def utc_to_tai(utc: Epochs) -> Epochs:
 
 
 def tai_to_utc(tai: Epochs) -> Epochs:
-    """TAI to UTC; from 1972 on."""
+    """TAI to UTC; from 1972 on.
+
+    Examples
+    --------
+    >>> from radioloc.time import epochs_from_strings, tai_to_utc, utc_strings
+    >>> utc_strings(tai_to_utc(epochs_from_strings("2020-12-01T15:11:00", "TAI")), 6).tolist()
+    ['2020-12-01T15:10:23.000000']
+    """
     tai = in_scale(tai, "TAI")
     with _any_year():
         jd, fraction = erfa.taiutc(tai.jd, tai.fraction)
@@ -117,22 +131,50 @@ def _shifted(epochs: Epochs, to: str, seconds: float | NDArray[np.float64]) -> E
 
 
 def tai_to_tt(tai: Epochs) -> Epochs:
-    """TAI to TT, a constant 32.184 s."""
+    """TAI to TT, a constant 32.184 s.
+
+    Examples
+    --------
+    >>> from radioloc.time import epochs_from_strings, tai_to_tt, utc_strings
+    >>> utc_strings(tai_to_tt(epochs_from_strings("2020-12-01T15:11:00", "TAI")), 6).tolist()
+    ['2020-12-01T15:11:32.184000']
+    """
     return _shifted(in_scale(tai, "TAI"), "TT", TT_MINUS_TAI_S)
 
 
 def tt_to_tai(tt: Epochs) -> Epochs:
-    """TT to TAI, a constant 32.184 s."""
+    """TT to TAI, a constant 32.184 s.
+
+    Examples
+    --------
+    >>> from radioloc.time import epochs_from_strings, tt_to_tai, utc_strings
+    >>> utc_strings(tt_to_tai(epochs_from_strings("2020-12-01T15:11:00", "TT")), 6).tolist()
+    ['2020-12-01T15:10:27.816000']
+    """
     return _shifted(in_scale(tt, "TT"), "TAI", -TT_MINUS_TAI_S)
 
 
 def utc_to_tt(utc: Epochs) -> Epochs:
-    """UTC to TT."""
+    """UTC to TT.
+
+    Examples
+    --------
+    >>> from radioloc.time import epochs_from_strings, utc_strings, utc_to_tt
+    >>> utc_strings(utc_to_tt(epochs_from_strings("2020-12-01T15:11:00")), 6).tolist()
+    ['2020-12-01T15:12:09.184000']
+    """
     return tai_to_tt(utc_to_tai(utc))
 
 
 def tt_to_tdb(tt: Epochs) -> Epochs:
-    """TT to TDB at the geocentre (ERFA ``dtdb``, Fairhead and Bretagnon 1990)."""
+    """TT to TDB at the geocentre (ERFA ``dtdb``, Fairhead and Bretagnon 1990).
+
+    Examples
+    --------
+    >>> from radioloc.time import epochs_from_strings, tt_to_tdb, utc_strings
+    >>> utc_strings(tt_to_tdb(epochs_from_strings("2020-12-01T15:11:00", "TT")), 6).tolist()
+    ['2020-12-01T15:10:59.999070']
+    """
     tt = in_scale(tt, "TT")
     return _shifted(tt, "TDB", geocentric_tdb_minus_tt(tt))
 
@@ -142,6 +184,12 @@ def tdb_to_tt(tdb: Epochs) -> Epochs:
 
     The difference is below 2 ms and changes by less than 4e-10 of a shift, so taking it at the TDB date itself is
     good to 1e-12 s.
+
+    Examples
+    --------
+    >>> from radioloc.time import epochs_from_strings, tdb_to_tt, utc_strings
+    >>> utc_strings(tdb_to_tt(epochs_from_strings("2020-12-01T15:11:00", "TDB")), 6).tolist()
+    ['2020-12-01T15:11:00.000930']
     """
     tdb = in_scale(tdb, "TDB")
     return _shifted(tdb, "TT", -geocentric_tdb_minus_tt(tdb))
@@ -151,6 +199,12 @@ def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
     """TDB - TT at the geocentre, s, shape (n,); the epochs may be TT or TDB.
 
     ERFA ``dtdb``: Fairhead and Bretagnon (1990), with 787 terms, good to some nanoseconds over decades.
+
+    Examples
+    --------
+    >>> from radioloc.time import epochs_from_strings, geocentric_tdb_minus_tt
+    >>> geocentric_tdb_minus_tt(epochs_from_strings("2020-04-01", "TT")).round(6).tolist()
+    [0.001677]
     """
     if not isinstance(epochs, Epochs):
         epochs = in_scale(epochs, "TDB")
@@ -161,6 +215,12 @@ def topocentric_tdb_minus_tt(earth_velocity_m_s: ArrayLike, station_gcrs_m: Arra
     """Part of TDB - TT that depends on the place, v_E . r / c^2, s, of BCRS velocity and GCRS position; shape (...,).
 
     Up to 2.1 microseconds, daily; it does not cancel in three-way range, where it reaches hundreds of metres.
+
+    Examples
+    --------
+    >>> from radioloc.time import topocentric_tdb_minus_tt
+    >>> float(topocentric_tdb_minus_tt([0.0, 3e4, 0.0], [0.0, 6.378e6, 0.0]).round(9))
+    2.129e-06
     """
     velocity_m_s = as_float_array(earth_velocity_m_s, "m / s", "earth_velocity_m_s")
     station_m = as_float_array(station_gcrs_m, "m", "station_gcrs_m")
@@ -256,6 +316,12 @@ def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
 
     Any scale but UTC is written as it stands, without one. The last decimal is rounded, over the end of a day where
     need be.
+
+    Examples
+    --------
+    >>> from radioloc.time import epochs_from_strings, utc_strings
+    >>> utc_strings(epochs_from_strings("2016-366T23:59:60.5"), 3).tolist()
+    ['2016-12-31T23:59:60.500']
     """
     if not isinstance(utc, Epochs):
         utc = in_scale(utc, "UTC")
@@ -272,7 +338,15 @@ def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
 
 
 def to_scale(epochs: Epochs, scale: str) -> Epochs:
-    """Epochs in another scale: UTC (from 1972 on), TAI, TT or TDB (at the geocentre); UT1 needs Earth orientation."""
+    """Epochs in another scale: UTC (from 1972 on), TAI, TT or TDB (at the geocentre); UT1 needs Earth orientation.
+
+    Examples
+    --------
+    >>> from astropy.time import Time
+    >>> from radioloc.time import to_scale, utc_strings
+    >>> utc_strings(to_scale(Time("2020-12-01T15:11:00", scale="utc"), "TDB"), 6).tolist()
+    ['2020-12-01T15:12:09.183070']
+    """
     if not isinstance(epochs, Epochs):
         epochs = Epochs.from_time(epochs)
     if scale == epochs.scale:

@@ -23,6 +23,15 @@ def evaluate_smooth(function: Callable[[Epochs], NDArray[Any]], epochs: Epochs) 
     the eight nearest. Half way between nodes h apart, an oscillation of angular frequency w is missed by (1 3 5 7)^2 /
     (2^8 8!) (w h)^8 of its amplitude: of a period of two days by 6e-7, of four by 2e-9, of thirteen (the main short
     term of nutation, 1e-6 rad) by 2e-13.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.time import Epochs, evaluate_smooth
+    >>> tt = Epochs.from_jd(2459184.5, np.arange(1440) / 1440, "TT")
+    >>> monthly = evaluate_smooth(lambda at: np.sin(2.0 * np.pi * at.centuries_since_j2000() * 36525.0 / 27.3), tt)
+    >>> monthly.shape
+    (1440,)
     """
     place = epochs.fraction * NODES_PER_DAY
     first = np.floor(place)

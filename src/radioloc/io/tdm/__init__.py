@@ -75,6 +75,17 @@ def read_tdm(
     agreement, catalogue
         As of :func:`tdm_observations`, which also gives to the program what is only logged here: what became no
         observation, and what was done to values and time tags. So are errors and warnings.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import radioloc
+    >>> from radioloc.io import TdmAgreement, read_tdm, write_tdm
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "ranges.tdm")
+    >>> ranges = radioloc.read_observations("examples/change5/short_arc.csv")
+    >>> write_tdm(path, ranges[:10], originator="MY AGENCY")
+    >>> read_tdm(path, TdmAgreement(sigma_m={"range": 2.5}))
+    <Observations 10 2020-12-01 to 2020-12-01>
     """
     files = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not files:

@@ -82,6 +82,17 @@ def write_tdm(
         rate, a name or comment that is not printable ASCII.
     FileFormatError
         The file cannot be written.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> import radioloc
+    >>> from radioloc.io import TdmAgreement, read_tdm, write_tdm
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "ranges.tdm")
+    >>> ranges = radioloc.read_observations("examples/change5/short_arc.csv")
+    >>> write_tdm(path, ranges[:10], originator="MY AGENCY")
+    >>> read_tdm(path, TdmAgreement(sigma_m={"range": 2.5}))
+    <Observations 10 2020-12-01 to 2020-12-01>
     """
     now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S")
     header = TdmHeader(creation_date or now, originator, message_id, tuple(comments))

@@ -589,3 +589,15 @@ def test_every_command_option_and_exit_status_is_described():
         assert options - {"-h", "--help"} <= described, name
     stated = {int(row[0]): row[1] for row in rows_of_table(path, "exit status")}
     assert stated == EXIT_STATUS
+
+
+def test_words_of_the_glossary_are_in_order_and_used():
+    entries = re.findall(r"^- (\*\*.*?\*\*):", (DOCS / "glossary.md").read_text(), re.MULTILINE)
+    words = [re.findall(r"\*\*(.+?)\*\*", entry) for entry in entries]
+    assert len(words) > 40
+    assert [entry[0].lower() for entry in words] == sorted(entry[0].lower() for entry in words)
+    used = " ".join(page.read_text() for page in PAGES if page.name != "glossary.md").lower()
+    used = " ".join(re.sub(r"[-*_]", " ", used).split())
+    for word in [word for entry in words for word in entry]:
+        plain = re.sub(r" \(.*\)", "", word).lower()
+        assert re.sub(r"[-_]", " ", plain) in used, word

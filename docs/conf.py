@@ -47,6 +47,8 @@ python_maximum_signature_line_length = 88
 
 html_theme = "furo"
 html_title = f"radioloc {version}"
+html_static_path = ["_static"]
+html_css_files = ["site.css"]
 html_copy_source = False
 html_show_search_summary = False  # scripts of a page that is opened from a disk may not read other pages
 

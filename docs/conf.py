@@ -34,6 +34,7 @@ exclude_patterns = [".*", "out", "src", "tests", "docs/_*"]
 templates_path = [str(ROOT / "docs" / "_templates")]  # in full, as autosummary looks in the source folder
 extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.autosummary", "numpydoc"]
 nitpicky = True
+highlight_language = "text"  # of blocks that name no language
 
 myst_enable_extensions = ["dollarmath"]
 myst_fence_as_directive = ["math"]
@@ -142,8 +143,10 @@ def contents_of_index(app, docname, source):
 
 def add_mathml(self, node):
     """Formulas as MathML, which browsers set without a script."""
-    display = "block" if isinstance(node, nodes.math_block) else "inline"
-    self.body.append(convert(node.astext(), display=display))
+    if isinstance(node, nodes.math_block):
+        self.body.append(f'<div class="math">{convert(node.astext(), display="block")}</div>')
+    else:
+        self.body.append(convert(node.astext()))
     raise nodes.SkipNode
 
 

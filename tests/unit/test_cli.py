@@ -19,7 +19,7 @@ from tdm_messages import TWO_WAY, kvn
 
 import radioloc
 from radioloc import cli
-from radioloc.cli.commands import COMMANDS
+from radioloc.cli import commands, lookups
 from radioloc.cli.parser import EXIT_STATUS, make_parser
 from radioloc.errors import ConvergenceError, DataQualityWarning, PredictedEopWarning
 from radioloc.io import READERS
@@ -335,7 +335,7 @@ def test_each_command_has_examples_that_parse(name, capsys):
         program, *arguments = shlex.split(example.partition(" > ")[0])
         assert program == "radioloc"
         assert make_parser().parse_args(arguments).command == name
-    assert name in COMMANDS
+    assert (name in commands.COMMANDS) != (name in lookups.COMMANDS)
     assert "examples:" in parser.format_help()
 
 
@@ -393,6 +393,13 @@ def test_a_study_from_standard_input_has_paths_relative_to_the_working_directory
     assert from_stream["provenance"].pop("study") is None
     assert from_file["provenance"].pop("study")["file"] == str(folder / "stdin.toml")
     assert from_stream == from_file
+
+
+@pytest.mark.parametrize("command", ["locate", "images"])
+def test_mistakes_in_a_study_from_standard_input_are_told_of_it(command, capsys, monkeypatch):
+    monkeypatch.setattr(sys, "stdin", Stream("[taget]\n"))
+    assert cli.main([command, "-"]) == 2
+    refused(Outcome(2, *capsys.readouterr()), "radioloc: stdin: 'taget' is not known")
 
 
 def test_convert_from_standard_input_to_standard_output(folder):

@@ -9,7 +9,7 @@ import warnings
 from collections.abc import Sequence
 
 from radioloc.cli.output import complain, prepared, say, standard_streams
-from radioloc.cli.parser import BAD_INPUT, DISK, INTERRUPTED, NOT_CONVERGED, make_parser
+from radioloc.cli.parser import BAD_INPUT, DISK, INTERRUPTED, LOOKUPS, NOT_CONVERGED, make_parser
 from radioloc.errors import ConvergenceError, RadiolocError, RadiolocWarning
 from radioloc.text_files import disk_failed
 
@@ -22,9 +22,12 @@ def main(arguments: Sequence[str] | None = None) -> int:
         try:
             options = make_parser().parse_args(arguments)
             with prepared(options.verbose), standard_streams(options):
-                from radioloc.cli.commands import COMMANDS, ready
+                if options.command in LOOKUPS:
+                    from radioloc.cli.lookups import COMMANDS
+                else:
+                    from radioloc.cli.commands import COMMANDS, ready
 
-                ready(options)
+                    ready(options)
                 return COMMANDS[options.command](options)
         except SystemExit:  # of --help and --version, which have printed
             say("", end="")

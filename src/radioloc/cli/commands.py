@@ -5,29 +5,19 @@ from __future__ import annotations
 import argparse
 import re
 from collections.abc import Callable, Sequence
-from contextlib import suppress
-from dataclasses import asdict, fields, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, Protocol
 
-import numpy as np
-from numpy.typing import NDArray
-
-from radioloc.cli.output import complain, say
-from radioloc.cli.parser import DONE, INTERRUPTED, NOT_CONVERGED, make_parser
-from radioloc.earth.stations import Station, StationCatalogue
-from radioloc.ephemeris import CONSTANTS, LunarOrientation
+from radioloc.cli.output import complain, say, tell
+from radioloc.cli.parser import DONE, INTERRUPTED, NOT_CONVERGED
 from radioloc.errors import InputError
-from radioloc.extras import optional
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm import TdmAgreement
 from radioloc.io.write import require_writable, write_observations
-from radioloc.kernels import add_kernel, added, registered
-from radioloc.lunar import LunarPosition, rot_icrf_to_iau_moon, rot_icrf_to_pa
 from radioloc.report.covariance import plans_card
 from radioloc.report.figures import save_figure
 from radioloc.report.files import (
-    json_text,
     write_arcs,
     write_comparison,
     write_covariance,
@@ -48,7 +38,6 @@ from radioloc.studies import locate
 from radioloc.studies.arcs import arcs
 from radioloc.studies.comparison import compare, read_solutions
 from radioloc.studies.covariance import covariance
-from radioloc.studies.doctor import doctor
 from radioloc.studies.image_study import read_image_study
 from radioloc.studies.images import locate_images
 from radioloc.studies.monte_carlo import monte_carlo
@@ -58,7 +47,6 @@ from radioloc.studies.simulate import simulate
 from radioloc.studies.study_file import read_study
 from radioloc.studies.subsets import leave_one_out
 from radioloc.studies.verification import verify
-from radioloc.time import epochs_from_strings, tt_to_tdb, utc_to_tt
 
 
 class Result(Protocol):
@@ -80,17 +68,8 @@ def _done(options: argparse.Namespace, found: Result, write: Callable[..., objec
     """Write the files of a result if asked for, print it, and give the exit status."""
     if options.out is not None:
         write(found, options.out, html=options.report)
-    _tell(options, found, found.to_dict)
+    tell(options, found, found.to_dict)
     return DONE if good else NOT_CONVERGED
-
-
-def _tell(options: argparse.Namespace, card: object, content: Callable[[], Any] = dict) -> None:
-    """Print a card and where files were written, or the content as JSON, or nothing, as asked."""
-    out = getattr(options, "out", None)
-    if options.json:
-        say(json_text(content()), end="")
-    elif not options.quiet:
-        say(card if out is None else f"{card}\n\nwritten to {out}")
 
 
 def _locate(options: argparse.Namespace) -> int:
@@ -107,7 +86,7 @@ def _locate(options: argparse.Namespace) -> int:
         write_report(solution, options.out, arc if options.terms else None, html=options.report)
     if options.residuals_tdm is not None:
         write_residuals_tdm(solution, arc.observations, options.residuals_tdm, originator=options.originator)
-    _tell(options, solution, solution.to_dict)
+    tell(options, solution, solution.to_dict)
     if options.sinex is not None:  # after the card, which says why a solution has none
         write_sinex(solution, options.sinex)
     return DONE if solution.converged or not fitted else NOT_CONVERGED
@@ -123,7 +102,7 @@ def _simulate(options: argparse.Namespace) -> int:
     made = simulate(read_study(options.study), options.seed, draw_errors=options.draw)
     comments = [made.summary()]
     write_observations(options.out, made.observations, originator=options.originator, comments=comments)
-    _tell(options, made.summary())
+    tell(options, made.summary())
     return DONE
 
 
@@ -146,7 +125,7 @@ def _convert(options: argparse.Namespace) -> int:
                 f"{error}; convert takes the study file as --study, and light times from its target"
             ) from None
     write_observations(options.out, observations, originator=options.originator)
-    _tell(options, observations.summary())
+    tell(options, observations.summary())
     return DONE
 
 
@@ -247,93 +226,8 @@ def _covariance(options: argparse.Namespace) -> int:
             write_covariance(plan, folder, html=options.report)
     cards = [str(plan) for plan in found]
     card = "\n\n".join([*cards, str(plans_card(found))] if len(found) > 1 else cards)
-    _tell(options, card, lambda: [plan.to_dict() for plan in found] if len(found) > 1 else found[0].to_dict())
+    tell(options, card, lambda: [plan.to_dict() for plan in found] if len(found) > 1 else found[0].to_dict())
     return DONE if all(plan.determined for plan in found) else NOT_CONVERGED
-
-
-def _doctor(options: argparse.Namespace) -> int:
-    found = doctor()
-    _tell(options, found, found.to_dict)
-    return DONE if found.sound else NOT_CONVERGED
-
-
-def _frames(options: argparse.Namespace) -> int:
-    given = (options.longitude, options.latitude, options.height)
-    if options.frame == _IAU and options.epoch is None:
-        options.parser.error(f"{_IAU} moves against the other axes by some 100 m; give --epoch UTC")
-    pa_to_iau = None if options.epoch is None else _rot_pa_to_iau(options.epoch)
-    if options.frame == _IAU and pa_to_iau is not None:
-        iau = LunarPosition.from_selenographic(
-            *given, "PA_DE421"
-        )  # the numbers are checked as of any other axes
-        own = LunarPosition.from_cartesian(pa_to_iau.T @ iau.xyz_m, "PA_DE421")
-    else:
-        place = LunarPosition.from_selenographic(*given, options.frame)
-        own = place.to_frame(options.frame)  # an error where these axes are not known
-    found = {}
-    for name in dict.fromkeys(
-        name for one in CONSTANTS.values() for name in (f"PA_{one.name}", one.me_frame)
-    ):
-        with suppress(InputError):  # no angles lead there
-            found[name] = own.to_frame(name)
-    if pa_to_iau is not None and "PA_DE421" in found:
-        found[_IAU] = LunarPosition.from_cartesian(pa_to_iau @ found["PA_DE421"].xyz_m, "PA_DE421")
-    lines = []
-    rows = []
-    for name, there in found.items():
-        longitude_deg, latitude_deg, height_m = there.selenographic
-        x, y, z = there.xyz_m
-        lines.append(
-            f"{name:<9} {longitude_deg:14.9f} {latitude_deg:13.9f} deg {height_m:11.4f} m   "
-            f"{x:14.4f} {y:14.4f} {z:14.4f} m"
-        )
-        numbers = {"longitude_deg": longitude_deg, "latitude_deg": latitude_deg, "height_m": height_m}
-        rows.append({"frame": name, **numbers, "xyz_m": there.xyz_m})
-    _tell(options, "\n".join(lines), lambda: rows)
-    return DONE
-
-
-_IAU = "IAU_MOON"
-
-
-def _rot_pa_to_iau(epoch_utc: str) -> NDArray[np.float64]:
-    """Rotation from the principal axes of DE421 to the IAU's mean rotation at an epoch, shape (3, 3)."""
-    tdb = tt_to_tdb(utc_to_tt(epochs_from_strings([epoch_utc], "UTC")))
-    angles_rad, _ = LunarOrientation.open("DE421").angles(tdb)
-    rotation: NDArray[np.float64] = rot_icrf_to_iau_moon(tdb)[0] @ rot_icrf_to_pa(angles_rad)[0].T
-    return rotation
-
-
-def _stations(options: argparse.Namespace) -> int:
-    wanted = options.name.casefold()
-    found = [
-        station
-        for station in StationCatalogue.default()
-        if any(
-            wanted in text.casefold()
-            for text in (station.name, *station.aliases, station.complex, station.country)
-        )
-    ]
-    if not found:
-        raise InputError(
-            f"no station has {options.name!r} in its name, complex or country; list all with radioloc stations"
-        )
-    lines = (
-        f"{station.name:<10} {station.kind:<5} {station.quality:<8} "
-        + " ".join(f"{x:15.4f}" for x in station.itrf_m)
-        + f" m  {', '.join(station.aliases)}; {station.complex}, {station.country}"
-        for station in found
-    )
-    _tell(options, "\n".join(lines), lambda: [_of_a_station(station) for station in found])
-    return DONE
-
-
-def _of_a_station(station: Station) -> dict[str, Any]:
-    """What the catalogue says of a station, but for its ocean loading."""
-    names = (field.name for field in fields(station))
-    return {name: getattr(station, name) for name in names if name not in ("ocean_loading", "sigma_m")} | {
-        "sigma_m": station.position_sigma_m
-    }
 
 
 def _visibility(options: argparse.Namespace) -> int:
@@ -344,44 +238,14 @@ def _visibility(options: argparse.Namespace) -> int:
         stop_utc=options.stop,
         mask_deg=options.mask,
     )
-    _tell(options, found, found.to_dict)
+    tell(options, found, found.to_dict)
     return DONE
 
 
 def _leave_one_out(options: argparse.Namespace) -> int:
-    found = leave_one_out(options.study)
-    _tell(options, found, found.to_dict)
+    found = leave_one_out(options.study, progress=not options.quiet)
+    tell(options, found, found.to_dict)
     return DONE if found.solution.converged else NOT_CONVERGED
-
-
-def _kernels(options: argparse.Namespace) -> int:
-    if (options.action == "add") != bool(options.files):
-        options.parser.error("kernels add needs files, and only add takes them")
-    known = [add_kernel(path) for path in options.files] or [*registered(), *added()]
-    problems = [one.problem() if options.action == "verify" else "" for one in known]
-    verdict = {"verify": "verified", "add": "added"}.get(options.action, "")
-    lines = (
-        problem
-        or f"{one.name:<28} {one.kind} {one.ephemeris:<6} {one.start_tdb} to {one.end_tdb} {verdict}".rstrip()
-        for one, problem in zip(known, problems, strict=True)
-    )
-    content = [
-        asdict(one) | {"path": one.path, "ships": one in registered(), "problem": problem or None}
-        for one, problem in zip(known, problems, strict=True)
-    ]
-    _tell(options, "\n".join(lines), lambda: content)
-    return NOT_CONVERGED if any(problems) else DONE
-
-
-def _completion(options: argparse.Namespace) -> int:
-    shtab = optional("shtab", "completion scripts are made by shtab, which is not installed;", "completion")
-    parser = make_parser()
-    for command in parser.commands.values():
-        for action in command._actions:
-            if action.type is Path:
-                action.complete = shtab.DIRECTORY if action.metavar == "DIR" else shtab.FILE  # type: ignore[attr-defined]
-    say(shtab.complete(parser, options.shell), end="")
-    return DONE
 
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
@@ -397,12 +261,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "map": _map,
     "verify": _verify,
     "covariance": _covariance,
-    "doctor": _doctor,
-    "frames": _frames,
-    "kernels": _kernels,
     "leave-one-out": _leave_one_out,
     "visibility": _visibility,
-    "completion": _completion,
-    "stations": _stations,
 }
 """Commands by name."""

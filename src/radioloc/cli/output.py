@@ -30,6 +30,17 @@ def say(text: object, end: str = "\n") -> None:
             raise OSError(error.errno, error.strerror, "standard output") from None
 
 
+def tell(options: argparse.Namespace, card: object, content: Callable[[], Any] = dict) -> None:
+    """Print a card and where files were written, or the content as JSON, or nothing, as asked."""
+    out = getattr(options, "out", None)
+    if options.json:
+        from radioloc.report.files import json_text
+
+        say(json_text(content()), end="")
+    elif not options.quiet:
+        say(card if out is None else f"{card}\n\nwritten to {out}")
+
+
 def complain(message: str) -> None:
     """Say in one line on standard error what is wrong."""
     print(f"radioloc: {' '.join(message.split())}", file=sys.stderr)

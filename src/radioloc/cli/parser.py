@@ -23,6 +23,9 @@ EXIT_STATUS = {
 }
 """Exit statuses and what they mean."""
 
+LOOKUPS = ("doctor", "frames", "kernels", "stations", "completion")
+"""Commands that do no study."""
+
 Rows = dict[str, dict[str, str]]
 """Titles, and under each names with what they are."""
 
@@ -404,7 +407,7 @@ def make_parser() -> Parser:
         "frames",
         "convert a point on the Moon to the axes of each ephemeris",
         "3.6285 26.1334 -1922.9",
-        "--epoch 2020-12-01T15:11 -- -51.9162 43.0584 -2550.4",
+        "-51.9162 43.0584 -2550.4 --epoch 2020-12-01T15:11",
     )
     for name in ("longitude", "latitude", "height"):
         unit = "above 1737.4 km, m" if name == "height" else "deg east" if name == "longitude" else "deg"

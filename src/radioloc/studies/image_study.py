@@ -14,7 +14,7 @@ from radioloc.imaging import Camera
 from radioloc.lunar.terrain_source import HIGHEST_M, LOWEST_M
 from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of
 from radioloc.studies.study import Reference
-from radioloc.studies.study_file import references_of, toml_content
+from radioloc.studies.study_file import references_of, source_of, toml_content
 from radioloc.time import Epochs
 
 DETECTORS = ("sift", "orb")
@@ -338,9 +338,10 @@ def read_image_study(path: str | Path) -> ImageStudy | PointStudy:
     >>> study.images.base_map.name
     'map.tif'
     """
-    path = Path(path)
+    content = toml_content(Path(path))
+    path, file = source_of(path)
     hints = Hints({name: keys_of(record) for name, record in TABLES.items()})
-    top = TomlTable(path, "", toml_content(path), hints)
+    top = TomlTable(path, "", content, hints)
     images, camera, point, stereo, reference, references = (
         top.table(name) for name in ("images", "camera", "image_point", "stereo", "reference", "references")
     )
@@ -354,7 +355,7 @@ def read_image_study(path: str | Path) -> ImageStudy | PointStudy:
         raise InputError(
             f"{path}: [camera] belongs to [images]; the model of an image or [stereo] has its own"
         )
-    rest = references_of(reference, references), path.stem, path
+    rest = references_of(reference, references), path.stem, file
     if images is not None:
         read = images.read(ImageChoice)
         return ImageStudy(read, None if camera is None else camera.read(CameraChoice), *rest)

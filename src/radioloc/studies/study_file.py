@@ -144,8 +144,8 @@ def read_study(path: str | Path) -> Study:
     >>> study.target.frame
     'ME_DE421'
     """
-    path = Path(path)
-    content: dict[str, Any] = toml_content(path)
+    content: dict[str, Any] = toml_content(Path(path))
+    path, file = source_of(path)
     top = TomlTable(path, "", content, _hints())
     tables = {key: top.table(key) for key in _TABLES_OF_A_STUDY}
     top.finish()  # before anything else, so that a misspelt table is not called missing
@@ -183,8 +183,8 @@ def read_study(path: str | Path) -> Study:
         catalogue=catalogue,
         reference=made("reference", _reference),
         references=tuple((made("references", _positions) or {}).values()),
-        name="stdin" if path == STDIN else path.stem,
-        path=None if path == STDIN else path,
+        name=path.stem,
+        path=file,
         candidates=None if planned is None else planned.candidates,
         longitude_to_360=any(place.get("longitude_deg", 0.0) > 180.0 for place in places),
         simulation=made("simulation", partial(_simulation, target=target, catalogue=catalogue)),
@@ -198,6 +198,11 @@ def as_study(study: Study | str | Path) -> Study:
     if not isinstance(study, Study):
         raise InputError(f"{study!r} is no study; give a Study, or the path of a study file")
     return study
+
+
+def source_of(path: str | Path) -> tuple[Path, Path | None]:
+    """What messages call a study file, with the folder that paths in it are relative to; and the file, if it is one."""
+    return (Path("stdin"), None) if Path(path) == STDIN else (Path(path), Path(path))
 
 
 def toml_content(path: Path) -> dict[str, object]:

@@ -13,6 +13,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.measurements.predictor import Predictor
+from radioloc.progress import progress_bar
 from radioloc.report.arc_study import apart
 from radioloc.report.covariance import radius_95_m
 from radioloc.report.leave_one_out import LeaveOneOut, Without
@@ -24,7 +25,7 @@ from radioloc.studies.weights import ends_of
 _Mask = NDArray[np.bool_]
 
 
-def leave_one_out(study: Study | str | Path) -> LeaveOneOut:
+def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> LeaveOneOut:
     """Fit a study without each of its stations and, where they are others, without each of its links.
 
     The model is prepared once; each fit has its own editing and weights.
@@ -33,6 +34,8 @@ def leave_one_out(study: Study | str | Path) -> LeaveOneOut:
     ----------
     study : Study or path-like
         Of one position on the Moon, which is estimated.
+    progress : bool
+        Whether a bar on standard error tells how many fits are done.
 
     Raises
     ------
@@ -59,7 +62,7 @@ def leave_one_out(study: Study | str | Path) -> LeaveOneOut:
         )
     whole = fit_arc(study, arc, left_out, study.estimate)
     found = []
-    for (kind, name), mine in groups.items():
+    for (kind, name), mine in progress_bar(groups.items(), wanted=progress, unit="fit"):
         logger.info("without %s", name)
         part = arc.select(np.flatnonzero(~mine))
         reasons = left_out | {f"of {name}": int(mine.sum())}

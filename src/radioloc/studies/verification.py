@@ -132,8 +132,8 @@ def _recorded(path: Path) -> dict[str, Any]:
         ) from None
     if made_from is None:
         raise InputError(
-            f"{path}: was made in Python, from no study file or with other observations than the file's; there is "
-            "nothing to make it from again"
+            f"{path}: was made from no study file (but in Python or from standard input), or with other observations "
+            "than the file's; there is nothing to make it from again"
         )
     return dict(content)
 

@@ -143,7 +143,7 @@ def altered(file, content=None):
         (lambda folder: (folder / "out" / "solution.json").unlink(), "no such file"),
         (altered("out/solution.json", "{"), "is no solution.json"),
         (altered("out/solution.json", '{"provenance": {}}'), "a version that did not record"),
-        (altered("out/solution.json", '{"provenance": {"study": null}}'), "was made in Python"),
+        (altered("out/solution.json", '{"provenance": {"study": null}}'), "was made from no study file"),
         (altered("out/INCOMPLETE", "x"), "not written to the end"),
     ],
 )  # fmt: skip

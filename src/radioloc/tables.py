@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Literal
 
-import numpy as np
-
 from radioloc.errors import InputError
 from radioloc.extras import optional
-from radioloc.time import Epochs, utc_strings
+from radioloc.time import Epochs
+from radioloc.time.scales import utc_datetimes
 from radioloc.units import unit_of
 
 TableForm = Literal["astropy", "pandas"]
@@ -23,7 +22,7 @@ def as_table(columns: Mapping[str, Any], form: TableForm) -> Any:
     Raises
     ------
     InputError
-        Another form is asked for, or pandas, which knows no leap second, for an epoch in one.
+        Another form is asked for, or an epoch is in a leap second, which pandas does not know.
     """
     if form == "astropy":
         from astropy.table import QTable
@@ -34,7 +33,9 @@ def as_table(columns: Mapping[str, Any], form: TableForm) -> Any:
         pandas = optional("pandas", "a table of pandas needs pandas:", "notebook")
         return pandas.DataFrame(
             {
-                name: pandas.DatetimeIndex(_dates(column), tz="UTC") if isinstance(column, Epochs) else column
+                name: pandas.DatetimeIndex(utc_datetimes(column), tz="UTC")
+                if isinstance(column, Epochs)
+                else column
                 for name, column in columns.items()
             }
         )
@@ -46,13 +47,3 @@ def _with_unit(quantity: Any, name: str, column: Any) -> Any:
         return column.to_time()
     unit = unit_of(name)
     return column if unit is None else quantity(column, unit)
-
-
-def _dates(utc: Epochs) -> Any:
-    texts = utc_strings(utc)
-    leap = np.flatnonzero(np.char.find(texts, ":60.") > 0)
-    if len(leap):
-        raise InputError(
-            f"{texts[leap[0]]} is in a leap second, of which pandas knows none; use a table of astropy"
-        )
-    return texts.astype("datetime64[ns]")

@@ -103,7 +103,11 @@ def test_a_time_of_any_scale_is_the_same_instant(scale):
     epochs = Epochs.from_time(time)
     assert epochs.scale == scale.upper()
     tdb = tt_to_tdb(utc_to_tt(utc))
-    for tried in (to_scale(epochs, "TDB"), epochs_from_strings(time, "TDB")):
+    for tried in (
+        to_scale(epochs, "TDB"),
+        epochs_from_strings(time, "TDB"),
+        epochs_from_strings([*time], "TDB"),
+    ):
         # Times of a day's fraction are good to 1e-11 s; TDB of astropy is at the geocentre too, at a UT1 left aside.
         assert np.abs(tried.seconds_since(tdb)).max() < 1e-8
     assert to_scale(to_scale(epochs, "UTC"), "TAI").scale == "TAI"
@@ -120,6 +124,8 @@ def test_what_is_no_time_here_is_refused():
         Epochs.from_time(Time("2020-01-01", scale="tcb"))
     with pytest.raises(InputError, match="no astropy Time"):
         Epochs.from_time("2020-01-01")
+    with pytest.raises(InputError, match="'2020-01-01' is no astropy Time"):
+        epochs_from_strings([Time("2020-01-01"), "2020-01-01"])
     with pytest.raises(InputError, match="without Earth orientation"):
         to_scale(Epochs.from_jd(2459000.5, 0.0, "UT1"), "UTC")
     masked = Time(["2020-01-01", "2020-01-02"])

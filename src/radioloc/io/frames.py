@@ -132,7 +132,10 @@ def _arrow(name: str, column: Any, unit: str | None) -> dict[str, pyarrow.Array]
     values = np.ma.getdata(column)
     mask = np.ma.getmaskarray(column) if np.ma.isMaskedArray(column) else None
     texts = values.astype("U") if values.dtype.kind == "S" else values  # as FITS has them
-    return {name: pyarrow.array(texts, mask=mask, from_pandas=True)}
+    made = pyarrow.array(texts, mask=mask, from_pandas=True)
+    return {
+        name: made.combine_chunks() if isinstance(made, pyarrow.ChunkedArray) else made
+    }  # of very many texts
 
 
 def _numbers(name: str, column: Any, unit: str | None, wanted: str) -> NDArray[np.float64]:

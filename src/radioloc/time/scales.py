@@ -232,9 +232,9 @@ def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epoch
 
     Parameters
     ----------
-    dates : str, sequence of str, or astropy Time
+    dates : str, sequence of str, astropy Time, or sequence of Time
         Calendar or day-of-year dates; a trailing Z is allowed. A second of 60 is allowed at a UTC leap second.
-        A Time, of any scale, is converted.
+        Times, of any scale, are converted.
     scale : str
         Time scale the dates are in, and that of the result.
 
@@ -253,6 +253,8 @@ def epochs_from_strings(dates: str | Sequence[str], scale: str = "UTC") -> Epoch
     if hasattr(dates, "jd1"):
         return to_scale(Epochs.from_time(dates), scale)
     texts = [dates] if isinstance(dates, str) else list(dates)
+    if any(hasattr(text, "jd1") for text in texts):
+        return Epochs.concatenate([to_scale(Epochs.from_time(time), scale) for time in texts])
     days = np.reshape([_parse_date(str(text).strip(), scale) for text in texts], (-1, 2))
     return Epochs.from_jd(days[:, 0], days[:, 1], scale)
 
@@ -335,6 +337,21 @@ def utc_strings(utc: Epochs, decimals: int = 9) -> NDArray[np.str_]:
         for y, mo, d, t in zip(year, month, day, hms, strict=True)
     ]
     return np.array(texts, dtype=np.str_)
+
+
+def utc_datetimes(utc: Epochs) -> NDArray[np.datetime64]:
+    """Dates of NumPy to the nanosecond, shape (n,); :class:`InputError` for a leap second, which they do not have."""
+    with _any_year():
+        year, month, day, hms = erfa.d2dtf(utc.scale, 9, utc.jd, utc.fraction)
+    leap = np.flatnonzero(hms["s"] == 60)
+    if len(leap):
+        raise InputError(
+            f"{utc_strings(utc[leap[:1]], 3)[0]} is in a leap second, which dates of NumPy do not have"
+        )
+    months = (12 * (year.astype(np.int64) - 1970) + month - 1).astype("datetime64[M]")
+    seconds = (hms["h"].astype(np.int64) * 60 + hms["m"]) * 60 + hms["s"]
+    nanoseconds = (seconds * 10**9 + hms["f"]).astype("timedelta64[ns]")
+    return np.asarray(months.astype("datetime64[D]") + (day - 1) + nanoseconds)
 
 
 def to_scale(epochs: Epochs, scale: str) -> Epochs:

@@ -314,10 +314,8 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
         sigma_m = [arc.sigma_m[k] for arc in arcs]
         above.plot(hours, sigma_m, ".-", color=COLORS[k], label=f"1 sigma {axis}")
     if study.reach_m is not None:
-        above.axhline(study.reach_m, color="0.5", linestyle="--", linewidth=1.0)
-        above.annotate(
-            f"{metres(study.reach_m)} m", (hours[-1], study.reach_m), fontsize=8, va="bottom", ha="right"
-        )
+        label = f"{metres(study.reach_m)} m"
+        above.axhline(study.reach_m, color="0.5", linestyle="--", linewidth=1.0, label=label)
     above.set_ylabel("metres")
     by_source = [arc.by_source() for arc in arcs]
     kinds = list(dict.fromkeys(kind for found in reversed(by_source) for kind in found))
@@ -329,8 +327,8 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
         below.plot(hours, np.sqrt(variance), ".-", color=color, label=label)
     below.set_ylabel("horizontal 1 sigma from each, m")
     below.set_xlabel("hours from the start")
-    largest = max(float(np.sqrt(found[kind][:2].sum())) for found in by_source for kind in found)
-    below.set_ylim(bottom=max(1e-3 * largest, 1e-4), top=2.0 * largest)
+    first_m, last_m = (max(math.sqrt(v[:2].sum()) for v in by_source[k].values()) for k in (0, -1))
+    below.set_ylim(bottom=max(0.03 * last_m, 1e-4), top=2.0 * max(first_m, last_m))
     for axes in (above, below):
         axes.set_xscale("log")
         axes.set_yscale("log")

@@ -73,6 +73,7 @@ $(VENV)/.installed-bench: $(VENV)/.installed-dev
 	touch $@
 
 docs: $(VENV)/.installed-dev  ## The documentation as a site, out/docs/index.html.
+	rm -rf docs/reference/python  # made anew, without what is no more
 	$(BIN)/python -m sphinx -E -W --keep-going -q -b html -c docs -d out/doctrees . out/docs
 
 bench: $(VENV)/.installed-bench  ## Ratios against what else there is, off by default.
@@ -82,4 +83,4 @@ scaling: $(VENV)/.installed-dev  ## Time and memory from a thousand to ten milli
 	$(BIN)/python tests/benchmarks/scaling.py docs/images/scaling.png
 
 clean:
-	rm -rf $(VENV) $(VENV)-lowest $(VENV)-package dist out .pytest_cache .mypy_cache .ruff_cache .hypothesis
+	rm -rf docs/reference/python $(VENV) $(VENV)-lowest $(VENV)-package dist out .pytest_cache .mypy_cache .ruff_cache .hypothesis

@@ -8,8 +8,10 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 from radioloc.estimation.solution import Solution
+from radioloc.measurements.link import Link
 from radioloc.report.cards import Card, Field, Shown, metres, signed_metres
 from radioloc.report.covariance import radius_95_m
+from radioloc.report.link_names import ways
 from radioloc.report.solution_card import which_sigmas
 
 _UNLIKELY_SIGMAS = 4.03
@@ -51,6 +53,14 @@ class Without:
     sigma_enu_m: tuple[float | None, ...] | None = None
     sigmas: float | None = None
 
+    @property
+    def shown(self) -> str:
+        """Name on the card, such as ``KASHI two-way`` of a link."""
+        if self.kind == "station":
+            return self.name
+        link = Link.from_path(self.name)
+        return f"{link.place} {ways([link])[0]}".rstrip()
+
 
 @dataclass(frozen=True, slots=True, eq=False)
 class LeaveOneOut(Shown):
@@ -90,12 +100,12 @@ class LeaveOneOut(Shown):
     def _notes(self) -> Iterator[str]:
         for one in self.without:
             if one.shift_enu_m is None:
-                yield f"without {one.name} the position is not determined"
+                yield f"without {one.shown} the position is not determined"
             elif not one.converged:
-                yield f"without {one.name} the fit does not converge"
+                yield f"without {one.shown} the fit does not converge"
             elif one.sigmas is not None and one.sigmas > _UNLIKELY_SIGMAS:
                 yield (
-                    f"without {one.name} the position moves by {math.hypot(*one.shift_enu_m):.3g} m, {one.sigmas:.1f} "
+                    f"without {one.shown} the position moves by {math.hypot(*one.shift_enu_m):.3g} m, {one.sigmas:.1f} "
                     f"sigmas of that shift (99.9 % are below {_UNLIKELY_SIGMAS}): it does not fit the others, or the "
                     "sigmas are too small"
                 )
@@ -104,6 +114,6 @@ class LeaveOneOut(Shown):
 
 def _cells(one: Without) -> tuple[str, ...]:
     if one.shift_enu_m is None:
-        return (one.name, str(one.used), *("-" * 5))
+        return (one.shown, str(one.used), *("-" * 5))
     sigmas = "-" if one.sigmas is None else f"{one.sigmas:.1f}"
-    return (one.name, str(one.used), *map(signed_metres, one.shift_enu_m), sigmas, metres(one.radius_95_m))
+    return (one.shown, str(one.used), *map(signed_metres, one.shift_enu_m), sigmas, metres(one.radius_95_m))

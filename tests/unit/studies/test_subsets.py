@@ -9,7 +9,10 @@ import pytest
 import radioloc
 from radioloc.errors import InputError
 from radioloc.estimation.combination import PositionEstimate
+from radioloc.report.leave_one_out import Without
 from radioloc.studies import leave_one_out
+from radioloc.studies.locate import prepared_arc
+from radioloc.studies.subsets import _groups
 
 EXAMPLES = Path(__file__).resolve().parents[3] / "examples"
 SAME_M = 1e-3
@@ -62,6 +65,24 @@ def test_the_card_has_each(found):
     content = found.to_dict()
     assert [row["name"] for row in content["without"]] == ["APOLLO", "GRASSE", "MATERA"]
     assert content["solution"] == found.solution.to_dict()
+
+
+def test_links_are_left_out_too_where_they_are_not_all_of_a_station():
+    study = radioloc.read_study(EXAMPLES / "change5" / "change5.toml")
+    study = replace(study, observations=replace(study.observations, hours=1.0))
+    arc, _ = prepared_arc(study)
+    groups = _groups(arc, study)
+    paths = np.array([link.path for link in arc.observations.links])[arc.observations.link]
+    for (kind, name), mine in groups.items():
+        of_it = paths == name if kind == "link" else np.char.find(paths, name) >= 0
+        assert (mine == of_it).all(), name
+    assert {name for kind, name in groups if kind == "link"} <= set(paths)
+    assert len({mine.tobytes() for mine in groups.values()}) == len(groups) > 6
+    shown = [
+        Without("link", name, 1, 2, True).shown
+        for name in ("JIAMUSI>x>KASHI", "KASHI>x>KASHI", "URUMQI<x>KUNMING")
+    ]
+    assert shown == ["KASHI from JIAMUSI", "KASHI two-way", "URUMQI–KUNMING"]
 
 
 def test_nothing_can_be_left_out_of_one_link():

@@ -230,9 +230,10 @@ def _map(result: Result) -> dict[str, BytesIO]:
     if isinstance(result, ArcStudy):
         where = [arc.solution.to_dict() | {"name": arc.name} for arc in result.arcs if _located(arc.solution)]
         return {"map": _png(plot_map(where))} if where else {}
-    if isinstance(result, ImageSolution | PointSolution) or (
-        isinstance(result, Solution) and _located(result)
-    ):
+    if isinstance(result, Solution) and _located(result):
+        name = result.targets[0].name if result.targets else result.name
+        return {"map": _png(plot_map(result.to_dict() | {"name": name}))}
+    if isinstance(result, ImageSolution | PointSolution):
         return {"map": _png(plot_map(result.to_dict()))}
     return {}
 

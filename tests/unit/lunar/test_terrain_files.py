@@ -161,12 +161,12 @@ def test_heights_above_the_map_s_own_sphere(tmp_path):
 @pytest.mark.parametrize(
     ("values", "kwargs", "open_with", "message"),
     [
-        (SLOPING / 1e3, {"units": None}, {}, "metres or kilometres; say unit="),
+        (SLOPING / 1e3, {"units": None}, {}, "metres or kilometres; set it .*say unit="),
         (
             SLOPING / 1e3 + 1737.4,
             {"units": None},
             {},
-            "metres or kilometres; say unit=",
+            "metres or kilometres; set it .*say unit=",
         ),  # a plain at 1737 m, or radii
         (SLOPING, {"units": "degree"}, {}, "in \\['degree'\\], not in metres"),
         (SLOPING, {"units": "km"}, {}, "neither heights .* nor radii"),

@@ -116,6 +116,18 @@ def test_images_that_do_not_belong_are_left_out_by_name(base, tmp_path, frames, 
 
 
 @pytest.mark.slow
+def test_last_images_that_only_match_each_other_give_no_place(base):
+    """The last two, of another scene, and so the lander, are not tied to the map; the others are registered."""
+    changed = {k: lambda k=k: frame(scene(2), SHORT.matrix(k), SHORT.shape) for k in (3, 4)}
+    result = register_chain(Descent(frames=5, changed=changed).list, base, map_sigma_m=MAP_M)
+    expected = [FrameStatus.REGISTERED] * 3 + [FrameStatus.UNMATCHED, FrameStatus.UNTIED]
+    assert list(statuses(result).values()) == expected
+    assert result.frames[4].matched_to == ("0003.png",)
+    with pytest.raises(InputError, match=r"0004\.png is untied: none of its pixels has a place on the map"):
+        result.ground_point("0004.png")
+
+
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "frames",
     [

@@ -113,6 +113,7 @@ def chances_of_noisier(sums: _Floats, numbers: _Floats, dof: _Floats) -> _Floats
     freedom = np.maximum(batches - 1.0, 1.0)
     off = sums - (total / numbers.sum(axis=-1))[..., None] * numbers
     variances = (1.0 + 1.0 / freedom) * np.square(off / total[..., None]).sum(axis=-1)
+    variances = np.maximum(variances, 1e-99)  # residuals that are nothing but rounding may be exactly alike
     variance = variances.sum(axis=-1)
     means = total / dof
     ratio = means[..., 0] / means[..., 1]

@@ -36,6 +36,8 @@ _STEPS = 20
 _SETTLED = 1e-6
 _LEAST_OWN = 1e-2
 """Least part of the variance that is the delays' own: below, closures would weigh as if they were exact."""
+_LARGEST = 1e3
+"""Of stations' errors over the delays' own. Beyond, it is no noise: the model is wrong, as residuals are to say."""
 _ROUNDING = 1e-9
 _UNLIKE = 2.0
 """Factor from the common variance of stations to that of one of them from which on each has its own."""
@@ -106,6 +108,8 @@ def noise_with_shared(
         variances = variance_m2[0] * np.square(own_m[rows]) + variance_m2[1:][stations].sum(axis=1)
         variance_m2 *= np.square(fit.sigma_m[rows]).sum() / variances.sum()
         of_stations_m = np.sqrt(variance_m2[1:])
+        if of_stations_m.max() > _LARGEST * np.sqrt(variance_m2[0]) * own_m[rows].min():
+            continue
         noise_m[rows] = np.sqrt(variance_m2[0]) * own_m[rows]
         group[rows] = group.max() + 1 + epoch
         source[rows] = stations

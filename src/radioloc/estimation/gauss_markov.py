@@ -14,14 +14,13 @@ projected out (restricted maximum likelihood, Patterson and Thompson 1971):
     -2 log L = log det V + log det(A^T V^-1 A) + (n - d) log w,    w = r^T P r / (n - d),
 
 for d columns A and V over w. Correlation times tau and ratios c / w are tried on a grid, coarse first. One process and
-flicker noise are as likely before the data are seen; the covariance is the mean over both, enlarged for how badly it
-is known.
+flicker noise are as likely before the data are seen; the covariance is the mean over both.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 
@@ -108,7 +107,6 @@ class SeriesNoise:
     white: float  # w
     tau_s: _Floats  # (taus,), s
     coloured: _Floats  # (taus,), variances c of processes of these correlation times; their sum is the whole
-    likely: SeriesNoise | None = None  # what is likely, where this holds how badly it is known
 
     @property
     def share(self) -> float:
@@ -119,15 +117,13 @@ class SeriesNoise:
     @cached_property
     def ratio(self) -> float:
         """Variance of one Gauss-Markov process in their place over the white one."""
-        likely = self.likely or self
-        return float(likely.coloured.sum()) / likely.white
+        return float(self.coloured.sum()) / self.white
 
     @cached_property
     def correlation_time_s(self) -> float:
         """Its correlation time: the mean by logarithms."""
-        likely = self.likely or self
-        weight = likely.coloured if likely.coloured.any() else np.ones(len(likely.tau_s))
-        return float(np.exp((weight * np.log(likely.tau_s)).sum() / weight.sum()))
+        weight = self.coloured if self.coloured.any() else np.ones(len(self.tau_s))
+        return float(np.exp((weight * np.log(self.tau_s)).sum() / weight.sum()))
 
     def products(
         self, step_s: _Floats, gain: _Floats, columns: _Floats, width_s: float = 0.0, *, less: float = 0.0
@@ -249,12 +245,9 @@ def noise_of_series(
     """Noise of those series that are significantly correlated in time, by key.
 
     The parameters of `points` have a-priori sigmas (q,) by which they are projected out: jointly, or, where series
-    should not tell each other's noise as one of them may be off, of each series by itself. The likely noise is the mean
-    over the likelihood; a c far beyond the variance of the residuals, which then would all have been absorbed by the
-    parameters, counts for as much less (Gelman 2006). The noise itself holds how badly that is known: with nu degrees
-    of freedom the error of an estimate over its sigma has Student's distribution, whose variance is about 1 + 2 / nu,
-    and 2 / nu is the variance of c over the square of its mean (Satterthwaite 1946). So c is the mean of c^2 over that
-    of c.
+    should not tell each other's noise as one of them may be off, of each series by itself. Noise is averaged over the
+    likelihood, so it holds how badly it is known; a c far beyond the variance of the residuals, which then would all
+    have been absorbed by the parameters, counts for as much less (Gelman 2006).
     """
     groups: dict[str, list[int]] = {}
     for k, one in enumerate(points.series):
@@ -409,18 +402,13 @@ def _fitted(likelihood: RestrictedLikelihood, threshold: float, n_series: int) -
     chosen[:, cells:] += odds
     variance = (points.squares[mine] / points.count[mine])[:, None]
     coloured = white * ratio
-    likely = np.exp(chosen - chosen.max(axis=1, keepdims=True)) / (1.0 + coloured / variance)
+    weight = np.exp(chosen - chosen.max(axis=1, keepdims=True)) / (1.0 + coloured / variance)
+    weight /= weight.sum(axis=1, keepdims=True)
     single = np.repeat(np.eye(len(tau_s)), cells // len(tau_s), axis=0)
     shares = block_diag(single, np.repeat(part, len(flicker_ratio), axis=0))
     tau_s = np.concatenate([tau_s, taus_of_flicker_s[0]])
-
-    def means(weight: _Floats) -> Iterator[SeriesNoise]:
-        weight = weight / weight.sum(axis=1, keepdims=True)
-        for w, c in zip((weight * white).sum(axis=1).tolist(), (weight * coloured) @ shares, strict=True):
-            yield SeriesNoise(w, tau_s, c)
-
-    found = zip(mine.tolist(), means(likely * coloured), means(likely), strict=True)
-    return {k: replace(noise, likely=plain) for k, noise, plain in found}
+    values = (weight * white).sum(axis=1).tolist(), (weight * coloured) @ shares
+    return {k: SeriesNoise(w, tau_s, c) for k, w, c in zip(mine.tolist(), *values, strict=True)}
 
 
 def _flicker_shape(points: Points, mine: NDArray[np.intp], least_s: float) -> tuple[_Floats, _Floats]:

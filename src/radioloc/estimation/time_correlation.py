@@ -106,9 +106,8 @@ def assess_time_correlation(
         points_of_one = (points.step_s[part], points.gain[part])
         width_s = float(points.width_s[k])
         added += errors.products(*points_of_one, unit[part], width_s, less=1.0)
-        likely = errors.likely or errors
-        of_sum = float(likely.products(*points_of_one, points.gain[part, None], width_s)[0, 0])
-        effective = count**2 * (likely.white + float(likely.coloured.sum())) / of_sum
+        of_sum = float(errors.products(*points_of_one, points.gain[part, None], width_s)[0, 0])
+        effective = count**2 * (errors.white + float(errors.coloured.sum())) / of_sum
         found[one.key] = SeriesCorrelation(
             one.name, count, effective, errors.correlation_time_s, errors.share
         )

@@ -29,6 +29,7 @@ LONG = {
 }
 LONG |= {f"plot_{of}" for of in ("comparison", "contours", "correlations", "covariance", "images", "trials")}
 LONG |= {"plot_error_by_length", "write_html"}
+LONG |= {f"plot_{of}" for of in ("arcs", "budget", "distribution", "terms")}
 LONG |= {
     f"write_{of}" for of in ("arcs", "comparison", "covariance", "images", "monte_carlo", "report", "terms")
 }

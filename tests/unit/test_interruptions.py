@@ -131,7 +131,8 @@ def test_a_folder_that_was_not_finished_says_so(tmp_path, capsys):
     assert {path.name for path in tmp_path.iterdir()} == whole | {INCOMPLETE, "other.toml"}
     assert cli.main(["residuals", str(study), "--out", str(tmp_path), "--quiet"]) == 0
     here = {path.name for path in tmp_path.iterdir()}
-    assert here == {"other.toml", "solution.json", "residuals.csv", "residuals.png", "residuals.svg"}
+    figures = {f"{name}.{end}" for name in ("residuals", "distribution") for end in ("png", "svg")}
+    assert here == {"other.toml", "solution.json", "residuals.csv"} | figures
 
 
 def started(tmp_path, *more):

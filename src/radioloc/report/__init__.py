@@ -1,8 +1,11 @@
 """Everything that shows results: cards, tables, figures, and the files of an output folder."""
 
+from radioloc.report.arc_figure import plot_arcs
 from radioloc.report.arc_study import ArcStudy
+from radioloc.report.budget_figure import plot_budget
 from radioloc.report.comparison import Comparison, plot_comparison
 from radioloc.report.covariance import CovarianceStudy, plot_covariance
+from radioloc.report.distribution_figure import plot_distribution
 from radioloc.report.figures import save_figure
 from radioloc.report.files import (
     write_arcs,
@@ -29,8 +32,11 @@ from radioloc.report.residuals_tdm import write_residuals_tdm
 from radioloc.report.sinex import write_sinex
 from radioloc.report.solution_table import solution_table
 from radioloc.report.spice_kernels import write_spice
+from radioloc.report.station_figure import plot_stations
+from radioloc.report.terms_figure import plot_terms
 from radioloc.report.text_table import TextTable
 from radioloc.report.trial_figures import plot_error_by_length, plot_trials
+from radioloc.report.visibility_figure import plot_visibility
 
 __all__ = [
     "ArcStudy",
@@ -40,10 +46,13 @@ __all__ = [
     "MonteCarlo",
     "PointSolution",
     "TextTable",
+    "plot_arcs",
+    "plot_budget",
     "plot_comparison",
     "plot_contours",
     "plot_correlations",
     "plot_covariance",
+    "plot_distribution",
     "plot_error_by_length",
     "plot_images",
     "plot_links",
@@ -51,7 +60,10 @@ __all__ = [
     "plot_point",
     "plot_position",
     "plot_residuals",
+    "plot_stations",
+    "plot_terms",
     "plot_trials",
+    "plot_visibility",
     "save_figure",
     "solution_table",
     "write_arcs",

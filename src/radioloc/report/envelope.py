@@ -31,7 +31,7 @@ ENVELOPE_NOTE = (
 )
 """What a figure with an envelope says of it."""
 REJECTED_COLOR = "#B00020"
-_EDGE = 0.93  # where, in half heights, observations beyond a panel are shown
+_EDGE = 0.93  # where, in half heights, observations beyond it are shown
 
 
 class Envelope(NamedTuple):
@@ -75,19 +75,26 @@ def draw_envelope(
 
 
 def draw_left_out(
-    axes: Axes, dates: Dates, values: NDArray[np.float64], limits: Limits, half_height: float, size: float
+    axes: Axes,
+    dates: Dates,
+    values: NDArray[np.float64],
+    limits: Limits,
+    middle: float,
+    half_height: float,
+    size: float,
 ) -> list[Any]:
     """Mark what was left out, beyond the panel by triangles at its edge; return the handles, labelled by how many."""
-    beyond = np.abs(values) > half_height
+    away, edge = values - middle, _EDGE * half_height
+    beyond = np.abs(away) > edge
     handles = []
     for which, marker, name in (
         (~beyond, "x", "left out"),
-        (beyond & (values > 0.0), "^", "left out, above"),
-        (beyond & (values < 0.0), "v", "left out, below"),
+        (beyond & (away > 0.0), "^", "left out, above"),
+        (beyond & (away < 0.0), "v", "left out, below"),
     ):
         if not which.any():
             continue
-        shown = values[which] if marker == "x" else np.sign(values[which]) * _EDGE * half_height
+        shown = middle + np.clip(away[which], -edge, edge)
         some = apart(dates[which], shown, limits, 2.0 * half_height)
         handles += axes.plot(
             dates[which][some],

@@ -90,6 +90,11 @@ def _png(figure: Figure) -> bytes:
     return image.getvalue()
 
 
+def columns_for(count: int, most: int) -> int:
+    """How many columns, at most so many and more than half of them, leave the fewest places empty."""
+    return min(range(min(count, most), min(count, most) // 2, -1), key=lambda columns: -count % columns)
+
+
 def style_axes(axes: Axes) -> None:
     """Give axes the common look: a light grid below the data, no frame at the top and to the right."""
     axes.grid(True, color="0.9", linewidth=0.6)

@@ -10,11 +10,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import Residuals
+from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.report.arc_study import ArcStudy
@@ -26,6 +28,7 @@ from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.page import PAGE, write_page
 from radioloc.report.point_solution import PointSolution
 from radioloc.report.result_figures import Result, figures_of
+from radioloc.report.terms_figure import plot_terms
 from radioloc.text_files import disk_failed, write_text
 
 if TYPE_CHECKING:
@@ -53,7 +56,7 @@ def write_report(
         Made where it does not exist. Its files are of one result: those of the same names are replaced, others of an
         earlier solution are removed, and until all are written there is one called ``INCOMPLETE``.
     terms_by : Predictor, optional
-        That of the solution's study, to write ``terms.csv`` as well (:func:`write_terms`).
+        That of the solution's study, to write ``terms.csv`` (:func:`write_terms`) and its figure as well.
     html : bool
         Write ``report.html`` as well (:func:`write_html`).
 
@@ -78,9 +81,12 @@ def write_report(
     ['solution.json', 'residuals.csv']
     """
     contents: dict[str, _Content] = _numbers(solution)
+    more: dict[str, Callable[[], Figure]] = {}
     if terms_by is not None:
-        contents["terms.csv"] = partial(_write_terms, terms_by, solution)
-    return _write(solution, folder, contents, html, ("terms.csv",))
+        terms, observations = terms_by.terms(solution.position_pa_m), terms_by.observations
+        contents["terms.csv"] = partial(_write_terms, terms, observations)
+        more["terms"] = partial(plot_terms, terms, observations)
+    return _write(solution, folder, contents, html, ("terms.csv",), more)
 
 
 _Content = str | Mapping[str, Any] | Callable[[Path], object]
@@ -99,6 +105,7 @@ def _write(
     contents: Mapping[str, _Content],
     html: bool,
     earlier: tuple[str, ...] = (),
+    more: Mapping[str, Callable[[], Figure]] | None = None,
 ) -> list[Path]:
     """Write files and figures by name, those that there are; others of such names, or of earlier ones, are removed.
 
@@ -119,7 +126,7 @@ def _write(
             write_json(written[-1], content)
         else:
             content(written[-1])
-    figures = figures_of(result)
+    figures = figures_of(result) | dict(more or {})
     for name, draw in figures.items():
         written += [] if draw is None else write_figure(draw(), folder, name)
     if html:
@@ -178,15 +185,13 @@ def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) ->
     'terms.csv'
     """
     path = made_folder(folder) / "terms.csv"
-    _write_terms(predictor, solution, path)
+    _write_terms(predictor.terms(solution.position_pa_m), predictor.observations, path)
     return path
 
 
-def _write_terms(predictor: Predictor, solution: Solution, path: Path) -> None:
+def _write_terms(terms: Mapping[str, NDArray[np.float64]], rows: Observations, path: Path) -> None:
     from radioloc.io.csv_file import batches_of, write_csv
 
-    terms = predictor.terms(solution.position_pa_m)
-    rows = predictor.observations
     types = Labels(rows.kind.astype(np.int32), tuple(KINDS))
     paths = Labels(rows.link, tuple(link.path for link in rows.links))
     columns = {"epoch_utc": rows.epoch, "type": types, "path": paths}
@@ -195,17 +200,18 @@ def _write_terms(predictor: Predictor, solution: Solution, path: Path) -> None:
 
 
 def write_arcs(study: ArcStudy, folder: str | Path, *, html: bool = False) -> list[Path]:
-    """Write ``arcs.json``, ``table1.csv``, ``.md``, ``.tex``, ``figure2.png``, ``.svg``, and a folder for each arc.
+    """Write ``arcs.json``, ``table1.csv``, ``.md``, ``.tex``, two figures as PNG and SVG, and a folder for each arc.
 
-    Table and figure are what table 1 and figure 2 of Wang et al. (2021) show. Each arc's folder, such as ``12h``, has
-    its ``solution.json`` and ``residuals.csv``. Parameters and errors are as of :func:`write_report`.
+    ``table1`` and ``figure2`` are what table 1 and figure 2 of Wang et al. (2021) show, ``arcs.png`` the positions by
+    length of the arc. Each arc's folder, such as ``12h``, has its ``solution.json`` and ``residuals.csv``. Parameters
+    and errors are as of :func:`write_report`.
 
     Examples
     --------
     >>> import radioloc
     >>> found = radioloc.arcs(radioloc.read_study("examples/change5/change5.toml"), hours=[12.0])
-    >>> sorted(path.suffix for path in radioloc.report.write_arcs(found, "out") if path.parent.name == "out")
-    ['.csv', '.json', '.md', '.png', '.svg', '.tex']
+    >>> [path.name for path in radioloc.report.write_arcs(found, "out") if path.suffix == ".png"]
+    ['figure2.png', 'arcs.png']
     """
     contents: dict[str, _Content] = {
         "table1.csv": study.to_csv(),

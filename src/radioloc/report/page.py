@@ -50,6 +50,13 @@ _SECTION_OF = {
 _FIGURES = {
     "residuals": (_RESIDUALS, "residuals over time, by link"),
     "figure2": (_RESIDUALS, "residuals of the longest arc over time, by link"),
+    "distribution": (_RESIDUALS, "residuals over their sigmas against elevation, and their histogram"),
+    "terms": (_RESIDUALS, "what each term of the model adds over time"),
+    "arcs": (
+        _RESULT,
+        "positions of the arcs with ellipses of 95 %, and each coordinate by the length of the arc",
+    ),
+    "budget": (_BUDGET, "sigmas east, north and up by source of error"),
     "map": (_POSITION, "map with error ellipses of one and three sigma, and where on the Moon it is"),
     "position": (_POSITION, "the estimate beside what it is compared with, with error ellipses"),
     "correlations": (_OBSERVABILITY, "matrix of the correlations of estimated parameters"),

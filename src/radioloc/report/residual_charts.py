@@ -15,7 +15,7 @@ from radioloc.estimation.statistics import Residuals
 from radioloc.report.envelope import BINS, MOST_POINTS, Dates, envelope_of
 from radioloc.report.figures import length_unit, utc_dates
 from radioloc.report.link_names import have_paths
-from radioloc.report.residual_figures import Panel, half_heights_m, link_panels, station_panels
+from radioloc.report.residual_figures import Panel, half_heights_m, link_panels, station_panels, tracking_of
 
 _MOST_ON_PAGE = 40_000
 _MOST_WITH_BARS = 300
@@ -35,7 +35,7 @@ class Chart:
 
 def residual_charts(solution: Solution) -> list[Chart]:
     """A chart for each panel of :func:`~radioloc.report.plot_links`, of stations where paths are not known."""
-    residuals = solution.residuals
+    residuals = tracking_of(solution)
     panels = link_panels(residuals) if have_paths(residuals) else station_panels(residuals)
     dates = utc_dates(residuals.epoch_utc)
     most = min(MOST_POINTS, _MOST_ON_PAGE // len(panels))
@@ -46,8 +46,8 @@ def residual_charts(solution: Solution) -> list[Chart]:
 
 
 def _chart(residuals: Residuals, dates: Dates, panel: Panel, half_height_m: float, most: int) -> Chart:
-    factor, unit = length_unit(half_height_m)
-    y, half_height = factor * residuals.residual_m, factor * half_height_m
+    factor, unit = length_unit(abs(panel.middle_m) + half_height_m)
+    y, middle, half_height = factor * residuals.residual_m, factor * panel.middle_m, factor * half_height_m
     sigma = factor * residuals.sigma_m
     crowded = len(panel.used) > most
     traces: list[dict[str, Any]] = []
@@ -66,13 +66,16 @@ def _chart(residuals: Residuals, dates: Dates, panel: Panel, half_height_m: floa
     if len(panel.out):
         traces.append(_left_out(residuals, dates, y, panel.out, unit))
     notes = [f"bars: minimum to maximum in 1/{BINS} of the time, dots: mean"] if crowded else []
-    if beyond := int((np.abs(y[panel.out]) > half_height).sum()):
+    if beyond := int((np.abs(y[panel.out] - middle) > half_height).sum()):
         notes.insert(0, f"{beyond} of these beyond the chart")
     ends = dates.min(), dates.max()
     pad = max(0.02 * (ends[1] - ends[0]), np.timedelta64(1, "m"))
     layout = {
         "xaxis": {"type": "date", "range": [_milliseconds(ends[0] - pad), _milliseconds(ends[1] + pad)]},
-        "yaxis": {"range": [-half_height, half_height], "title": {"text": f"residual ({unit})"}},
+        "yaxis": {
+            "range": [middle - half_height, middle + half_height],
+            "title": {"text": f"residual ({unit})"},
+        },
         "showlegend": len(panel.links) > 1,
     }
     return Chart(

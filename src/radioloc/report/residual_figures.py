@@ -17,6 +17,7 @@ from radioloc.measurements.registry import KINDS
 from radioloc.report.envelope import ENVELOPE_NOTE, MOST_POINTS, REJECTED_COLOR, draw_envelope, draw_left_out
 from radioloc.report.figures import (
     COLORS,
+    columns_for,
     date_axis,
     length_unit,
     panel_title,
@@ -35,6 +36,7 @@ MOST_LINKS = 30
 _MAX_HEIGHT_RATIO = 4.0  # panels share a scale unless one would be squeezed by more than this
 _LEGEND_STRIP = 1.3  # where a panel with a legend ends below, in half heights
 _LONGEST_TITLES = 58  # characters that find room above a panel
+_LEAST_PART = 0.3  # of a panel about zero that residuals fill, or else it is about their middle
 
 
 class _Layout(NamedTuple):
@@ -58,7 +60,8 @@ _LINKS = _Layout(
 class Panel:
     """What one panel shows: its title, which panels share its scale, which rows by the name of their link.
 
-    A panel of a station, in which bars must find room, shares its scale with all others and has but one nameless link.
+    A panel of a station, in which bars must find room, shares its scale with all others. Where its observations are all
+    of one way, or were given without a path, its only link has no name.
     """
 
     def __init__(self, residuals: Residuals, title: str, like: str, links: dict[str, _Rows]) -> None:
@@ -68,9 +71,16 @@ class Panel:
         self.used, self.out = self.rows[used], self.rows[~used]
         self.crowded = len(self.used) > MOST_POINTS
         shown = self.used if len(self.used) else self.rows
-        size_m, sigma_m = np.abs(residuals.residual_m[shown]), residuals.sigma_m[shown]
-        highest_m = max(size_m.max(), np.median(sigma_m)) if like else (size_m + sigma_m).max()
-        self.half_height_m = 1.15 * float(highest_m)
+        residual_m, sigma_m = residuals.residual_m[shown], residuals.sigma_m[shown]
+        bar_m = 0.0 if like else sigma_m
+        lowest_m, highest_m = float((residual_m - bar_m).min()), float((residual_m + bar_m).max())
+        # About zero, but where residuals would be a thin band far from it.
+        about_zero_m = max(-lowest_m, highest_m, float(np.median(sigma_m)))
+        thin = len(shown) > 1 and highest_m - lowest_m < 2.0 * _LEAST_PART * about_zero_m
+        self.middle_m = 0.5 * (lowest_m + highest_m) if thin and lowest_m * highest_m > 0.0 else 0.0
+        self.half_height_m = 1.15 * (
+            max(0.5 * (highest_m - lowest_m), float(np.median(sigma_m))) if self.middle_m else about_zero_m
+        )
         self.statistics = residuals.statistics(title, self.rows)
 
     def statement(self, factor: float, unit: str) -> str:
@@ -121,7 +131,7 @@ def plot_residuals(
     >>> figure.axes[0].get_title(loc="left")
     'APOLLO'
     """
-    return _grid(solution, title, ax, station_panels(_residuals_of(solution)), _STATIONS)
+    return _grid(solution, title, ax, station_panels(tracking_of(solution)), _STATIONS)
 
 
 def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axes | None = None) -> Figure:
@@ -138,10 +148,11 @@ def plot_links(solution: Solution | Residuals, title: str | None = None, ax: Axe
     >>> figure.axes[0].get_title(loc="left")
     'range APOLLO'
     """
-    return _grid(solution, title, ax, link_panels(_residuals_of(solution)), _LINKS)
+    return _grid(solution, title, ax, link_panels(tracking_of(solution)), _LINKS)
 
 
-def _residuals_of(solution: Solution | Residuals) -> Residuals:
+def residuals_of(solution: Solution | Residuals) -> Residuals:
+    """The residuals of a solution, or those given; an error where there are none."""
     residuals = solution.residuals if isinstance(solution, Solution) else solution
     if not len(residuals):
         raise InputError("there are no residuals to draw")
@@ -149,11 +160,45 @@ def _residuals_of(solution: Solution | Residuals) -> Residuals:
 
 
 def station_panels(residuals: Residuals) -> list[Panel]:
-    """Group observations by station."""
+    """Group observations by station, and by the way of their signal where there are several."""
     stations = residuals.stations
     return [
-        Panel(residuals, name, "", {"": np.flatnonzero(stations.are(name))}) for name in stations.present()
+        Panel(residuals, name, "", _by_way(residuals, np.flatnonzero(stations.are(name))))
+        for name in stations.present()
     ]
+
+
+def _of_maps(residuals: Residuals) -> NDArray[np.bool_]:
+    """Which residuals are of places on maps."""
+    return residuals.types.are("map_east") | residuals.types.are("map_north")
+
+
+def tracking_of(solution: Solution | Residuals) -> Residuals:
+    """All residuals but those of places on maps, of which two numbers say all; these where there are no others."""
+    residuals = residuals_of(solution)
+    of_maps = _of_maps(residuals)
+    return residuals.select(~of_maps) if of_maps.any() and not of_maps.all() else residuals
+
+
+def _places(residuals: Residuals) -> list[str]:
+    """What a line below a figure says of places on maps."""
+    found: dict[str, list[str]] = {}
+    for k in np.flatnonzero(_of_maps(residuals)).tolist():
+        axis = residuals.types[[k]][0].removeprefix("map_")
+        away = f"{axis} {residuals.residual_m[k]:+.3g} m"
+        found.setdefault(residuals.paths[[k]][0], []).append(away)
+    return [f"place {path}: {', '.join(away)}" for path, away in found.items()]
+
+
+def _by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
+    """Rows of a station by the way of their signal; nameless where that is one."""
+    codes = residuals.paths.codes[rows]
+    present = np.unique(codes).tolist()
+    if len(present) == 1:
+        return {"": rows}
+    names = dict(zip(present, ways([Link.from_path(residuals.paths.texts[k]) for k in present]), strict=True))
+    named = np.array([names[code] for code in codes.tolist()])
+    return {name: rows[named == name] for name in sorted(set(names.values()), reverse=True)}
 
 
 def link_panels(residuals: Residuals) -> list[Panel]:
@@ -170,7 +215,10 @@ def link_panels(residuals: Residuals) -> list[Panel]:
         found.setdefault(place, {})[ways(links)[k]] = np.flatnonzero(keys == key)
     return [
         Panel(
-            residuals, f"{_word(KINDS[kind])} {place}", KINDS[kind], dict(sorted(rows.items(), reverse=True))
+            residuals,
+            f"{kind_word(KINDS[kind])} {place}",
+            KINDS[kind],
+            dict(sorted(rows.items(), reverse=True)),
         )
         for (_, kind, place), rows in sorted(found.items(), key=lambda item: item[0])
     ]
@@ -186,7 +234,8 @@ def half_heights_m(panels: Sequence[Panel]) -> list[float]:
     return heights_m
 
 
-def _word(kind: str) -> str:
+def kind_word(kind: str) -> str:
+    """A type of measurement in words, short."""
     words = kind.removeprefix("vlbi_").replace("one_way", "one-way")
     return words.replace("_", " ").replace("doppler", "Doppler")
 
@@ -199,16 +248,16 @@ def _grid(
     layout: _Layout,
 ) -> Figure:
     """A grid of panels over one axis of dates, and below it what is not said in them."""
-    residuals = _residuals_of(solution)
+    residuals = tracking_of(solution)
     if title is None:
         name = f"{solution.name}: " if isinstance(solution, Solution) else ""
         title = f"{name}observed \N{MINUS SIGN} computed"
-    notes = []
+    notes = _places(residuals_of(solution))
     if len(panels) > layout.most:
-        notes = [f"{layout.most} of {len(panels)} {layout.noun}, those with the most observations"]
+        notes += [f"{layout.most} of {len(panels)} {layout.noun}, those with the most observations"]
         largest = np.argsort([-len(panel.rows) for panel in panels], kind="stable")[: layout.most]
         panels = [panels[k] for k in sorted(largest.tolist())]
-    n_columns = min(layout.columns, len(panels))
+    n_columns = columns_for(len(panels), layout.columns)
     n_rows = -(-len(panels) // n_columns)
     width_in, height_in = np.multiply(layout.panel_in, (n_columns, n_rows)) + layout.margin_in
     figure = several_panels(ax, width_in, height_in, title)
@@ -243,14 +292,16 @@ def _draw(
     """Residuals of one panel: of a station in its colour, with bars; of each link in a colour of its own."""
     style_axes(axes)
     axes.axhline(0.0, color="0.4", linewidth=0.8)
-    factor, unit = length_unit(half_height_m)
-    y, limit, limits = factor * residuals.residual_m, factor * half_height_m, (dates.min(), dates.max())
+    factor, unit = length_unit(abs(panel.middle_m) + half_height_m)
+    y, limits = factor * residuals.residual_m, (dates.min(), dates.max())
+    middle, half_height = factor * panel.middle_m, factor * half_height_m
+    several = len(panel.links) > 1
     statement = panel.statement(factor, unit)
     handles: list[Any] = []
     for k, (name, rows) in enumerate(panel.links.items()):
         kept = rows[residuals.used[rows]]
-        style: dict[str, Any] = {"color": COLORS[k % len(COLORS)] if panel.like else color}
-        style["label"] = name if panel.like else statement
+        style: dict[str, Any] = {"color": COLORS[k % len(COLORS)] if panel.like or several else color}
+        style["label"] = name if panel.like or several else statement
         if panel.crowded:
             handles.append(draw_envelope(axes, dates[kept], y[kept], limits, **style))
         elif panel.like:
@@ -260,18 +311,23 @@ def _draw(
             style |= {"fmt": "o", "markersize": 3.2, "markeredgecolor": "white", "markeredgewidth": 0.3}
             sigma = factor * residuals.sigma_m[kept]
             handles.append(axes.errorbar(dates[kept], y[kept], sigma, elinewidth=0.7, alpha=0.85, **style))
-    marks = draw_left_out(axes, dates[panel.out], y[panel.out], limits, limit, 4 if panel.like else 5)
-    axes.set_ylim(-limit * (_LEGEND_STRIP if any(panel.links) else 1.0), limit)
+    size = 4 if panel.like else 5
+    marks = draw_left_out(axes, dates[panel.out], y[panel.out], limits, middle, half_height, size)
+    below = _LEGEND_STRIP if panel.like and any(panel.links) else 1.0
+    axes.set_ylim(middle - half_height * below, middle + half_height)
     axes.set_ylabel(f"residual ({unit})", fontsize=8)
     if panel.like:
         panel_title(axes, panel.title, "left", fontsize=7.5, fontweight="bold")
-        size = 6.5 if len(panel.title) + len(statement) < _LONGEST_TITLES else 5.2
-        panel_title(axes, statement, "right", fontsize=size)
+        fontsize = 6.5 if len(panel.title) + len(statement) < _LONGEST_TITLES else 5.2
+        panel_title(axes, statement, "right", fontsize=fontsize)
         style = {"framealpha": 0.85, "edgecolor": "none", "borderpad": 0.2, "handletextpad": 0.1}
         style |= {"fontsize": 7, "markerscale": 2.5}
     else:
         handles += marks
-        panel_title(axes, panel.title, "left", fontsize=9, fontweight="bold", color=color)
+        if several:
+            handles.insert(0, axes.plot([], [], linestyle="none", label=statement)[0])
+        title_color = "black" if several else color
+        panel_title(axes, panel.title, "left", fontsize=9, fontweight="bold", color=title_color)
         if residuals.types.are("range")[panel.rows].all():
             axes.set_ylabel(f"round trip ({unit})", fontsize=8)
             halved, doubled = partial(np.multiply, 0.5), partial(np.multiply, 2.0)

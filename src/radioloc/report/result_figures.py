@@ -7,9 +7,12 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 from radioloc.estimation.solution import Solution
+from radioloc.report.arc_figure import plot_arcs
 from radioloc.report.arc_study import ArcStudy
+from radioloc.report.budget_figure import plot_budget
 from radioloc.report.comparison import Comparison, plot_comparison
 from radioloc.report.covariance import CovarianceStudy, plot_covariance
+from radioloc.report.distribution_figure import plot_distribution
 from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.monte_carlo import MonteCarlo
@@ -33,7 +36,7 @@ def figures_of(result: Result) -> dict[str, Callable[[], Figure] | None]:
         case Solution():
             return _of_a_solution(result)
         case ArcStudy():
-            return {"figure2": partial(plot_links, result.longest)}
+            return {"figure2": partial(plot_links, result.longest), "arcs": partial(plot_arcs, result)}
         case ImageSolution():
             return {"images": partial(plot_images, result), "position": None}
         case PointSolution():
@@ -59,4 +62,7 @@ def _of_a_solution(solution: Solution) -> dict[str, Callable[[], Figure] | None]
         "position": partial(plot_position, solution) if located else None,
         "correlations": partial(plot_correlations, solution) if correlations else None,
         "contours": partial(plot_contours, solution) if contours else None,
+        "distribution": partial(plot_distribution, solution) if rows.used.any() else None,
+        "budget": partial(plot_budget, solution) if solution.budget else None,
+        "terms": None,  # only where they were asked for
     }

@@ -11,6 +11,7 @@ from radioloc.errors import InputError
 from radioloc.report.figures import (
     COLORS,
     SCALE_95,
+    columns_for,
     legend_below,
     length_unit,
     one_panel,
@@ -65,7 +66,7 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
         claimed_m2.append(np.outer(root_m, root_m) * [[1.0, correlation], [correlation, 1.0]])
     reach_m = max(_reach_m(e, c) for e, c in zip(errors_m, claimed_m2, strict=True))
     factor, unit = length_unit(reach_m)
-    columns = min(len(arcs), 4)
+    columns = columns_for(len(arcs), 4)
     rows = -(-len(arcs) // columns)
     title = f"{study.name}: {study.trials} trials"
     figure = several_panels(ax, 3.1 * columns + 0.5, 3.1 * rows + 0.9, title)

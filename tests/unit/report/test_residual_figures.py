@@ -10,6 +10,7 @@ from radioloc.errors import InputError
 from radioloc.estimation import Labels
 from radioloc.measurements.link import Link
 from radioloc.report import plot_links, plot_residuals, save_figure
+from radioloc.report.figures import columns_for
 from radioloc.report.link_names import short_names
 from radioloc.report.residual_figures import MOST_LINKS
 
@@ -208,3 +209,65 @@ def test_one_way_links_and_several_targets_are_told_apart(rows):
     assert sum(len(line.get_ydata()) for axes in panels.values() for line in dots(axes).values()) == 88
     links = [Link.from_path(path) for path in ("A>x>A", "B>x>A", "x>A", "A<x>B")]
     assert short_names(links) == ["A", "A from B", "A one-way", f"A{DASH}B"]
+
+
+def test_residuals_far_from_zero_fill_their_panel(rows):
+    alone = rows.select((rows.path == PATHS["range"][0]) & (rows.type == "range"))
+    figure = plot_links(replace(alone, residual_m=alone.residual_m + 500.0))
+    [axes] = figure.axes
+    low, high = axes.get_ylim()
+    assert 499.5 < low < high < 501.0
+    [line] = dots(axes).values()
+    assert low < line.get_ydata().min() < line.get_ydata().max() < high
+    # With another link near zero the panel reaches from there.
+    far = rows.residual_m + 500.0 * ((rows.path == PATHS["range"][0]) & (rows.type == "range"))
+    low, high = panels_of(plot_links(replace(rows, residual_m=far)))["range KASHI"].get_ylim()
+    assert low < 0.0 < 500.0 < high
+
+
+def test_what_is_left_out_beyond_a_panel_is_at_its_edge_wherever_its_middle_is(rows):
+    alone = rows.select((rows.path == PATHS["range"][0]) & (rows.type == "range"))
+    residual_m, status = alone.residual_m + 500.0, np.full(len(alone), "used", dtype="U40")
+    residual_m[[2, 3]], status[[2, 3]] = (900.0, 0.0), "outlier"
+    [axes] = plot_links(replace(alone, residual_m=residual_m, statuses=Labels.of(status))).axes
+    low, high = axes.get_ylim()
+    found = {
+        line.get_marker(): float(line.get_ydata()[0]) for line in axes.lines if len(line.get_ydata()) == 1
+    }
+    assert 500.0 < found["^"] < high
+    assert low < found["v"] < 500.0
+
+
+def test_stations_tell_their_links_apart(rows):
+    ranges = rows.select(rows.type == "range")
+    panels = panels_of(plot_residuals(ranges))
+    assert list(panels) == ["JIAMUSI", "KASHI"]
+    kashi = {bars.get_label(): len(bars.lines[0].get_ydata()) for bars in panels["KASHI"].containers}
+    mine = ranges.select((ranges.station == "KASHI") & ranges.used)
+    assert kashi == {
+        "two-way": int((mine.path == PATHS["range"][0]).sum()),
+        "from JIAMUSI": int((mine.path == PATHS["range"][1]).sum()),
+    }
+    legend = [text.get_text() for text in panels["KASHI"].get_legend().get_texts()]
+    assert legend[0].startswith(f"{len(mine)} used, wrms ")
+    assert legend[1:3] == ["two-way", "from JIAMUSI"]
+
+
+def test_places_on_maps_are_named_below_the_panels(rows):
+    kinds, paths = rows.type.copy().astype("U20"), rows.path.copy().astype("U40")
+    kinds[[88, 89]], paths[[88, 89]] = ("map_east", "map_north"), "lander@some.map"
+    residual_m = rows.residual_m.copy()
+    residual_m[[88, 89]] = 12.5, -3.0
+    mixed = replace(rows, types=Labels.of(kinds), paths=Labels.of(paths), residual_m=residual_m)
+    for figure in (plot_links(mixed), plot_residuals(mixed)):
+        assert not any("map" in title for title in panels_of(figure))
+        assert "place lander@some.map: east +12.5 m, north -3 m" in figure.get_supxlabel()
+    only = mixed.select([88, 89])
+    assert list(panels_of(plot_links(only))) == ["map east some.map", "map north some.map"]
+
+
+@pytest.mark.parametrize(
+    ("count", "most", "columns"), [(1, 3, 1), (3, 3, 3), (4, 3, 2), (5, 3, 3), (9, 4, 3)]
+)
+def test_pages_have_few_empty_places(count, most, columns):
+    assert columns_for(count, most) == columns

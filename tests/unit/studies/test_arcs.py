@@ -315,6 +315,8 @@ def test_what_is_written(found, tmp_path):
         "table1.tex",
         "figure2.png",
         "figure2.svg",
+        "arcs.png",
+        "arcs.svg",
         *(f"{h}h/{file}" for h in (12, 24, 48) for file in ("solution.json", "residuals.csv")),
     }
     folder = tmp_path / "new" / "out"

@@ -65,7 +65,8 @@ def test_residuals_along_a_trajectory(folder, capsys):
     assert "behind the Moon as seen from" in card or "below the horizon" in card
     assert "deg E" not in card
     names = {path.name for path in (folder / "out").iterdir()}
-    assert names == {"solution.json", "residuals.csv", "terms.csv", "residuals.png", "residuals.svg"}
+    figures = {f"{name}.{end}" for name in ("residuals", "distribution", "terms") for end in ("png", "svg")}
+    assert names == {"solution.json", "residuals.csv", "terms.csv"} | figures
     record = json.loads((folder / "out" / "solution.json").read_text())
     assert (record["position"], record["sigma"], record["covariance"]) == (None, None, None)
     assert record["trajectory"].startswith("body -85 of orbiter.bsp")

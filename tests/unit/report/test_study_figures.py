@@ -1,0 +1,192 @@
+"""Figures of a budget, of a distribution, of arcs, terms, visibility and stations show the numbers that they are of."""
+
+from dataclasses import replace
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from toy_moon import LANDER_M, ToyMoon, toy_solution
+
+from radioloc import LunarPosition, Observations
+from radioloc.errors import InputError
+from radioloc.estimation.budget import BudgetItem
+from radioloc.measurements import Link, PhysicalModel
+from radioloc.report import (
+    plot_arcs,
+    plot_budget,
+    plot_distribution,
+    plot_stations,
+    plot_terms,
+    plot_visibility,
+)
+from radioloc.report.arc_study import Arc, ArcStudy
+from radioloc.report.station_figure import _coastlines
+from radioloc.simulation import Masks, windows
+from radioloc.time import epochs_from_strings
+
+
+@pytest.fixture(scope="module")
+def solution():
+    return toy_solution(
+        ToyMoon(90, 72.0, biases=False),
+        blunders_m={4: 19.0},
+        reference_pa_m=LANDER_M,
+        elevation_deg=np.linspace(12.0, 78.0, 90),
+        ephemeris_sigma_enu_m=np.array([0.3, 0.4, 0.5]),
+    )
+
+
+def test_bars_of_the_budget_are_its_sigmas(solution):
+    axes = plot_budget(solution).axes[0]
+    assert [text.get_text() for text in axes.get_yticklabels()] == ["total", "measurement noise", "ephemeris"]
+    factor = {"m": 1.0, "cm": 100.0}[axes.get_xlabel()[9:].split(")")[0]]
+    drawn = np.array([[bar.get_width() for bar in bars] for bars in axes.containers]).T / factor
+    np.testing.assert_allclose(drawn[0], solution.sigma_enu_m())
+    np.testing.assert_allclose(drawn[2], [0.3, 0.4, 0.5])
+    assert axes.get_xlim()[1] > factor * drawn.max()
+    held = toy_solution(ToyMoon(1, 1.0, ("A",), biases=False))
+    with pytest.raises(InputError, match="no budget"):
+        plot_budget(held)
+
+
+def test_the_smallest_of_many_sources_are_one_bar(monkeypatch):
+    items = tuple(BudgetItem.of(f"source {k}", "", np.full(3, float(20 - k))) for k in range(14))
+    axes = plot_budget(SimpleNamespace(name="many", budget=items)).axes[0]
+    names = [text.get_text() for text in axes.get_yticklabels()]
+    assert names == ["total", *(f"source {k}" for k in range(8)), "6 others"]
+    squares = np.array([[bar.get_width() for bar in bars] for bars in axes.containers]) ** 2
+    np.testing.assert_allclose(squares[:, 0], squares[:, 1:].sum(axis=1))
+
+
+def test_the_distribution_is_that_of_the_used_residuals(solution):
+    rows = solution.residuals
+    left, right = plot_distribution(solution).axes
+    size = rows.residual_m / rows.sigma_m
+    by_label = {line.get_label(): line for line in left.lines}
+    np.testing.assert_allclose(by_label["range"].get_xdata(), rows.elevation_deg[rows.used])
+    np.testing.assert_allclose(by_label["range"].get_ydata(), size[rows.used])
+    [beyond] = by_label["1 left out"].get_ydata()
+    low, high = left.get_ylim()
+    assert low < size[rows.used].min() < size[rows.used].max() < beyond < high
+    # Bins of five degrees: the first whole one has the elevations from 15 to 20.
+    mine = rows.used & (rows.elevation_deg >= 15.0) & (rows.elevation_deg < 20.0)
+    rms = dict(by_label["rms in 5 deg"].get_xydata())
+    assert rms[17.5] == pytest.approx(np.sqrt(np.mean(size[mine] ** 2)))
+    bars = [bar for bar in right.patches if bar.get_width() > 0.0]
+    area = sum(bar.get_width() * bar.get_height() for bar in bars)
+    assert area == pytest.approx(1.0)
+    assert f"rms {np.sqrt(np.mean(size[rows.used] ** 2)):.3g}" in right.get_title()
+    with pytest.raises(InputError, match="no elevations"):
+        plot_distribution(replace(rows, elevation_deg=None))
+
+
+def test_very_many_residuals_are_drawn_by_their_density(solution):
+    many = solution.residuals.select(np.tile(np.arange(90), 300))
+    left, _ = plot_distribution(many).axes
+    [density] = [one for one in left.collections if one.get_array() is not None]
+    assert density.get_array().sum() == many.used.sum()
+
+
+@pytest.fixture(scope="module")
+def arc_study(solution):
+    shorter = replace(solution, position_pa_m=LANDER_M + np.array([0.0, 15.0, -6.0]))
+    place = LunarPosition.from_cartesian(solution.rot_pa_to_me @ LANDER_M, "ME_DE421")
+    known = (SimpleNamespace(name="truth", position=place),)
+    return ArcStudy("toy", (Arc(48.0, 47.0, solution), Arc(12.0, 11.5, shorter)), known)
+
+
+def test_arcs_are_drawn_where_the_table_has_them(arc_study):
+    plane, *beside = plot_arcs(arc_study).axes
+    drawn = {line.get_label(): line.get_xydata()[0] for line in plane.lines}
+    for row in arc_study.rows:
+        np.testing.assert_allclose(drawn[row.name], [-(row.west_m or 0.0), row.north_m or 0.0])
+        assert plane.viewLim.contains(*drawn[row.name])
+    assert [patch.height for patch in plane.patches] == pytest.approx(
+        [2.0 * arc.solution.ellipse(0.95).semi_major_m for arc in arc_study.arcs]
+    )
+    for axes, side in zip(beside, ("west", "north", "up"), strict=True):
+        sign = -1.0 if side == "west" else 1.0
+        for bars, row, hours in zip(axes.containers, arc_study.rows, (48.0, 12.0), strict=False):
+            [x], [y] = bars.lines[0].get_data()
+            assert (x, y) == pytest.approx((hours, sign * getattr(row, f"{side}_m")))
+            [[low, high]] = [segment[:, 1] for segment in bars.lines[2][0].get_segments()]
+            assert high - low == pytest.approx(2.0 * 1.959964 * getattr(row, f"sigma_{side}_m"), rel=1e-6)
+
+
+def test_terms_have_a_panel_each_in_a_unit_of_their_own():
+    epochs = epochs_from_strings(["2020-12-01T00:00:00", "2020-12-01T01:00:00", "2020-12-01T02:00:00"])
+    links = [Link("KASHI", "x", "KASHI"), Link("JIAMUSI", "x", "KASHI")]
+    observations = Observations.from_columns(
+        epoch=epochs, links=links, link=[0, 1, 0], kind=0, tag=1, value_m=8e8, sigma_m=1.0
+    )
+    terms = {"large": np.array([400.0, 1.0, -2.0]), "small": np.full(3, 2e-3), "none": np.zeros(3)}
+    figure = plot_terms(terms, observations)
+    titles = [axes.get_title(loc="left") for axes in figure.axes]
+    assert titles == ["large", "small"]
+    assert [axes.get_ylabel() for axes in figure.axes] == ["m", "cm"]
+    by_link = {line.get_label(): line.get_ydata() for line in figure.axes[1].lines}
+    assert {name: list(values) for name, values in by_link.items()} == {
+        "KASHI": [0.2, 0.2],
+        "KASHI from JIAMUSI": [0.2],
+    }
+    assert figure.legends[0].get_title().get_text() == "below a micrometre: none"
+    with pytest.raises(InputError, match="term bad has 2 values"):
+        plot_terms({"bad": np.zeros(2)}, observations)
+
+
+def test_bars_of_visibility_are_the_windows():
+    model = PhysicalModel.build()
+    lander = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
+    target = lander.to_axes("PA", model.ephemeris.constants).xyz_m
+    span = ("2020-12-01T00:00:00", "2020-12-02T12:00:00")
+    masks = Masks(by_station_deg={"KASHI": 15.0})
+    above, below = plot_visibility(model, target, ["KASHI", "NEUQUEN"], *span, masks).axes
+    step_days = 1.5 / 720.0
+    for k, name in enumerate(("KASHI", "NEUQUEN")):
+        expected = windows(model, target, [name], *span, masks)
+        bars = [bar for bar in below.patches if round(bar.get_y() + 0.3) == k]
+        assert len(bars) == len(expected)
+        for bar, window in zip(bars, expected, strict=True):
+            edges = (
+                np.array([window.start_utc, window.stop_utc], dtype="datetime64[ms]").astype(float) / 86400e3
+            )
+            assert [bar.get_x(), bar.get_x() + bar.get_width()] == pytest.approx(edges, abs=1.01 * step_days)
+    assert {line.get_ydata()[0] for line in above.lines if line.get_linestyle() == "--"} == {10.0, 15.0}
+    with pytest.raises(InputError, match="is not after"):
+        plot_visibility(model, target, ["KASHI"], span[1], span[0])
+
+
+def test_stations_stand_at_their_coordinates_with_their_baselines():
+    links = [Link("SESHAN25", "x", "URUMQI", differenced=True), Link("JIAMUSI", "x", "KASHI")]
+    axes = plot_stations(links).axes[0]
+    names = {text.get_text(): text.xy for text in axes.texts}
+    # Published places of the stations, to a tenth of a degree.
+    assert names["SESHAN25"] == pytest.approx((121.2, 31.1), abs=0.1)
+    assert names["URUMQI"] == pytest.approx((87.2, 43.5), abs=0.1)
+    lines = {line.get_label(): line.get_xydata() for line in axes.lines}
+    ends = np.array([lines["baseline"][0], lines["baseline"][-1]])
+    np.testing.assert_allclose(ends, [names["SESHAN25"], names["URUMQI"]], atol=1e-9)
+    assert "three-way" in lines
+    assert all(axes.viewLim.contains(*point) for point in lines["baseline"])
+    with pytest.raises(InputError, match="no stations"):
+        plot_stations([Link("", "lander", "some.map", on_map=True)])
+
+
+def test_a_baseline_across_the_pacific_goes_over_the_pacific():
+    axes = plot_stations([Link("SESHAN25", "x", "APOLLO", differenced=True)]).axes[0]
+    west, east = axes.get_xlim()
+    assert east - west < 200.0
+    [line] = [line.get_xydata() for line in axes.lines if line.get_label() == "baseline"]
+    assert np.isfinite(line).all()
+    assert line[:, 1].max() > 45.0  # a great circle rises to the north of both
+    assert axes.viewLim.y1 > line[:, 1].max()
+
+
+def test_coastlines_are_of_the_earth():
+    points = np.concatenate(_coastlines())
+    assert np.abs(points[:, 0]).max() <= 180.0
+    assert points[:, 1].min() < -60.0
+    assert points[:, 1].max() > 80.0
+    # The Cape of Good Hope and Cape Horn are within a degree of a line.
+    for cape in ((18.5, -34.4), (-67.3, -56.0)):
+        assert np.hypot(*(points - cape).T).min() < 1.5

@@ -16,7 +16,7 @@ from radioloc.imaging.maps import Map, TangentPlane
 from radioloc.imaging.masks import find_mask
 from radioloc.imaging.matching import Detector, Features, Matches, MatchStatus, detect, match
 from radioloc.imaging.orientation import ConstantOrientation, PolynomialOrientation, TabulatedOrientation
-from radioloc.imaging.orthophoto import write_orthophoto
+from radioloc.imaging.orthophoto import write_mosaic, write_orthophoto
 from radioloc.imaging.rectification import rectification, undistorted
 from radioloc.imaging.registration import GroundPoint, RegisteredFrame, Registration, register_chain
 from radioloc.imaging.sensor_models import FrameModel, LineScanModel
@@ -74,6 +74,7 @@ __all__ = [
     "resect",
     "undistorted",
     "write_isd",
+    "write_mosaic",
     "write_orthophoto",
     "write_tie_points",
 ]

@@ -1,12 +1,12 @@
-"""Orthophotos: an image on the ground of an elevation map, as a GeoTIFF in a lunar projection.
+"""Orthophotos and mosaics: images on the ground of an elevation map, as a GeoTIFF in a lunar projection.
 
 For each cell of the map the height is looked up, the ground point goes through the sensor model, and the image is
-interpolated there. Cells that the image does not show are masked: outside it, hidden behind other ground, or
-without height.
+interpolated there. Cells that no image shows are masked: outside it, hidden behind other ground, or without height.
 """
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, Literal
 
@@ -82,18 +82,61 @@ def write_orthophoto(
     >>> from radioloc.imaging import write_orthophoto
     >>> write_orthophoto("map.tif", image, model, terrain, resolution_m=1.0)  # doctest: +SKIP
     """
-    require_mean_earth(model)
-    if image.ndim != 2 or image.shape != tuple(model.shape):
-        raise InputError(
-            f"the image has the shape {image.shape}, the model {tuple(model.shape)} (lines, samples)"
-        )
+    write_mosaic(
+        path,
+        [(image, model)],
+        terrain,
+        projection=projection,
+        resolution_m=resolution_m,
+        interpolation=interpolation,
+    )
+
+
+@bare_arguments
+def write_mosaic(
+    path: str | Path,
+    images: Sequence[tuple[NDArray[Any], SensorModel]],
+    terrain: TerrainModel,
+    *,
+    projection: str = "IAU_2015:30110",
+    resolution_m: float,
+    interpolation: Literal["nearest", "bilinear", "cubic"] = "bilinear",
+) -> None:
+    """Write several images as one map: a GeoTIFF with a mask, in which later images lie over earlier ones.
+
+    Parameters
+    ----------
+    path, terrain, projection, resolution_m, interpolation
+        As for :func:`write_orthophoto`.
+    images : sequence of tuple
+        Images of one type of numbers, shape (lines, samples), each with its model; of a descent from high to low.
+
+    Raises
+    ------
+    InputError
+        As for :func:`write_orthophoto`; there is no image, or their numbers are of different types.
+
+    Examples
+    --------
+    >>> from radioloc.imaging import write_mosaic
+    >>> write_mosaic("map.tif", [(high, above), (low, below)], terrain, resolution_m=1.0)  # doctest: +SKIP
+    """
+    types = {image.dtype for image, _ in images}
+    if len(types) != 1:
+        raise InputError(f"a mosaic is made of images of one type of numbers, not of {len(types)}")
+    for image, model in images:
+        require_mean_earth(model)
+        if image.ndim != 2 or image.shape != tuple(model.shape):
+            raise InputError(
+                f"the image has the shape {image.shape}, the model {tuple(model.shape)} (lines, samples)"
+            )
     if interpolation != "nearest" and interpolation not in _KINDS:
         raise InputError(f"interpolation = {interpolation!r} is not known; use nearest, bilinear or cubic")
     rasterio = load_rasterio()
     crs = _reference_system(projection, resolution_m)
-    grid = _covered(crs, model, Terrain(terrain), resolution_m)
+    grid = _covered(crs, [model for _, model in images], Terrain(terrain), resolution_m)
     shown = False
-    file = new_geotiff(path, crs, grid.transform, (grid.rows, grid.columns), image.dtype)
+    file = new_geotiff(path, crs, grid.transform, (grid.rows, grid.columns), types.pop())
     with rasterio.Env(GDAL_TIFF_INTERNAL_MASK=True), file:
         for row in range(0, grid.rows, _BLOCK_CELLS):
             for column in range(0, grid.columns, _BLOCK_CELLS):
@@ -101,14 +144,18 @@ def write_orthophoto(
                 rows, columns = (
                     np.mgrid[row : row + height, column : column + width].reshape(2, -1).astype(float)
                 )
-                values, seen = _block(image, model, terrain, grid, rows, columns, interpolation)
+                values, seen = _block(*images[-1], terrain, grid, rows, columns, interpolation)
+                for image, model in images[-2::-1]:
+                    hole = np.flatnonzero(~seen)
+                    below = _block(image, model, terrain, grid, rows[hole], columns[hole], interpolation)
+                    values[hole], seen[hole] = below
                 window = rasterio.windows.Window(column, row, width, height)
                 file.write(values.reshape(height, width), 1, window=window)
                 file.write_mask(seen.reshape(height, width), window=window)
                 shown |= bool(seen.any())
     if not shown:
         Path(path).unlink()
-        raise InputError("no cell of the orthophoto is seen in the image")
+        raise InputError("no cell of the map is seen in any image")
 
 
 def _reference_system(projection: str, resolution_m: float) -> Any:
@@ -130,19 +177,21 @@ def _reference_system(projection: str, resolution_m: float) -> Any:
     return crs
 
 
-def _covered(crs: Any, model: SensorModel, ground: Terrain, resolution_m: float) -> MapGrid:
-    """The cells that the image's ground may cover."""
+def _covered(crs: Any, models: Sequence[SensorModel], ground: Terrain, resolution_m: float) -> MapGrid:
+    """The cells that the images' ground may cover."""
     from rasterio.transform import Affine
     from rasterio.warp import transform
 
-    lines, samples = model.shape
-    along, across = (np.linspace(0.0, size - 1.0, _OUTLINE_POINTS) for size in (lines, samples))
-    pixels = np.stack([one.ravel() for one in np.meshgrid(across, along)], axis=-1)
-    rays = model.rays(pixels)
-    points, hits = ground.intersect(rays.origins_m, rays.directions)
-    if not hits.any():
-        raise InputError(f"the image shows no ground of {ground.model.metadata.path}")
-    longitude, latitude, _ = cartesian_to_selenographic(points[hits])
+    seen = []
+    for model in models:
+        along, across = (np.linspace(0.0, size - 1.0, _OUTLINE_POINTS) for size in model.shape)
+        pixels = np.stack([one.ravel() for one in np.meshgrid(across, along)], axis=-1)
+        rays = model.rays(pixels)
+        points, hits = ground.intersect(rays.origins_m, rays.directions)
+        if not hits.any():
+            raise InputError(f"the image shows no ground of {ground.model.metadata.path}")
+        seen.append(points[hits])
+    longitude, latitude, _ = cartesian_to_selenographic(np.concatenate(seen))
     geographic = f"+proj=longlat +R={MEAN_LUNAR_RADIUS_M!r} +no_defs"
     x, y = map(np.array, transform(geographic, crs, np.degrees(longitude), np.degrees(latitude)))
     if not (np.isfinite(x) & np.isfinite(y)).all():

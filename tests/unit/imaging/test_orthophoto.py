@@ -19,6 +19,7 @@ from radioloc.imaging import (
     Terrain,
     image_to_ground,
     read_isd,
+    write_mosaic,
     write_orthophoto,
 )
 from radioloc.imaging.rotations import rotation_of
@@ -136,6 +137,46 @@ def test_values_types_and_mask(tmp_path):
             assert file.transform.c % 5.0 == 0.0
             assert file.crs.to_dict()["proj"] == "eqc"
     assert projection == "IAU_2015:30110"
+
+
+def read_at(path, x, y):
+    """Values of a map at places, and whether it shows them."""
+    with rasterio.open(path) as file:
+        values = file.read(1, masked=True)
+        rows, columns = rasterio.transform.rowcol(file.transform, x, y)
+        inside = (np.array(rows) >= 0) & (np.array(rows) < file.height)
+        inside &= (np.array(columns) >= 0) & (np.array(columns) < file.width)
+        found = values[np.clip(rows, 0, file.height - 1), np.clip(columns, 0, file.width - 1)]
+    return np.asarray(found.data), inside & ~np.ma.getmaskarray(found)
+
+
+def test_later_images_of_a_mosaic_lie_over_earlier_ones(tmp_path):
+    """Against the orthophotos of both: the lower image where that shows ground, the higher around it."""
+    longitude, latitude, _, _ = CASES["equator"]
+    terrain = hilly(tmp_path / "dem.tif", longitude, latitude, near(longitude, latitude))
+    high = camera_over(longitude, latitude)
+    low = camera_over(longitude + 0.012, latitude, off_nadir_deg=10.0, height_m=1200.0)
+    images = {"high": (spots(high, terrain, "uint8")[0], high), "low": (spots(low, terrain, "uint8")[0], low)}
+    for name, (image, model) in images.items():
+        write_orthophoto(tmp_path / f"{name}.tif", image, model, terrain, resolution_m=5.0)
+    write_mosaic(tmp_path / "both.tif", list(images.values()), terrain, resolution_m=5.0)
+    with rasterio.open(tmp_path / "both.tif") as file:
+        rows, columns = np.mgrid[: file.height, : file.width].reshape(2, -1)
+        x, y = rasterio.transform.xy(file.transform, rows, columns)
+    (both, seen), (above, of_high), (below, of_low) = (
+        read_at(tmp_path / f"{name}.tif", x, y) for name in ("both", "high", "low")
+    )
+    assert 1000 < (of_low & of_high).sum() < of_high.sum()
+    assert (of_low & ~of_high).sum() > 1000
+    np.testing.assert_array_equal(seen, of_high | of_low)
+    np.testing.assert_array_equal(both[seen], np.where(of_low, below, above)[seen])
+    with pytest.raises(InputError, match="images of one type of numbers, not of 2"):
+        write_mosaic(
+            tmp_path / "no.tif",
+            [images["high"], (images["low"][0].astype(float), low)],
+            terrain,
+            resolution_m=5.0,
+        )
 
 
 def test_ground_behind_a_ridge_is_masked(tmp_path):

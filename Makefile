@@ -44,7 +44,7 @@ test-lowest:  ## Install the lowest versions that pyproject.toml allows, in a ve
 	$(PYTHON) -m venv --clear $(VENV)-lowest
 	$(VENV)-lowest/bin/python -m pip install --quiet uv
 	$(VENV)-lowest/bin/uv pip install --quiet --python $(VENV)-lowest --resolution lowest-direct --editable ".[dev]"
-	$(VENV)-lowest/bin/python -m pytest -W ignore -m "not slow" $(SMOKE)  # of old packages' warnings none is ours
+	$(VENV)-lowest/bin/python -m pytest $(PARALLEL) -W ignore -m "not slow" $(SMOKE)  # of old packages' warnings none is ours
 
 package:  ## Build source distribution and wheel, check them, and run the wheel in an environment that has nothing else.
 	$(PYTHON) -m venv --clear $(VENV)-package

@@ -153,7 +153,14 @@ class Station:
 
     @property
     def location(self) -> Any:
-        """:attr:`itrf_m` as an astropy ``EarthLocation``."""
+        """:attr:`itrf_m` as an astropy ``EarthLocation``.
+
+        Examples
+        --------
+        >>> from radioloc.earth import StationCatalogue
+        >>> StationCatalogue.default().get("WETTZELL").location.height.round()
+        <Quantity 665. m>
+        """
         from astropy.coordinates import EarthLocation
 
         return EarthLocation.from_geocentric(*self.itrf_m, unit="m")

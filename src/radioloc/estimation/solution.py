@@ -286,7 +286,14 @@ class Solution:
 
     @property
     def position(self) -> LunarPosition:
-        """The position as a point in mean-Earth axes, to be given in others (:meth:`LunarPosition.to_frame`)."""
+        """The position as a point in mean-Earth axes, to be given in others (:meth:`LunarPosition.to_frame`).
+
+        Examples
+        --------
+        >>> import radioloc
+        >>> radioloc.residuals("examples/apollo15/apollo15.toml").position
+        <LunarPosition 3.500000 deg E, 26.000000 deg N, -1000.0 m (ME_DE421)>
+        """
         self._place_rad()  # of a trajectory there is none
         return LunarPosition(self.me_frame, self.position_me_m)
 

@@ -116,7 +116,15 @@ class LunarPosition:
 
     @property
     def representation(self) -> Any:
-        """x, y, z in its own axes as a ``CartesianRepresentation`` of astropy, from which one can be made again."""
+        """x, y, z in its own axes as a ``CartesianRepresentation`` of astropy, from which one can be made again.
+
+        Examples
+        --------
+        >>> from radioloc.lunar import LunarPosition
+        >>> pole = LunarPosition.from_selenographic(0.0, 90.0, 600.0)
+        >>> pole.representation.z.to("km").round(3)
+        <Quantity 1738. km>
+        """
         from astropy.coordinates import CartesianRepresentation
 
         return CartesianRepresentation(self.xyz_m, unit="m")

@@ -263,7 +263,15 @@ class Observations:
         return f"<Observations {len(self)} {first} to {last}>"
 
     def __getitem__(self, which: Any) -> Observations:
-        """As :meth:`select`; a single row is a table, too."""
+        """As :meth:`select`; a single row is a table, too.
+
+        Examples
+        --------
+        >>> import radioloc
+        >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
+        >>> ranges[5:10], ranges[ranges.sigma_m < 0.01]
+        (<Observations 5 2006-04-08 to 2006-06-04>, <Observations 72 2006-06-04 to 2007-06-19>)
+        """
         return self.select(which)
 
     def span(self) -> Epochs:

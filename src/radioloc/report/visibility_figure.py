@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.report.figures import COLORS, date_axis, several_panels, style_axes, utc_dates
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 _EPOCHS = 721
 
 
+@bare_arguments
 def plot_visibility(
     model: PhysicalModel,
     target_pa_m: Target,

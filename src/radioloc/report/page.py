@@ -259,15 +259,17 @@ def _png(figure: Figure) -> BytesIO:
 def _image(png: Path | BytesIO, alt: str, photograph: bool, replaced: bool) -> _Image:
     from PIL import Image  # which matplotlib needs
 
-    stream = BytesIO()
+    flat, rich = BytesIO(), BytesIO()
     with Image.open(png) as image:
         width, height = (round(96 * side / _DPI) for side in image.size)
         plain = image.convert("RGB")
-        if photograph:
-            plain.save(stream, "webp", quality=88)
-        else:  # in colours enough for drawings, a third smaller
-            plain.quantize(128, dither=Image.Dither.NONE).save(stream, "webp", lossless=True)
-    uri = f"data:image/webp;base64,{base64.b64encode(stream.getvalue()).decode()}"
+    # What is smaller: of lines and letters it is the first, of clouds of dots and of photographs the second. Among the
+    # ways to choose 256 colours, this one keeps those of maps of colours too, within 2 %.
+    few = plain.quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
+    few.save(flat, "webp", lossless=True)
+    plain.save(rich, "webp", quality=80)
+    data = min(flat.getvalue(), rich.getvalue(), key=len)
+    uri = f"data:image/webp;base64,{base64.b64encode(data).decode()}"
     return _Image(uri, alt, width, height, photograph, replaced)
 
 

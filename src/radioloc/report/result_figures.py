@@ -56,13 +56,14 @@ def _of_a_solution(solution: Solution) -> dict[str, Callable[[], Figure] | None]
     # Ranges and Doppler of a station have no common scale, and a delay belongs to two stations.
     apart = len(rows.types.present()) > 1 or any("<" in path for path in rows.paths.present())
     located = solution.position_estimated and solution.position_determined
+    over_elevation = rows.elevation_deg is not None and rows.used.any()
     correlations, contours = can_be_drawn(solution)
     return {
         "residuals": partial(plot_links if apart else plot_residuals, solution),
         "position": partial(plot_position, solution) if located else None,
         "correlations": partial(plot_correlations, solution) if correlations else None,
         "contours": partial(plot_contours, solution) if contours else None,
-        "distribution": partial(plot_distribution, solution) if rows.used.any() else None,
+        "distribution": partial(plot_distribution, solution) if over_elevation else None,
         "budget": partial(plot_budget, solution) if solution.budget else None,
         "terms": None,  # only where they were asked for
     }

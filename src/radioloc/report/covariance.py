@@ -21,7 +21,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.budget import NOISE
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.report.cards import Card, Field, Shown, metres, more
-from radioloc.report.figures import COLORS, several_panels, style_axes
+from radioloc.report.figures import COLORS, log_scale, several_panels, style_axes
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -300,8 +300,6 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     >>> found = radioloc.covariance(radioloc.read_study("examples/change5/short_arc.toml"))
     >>> figure = radioloc.report.plot_covariance(found)
     """
-    from matplotlib.ticker import LogLocator, NullLocator
-
     arcs = [arc for arc in study.arcs if arc.determined]
     if not arcs:
         raise InputError(f"{study.name}: no length determines the position; there is nothing to draw")
@@ -331,12 +329,9 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     below.set_ylim(bottom=max(0.03 * last_m, 1e-4), top=2.0 * max(first_m, last_m))
     for axes in (above, below):
         axes.set_xscale("log")
-        axes.set_yscale("log")
+        log_scale(axes)
         style_axes(axes)
         axes.legend(fontsize=7, frameon=False, loc="center left", bbox_to_anchor=(1.0, 0.5))
-        axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-        axes.yaxis.set_major_formatter("{x:g}")
-        axes.yaxis.set_minor_locator(NullLocator())
     below.set_xticks(hours, [f"{h:.3g}" for h in hours])
     below.minorticks_off()
     return figure.figure

@@ -96,7 +96,7 @@ def plot_distribution(solution: Solution | Residuals, ax: Axes | None = None) ->
     right.set_xlabel("density")
     beyond = 100.0 * float((np.abs(size[used]) > _BEYOND).mean())
     right.set_title(
-        f"rms {np.sqrt(np.mean(size[used] ** 2)):.3g}; beyond {_BEYOND:g} sigma:\n{beyond:.2g} %, "
+        f"rms {np.sqrt(np.mean(size[used] ** 2)):.3g}; beyond {_BEYOND:g} sigma:\n{beyond:.3g} %, "
         f"normal {100.0 * _NORMAL_BEYOND:.2g} %",
         fontsize=7.5,
         color="0.3",

@@ -32,6 +32,8 @@ SCALE_95 = math.sqrt(-2.0 * math.log(0.05))
 
 _DPI = 200
 """Dots per inch of files made of dots."""
+_LEAST_LOG_RATIO = 4.0
+"""Of the largest value to the smallest: a smaller span may hold none or one of 1, 2, 5, 10 ..."""
 _UNIX_EPOCH_JD = 2440587.5
 _UNITS = ((1e-3, 1e3, "mm"), (0.5, 1e2, "cm"), (1e3, 1.0, "m"), (float("inf"), 1e-3, "km"))
 _UNDATED = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}
@@ -106,6 +108,18 @@ def style_axes(axes: Axes) -> None:
     axes.tick_params(labelsize=8, color="0.4")
     axes.xaxis.label.set_fontsize(9)
     axes.yaxis.label.set_fontsize(9)
+
+
+def log_scale(axes: Axes) -> None:
+    """A logarithmic vertical axis whose ticks all have numbers; linear where the data span too little."""
+    from matplotlib.ticker import LogLocator, NullLocator
+
+    if not axes.dataLim.y1 > _LEAST_LOG_RATIO * axes.dataLim.minposy:
+        return
+    axes.set_yscale("log")
+    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+    axes.yaxis.set_major_formatter("{x:g}")
+    axes.yaxis.set_minor_locator(NullLocator())
 
 
 def panel_title(axes: Axes, text: str, side: str, **style: Any) -> None:

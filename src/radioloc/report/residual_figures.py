@@ -36,6 +36,7 @@ MOST_LINKS = 30
 _MAX_HEIGHT_RATIO = 4.0  # panels share a scale unless one would be squeezed by more than this
 _LEGEND_STRIP = 1.3  # where a panel with a legend ends below, in half heights
 _LONGEST_TITLES = 58  # characters that find room above a panel
+_LONGEST_NAMES = 44  # characters of links that find room above a station's panel, beside numbers
 _LEAST_PART = 0.3  # of a panel about zero that residuals fill, or else it is about their middle
 
 
@@ -191,12 +192,16 @@ def _places(residuals: Residuals) -> list[str]:
 
 
 def _by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
-    """Rows of a station by the way of their signal; nameless where that is one."""
+    """Rows of a station by the way of their signal; nameless where that is one, or too many for a legend."""
     codes = residuals.paths.codes[rows]
     present = np.unique(codes).tolist()
     if len(present) == 1:
         return {"": rows}
     names = dict(zip(present, ways([Link.from_path(residuals.paths.texts[k]) for k in present]), strict=True))
+    if all(name.startswith("two-way ") for name in names.values()):  # several targets
+        names = {code: name.removeprefix("two-way ") for code, name in names.items()}
+    if sum(map(len, set(names.values()))) > _LONGEST_NAMES:
+        return {"": rows}
     named = np.array([names[code] for code in codes.tolist()])
     return {name: rows[named == name] for name in sorted(set(names.values()), reverse=True)}
 
@@ -336,6 +341,6 @@ def _draw(
             one_way.tick_params(labelsize=8, color="0.4", labelcolor="0.4")
             one_way.spines["right"].set_visible(False)
         style = {"frameon": False, "borderpad": 0.0, "bbox_to_anchor": (1.0, 0.98), "handletextpad": 0.3}
-        style["fontsize"] = 8
+        style |= {"fontsize": 8, "columnspacing": 1.2, "handlelength": 1.2}
     if any(panel.links) or not panel.like:
         axes.legend(handles=handles, loc="lower right", ncols=len(handles), **style)

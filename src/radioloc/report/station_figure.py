@@ -62,6 +62,8 @@ def plot_stations(
     >>> radioloc.report.plot_stations(observations).axes[0].get_xlabel()
     'east longitude (deg)'
     """
+    from matplotlib.patheffects import withStroke
+
     links = _links_of(tracking)
     catalogue = catalogue or StationCatalogue.default()
     where = {}
@@ -86,6 +88,7 @@ def plot_stations(
     axes = one_panel(ax, 8.0, 1.1 + 7.2 * float(np.clip(shape, 0.3, 0.9)), "stations")
     style_axes(axes)
     axes.set_aspect(stretch)
+    halo = [withStroke(linewidth=2.5, foreground="white")]
     for line in _coastlines():
         axes.plot(*_about(line, middle_deg), color="0.55", linewidth=0.7)
     styles = {True: (COLORS[1], "-", "baseline"), False: (COLORS[0], "--", "three-way")}
@@ -95,7 +98,7 @@ def plot_stations(
     for name, at_deg in where.items():
         [at] = _about(at_deg[np.newaxis], middle_deg).T
         axes.plot(*at, "^", color="black", markersize=6, markeredgecolor="white", zorder=3)
-        axes.annotate(name, tuple(at), (5, 4), textcoords="offset points", fontsize=8, zorder=4)
+        axes.annotate(name, tuple(at), (5, 4), textcoords="offset points", fontsize=8, path_effects=halo)
     axes.set_xlim(west_deg, east_deg)
     axes.set_ylim(south_deg, north_deg)
     axes.xaxis.set_major_formatter(

@@ -14,6 +14,7 @@ from radioloc.report.figures import (
     columns_for,
     legend_below,
     length_unit,
+    log_scale,
     one_panel,
     several_panels,
     style_axes,
@@ -91,7 +92,8 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
         axes.set_xlim(-factor * reach_m, factor * reach_m)
         axes.set_ylim(-factor * reach_m, factor * reach_m)
         axes.set_title(f"{study.hours[k]:g} h", fontsize=9)
-    for axes in panels[-1]:
+    for axes in shown[-columns:]:  # the lowest of each column
+        axes.tick_params(labelbottom=True)
         axes.set_xlabel(f"east of the truth ({unit})")
     for axes in panels[:, 0]:
         axes.set_ylabel(f"north of the truth ({unit})")
@@ -122,8 +124,6 @@ def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     >>> radioloc.report.plot_error_by_length(found).axes[0].get_xlabel()
     'length of the arc (h)'
     """
-    from matplotlib.ticker import LogLocator, NullLocator
-
     arcs = sorted((arc for arc in study.arcs if arc is not None), key=lambda arc: arc.hours)
     if not arcs:
         raise InputError(f"{study.name}: no trial has converged; there is nothing to draw")
@@ -137,13 +137,10 @@ def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
         axes.plot(length, factor * rms_m[:, k], "o-", color=COLORS[k], markersize=4, label=f"{name}, rms")
         axes.plot(length, factor * sigma_m[:, k], "--", color=COLORS[k], lw=1.0, label=f"{name}, claimed")
     axes.plot(length, factor * far_m, "s-", color=COLORS[6], markersize=4, label="horizontal, 95 %")
-    axes.set_yscale("log")
+    log_scale(axes)
     axes.set_xlabel("length of the arc (h)")
     axes.set_ylabel(f"error of the position ({unit})")
     axes.set_xticks(length, [f"{h:g}" for h in length])
-    axes.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_locator(NullLocator())
     legend_below(axes, ax, 4)
     return axes.figure.figure
 

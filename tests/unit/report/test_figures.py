@@ -19,7 +19,7 @@ from radioloc.report import (
     plot_residuals,
     save_figure,
 )
-from radioloc.report.figures import length_unit, new_figure
+from radioloc.report.figures import length_unit, log_scale, new_figure
 
 
 @pytest.fixture(scope="module")
@@ -230,3 +230,19 @@ def test_any_figure_is_drawn_in_the_place_of_axes_given(solution, plot):
 def test_axes_without_a_place_in_a_grid_are_refused(solution):
     with pytest.raises(InputError, match="ax has no place in a grid"):
         plot_residuals(solution, ax=new_figure(3.0, 3.0).add_axes((0.1, 0.1, 0.8, 0.8)))
+
+
+@pytest.mark.parametrize(
+    ("values", "scale"), [([2.2, 4.5, 3.0], "linear"), ([0.0, 3.0, 40.0], "log"), ([0.2, 70.0], "log")]
+)
+def test_a_scale_of_lengths_has_numbers(values, scale):
+    figure = new_figure(4.0, 3.0)
+    axes = figure.add_subplot()
+    axes.plot(values)
+    log_scale(axes)
+    figure.canvas.draw()
+    low, high = axes.get_ylim()
+    numbers = [label.get_text() for label in axes.get_yticklabels() if low <= label.get_position()[1] <= high]
+    assert axes.get_yscale() == scale
+    assert sum(text != "" for text in numbers) >= 3
+    assert len(axes.yaxis.get_minorticklocs()) == 0

@@ -271,3 +271,17 @@ def test_places_on_maps_are_named_below_the_panels(rows):
 )
 def test_pages_have_few_empty_places(count, most, columns):
     assert columns_for(count, most) == columns
+
+
+def test_legends_of_many_targets_stay_on_the_page(rows):
+    for names, told_apart in ((["apollo11", "apollo14", "luna21"], True), (["x" * 30, "y" * 30], False)):
+        paths = [f"A>{names[k % len(names)]}>A" for k in range(90)]
+        one = replace(
+            rows, types=Labels.of(["range"] * 90), paths=Labels.of(paths), stations=Labels.of(["A"] * 90)
+        )
+        figure = plot_residuals(one)
+        figure.canvas.draw()
+        legend = panels_of(figure)["A"].get_legend()
+        texts = [text.get_text() for text in legend.get_texts()]
+        assert (set(names) <= set(texts)) is told_apart
+        assert legend.get_window_extent().x0 > panels_of(figure)["A"].bbox.x0

@@ -298,6 +298,11 @@ def _observations(
                 f"{study.name}: the study has no observations, only a simulation; use `radioloc montecarlo`, or "
                 "`radioloc simulate` to make a file of observations and name it as [observations] files"
             )
+        if not study.observations.files:
+            raise InputError(
+                f"{study.path or study.name}: [observations] files is missing; name at least one file (relative to the "
+                "study file, globs allowed)"
+            )
         observations = _read(study, study.observations.files, model, targets)
     chosen, left_out = select_observations(observations, study.observations, study.catalogue, study.targets)
     for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m"):
@@ -331,6 +336,8 @@ def _light_time_to(study: Study, model: PhysicalModel, targets: Mapping[str, Lun
     """Light times to the target, which settle how often an ambiguous range has gone through its modulus."""
 
     def light_time_s(epoch: Epochs, link: Link, tag: str) -> NDArray[np.float64]:
+        for name in filter(None, (link.transmitter, link.receiver)):
+            study.catalogue.get(name)  # here, as the rows that are made below come from no file
         kind = kind_of("range" if link.transmitter else "one_way_range")
         asked = Observations.from_columns(
             epoch=epoch, links=[link], kind=kind, tag=TIME_TAGS.index(tag), value_m=1.0, sigma_m=1.0

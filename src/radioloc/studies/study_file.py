@@ -161,8 +161,6 @@ def read_study(path: str | Path) -> Study:
         )
         raise InputError(f"{path}: [target] {problem}")
     simulated = tables["simulation"] is not None
-    if tables["observations"] is None and not simulated:
-        raise InputError(f"{path}: [observations] is missing; it names the files to read")
     catalogue = made("stations", _catalogue) or StationCatalogue.default()
     targets = made("targets", _positions)
     if targets == {}:
@@ -175,7 +173,7 @@ def read_study(path: str | Path) -> Study:
         Study,
         target=target,
         targets=targets and {name: found.position for name, found in targets.items()},
-        observations=made("observations", partial(_observations, needs_files=not simulated)),
+        observations=made("observations", partial(_observations, may_be_missing=simulated)),
         estimate=made("estimate", lambda table: table.read(EstimateChoice)),
         consider=considered,
         consider_defaults=defaults,
@@ -290,14 +288,9 @@ def _simulation(
     return scenario(table, target if true is None else position_of(true, true.read(Place)), catalogue)
 
 
-def _observations(table: TomlTable, needs_files: bool) -> ObservationChoice:
+def _observations(table: TomlTable, may_be_missing: bool) -> ObservationChoice:
     patterns = table.get("files", tuple[str, ...]) or ()
-    found = table.read(
-        ObservationChoice, files=table.files("files", patterns, may_be_missing=not needs_files)
-    )
-    if not found.files and needs_files:
-        table.fail("files", "is missing; name at least one file (relative to the study file, globs allowed)")
-    return found
+    return table.read(ObservationChoice, files=table.files("files", patterns, may_be_missing=may_be_missing))
 
 
 def _model(table: TomlTable, catalogue: StationCatalogue) -> ModelChoice:

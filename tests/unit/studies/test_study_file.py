@@ -189,11 +189,21 @@ def test_station_epoch_and_velocity(read):
     assert station.position_at(tt)[0, 0] - station.itrf_m[0] == pytest.approx(0.2, abs=1e-4)
 
 
+@pytest.mark.parametrize("content", [TARGET, TARGET + "[observations]\nfiles = []\nextra_sigma_m = 0.1\n"])
+def test_a_study_without_files_is_for_observations_made_in_python(content, read):
+    refused(
+        lambda text: radioloc.residuals(read(text)),
+        content,
+        "[observations] files is missing; name at least one file",
+    )
+    ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")[:3]
+    assert len(radioloc.residuals(read(content), ranges).residuals) == 3
+
+
 @pytest.mark.parametrize(
     ("content", "message"),
     [
         ("", "[target] is missing"),
-        (TARGET, "[observations] is missing"),
         (b"\xff\xfe", "byte 0xff is not UTF-8"),
         ("[target\n", "not valid TOML"),
         (b"\x00\x00", "not valid TOML"),
@@ -250,7 +260,7 @@ def test_cartesian_target(position, message, read):
 
 
 NO_FILES = """
-[] | [""] | 3 | [3] | ["no.csv"] | ["no*.csv"] | ["."] | ["**x"] | ["/"] | ["///"] | ["\\u0000"]
+[""] | 3 | [3] | ["no.csv"] | ["no*.csv"] | ["."] | ["**x"] | ["/"] | ["///"] | ["\\u0000"]
 | ["/no/such/*.csv"] | ["..."] | ["[a"] | [["d.csv"]] | {}
 """
 

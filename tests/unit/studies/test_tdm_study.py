@@ -80,13 +80,11 @@ def test_half_ranges_are_recognized_and_read_when_said(truth, tmp_path):
     assert np.linalg.norm(found.position_pa_m - point.xyz_m) < SAME_POINT_M
 
 
-@pytest.mark.parametrize(("kind", "of"), [("range", "truth"), ("one_way_range", "one_way_truth")])
-def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(kind, of, tmp_path, request):
-    point, observations = request.getfixturevalue(of)
+def write_ambiguous(folder, observations):
     modulus_s = 0.01
-    write_tdm(tmp_path / "whole.kvn", observations, originator="TEST")
+    write_tdm(folder / "whole.kvn", observations, originator="TEST")
     folded = []
-    for line in (tmp_path / "whole.kvn").read_text().splitlines():
+    for line in (folder / "whole.kvn").read_text().splitlines():
         key, _, rest = line.partition(" = ")
         if key.strip() == "RANGE_MODULUS":
             line = f"RANGE_MODULUS = {modulus_s * C_M_S / 1e3!r}"
@@ -94,14 +92,32 @@ def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(kind, of, tmp_p
             date, value = rest.split()
             line = f"RANGE = {date} {float(value) % (modulus_s * C_M_S / 1e3)!r}"
         folded.append(line)
-    (tmp_path / "data.kvn").write_text("\n".join(folded) + "\n")
+    (folder / "data.kvn").write_text("\n".join(folded) + "\n")
+
+
+@pytest.mark.parametrize(("kind", "of"), [("range", "truth"), ("one_way_range", "one_way_truth")])
+def test_an_ambiguous_range_is_resolved_by_the_a_priori_position(kind, of, tmp_path, request):
+    point, observations = request.getfixturevalue(of)
+    write_ambiguous(tmp_path, observations)
     found = radioloc.locate(study_of(tmp_path, sigma_m=f"{{ {kind} = 1.0 }}"))
     assert np.linalg.norm(found.position_pa_m - point.xyz_m) < SAME_POINT_M
 
 
+def test_an_unknown_station_of_an_ambiguous_range_is_told_by_the_message(truth, tmp_path):
+    write_ambiguous(tmp_path, truth[1])
+    data = tmp_path / "data.kvn"
+    data.write_text(data.read_text().replace("JIAMUSI", "USC1"))
+    with pytest.raises(
+        radioloc.errors.InputError, match=r"data\.kvn, line \d+: station 'USC1' is not in the catalogue"
+    ):
+        radioloc.locate(study_of(tmp_path, sigma_m="{ range = 1.0 }"))
+
+
 def test_without_a_sigma_nothing_is_guessed(truth, tmp_path):
     write_tdm(tmp_path / "data.kvn", truth[1], originator="TEST")
-    with pytest.raises(radioloc.errors.InputError, match="sigma"):
+    with pytest.raises(
+        radioloc.errors.InputError, match=r"in a study file \[observations\] sigma_m = { range = "
+    ):
         radioloc.locate(study_of(tmp_path))
 
 

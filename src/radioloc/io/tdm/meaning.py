@@ -142,7 +142,7 @@ def _read(part: SegmentReader, keyword: str) -> Observations:
         raise part.fail(
             keyword,
             f"a TDM says nothing of uncertainties, and it holds {kind} observations: "
-            f"give sigma_m = {{{kind!r}: ...}} (in a study file sigma_m = {{ {kind} = ... }}, "
+            f"give sigma_m = {{{kind!r}: ...}} (in a study file [observations] sigma_m = {{ {kind} = ... }}, "
             f"to radioloc convert --sigma {kind}=...), in metres",
         )
     columns = part.weather(keyword) | VALUES[keyword](part, keyword)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.errors import InputError
+from radioloc.errors import InputError, StationError
 from radioloc.io.checks import weather_near
 from radioloc.io.tdm.keywords import CLOCKS, LONGEST_S, RECEIVED, SENT, SENT_RATE, WEATHER
 from radioloc.io.tdm.message import TdmSegment
@@ -130,7 +130,10 @@ class SegmentReader:
 
     def light_time_s(self, epoch: Epochs) -> NDArray[np.float64] | None:
         """Light times known beforehand, s; None where nothing was given."""
-        return self.agreement.known_light_time_s(epoch, self.link, self.tag)
+        try:
+            return self.agreement.known_light_time_s(epoch, self.link, self.tag)
+        except StationError as error:
+            raise self.fail("PATH", str(error)) from None
 
     def frequencies(self, keyword: str) -> dict[str, Any]:
         """Frequency sent up and wavelength received, NaN where not recorded.

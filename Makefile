@@ -12,7 +12,7 @@ SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_reade
 	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/studies/test_trajectory_study.py \
 	tests/unit/studies/test_monte_carlo.py tests/unit/report
 
-.PHONY: demo test test-all coverage test-uncompiled test-lowest package audit lint docs bench scaling clean
+.PHONY: demo test test-all coverage test-uncompiled test-lowest package audit lint docs notebooks bench scaling clean
 
 $(VENV)/.installed-demo: pyproject.toml
 	$(PYTHON) -m venv $(VENV)
@@ -36,6 +36,9 @@ test-all: $(VENV)/.installed-dev  ## Run all tests: also slow studies, what the 
 coverage: $(VENV)/.installed-dev  ## Lines of the library that no test runs, over all tests, those of compiled code with the compiler off.
 	$(BIN)/python -m pytest $(PARALLEL) --cov --cov-report=
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest $(PARALLEL) -m "not slow" --cov --cov-append --cov-report=term --cov-fail-under=95 $(COMPILED)
+
+notebooks: $(VENV)/.installed-dev  ## Run the notebooks, and hold what they show against what their files keep.
+	$(BIN)/python -m pytest $(PARALLEL) tests/unit/test_notebooks.py
 
 test-uncompiled: $(VENV)/.installed-dev  ## Run the tests of compiled code with the compiler off, so that they see every line.
 	NUMBA_DISABLE_JIT=1 $(BIN)/python -m pytest $(PARALLEL) -m "not slow" $(COMPILED)

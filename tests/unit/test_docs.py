@@ -216,7 +216,7 @@ def test_every_term_is_explained_in_its_section():
 
 def touch_named_files(folder):
     """Files that the example of the study file names beside those that ship."""
-    for name in ("my_c04.txt", "y2006.vmf3_r", "y2007.vmf3_r", "gpt3_5.grd", "dem_10m.tif"):
+    for name in ("my_c04.txt", "ranges.kvn", "y2006.vmf3_r", "y2007.vmf3_r", "gpt3_5.grd", "dem_10m.tif"):
         (folder / name).touch()
     tie = [
         {"name": f"map_tie.map.{axis}", "sigma": 25.0, "position_enu_m": [0.0, 0.0, 0.0]}

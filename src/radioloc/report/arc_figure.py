@@ -76,7 +76,8 @@ def plot_arcs(study: ArcStudy, ax: Axes | None = None) -> Figure:
         axes.minorticks_off()
         axes.set_ylabel(f"{side} ({unit})")
     beside[0].set_title(f"less {study.benchmark}; bars: 95 %", fontsize=8, color="0.3")
-    beside[0].legend(fontsize=6.5, framealpha=0.85, loc="best")
+    if len(rows) > len(hours):
+        beside[0].legend(fontsize=6.5, framealpha=0.85, loc="best")
     beside[-1].set_xlabel("length of the arc (h)")
     handles, labels = plane.get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8, frameon=False)

@@ -276,26 +276,30 @@ def _solve(
     observed: _Observed, model: Projections, places: Floats
 ) -> tuple[Projections, Floats, _NormalEquations, bool]:
     """The model and the places after some steps, the normal equations of the last one, and whether it was small."""
+    chi2 = observed.total_chi2(model, places)
     for _ in range(_STEPS):
         normal = _normal_equations(observed, model, places)
         step = normal.step()
         moved = normal.places_moved(step)
-        model, places = _stepped(observed, model, places, step.reshape(model.images, -1), moved)
+        model, places, chi2 = _stepped(observed, model, places, chi2, step.reshape(model.images, -1), moved)
         if small := bool(step @ normal.right < _CONVERGED):
             break
     return model, places, normal, small
 
 
 def _stepped(
-    observed: _Observed, model: Projections, places: Floats, step: Floats, of_places: Floats
-) -> tuple[Projections, Floats]:
-    """After a step, halved until chi squared does not grow: from far off a whole one may lead beyond a horizon."""
-    most = (1.0 + _ROUNDING) * observed.total_chi2(model, places)
+    observed: _Observed, model: Projections, places: Floats, chi2: float, step: Floats, of_places: Floats
+) -> tuple[Projections, Floats, float]:
+    """After a step, and chi squared there.
+
+    It is halved until that does not grow: from far off a whole step may lead beyond a horizon.
+    """
     for part in 0.5 ** np.arange(_HALVINGS + 1):
         following = model.corrected(part * step), places + part * of_places
-        if observed.total_chi2(*following) <= most:
+        after = observed.total_chi2(*following)
+        if after <= (1.0 + _ROUNDING) * chi2:
             break
-    return following
+    return *following, after
 
 
 def _normal_equations(observed: _Observed, model: Projections, places: Floats) -> _NormalEquations:

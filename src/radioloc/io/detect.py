@@ -13,6 +13,7 @@ from radioloc.io.checks import Catalogue, without_duplicates
 from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.mini import looks_like_mini, read_mini
 from radioloc.io.parquet import read_parquet
+from radioloc.io.ramp_table import looks_like_ramps, read_ramps_only
 from radioloc.io.table import looks_like_table, read_table
 from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm
 from radioloc.measurements.observations import Observations
@@ -102,6 +103,12 @@ READERS = registry(
             "first line names columns: epoch_utc,type,path,...",
             _by_lines(looks_like_table),
             lambda paths, its: read_table(paths[0], catalogue=its.catalogue, lunar=its.lunar),
+        ),
+        Reader(
+            "table of ramps",
+            "first line names columns: station,start_utc,stop_utc,frequency_hz,rate_hz_s",
+            _by_lines(looks_like_ramps),
+            lambda paths, its: read_ramps_only(paths[0], catalogue=its.catalogue),
         ),
         Reader(
             "Parquet",

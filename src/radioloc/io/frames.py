@@ -120,7 +120,7 @@ def _arrow(name: str, column: Any, unit: str | None) -> dict[str, pyarrow.Array]
     if name == "epoch_utc" and (hasattr(column, "jd1") or isinstance(column, Epochs)):
         days, picoseconds = utc_to_picoseconds(to_scale(column, "UTC"))
         return {"utc_date": pyarrow.array(days.astype("datetime64[D]")), "utc_ps": pyarrow.array(picoseconds)}
-    wanted = "1" if name == "relative_humidity" else unit_of(name)
+    wanted = "1" if name in ("relative_humidity", "ramped") else unit_of(name)
     if wanted is not None and name not in SPLIT_EPOCH:
         return {name: pyarrow.array(_numbers(name, column, unit, wanted), from_pandas=True)}
     if unit is not None:

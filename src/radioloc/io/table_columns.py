@@ -36,7 +36,7 @@ from radioloc.time import Epochs
 SPLIT_EPOCH = ("utc_date", "utc_ps")
 VALUE = ("observed_m", "light_time_s")
 SIGMA = ("sigma_m", "sigma_s")
-OPTIONAL = (*WEATHER_LIMITS, "uplink_hz", "count_s")
+OPTIONAL = (*WEATHER_LIMITS, "uplink_hz", "count_s", "modulus_m", "ramped")
 COLUMNS = ("epoch_utc", "type", "path", *VALUE, *SIGMA, "time_tag", *OPTIONAL)
 """Names of all columns of a CSV file; Parquet may have :data:`SPLIT_EPOCH` too."""
 
@@ -46,7 +46,9 @@ _TEXTS: dict[str, tuple[str, type[np.integer]]] = {
     "time_tag": ("tag", np.int8),
 }
 _UNITS = {"utc_ps": "ps", "relative_humidity": "1"} | {
-    name: name.rpartition("_")[2] for name in (*VALUE, *SIGMA, *OPTIONAL) if name != "relative_humidity"
+    name: name.rpartition("_")[2]
+    for name in (*VALUE, *SIGMA, *OPTIONAL)
+    if name not in ("relative_humidity", "ramped")
 }
 _TICKS = {"s": 1, "ms": 10**3, "us": 10**6, "ns": 10**9}
 _ROWS_AT_ONCE = 2**16
@@ -94,8 +96,11 @@ def record_batches(
         "time_tag": Labels(observations.tag.astype(np.int32), TIME_TAGS),
     }
     for name in OPTIONAL:
-        if name in WEATHER_LIMITS or not np.isnan(getattr(observations, name)).all():
-            columns[name] = getattr(observations, name)
+        values = getattr(observations, name)
+        if name == "ramped":
+            values = np.where(values, 1.0, np.nan)
+        if name in WEATHER_LIMITS or not np.isnan(values).all():
+            columns[name] = values
     return batches_of(columns, units=_UNITS, rows_at_once=_ROWS_AT_ONCE)
 
 
@@ -130,6 +135,8 @@ class ColumnReader:
             columns[name] = np.concatenate(self._columns.pop(name))
             columns[name].flags.writeable = False  # what nobody can write to is not copied again
         columns["epoch"] = Epochs(columns.pop("jd"), columns.pop("fraction"), "UTC")
+        if "ramped" in columns:
+            columns["ramped"] = self._yes_or_no("ramped", columns["ramped"], columns["line"])
         for (metres, seconds), key in ((VALUE, "value_m"), (SIGMA, "sigma_m")):
             columns[key] = columns.pop(metres) if metres in columns else C_M_S * columns.pop(seconds)
         observations = Observations.from_columns(
@@ -142,6 +149,16 @@ class ColumnReader:
             first = int(np.argmax(absurd))
             require_lunar_flight_time(self._path, int(observations.line[first]), float(flight_s[first]))
         return without_duplicates(observations)
+
+    def _yes_or_no(
+        self, name: str, values: NDArray[np.float64], line: NDArray[np.int32]
+    ) -> NDArray[np.bool_]:
+        """1 is yes, 0 and nothing are no."""
+        wrong = ~(np.isnan(values) | (values == 0.0) | (values == 1.0))
+        if wrong.any():
+            self._line = line
+            self._fail(name, int(np.argmax(wrong)), f"{values[wrong][0]:g} is neither 1 (yes) nor 0 (no)")
+        return np.asarray(values == 1.0)
 
     def _fail(self, name: str, row: int, problem: str) -> NoReturn:
         raise FileFormatError(self._path, f"{name}: {problem}", int(self._line[row]))

@@ -14,6 +14,7 @@ from radioloc.measurements.measurement_type import Geometry, MeasurementType, Pa
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
+from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import MEASUREMENTS
 from radioloc.measurements.terms import TERMS, active_terms
 
@@ -32,6 +33,7 @@ __all__ = [
     "PhysicalModel",
     "Prediction",
     "Predictor",
+    "Ramps",
     "StationDelay",
     "active_terms",
     "prepare_predictor",

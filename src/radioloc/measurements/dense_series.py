@@ -33,7 +33,18 @@ WORTH = 4
 CHECK_POINTS = 5
 """Points of a segment at which its polynomial is compared with the model."""
 
-_NOT_OF_A_SERIES = ("epoch", "link", "links", "value_m", "sigma_m", "files", "file", "line")
+_NOT_OF_A_SERIES = (
+    "epoch",
+    "link",
+    "links",
+    "value_m",
+    "sigma_m",
+    "files",
+    "file",
+    "line",
+    "ramps",
+    "modulus_m",
+)
 _WEATHER = ("pressure_hpa", "temperature_k", "relative_humidity")
 
 
@@ -111,7 +122,9 @@ class DenseSeries:
         cuts = np.flatnonzero((np.diff(self._code) != 0) | (np.diff(quarter) != 0) | gap) + 1
         bounds = [0, *cuts.tolist(), len(self.order)]
         for begin, end in itertools.pairwise(bounds):
-            if end - begin < least_observations(DEGREES[0][1]):
+            # Ramps have corners.
+            ramped = self._observations.ramped[self.order[begin]]
+            if ramped or end - begin < least_observations(DEGREES[0][1]):
                 continue
             length_s = self._elapsed_s[end - 1] - self._elapsed_s[begin]
             yield from self._even(begin, end, max(1, int(np.ceil(length_s / longest_s))))

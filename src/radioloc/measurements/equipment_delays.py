@@ -56,6 +56,7 @@ class PathDelays:
     hold_s: NDArray[np.float64]  # how long the point holds the signal
     after_tag_s: NDArray[np.float64]  # how long after the tag the event happens at the reference point
     in_value_s: NDArray[np.float64]  # all that the value contains beside the two legs
+    transmit_s: NDArray[np.float64]  # from the transmitter's clock to its reference point
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +123,9 @@ class EquipmentDelays:
         first_s = np.where(sign > 0.0, transmit_s, np.where(sign < 0.0, -receive_s, 0.0))
         second_s = by_station_s[receiver, 1]
         after_tag_s = np.where(tag == TRANSMIT, first_s, np.where(tag == RECEIVE, -second_s, 0.0))
-        return PathDelays(hold_s, after_tag_s, first_s + hold_s + second_s)
+        return PathDelays(
+            hold_s, after_tag_s, first_s + hold_s + second_s, np.where(sign > 0.0, transmit_s, 0.0)
+        )
 
 
 def _require_delay(key: str, delay_s: float | None) -> None:

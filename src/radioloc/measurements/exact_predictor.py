@@ -26,7 +26,7 @@ from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
-from radioloc.errors import InputError
+from radioloc.errors import InputError, StationError
 from radioloc.measurements.light_path import (
     BOUNCE,
     RECEIVE,
@@ -43,13 +43,14 @@ from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Predictor
+from radioloc.measurements.ramps import RampTerm, TransmittedFrequency
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_combined, is_differenced, is_integrated, is_one_way
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.media.ionosphere import delay_by_content_m
 from radioloc.media.medium import Leg, LegEnd
-from radioloc.media.status import first_of
-from radioloc.time import Epochs, geocentric_tdb_minus_tt, utc_to_tt
+from radioloc.media.status import Status, first_of
+from radioloc.time import Epochs, geocentric_tdb_minus_tt, tai_to_tt, utc_to_tt
 from radioloc.vectors import dot, length, rotated
 
 _SHORTEST_RADIO_UM = 1000.0
@@ -134,7 +135,10 @@ class ExactPredictor(Predictor):
         if not (near and self._moon.centre.holds_at(path.bounce_s)):
             self._prepare(lander_pa_m)
             path, relay, (up, down) = self._solve(lander_pa_m)
-        length_m = C_M_S * (self._sign * path.up_s + (path.down_s + self._equipment.in_value_s))
+        ramp = self._ramp(path)
+        length_m = (
+            C_M_S * (self._sign * path.up_s + (path.down_s + self._equipment.in_value_s)) - ramp.excess_m
+        )
         if self.model.has("tdb_tt"):
             first_s = np.where(
                 self._sign == 0.0,
@@ -142,12 +146,15 @@ class ExactPredictor(Predictor):
                 self._up.tdb_minus_tt_at(path.transmit_s),
             )
             length_m = length_m - C_M_S * (self._down.tdb_minus_tt_at(path.receive_s) - first_s)
-        partials = path_length_partials(path, self._up.point, relay, self._down.point, self._tag, self._sign)
+        partials = path_length_partials(
+            path, self._up.point, relay, self._down.point, self._tag, self._sign
+        ).scaled(ramp.scale)
         by_position, by_time = partials.by_position, partials.by_tag
         if self.model.has("tdb_tt"):
             # 1e-5 m/s in two-way, but up to 0.1 m/s between two stations, whose velocities differ.
             first_rate = np.where(self._sign == 0.0, self._up.geocentric_tdb_rate, self._up.tdb_rate)
-            by_time = by_time - C_M_S * (self._down.tdb_rate - first_rate)
+            by_time = by_time - C_M_S * ramp.scale * (self._down.tdb_rate - first_rate)
+        by_time = by_time + ramp.by_tag_m_s
         by_zenith_wet = []
         legs = zip((up, down), (partials.by_up_delay, partials.by_down_delay), self._drag(path), strict=True)
         for view, by_delay, drag in legs:
@@ -160,7 +167,8 @@ class ExactPredictor(Predictor):
         one_way = self._sign == 0.0
         up_rad, down_rad = up.leg.elevation.angle_rad, down.leg.elevation.angle_rad
         elevation_rad = np.stack([np.where(one_way, down_rad, up_rad), down_rad], axis=-1)
-        status = np.stack([np.where(one_way, 0, up.status), down.status], axis=-1).astype(np.int8)
+        first = first_of(np.where(one_way, 0, up.status), ramp.status)
+        status = np.stack([first, down.status], axis=-1).astype(np.int8)
         if len(self._integrated):
             late, early = elevation_rad[self._integrated], elevation_rad[n:]
             elevation_rad[self._integrated] = np.where((late >= 0.0) & (early < 0.0), early, late)
@@ -182,6 +190,56 @@ class ExactPredictor(Predictor):
             by_electron_content_m=by_content,
             mean_by_position_pa=mean,
         )
+
+    def _ramp(self, path: LightPath) -> RampTerm:
+        """What ramps of the transmitted frequency do to the paths' values."""
+        n, paths = len(self._paths), self._paths
+        term = RampTerm(np.zeros(n), np.ones(n), np.zeros(n), np.zeros(n, dtype=np.int8))
+        if not paths.ramped.any():
+            return term
+        # The transmitter's clock reads TT, from the epoch that the tag says, or the end of the count.
+        sent_s = path.transmit_s - self._equipment.transmit_s
+        sent_s = sent_s + self._up.geocentric_tdb_minus_tt_at(np.zeros(n)) - self._up.tdb_minus_tt_at(sent_s)
+        counted = is_integrated(paths.kind)
+        other = np.arange(n)
+        other[self._integrated] = np.arange(len(self.observations), n)
+        other[len(self.observations) :] = self._integrated
+        frequencies = self._transmitted()
+        term.status[paths.ramped] = Status.NO_RAMP
+        for k, frequency in frequencies.items():
+            rows = np.flatnonzero(paths.ramped & (self._transmitter == k))
+            origin = tai_to_tt(frequency.origin)
+            tag_s = np.full(n, np.nan)
+            tag_s[rows] = self._tt[rows].seconds_since(origin[np.zeros(len(rows), dtype=int)])
+            time_s = tag_s + sent_s
+            end_s = np.where(counted, time_s[other], tag_s)
+            rows = rows[frequency.covers(time_s[rows], end_s[rows])]
+            term.status[rows] = Status.OK
+            f0_hz = paths.uplink_hz[rows]
+            # One instant for both ends of a count: the reference frequency's cycles are counted from there on.
+            since_s = np.where(counted, np.minimum(tag_s, tag_s[other]), tag_s)[rows]
+            sent_hz, cycles = frequency.at(time_s[rows], since_s, f0_hz)
+            term.scale[rows] = sent_hz / f0_hz
+            term.by_tag_m_s[rows] = -C_M_S * (sent_hz / f0_hz - 1.0)
+            ranges = ~counted[rows]
+            if ranges.any():
+                now_hz, until = frequency.at(tag_s[rows], since_s, f0_hz)
+                cycles = cycles - np.where(ranges, until, 0.0)
+                term.by_tag_m_s[rows] += np.where(ranges, C_M_S * (now_hz / f0_hz - 1.0), 0.0)
+            term.excess_m[rows] = C_M_S / f0_hz * cycles
+        return term
+
+    def _transmitted(self) -> dict[int, TransmittedFrequency]:
+        """The transmitted frequencies that are known, by the index of the station."""
+        ramps, found = self._paths.ramps, {}
+        for name in ramps.stations:
+            try:
+                station = self.model.catalogue.get(name).name
+            except StationError:
+                continue
+            if station in self.stations:
+                found[self.stations.index(station)] = ramps.of_station(name)
+        return found
 
     def _by_stations(self, path: LightPath, partials: PathPartials) -> NDArray[np.float64]:
         """Partials by the ITRF coordinates of both stations, shape (n, 2, 3)."""

@@ -18,7 +18,7 @@ Over the millisecond for which it is used, the fastest curvature (a station's 0.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -78,6 +78,10 @@ class PathPartials:
     by_up_delay: NDArray[np.float64]  # the delay of a leg, m/m: the leg's sign to 1e-4
     by_down_delay: NDArray[np.float64]
     by_hold: NDArray[np.float64]  # the hold, m/s: the speed of light to 1e-5
+
+    def scaled(self, factor: NDArray[np.float64]) -> PathPartials:
+        """Those of the length times a factor."""
+        return PathPartials(*((getattr(self, field.name).T * factor).T for field in fields(self)))
 
 
 def solve_light_path(

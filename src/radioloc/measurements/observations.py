@@ -20,6 +20,7 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import KINDS, MEASUREMENTS, is_integrated, kind_of
 from radioloc.plugins import LazyNames
 from radioloc.tables import TableForm, as_table
@@ -50,7 +51,9 @@ _UNITS = {
     "wavelength_um": "um",
     "uplink_hz": "Hz",
     "count_s": "s",
+    "modulus_m": "m",
 }
+_OF_ALL = ("links", "files", "ramps")
 _IN_MEMORY = "in memory"
 
 
@@ -86,12 +89,19 @@ class Observations:
         Frequency of the radio signal on its way up, Hz. NaN says that it was not recorded or does not apply.
     count_s : ndarray, shape (n,)
         Count interval of Doppler and of a delay rate, s; NaN for other kinds.
+    modulus_m : ndarray, shape (n,)
+        What a range is known but for multiples of, m of light path; NaN where it is known in full.
+    ramped : ndarray of bool, shape (n,)
+        Whether the value counts cycles of a transmitted frequency that changes, as ``ramps`` say, with ``uplink_hz`` as
+        the reference frequency that they are in metres by (:mod:`~radioloc.measurements.ramps`).
     files : tuple of str
         The files that the rows came from, each once.
     file : ndarray of int32, shape (n,)
         Index into ``files``.
     line : ndarray of int32, shape (n,)
         Line in that file, counted from 1.
+    ramps : Ramps
+        Transmitted frequencies of stations.
     """
 
     epoch: Epochs
@@ -107,9 +117,12 @@ class Observations:
     wavelength_um: NDArray[np.float64]
     uplink_hz: NDArray[np.float64]
     count_s: NDArray[np.float64]
+    modulus_m: NDArray[np.float64]
+    ramped: NDArray[np.bool_]
     files: tuple[str, ...]
     file: NDArray[np.int32]
     line: NDArray[np.int32]
+    ramps: Ramps
 
     @classmethod
     def from_columns(
@@ -128,9 +141,12 @@ class Observations:
         wavelength_um: ArrayLike = np.nan,
         uplink_hz: ArrayLike = np.nan,
         count_s: ArrayLike = np.nan,
+        modulus_m: ArrayLike = np.nan,
+        ramped: ArrayLike = False,
         files: Sequence[str] = (),
         file: ArrayLike = 0,
         line: ArrayLike | None = None,
+        ramps: Ramps | None = None,
     ) -> Observations:
         """Check and copy columns; a single value stands for all rows.
 
@@ -168,9 +184,12 @@ class Observations:
             wavelength_um=_column("wavelength_um", wavelength_um, n),
             uplink_hz=_column("uplink_hz", uplink_hz, n),
             count_s=_column("count_s", count_s, n),
+            modulus_m=_column("modulus_m", modulus_m, n),
+            ramped=_column("ramped", ramped, n, np.bool_),
             files=unique_files,
             file=_recode(file_codes, _codes("file", file, n, len(file_codes), np.int32)),
             line=_column("line", np.arange(1, n + 1) if line is None else line, n, np.int32),
+            ramps=Ramps.none() if ramps is None else ramps,
         )
         made._validate()
         return made
@@ -244,6 +263,7 @@ class Observations:
         files, file_codes = _unique([file for part in parts for file in part.files])
         columns: dict[str, Any] = {"links": links, "files": files}
         columns["epoch"] = Epochs.concatenate([p.epoch for p in parts])
+        columns["ramps"] = Ramps.concatenate([p.ramps for p in parts])
         for name, codes in (("link", link_codes), ("file", file_codes)):
             ends = np.cumsum([len(getattr(p, f"{name}s")) for p in parts])[:-1]
             own = zip(parts, np.split(codes, ends), strict=True)
@@ -280,10 +300,10 @@ class Observations:
         return self.epoch[[int(days.argmin()), int(days.argmax())]]
 
     def select(self, which: Any) -> Observations:
-        """Rows chosen by a mask, a slice or indices, in that order; ``links`` and ``files`` stay whole."""
+        """Rows chosen by a mask, a slice or indices, in that order; ``links``, ``files`` and ``ramps`` stay whole."""
         columns = {f.name: getattr(self, f.name) for f in fields(self)}
         for name, value in columns.items():
-            if name not in ("links", "files"):
+            if name not in _OF_ALL:
                 columns[name] = value[which] if isinstance(value, Epochs) else np.atleast_1d(value[which])
         return _frozen(Observations(**columns))
 
@@ -325,6 +345,7 @@ class Observations:
         """
         columns: dict[str, Any] = {"epoch_utc": self.epoch, "type": self.types(), "path": self.paths()}
         columns |= {"time_tag": self.tags()} | {name: getattr(self, name) for name in _UNITS}
+        columns |= {"ramped": self.ramped}
         columns |= {"file": np.array(self.files, dtype=np.str_)[self.file], "line": self.line}
         return as_table(columns, form)
 
@@ -371,6 +392,21 @@ class Observations:
                 self._refuse(wrong, "value_m", kind.limit)
         wrong = ~np.isnan(self.uplink_hz) & ~((self.uplink_hz > 1e6) & (self.uplink_hz < 1e12))
         self._refuse(wrong, "uplink_hz", "must be 1e6 to 1e12, or left out")
+        wrong = self.ramped & (np.isnan(self.uplink_hz) | (self.tag != TIME_TAGS.index("receive")))
+        self._refuse(
+            wrong, "ramped", "cycles need uplink_hz, their reference frequency, and time tags of reception"
+        )
+        sent = np.array([link.form.startswith("transmitter") for link in self.links], dtype=bool)[self.link]
+        two_way = np.array([link.transmitter == link.receiver for link in self.links], dtype=bool)[self.link]
+        wrong = self.ramped & ~(sent & (is_integrated(self.kind) | two_way))
+        self._refuse(
+            wrong,
+            "ramped",
+            "cycles of a station's frequency are counted in two-way and three-way Doppler "
+            "and in two-way ranges",
+        )
+        wrong = ~np.isnan(self.modulus_m) & (~(self.modulus_m > 0.0) | is_integrated(self.kind))
+        self._refuse(wrong, "modulus_m", "must be above zero, and of a range, or left out")
         for name, (low, high) in WEATHER_LIMITS.items():
             column = getattr(self, name)
             wrong = ~(np.isnan(column) | ((column >= low) & (column <= high)))

@@ -30,6 +30,7 @@ class Status(IntEnum):
     NO_HUMIDITY = 9
     NO_FREQUENCY = 10
     OUTSIDE_MODEL = 11
+    NO_RAMP = 12
 
     def text(self, elevation_deg: float = np.nan, station: str = "") -> str:
         """Say what is wrong; empty if nothing is.
@@ -52,6 +53,7 @@ _TEXTS = {
     Status.NO_HUMIDITY: "no humidity recorded, which the troposphere model needs",
     Status.NO_FREQUENCY: "no frequency recorded, which the ionosphere needs",
     Status.OUTSIDE_MODEL: "outside of what the model of a medium covers",
+    Status.NO_RAMP: "sent when no ramp says the transmitted frequency",
 }
 
 

@@ -159,6 +159,7 @@ def test_to_table_has_all_columns():
         "link",
         "links",
         "files",
+        "ramps",
     }
     assert names <= set(table.colnames)
     assert table["epoch_utc"].scale == "utc"

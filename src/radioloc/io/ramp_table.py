@@ -1,0 +1,114 @@
+"""Ramps of transmitted frequencies as a plain table, a file beside those of the observations that they belong to.
+
+::
+
+    station,start_utc,stop_utc,frequency_hz,rate_hz_s
+    DSS-24,2012-04-09T04:34:00.000000000000,2012-04-09T04:36:12.000000000000,2102419321.5,0.125
+"""
+
+from __future__ import annotations
+
+import csv
+from pathlib import Path
+
+import numpy as np
+
+from radioloc.errors import FileFormatError, InputError
+from radioloc.io.checks import Catalogue, station_name
+from radioloc.io.dates import utc_from_text
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.ramps import Ramps
+from radioloc.text_files import read_lines
+
+COLUMNS = ("station", "start_utc", "stop_utc", "frequency_hz", "rate_hz_s")
+
+
+def read_ramps(path: str | Path, *, catalogue: Catalogue | None = None) -> Ramps:
+    r"""Read a table of ramps; stations get their catalogue names.
+
+    Raises
+    ------
+    FileFormatError
+        The table is cut or damaged, or ramps contradict each other; the message names the line where there is one.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from radioloc.io import read_ramps
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "ramps.csv")
+    >>> _ = path.write_text(
+    ...     "station,start_utc,stop_utc,frequency_hz,rate_hz_s\n"
+    ...     "KASHI,2024-05-02T06:00:00,2024-05-02T06:10:00,7.2e9,-0.5\n"
+    ... )
+    >>> read_ramps(path)
+    <Ramps 1 of KASHI>
+    """
+    lines = [(k, line) for k, line in enumerate(read_lines(path), 1) if line.strip() and line[0] != "#"]
+    header = [name.strip() for name in lines[0][1].split(",")] if lines else []
+    if sorted(header) != sorted(COLUMNS):
+        raise FileFormatError(path, f"a table of ramps has the columns {','.join(COLUMNS)}", 1)
+    rows = [dict(zip(header, fields, strict=False)) for fields in csv.reader(line for _, line in lines[1:])]
+    numbers = []
+    for (line, text), row in zip(lines[1:], rows, strict=True):
+        try:
+            numbers.append([float(row["frequency_hz"]), float(row["rate_hz_s"])])
+            utc_from_text([row["start_utc"].strip(), row["stop_utc"].strip()])
+        except KeyError:
+            raise FileFormatError(
+                path, f"{text.strip()!r} has too few fields: cut or damaged", line
+            ) from None
+        except ValueError as error:  # an InputError is one, too
+            raise FileFormatError(path, str(error), line) from None
+    if not rows:
+        raise FileFormatError(path, "has columns, but no ramps")
+    names = [station_name((row["station"].strip(),), catalogue) for row in rows]
+    start, stop = (utc_from_text([row[key].strip() for row in rows]) for key in ("start_utc", "stop_utc"))
+    frequency_hz, rate_hz_s = np.array(numbers).T
+    try:
+        return Ramps.of(names, start, stop, frequency_hz, rate_hz_s)
+    except InputError as error:
+        raise FileFormatError(path, str(error)) from None
+
+
+def read_ramps_only(path: str | Path, *, catalogue: Catalogue | None = None) -> Observations:
+    """The ramps of a table as a table of observations without rows, which lends them to those it is joined with."""
+    none = np.zeros(0)
+    ramps = read_ramps(path, catalogue=catalogue)
+    return Observations.from_columns(
+        epoch=utc_from_text([]), links=(), value_m=none, sigma_m=none, files=(str(path),), ramps=ramps
+    )
+
+
+def write_ramps(path: str | Path, ramps: Ramps) -> None:
+    """Write ramps as a table that :func:`read_ramps` gives back.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from radioloc.io import read_ramps, write_ramps
+    >>> from radioloc.measurements import Ramps
+    >>> from radioloc.time import epochs_from_strings
+    >>> start, stop = epochs_from_strings(["2024-05-02T06:00:00"]), epochs_from_strings(["2024-05-02T06:10:00"])
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "ramps.csv")
+    >>> write_ramps(path, Ramps.of(["KASHI"], start, stop, [7.2e9], [-0.5]))
+    >>> read_ramps(path)
+    <Ramps 1 of KASHI>
+    """
+    # Arrow takes a fifth of a second to import.
+    from radioloc.estimation.labels import Labels
+    from radioloc.io.csv_file import batches_of, write_csv
+
+    columns = {
+        "station": Labels(ramps.station, ramps.stations),
+        "start_utc": ramps.start_utc,
+        "stop_utc": ramps.stop_utc,
+        "frequency_hz": ramps.frequency_hz,
+        "rate_hz_s": ramps.rate_hz_s,
+    }
+    write_csv(path, batches_of(columns))
+
+
+def looks_like_ramps(lines: list[str]) -> bool:
+    """Whether the first line that is no comment names the columns."""
+    first = next((line for line in lines if line.strip() and not line.startswith("#")), "")
+    return "start_utc" in first and "frequency_hz" in first

@@ -1,0 +1,230 @@
+"""Ramps: the frequency that stations transmit, piece by piece linear in time, and its cycles.
+
+A coherent measurement counts cycles of the transmitted frequency f_T. In metres, by the reference frequency f_0 of the
+observation, Doppler over the count interval T is c T less c / f_0 times the integral of f_T from t1 at its start to t1
+at its end, and a range is c / f_0 times the integral from t1 to t3. Both are the length of the light path, or its
+growth, less c / f_0 times the integral of f_T - f_0 up to the transmission at t1, and need no light time from the user.
+
+Source: Moyer (2003), sections 13.3 and 13.5.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.boundary import bare_arguments
+from radioloc.errors import InputError
+from radioloc.time import Epochs, tai_to_utc, utc_strings, utc_to_tai
+
+_SAME_S = 1e-6
+"""Ramps that meet to this time are contiguous: a station's frequency is set to the microsecond."""
+_SAME_HZ = 1e-3
+_OTHER_BAND = 0.01
+"""A station whose frequency steps by more than this part of it has begun another signal."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Ramps:
+    """Pieces of the transmitted frequency, by the transmitting station's clock; :meth:`of` checks them.
+
+    Parameters
+    ----------
+    stations : tuple of str
+        Names of the transmitting stations, each once.
+    station : ndarray of int, shape (n,)
+        Index into ``stations``.
+    start : Epochs
+        Beginnings, TAI, n epochs.
+    duration_s : ndarray, shape (n,)
+        How long each lasts, s.
+    frequency_hz, rate_hz_s : ndarray, shape (n,)
+        Transmitted frequency at the beginning, Hz, and its rate, Hz/s.
+    """
+
+    stations: tuple[str, ...]
+    station: NDArray[np.int32]
+    start: Epochs
+    duration_s: NDArray[np.float64]
+    frequency_hz: NDArray[np.float64]
+    rate_hz_s: NDArray[np.float64]
+
+    @classmethod
+    def none(cls) -> Ramps:
+        """No ramps."""
+        nothing = np.zeros(0)
+        return cls((), np.zeros(0, np.int32), Epochs(nothing, nothing, "TAI"), nothing, nothing, nothing)
+
+    @classmethod
+    @bare_arguments
+    def of(
+        cls,
+        station: Sequence[str],
+        start: Epochs,
+        stop: Epochs,
+        frequency_hz: NDArray[np.float64],
+        rate_hz_s: NDArray[np.float64],
+    ) -> Ramps:
+        """Ramps of named stations, in any order; of those that are there twice, one is kept.
+
+        Parameters
+        ----------
+        station : sequence of str
+            The transmitting station of each.
+        start, stop : Epochs
+            UTC, by the station's clock.
+        frequency_hz, rate_hz_s : array_like
+            At the beginning, Hz; Hz/s.
+
+        Raises
+        ------
+        InputError
+            A ramp ends before it begins, is no radio frequency, or contradicts another at the same time.
+        """
+        start.require("UTC")
+        stop.require("UTC")
+        begin, names = utc_to_tai(start), tuple(dict.fromkeys(station))
+        code = np.array([names.index(name) for name in station], dtype=np.int32)
+        duration_s = utc_to_tai(stop).seconds_since(begin)
+        f_hz, rate = np.asarray(frequency_hz, dtype=np.float64), np.asarray(rate_hz_s, dtype=np.float64)
+        wrong = ~((duration_s >= 0.0) & (f_hz > 1e6) & (f_hz < 1e12) & np.isfinite(rate))
+        if wrong.any():
+            k = int(np.argmax(wrong))
+            raise InputError(
+                f"ramp of {station[k]} at {utc_strings(start[k])[0]} lasts {duration_s[k]:g} s at {f_hz[k]!r} Hz, "
+                f"{rate[k]!r} Hz/s; it must end after it begins, and be 1e6 to 1e12 Hz"
+            )
+        return cls(names, code, begin, duration_s, f_hz, rate)._in_order()
+
+    def __len__(self) -> int:
+        return len(self.duration_s)
+
+    def __repr__(self) -> str:
+        return f"<Ramps {len(self)} of {', '.join(self.stations) or 'no station'}>"
+
+    @property
+    def start_utc(self) -> Epochs:
+        """Beginnings in UTC."""
+        return tai_to_utc(self.start)
+
+    @property
+    def stop_utc(self) -> Epochs:
+        """Ends in UTC."""
+        return tai_to_utc(self.start.shifted(self.duration_s))
+
+    @staticmethod
+    def concatenate(parts: Sequence[Ramps]) -> Ramps:
+        """Join ramps; an InputError where two contradict each other."""
+        parts = [part for part in parts if len(part)]
+        if len({id(part) for part in parts}) <= 1:
+            return parts[0] if parts else Ramps.none()
+        names = tuple(dict.fromkeys(name for part in parts for name in part.stations))
+        code = [np.array([names.index(n) for n in part.stations], np.int32)[part.station] for part in parts]
+        return Ramps(
+            names,
+            np.concatenate(code),
+            Epochs.concatenate([part.start for part in parts]),
+            *(
+                np.concatenate([getattr(part, name) for part in parts])
+                for name in ("duration_s", "frequency_hz", "rate_hz_s")
+            ),
+        )._in_order()
+
+    def _in_order(self) -> Ramps:
+        """By station and time, each until the next begins."""
+        order = np.lexsort((self.start.fraction, self.start.jd, self.station))
+        order = order[self.duration_s[order] > _SAME_S]
+        start, station, duration_s = self.start[order], self.station[order], self.duration_s[order].copy()
+        f_hz, rate = self.frequency_hz[order], self.rate_hz_s[order]
+        kept = np.ones(len(order), dtype=bool)
+        last = 0
+        for k in range(1, len(order)):
+            if station[k] == station[last]:
+                gap_s = start[k].seconds_since(start[last])[0]
+                if gap_s < duration_s[last] - _SAME_S:
+                    # Where tables overlap both must say the same; a ramp that was cut is followed by the whole one.
+                    end_hz = f_hz[last] + rate[last] * gap_s
+                    same = abs(end_hz - f_hz[k]) < _SAME_HZ and abs(rate[k] - rate[last]) < 1e-9
+                    if not same:
+                        raise InputError(
+                            f"ramps of {self.stations[station[k]]} contradict each other at "
+                            f"{utc_strings(tai_to_utc(start[k]))[0]} UTC: {end_hz!r} and {f_hz[k]!r} Hz; "
+                            "leave one of the two tables out, or correct it"
+                        )
+                    duration_s[last] = max(duration_s[last], gap_s + duration_s[k])
+                    kept[k] = False
+                    continue
+            last = k
+        return Ramps(self.stations, station[kept], start[kept], duration_s[kept], f_hz[kept], rate[kept])
+
+    def of_station(self, name: str) -> TransmittedFrequency:
+        """The frequency of one of the stations."""
+        rows = self.station == self.stations.index(name)
+        return TransmittedFrequency(
+            self.start[rows], self.duration_s[rows], self.frequency_hz[rows], self.rate_hz_s[rows]
+        )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class RampTerm:
+    """What ramps do to the values of n light paths; the arrays are filled where there are ramps."""
+
+    excess_m: NDArray[np.float64]  # to be taken off the length
+    scale: NDArray[
+        np.float64
+    ]  # transmitted over reference frequency: partials by all that moves the transmission
+    by_tag_m_s: NDArray[np.float64]  # what the time tag changes besides the length
+    status: NDArray[np.int8]
+
+
+class TransmittedFrequency:
+    """The frequency of one station as a function of time: value and cycles."""
+
+    def __init__(
+        self,
+        start: Epochs,
+        duration_s: NDArray[np.float64],
+        frequency_hz: NDArray[np.float64],
+        rate_hz_s: NDArray[np.float64],
+    ) -> None:
+        self.origin = start[0]
+        self._start_s = start.seconds_since(start[:1])
+        self._duration_s, self._frequency_hz, self._rate_hz_s = duration_s, frequency_hz, rate_hz_s
+        gap = np.diff(self._start_s) - duration_s[:-1] > _SAME_S
+        gap |= np.abs(np.diff(frequency_hz)) > _OTHER_BAND * frequency_hz[1:]
+        # Within a block without gaps, cycles are counted beyond those of its first frequency: 1e15 would lose digits.
+        self._block = np.concatenate([[0], np.cumsum(gap)])
+        first = np.searchsorted(self._block, np.arange(self._block[-1] + 1))
+        self._base_hz = frequency_hz[first][self._block]
+        steps = np.diff(self._start_s, append=self._start_s[-1] + duration_s[-1])
+        cycles = ((frequency_hz - self._base_hz) + 0.5 * rate_hz_s * steps) * steps
+        self._cycles = np.concatenate([[0.0], np.cumsum(cycles)[:-1]])
+
+    def covers(self, first_s: NDArray[np.float64], last_s: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Whether there are ramps without a gap between two times, s since :attr:`origin`, shape (n,)."""
+        (one, inside_one), (other, inside_other) = self._find(first_s), self._find(last_s)
+        return inside_one & inside_other & (self._block[one] == self._block[other])
+
+    def at(
+        self, time_s: NDArray[np.float64], since_s: NDArray[np.float64], reference_hz: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Frequency, Hz, and cycles beyond a reference frequency, at times in s since :attr:`origin`; shapes (n,).
+
+        Cycles are counted from an instant that is the same for all times in one block without gaps, those of the
+        reference frequency from `since_s` on: of use are differences for one `since_s`.
+        """
+        k, _ = self._find(time_s)
+        within_s = time_s - self._start_s[k]
+        over_hz = self._frequency_hz[k] - self._base_hz[k]
+        cycles = self._cycles[k] + (over_hz + 0.5 * self._rate_hz_s[k] * within_s) * within_s
+        cycles += (self._base_hz[k] - reference_hz) * (time_s - since_s)
+        return self._frequency_hz[k] + self._rate_hz_s[k] * within_s, cycles
+
+    def _find(self, time_s: NDArray[np.float64]) -> tuple[NDArray[np.intp], NDArray[np.bool_]]:
+        """The ramp at each time, and whether it is inside."""
+        k = np.maximum(np.searchsorted(self._start_s, time_s, side="right") - 1, 0)
+        within_s = time_s - self._start_s[k]
+        return k, (within_s >= 0.0) & (within_s <= self._duration_s[k] + _SAME_S)

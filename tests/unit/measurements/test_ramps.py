@@ -1,0 +1,221 @@
+"""Ramps: frequency and cycles of a station, and what they do to Doppler and ranges."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scipy.integrate import quad
+
+from radioloc.constants import C_M_S
+from radioloc.errors import FileFormatError, InputError
+from radioloc.io import read_observations, read_ramps, write_ramps
+from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel, Ramps, prepare_predictor
+from radioloc.measurements.observations import DOPPLER, RANGE
+from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
+
+LANDER_PA_M = np.array([1554678.949, 98094.118, 765004.906])
+START = epochs_from_strings(["2024-05-02T02:00:00"])
+F0_HZ = 7.2e9
+COUNT_S = 60.0
+
+
+def at(seconds):
+    return tai_to_utc(utc_to_tai(START)[np.zeros(np.size(seconds), dtype=int)].shifted(seconds))
+
+
+def ramps(*pieces, station="KASHI"):
+    """Pieces of (start, stop, frequency, rate), s and Hz."""
+    start, stop, frequency, rate = np.array(pieces, dtype=float).T
+    return Ramps.of([station] * len(pieces), at(start), at(stop), frequency, rate)
+
+
+TUNED = ramps(
+    (-600.0, 95.5, F0_HZ + 1000.0, 0.5), (95.5, 200.25, F0_HZ + 5e4, -3.0), (200.25, 900.0, F0_HZ - 2e4, 1.25)
+)
+
+
+def observations(links, kind=DOPPLER, seconds=(0.0, 60.0, 120.0, 200.0, 300.0), ramped=True, of=TUNED):
+    return Observations.from_columns(
+        epoch=at(np.array(seconds)),
+        links=links,
+        kind=kind,
+        tag=1,
+        value_m=1.0,
+        sigma_m=1.0,
+        count_s=COUNT_S if kind == DOPPLER else np.nan,
+        uplink_hz=F0_HZ,
+        wavelength_um=C_M_S / 8.4e9 * 1e6,
+        ramped=ramped,
+        ramps=of,
+    )
+
+
+@pytest.fixture(scope="module")
+def model():
+    return PhysicalModel.build()
+
+
+TWO_WAY, THREE_WAY = Link("KASHI", "lander", "KASHI"), Link("KASHI", "lander", "JIAMUSI")
+
+
+def frequency_hz(seconds):
+    for begin, f_hz, rate in (
+        (200.25, F0_HZ - 2e4, 1.25),
+        (95.5, F0_HZ + 5e4, -3.0),
+        (-600.0, F0_HZ + 1000.0, 0.5),
+    ):
+        if seconds >= begin:
+            return f_hz + rate * (seconds - begin)
+    raise AssertionError
+
+
+def cycles(first_s, last_s):
+    """Of the transmitted frequency beyond the reference, by quadrature."""
+    inside = [corner for corner in (95.5, 200.25) if first_s < corner < last_s]
+    return quad(lambda t: frequency_hz(t) - F0_HZ, first_s, last_s, points=inside or None, epsabs=1e-9)[0]
+
+
+@pytest.mark.parametrize("link", [TWO_WAY, THREE_WAY])
+def test_doppler_counts_the_cycles_sent_between_the_modelled_transmissions(model, link):
+    seconds = np.array([0.0, 60.0, 120.0, 200.0, 300.0])
+    plain = observations([link], ramped=False)
+    growth_m = prepare_predictor(model, plain, LANDER_PA_M).compute(LANDER_PA_M).value_m
+    computed = prepare_predictor(model, observations([link]), LANDER_PA_M).compute(LANDER_PA_M)
+    ends = Observations.concatenate(
+        [observations([link], RANGE, seconds + half_s, ramped=False) for half_s in (-30.0, 30.0)]
+    )
+    light_s = prepare_predictor(model, ends, LANDER_PA_M).compute(LANDER_PA_M).value_m.reshape(2, -1) / C_M_S
+    for k, (first_s, last_s) in enumerate(
+        zip(*(seconds + np.array([[-30.0], [30.0]]) - light_s), strict=True)
+    ):
+        # The ionosphere's sign is the only difference of a range's light time from the phase's: it is off.
+        expected_m = growth_m[k] - C_M_S / F0_HZ * cycles(first_s, last_s)
+        # 1e-9 cycles of quadrature, and the light time from a range to a nanosecond times 5e4 Hz.
+        assert computed.value_m[k] == pytest.approx(expected_m, abs=5e-6)
+    assert computed.usable.all()
+
+
+def test_a_range_counts_the_cycles_between_transmission_and_reception(model):
+    plain = prepare_predictor(model, observations([TWO_WAY], RANGE, ramped=False), LANDER_PA_M)
+    length_m = plain.compute(LANDER_PA_M).value_m
+    computed = prepare_predictor(model, observations([TWO_WAY], RANGE), LANDER_PA_M).compute(LANDER_PA_M)
+    for k, received_s in enumerate((0.0, 60.0, 120.0, 200.0, 300.0)):
+        sent_s = received_s - length_m[k] / C_M_S
+        expected_m = length_m[k] + C_M_S / F0_HZ * cycles(sent_s, received_s)
+        assert computed.value_m[k] == pytest.approx(expected_m, abs=1e-6)
+
+
+def test_a_frequency_that_is_the_reference_changes_nothing(model):
+    constant = ramps((-600.0, 100.0, F0_HZ, 0.0), (100.0, 900.0, F0_HZ, 0.0))
+    values = [
+        prepare_predictor(model, obs, LANDER_PA_M).compute(LANDER_PA_M)
+        for obs in (observations([TWO_WAY], ramped=False), observations([TWO_WAY], of=constant))
+    ]
+    np.testing.assert_allclose(values[1].value_m, values[0].value_m, rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(values[1].by_position_pa, values[0].by_position_pa, rtol=0.0, atol=1e-15)
+
+
+@pytest.mark.parametrize("kind", [DOPPLER, RANGE])
+def test_partials_are_those_of_differences(model, kind):
+    predictor = ExactPredictor(model, observations([TWO_WAY], kind), LANDER_PA_M)
+    here = predictor.compute(LANDER_PA_M)
+    # Partials leave out tides and how lengths on the Moon shrink, up to 5e-7; ramps scale them by up to 7e-6.
+    for axis in np.eye(3):
+        step_m = 50.0 * axis
+        change_m = predictor.at(LANDER_PA_M + step_m).value_m - predictor.at(LANDER_PA_M - step_m).value_m
+        np.testing.assert_allclose(here.by_position_pa @ axis, change_m / 100.0, rtol=0.0, atol=6e-7)
+    if kind == RANGE:
+        plain = ExactPredictor(model, observations([TWO_WAY], kind, ramped=False), LANDER_PA_M).at(
+            LANDER_PA_M
+        )
+        scale = [frequency_hz(t - 2.6) / F0_HZ for t in (0.0, 60.0, 120.0, 200.0, 300.0)]
+        expected = plain.by_position_pa * np.array(scale)[:, np.newaxis]
+        np.testing.assert_allclose(here.by_position_pa, expected, rtol=1e-9)
+    moved = [
+        ExactPredictor(
+            model,
+            dataclasses.replace(
+                predictor.observations, epoch=at(np.array([0.0, 60.0, 120.0, 200.0, 300.0]) + dt)
+            ),
+            LANDER_PA_M,
+        ).at(LANDER_PA_M)
+        for dt in (-0.05, 0.05)
+    ]
+    # Media's delays change with the tag as well as the path.
+    np.testing.assert_allclose(
+        (moved[1].value_m - moved[0].value_m) / 0.1, here.by_time_m_s, rtol=1e-6, atol=2e-5
+    )
+
+
+def test_what_was_sent_in_a_gap_or_beyond_the_ramps_is_rejected(model):
+    holed = ramps((-600.0, 40.0, F0_HZ, 0.0), (70.0, 280.0, F0_HZ, 0.0))
+    predictor = prepare_predictor(model, observations([TWO_WAY], of=holed), LANDER_PA_M)
+    assert predictor.compute(LANDER_PA_M).usable.tolist() == [True, False, True, True, False]
+    other = dataclasses.replace(holed, stations=("JIAMUSI",))
+    predictor = prepare_predictor(model, observations([TWO_WAY], of=other), LANDER_PA_M)
+    assert not predictor.compute(LANDER_PA_M).usable.any()
+
+
+def test_tables_that_overlap_are_joined_and_contradictions_are_named():
+    halves = [ramps((0.0, 100.0, F0_HZ, 1.0)), ramps((60.0, 300.0, F0_HZ + 60.0, 1.0))]
+    joined = Ramps.concatenate(halves)
+    assert (len(joined), joined.duration_s.tolist()) == (1, [pytest.approx(300.0)])
+    with pytest.raises(InputError, match=r"ramps of KASHI contradict each other at 2024-05-02T02:01:00"):
+        Ramps.concatenate([halves[0], ramps((60.0, 300.0, F0_HZ, 1.0))])
+    with pytest.raises(InputError, match=r"ramp of KASHI at 2024-05-02T02:00:00.* lasts -1 s"):
+        ramps((0.0, -1.0, F0_HZ, 0.0))
+
+
+def test_observations_keep_their_ramps_and_need_a_reference_frequency():
+    both = Observations.concatenate([observations([TWO_WAY]), observations([TWO_WAY], seconds=[600.0])])
+    assert len(both.ramps) == 3
+    assert both[:2].ramps is both.ramps
+    assert both.ramped.all()
+    with pytest.raises(InputError, match="ramped is 1, but cycles need uplink_hz"):
+        Observations.from_columns(
+            epoch=START,
+            links=[TWO_WAY],
+            kind=DOPPLER,
+            tag=1,
+            value_m=1.0,
+            sigma_m=1.0,
+            count_s=1.0,
+            ramped=True,
+        )
+    with pytest.raises(InputError, match="two-way ranges"):
+        observations([THREE_WAY], RANGE)
+
+
+def test_ramps_and_observations_come_back_from_their_tables(tmp_path, model):
+    from radioloc.io import write_table
+
+    original = observations([TWO_WAY])
+    write_table(tmp_path / "doppler.csv", original)
+    write_ramps(tmp_path / "ramps.csv", original.ramps)
+    back = read_observations([tmp_path / "doppler.csv", tmp_path / "ramps.csv"], lunar=False)
+    assert back.ramped.all()
+    for name in ("frequency_hz", "rate_hz_s", "station"):
+        assert getattr(back.ramps, name).tolist() == getattr(original.ramps, name).tolist()
+    np.testing.assert_allclose(back.ramps.duration_s, original.ramps.duration_s, rtol=0.0, atol=1e-9)
+    values = [
+        prepare_predictor(model, obs, LANDER_PA_M).compute(LANDER_PA_M).value_m for obs in (original, back)
+    ]
+    np.testing.assert_allclose(values[0], values[1], rtol=0.0, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("KASHI,2024-05-02T06:00:00,2024-05-02T06:10:00,7.2e9", "line 2: .* too few fields"),
+        ("KASHI,2024-05-02T06:00:00,2024-05-02T06:10:00,fast,0", "line 2: .*'fast'"),
+        ("KASHI,2024-13-02T06:00:00,2024-05-02T06:10:00,7.2e9,0", "line 2: "),
+        ("KASHI,2024-05-02T06:00:00,2024-05-02T05:10:00,7.2e9,0", "must end after it begins"),
+    ],
+)
+def test_a_damaged_table_of_ramps_is_one_error(tmp_path, line, message):
+    path = tmp_path / "ramps.csv"
+    path.write_text(f"station,start_utc,stop_utc,frequency_hz,rate_hz_s\n{line}\n")
+    with pytest.raises(FileFormatError, match=message):
+        read_ramps(path)

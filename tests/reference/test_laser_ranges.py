@@ -165,7 +165,7 @@ def test_lunar_constants_show_in_the_range_itself(model, apollo15):
 
 
 # DE430's principal axes, JPL IOM 335-JW,DB,WF-20130722-016, table 6; good to 0.12 to 0.27 m, and the axes of DE440
-# turn by some decimetres from them.
+# turn by up to a metre from them.
 APOLLO15_DE430_M = np.array([1554678.231, 98095.485, 765005.355])
 
 

@@ -29,7 +29,8 @@ def rot_icrf_to_pa(angles_rad: ArrayLike) -> NDArray[np.float64]:
     Notes
     -----
     Folkner, Williams and Boggs (2009), IPN Progress Report 42-178, on the orientation of the Moon. The principal axes
-    are those of the ephemeris that the angles are of: PA_DE421 and PA_DE440 differ by up to 1 m on the surface.
+    are those of the ephemeris that the angles are of: PA_DE421 and PA_DE440 differ by 1.3 to 1.8 m on the
+    surface.
 
     Examples
     --------

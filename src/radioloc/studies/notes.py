@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_prediction import orientation_errors
-from radioloc.ephemeris import Trajectory
+from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.editing import EditedFit
 from radioloc.kernels import sha256_of
@@ -51,7 +51,7 @@ def notes_of(
     moon_considered: bool,
 ) -> list[str]:
     """All notes of a result, warnings first; `moon_considered` says whether the ephemeris' error is in the sigma."""
-    notes: list[str] = []
+    notes = list(_turned(study, arc.model.ephemeris.constants))
     if weights := study.observations.weights:
         notes.append(f"sigmas changed: {'; '.join(map(str, weights))}")
     parameters = fitted.fit.parameters
@@ -78,6 +78,25 @@ def notes_of_plan(arc: Predictor, left_out: dict[str, int]) -> list[str]:
         f"{plural(count, 'observation')} not selected: {reason}" for reason, count in left_out.items()
     ]
     return [*not_selected, *_of_stations(arc), *_of_model(arc)]
+
+
+def _turned(study: Study, constants: EphemerisConstants) -> Iterator[str]:
+    """Positions in axes of another ephemeris."""
+    places: dict[str, LunarPosition | Trajectory] = {"[target]": study.target}
+    if study.targets:
+        places = {f"[targets.{name}]": place for name, place in study.targets.items()}
+    if study.reference is not None:
+        places["[reference]"] = study.reference.position
+    places |= {f"[references] {known.name}": known.position for known in study.references}
+    for table, place in places.items():
+        if isinstance(place, LunarPosition) and place.frame not in (
+            f"PA_{constants.name}",
+            constants.me_frame,
+        ):
+            yield (
+                f"{table} is given in {place.frame} and was turned to axes of {constants.name} by "
+                f"{constants.me_frame}, constant angles that leave some decimetres of what the librations differ by"
+            )
 
 
 def _terrain_doubt(

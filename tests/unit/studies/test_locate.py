@@ -284,14 +284,29 @@ def test_below_the_stations_horizon_is_rejected_with_the_reason(apollo15, near15
 
 
 def test_position_of_another_ephemeris_is_refused(apollo15, near15):
-    other = LunarPosition.from_cartesian(near15.xyz_m, "PA_DE440")
+    other = LunarPosition.from_cartesian(near15.xyz_m, "PA_DE430")
     with pytest.raises(
-        radioloc.errors.InputError, match=r"^\[target\] frame: .*PA_DE440.*PA_DE421 or ME_DE421"
+        radioloc.errors.InputError, match=r"^\[target\] frame: .*PA_DE430.*PA_DE421 or ME_DE421"
     ):
         fit(apollo15, other)
     study = Study(target=near15, reference=radioloc.studies.Reference(other, "other"))
     with pytest.raises(radioloc.errors.InputError, match=r"^\[reference\] frame: "):
         radioloc.locate(study, apollo15)
+
+
+def test_a_reference_of_another_ephemeris_is_turned_and_a_note_says_so(apollo15, near15):
+    known = [near15.to_frame(frame) for frame in ("PA_DE421", "PA_DE440")]
+    found = [
+        radioloc.residuals(
+            Study(target=near15, reference=radioloc.studies.Reference(place, "known")), apollo15
+        )
+        for place in known
+    ]
+    assert found[0].reference.distance_m == pytest.approx(found[1].reference.distance_m, abs=1e-6)
+    assert not [note for note in found[0].notes if "turned" in note]
+    assert [
+        note for note in found[1].notes if note.startswith("[reference] is given in PA_DE440 and was turned")
+    ]
 
 
 def test_nothing_to_estimate_is_refused(apollo15, near15):

@@ -8,6 +8,7 @@ from dataclasses import replace
 from itertools import combinations
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.budget import A_PRIORI, EPHEMERIS, NOISE, BudgetItem, by_source
@@ -16,6 +17,7 @@ from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Level, Solution, card_of
 from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
+from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.parameters.parameter import Role
 from radioloc.report.cards import (
     Card,
@@ -66,7 +68,11 @@ _MUCH_LARGER = 3.0
 @card_of.register(Solution)
 def solution_card(solution: Solution) -> Card:
     """Collect what the card of a solution says, in order."""
-    sentences = (*solution.observability.describe()[:_MAX_SENTENCES], *which_sigmas((solution,)))
+    sentences = (
+        *doppler_alone(solution),
+        *solution.observability.describe()[:_MAX_SENTENCES],
+        *which_sigmas((solution,)),
+    )
     if solution.trajectory is not None:
         where = [Field("target", (f"on a trajectory, {solution.trajectory}", "taken as given"))]
     else:
@@ -95,6 +101,29 @@ def solution_card(solution: Solution) -> Card:
             Field("notes", solution.notes),
         )
     )
+
+
+def doppler_alone(solution: Solution) -> Iterator[str]:
+    """What is known of a position best and worst where all that was used are counts: they measure no distance."""
+    kinds = [group.label for group in solution.fit.by_type if group.used]
+    counted = [kind in KINDS and bool(is_integrated(np.array(KINDS.index(kind)))) for kind in kinds]
+    if not (counted and all(counted)) or not (solution.position_estimated and solution.position_determined):
+        return
+    variances, axes = np.linalg.eigh(solution.position_covariance())
+    best, *_, worst = (
+        f"{metres(math.sqrt(max(variance, 0.0)))} m {_towards(axis)}"
+        for variance, axis in zip(variances.tolist(), axes.T, strict=True)
+    )
+    yield (
+        f"Doppler alone, without a range or a delay: the position is known best to {best}, worst to {worst} (1 sigma)"
+    )
+
+
+def _towards(east_north_up: NDArray[np.float64]) -> str:
+    """A direction, or its opposite, whichever does not point down."""
+    east, north, up = east_north_up * (1.0 if east_north_up[2] >= 0.0 else -1.0)
+    azimuth_deg = math.degrees(math.atan2(east, north)) % 360.0
+    return f"towards azimuth {azimuth_deg:.0f} deg, {math.degrees(math.asin(min(up, 1.0))):.0f} deg up"
 
 
 def which_sigmas(solutions: Iterable[Solution]) -> Iterable[str]:

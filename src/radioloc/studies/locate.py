@@ -42,6 +42,7 @@ from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.parameters.design import ObservationModel
 from radioloc.studies.coarse_search import near_starts
+from radioloc.studies.independent_clocks import with_frequency_offsets
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.problem import (
@@ -57,7 +58,7 @@ from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import considered_ties_m, stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
 from radioloc.studies.study_file import as_study
-from radioloc.studies.verdict import misfits, places
+from radioloc.studies.verdict import misfits, nowhere, places
 from radioloc.studies.weights import require_stations, weighted_observations
 from radioloc.time import Epochs
 
@@ -159,6 +160,8 @@ def fit_arc(
     """
     model, observations = arc.model, arc.observations
     constants = model.ephemeris.constants
+    if estimate is not None:
+        estimate = with_frequency_offsets(study, estimate, arc)
     targets = targets_in_pa(study, constants)
     reference = (
         None
@@ -246,7 +249,7 @@ def fit_arc(
         targets=several,
     )
     known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
-    return replace(solution, references=known)
+    return nowhere(replace(solution, references=known))
 
 
 def _of_the_starts(away_m: Mapping[str, float]) -> Iterator[str]:

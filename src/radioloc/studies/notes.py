@@ -64,6 +64,11 @@ def notes_of(
                 f"the sigma does not include the error of {arc.model.ephemeris.name}: neither moon_position and "
                 "libration are considered, nor is [estimate] ephemeris_sigma_m given"
             )
+        if parameters.of_kind("frequency_offset") and "frequency_offset" not in study.estimate.parameters:
+            notes.append(
+                "a frequency offset of each link and pass of one- and three-way Doppler is estimated, as nothing ties "
+                "its oscillators together; [estimate] frequency_offset says otherwise"
+            )
         notes += [
             f'no {key} is estimated, though [estimate] asks for "all": no observation depends on one'
             for key, choice in estimate.parameters.items()

@@ -14,6 +14,7 @@ from radioloc.errors import InputError, named
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.targets import canonical_target
+from radioloc.studies.independent_clocks import with_frequency_offsets
 from radioloc.studies.study import EstimateChoice, ObservationChoice, Study
 from radioloc.studies.weights import ends_of
 from radioloc.time import utc_to_tai
@@ -171,6 +172,7 @@ def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> lis
     """Parts of several lengths, h, of a prepared arc, which begin together; refused where one holds no observation."""
     everything = np.ones(len(longest.observations), dtype=bool)
     since_s = _since_start_s(longest.observations, study.observations, everything)
+    whole = with_frequency_offsets(study, study.estimate, longest)
     parts = []
     for length in lengths:
         rows = np.flatnonzero(since_s <= 3600.0 * length + _ROUNDING_S)
@@ -179,7 +181,7 @@ def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> lis
                 f"the arc of {length:g} h holds no observation: the first comes {since_s.min() / 3600.0:.2f} h after "
                 "the start; give a longer arc or a later start"
             )
-        arc, estimate = longest, study.estimate
+        arc, estimate = longest, whole
         if len(rows) < len(everything):
             arc = longest.select(rows)
             estimate = estimate.of_part(arc)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,6 +18,7 @@ from radioloc.estimation.build import Doubt
 from radioloc.estimation.editing import EditedFit
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitStatus
+from radioloc.estimation.solution import Solution
 from radioloc.estimation.variance_components import part_of_parameters
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.predictor import Predictor
@@ -29,6 +31,8 @@ ranges for 10 where the troposphere is not modelled at all."""
 _MODEL_M = 0.01
 """Accuracy of modelled ranges and delays: a stated sigma below it, as of laser ranges, counts as this much. What is
 common to both ends of a count interval cancels in Doppler, which has no such floor."""
+_WIDEST = 0.1
+"""Sigma of a position, in lunar radii, beyond which an error ellipse is none: the ground bends away from it by 9 km."""
 _LOWEST_M, _HIGHEST_M = -9.2e3, 10.8e3
 """Heights of the Moon above the sphere of 1737.4 km: Antoniadi, 172 W 70 S, and the Engel'gardt rim, 159 W 5 N (Smith
 et al. 2010)."""
@@ -117,3 +121,23 @@ def places(
             f"for a point at the estimate, the lowest by {-elevation_deg[row]:.1f} deg "
             f"({arc.observations.links[arc.observations.link[row]].path}): check the stations and the epochs",
         )
+
+
+def nowhere(solution: Solution) -> Solution:
+    """The same; not observable where the position, or that of one of the targets, is so uncertain that it says nothing."""
+    ended = (FitStatus.CONVERGED, FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS)
+    if solution.status not in ended or solution.trajectory is not None or not solution.position_estimated:
+        return solution
+    several = [solution.of_target(target.name) for target in solution.targets] or [solution]
+    sigma_m = max(float(np.linalg.norm(one.sigma_enu_m())) for one in several)
+    if not sigma_m > _WIDEST * MEAN_LUNAR_RADIUS_M:
+        return solution
+    reason = (
+        f"the sigma of the position is {1e-3 * sigma_m:.0f} km, more than a tenth of the lunar radius: the observations "
+        "do not tell where on the Moon; add ranges, VLBI delays, an a-priori height, more stations or a longer arc"
+    )
+    return replace(
+        solution,
+        status=FitStatus.UNOBSERVABLE,
+        message="; ".join(text for text in (reason, solution.message) if text),
+    )

@@ -6,6 +6,7 @@ from atmosphere_files import GPT3_CORNERS, VMF3_SITES, ionex_text, orography_tex
 from earth_files import BLQ_RECORD, finals_row
 from tdm_messages import DELAY, RANGES, THREE_WAY, TWO_WAY, kvn, xml
 
+from radioloc.dynamics import GravityField
 from radioloc.earth.blq import read_blq
 from radioloc.earth.eop import EopTable
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
@@ -60,6 +61,20 @@ H8
 H9
 """
 MINI = "512006 4 7 62630000000026494326499837370610 44   538 34B 72160   833 5320A 263A\n"
+GRAVITY = """\
+modelname TOY
+gravity_constant 0.4902799806931690D+13
+radius 1738000.0
+max_degree 3
+tide_system tide_free
+norm fully_normalized
+end_of_head
+""" + "".join(
+    f"gfc {n} {m} {1e-4 / n:.6e} {m * 1e-6:.6e} 1e-11 1e-11\n" for n in (2, 3) for m in range(n + 1)
+)
+SHADR = "1738.0, 4902.8, 2.0e-05, 2, 2, 1, 0.0, 0.0\n" + "".join(
+    f"2, {m}, {1e-4 - 1e-5 * m:.6E}, {m * 1e-6:.6E}, 1E-11, 1E-11\n" for m in range(3)
+)
 STUDY = """\
 [target]
 longitude_deg = 3.5
@@ -85,6 +100,8 @@ TEXTS = {
     "vmf3_sites": (lambda path: read_vmf3_sites([path]), VMF3_SITES),
     "vmf3_grids": (lambda path: read_vmf3_grids([path], path.with_name("orography")), vmf3_map_text(0)),
     "orography": (lambda path: read_vmf3_grids([path.with_name("map")], path), orography_text()),
+    "icgem": (GravityField.open, GRAVITY),
+    "shadr": (GravityField.open, SHADR),
     "crd": (read_crd, CRD),
     "mini": (read_mini, MINI),
     "table": (read_table, TABLE),

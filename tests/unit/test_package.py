@@ -48,7 +48,7 @@ PACKAGES = (
     "parameters",
     "report",
 )
-PACKAGES += ("simulation", "studies", "time")
+PACKAGES += ("dynamics", "simulation", "studies", "time")
 
 
 @pytest.mark.parametrize("package", PACKAGES)

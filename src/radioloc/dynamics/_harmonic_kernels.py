@@ -1,0 +1,75 @@
+"""Compiled sums of spherical harmonics.
+
+A solid harmonic is (R/r)^(n+1) P_nm(z/r) exp(i m lambda), fully normalized. It is split into h_nm (u + i v)^m with
+u + i v = (x + i y)/r, so that h_nm and all sums are regular at the poles (Pines 1973, AIAA J. 11, 1508). h_nm follows
+from the two degrees below by the recursion for columns of one order, which is stable (Holmes and Featherstone 2002, J.
+Geodesy 76, 279). The inner loops run over the order, so that the compiler can use vector instructions.
+"""
+
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.compiled import compiled
+
+Floats = NDArray[np.float64]
+
+
+@compiled()
+def harmonic_sums(x: float, y: float, z: float, radius: float, series: Floats, recursion: Floats) -> Floats:
+    """Several series of solid harmonics at one point.
+
+    Parameters
+    ----------
+    x, y, z : float
+        Point, in the unit of `radius`.
+    radius : float
+        Reference radius R.
+    series : ndarray, shape (n_degrees, 2 k, n_degrees)
+        By degree, series and order: the factors of the cosines of all `k` series, then those of the sines.
+    recursion : ndarray, shape (2, n_degrees, n_degrees) or larger
+        :func:`radioloc.dynamics.gravity.recursion`.
+
+    Returns
+    -------
+    ndarray, shape (k,)
+    """
+    n_degrees, n_sums = series.shape[0], series.shape[1]
+    r2 = x * x + y * y + z * z
+    r = math.sqrt(r2)
+    ratio, along, square = radius / r, z * radius / r2, radius * radius / r2
+    # The row of the present degree, and of the one below.
+    h, below = np.zeros(n_degrees), np.zeros(n_degrees)
+    sums = np.zeros((n_sums, n_degrees))
+    h[0] = ratio
+    for k in range(n_sums):
+        sums[k, 0] = series[0, k, 0] * ratio
+    for n in range(1, n_degrees):
+        a, b = recursion[0, n], recursion[1, n]
+        for m in range(n):
+            below[m] = a[m] * along * h[m] - b[m] * square * below[m]
+        below[n] = a[n] * ratio * h[n - 1]
+        h, below = below, h
+        for k in range(n_sums):
+            factors, total = series[n, k], sums[k]
+            for m in range(n + 1):
+                total[m] += factors[m] * h[m]
+    k_series = n_sums // 2
+    result = np.zeros(k_series)
+    u, v = x / r, y / r
+    cosine, sine = 1.0, 0.0
+    for m in range(n_degrees):
+        for k in range(k_series):
+            result[k] += sums[k, m] * cosine + sums[k_series + k, m] * sine
+        cosine, sine = cosine * u - sine * v, cosine * v + sine * u
+    return result
+
+
+@compiled()
+def harmonic_sums_at(points: Floats, radius: float, series: Floats, recursion: Floats) -> Floats:
+    """:func:`harmonic_sums` at points of shape (n, 3); shape (n, k)."""
+    out = np.empty((len(points), series.shape[1] // 2))
+    for i in range(len(points)):
+        out[i] = harmonic_sums(points[i, 0], points[i, 1], points[i, 2], radius, series, recursion)
+    return out

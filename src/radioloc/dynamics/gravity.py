@@ -1,0 +1,220 @@
+"""Lunar gravity by spherical harmonics: potential, acceleration and its gradient in principal axes.
+
+The derivative of a series of solid harmonics along x, y or z is again one, of the next degree (Cunningham 1970,
+Celestial Mechanics 2, 207). So the coefficients of acceleration and gradient are made once, and at a point there are
+only sums.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.dynamics._harmonic_kernels import harmonic_sums_at
+from radioloc.dynamics.gravity_files import read_gravity_file
+from radioloc.errors import InputError
+from radioloc.units import as_float_array
+
+Floats = NDArray[np.float64]
+Complex = NDArray[np.complex128]
+
+SHIPPED = {"GRGM660PRIM": Path(__file__).parent / "data" / "grgm660prim_150.npz"}
+"""Fields that come with the package, by name; of GRGM660PRIM degrees to 150."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class GravityField:
+    """Gravity of the Moon; open one with :meth:`GravityField.open`.
+
+    Potential GM/r sum over degree n and order m of (R/r)^n P_nm(sin latitude) (C_nm cos m lambda + S_nm sin m lambda),
+    with fully normalized P_nm and C_nm, S_nm, positive, in the axes `frame`.
+    """
+
+    name: str
+    gm_m3_s2: float
+    radius_m: float  # R
+    frame: str  # axes, such as PA_DE421
+    tide_system: str  # tide_free, zero_tide or unknown: whether the permanent tide is in C20
+    c: Floats  # shape (degree + 1, degree + 1), by degree and order
+    s: Floats
+    sigma_c: Floats  # formal; zeros where the file gives none
+    sigma_s: Floats
+
+    @classmethod
+    def open(cls, source: str | Path, degree: int | None = None, frame: str = "PA_DE421") -> GravityField:
+        """Open a field of the Moon.
+
+        Parameters
+        ----------
+        source : str or path-like
+            ``"GRGM660PRIM"``, which ships, or a file: ICGEM's ``.gfc`` or the PDS's SHADR ``.tab``.
+        degree : int, optional
+            Highest degree and order that is wanted; all by default.
+        frame : str
+            Principal axes that the coefficients of a file belong to, which no file says: those of the ephemeris that
+            the field was made with.
+
+        Raises
+        ------
+        FileFormatError
+            The file is missing, cut, damaged, not normalized or of another body.
+        InputError
+            The degree is no positive integer or higher than the field's.
+
+        Examples
+        --------
+        >>> from radioloc.dynamics import GravityField
+        >>> GravityField.open("GRGM660PRIM", degree=50)
+        <GravityField GRGM660PRIM to degree 50 in PA_DE421>
+        """
+        if str(source) in SHIPPED:
+            with np.load(SHIPPED[str(source)], allow_pickle=False) as file:
+                given: dict[str, Any] = {
+                    "name": str(source),
+                    "gm_m3_s2": float(file["gm_m3_s2"]),
+                    "radius_m": float(file["radius_m"]),
+                    "tide_system": str(file["tide_system"]),
+                    **{key: _square(file[key]) for key in ("c", "s", "sigma_c", "sigma_s")},
+                }
+        else:
+            given = read_gravity_file(source)
+        field = cls(frame=frame, **given)
+        return field if degree is None else field.to_degree(degree)
+
+    def __repr__(self) -> str:
+        return f"<GravityField {self.name} to degree {self.degree} in {self.frame}>"
+
+    @property
+    def degree(self) -> int:
+        """Highest degree and order."""
+        return len(self.c) - 1
+
+    def to_degree(self, degree: int) -> GravityField:
+        """The field without what is above a degree.
+
+        Raises
+        ------
+        InputError
+            The degree is no integer from 0 to the field's.
+        """
+        if isinstance(degree, bool) or not isinstance(degree, int) or not 0 <= degree <= self.degree:
+            raise InputError(
+                f"degree {degree!r} is not one of {self.name}, which has 0 to {self.degree}; give a lower one or "
+                "another field"
+            )
+        part = slice(degree + 1)
+        return replace(
+            self,
+            c=self.c[part, part],
+            s=self.s[part, part],
+            sigma_c=self.sigma_c[part, part],
+            sigma_s=self.sigma_s[part, part],
+        )
+
+    def potential(self, position_pa_m: ArrayLike) -> Floats:
+        """Potential, positive, m^2/s^2, at points in the field's axes, m, shape (3,) or (n, 3); shape () or (n,)."""
+        return self._sums(position_pa_m, [self._coefficients()], 1)[..., 0]
+
+    def acceleration(self, position_pa_m: ArrayLike) -> Floats:
+        """Acceleration, m/s^2, at points in the field's axes, m, shape (3,) or (n, 3); the same shape.
+
+        Examples
+        --------
+        >>> from radioloc.dynamics import GravityField
+        >>> field = GravityField.open("GRGM660PRIM", degree=2)
+        >>> field.acceleration([1838.0e3, 0.0, 0.0]).round(6).tolist()
+        [-1.452142, 0.0, 0.0]
+        """
+        return self._sums(position_pa_m, acceleration_series(self._coefficients()), 2)
+
+    def gradient(self, position_pa_m: ArrayLike) -> Floats:
+        """Partials of the acceleration by position, 1/s^2, shape (..., 3, 3), at points as in :meth:`acceleration`."""
+        xx, xy, xz, yy, yz = np.moveaxis(
+            self._sums(position_pa_m, gradient_series(self._coefficients()), 3), -1, 0
+        )
+        rows = [xx, xy, xz, xy, yy, yz, xz, yz, -xx - yy]
+        return np.stack(rows, axis=-1).reshape((*xx.shape, 3, 3))
+
+    def _coefficients(self) -> Complex:
+        return self.c - 1j * self.s
+
+    def _sums(self, position_pa_m: ArrayLike, series: list[Complex], power: int) -> Floats:
+        points_m = as_float_array(position_pa_m, "m", "position_pa_m")
+        if points_m.ndim == 0 or points_m.shape[-1] != 3:
+            raise InputError(f"position_pa_m has the shape {points_m.shape}; give (3,) or (n, 3)")
+        if not np.linalg.norm(points_m, axis=-1).all():
+            raise InputError("position_pa_m holds the Moon's centre, where the series has no value")
+        table = stacked(series)
+        sums = harmonic_sums_at(
+            np.ascontiguousarray(points_m.reshape(-1, 3)), self.radius_m, table, recursion(len(table))
+        )
+        scale = self.gm_m3_s2 / self.radius_m**power
+        return np.asarray(scale * sums.reshape((*points_m.shape[:-1], len(series))))
+
+
+def recursion(n_degrees: int) -> Floats:
+    """Factors of the recursion of h_nm by degree and order, shape (2, n_degrees, n_degrees).
+
+    Of degree n - 1 and of degree n - 2; on the diagonal of the first that of h_(n-1)(n-1).
+    """
+    n, m = np.meshgrid(np.arange(float(n_degrees)), np.arange(float(n_degrees)), indexing="ij")
+    below = n > m
+    of_one = np.where(below, (2 * n - 1) * (2 * n + 1), 0.0) / np.where(below, (n - m) * (n + m), 1.0)
+    of_two = np.where(n > m + 1, (2 * n + 1) * (n + m - 1) * (n - m - 1), 0.0)
+    of_two = of_two / np.where(n > m + 1, (n - m) * (n + m) * (2 * n - 3), 1.0)
+    sectoral = (2 * n + 1) / np.maximum(2 * n, 1.0) * (1 + (n == 1))
+    return np.sqrt(np.stack([np.where(n == m, sectoral, of_one), of_two]))
+
+
+def stacked(series: list[Complex]) -> Floats:
+    """Series of coefficients C - i S as the compiled sums take them."""
+    parts = [one.real for one in series] + [-one.imag for one in series]
+    return np.ascontiguousarray(np.stack(parts, axis=1))
+
+
+def acceleration_series(coefficients: Complex) -> list[Complex]:
+    """Series of the three components, to be multiplied by GM/R^2, from those of the potential."""
+    return [_derivative(coefficients, axis) for axis in "xyz"]
+
+
+def gradient_series(coefficients: Complex) -> list[Complex]:
+    """Series of xx, xy, xz, yy and yz, to be multiplied by GM/R^3; zz is -xx - yy."""
+    by_x, by_y, _ = acceleration_series(coefficients)
+    return [_derivative(by_x, axis) for axis in "xyz"] + [_derivative(by_y, axis) for axis in "yz"]
+
+
+def _derivative(coefficients: Complex, axis: str) -> Complex:
+    """Coefficients C - i S of R times the derivative of a series along an axis.
+
+    With Z_nm the harmonic without normalization (Cunningham's V + i W), dZ/dz = -(n-m+1) Z_(n+1)m / R and
+    (d/dx + i d/dy) Z = -Z_(n+1)(m+1) / R, (d/dx - i d/dy) Z = (n-m+2)(n-m+1) Z_(n+1)(m-1) / R; the square roots below
+    are these with the ratio of normalizations.
+    """
+    size = len(coefficients)
+    n, m = np.meshgrid(np.arange(float(size)), np.arange(float(size)), indexing="ij")
+    k = np.where(n >= m, coefficients, 0.0)
+    of_degree = (2 * n + 1) / (2 * n + 3)
+    out = np.zeros((size + 1, size + 1), dtype=np.complex128)
+    if axis == "z":
+        out[1:, :-1] = -k * np.sqrt(of_degree * np.abs((n + m + 1) * (n - m + 1)))
+        return out
+    up, down = (-0.5, 0.5) if axis == "x" else (0.5j, 0.5j)
+    # Order 0 has no partner of negative order: what it would give is in order 1.
+    up_factor = np.where(m == 0, np.sqrt(2.0), 1.0) * np.sqrt(of_degree * (n + m + 2) * (n + m + 1))
+    down_factor = np.where(m == 1, np.sqrt(2.0), 1.0) * np.sqrt(of_degree * np.abs((n - m + 1) * (n - m + 2)))
+    out[1:, 1:] += up * k * up_factor
+    out[1:, :-2] += (down * k * down_factor)[:, 1:]
+    out[:, 0] = out[:, 0].real
+    return out
+
+
+def _square(rows: NDArray[np.floating[Any]]) -> Floats:
+    """Degree after degree as a square by degree and order."""
+    size = int((np.sqrt(8 * len(rows) + 1) - 1) / 2)
+    out = np.zeros((size, size))
+    out[np.tril_indices(size)] = rows
+    return out

@@ -1,0 +1,173 @@
+"""Files of gravity fields: ICGEM's ``.gfc`` and the SHADR tables (``.tab``) of NASA's Planetary Data System."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from itertools import chain
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.ephemeris import CONSTANTS
+from radioloc.errors import FileFormatError
+from radioloc.text_files import read_lines
+
+Floats = NDArray[np.float64]
+
+_GM_M3_S2 = CONSTANTS["DE421"].gm_moon_m3_s2
+_RADIUS_M = 1738.0e3
+_SAME_GM, _SAME_RADIUS = 1e-3, 0.05  # relative: lunar fields agree to 1e-6 and 1e-3
+_HIGHEST_DEGREE = 2200  # beyond any field there is; a larger number is a damaged one
+_MOST_DIGITS = 8
+_TIDE_SYSTEMS = ("tide_free", "zero_tide", "unknown")
+
+
+def read_gravity_file(path: str | Path) -> dict[str, Any]:
+    """Read a field of the Moon, as the fields of a ``GravityField`` but for the axes; the content tells the format.
+
+    ICGEM: a header of keys that ends with ``end_of_head``, then lines ``gfc n m C S`` with sigmas or without
+    (Barthelmes and Förste 2011, *The ICGEM-format*). SHADR: a line with reference radius (km), GM (km^3/s^2), its
+    sigma, degree, order, normalization (1), then lines of degree, order, C, S and their sigmas, all with commas.
+
+    Raises
+    ------
+    FileFormatError
+        The file is missing, cut, damaged, not fully normalized, varies with time or is of another body; with the line.
+    """
+    lines = enumerate(read_lines(path, encoding="latin-1", ended=True), 1)
+    first = next(lines)
+    if first[1].count(",") > 4:
+        return _read_shadr(Path(path), first[1], lines)
+    return _read_icgem(Path(path), chain([first], lines))
+
+
+def _read_icgem(path: Path, lines: Iterator[tuple[int, str]]) -> dict[str, Any]:
+    header: dict[str, tuple[int, str]] = {}
+    for number, line in lines:
+        words = line.split()
+        if words and words[0] == "end_of_head":
+            break
+        if words and words[0] == "begin_of_head":
+            header = {}
+        elif len(words) > 1:
+            header[words[0]] = number, words[1]
+    else:
+        raise FileFormatError(
+            path, "is no gravity field: neither ICGEM's end_of_head nor a SHADR table's first line"
+        )
+    if "gravity_constant" not in header and "earth_gravity_constant" in header:
+        header["gravity_constant"] = header["earth_gravity_constant"]
+    for key in ("gravity_constant", "radius", "max_degree"):
+        if key not in header:
+            raise FileFormatError(path, f"the header has no {key}; fetch the file again")
+    norm_line, norm = header.get("norm", (None, "fully_normalized"))
+    if norm != "fully_normalized":
+        raise FileFormatError(path, f"norm is {norm}; give a fully_normalized field", norm_line)
+    tide_line, tide_system = header.get("tide_system", (None, "unknown"))
+    if tide_system not in _TIDE_SYSTEMS:
+        known = ", ".join(_TIDE_SYSTEMS)
+        raise FileFormatError(path, f"tide_system is {tide_system}; one of {known} is known here", tide_line)
+    gm_line, gm = header["gravity_constant"]
+    degree_line, degree = header["max_degree"]
+    table = _Table(
+        path,
+        _whole(path, degree_line, degree),
+        _number(path, gm_line, gm),
+        _number(path, *header["radius"]),
+    )
+    for number, line in lines:
+        words = line.split()
+        if words and words[0] != "gfc":
+            raise FileFormatError(
+                path, f"begins with {words[0]!r}; only lines gfc, constant in time, are used here", number
+            )
+        if words:
+            table.add(number, words[1:])
+    name = header.get("modelname", (0, path.stem))[1]
+    return table.coefficients(name, tide_system)
+
+
+def _read_shadr(path: Path, first: str, lines: Iterator[tuple[int, str]]) -> dict[str, Any]:
+    head = [word.strip() for word in first.split(",")]
+    if len(head) < 6:
+        raise FileFormatError(path, "has fewer than six numbers; a SHADR table begins with eight", 1)
+    if _number(path, 1, head[5]) != 1.0:
+        raise FileFormatError(path, f"normalization is {head[5]}; give a fully normalized field (1)", 1)
+    degree = min(_whole(path, 1, head[3]), _whole(path, 1, head[4]))
+    table = _Table(path, degree, _number(path, 1, head[1]) * 1e9, _number(path, 1, head[0]) * 1e3)
+    for number, line in lines:
+        words = [word.strip() for word in line.split(",")]
+        if any(words):
+            table.add(number, words)
+    return table.coefficients(path.stem, "unknown")
+
+
+class _Table:
+    """Coefficients as they are read, line by line."""
+
+    def __init__(self, path: Path, degree: int, gm_m3_s2: float, radius_m: float) -> None:
+        if not (
+            abs(gm_m3_s2 / _GM_M3_S2 - 1.0) < _SAME_GM and abs(radius_m / _RADIUS_M - 1.0) < _SAME_RADIUS
+        ):
+            raise FileFormatError(
+                path,
+                f"is of another body: GM is {gm_m3_s2:.6g} m^3/s^2 and the radius {radius_m:.6g} m, of the Moon "
+                f"{_GM_M3_S2:.6g} and {_RADIUS_M:.6g}; give a lunar field",
+            )
+        if degree > _HIGHEST_DEGREE:
+            raise FileFormatError(path, f"degree {degree} is above {_HIGHEST_DEGREE}; fetch the file again")
+        self.path, self.degree, self.gm_m3_s2, self.radius_m = path, degree, gm_m3_s2, radius_m
+        self.values = np.full((degree + 1, degree + 1, 4), np.nan)
+        self.values[:2] = 0.0  # files may begin with degree 2
+        self.values[0, 0, 0] = 1.0
+
+    def add(self, number: int, words: list[str]) -> None:
+        if len(words) not in (4, 6):
+            problem = f"has {len(words)} numbers; degree, order, C, S, or these with two sigmas, are needed"
+            raise FileFormatError(self.path, problem, number)
+        n, m = (_whole(self.path, number, word) for word in words[:2])
+        if m > n or n > self.degree:
+            raise FileFormatError(
+                self.path, f"has no degree {n}, order {m}, in a field to {self.degree}", number
+            )
+        self.values[n, m] = [_number(self.path, number, word) for word in words[2:]] + [0.0] * (
+            6 - len(words)
+        )
+
+    def coefficients(self, name: str, tide_system: str) -> dict[str, Any]:
+        missing = np.argwhere(np.isnan(np.tril(self.values[..., 0])))
+        if len(missing):
+            n, m = missing[0]
+            raise FileFormatError(
+                self.path,
+                f"is cut: degree {n}, order {m}, is missing of a field to {self.degree}; fetch it again",
+            )
+        c, s, sigma_c, sigma_s = np.nan_to_num(np.moveaxis(self.values, -1, 0))
+        return {
+            "name": name,
+            "gm_m3_s2": self.gm_m3_s2,
+            "radius_m": self.radius_m,
+            "tide_system": tide_system,
+            "c": c,
+            "s": s,
+            "sigma_c": sigma_c,
+            "sigma_s": sigma_s,
+        }
+
+
+def _number(path: Path, line: int, word: str) -> float:
+    try:
+        value = float(word.upper().replace("D", "E"))
+    except ValueError:
+        value = np.nan
+    if not np.isfinite(value):
+        raise FileFormatError(path, f"{word!r} is not a number", line)
+    return value
+
+
+def _whole(path: Path, line: int, word: str) -> int:
+    if not (word.isdecimal() and len(word) < _MOST_DIGITS):
+        raise FileFormatError(path, f"{word!r} is no degree or order", line)
+    return int(word)

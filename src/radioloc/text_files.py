@@ -98,6 +98,11 @@ def head_of(path: str | Path, size: int) -> bytes:
     return next(_pieces(path, size))
 
 
+def read_bytes(path: str | Path) -> bytes:
+    """Content of a file of any kind, plain or gzip, without a byte order mark; errors as :func:`read_text`."""
+    return b"".join(_pieces(path, BLOCK_BYTES))
+
+
 def _pieces(path: str | Path, size: int) -> Iterator[bytes]:
     """Content of a file, unpacked, without a byte order mark."""
     pieces = _raw_pieces(path, size)

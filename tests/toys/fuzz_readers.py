@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from atmosphere_files import orography_text, vmf3_map_text
 from numpy.typing import ArrayLike
+from odf_files import doppler, odf
 from reader_cases import BINARIES, EXAMPLES, SEGMENTS, TABLE, TEXTS
 from tdm_messages import kvn, xml
 from terrain_maps import write_pds3
@@ -217,6 +218,7 @@ def cases(folder: Path) -> dict[str, tuple[Callable[[Path], object], bytes]]:
     (folder / "map").write_text(vmf3_map_text(0))
     (folder / "table").write_text(TABLE)
     write_parquet(folder / "rows", read_table(folder / "table"))
+    (folder / "orbit_data").write_bytes(odf([doppler(k) for k in range(9)]))
     pds3 = {"projection": "SIMPLE CYLINDRICAL", "map_scale": "151616.75 <m/pix>"}
     write_pds3(folder, np.add.outer(np.arange(36) * 10.0, np.arange(72) * 30.0), **pds3)
     found = {name: (read, text.encode()) for name, (read, text) in TEXTS.items()}
@@ -226,6 +228,7 @@ def cases(folder: Path) -> dict[str, tuple[Callable[[Path], object], bytes]]:
         "trajectory": EXAMPLES / "orbiter" / "orbiter.bsp",
         "terrain": EXAMPLES / "change5" / "ldem_4_landing_site.tif",
         "parquet": folder / "rows",
+        "odf": folder / "orbit_data",
     }
     found |= {name: (BINARIES[name], path.read_bytes()) for name, path in binaries.items()}
     found["pds3"] = (BINARIES["terrain"], (folder / "MAP.LBL").read_bytes())
@@ -274,7 +277,7 @@ def used(name: str, result: Any) -> ArrayLike:
             et_s = np.concatenate([np.linspace(*span, 7) for span in result.spans_s()[:20]])
             which = result.segment_at(et_s)
             return result.states(et_s[which >= 0], which[which >= 0])
-        case "crd" | "mini" | "table" | "observations" | "tdm" | "tdm_xml" | "parquet":
+        case "crd" | "mini" | "table" | "observations" | "tdm" | "tdm_xml" | "parquet" | "odf":
             assert len(result) > 0
             assert (result.sigma_m > 0.0).all()
             assert ((result.epoch.fraction >= 0.0) & (result.epoch.fraction < 1.0)).all()

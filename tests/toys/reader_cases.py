@@ -13,6 +13,7 @@ from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.io.crd import read_crd
 from radioloc.io.detect import read_observations
 from radioloc.io.mini import read_mini
+from radioloc.io.odf import read_odf
 from radioloc.io.parquet import read_parquet
 from radioloc.io.table import read_table
 from radioloc.io.tdm import TdmAgreement, read_tdm
@@ -116,4 +117,5 @@ BINARIES = {
     "trajectory": lambda path: Trajectory.open(path, -999),
     "terrain": TerrainModel.open,
     "parquet": read_parquet,
+    "odf": read_odf,
 }

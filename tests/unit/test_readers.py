@@ -9,6 +9,7 @@ import logging
 import numpy as np
 import pytest
 from atmosphere_files import orography_text, vmf3_map_text
+from odf_files import doppler, odf
 from reader_cases import BINARIES, EXAMPLES, TABLE, TEXTS
 
 from radioloc.errors import RadiolocError
@@ -33,6 +34,7 @@ def folder(tmp_path_factory):
     (folder / "map").write_text(vmf3_map_text(0))
     (folder / "table").write_text(TABLE)
     write_parquet(folder / "rows", read_table(folder / "table"))
+    (folder / "orbit_data").write_bytes(odf([doppler(k) for k in range(9)]))
     return folder
 
 
@@ -60,6 +62,7 @@ def case(request, folder):
         "trajectory": EXAMPLES / "orbiter" / "orbiter.bsp",
         "terrain": EXAMPLES / "change5" / "ldem_4_landing_site.tif",
         "parquet": folder / "rows",
+        "odf": folder / "orbit_data",
     }[name]
     return BINARIES[name], path, whole.read_bytes()
 

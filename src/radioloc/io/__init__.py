@@ -1,4 +1,4 @@
-"""Observations in and out: tables, ramps, laser normal points (CRD, MINI), Tracking Data Messages (TDM)."""
+"""Observations in and out: tables, ramps, laser normal points (CRD, MINI), Tracking Data Messages, orbit data files."""
 
 from radioloc.io.crd import read_crd
 from radioloc.io.detect import READERS, Reader, ReadSettings, read_observations

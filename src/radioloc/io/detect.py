@@ -12,6 +12,7 @@ from radioloc.errors import FileFormatError, InputError
 from radioloc.io.checks import Catalogue, without_duplicates
 from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.mini import looks_like_mini, read_mini
+from radioloc.io.odf import looks_like_odf, read_odf
 from radioloc.io.parquet import read_parquet
 from radioloc.io.ramp_table import looks_like_ramps, read_ramps_only
 from radioloc.io.table import looks_like_table, read_table
@@ -109,6 +110,12 @@ READERS = registry(
             "first line names columns: station,start_utc,stop_utc,frequency_hz,rate_hz_s",
             _by_lines(looks_like_ramps),
             lambda paths, its: read_ramps_only(paths[0], catalogue=its.catalogue),
+        ),
+        Reader(
+            "orbit data file",
+            "of the Deep Space Network, TRK-2-18: the header of a file label, key 101",
+            looks_like_odf,
+            lambda paths, its: read_odf(paths[0], catalogue=its.catalogue, sigma_m=its.tdm.sigma_m),
         ),
         Reader(
             "Parquet",

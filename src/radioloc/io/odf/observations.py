@@ -1,0 +1,296 @@
+"""Observations from orbit data files: what the records mean.
+
+Doppler O is the reference frequency at the level of the downlink less the mean received one, Hz, positive where the
+spacecraft recedes; its time tag is the middle of the count T_c. With the turnaround ratio M (one-way: 1) and the
+reference frequency f_0 at the level of the uplink (one-way: of the downlink) the value is c O T_c / (M f_0). Of
+coherent data it is cycles of the transmitted frequency, which the file has as ramps (:mod:`radioloc.measurements.ramps`). A
+reference whose band is not that of the link is multiplied: of one-way data by 880/240 from S to X band.
+
+A sequential range is the integral of F f_T over the round trip in range units, known but for multiples of 2^(n+6)
+where n is the lowest component, and free of the station's delay. F is 1/2 in S band and smaller in others by the ratio
+of the uplinks.
+
+Records tell when the station's electronics had the signal. What is taken off is the way between them and the antenna:
+tags are moved earlier by the receiving delay, ramps later by the transmitting one.
+
+Source: TRK-2-18, Revision E (2008); Moyer (2003), sections 13.3.1, 13.3.2 and 13.5.
+"""
+
+from __future__ import annotations
+
+import logging
+import warnings
+from collections.abc import Mapping
+from datetime import date
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.io.checks import Catalogue, station_name, without_duplicates
+from radioloc.io.dates import utc_from_picoseconds
+from radioloc.io.odf.records import OdfFile, odf_error, read_odf_file
+from radioloc.measurements.bands import DOWNLINK, DOWNLINK_LIMITS_HZ, UPLINK, turnaround_ratio
+from radioloc.measurements.link import Link
+from radioloc.measurements.measurement_type import TIME_TAGS
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.ramps import Ramps
+from radioloc.measurements.registry import kind_of
+from radioloc.time import Epochs
+
+logger = logging.getLogger(__name__)
+
+_ONE_WAY, _TWO_WAY, _THREE_WAY, _RANGE = 11, 12, 13, 37
+KINDS = {
+    _ONE_WAY: "one_way_doppler",
+    _TWO_WAY: "doppler",
+    _THREE_WAY: "doppler",
+    _RANGE: "range",
+}
+"""Types of measurement by the data types that are modelled."""
+TYPES = {
+    **dict.fromkeys((1, 2, 3, 4), "narrowband VLBI"),
+    **dict.fromkeys((5, 6), "wideband VLBI"),
+    _ONE_WAY: "one-way Doppler",
+    _TWO_WAY: "two-way Doppler",
+    _THREE_WAY: "three-way Doppler",
+    **dict.fromkeys((21, 22, 23), "total-count phase"),
+    36: "range (PRA)",
+    _RANGE: "sequential range (SRA)",
+    41: "tone range",
+    **dict.fromkeys(range(51, 59), "angles"),
+}
+"""Data types that the format knows."""
+SIGMA_M = MappingProxyType({"S": 0.5e-3, "X": 0.15e-3, "Ka": 0.15e-3})
+"""Of Doppler over one second by the downlink's band, m of light path; it grows as the root of the count interval. S and
+X band are what the noise of GRAIL-B's counts of 1 s is (0.4 to 0.6 and 0.12 to 0.18 mm, from fourth differences)."""
+RANGE_SIGMA_M = 2.0
+"""Of a sequential range, m of light path there and back."""
+
+_BANDS = ("", "S", "X", "Ka")
+_FASTEST_M_S = 3e5
+_NS = 10**9
+_DAY_NS = 86400 * _NS
+
+
+def read_odf(
+    path: str | Path, *, catalogue: Catalogue | None = None, sigma_m: Mapping[str, float] | None = None
+) -> Observations:
+    """Read the Doppler, ranges and ramps of an orbit data file, plain or gzip.
+
+    Errors, warnings and arguments as :func:`odf_observations` and
+    :func:`~radioloc.io.odf.records.read_odf_file`.
+    """
+    return odf_observations(read_odf_file(path), catalogue=catalogue, sigma_m=sigma_m)
+
+
+def odf_observations(
+    odf: OdfFile, *, catalogue: Catalogue | None = None, sigma_m: Mapping[str, float] | None = None
+) -> Observations:
+    """Make observations of the records of an orbit data file, in their order.
+
+    Parameters
+    ----------
+    odf : OdfFile
+        The content.
+    catalogue : Catalogue, optional
+        Gives stations their catalogue names; others are called as ``DSS-24``. Spacecraft 181 is the target ``sc181``.
+    sigma_m : mapping of str to float, optional
+        Standard deviations by type of measurement, m of light path, in place of :data:`SIGMA_M` and
+        :data:`RANGE_SIGMA_M`.
+
+    Raises
+    ------
+    FileFormatError
+        A record holds what cannot be, or nothing in the file can be used. Names the record.
+
+    Warns
+    -----
+    DataQualityWarning
+        Records are left out: of types that are not modelled, marked as invalid, or of impossible speeds; how many,
+        and the first of each.
+    """
+    codes, counts = np.unique(odf.orbit["type"], return_counts=True)
+    for code in codes.tolist():
+        if code not in TYPES:
+            record = odf.orbit_record[np.argmax(odf.orbit["type"] == code)]
+            raise odf_error(odf.path, f"data type {code} is none of the format", record)
+    held = [f"{n} {TYPES[code]}" for code, n in zip(codes.tolist(), counts.tolist(), strict=True)]
+    logger.info("%s: %s, %d ramps", odf.path, ", ".join(held) or "no data", len(odf.ramps))
+    rows, left_out = np.arange(len(odf.orbit)), []
+
+    def leave_out(wrong: NDArray[np.bool_], reason: str) -> None:
+        nonlocal rows
+        if wrong[rows].any():
+            first = odf.orbit_record[rows[np.argmax(wrong[rows])]]
+            left_out.append(f"{wrong[rows].sum()} {reason} (the first is record {first})")
+            rows = rows[~wrong[rows]]
+
+    leave_out(odf.orbit["invalid"] == 1, "marked as invalid")
+    for code in set(codes.tolist()) - set(KINDS):
+        leave_out(odf.orbit["type"] == code, f"of type {code} ({TYPES[code]}), which is not modelled")
+    other = odf.orbit["transmitter"] != odf.orbit["receiver"]
+    leave_out((odf.orbit["type"] == _RANGE) & other, "three-way ranges, which are not modelled")
+    columns = _columns(odf, rows, sigma_m or {})
+    fast = np.zeros(len(odf.orbit), dtype=bool)
+    fast[rows] = abs(columns["value_m"]) > _FASTEST_M_S * columns["count_s"]
+    used = ~fast[rows]
+    leave_out(fast, f"of more than {_FASTEST_M_S / 1e3:g} km/s, which is no Doppler")
+    if not len(rows):
+        problem = f"holds no Doppler or range that can be used: {'; '.join(left_out) or 'it has no data'}"
+        raise FileFormatError(odf.path, problem)
+    if left_out:
+        problem = f"{odf.path}: of {len(odf.orbit)} records are left out {'; '.join(left_out)}"
+        warnings.warn(problem, DataQualityWarning, stacklevel=2)
+    links, link = _links(odf, rows, catalogue)
+    tagged = odf.orbit[rows]
+    tag_ns = _NS * tagged["time_s"] + 10**6 * tagged["time_ms"] - tagged["receiver_delay_ns"]
+    observations = Observations.from_columns(
+        epoch=_utc(odf, tag_ns),
+        links=links,
+        link=link,
+        tag=TIME_TAGS.index("receive"),
+        files=(odf.path,),
+        line=odf.orbit_record[rows],
+        ramps=_ramps(odf, catalogue),
+        **{name: column[used] for name, column in columns.items()},
+    )
+    return without_duplicates(observations)
+
+
+def _columns(odf: OdfFile, rows: NDArray[np.intp], sigma_m: Mapping[str, float]) -> dict[str, NDArray[Any]]:
+    """What was measured in some records, and at which frequencies."""
+    orbit = odf.orbit[rows]
+    columns = {
+        name: np.full(len(rows), np.nan)
+        for name in ("value_m", "sigma_m", "wavelength_um", "uplink_hz", "count_s", "modulus_m")
+    }
+    columns |= {"kind": np.zeros(len(rows), np.int8), "ramped": orbit["independent"] == 1}
+    observable = orbit["observable"] + 1e-9 * orbit["observable_1e9"]
+    reference_hz = 1e-3 * (2**24 * orbit["reference_2e24_mhz"] + orbit["reference_mhz"])
+    links = orbit[["type", "uplink", "downlink", "exciter"]]
+    for link in np.unique(links):
+        of_link = links == link
+        first = int(rows[np.argmax(of_link)])
+        code = int(link["type"])
+        up, down, of_reference = (_BANDS[link[name]] for name in ("uplink", "downlink", "exciter"))
+        one_way, kind = code == _ONE_WAY, KINDS[code]
+        if not (down and of_reference and (up or one_way)):
+            raise _record_error(odf, first, "says no band of uplink, downlink or reference frequency")
+        carrier_hz = reference_hz[of_link] * (
+            DOWNLINK[down] / DOWNLINK[of_reference]
+            if one_way
+            else float(turnaround_ratio(of_reference, down))
+        )
+        low_hz, high_hz = DOWNLINK_LIMITS_HZ[down]
+        if (wrong := ~((carrier_hz > low_hz) & (carrier_hz < high_hz))).any():
+            problem = f"a downlink in {down} band follows from its reference frequency at {carrier_hz[wrong][0]!r} Hz"
+            raise _record_error(odf, int(rows[of_link][np.argmax(wrong)]), problem)
+        columns["kind"][of_link] = kind_of(kind)
+        columns["wavelength_um"][of_link] = 1e6 * C_M_S / carrier_hz
+        if one_way:
+            columns["ramped"][of_link] = False
+        else:
+            sent = np.unique(orbit["transmitter"][of_link & (orbit["independent"] == 0)])
+            if len(known := np.intersect1d(sent, odf.ramps["station"])):
+                row = int(
+                    rows[
+                        np.argmax(of_link & (orbit["independent"] == 0) & (orbit["transmitter"] == known[0]))
+                    ]
+                )
+                problem = "its reference frequency follows the exciter, which ramps, and this is not modelled"
+                raise _record_error(odf, row, problem)
+            uplink_hz = carrier_hz / float(turnaround_ratio(up, down))
+            columns["uplink_hz"][of_link] = uplink_hz
+        if code == _RANGE:
+            unit_m = C_M_S / (uplink_hz * UPLINK["S"] / (2.0 * UPLINK[up]))
+            columns["value_m"][of_link] = unit_m * observable[of_link]
+            columns["modulus_m"][of_link] = unit_m * 2.0 ** (orbit["channel"][of_link] + 6)
+            columns["sigma_m"][of_link] = sigma_m.get(kind, RANGE_SIGMA_M)
+        else:
+            count_s = orbit["item_21"][of_link] / 100.0
+            if not count_s.all():
+                raise _record_error(odf, int(rows[of_link][np.argmin(count_s)]), "its count interval is zero")
+            columns["count_s"][of_link] = count_s
+            columns["value_m"][of_link] = C_M_S * observable[of_link] * count_s / carrier_hz
+            columns["sigma_m"][of_link] = sigma_m.get(kind, SIGMA_M[down] * np.sqrt(count_s))
+    return columns
+
+
+def _links(
+    odf: OdfFile, rows: NDArray[np.intp], catalogue: Catalogue | None
+) -> tuple[list[Link], NDArray[np.intp]]:
+    """Who took part in some records: the different links, and which is whose."""
+    orbit = odf.orbit[rows]
+    ends = orbit[["type", "transmitter", "network", "receiver", "spacecraft"]]
+    different, link = np.unique(ends, return_inverse=True)
+    links = []
+    for k, one in enumerate(different):
+        sender = _station(int(one["transmitter"]), catalogue, int(one["network"]))
+        one_way = one["type"] == _ONE_WAY
+        if not one["receiver"] or not (one["transmitter"] or one_way):
+            raise _record_error(odf, int(rows[np.argmax(link == k)]), "does not say which stations took part")
+        links.append(
+            Link(
+                "" if one_way else sender, f"sc{one['spacecraft']}", _station(int(one["receiver"]), catalogue)
+            )
+        )
+    return links, link
+
+
+def _ramps(odf: OdfFile, catalogue: Catalogue | None) -> Ramps:
+    """The transmitted frequencies at the antennas."""
+    ramps = odf.ramps
+    stations, of_ramp = np.unique(ramps["station"], return_inverse=True)
+    sent = odf.orbit[odf.orbit["type"] != _ONE_WAY]
+    later_ns = np.zeros(len(ramps), dtype=np.int64)
+    for k, station in enumerate(stations):
+        delays_ns = np.unique(sent["transmitter_delay_ns"][sent["transmitter"] == station])
+        if len(delays_ns) > 1:
+            given = ", ".join(map(str, delays_ns))
+            problem = (
+                f"gives {_station(station, None)} several transmitting delays ({given} ns); split the file"
+            )
+            raise FileFormatError(odf.path, problem)
+        later_ns[of_ramp == k] = delays_ns.sum()
+    names = [_station(station, catalogue) for station in stations.tolist()]
+    try:
+        return Ramps.of(
+            [names[k] for k in of_ramp],
+            _utc(odf, _NS * ramps["start_s"] + ramps["start_ns"] + later_ns),
+            _utc(odf, _NS * ramps["stop_s"] + ramps["stop_ns"] + later_ns),
+            1e9 * ramps["frequency_ghz"] + ramps["frequency_hz"] + 1e-9 * ramps["frequency_nhz"],
+            ramps["rate_hz_s"] + 1e-9 * ramps["rate_nhz_s"],
+        )
+    except FileFormatError:
+        raise
+    except InputError as error:
+        raise FileFormatError(odf.path, str(error)) from None
+
+
+def _station(number: int, catalogue: Catalogue | None, network: int = 0) -> str:
+    """Name of a station by its number in the Deep Space Network (0) or in another network."""
+    return station_name((f"NETWORK{network}-{number}" if network else f"DSS-{number}",), catalogue)
+
+
+def _record_error(odf: OdfFile, row: int, problem: str) -> FileFormatError:
+    return odf_error(odf.path, problem, odf.orbit_record[row])
+
+
+def _utc(odf: OdfFile, since_ns: NDArray[np.int64]) -> Epochs:
+    """Epochs from nanoseconds of days without leap seconds since the date in the label."""
+    day, time = odf.reference
+    try:
+        start = date(day // 10000, day // 100 % 100, day % 100).toordinal() - date(1970, 1, 1).toordinal()
+        days, ns = np.divmod(
+            since_ns + _NS * (time // 10000 * 3600 + time // 100 % 100 * 60 + time % 100), _DAY_NS
+        )
+        return utc_from_picoseconds(start + days, 1000 * ns)
+    except ValueError as error:  # an InputError is one
+        raise FileFormatError(
+            odf.path, f"times since {day} {time:06d} of its label cannot be: {error}"
+        ) from None

@@ -1,0 +1,252 @@
+"""The records of an orbit data file (ODF) of the Deep Space Network, each field as it stands.
+
+A file is a sequence of records of 36 bytes, nine words of 32 bits with the highest bit first. It has groups, each begun
+by a header: the group's key, a second key, the records of each item (1), the number of this record counted from 0, and
+five zero words. The header of key -1 ends the data; zeros may fill the file up behind it. Times are seconds of UTC days
+without leap seconds since the date in the file's label, 1950-01-01. Words of records mean what the tables of bits below
+say.
+
+Source: DSN External Interface Specification 820-013, TRK-2-18, Orbit Data File Interface, Revision E (2008).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import FileFormatError
+from radioloc.text_files import read_bytes
+
+RECORD_BYTES = 36
+FORMAT = 2
+"""Of the records of orbit data, the only one since 1997."""
+
+_LABEL, _IDENTIFIER, _ORBIT, _RAMPS, _CLOCKS, _SUMMARY, _END = 101, 107, 109, 2030, 2040, 105, -1
+_NAMES = {
+    _LABEL: "file label",
+    _IDENTIFIER: "identifier",
+    _ORBIT: "orbit data",
+    _RAMPS: "ramps",
+    _CLOCKS: "clock offsets",
+    _SUMMARY: "data summary",
+    _END: "end of file",
+}
+# Name, bits, and whether the highest bit is a sign.
+_Field = tuple[str, int, bool]
+_ORBIT_FIELDS: tuple[_Field, ...] = (
+    ("time_s", 32, False),
+    ("time_ms", 10, False),
+    ("receiver_delay_ns", 22, False),
+    ("observable", 32, True),
+    ("observable_1e9", 32, True),
+    ("format", 3, False),
+    ("receiver", 7, False),
+    ("transmitter", 7, False),
+    ("network", 2, False),
+    ("type", 6, False),
+    ("downlink", 2, False),
+    ("uplink", 2, False),
+    ("exciter", 2, False),
+    ("invalid", 1, False),
+    ("channel", 7, False),
+    ("spacecraft", 10, False),
+    ("independent", 1, False),
+    ("reference_2e24_mhz", 22, False),
+    ("reference_mhz", 24, False),
+    ("item_20", 20, True),
+    ("item_21", 22, False),
+    ("transmitter_delay_ns", 22, False),
+)
+_RAMP_FIELDS: tuple[_Field, ...] = (
+    ("start_s", 32, False),
+    ("start_ns", 32, False),
+    ("rate_hz_s", 32, True),
+    ("rate_nhz_s", 32, True),
+    ("frequency_ghz", 22, False),
+    ("station", 10, False),
+    ("frequency_hz", 32, False),
+    ("frequency_nhz", 32, False),
+    ("stop_s", 32, False),
+    ("stop_ns", 32, False),
+)
+_CLOCK_FIELDS: tuple[_Field, ...] = (
+    ("start_s", 32, False),
+    ("start_ns", 32, False),
+    ("offset_s", 32, True),
+    ("offset_ns", 32, True),
+    ("station", 32, False),
+    ("second_station", 32, False),
+    ("reserved", 32, False),
+    ("stop_s", 32, False),
+    ("stop_ns", 32, False),
+)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OdfFile:
+    """The content of an orbit data file; structured arrays of whole numbers have one row for each record.
+
+    Parameters
+    ----------
+    path : str
+        The file.
+    system, program : str
+        What made it.
+    spacecraft : int
+        Number of the spacecraft by the Deep Space Network; with a minus sign NAIF's, as a rule.
+    created : tuple of int
+        Date (years since 1900, month and day as one number) and time (hours, minutes and seconds as one).
+    reference : tuple of int
+        Likewise what times count from, the year in full.
+    identifier : str
+        Text of the identifier group.
+    orbit : ndarray
+        Measurements. ``observable_1e9`` is the observable's fraction, ``reference_2e24_mhz`` the part of the reference
+        frequency above 2^24 millihertz. Of Doppler ``item_21`` is the count interval in hundredths of a second, of
+        ranges ``channel`` the number of the lowest component.
+    ramps : ndarray
+        Transmitted frequencies, all groups.
+    clocks : ndarray
+        Differences of clocks.
+    summary : ndarray of uint32, shape (n, 9)
+        Words of the data summary.
+    orbit_record : ndarray of int
+        Number of each record of orbit data in the file, counted from 1.
+    """
+
+    path: str
+    system: str
+    program: str
+    spacecraft: int
+    created: tuple[int, int]
+    reference: tuple[int, int]
+    identifier: str
+    orbit: NDArray[np.void]
+    ramps: NDArray[np.void]
+    clocks: NDArray[np.void]
+    summary: NDArray[np.uint32]
+    orbit_record: NDArray[np.int32]
+
+
+def looks_like_odf(head: bytes) -> bool:
+    """Whether the first bytes are the header of a file label."""
+    return head[:RECORD_BYTES] == np.array([_LABEL, 0, 1, *[0] * 6], dtype=">u4").tobytes()
+
+
+def read_odf_file(path: str | Path) -> OdfFile:
+    """Read the content of an orbit data file, plain or gzip.
+
+    Raises
+    ------
+    FileFormatError
+        The file cannot be read, was cut, or holds what the format does not know. Names the record, counted from 1.
+    """
+    content = read_bytes(path)
+    if not looks_like_odf(content):
+        raise FileFormatError(path, "does not begin with the file label of an orbit data file (key 101)")
+    if over := len(content) % RECORD_BYTES:
+        problem = f"ends {over} bytes into record {len(content) // RECORD_BYTES + 1}"
+        raise FileFormatError(path, f"{problem}: it was cut or is damaged; fetch it again")
+    words = np.frombuffer(content, dtype=">u4").reshape(-1, 9).astype(np.uint32)
+    groups = _groups(path, words)
+
+    def of(*keys: int) -> NDArray[np.int32]:
+        """The records of groups, by their numbers from 0."""
+        found = [np.arange(header + 1, end) for key, header, end in groups if key in keys]
+        return np.concatenate([np.zeros(0, dtype=int), *found]).astype(np.int32)
+
+    for key in (_LABEL, _IDENTIFIER):
+        if len(of(key)) != 1:
+            problem = f"the group {_NAMES[key]} has {len(of(key))} records; there must be one"
+            raise FileFormatError(path, problem)
+    [label] = words[of(_LABEL)]
+    [identifier] = words[of(_IDENTIFIER)]
+    text = _text(label[:4])
+    orbit = _fields(words[of(_ORBIT)], _ORBIT_FIELDS)
+    if (wrong := orbit["format"] != FORMAT).any():
+        row = int(np.argmax(wrong))
+        found = orbit["format"][row]
+        problem = f"its data have format {found}; only format {FORMAT}, of 1997 and later, is known"
+        raise odf_error(path, problem, int(of(_ORBIT)[row]) + 1)
+    ramps = _fields(words[of(_RAMPS)], _RAMP_FIELDS)
+    stations = [
+        station
+        for key, header, end in groups
+        if key == _RAMPS
+        for station in [words[header, 1]] * (end - header - 1)
+    ]
+    if (wrong := ramps["station"] != stations).any():
+        row = int(np.argmax(wrong))
+        problem = f"a ramp of station {ramps['station'][row]} is in the group of station {stations[row]}"
+        raise odf_error(path, problem, int(of(_RAMPS)[row]) + 1)
+    return OdfFile(
+        path=str(path),
+        system=text[:8].strip(),
+        program=text[8:].strip(),
+        spacecraft=int(label[4]),
+        created=(int(label[5]), int(label[6])),
+        reference=(int(label[7]), int(label[8])),
+        identifier=_text(identifier).strip(),
+        orbit=orbit,
+        ramps=ramps,
+        clocks=_fields(words[of(_CLOCKS)], _CLOCK_FIELDS),
+        summary=words[of(_SUMMARY)],
+        orbit_record=of(_ORBIT) + 1,
+    )
+
+
+def odf_error(path: str | Path, problem: str, record: int) -> FileFormatError:
+    """An error in a record, counted from 1."""
+    return FileFormatError(path, f"record {record}: {problem}")
+
+
+def _groups(path: str | Path, words: NDArray[np.uint32]) -> list[tuple[int, int, int]]:
+    """Key of each group, its header, and the record behind its last, counted from 0; checks what the headers say."""
+    # Of no record of data are the last five words zero: they name stations and times.
+    headers = np.flatnonzero(~words[:, 4:].any(axis=1))
+    keys = words[:, 0].astype(np.int32)
+    found: list[tuple[int, int, int]] = []
+    for header, end in zip(headers.tolist(), [*headers[1:].tolist(), len(words)], strict=True):
+        key = int(keys[header])
+        if key not in _NAMES:
+            known = ", ".join(f"{known} ({name})" for known, name in _NAMES.items())
+            raise odf_error(path, f"a header has key {key}, which is none of {known}", header + 1)
+        if words[header, 3] != header:
+            problem = (
+                f"the header of the group {_NAMES[key]} says that it is record {int(words[header, 3]) + 1}"
+            )
+            raise odf_error(
+                path, f"{problem}: records are missing or were put in; fetch the file again", header + 1
+            )
+        if key == _END:
+            behind = words[header + 1 :].any(axis=1)
+            if behind.any():
+                record = header + 2 + int(np.argmax(behind))
+                raise odf_error(path, "behind the end of file only zeros may follow", record)
+            return found
+        found.append((key, header, end))
+    problem = "has no record that ends it (key -1): it was cut; fetch it again"
+    raise FileFormatError(path, problem)
+
+
+def _fields(words: NDArray[np.uint32], fields: Sequence[_Field]) -> NDArray[np.void]:
+    """Fields of bits of some records, as a structured array."""
+    found = np.empty(len(words), dtype=[(name, np.int64) for name, _, _ in fields])
+    wide = np.pad(words.astype(np.uint64), ((0, 0), (0, 1)))
+    bit = 0
+    for name, width, signed in fields:
+        pair = wide[:, bit // 32] << np.uint64(32) | wide[:, bit // 32 + 1]
+        value = pair >> np.uint64(64 - bit % 32 - width) & np.uint64(2**width - 1)
+        found[name] = value
+        if signed:
+            found[name] -= (found[name] >> (width - 1)) << width
+        bit += width
+    return found
+
+
+def _text(words: NDArray[np.uint32]) -> str:
+    return words.astype(">u4").tobytes().decode("latin-1")

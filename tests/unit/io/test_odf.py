@@ -1,0 +1,260 @@
+"""Orbit data files: every field, what the records mean in metres, hertz and seconds, and files that are damaged."""
+
+import os
+import time
+from collections import Counter
+from pathlib import Path
+
+import numpy as np
+import pytest
+from odf_files import ORBIT, RAMP, RAMPS, START_S, doppler, odf, ramp, taken_apart
+
+from radioloc.constants import C_M_S
+from radioloc.errors import DataQualityWarning, FileFormatError
+from radioloc.io import read_observations
+from radioloc.io.odf import read_odf, read_odf_file
+from radioloc.measurements.bands import turnaround_ratio
+from radioloc.time import epochs_from_strings, utc_to_tai
+
+REAL = sorted(Path(os.environ.get("RADIOLOC_ODF_FILES", "no folder")).glob("*.odf"))
+ROUNDED_M = 1e-12
+"""Values of some hundred metres, in doubles."""
+
+
+@pytest.fixture
+def written(tmp_path):
+    """A function that writes a file of some records."""
+
+    def write(orbit, *args, **keywords):
+        path = tmp_path / "made.odf"
+        path.write_bytes(odf(orbit, *args, **keywords))
+        return path
+
+    return write
+
+
+def seconds_since(text, epoch):
+    return utc_to_tai(epoch).seconds_since(utc_to_tai(epochs_from_strings([text])))
+
+
+def test_every_field_comes_back(written):
+    rng = np.random.default_rng(3)
+    # A header ends in five zero words; of these records none does. The highest bit of a signed field is its sign.
+    given = [
+        {name: int(rng.integers(2**width)) for name, width in ORBIT.items()} | {"format": 2}
+        for _ in range(50)
+    ]
+    ramps = [
+        {name: int(rng.integers(2**width)) for name, width in RAMP.items()} | {"station": 24}
+        for _ in range(9)
+    ]
+    clock = {
+        "start_s": 7,
+        "offset_s": -1,
+        "offset_ns": -250,
+        "station": 14,
+        "second_station": 43,
+        "stop_s": 2**31,
+    }
+    found = read_odf_file(written(given, ramps, [clock]))
+    for content, rows, bits in ((found.orbit, given, ORBIT), (found.ramps, ramps, RAMP)):
+        for row, one in zip(content, rows, strict=True):
+            for name, width in bits.items():
+                signed = name in ("observable", "observable_1e9", "item_20", "rate_hz_s", "rate_nhz_s")
+                negative = signed and one[name] >= 2 ** (width - 1)
+                assert row[name] == one[name] - 2**width * negative, name
+    assert {name: found.clocks[0][name] for name in found.clocks.dtype.names} == clock | {
+        "start_ns": 0,
+        "reserved": 0,
+        "stop_ns": 0,
+    }
+    assert (found.system, found.program, found.spacecraft) == ("TDDS", "AMMOS", 181)
+    assert (found.created, found.reference) == ((1120410, 152917), (19500101, 0))
+    assert found.identifier == "TIMETAG OBSRVBL FREQ,ANCILLARY-DATA"
+    assert found.orbit_record.tolist() == list(range(6, 56))
+
+
+def test_two_way_doppler(written):
+    """By hand: 240/221 of 2100062003 Hz is the downlink of 2280610320.0 Hz, 1 Hz of which is 0.13145 m/s."""
+    path = written([doppler(k) for k in range(4)])
+    found = read_odf(path)
+    hertz = -119.651956557 + 3.0 * np.arange(4)
+    np.testing.assert_allclose(
+        found.value_m, hertz * C_M_S / (240 / 221 * 2100062003.0), rtol=0.0, atol=ROUNDED_M
+    )
+    assert found.value_m[0] == pytest.approx(-15.7286, abs=1e-4)
+    assert found.uplink_hz == pytest.approx(2100062003.0, abs=1e-6)
+    assert found.ramped.all()
+    assert found.types().tolist() == ["doppler"] * 4
+    assert found.paths()[0] == "DSS-24>sc181>DSS-24"
+    # The antenna had the signal 77 microseconds before the receiver.
+    np.testing.assert_allclose(
+        seconds_since("2012-04-09T04:40:42", found.epoch), np.arange(4) - 77e-6, rtol=0.0, atol=1e-10
+    )
+    assert (found.count_s == 1.0).all()
+    assert (found.sigma_m == 0.5e-3).all()
+    np.testing.assert_allclose(found.wavelength_um, 1e6 * C_M_S / 2280610320.0, rtol=1e-12)
+    assert found.origin(0).endswith("made.odf, line 6")
+    # Ramps leave the antenna 77 microseconds after the exciter.
+    starts = seconds_since("2012-04-09T04:40:42", found.ramps.start_utc)
+    np.testing.assert_allclose(starts, [-600.0 + 77e-6, 5.0 + 77e-6], rtol=0.0, atol=1e-10)
+    assert found.ramps.rate_hz_s.tolist() == [0.0, -2.0]
+
+
+def test_three_way_one_way_and_ranges(written):
+    x_up = {"reference_2e24_mhz": 7200000000000 >> 24, "reference_mhz": 7200000000000 % 2**24}
+    s_level = {"reference_2e24_mhz": 2305036363636 >> 24, "reference_mhz": 2305036363636 % 2**24}
+    one_way = {"type": 11, "transmitter": 0, "uplink": 0, "downlink": 2, "transmitter_delay_ns": 0}
+    records = [
+        doppler(0, type=13, receiver=54, item_21=6000, downlink=3, uplink=2, exciter=2, **x_up),
+        doppler(1, **one_way, **s_level),
+        doppler(
+            2, type=37, channel=14, observable=5000, observable_1e9=0, downlink=2, uplink=2, exciter=2, **x_up
+        ),
+    ]
+    found = read_odf(written(records))
+    assert found.types().tolist() == ["doppler", "one_way_doppler", "range"]
+    assert found.paths().tolist() == ["DSS-24>sc181>DSS-54", "sc181>DSS-24", "DSS-24>sc181>DSS-24"]
+    assert found.ramped.tolist() == [True, False, True]
+    hertz = -119.651956557
+    assert found.value_m[0] == pytest.approx(60.0 * C_M_S * hertz / (3344 / 749 * 7.2e9), abs=1e-9)
+    # GRAIL-B's oscillator sends 8451.8 MHz, and its reference is written at S band, 240/880 of that.
+    assert C_M_S / found.wavelength_um[1] * 1e6 == pytest.approx(8451.8e6, abs=0.01)
+    assert found.value_m[1] == pytest.approx(C_M_S * (hertz + 3.0) / 8451.8e6, abs=1e-9)
+    assert np.isnan(found.uplink_hz[1])
+    assert np.isnan(found.modulus_m[:2]).all()
+    # 2^20 units are 150 km one way: of X band a unit is 2 * 749 / 221 cycles of the uplink.
+    unit_m = C_M_S * 2.0 * 749.0 / 221.0 / 7.2e9
+    assert unit_m == pytest.approx(0.28, abs=0.01)
+    assert found.value_m[2] == pytest.approx(5000.0 * unit_m, abs=1e-9)
+    assert found.modulus_m[2] == pytest.approx(2**20 * unit_m, abs=1e-6)
+    assert found.sigma_m.tolist() == pytest.approx([0.15e-3 * 60.0**0.5, 0.15e-3, 2.0])
+
+
+def test_a_study_changes_sigmas_and_the_catalogue_names_stations(written):
+    path = written([doppler(k) for k in range(4)])
+    assert (read_odf(path, sigma_m={"doppler": 0.01}).sigma_m == 0.01).all()
+    found = read_observations([path])
+    assert len(found) == 4
+    assert len(found.ramps) == 2
+
+
+def test_a_reference_that_the_exciter_gives_is_what_was_sent(written):
+    found = read_odf(written([doppler(0, independent=0)], ramps=[]))
+    assert not found.ramped.any()
+    assert len(found.ramps) == 0
+    with pytest.raises(FileFormatError, match=r"record 6: .*reference frequency follows the exciter"):
+        read_odf(written([doppler(0, independent=0)]))
+
+
+def test_what_cannot_be_used_is_said(written):
+    records = [doppler(k) for k in range(3)]
+    records += [
+        doppler(3, invalid=1),
+        doppler(4, invalid=1),
+        doppler(5, type=51),
+        doppler(6, observable=580000000),
+    ]
+    records += [doppler(7, type=37, receiver=54)]
+    with pytest.warns(DataQualityWarning) as said:
+        found = read_odf(written(records))
+    assert len(found) == 3
+    [message] = [str(one.message) for one in said]
+    for part in (
+        "of 8 records are left out",
+        "2 marked as invalid (the first is record 9)",
+        "1 of type 51 (angles), which is not modelled (the first is record 11)",
+        "1 of more than 300 km/s, which is no Doppler (the first is record 12)",
+        "1 three-way ranges",
+    ):
+        assert part in message
+    with pytest.raises(FileFormatError, match="no Doppler or range that can be used: 1 marked as invalid"):
+        read_odf(written([doppler(0, invalid=1)]))
+
+
+@pytest.mark.parametrize(
+    ("change", "problem"),
+    [
+        ({"type": 60}, "record 6: data type 60 is none of the format"),
+        ({"format": 1}, "record 6: its data have format 1"),
+        ({"downlink": 0}, "record 6: says no band"),
+        ({"downlink": 2, "exciter": 2}, "record 6: .*in X band follows from its reference frequency at"),
+        ({"receiver": 0}, "record 6: does not say which stations"),
+        ({"item_21": 0}, "record 6: its count interval is zero"),
+    ],
+)
+def test_records_that_cannot_be(written, change, problem):
+    with pytest.raises(FileFormatError, match=problem):
+        read_odf(written([doppler(0, **change)]))
+
+
+def test_files_that_were_cut_or_changed(written):
+    records = [doppler(k) for k in range(4)]
+    path = written(records)
+    whole = path.read_bytes()
+
+    def problem(content):
+        path.write_bytes(content)
+        with pytest.raises(FileFormatError) as raised:
+            read_odf(path)
+        return str(raised.value)
+
+    assert "ends 10 bytes into record 16: it was cut" in problem(whole[:-26])
+    assert "no record that ends it" in problem(whole[: 9 * 36])
+    assert "record 9: the header of the group ramps says that it is record 10" in problem(
+        whole[: 6 * 36] + whole[7 * 36 :]
+    )
+    assert "behind the end of file only zeros may follow" in problem(whole[:-1] + b"\x01")
+    assert "record 14: behind" in problem(whole[: 13 * 36] + b"\x01" + whole[13 * 36 + 1 :])
+    assert "key 110, which is none of" in problem(whole[: 4 * 36] + b"\0\0\0\x6e" + whole[4 * 36 + 4 :])
+    other = whole[: 2 * 36] + b"\0\0\x07\xf8" + whole[2 * 36 + 4 :]  # a group of clock offsets
+    assert "the group identifier has 0 records" in problem(other)
+
+
+def test_wrong_ramps_and_labels(written):
+    records = [doppler(0)]
+    stray = [RAMPS[0], RAMPS[1]]
+    content = bytearray(odf(records, stray))
+    content[8 * 36 + 19] = 25  # the station's last bits
+    path = written(records)
+    path.write_bytes(bytes(content))
+    with pytest.raises(FileFormatError, match="record 9: a ramp of station 25 is in the group of station 24"):
+        read_odf(path)
+    with pytest.raises(FileFormatError, match="contradict each other"):
+        read_odf(written(records, [RAMPS[0], ramp(24, START_S, START_S + 9, 2100062999)]))
+    with pytest.raises(FileFormatError, match=r"times since 19501301 000000 of its label cannot be: month"):
+        read_odf(written(records, label=(181, 1120410, 152917, 19501301, 0)))
+    with pytest.raises(FileFormatError, match="several transmitting delays"):
+        read_odf(written([doppler(0), doppler(1, transmitter_delay_ns=5)]))
+
+
+def test_turnaround_ratios():
+    """DSN handbook 810-005, module 201: ratios of S, X and Ka band."""
+    assert float(turnaround_ratio("S", "S")) == pytest.approx(1.085973, abs=1e-6)
+    assert float(turnaround_ratio("X", "X")) == pytest.approx(1.174900, abs=1e-6)
+    assert str(turnaround_ratio("Ka", "Ka")) == "3344/3599"
+
+
+@pytest.mark.skipif(not REAL, reason="RADIOLOC_ODF_FILES names no folder of orbit data files")
+@pytest.mark.parametrize("path", REAL, ids=lambda path: path.name)
+def test_real_files(path):
+    """GRAIL-B, 9 and 10 April 2012."""
+    orbit, ramps = taken_apart(path.read_bytes())
+    begin = time.perf_counter()
+    odf_file = read_odf_file(path)
+    assert time.perf_counter() - begin < 1.0
+    assert len(odf_file.orbit) == len(orbit)
+    assert len(odf_file.ramps) == len(ramps)
+    for name in ORBIT:
+        width = ORBIT[name]
+        assert (odf_file.orbit[name] % 2**width == [one[name] for one in orbit]).all(), name
+    counts = Counter(one["type"] for one in orbit)
+    assert dict(counts) in ({11: 36645, 12: 27656}, {11: 16438, 12: 16632})
+    # The exciter steps to another frequency at the borders of passes only.
+    made = read_observations([path]).ramps if len(orbit) < 40000 else None
+    if made is not None:
+        same = made.station[1:] == made.station[:-1]
+        gap_s = made.start[1:].seconds_since(made.start[:-1]) - made.duration_s[:-1]
+        step_hz = made.frequency_hz[1:] - (made.frequency_hz + made.rate_hz_s * made.duration_s)[:-1]
+        assert abs(gap_s[same]).max() < 1e-9
+        assert (abs(step_hz[same]) > 1e-6).sum() == 5

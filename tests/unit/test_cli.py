@@ -487,7 +487,8 @@ def test_frames_have_the_iau_s_axes_at_an_epoch_and_lead_back(capsys):
 @pytest.mark.parametrize(
     ("wanted", "names"),
     [
-        ("argentina", {"NEUQUEN"}),
+        ("argentina", {"NEUQUEN", "MALARGUE"}),
+        ("dss 24", {"DSS-24"}),
         ("Observatory", {"APOLLO", "MATERA", "MLRS2", "WETTZELL"}),
         ("7941", {"MATERA"}),
     ],
@@ -497,6 +498,13 @@ def test_stations_are_found_by_alias_complex_and_country(wanted, names, capsys):
     found = json.loads(capsys.readouterr().out)
     assert {station["name"] for station in found} == names
     assert all(station["complex"] and station["country"] for station in found)
+    assert all({"quality", "mount", "frame", "source"} <= set(station) for station in found)
+
+
+def test_a_station_that_is_asked_for_is_described(capsys):
+    assert cli.main(["stations", "DSS24"]) == 0
+    _, line = capsys.readouterr().out.splitlines()
+    assert "ITRF93_DSN at 2003, sigma 0.05 m; azimuth_elevation, axis offset 0 m; DSN 810-005" in line
 
 
 def test_visibility_and_leave_one_out_print_their_cards(capsys):

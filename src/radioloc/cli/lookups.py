@@ -78,27 +78,33 @@ def _rot_pa_to_iau(epoch_utc: str) -> NDArray[np.float64]:
 
 
 def _stations(options: argparse.Namespace) -> int:
-    wanted = options.name.casefold()
-    found = [
-        station
-        for station in StationCatalogue.default()
-        if any(
-            wanted in text.casefold()
-            for text in (station.name, *station.aliases, station.complex, station.country)
-        )
-    ]
+    found = StationCatalogue.default().find(options.name)
     if not found:
         raise InputError(
             f"no station has {options.name!r} in its name, complex or country; list all with radioloc stations"
         )
-    lines = (
-        f"{station.name:<10} {station.kind:<5} {station.quality:<8} "
-        + " ".join(f"{x:15.4f}" for x in station.itrf_m)
-        + f" m  {', '.join(station.aliases)}; {station.complex}, {station.country}"
-        for station in found
-    )
+    lines = (_line_of(station) + _details_of(station) * bool(options.name) for station in found)
     tell(options, "\n".join(lines), lambda: [_of_a_station(station) for station in found])
     return DONE
+
+
+def _line_of(station: Station) -> str:
+    place = ", ".join(filter(None, (station.complex, station.country)))
+    return (
+        f"{station.name:<11} {station.kind:<5} {station.quality:<11} "
+        + " ".join(f"{x:15.4f}" for x in station.itrf_m)
+        + f" m  {'; '.join(filter(None, (', '.join(station.aliases), place)))}"
+    )
+
+
+def _details_of(station: Station) -> str:
+    axis = "not known" if station.axis_offset_m is None else f"{station.axis_offset_m:g} m"
+    moves = "" if station.velocity_known else ", velocity not known"
+    return (
+        f"\n{'':<11} {station.frame} at {station.epoch_year:g}, sigma {station.position_sigma_m:g} m{moves}; "
+        + ("" if station.kind == "llr" else f"{station.mount}, axis offset {axis}; ")
+        + station.source
+    )
 
 
 def _of_a_station(station: Station) -> dict[str, Any]:

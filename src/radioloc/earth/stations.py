@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import difflib
+import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cache
@@ -21,12 +22,14 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import J2000_JD
 from radioloc.earth.blq import BlqCoefficients, parse_blq
+from radioloc.earth.geodesy import itrf_from_geodetic
+from radioloc.earth.reference_frames import frames, to_itrf2020
 from radioloc.errors import InputError, StationError
 from radioloc.time import Epochs
 from radioloc.units import as_metres, in_unit
 
 KINDS = ("llr", "vlbi", "ttc")
-_SIGMA_M = {"survey": 0.01, "rounded": 100.0}
+_SIGMA_M = {"survey": 0.01, "approximate": 1.0, "rounded": 100.0}
 QUALITIES = tuple(_SIGMA_M)
 MOUNTS = ("azimuth_elevation", "equatorial", "xy_north", "xy_east")
 """Antenna mounts, by the fixed axis: vertical, parallel to the Earth's, horizontal to the north or to the east."""
@@ -49,15 +52,15 @@ class Station:
     kind : {"llr", "vlbi", "ttc"}
         Laser ranging, VLBI, or tracking, telemetry and command.
     itrf_m : array_like, Quantity or EarthLocation, shape (3,)
-        Reference point in the ITRF at `epoch_year`, m where it has no unit.
+        Reference point in the `frame` at `epoch_year`, m where it has no unit.
     epoch_year : float or Time
         Epoch of the position, Julian year TT.
-    quality : {"survey", "rounded"}
-        Known to centimetres, or published so coarsely that it is good to 100 m to 1 km only.
+    quality : {"survey", "approximate", "rounded"}
+        Known to centimetres; to about a metre; or published so coarsely that it is good to 100 m to 1 km only.
     source : str
         Where the position comes from.
     velocity_m_yr : array_like or Quantity, shape (3,), optional
-        Velocity in the ITRF, m per Julian year; None where it is not known (then the station stands still).
+        Velocity in the `frame`, m per Julian year; None where it is not known (then the station stands still).
     ocean_loading : BlqCoefficients, optional
         Ocean tide loading; None where there are no coefficients, and then the term is missing from a model.
     mount : str
@@ -69,6 +72,9 @@ class Station:
     axis_offset_m : float or Quantity, optional
         By how much the moving axis stands off the fixed one, on which the reference point is, towards where the
         antenna points, m; None where it is not known, and then the term is missing from a model.
+    frame : str
+        Realization of the ITRF of position and velocity, ``"ITRF93"`` to ``"ITRF2020"``; today's WGS 84 is ITRF2020 to
+        some centimetres.
 
     Raises
     ------
@@ -90,11 +96,17 @@ class Station:
     sigma_m: float | None = None
     complex: str = ""
     country: str = ""
+    frame: str = "ITRF2020"
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str) or not self.name.strip():
             raise StationError("a station needs a name")
-        for field, known in (("kind", KINDS), ("quality", QUALITIES), ("mount", MOUNTS)):
+        for field, known in (
+            ("kind", KINDS),
+            ("quality", QUALITIES),
+            ("mount", MOUNTS),
+            ("frame", frames()),
+        ):
             if getattr(self, field) not in known:
                 given = f"{field} {getattr(self, field)!r}"
                 raise StationError(f"station {self.name}: {given} is not one of {', '.join(known)}")
@@ -124,6 +136,29 @@ class Station:
                 f"station {self.name}: no antenna has an axis offset of {self.axis_offset_m} m; give metres, up to "
                 f"{_LONGEST_AXIS_OFFSET_M:g}"
             )
+
+    @classmethod
+    @bare_arguments
+    def from_geodetic(
+        cls, *, longitude_deg: float, latitude_deg: float, height_m: float, **fields: Any
+    ) -> Station:
+        """Make a station of east longitude, latitude (deg) and height (m) above the ellipsoid of GRS80 or WGS 84.
+
+        The two ellipsoids differ by 0.1 mm. The other fields are those of the class.
+
+        Examples
+        --------
+        >>> from radioloc.earth import Station
+        >>> place = {"longitude_deg": 76.71, "latitude_deg": 38.42, "height_m": 1200.0}
+        >>> words = {"kind": "ttc", "quality": "rounded", "source": "a map", "epoch_year": 2020.0, "aliases": ()}
+        >>> Station.from_geodetic(name="MINE", **place, **words).itrf_m.round().tolist()
+        [1150441.0, 4870506.0, 3942821.0]
+        """
+        try:
+            itrf_m = itrf_from_geodetic(np.deg2rad(longitude_deg), np.deg2rad(latitude_deg), height_m)
+        except InputError as error:
+            raise StationError(f"station {fields.get('name')}: {error}") from error
+        return cls(itrf_m=itrf_m, **fields)
 
     def _set_numbers(self, field: str, unit: str, shape: tuple[int, ...]) -> None:
         """Replace what was given by finite numbers without a unit: a float or a read-only array."""
@@ -170,19 +205,28 @@ class Station:
         """Standard deviation of each coordinate, m, as stated or by the quality."""
         return _SIGMA_M[self.quality] if self.sigma_m is None else self.sigma_m
 
+    @property
+    def itrf2020(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Position (m) and velocity (m per Julian year) in ITRF2020 at :attr:`epoch_year`.
+
+        Where the velocity is not known the station stands still in ITRF2020.
+        """
+        given_m_yr = np.zeros(3) if self.velocity_m_yr is None else self.velocity_m_yr
+        position_m, velocity_m_yr = to_itrf2020(self.frame, self.itrf_m, given_m_yr, self.epoch_year)
+        return position_m, velocity_m_yr if self.velocity_known else given_m_yr
+
     @bare_arguments
     def position_at(self, tt: Epochs) -> NDArray[np.float64]:
-        """Give the reference point in the ITRF at epochs of TT, without tides and loading, m, shape (n, 3)."""
+        """Give the reference point in ITRF2020 at epochs of TT, without tides and loading, m, shape (n, 3)."""
         tt.require("TT")
-        if self.velocity_m_yr is None:
-            return np.tile(self.itrf_m, (len(tt), 1))
+        position_m, velocity_m_yr = self.itrf2020
         epoch_jd = J2000_JD + (self.epoch_year - 2000.0) * _DAYS_PER_JULIAN_YEAR
         years = ((tt.jd - epoch_jd) + tt.fraction) / _DAYS_PER_JULIAN_YEAR
-        return self.itrf_m + years[:, np.newaxis] * self.velocity_m_yr
+        return position_m + years[:, np.newaxis] * velocity_m_yr
 
 
 class StationCatalogue:
-    """Stations by name and aliases, whatever their case; immutable.
+    """Stations by name and aliases, whatever their case, spaces, hyphens and underscores; immutable.
 
     Build one from stations of your own, or start from :meth:`default` and add to it with :meth:`with_station`. Two
     stations that share a name or an alias are a :class:`StationError`.
@@ -231,6 +275,24 @@ class StationCatalogue:
             "describe it under [stations.NAME] in the study file, or catalogue.with_station(Station(...)) in Python"
         )
 
+    def find(self, text: str) -> tuple[Station, ...]:
+        """Give the stations with a text in a name, an alias, the complex or the country; none where none has it.
+
+        Examples
+        --------
+        >>> from radioloc.earth import StationCatalogue
+        >>> [station.name for station in StationCatalogue.default().find("dss 24")]
+        ['DSS-24']
+        """
+        return tuple(
+            station
+            for station in self
+            if any(
+                _key(text) in _key(label)
+                for label in (station.name, *station.aliases, station.complex, station.country)
+            )
+        )
+
     def with_station(self, station: Station) -> StationCatalogue:
         """Make a new catalogue with the station added, or in the place of the one of its name."""
         kept = [other for other in self._stations if _key(other.name) != _key(station.name)]
@@ -253,7 +315,7 @@ class StationCatalogue:
 
 
 def _key(name: str | int) -> str:
-    return str(name).strip().upper()
+    return re.sub(r"[\s_-]", "", str(name)).upper()
 
 
 @cache
@@ -271,7 +333,7 @@ def _station_from_row(row: dict[str, str], loading: dict[str, BlqCoefficients]) 
     velocity = [row[key] for key in ("vx_m_yr", "vy_m_yr", "vz_m_yr")]
     return Station(
         name=row["name"],
-        aliases=tuple(row["aliases"].split(";")),
+        aliases=tuple(filter(None, row["aliases"].split(";"))),
         kind=row["kind"],
         itrf_m=np.array([float(row[key]) for key in ("x_m", "y_m", "z_m")]),
         epoch_year=float(row["epoch_year"]),
@@ -281,6 +343,8 @@ def _station_from_row(row: dict[str, str], loading: dict[str, BlqCoefficients]) 
         ocean_loading=loading.get(row["name"]),
         mount=row["mount"] or MOUNTS[0],
         axis_offset_m=float(row["axis_offset_m"]) if row["axis_offset_m"] else None,
+        sigma_m=float(row["sigma_m"]) if row["sigma_m"] else None,
         complex=row["complex"],
         country=row["country"],
+        frame=row["frame"] or "ITRF2020",
     )

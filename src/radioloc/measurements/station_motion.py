@@ -78,7 +78,7 @@ def station_motion(
         rows = np.flatnonzero(which == i)
         here, ut1 = tt[rows], rotation.ut1.fraction[rows]
         moves = model.has("station_velocity")
-        rest_m = station.position_at(here) if moves else np.tile(station.itrf_m, (len(rows), 1))
+        rest_m = station.position_at(here) if moves else np.tile(station.itrf2020[0], (len(rows), 1))
         moved_m = rest_m
         if model.has("solid_earth_tide"):
             moved_m = moved_m + solid_earth_tide(rest_m, moon_itrf_m[rows], sun_itrf_m[rows], here, ut1)

@@ -87,7 +87,8 @@ def covariance(
     -------
     CovarianceStudy
         Sigmas and their budget by length, what each type and station tells, and what better knowledge and, of a
-        schedule, other stations would buy: those of ``[covariance] candidates``, or of the whole catalogue.
+        schedule, other stations would buy: those of ``[covariance] candidates``, or else of the catalogue, tracking
+        stations of the same network only.
 
     Raises
     ------
@@ -361,7 +362,16 @@ def _more_stations(plan: _Planned, solved: _Solved) -> Iterator[Gain]:
     if scenario is None:
         return
     asked = plan.study.candidates
-    for name in [station.name for station in catalogue] if asked is None else asked:
+    networks = {
+        catalogue.get(end).complex
+        for session in scenario.schedule.sessions
+        for pair in session.pairs
+        for end in pair
+        if end
+    }
+    # Tracking stations are asked for within their network only: who has a time on one rarely gets it on all.
+    near = [s.name for s in catalogue if s.kind != "ttc" or not s.complex or s.complex in networks]
+    for name in near if asked is None else asked:
         what, sessions = _with_candidate(name, scenario, catalogue)
         if sessions == list(scenario.schedule.sessions):
             if asked is not None:

@@ -13,6 +13,7 @@ from typing import Any
 
 import numpy as np
 
+from radioloc.earth.reference_frames import frames
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, StationError
@@ -21,7 +22,7 @@ from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
 from radioloc.studies.map_positions import PlaceOnMap
-from radioloc.studies.schema import Hints, TomlTable, entry, keys_of
+from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of
 from radioloc.studies.simulation_file import scenario
 from radioloc.studies.study import (
     PARAMETER_KEYS,
@@ -39,6 +40,8 @@ STDIN = Path("-")
 
 _FASTEST_PLATE_M_YR = 1.0
 """Plates move by up to 0.1 m a year; more is another unit."""
+GEODETIC = ("longitude_deg", "latitude_deg", "height_m")
+"""Keys of a position above an ellipsoid."""
 _STATION_YEARS = (1900.0, 2100.0)
 """An epoch outside is no Julian year but another count of days."""
 
@@ -65,9 +68,13 @@ class Target(Place):
 
 @dataclass(frozen=True, slots=True)
 class Site:
-    """Keys of ``[stations.NAME]``."""
+    """Keys of ``[stations.NAME]``: a position in the ITRF, or above the ellipsoid of GRS80 or WGS 84."""
 
     itrf_m: tuple[float, float, float] | None = None
+    longitude_deg: float | None = None
+    latitude_deg: float | None = None
+    height_m: float | None = None
+    frame: str | None = entry(None, choices=frames())
     velocity_m_yr: tuple[float, float, float] | None = None
     epoch: float | None = None
     aliases: tuple[str, ...] = ()
@@ -76,12 +83,27 @@ class Site:
     sigma_m: float | None = None
 
     def __post_init__(self) -> None:
+        check(self)
+        given = [name for name in GEODETIC if getattr(self, name) is not None]
+        if self.itrf_m is not None and given:
+            raise InputError(f"itrf_m: give either itrf_m or {', '.join(GEODETIC)}, not both")
+        if given and len(given) < len(GEODETIC):
+            raise InputError(
+                f"{given[0]}: a position above the ellipsoid is {', '.join(GEODETIC)}; give all three"
+            )
         if self.velocity_m_yr is not None and np.linalg.norm(self.velocity_m_yr) > _FASTEST_PLATE_M_YR:
             raise InputError(
                 f"velocity_m_yr: no station moves like {self.velocity_m_yr}; give metres per year"
             )
         if self.epoch is not None and not _STATION_YEARS[0] <= self.epoch <= _STATION_YEARS[1]:
             raise InputError(f"epoch: must be a Julian year such as 2010.0, not {self.epoch!r}")
+
+    def position(self) -> dict[str, Any]:
+        """What is given of the position, its motion and their frame, as fields of a station."""
+        geodetic = {name: getattr(self, name) for name in GEODETIC} if self.latitude_deg is not None else {}
+        motion = {"velocity_m_yr": self.velocity_m_yr, "epoch_year": self.epoch, "frame": self.frame}
+        fields = {"itrf_m": self.itrf_m} | geodetic | motion
+        return {name: value for name, value in fields.items() if value is not None}
 
 
 TABLES: dict[str, type] = {
@@ -307,23 +329,29 @@ def _catalogue(table: TomlTable) -> StationCatalogue:
     for name, given in table.named().items():
         site = given.read(Site)
         known = catalogue.get(name) if name in catalogue else None
-        kept = known is not None and site.itrf_m is None and site.velocity_m_yr is None and site.epoch is None
-        if site.itrf_m is None and not kept:
-            given.fail("itrf_m", "is missing; give the station's ITRF x, y, z in metres")
+        position = site.position()
+        kept = known is not None and not position
+        if not kept and not {"itrf_m", *GEODETIC} & set(position):
+            given.fail(
+                "itrf_m", f"is missing; give the station's ITRF x, y, z in metres, or {', '.join(GEODETIC)}"
+            )
         changes: dict[str, Any] = {
             "mount": site.mount,
             "axis_offset_m": site.axis_offset_m,
             "sigma_m": site.sigma_m,
         }
         if not kept:
-            changes |= {"itrf_m": site.itrf_m, "velocity_m_yr": site.velocity_m_yr}
-            changes |= {"epoch_year": site.epoch or 2000.0, "quality": "survey", "source": "study file"}
-        make: Callable[..., Station] = partial(Station, name=name, kind="ttc")
+            changes |= {"epoch_year": 2000.0, "quality": "survey", "source": "study file"} | position
+        fields: dict[str, Any] = {"name": name, "kind": "ttc"}
         if known is not None:
             # Data name stations by codes and pads; those, the antenna's axes and the loading of the site stay with a
             # station that only gets another position.
-            make = partial(replace, known if kept else replace(known, velocity_m_yr=None))
+            of_position = () if kept else ("itrf_m", "velocity_m_yr", "frame", "sigma_m")
+            names = (field.name for field in dataclasses.fields(Station) if field.name not in of_position)
+            fields = {name: getattr(known, name) for name in names}
+        make = Station.from_geodetic if "latitude_deg" in position else Station
         aliases = dict.fromkeys([*(() if known is None else known.aliases), *site.aliases])
-        station = given.build(make, aliases=tuple(aliases), **changes)
+        changed = {key: value for key, value in changes.items() if value is not None}
+        station = given.build(make, **fields | changed | {"aliases": tuple(aliases)})
         catalogue = given.build(catalogue.with_station, station=station)
     return catalogue

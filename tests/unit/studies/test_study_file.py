@@ -182,6 +182,15 @@ def test_replaced_station_keeps_the_loading_coefficients_it_has(read):
     assert study.catalogue.get(loaded.name).ocean_loading is loaded.ocean_loading
 
 
+def test_station_above_the_ellipsoid_in_an_earlier_frame(read):
+    text = "[stations.dss24]\nlongitude_deg = 116.191\nlatitude_deg = -31.048\nheight_m = 252.0\nframe = 'ITRF2008'\n"
+    station = read(TARGET + FILES + text).catalogue.get("DSS-24")
+    itrf_m = radioloc.earth.itrf_from_geodetic(np.deg2rad(116.191), np.deg2rad(-31.048), 252.0)
+    np.testing.assert_allclose(station.itrf_m, itrf_m, rtol=0.0, atol=1e-9)
+    assert (station.frame, station.velocity_m_yr, station.position_sigma_m) == ("ITRF2008", None, 0.01)
+    assert station.axis_offset_m == 0.0  # as the catalogue has it
+
+
 def test_station_epoch_and_velocity(read):
     text = f"[stations.APOLLO]\n{ITRF}velocity_m_yr = [0.02, 0.0, 0.0]\nepoch = 2010\n"
     station = read(TARGET + FILES + text).catalogue.get("7045")
@@ -405,6 +414,16 @@ def test_what_are_no_delays(line, message, read):
     [
         ("[stations]\nX = 3\n", "[stations.X] must be a table, not 3"),
         ("[stations.X]\n", "[stations.X] itrf_m: is missing"),
+        (
+            "[stations.X]\nlatitude_deg = 5\nheight_m = 3\n",
+            "[stations.X] latitude_deg: a position above the ellipsoid is longitude_deg, latitude_deg, height_m",
+        ),
+        (
+            "[stations.X]\nlatitude_deg = 5\n" + ITRF,
+            "[stations.X] itrf_m: give either itrf_m or longitude_deg",
+        ),
+        ("[stations.X]\nframe = 'ED50'\n" + ITRF, '[stations.X] frame must be one of "ITRF2020", "ITRF2014"'),
+        ("[stations.GRASSE]\nframe = 'ITRF93'\n", "[stations.GRASSE] itrf_m: is missing"),
         ("[stations.X]\nitrfm = [1, 2, 3]\n", "[stations.X] 'itrfm' is not known; did you mean 'itrf_m'?"),
         ("[stations.X]\nitrf_m = [1, 2]\n", "[stations.X] itrf_m: must be a list of three numbers"),
         ("[stations.X]\nitrf_m = [1, 2, 3]\n", "[stations.X] station X is 3.74166 m from the geocentre"),

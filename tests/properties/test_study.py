@@ -42,6 +42,7 @@ KEYS = {
         "start",
         "stop",
         "hours",
+        "doppler_average_s",
         "extra_sigma_m",
         "vlbi_station_sigma_m",
     ],

@@ -218,6 +218,7 @@ def provenance(
         if isinstance(arc, JointPredictor)
         else [],
         "not_selected": left_out,
+        "doppler_average_s": study.observations.doppler_average_s,
         "extra_sigma_m": study.observations.extra_sigma_m,
         "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,
         "vlbi_station_rate_sigma_m": study.observations.vlbi_station_rate_sigma_m,

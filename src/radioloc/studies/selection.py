@@ -14,6 +14,7 @@ from radioloc.errors import InputError, named
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.targets import canonical_target
+from radioloc.studies.averaging import with_averaged_counts
 from radioloc.studies.independent_clocks import with_frequency_offsets
 from radioloc.studies.study import EstimateChoice, ObservationChoice, Study
 from radioloc.studies.weights import ends_of
@@ -35,11 +36,21 @@ def select_observations(
     """What a study asks for, in input order (the same table if that is all), and how many others there are, by reason.
 
     `positions` are the names of ``[targets]``, empty where the study has one position without a name. An observation
-    is kept if all its targets are among those named.
+    is kept if all its targets are among those named. Counts of Doppler are averaged if the study says so.
     """
     kept, left_out = selected(observations, choice, catalogue, positions)
     # A table of which all is kept is not copied; nobody writes to it.
-    return observations.select(kept) if left_out else observations, left_out
+    chosen = observations.select(kept) if left_out else observations
+    if choice.doppler_average_s is not None:
+        chosen, over = with_averaged_counts(chosen, choice.doppler_average_s)
+        if over:
+            left_out[f"left over from averages of Doppler over {choice.doppler_average_s:g} s"] = over
+        if not len(chosen):
+            raise InputError(
+                f"no Doppler is left by [observations] doppler_average_s = {choice.doppler_average_s:g}: no counts "
+                "without gaps last so long; give a shorter one"
+            )
+    return chosen, left_out
 
 
 def selected(

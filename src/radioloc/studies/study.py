@@ -119,6 +119,9 @@ class ObservationChoice:
         First and last epoch to keep, UTC.
     hours : float or None
         Length of the arc from ``start``, or from the first observation.
+    doppler_average_s : float or None
+        Counts of integrated Doppler and delay rates that follow each other without gaps, of one path and frequency, are
+        summed over this interval, s.
     extra_sigma_m : float
         Error of the model and of the instruments beyond what the files state, added in quadrature to each stated
         sigma, metres of the whole light path.
@@ -142,6 +145,7 @@ class ObservationChoice:
     start: Epochs | None = entry(None, moment=True)
     stop: Epochs | None = entry(None, moment=True)
     hours: float | None = entry(None, positive=True)
+    doppler_average_s: float | None = entry(None, positive=True)
     extra_sigma_m: float = entry(
         0.0,
         not_negative=True,

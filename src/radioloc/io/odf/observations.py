@@ -1,10 +1,11 @@
 """Observations from orbit data files: what the records mean.
 
-Doppler O is the reference frequency at the level of the downlink less the mean received one, Hz, positive where the
-spacecraft recedes; its time tag is the middle of the count T_c. With the turnaround ratio M (one-way: 1) and the
-reference frequency f_0 at the level of the uplink (one-way: of the downlink) the value is c O T_c / (M f_0). Of
-coherent data it is cycles of the transmitted frequency, which the file has as ramps (:mod:`radioloc.measurements.ramps`). A
-reference whose band is not that of the link is multiplied: of one-way data by 880/240 from S to X band.
+Doppler O is the reference frequency at the level of the downlink less the mean received one, Hz, positive where
+the spacecraft recedes; its time tag is the middle of the count T_c. With the turnaround ratio M (one-way: 1) and
+the reference frequency f_0 at the level of the uplink (one-way: of the downlink) the value is c O T_c / (M f_0).
+Of coherent data it is cycles of the transmitted frequency, which the file has as ramps
+(:mod:`radioloc.measurements.ramps`). A reference whose band is not that of the link is multiplied: of one-way data
+by 880/240 from S to X band.
 
 A sequential range is the integral of F f_T over the round trip in range units, known but for multiples of 2^(n+6)
 where n is the lowest component, and free of the station's delay. F is 1/2 in S band and smaller in others by the ratio

@@ -31,6 +31,7 @@ RANGE_GOAL_M, DELAY_GOAL_S = 1e-3, 3e-12
 RANGE_M = 1e-4
 # A single leg has what cancels between two: terms with the Earth's acceleration in the time of the event, 0.1 mm.
 ONE_WAY_M = 1.5e-4
+LEFT_OUT_RATE = 5e-16
 DELAY_S = 0.05e-12
 # Of a minute: what both leave out hardly changes; ranges of 4e8 m are rounded to 1e-7 m.
 DOPPLER_M = 1e-6
@@ -130,6 +131,25 @@ def test_one_way_doppler(model, point_pa_m, station):
         for half_s in (30.0, -30.0)
     )
     assert np.abs(doppler_m - (late_m - early_m)).max() < DOPPLER_M
+
+
+def test_one_way_by_the_targets_own_clock(model, point_pa_m, geocentric):
+    """Proper time in the frame of the Earth, in which the target's clock has no velocity of 30 km/s.
+
+    The library leaves out the Earth's tides above the point and its rotation with the Moon, 2e-16 each.
+    """
+    every = PhysicalModel.build(off=set(TERMS) - TERMS_COMPARED - {"target_proper_time"})
+    apart_m, without_m = (
+        barycentric_m(each, point_pa_m, "", "KASHI", "receive", "one_way_range")
+        - geocentric.one_way_by_own_clock_m(model.catalogue["KASHI"].itrf_m)
+        for each in (every, model)
+    )
+    since_s = (TAGS.mjd - TAGS.mjd[0]) * 86400.0
+    line = np.polynomial.Polynomial.fit(since_s, apart_m, 1)
+    assert abs(line.deriv()(0.0)) / C_M_S < LEFT_OUT_RATE
+    assert np.abs(apart_m - line(since_s)).max() < ONE_WAY_M < RANGE_GOAL_M
+    # 6.5e-10 over two days, and another simultaneity.
+    assert np.ptp(without_m) > 1e4
 
 
 @pytest.mark.parametrize(("first", "second"), list(itertools.permutations(VLBI, 2)))

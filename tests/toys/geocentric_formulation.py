@@ -41,6 +41,7 @@ from dataclasses import dataclass
 import erfa
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from radioloc.constants import C_M_S, L_B, L_G
 from radioloc.earth.orientation import EarthOrientation
@@ -146,6 +147,11 @@ class GeocentricFormulation:
         second = self._station_from(event, second_itrf_m, 1.0)
         return C_M_S * (second.length_s - first.length_s)
 
+    def one_way_by_own_clock_m(self, receiver_itrf_m: Vectors) -> Vectors:
+        """Speed of light times TT of the reception, tagged, less the transmission by the point's own clock."""
+        event, _ = self._moon_from(receiver_itrf_m, -1.0)
+        return -C_M_S * (event.tt_s + self.gained_s(event))
+
     def one_way_m(self, receiver_itrf_m: Vectors, tag: str) -> Vectors:
         """Speed of light times TT of the reception less the geocentre's TT at the TDB of the transmission."""
         if tag == "receive":
@@ -153,6 +159,33 @@ class GeocentricFormulation:
             return -C_M_S * event.geocentre_s
         event = self.moon_event(np.zeros(len(self.tt)))
         return C_M_S * (event.tt_s + self._station_from(event, receiver_itrf_m, 1.0).length_s)
+
+    def gained_s(self, event: MoonEvent) -> Vectors:
+        """What a clock at the point gains on TT from the first tag to the event: proper time of the GCRS.
+
+        In TT the rate is L_G - (V^2 / 2 + W) / c^2, with the velocity V there and the potential W of the Earth and the
+        tidal ones of the others (Soffel et al. 2003, section 3.4). No velocity of the Earth is in it.
+        """
+        since_s = self.tt.seconds_since(self.tt[:1]) + event.tt_s
+        knots_s = np.linspace(since_s.min() - 3600.0, since_s.max() + 3600.0, 121)
+        first = self.tt[np.zeros(len(knots_s), dtype=int)]
+        grid = GeocentricFormulation(
+            self.ephemeris, self.libration, self.orientation, first.shifted(knots_s), self.point_pa_m
+        )
+        there = grid.moon_event(np.zeros(len(knots_s)))
+        there_s = knots_s + there.tt_s
+        gm = self.ephemeris.constants.gm_m3_s2
+        slower = 0.5 * (CubicSpline(there_s, there.point_m).derivative()(there_s) ** 2).sum(axis=1)
+        slower = slower + gm("earth") / _norm(there.point_m)
+        distance_m = _norm(there.moon_m)
+        along = _dot(there.point_m, there.moon_m) / distance_m**2
+        slower = slower + gm("moon") * (
+            1.0 / _norm(there.point_m - there.moon_m) - (1.0 + along) / distance_m
+        )
+        for gm_body, body_m in there.external:
+            slower = slower + gm_body * _tidal(there.point_m, body_m)
+        grown = CubicSpline(there_s, L_G - slower / C_M_S**2).antiderivative()
+        return grown(since_s) - grown(0.0)
 
     def moon_event(self, tdb_s: Vectors) -> MoonEvent:
         """Carry the point on the Moon from the ephemeris to the GCRS.

@@ -39,8 +39,10 @@ from radioloc.measurements.piecewise_chebyshev import (
     unstacked,
 )
 from radioloc.measurements.predictor import Computed, Predictor
+from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_differenced, is_integrated
+from radioloc.time import Epochs
 
 CHECKED_WITHIN_M = 1e4
 """How far from the position at which the segments were checked they are used without checking them again."""
@@ -98,8 +100,10 @@ class ChebyshevPredictor(Predictor):
         series: DenseSeries | None = None,
         targets: Sequence[str] = (),
         more_partials: bool = False,
+        clock_epoch: Epochs | None = None,
     ) -> None:
         super().__init__(model, observations, None, targets, more_partials)
+        self._clock_epoch = clock_epoch or clock_epoch_of(observations)
         self._plan(np.asarray(approximate_pa_m, dtype=np.float64), series)
 
     @property
@@ -166,7 +170,9 @@ class ChebyshevPredictor(Predictor):
     @bare_arguments
     def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> ChebyshevPredictor:
         """The same observations prepared with another model, for values only."""
-        return ChebyshevPredictor(model, self.observations, lander_pa_m, targets=self.targets)
+        return ChebyshevPredictor(
+            model, self.observations, lander_pa_m, targets=self.targets, clock_epoch=self._clock_epoch
+        )
 
     @_predictions_told_once()
     def _plan(self, lander_pa_m: NDArray[np.float64], series: DenseSeries | None = None) -> None:
@@ -174,7 +180,12 @@ class ChebyshevPredictor(Predictor):
 
         def exact(observations: Observations) -> ExactPredictor:
             return ExactPredictor(
-                self.model, observations, lander_pa_m, targets=self.targets, more_partials=self.more_partials
+                self.model,
+                observations,
+                lander_pa_m,
+                targets=self.targets,
+                more_partials=self.more_partials,
+                clock_epoch=self._clock_epoch,
             )
 
         def points(degree: int) -> NDArray[np.float64]:

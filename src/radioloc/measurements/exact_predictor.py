@@ -43,6 +43,8 @@ from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Predictor
+from radioloc.measurements.proper_time import SHORTEST_GAP_S, target_clock
+from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.ramps import RampTerm, TransmittedFrequency
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_combined, is_differenced, is_integrated, is_one_way
@@ -69,6 +71,9 @@ class ExactPredictor(Predictor):
         instants at which the signals meet the spacecraft.
     approximate_pa_m : ndarray, shape (3,) or (n_targets, 3)
         A position within some hundred kilometres of the point, principal axes.
+    clock_epoch : Epochs, optional
+        When the clock of a target that transmits by its own agrees with TT, TDB, one; as a rule that of
+        :func:`~radioloc.measurements.proper_time.clock_epoch`.
 
     Raises
     ------
@@ -89,8 +94,10 @@ class ExactPredictor(Predictor):
         trajectory: Trajectory | None = None,
         targets: Sequence[str] = (),
         more_partials: bool = False,
+        clock_epoch: Epochs | None = None,
     ) -> None:
         super().__init__(model, observations, trajectory, targets, more_partials)
+        self._clock_epoch = clock_epoch or clock_epoch_of(observations, trajectory)
         if is_combined(observations.kind).any():
             raise InputError(
                 "some observations combine others; radioloc.measurements.prepare_predictor takes them"
@@ -136,9 +143,9 @@ class ExactPredictor(Predictor):
             self._prepare(lander_pa_m)
             path, relay, (up, down) = self._solve(lander_pa_m)
         ramp = self._ramp(path)
-        length_m = (
-            C_M_S * (self._sign * path.up_s + (path.down_s + self._equipment.in_value_s)) - ramp.excess_m
-        )
+        ahead_s, ahead_rate, ahead_by_place = self._clock.at(self._moon.origin, relay, path.bounce_s)
+        flight_s = self._sign * path.up_s + (path.down_s + self._equipment.in_value_s) - ahead_s
+        length_m = C_M_S * flight_s - ramp.excess_m
         if self.model.has("tdb_tt"):
             first_s = np.where(
                 self._sign == 0.0,
@@ -149,7 +156,8 @@ class ExactPredictor(Predictor):
         partials = path_length_partials(
             path, self._up.point, relay, self._down.point, self._tag, self._sign
         ).scaled(ramp.scale)
-        by_position, by_time = partials.by_position, partials.by_tag
+        by_position = partials.by_position - C_M_S * ahead_by_place
+        by_time = partials.by_tag - C_M_S * ahead_rate
         if self.model.has("tdb_tt"):
             # 1e-5 m/s in two-way, but up to 0.1 m/s between two stations, whose velocities differ.
             first_rate = np.where(self._sign == 0.0, self._up.geocentric_tdb_rate, self._up.tdb_rate)
@@ -292,7 +300,14 @@ class ExactPredictor(Predictor):
     @bare_arguments
     def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> ExactPredictor:
         """The same observations prepared with another model, for values only."""
-        return ExactPredictor(model, self.observations, lander_pa_m, self.trajectory, self.targets)
+        return ExactPredictor(
+            model,
+            self.observations,
+            lander_pa_m,
+            self.trajectory,
+            self.targets,
+            clock_epoch=self._clock_epoch,
+        )
 
     def _take(self, observations: Observations) -> None:
         super()._take(observations)
@@ -316,16 +331,27 @@ class ExactPredictor(Predictor):
         self._up = self._station(self._transmitter, zero)
         same = np.array_equal(self._transmitter, self._receiver)
         self._down = self._up if same else self._station(self._receiver, zero)
-        self._moon = lunar_motion(self.model, self._reference, self._earth, zero, self.trajectory)
+        self._place_target(zero, lander_pa_m)
         # From the tag's instant the straight motions give the events to some nanoseconds.
         path, _, _ = self._solve(lander_pa_m)
         if not self._up.point.holds_at(path.transmit_s):
             self._up = self._station(self._transmitter, path.transmit_s)
         if not self._down.point.holds_at(path.receive_s):
             self._down = self._station(self._receiver, path.receive_s)
-        self._moon = lunar_motion(self.model, self._reference, self._earth, path.bounce_s, self.trajectory)
-        for name in ("_up", "_down", "_moon"):
+        self._place_target(path.bounce_s, lander_pa_m)
+        for name in ("_up", "_down", "_moon", "_clock"):
             setattr(self, name, rows_of(getattr(self, name), slice(None)))
+
+    def _place_target(self, offset_s: NDArray[np.float64], lander_pa_m: NDArray[np.float64]) -> None:
+        """The motion of the Moon, or of the spacecraft, and the target's clock."""
+        self._moon = lunar_motion(self.model, self._reference, self._earth, offset_s, self.trajectory)
+        keeps = (self._sign == 0.0) & self.model.has("target_proper_time")
+        # Counts need no common zero, so that a trajectory may have gaps between the passes.
+        counted = is_integrated(self._paths.kind) & (self._paths.count_s < SHORTEST_GAP_S)
+        epoch = None if counted[keeps].all() else self._clock_epoch
+        radius_m = length(np.atleast_2d(lander_pa_m))[self._target]
+        tdb = self._reference.shifted(offset_s)
+        self._clock = target_clock(self.model, tdb, keeps, radius_m, epoch, self.trajectory)
 
     def _ends(self) -> Iterator[LegEnd]:
         """Stations and signals at both ends of the paths."""
@@ -366,6 +392,9 @@ class ExactPredictor(Predictor):
             self._up.topocentric_s,
             np.where(self._tag == RECEIVE, self._down.topocentric_s, 0.0),
         )
+        # A one-way transmission, with which the path begins, is tagged by the target's clock.
+        ahead_s, _, _ = self._clock.at(self._moon.origin, relay, np.zeros(len(self._tag)))
+        tagged_s = tagged_s - np.where(self._tag == BOUNCE, ahead_s, 0.0)
         solve = partial(
             solve_light_path,
             self._up.point,
@@ -457,5 +486,6 @@ _PER_PATH = (
     "_up",
     "_down",
     "_moon",
+    "_clock",
 )
 """What an arc holds for each light path."""

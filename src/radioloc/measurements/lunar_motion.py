@@ -48,6 +48,11 @@ class LunarMotion:
     bodies_m: dict[str, NDArray[np.float64]]  # Sun and planets, from the geocentre at the reference epoch
     craft: MovingPoint | None
 
+    @property
+    def origin(self) -> MovingPoint:
+        """The Moon's centre, or the craft: what a position is relative to."""
+        return self.centre if self.craft is None else self.craft
+
     def point(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> MovingPoint:
         """Motion of a point with given principal-axes coordinates, or beside the craft, shape (3,) or (n, 3), m."""
         pa_m = np.broadcast_to(lander_pa_m, self.earth_pa_m.shape)

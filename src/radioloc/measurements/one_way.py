@@ -1,9 +1,9 @@
 """One-way range and integrated Doppler of a signal that the target generates.
 
 Measured is the time of flight from the target to a station, times the speed of light: reception read by the station's
-clock less transmission read by the target's. The target's clock is taken to keep TT as it is at the geocentre,
-simultaneity being that of the barycentric frame; what it really reads beyond that are parameters (``target_clock``,
-``target_frequency``). The time tag is UTC and names the reception, or the transmission by the target's clock. One-way
+clock less transmission read by the target's, which keeps proper time (:mod:`~radioloc.measurements.proper_time`); what
+its oscillator does beyond that are parameters (``target_clock``, ``target_frequency``, ``target_frequency_rate``). The
+time tag is UTC and names the reception, or the transmission by the target's clock. One-way
 Doppler is the range difference over the count interval, tagged at its middle. Moyer (2003), sections 11.4 and 13.3.1
 (F1).
 """

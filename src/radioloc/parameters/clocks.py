@@ -1,4 +1,4 @@
-"""Clocks of stations and of a target that transmits by its own: offset (s) and rate (s/s).
+"""Clocks of stations and of a target that transmits by its own: offset (s), rate (s/s), the target's drift (1/s).
 
 A clock that is ahead reads every event late. The second station's then adds to a flight time or a delay, the first
 station's (or the target's) takes away, and the clock that reads the time tag moves it: the event that it tags was
@@ -55,11 +55,26 @@ def _target_offset(rows: ObservationRows) -> NDArray[np.float64]:
     return np.where(rows.one_way, moved - np.where(rows.integrated, 0.0, C_M_S), 0.0)[:, None, None]
 
 
-def _target_rate(rows: ObservationRows) -> NDArray[np.float64]:
-    since_s = rows.elapsed_at_ends_s[:, 0]
-    counted = rows.integrated * rows.computed.value_m + rows.computed.by_time_m_s * rows.elapsed_s
-    return np.where(rows.one_way, -C_M_S * since_s - _target_tag(rows) * counted, 0.0)[:, None, None]
+def _target_gains(
+    rows: ObservationRows, gained_s: NDArray[np.float64], at_tag_s: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """By what the target's clock gains until its event, or over the count interval, and until the tag."""
+    return np.where(rows.one_way, -C_M_S * gained_s - _target_tag(rows) * at_tag_s, 0.0)[:, None, None]
 
+
+def _target_rate(rows: ObservationRows) -> NDArray[np.float64]:
+    counted = rows.integrated * rows.computed.value_m + rows.computed.by_time_m_s * rows.elapsed_s
+    return _target_gains(rows, rows.elapsed_at_ends_s[:, 0], counted)
+
+
+def _target_drift(rows: ObservationRows) -> NDArray[np.float64]:
+    since_s, first_s = rows.elapsed_s, rows.elapsed_at_ends_s[:, 0]
+    gained_s = np.where(rows.integrated, since_s * first_s, 0.5 * first_s**2)
+    counted = rows.integrated * rows.computed.value_m + 0.5 * rows.computed.by_time_m_s * since_s
+    return _target_gains(rows, gained_s, counted * since_s)
+
+
+_TARGET_OR_LINKS = (Scope.TARGET, Scope.LINK, Scope.LINK_AND_PASS)
 
 CLOCK = ParameterKind(
     name="clock",
@@ -89,7 +104,7 @@ TARGET_CLOCK = ParameterKind(
     name="target_clock",
     unit="s",
     description="offset of the clock by which the target transmits, for one-way ranges",
-    scopes=(Scope.TARGET,),
+    scopes=_TARGET_OR_LINKS,
     partials=_target_offset,
     acts_on=lambda rows: (rows.one_way & ~rows.integrated)[:, None],
     scale=1.0 / C_M_S,
@@ -98,8 +113,17 @@ TARGET_FREQUENCY = ParameterKind(
     name="target_frequency",
     unit="1",
     description="fractional frequency offset of the oscillator by which the target transmits, the rate of its clock",
-    scopes=(Scope.TARGET,),
+    scopes=_TARGET_OR_LINKS,
     partials=_target_rate,
     acts_on=lambda rows: rows.one_way[:, None],
     scale=1e-5 / C_M_S,
+)
+TARGET_FREQUENCY_RATE = ParameterKind(
+    name="target_frequency_rate",
+    unit="1/s",
+    description="drift of that frequency offset, about its value at the reference epoch, the middle of the arc",
+    scopes=_TARGET_OR_LINKS,
+    partials=_target_drift,
+    acts_on=lambda rows: rows.one_way[:, None],
+    scale=1e-9 / C_M_S,
 )

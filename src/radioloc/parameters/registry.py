@@ -28,6 +28,7 @@ PARAMETERS: Mapping[str, ParameterKind] = registry(
         biases.STATION_DELAY,
         clocks.TARGET_CLOCK,
         clocks.TARGET_FREQUENCY,
+        clocks.TARGET_FREQUENCY_RATE,
         earth.STATION_POSITION,
         earth.UT1,
         earth.POLE,

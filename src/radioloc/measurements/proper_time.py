@@ -1,0 +1,157 @@
+"""The clock of a target that transmits by its own: proper time at the target against TT at the geocentre.
+
+At the same TDB a clock at the target gains on one at the geocentre that keeps TT, in units of their seconds,
+
+    d(tau - TT)/d(TDB) = L_G - [(v^2 - v_E^2) / 2 + w(x) - w_E(x_E)] / c^2
+
+with the barycentric velocities v of target and Earth, the potential w of all bodies at the target and w_E of all but
+the Earth at the geocentre (Moyer 2003, section 11.4; IERS Conventions 2010, section 10.1; Soffel et al. 2003). Terms of
+the order c^-4 are below 1e-17. The rate is integrated along an origin, the spacecraft, or the Moon's centre with the
+Moon's potential at the distance of the point, GM / r. What is at r from the origin is behind it by v.r / c^2, as
+simultaneity is that of the barycentric frame. Left out on the Moon are tides, its rotation and the degrees of its
+field: 1e-14 at most, all but constant.
+
+At an epoch that is chosen once for an arc the origin's clock reads TT of the same instant in the geocentric frame, as
+if it had been set from the Earth; at the same TDB that is v_E.r / c^2 behind the geocentre's, up to 130 microseconds.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import C_M_S, L_G
+from radioloc.ephemeris import Trajectory
+from radioloc.measurements.light_path import MovingPoint
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
+from radioloc.vectors import dot, length
+
+_STEP_S, _STEP_IN_ORBIT_S = 3600.0, 30.0
+"""A cubic spline between rates so far apart is good to 1e-18, in a low orbit of two hours to 1e-18 as well."""
+SHORTEST_GAP_S = 3600.0
+"""After a longer gap counts begin anew."""
+
+
+@dataclass(frozen=True, slots=True)
+class TargetClock:
+    """What the target's clock is ahead of TT at the geocentre, near one event each; of what is not one-way zeros."""
+
+    ahead_s: NDArray[np.float64]  # at the origin, at the instant of its motion
+    rate: NDArray[np.float64]
+    kept: NDArray[np.bool_]  # whether it reads anything
+
+    def at(
+        self, origin: MovingPoint, point: MovingPoint, offset_s: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """How far it is ahead at a point and an instant nearby, s, with derivatives by time and by place (s/m)."""
+        if not self.kept.any():
+            nothing = np.zeros(len(self.kept))
+            return nothing, nothing, np.zeros((len(self.kept), 3))
+        later_s = offset_s - origin.offset_s
+        from_origin_m, velocity_m_s = point.position_m - origin.position_m, origin.velocity_m_s
+        ahead_s = self.ahead_s + self.rate * later_s - dot(velocity_m_s, from_origin_m) / C_M_S**2
+        rate = self.rate - dot(velocity_m_s, point.velocity_m_s - velocity_m_s) / C_M_S**2
+        by_place = -velocity_m_s / C_M_S**2
+        return ahead_s * self.kept, rate * self.kept, by_place * self.kept[:, None]
+
+
+def clock_epoch(observations: Observations, trajectory: Trajectory | None = None) -> Epochs | None:
+    """When the target's clock agrees with TT: at 0h UTC of an arc's first day, or when its trajectory begins; TDB.
+
+    None where there are no observations.
+    """
+    if not len(observations):
+        return None
+    first = observations.span()[:1]
+    midnight, tag = (tt_to_tdb(utc_to_tt(utc)) for utc in (Epochs(first.jd, np.zeros(1), "UTC"), first))
+    for start_s, end_s in [] if trajectory is None else trajectory.spans_s():
+        start = Epochs.from_tdb_seconds(start_s).shifted(1e-6)
+        if tag.seconds_since(start)[0] <= end_s - start_s:
+            return start if start.seconds_since(midnight)[0] > 0.0 else midnight
+    return midnight
+
+
+def target_clock(
+    model: PhysicalModel,
+    tdb: Epochs,
+    kept: NDArray[np.bool_],
+    radius_m: NDArray[np.float64],
+    epoch: Epochs | None,
+    trajectory: Trajectory | None = None,
+) -> TargetClock:
+    """The target's clock at events (TDB), for those in which it is `kept`.
+
+    `radius_m` is the distance of points on the Moon from its centre; a trajectory needs none.
+    Clock and TT agree at `epoch` (TDB), one; where there is none, when the counts of a pass begin, which do not ask.
+    """
+    ahead_s, rate = np.zeros((2, len(tdb)))
+    rows = np.flatnonzero(kept)
+    if len(rows):
+        zero = tdb[rows[:1]] if epoch is None else epoch
+        since_s = tdb[rows].seconds_since(zero)
+        ahead_s[rows], rate[rows] = _gained(model, zero, since_s, trajectory, whole=epoch is not None)
+        if trajectory is None:
+            of_moon = model.ephemeris.constants.gm_moon_m3_s2 / radius_m[rows] / C_M_S**2
+            ahead_s[rows] -= of_moon * since_s
+            rate[rows] -= of_moon
+    return TargetClock(ahead_s, rate, kept)
+
+
+def _gained(
+    model: PhysicalModel,
+    zero: Epochs,
+    since_s: NDArray[np.float64],
+    trajectory: Trajectory | None,
+    *,
+    whole: bool,
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """What the origin's clock has gained since `zero` and its rate; but for the `whole` arc, since a gap ended."""
+    from scipy.interpolate import CubicSpline
+
+    gained_s, rate = np.zeros((2, len(since_s)))
+    order = np.argsort(since_s)
+    gaps = np.flatnonzero(np.diff(since_s[order]) > SHORTEST_GAP_S) + 1
+    for rows in [order] if whole else np.split(order, gaps):
+        first_s, last_s = since_s[rows[0]], since_s[rows[-1]]
+        if whole:
+            first_s, last_s = min(first_s, 0.0), max(last_s, 0.0)
+        length_s = max(last_s - first_s, 1e-3)
+        steps = int(np.ceil(length_s / (_STEP_S if trajectory is None else _STEP_IN_ORBIT_S)))
+        knots_s = first_s + length_s * np.linspace(0.0, 1.0, max(steps, 3) + 1)
+        here = np.zeros(len(knots_s), dtype=np.intp)
+        at_knots = CubicSpline(knots_s, _rate(model, zero[here].shifted(knots_s), trajectory))
+        grown = at_knots.antiderivative()
+        gained_s[rows] = grown(since_s[rows]) - grown(0.0 if whole else first_s)
+        rate[rows] = at_knots(since_s[rows])
+    if whole:
+        place_m, _ = _state(model, zero, trajectory)
+        gained_s -= dot(model.ephemeris.earth(zero).velocity_m_s, place_m) / C_M_S**2
+    return gained_s, rate
+
+
+def _state(
+    model: PhysicalModel, tdb: Epochs, trajectory: Trajectory | None
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Geocentric position and velocity of the spacecraft, or of the Moon's centre."""
+    if trajectory is None:
+        return model.ephemeris.geocentric("moon", tdb)
+    return trajectory.geocentric(model.ephemeris, tdb)
+
+
+def _rate(model: PhysicalModel, tdb: Epochs, trajectory: Trajectory | None) -> NDArray[np.float64]:
+    """Rate of a clock in the spacecraft, or at the Moon's centre without its potential, against TT at the geocentre."""
+    ephemeris = model.ephemeris
+    gm = ephemeris.constants.gm_m3_s2
+    place_m, velocity_m_s = _state(model, tdb, trajectory)
+    slower = dot(ephemeris.earth(tdb).velocity_m_s, velocity_m_s) + 0.5 * dot(velocity_m_s, velocity_m_s)
+    slower = slower + gm("earth") / length(place_m)
+    for body in ephemeris.bodies:
+        body_m, _ = ephemeris.geocentric(body, tdb)
+        slower = slower - gm(body) / length(body_m)
+        if trajectory is not None or body != "moon":
+            slower = slower + gm(body) / length(place_m - body_m)
+    return np.asarray(L_G - slower / C_M_S**2)

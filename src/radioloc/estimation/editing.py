@@ -56,6 +56,8 @@ class EditedFit:
         Standard deviation of errors of stations that delays share, found from the residuals, m; empty without.
     series_weights : tuple of SeriesWeight
         Series weighed as fewer observations, since their residuals are correlated in time.
+    reasons : mapping of int to str
+        By row, what is known of an outlier beyond its size.
     """
 
     fit: FitResult
@@ -67,6 +69,7 @@ class EditedFit:
     additive_sigma_m: Mapping[str, float] = field(default_factory=dict)
     shared_sigma_m: Mapping[str, float] = field(default_factory=dict)
     series_weights: tuple[SeriesWeight, ...] = ()
+    reasons: Mapping[int, str] = field(default_factory=dict)
 
     @property
     def status(self) -> Labels:
@@ -74,10 +77,10 @@ class EditedFit:
         out = np.flatnonzero(self.given.are(USED) & ~self.fit.used)
         residual_m = self.fit.residual_m[out]
         expected_m = self.fit.sigma_m[out] * max(1.0, self.robust_scale)
-        reasons = map(outlier_reason, residual_m.tolist(), expected_m.tolist())
-        codes = self.given.codes.copy()
-        codes[out] = len(self.given.texts) + np.arange(len(out))
-        return Labels.coded((*self.given.texts, *reasons), codes)
+        sizes = zip(out.tolist(), residual_m.tolist(), expected_m.tolist(), strict=True)
+        return with_reasons(
+            self.given, {row: self.reasons.get(row) or outlier_reason(*size) for row, *size in sizes}
+        )
 
     @property
     def ended(self) -> bool:
@@ -220,6 +223,13 @@ def _without_wavering(
     kept = np.asarray(circle.all(axis=0))
     wavering = int((circle.any(axis=0) & ~kept).sum())
     return kept, f"{wavering} observations at the outlier limit were left out, in and out by turns"
+
+
+def with_reasons(status: Labels, reasons: Mapping[int, str]) -> Labels:
+    """The same with other texts for some rows."""
+    codes = status.codes.copy()
+    codes[list(reasons)] = len(status.texts) + np.arange(len(reasons))
+    return Labels.coded((*status.texts, *reasons.values()), codes)
 
 
 def _given(status: ArrayLike | Labels | None, n: int) -> Labels:

@@ -492,10 +492,17 @@ def _split(solution: Solution) -> Iterator[str]:
 
 
 def _left_out(solution: Solution) -> Iterator[str]:
-    rows = left_out_rows(solution, _MAX_OUTLIERS)
+    """The largest outliers; counts with one fault, such as those before the lock, together."""
+    rows = left_out_rows(solution, solution.fit.total.rejected)
+    alike: dict[tuple[str, str], list[str]] = {}
     for epoch, name, _, reason in rows:
-        yield f"{epoch} {name}: {reason}"
-    yield from more(solution.fit.total.rejected, len(rows))
+        alike.setdefault((name, reason), []).append(epoch)
+    shown = 0
+    for (name, reason), epochs in list(alike.items())[:_MAX_OUTLIERS]:
+        shown += len(epochs)
+        times = f"{min(epochs)} and {len(epochs) - 1} later" if len(epochs) > 1 else epochs[0]
+        yield f"{times} {name}: {reason}"
+    yield from more(len(rows), shown)
 
 
 def left_out_rows(solution: Solution, most: int) -> list[tuple[str, ...]]:

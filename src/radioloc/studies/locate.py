@@ -16,10 +16,11 @@ from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import Doubt, build_solution, seconds_since_midnight
 from radioloc.estimation.correlated_weights import fit_with_correlated_weights
-from radioloc.estimation.editing import EditedFit, fit_with_editing
+from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reasons
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, TargetPosition, compare_with
 from radioloc.estimation.variance_components import fit_with_variance_components
@@ -416,11 +417,19 @@ def _fit(
             f"{_reasons(status, reason, problem.predictor.observations)}; "
             "check the target's position and frame, and the stations"
         )
-    return fit_with_variance_components(
-        problem.linearize,
-        problem.parameters,
-        noise,
-        order=order,
-        status=status,
-        threshold=estimate.rejection_sigma,
-    )
+    observations = problem.predictor.observations
+    counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
+    while True:
+        fitted = fit_with_variance_components(
+            problem.linearize,
+            problem.parameters,
+            noise,
+            order=order,
+            status=status,
+            threshold=estimate.rejection_sigma,
+        )
+        faults = phase_faults(fitted, order, counts) if fitted.ended else {}
+        hidden = {row: reason for row, reason in faults.items() if fitted.fit.used[row]}
+        if not hidden:
+            return replace(fitted, reasons=faults)
+        status = with_reasons(fitted.given, hidden)

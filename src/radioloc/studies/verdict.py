@@ -124,7 +124,7 @@ def places(
 
 
 def nowhere(solution: Solution) -> Solution:
-    """The same; not observable where the position, or that of one of the targets, is so uncertain that it says nothing."""
+    """The same; not observable where the position, or that of one of the targets, says nothing by its sigma."""
     ended = (FitStatus.CONVERGED, FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS)
     if solution.status not in ended or solution.trajectory is not None or not solution.position_estimated:
         return solution
@@ -133,8 +133,9 @@ def nowhere(solution: Solution) -> Solution:
     if not sigma_m > _WIDEST * MEAN_LUNAR_RADIUS_M:
         return solution
     reason = (
-        f"the sigma of the position is {1e-3 * sigma_m:.0f} km, more than a tenth of the lunar radius: the observations "
-        "do not tell where on the Moon; add ranges, VLBI delays, an a-priori height, more stations or a longer arc"
+        f"the sigma of the position is {1e-3 * sigma_m:.0f} km, more than a tenth of the lunar radius: the "
+        "observations do not tell where on the Moon; add ranges, VLBI delays, an a-priori height, more stations or a "
+        "longer arc"
     )
     return replace(
         solution,

@@ -20,7 +20,9 @@ from radioloc.time import epochs_from_strings, utc_to_tai
 
 DATA = Path(__file__).resolve().parents[1] / "data" / "tdm"
 
-SIGMA_M = {"range": 1.0, "vlbi_delay": 0.1, "doppler": 1e-3, "one_way_doppler": 1e-3}
+SIGMA_M = {"range": 1.0, "vlbi_delay": 0.1} | dict.fromkeys(
+    ("doppler", "one_way_doppler", "differenced_doppler"), 1e-3
+)
 EPOCH_TOLERANCE_S = 3e-11  # a float of the day's fraction, moved once
 VALUE_TOLERANCE_M = 1e-9  # some floats of 4e6 m
 GROWTH_TOLERANCE_M = 1e-6  # a ratio of frequencies rounded some times (1e-16 each), times one light-second
@@ -239,8 +241,8 @@ def test_range_doppler_and_angles_in_one_segment():
     assert got.ignored == {"ANGLE_1": 1, "ANGLE_2": 1}
 
 
-def test_differenced_doppler_is_refused():
-    """Figure E-10 (one epoch of which lacks a colon in the standard)."""
+def test_differenced_doppler():
+    """Figure E-10 (one epoch of which lacks a colon in the standard), its path of two stations of Goldstone."""
     metadata = {
         "PARTICIPANT_1": "yyyy-nnnA",
         "PARTICIPANT_2": "DSS-24",
@@ -252,8 +254,15 @@ def test_differenced_doppler_is_refused():
         "INTEGRATION_INTERVAL": "10.0",
         "INTEGRATION_REF": "MIDDLE",
     }
-    with pytest.raises(FileFormatError, match="RECEIVE_FREQ of MODE = SINGLE_DIFF is not modelled"):
-        observations(metadata, ["RECEIVE_FREQ = 2003-07-08T04:45:25.0000          8.738750457763670E+00"])
+    records = [
+        "TRANSMIT_FREQ_1 = 2003-07-08T04:10:00.0000          8.435360E+09",
+        "RECEIVE_FREQ = 2003-07-08T04:45:25.0000          8.738750457763670E+00",
+    ]
+    got = observations(metadata, records).observations
+    assert got.paths().tolist() == ["DSS-24<yyyy-nnna>DSS-25"]
+    assert got.types().tolist() == ["differenced_doppler"]
+    # More cycles arrive at the second station: the path to it is the one that gets shorter.
+    assert got.value_m[0] == pytest.approx(-10.0 * C_M_S * 8.738750457763670 / 8.435360e9, rel=1e-15)
     with pytest.raises(FileFormatError, match="not a date that exists"):
         observations(metadata, ["TRANSMIT_FREQ_1 = 2003-07-08T04:10:0000          8.435360E+09"])
 

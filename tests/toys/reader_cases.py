@@ -12,9 +12,12 @@ from radioloc.earth.eop import EopTable
 from radioloc.ephemeris import Ephemeris, LunarOrientation, Trajectory
 from radioloc.io.crd import read_crd
 from radioloc.io.detect import read_observations
+from radioloc.io.fdets import read_fdets
+from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.mini import read_mini
 from radioloc.io.odf import read_odf
 from radioloc.io.parquet import read_parquet
+from radioloc.io.strf import read_sites, read_strf
 from radioloc.io.table import read_table
 from radioloc.io.tdm import TdmAgreement, read_tdm
 from radioloc.lunar import TerrainModel
@@ -28,6 +31,7 @@ EXAMPLES = Path(__file__).parents[2] / "examples"
 AGREEMENT = TdmAgreement(
     sigma_m={"range": 1.0, "vlbi_delay": 1.0, "doppler": 1.0}, turnaround=(880, 749), light_time_s=2.5644
 )
+BEACON = [FrequencyAgreement(transmit_hz=2216.5e6, sigma_hz=0.5, count_s=10.0)]
 COUNT = {"INTEGRATION_INTERVAL": "60.0", "INTEGRATION_REF": "START", "FREQ_OFFSET": "0.0"}
 SEGMENTS = (
     (
@@ -76,6 +80,16 @@ end_of_head
 SHADR = "1738.0, 4902.8, 2.0e-05, 2, 2, 1, 0.0, 0.0\n" + "".join(
     f"2, {m}, {1e-4 - 1e-5 * m:.6E}, {m * 1e-6:.6E}, 1E-11, 1E-11\n" for m in range(3)
 )
+STRF = "59902.606603\t2216497878.100\t   9.610\t8049\n59902.6067 2216497877.1 0.0002 4171 9999\n"
+FDETS = """\
+# Observation conducted on 2013.12.28 at Ww rev. 2
+# Base frequency: 2210.00 MHz
+# Format : scan | UTC Time | Signal-to-Noise | Spectral max | Freq. detection [Hz] | Doppler noise [Hz]
+#
+1 2013-12-28T09:30:05.500 1.0e+04 5.7e+03 6264011.812 -1.3e-02
+1 34215.5 1.0e+04 5.7e+03 6264001.812 -1.3e-02
+"""
+SITES = "# No ID Latitude Longitude Elev Observer\n4171 CB   52.8344    6.3785     10    An Observer\n"
 STUDY = """\
 [target]
 longitude_deg = 3.5
@@ -109,6 +123,9 @@ TEXTS = {
     "observations": (read_observations, TABLE),
     "tdm": (lambda path: read_tdm(path, AGREEMENT), "\n".join(kvn((TWO_WAY, RANGES)))),
     "tdm_xml": (lambda path: read_tdm(path, AGREEMENT), xml((TWO_WAY, RANGES))),
+    "strf": (lambda path: read_strf(path, BEACON), STRF),
+    "fdets": (lambda path: read_fdets(path, BEACON), FDETS),
+    "sites": (read_sites, SITES),
     "study": (read_study, STUDY),
 }
 BINARIES = {

@@ -216,8 +216,18 @@ def test_every_term_is_explained_in_its_section():
 
 def touch_named_files(folder):
     """Files that the example of the study file names beside those that ship."""
-    for name in ("my_c04.txt", "ranges.kvn", "y2006.vmf3_r", "y2007.vmf3_r", "gpt3_5.grd", "dem_10m.tif"):
+    for name in (
+        "my_c04.txt",
+        "ranges.kvn",
+        "night.dat",
+        "night.tdm",
+        "y2006.vmf3_r",
+        "y2007.vmf3_r",
+        "gpt3_5.grd",
+        "dem_10m.tif",
+    ):
         (folder / name).touch()
+    (folder / "sites.txt").write_text("4171 CB   52.8344    6.3785     10    An Observer\n")
     tie = [
         {"name": f"map_tie.map.{axis}", "sigma": 25.0, "position_enu_m": [0.0, 0.0, 0.0]}
         for axis in ("east", "north")
@@ -269,7 +279,7 @@ def test_every_key_of_the_study_file(workspace):
     assert radioloc.read_study(workspace / example.file).name == "everything"
     written = tomllib.loads(example.text)
     shown = {**written, "stations.NAME": written["stations"]["MYSITE"]}
-    for table in ("weights", "map_positions"):
+    for table in ("frequencies", "weights", "map_positions"):
         [shown[f"observations.{table}"]] = written["observations"][table]
     place = written["target"] | written["reference"]
     shown |= dict.fromkeys(("target", "reference", "references.NAME", "targets.NAME"), place)

@@ -1,24 +1,31 @@
-"""Observations in and out: tables, ramps, laser normal points (CRD, MINI), Tracking Data Messages, orbit data files."""
+"""Observations in and out: tables, ramps, laser normal points, messages, orbit data files, received frequencies."""
 
 from radioloc.io.crd import read_crd
 from radioloc.io.detect import READERS, Reader, ReadSettings, read_observations
+from radioloc.io.fdets import read_fdets
+from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.mini import read_mini
 from radioloc.io.parquet import read_parquet, write_parquet
 from radioloc.io.ramp_table import read_ramps, write_ramps
+from radioloc.io.strf import read_sites, read_strf
 from radioloc.io.table import read_table, write_table
 from radioloc.io.tdm import TdmAgreement, read_tdm, write_tdm
 from radioloc.io.write import write_observations
 
 __all__ = [
     "READERS",
+    "FrequencyAgreement",
     "ReadSettings",
     "Reader",
     "TdmAgreement",
     "read_crd",
+    "read_fdets",
     "read_mini",
     "read_observations",
     "read_parquet",
     "read_ramps",
+    "read_sites",
+    "read_strf",
     "read_table",
     "read_tdm",
     "write_observations",

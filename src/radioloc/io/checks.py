@@ -107,10 +107,11 @@ def weather_near(
     return np.where(away_s <= _WEATHER_REACH_S, np.interp(wanted_s, time_s, recorded), np.nan)
 
 
-def without_duplicates(observations: Observations) -> Observations:
+def without_duplicates(observations: Observations, *, first_counts: bool = False) -> Observations:
     """Observations each once: exact copies are left out with a warning; two values of one observation are an error.
 
-    Rows are of one observation if epoch, time tag, kind, path, wavelength and count interval are the same.
+    Rows are of one observation if epoch, time tag, kind, path, wavelength and count interval are the same. Where the
+    `first_counts`, as of frequencies read off twice, another value is left out with a warning, too.
     """
     columns = (
         observations.epoch.fraction,
@@ -136,16 +137,17 @@ def without_duplicates(observations: Observations) -> Observations:
         (observations.value_m[first] != observations.value_m[second])
         | (observations.sigma_m[first] != observations.sigma_m[second])
     )
-    if len(other):
+    if len(other) and not first_counts:
         pair = other[np.argmin(second[other])]
         raise InputError(
             f"{observations.origin(int(second[pair]))}: this observation has another value or sigma in "
             f"{observations.origin(int(first[pair]))} ({len(other)} such pair(s) in all); leave one of them out"
         )
     pair = int(np.argmin(second))
+    with_other = f", {len(other)} with another value or sigma" if len(other) else ""
     warnings.warn(
         f"{observations.origin(int(second[pair]))}: this observation is already there, in "
-        f"{observations.origin(int(first[pair]))} ({len(first)} such pair(s) in all); it is counted once",
+        f"{observations.origin(int(first[pair]))} ({len(first)} such pair(s) in all{with_other}); it is counted once",
         DataQualityWarning,
         stacklevel=4,
     )

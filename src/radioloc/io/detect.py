@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -11,10 +11,13 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.checks import Catalogue, without_duplicates
 from radioloc.io.crd import looks_like_crd, read_crd
+from radioloc.io.fdets import looks_like_fdets, read_fdets
+from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.mini import looks_like_mini, read_mini
 from radioloc.io.odf import looks_like_odf, read_odf
 from radioloc.io.parquet import read_parquet
 from radioloc.io.ramp_table import looks_like_ramps, read_ramps_only
+from radioloc.io.strf import looks_like_strf, read_strf
 from radioloc.io.table import looks_like_table, read_table
 from radioloc.io.tdm import TdmAgreement, looks_like_tdm, read_tdm
 from radioloc.measurements.observations import Observations
@@ -38,11 +41,14 @@ class ReadSettings:
         What Tracking Data Messages do not say.
     lunar : bool
         Whether the target is at the Moon.
+    frequencies : tuple of FrequencyAgreement
+        What files of received frequencies do not say.
     """
 
     catalogue: Catalogue
     tdm: TdmAgreement
     lunar: bool
+    frequencies: tuple[FrequencyAgreement, ...] = ()
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,7 +89,13 @@ READERS = registry(
             "of CCSDS: CCSDS_TDM_VERS = 2.0, or XML with <tdm>",
             _by_lines(looks_like_tdm),
             lambda paths, its: read_tdm(
-                paths, replace(its.tdm, lunar=its.lunar and its.tdm.lunar), catalogue=its.catalogue
+                paths,
+                replace(
+                    its.tdm,
+                    lunar=its.lunar and its.tdm.lunar,
+                    frequencies=its.frequencies or its.tdm.frequencies,
+                ),
+                catalogue=its.catalogue,
             ),
             together=True,
         ),
@@ -98,6 +110,18 @@ READERS = registry(
             "lines start with 51 and a date",
             _by_lines(looks_like_mini),
             lambda paths, settings: read_mini(paths[0], catalogue=settings.catalogue),
+        ),
+        Reader(
+            "STRF frequencies",
+            "lines: modified Julian date, Hz, strength, site",
+            _by_lines(looks_like_strf),
+            lambda paths, its: read_strf(paths[0], its.frequencies, catalogue=its.catalogue),
+        ),
+        Reader(
+            "Fdets frequencies",
+            "comments first, one of them: Base frequency: 8400.00 MHz",
+            _by_lines(looks_like_fdets),
+            lambda paths, its: read_fdets(paths[0], its.frequencies, catalogue=its.catalogue),
         ),
         Reader(
             "table of observations",
@@ -137,6 +161,7 @@ def read_observations(
     catalogue: Catalogue | None = None,
     tdm: TdmAgreement | None = None,
     lunar: bool = True,
+    frequencies: Iterable[FrequencyAgreement] = (),
 ) -> Observations:
     """Read one or more files of observations, each plain or gzip, and join them in the order given.
 
@@ -153,6 +178,8 @@ def read_observations(
     lunar : bool
         Whether the target is at the Moon, so that a range of another length is a mistake; a spacecraft on its way is
         not. Normal points (CRD, MINI) always are of the Moon.
+    frequencies : iterable of FrequencyAgreement
+        What files of received frequencies do not say: for each file the first that holds for it.
 
     Raises
     ------
@@ -175,7 +202,9 @@ def read_observations(
     files = [paths] if isinstance(paths, (str, Path)) else list(paths)
     if not files:
         raise InputError("no file of observations was given; give at least one")
-    settings = ReadSettings(catalogue or StationCatalogue.default(), tdm or TdmAgreement(), lunar)
+    settings = ReadSettings(
+        catalogue or StationCatalogue.default(), tdm or TdmAgreement(), lunar, tuple(frequencies)
+    )
     groups: list[tuple[Reader, list[str | Path]]] = []
     for file in files:
         reader = _reader_of(file)

@@ -333,7 +333,13 @@ def _read(
     if tdm.light_time_s is None:
         tdm = replace(tdm, light_time_s=_light_time_to(study, model, targets))
     lunar = not isinstance(study.target, Trajectory)
-    return read_observations(files, catalogue=study.catalogue, tdm=tdm, lunar=lunar)
+    return read_observations(
+        files,
+        catalogue=study.catalogue,
+        tdm=tdm,
+        lunar=lunar,
+        frequencies=study.observations.frequencies,
+    )
 
 
 def _light_time_to(study: Study, model: PhysicalModel, targets: Mapping[str, LunarPosition]) -> LightTime:

@@ -17,6 +17,7 @@ from radioloc.earth.eop_prediction import BEYOND
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
+from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.tdm import TdmAgreement
 from radioloc.lunar import TerrainModel
 from radioloc.lunar.position import LunarPosition
@@ -127,6 +128,10 @@ class ObservationChoice:
         sigma, metres of the whole light path.
     tdm : TdmAgreement
         What Tracking Data Messages leave to be agreed: sigmas, whether RANGE is halved, ...
+    frequencies : iterable of FrequencyAgreement
+        What files of received frequencies do not say of the signal: for each file the first that holds for it.
+    sites : tuple of Path
+        Files of sites (:func:`~radioloc.io.read_sites`), whose stations a study file has beside those of the catalogue.
     vlbi_station_sigma_m : float or mapping of str to float
         Error of each VLBI station's arrival time, metres, which all delays of one epoch that the station has part in
         share; beside the sigmas of the delays. By station: those not named have none.
@@ -152,6 +157,8 @@ class ObservationChoice:
         advice="it is of all observations; one by type, station or file belongs to [[observations.weights]]",
     )
     tdm: TdmAgreement = entry(factory=TdmAgreement, keys=tuple(TDM_KEYS), read=_tdm)
+    frequencies: tuple[FrequencyAgreement, ...] = ()
+    sites: tuple[Path, ...] = ()
     vlbi_station_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
     vlbi_station_rate_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
     weights: tuple[Weight, ...] = entry(
@@ -164,6 +171,7 @@ class ObservationChoice:
         files = (self.files,) if isinstance(self.files, (str, Path)) else self.files
         object.__setattr__(self, "files", tuple(Path(file) for file in files))
         object.__setattr__(self, "weights", tuple(self.weights))
+        object.__setattr__(self, "frequencies", tuple(self.frequencies))
         object.__setattr__(self, "map_positions", tuple(self.map_positions))
         check(self)
         if self.start is not None and self.stop is not None:

@@ -8,6 +8,7 @@ import tomllib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +18,8 @@ from radioloc.earth.reference_frames import frames
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, StationError
+from radioloc.io.frequencies import FrequencyAgreement
+from radioloc.io.strf import read_sites
 from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices
@@ -112,6 +115,7 @@ TABLES: dict[str, type] = {
     "reference": Place,
     "references.NAME": Place,
     "observations": ObservationChoice,
+    "observations.frequencies": FrequencyAgreement,
     "observations.weights": Weight,
     "observations.map_positions": PlaceOnMap,
     "estimate": EstimateChoice,
@@ -183,7 +187,11 @@ def read_study(path: str | Path) -> Study:
         )
         raise InputError(f"{path}: [target] {problem}")
     simulated = tables["simulation"] is not None
+    observations = made("observations", partial(_observations, may_be_missing=simulated))
     catalogue = made("stations", _catalogue) or StationCatalogue.default()
+    for site in () if observations is None else chain.from_iterable(map(read_sites, observations.sites)):
+        if site.name not in catalogue:  # the study itself says better where it is
+            catalogue = catalogue.with_station(site)
     targets = made("targets", _positions)
     if targets == {}:
         raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
@@ -195,7 +203,7 @@ def read_study(path: str | Path) -> Study:
         Study,
         target=target,
         targets=targets and {name: found.position for name, found in targets.items()},
-        observations=made("observations", partial(_observations, may_be_missing=simulated)),
+        observations=observations,
         estimate=made("estimate", lambda table: table.read(EstimateChoice)),
         consider=considered,
         consider_defaults=defaults,

@@ -22,6 +22,8 @@ SIGMA_M = {
     "doppler": 1e-3,
     "one_way_range": 0.7,
     "one_way_doppler": 2e-3,
+    "differenced_range": 0.2,
+    "differenced_doppler": 3e-3,
 }
 VALUE_TOLERANCE_M = 5e-7  # some floats of 7.7e8 m
 GROWTH_TOLERANCE_M = 8e-6  # a ratio of frequencies rounded four times (1e-16 each), times 60 light-seconds
@@ -501,10 +503,25 @@ REFUSED = {
     "no path": (TWO_WAY | {"PATH": None}, RANGES, "MODE is SEQUENTIAL, but there is no PATH"),
     "unknown target": (TWO_WAY | {"PARTICIPANT_2": "UNKNOWN"}, RANGES, "the target is UNKNOWN"),
     "impossible name": (TWO_WAY | {"PARTICIPANT_2": "a>b"}, RANGES, "line 7: 'a>b' cannot name a station"),
-    "differenced range": (
-        DELAY,
-        RANGES,
-        "RANGE of MODE = SINGLE_DIFF is not modelled; on its path",
+    "ambiguous differenced range": (
+        DELAY | {"RANGE_MODULUS": "1000.0"},
+        ["RANGE = 2021-03-28T14:00:00 1.5"],
+        "RANGE_MODULUS is 1e[+]06 m: the difference is known but for multiples",
+    ),
+    "sent tag of a differenced range": (
+        DELAY | {"TIMETAG_REF": "TRANSMIT"},
+        ["RANGE = 2021-03-28T14:00:00 1.5"],
+        "TIMETAG_REF is TRANSMIT; RANGE",
+    ),
+    "differenced frequency without one sent": (
+        DELAY | COUNT,
+        ["RECEIVE_FREQ = 2021-03-28T14:00:00 8.7"],
+        "of two paths needs TRANSMIT_FREQ_1",
+    ),
+    "whole frequency of two paths": (
+        DELAY | COUNT,
+        ["RECEIVE_FREQ = 2021-03-28T14:00:00 8.4e9", "TRANSMIT_FREQ_1 = 2021-03-28T13:00:00 8.4e9"],
+        "RECEIVE_FREQ is 8400000000.0 Hz, but of two paths it is the difference",
     ),
     "differenced Doppler": (
         DELAY,
@@ -572,7 +589,7 @@ REFUSED = {
     "wrong ratio": (
         TWO_WAY | COUNT | RATIO,
         [RECEIVED[0], RECEIVED[1].replace("7.2", "2.1")],
-        "makes the path grow by",
+        "cannot be received of 2100000000.0 Hz sent, with a turnaround of 880/749",
     ),
     "wrong receiver": (
         TWO_WAY | COUNT | RATIO,

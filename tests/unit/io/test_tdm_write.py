@@ -40,6 +40,7 @@ LINKS = (
     Link("", "lander", "KASHI"),
 )
 ONE_WAY_RANGE, ONE_WAY_DOPPLER = kind_of("one_way_range"), kind_of("one_way_doppler")
+DIFFERENCED_RANGE, DIFFERENCED_DOPPLER = kind_of("differenced_range"), kind_of("differenced_doppler")
 SUFFIXES = ("kvn", "xml")
 
 
@@ -74,13 +75,14 @@ def made(n=6, **columns):
 
 def everything():
     """All kinds, with and without what can be recorded; two of one kind, link and epoch."""
-    n = 36
+    n = 48
     random = np.random.default_rng(5)
-    kind = np.repeat([RANGE, RANGE, DOPPLER, VLBI_DELAY, ONE_WAY_RANGE, ONE_WAY_DOPPLER], n // 6)
-    link = np.repeat([0, 1, 1, 2, 3, 3], n // 6)
-    counted = np.isin(kind, [DOPPLER, ONE_WAY_DOPPLER])
+    kinds = [RANGE, RANGE, DOPPLER, VLBI_DELAY, ONE_WAY_RANGE, ONE_WAY_DOPPLER]
+    kind = np.repeat([*kinds, DIFFERENCED_RANGE, DIFFERENCED_DOPPLER], n // 8)
+    link = np.repeat([0, 1, 1, 2, 3, 3, 2, 2], n // 8)
+    counted = np.isin(kind, [DOPPLER, ONE_WAY_DOPPLER, DIFFERENCED_DOPPLER])
     value = np.select(
-        [kind == RANGE, kind == VLBI_DELAY, kind == ONE_WAY_RANGE],
+        [kind == RANGE, np.isin(kind, [VLBI_DELAY, DIFFERENCED_RANGE]), kind == ONE_WAY_RANGE],
         [7.6e8 + 1e7 * random.random(n), random.normal(0.0, 3e6, n), 3.8e8 + 1e7 * random.random(n)],
         random.normal(0.0, 3e4, n),
     )

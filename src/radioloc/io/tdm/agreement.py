@@ -14,7 +14,8 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
-from radioloc.io.tdm.keywords import LONGEST_S, TYPES
+from radioloc.io.frequencies import LONGEST_S, FrequencyAgreement, require_ratio
+from radioloc.io.tdm.keywords import TYPES
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.link import Link
 from radioloc.time import Epochs
@@ -58,6 +59,10 @@ class TdmAgreement:
         frequency was sent where the uplink is not constant.
     lunar : bool
         Whether the target is at the Moon, so that a range of another length is a mistake.
+    frequencies : tuple of FrequencyAgreement
+        What was sent, where a message has RECEIVE_FREQ only: the first that holds for its file counts. A path that is
+        one-way is three-way with its transmitter, its sigma is that of the received frequencies, and its target's name
+        is passed over.
 
     Raises
     ------
@@ -75,6 +80,7 @@ class TdmAgreement:
     apply_clocks: bool = True
     light_time_s: float | LightTime | None = None
     lunar: bool = True
+    frequencies: tuple[FrequencyAgreement, ...] = ()
 
     def __post_init__(self) -> None:
         bare_fields(self)
@@ -90,9 +96,7 @@ class TdmAgreement:
         unit = self.range_unit_s
         if unit is not None and not (math.isfinite(unit) and unit > 0.0):
             raise InputError(f"range_unit_s = {unit}, but must be finite and above zero, in seconds")
-        ratio = self.turnaround
-        if ratio is not None and not (len(ratio) == 2 and all(isinstance(x, int) and x > 0 for x in ratio)):
-            raise InputError(f"turnaround = {ratio!r}; give two whole numbers such as (880, 749)")
+        require_ratio(self.turnaround)
         light = self.light_time_s
         if light is not None and not callable(light) and not 0.0 < light < LONGEST_S:
             raise InputError(f"light_time_s = {light!r}; give seconds above zero, up to a day, or a function")

@@ -10,10 +10,9 @@ import re
 from collections.abc import Callable, Mapping
 
 from radioloc.errors import InputError
+from radioloc.io.frequencies import LONGEST_S
 from radioloc.time import epochs_from_strings
 
-LONGEST_S = 86400.0
-"""Longest delay, count interval, light time or clock difference that is believed, s."""
 NUMBER = r"[+-]?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?"
 _TIME_SYSTEMS = ("UTC", "TAI", "TT", "TDB", "GPS")
 # Value as the file gives it to value in the standard's spelling; ValueError says what is wrong.
@@ -73,8 +72,13 @@ def _time_system(value: str) -> str:
     return value.upper()
 
 
+COLON_FRACTION = r"^(.*T\d\d:\d\d:\d\d):(\d+Z?)$"
+"""A date of which a colon stands before the parts of a second, as some write it; groups are what a point joins."""
+
+
 def date(value: str) -> str:
     """Rule of a date."""
+    value = re.sub(COLON_FRACTION, r"\1.\2", value)
     try:
         epochs_from_strings(value)
     except InputError as error:
@@ -148,6 +152,8 @@ TYPES: Mapping[str, tuple[str, ...]] = {
     "vlbi_delay": ("VLBI_DELAY", "DOR"),
     "one_way_range": ("RANGE",),
     "one_way_doppler": _DOPPLER,
+    "differenced_range": ("RANGE",),
+    "differenced_doppler": (*RANGE_RATES, "RECEIVE_FREQ"),
 }
 """Data keywords that are read as a type of measurement on a path of its form; the first of them is written.
 

@@ -135,21 +135,23 @@ def _read(part: SegmentReader, keyword: str) -> Observations:
         mode = part.segment.metadata["MODE"]
         known = ", ".join(dict.fromkeys(k for keywords in held.values() for k in keywords[:2]))
         raise part.fail(keyword, f"{keyword} of MODE = {mode} is not modelled; on its path can be {known}")
-    if part.tag != "receive" and keyword != "RANGE":
+    if part.tag not in MEASUREMENTS[kind].tags or (part.tag != "receive" and keyword != "RANGE"):
         problem = f"TIMETAG_REF is {part.tag.upper()}; {keyword} is modelled at its reception only"
         raise part.fail("TIMETAG_REF", problem)
-    if kind not in part.agreement.sigma_m:
+    columns = part.weather(keyword) | {"links": [part.link]} | VALUES[keyword](part, keyword)
+    if columns["links"][0].form != part.link.form:
+        kind = "doppler"  # of a signal on one path down that a station is known to have caused
+    files = part.reading.files
+    sigma_m = columns.pop("sigma_m", part.agreement.sigma_m.get(kind))
+    if sigma_m is None:
         raise part.fail(
             keyword,
             f"a TDM says nothing of uncertainties, and it holds {kind} observations: "
             f"give sigma_m = {{{kind!r}: ...}} (in a study file [observations] sigma_m = {{ {kind} = ... }}, "
             f"to radioloc convert --sigma {kind}=...), in metres",
         )
-    columns = part.weather(keyword) | VALUES[keyword](part, keyword)
-    files = part.reading.files
     return Observations.from_columns(
-        links=[part.link],
-        sigma_m=part.agreement.sigma_m[kind],
+        sigma_m=sigma_m,
         kind=KINDS.index(kind),
         tag=TIME_TAGS.index(part.tag),
         files=files,

@@ -8,16 +8,28 @@ Source: CCSDS 503.0-B-2 (2020), sections 3.2 to 3.4 and 4.3.9.
 
 from __future__ import annotations
 
+import warnings
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.dates import read_dates
-from radioloc.io.tdm.keywords import CODE, DATA, MEASURED, METADATA, NUMBER, ORDERED, date, exponent_of
+from radioloc.io.tdm.keywords import (
+    CODE,
+    COLON_FRACTION,
+    DATA,
+    MEASURED,
+    METADATA,
+    NUMBER,
+    ORDERED,
+    RECEIVED,
+    date,
+    exponent_of,
+)
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_to_tai
 
 _VERSIONS = ("1.0", "2.0")
@@ -211,6 +223,7 @@ class MessageBuilder:
             tuple(data_comments),
         )
         self._columns = []
+        made = _without_repeats(made)
         for name in made.counts():
             if name in ORDERED:
                 _require_order(made, name)
@@ -227,10 +240,35 @@ class MessageBuilder:
         return TdmFile(self.path, self._header, tuple(self._segments))
 
 
-def _require_order(segment: TdmSegment, keyword: str) -> None:
-    epoch = segment.epochs(keyword)
+def _without_repeats(segment: TdmSegment) -> TdmSegment:
+    """The segment with received frequencies at each epoch once: who reads peaks off a spectrum clicks some twice."""
+    kept = np.ones(len(segment.line), dtype=bool)
+    for keyword in set(RECEIVED) & set(segment.counts()):
+        rows = segment.rows(keyword)
+        again = np.flatnonzero(_steps(segment.epoch[rows]) == 0.0)
+        if len(again):
+            first, second = segment.line[rows[again[0]]], segment.line[rows[again[0] + 1]]
+            warnings.warn(
+                f"{segment.path}, line {second}: {keyword} is there twice at one epoch, first in line {first} "
+                f"({len(again)} such pair(s) in all); the first counts",
+                DataQualityWarning,
+                stacklevel=6,
+            )
+            kept[rows[again + 1]] = False
+    if kept.all():
+        return segment
+    columns = {name: getattr(segment, name)[kept] for name in ("keyword", "epoch", "value", "line")}
+    return replace(segment, **columns)
+
+
+def _steps(epoch: Epochs) -> NDArray[np.float64]:
+    """From each epoch to the next, days."""
     day = np.diff(epoch.jd)
-    step = np.where(day == 0.0, np.diff(epoch.fraction), day)
+    return np.where(day == 0.0, np.diff(epoch.fraction), day)
+
+
+def _require_order(segment: TdmSegment, keyword: str) -> None:
+    step = _steps(segment.epochs(keyword))
     if (step > 0.0).all():
         return
     place = int(np.argmin(step > 0.0))
@@ -291,6 +329,8 @@ def read_records(
     refuse(code.is_null(), keywords, " is not a data keyword of the standard; correct or remove it")
     codes = code.to_numpy().astype(np.int8)
 
+    if not pc.all(pc.match_substring_regex(epochs, _EPOCH)).as_py():
+        epochs = pc.replace_substring_regex(epochs, COLON_FRACTION, r"\1.\2")
     form = "written as yyyy-mm-ddThh:mm:ss.sss or yyyy-dddThh:mm:ss.sss with up to 18 decimals"
     none_such = f" is not a date that exists in the years 1973 to 2100, {form}"
     refuse(pc.invert(pc.match_substring_regex(epochs, _EPOCH)), epochs, none_such)

@@ -136,7 +136,11 @@ class Reading:
 
     def station(self, segment: TdmSegment, number: int) -> str:
         """The catalogue's name of a participant, or the file's where the catalogue does not know it."""
-        return station_name((segment.participant(number),), self.catalogue)
+        return self.catalogue_name(segment.participant(number))
+
+    def catalogue_name(self, name: str) -> str:
+        """The catalogue's name of a station, or the name itself where the catalogue does not know it."""
+        return station_name((name,), self.catalogue)
 
     def key(self, name: str) -> str:
         """Text by which the same participant is known again in another segment.

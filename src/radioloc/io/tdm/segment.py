@@ -20,14 +20,13 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError, StationError
 from radioloc.io.checks import weather_near
-from radioloc.io.tdm.keywords import CLOCKS, LONGEST_S, RECEIVED, SENT, SENT_RATE, WEATHER
+from radioloc.io.frequencies import LONGEST_S, MICROMETRES, agreement_on
+from radioloc.io.tdm.keywords import CLOCKS, RECEIVED, SENT, SENT_RATE, WEATHER
 from radioloc.io.tdm.message import TdmSegment
 from radioloc.io.tdm.reading import Reading, seconds_from, shifted_utc
 from radioloc.measurements.link import Link
 from radioloc.measurements.targets import canonical_target
 from radioloc.time import Epochs
-
-MICROMETRES = 1e6
 
 
 class SegmentReader:
@@ -42,9 +41,11 @@ class SegmentReader:
         self.agreement, self.fail = reading.agreement, segment.fail
         self.link, (self.sender, self.target, self.receiver) = _link(reading, segment)
         self.one_way = self.sender == self.target
+        self.down_only = self.one_way or self.link.differenced
         self.key = [reading.key(segment.participant(n)) for n in (self.sender, self.receiver)]
         self.tag = segment.metadata.get("TIMETAG_REF", "RECEIVE").lower()
         self.sent = None if self.link.differenced else reading.frequency_sent(segment, *segment.legs()[:2])
+        self.agreed = agreement_on(segment.path, self.agreement.frequencies)
 
     def note(self, text: str) -> None:
         """Say what was done to the data."""
@@ -72,6 +73,10 @@ class SegmentReader:
         left = [name for name in names if name in self.segment.metadata and self.is_modelled(name)]
         self.reading.notes += [f"{name} stays in the data: the model has that delay" for name in left]
         return sum(self.segment.number(name) for name in names if name not in left)
+
+    def differenced_delay_s(self) -> float:
+        """Delay of the second station's reception less that of the first's, still in the data, s."""
+        return self.delay_s(f"RECEIVE_DELAY_{self.receiver}") - self.delay_s(f"RECEIVE_DELAY_{self.sender}")
 
     def is_modelled(self, name: str) -> bool:
         """Whether the model has the delay of a keyword."""
@@ -135,6 +140,14 @@ class SegmentReader:
         except StationError as error:
             raise self.fail("PATH", str(error)) from None
 
+    def beacon_hz(self) -> float:
+        """The one frequency that the target of two paths sends, NaN where it is not known."""
+        beacon = SENT[self.target - 1]
+        if len(sent := self.segment.values(beacon)) and (sent == sent[0]).all() and sent[0] > 0.0:
+            self.reading.used.add((self.segment, beacon))
+            return float(sent[0])
+        return np.nan if self.agreed is None else self.agreed.transmit_hz
+
     def frequencies(self, keyword: str) -> dict[str, Any]:
         """Frequency sent up and wavelength received, NaN where not recorded.
 
@@ -142,6 +155,8 @@ class SegmentReader:
         dispersive delays only, which do not see the difference. The wavelength is that of a received frequency in the
         segment, or of what was sent.
         """
+        if self.link.differenced:
+            return {"wavelength_um": MICROMETRES * C_M_S / self.beacon_hz()}
         epoch, used = self.segment.epochs(keyword), self.reading.used
         sent_hz = np.full(len(epoch), np.nan)
         if self.sent is not None:

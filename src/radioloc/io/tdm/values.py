@@ -19,6 +19,7 @@ Source: CCSDS 503.0-B-2 (2020), table 3-3 and section 3.5.2.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,9 +27,10 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.io.checks import FLIGHT_TIME_LIMITS_S
+from radioloc.io.frequencies import MICROMETRES, growth_s
 from radioloc.io.tdm.keywords import RANGE_RATES, RECEIVED, SENT, exponent_of
 from radioloc.io.tdm.reading import seconds_from
-from radioloc.io.tdm.segment import MICROMETRES, SegmentReader
+from radioloc.io.tdm.segment import SegmentReader
 
 INSTANTANEOUS_COUNT_S = 1.0
 """Count interval that stands for an instantaneous range rate, s.
@@ -40,7 +42,8 @@ for a station on the turning Earth.
 _CLEAR_PART = 0.25
 # The uplink differs from its first frequency by 1e-5 of it at most: each round gains five digits of 16.
 _ROUNDS = 4
-_FASTEST_M_S = 3e5
+# Two stations on the equator, one on either side of the Earth, part by 2 x 465 m/s.
+_FASTEST_BASELINE = 1000.0 / C_M_S
 
 
 def _ranges(part: SegmentReader, keyword: str) -> dict[str, Any]:
@@ -51,12 +54,18 @@ def _ranges(part: SegmentReader, keyword: str) -> dict[str, Any]:
     factor = unit_m * 10.0 ** exponent_of(keyword, units)
     modulus_m = part.segment.number("RANGE_MODULUS") * factor
     correction_m = part.segment.correction("RANGE") * factor
-    ends = [("TRANSMIT", part.sender), ("RECEIVE", part.receiver)]
-    if not part.one_way:
-        ends[1:1] = [("RECEIVE", part.target), ("TRANSMIT", part.target)]
-    delay_s = part.delay_s(*(f"{way}_DELAY_{n}" for way, n in ends))
+    if part.link.differenced:
+        delay_s = part.differenced_delay_s()
+    else:
+        ends = [("TRANSMIT", part.sender), ("RECEIVE", part.receiver)]
+        if not part.one_way:
+            ends[1:1] = [("RECEIVE", part.target), ("TRANSMIT", part.target)]
+        delay_s = part.delay_s(*(f"{way}_DELAY_{n}" for way, n in ends))
     value_m = unit_m * part.segment.values(keyword)
     value_m = part.less_delays(keyword, value_m, delay_s, correction_m)
+    if modulus_m and part.link.differenced:
+        problem = f"RANGE_MODULUS is {modulus_m:.6g} m: the difference is known but for multiples of it"
+        raise part.fail("RANGE_MODULUS", f"{problem}; resolve it and set RANGE_MODULUS = 0")
     if modulus_m:
         value_m = _without_ambiguity(part, value_m, modulus_m, part.light_time_s(epoch))
     _require_plausible(part, value_m)
@@ -66,8 +75,8 @@ def _ranges(part: SegmentReader, keyword: str) -> dict[str, Any]:
 def _range_unit_m(part: SegmentReader, units: str) -> float:
     """Metres of light path in one of the units that RANGE is in (m where it is km in the file)."""
     mode = part.segment.metadata.get("RANGE_MODE", "")
-    if mode and (mode == "ONE_WAY") != part.one_way:
-        goes = "from the target to a station" if part.one_way else "to the target and back"
+    if mode and (mode == "ONE_WAY") != part.down_only:
+        goes = "from the target to a station" if part.down_only else "to the target and back"
         raise part.fail("RANGE_MODE", f"RANGE_MODE is {mode}, but PATH goes {goes}; correct one of them")
     if units == "RU" and part.agreement.range_unit_s is None:
         problem = "RANGE_UNITS is RU, whose length is an agreement between the agencies"
@@ -77,7 +86,7 @@ def _range_unit_m(part: SegmentReader, units: str) -> float:
             "RANGE_UNITS is RU and the transmitted frequency changes, so that the unit has no one length"
         )
         raise part.fail("RANGE_UNITS", f"{problem}; convert the ranges to km or s")
-    halves = 2.0 if part.agreement.range_convention == "half" and not part.one_way else 1.0
+    halves = 2.0 if part.agreement.range_convention == "half" and not part.down_only else 1.0
     return halves * {"km": 1.0, "s": C_M_S, "RU": C_M_S * (part.agreement.range_unit_s or 0.0)}[units]
 
 
@@ -112,7 +121,7 @@ def _without_ambiguity(
 
 def _require_plausible(part: SegmentReader, value_m: NDArray[np.float64]) -> None:
     """Refuse ranges that cannot be between Earth and Moon, above all those of the other convention."""
-    if not part.agreement.lunar:
+    if not part.agreement.lunar or part.link.differenced:
         return
     low_m, high_m = (C_M_S * limit * (0.5 if part.one_way else 1.0) for limit in FLIGHT_TIME_LIMITS_S)
     way = "one way" if part.one_way else "there and back"
@@ -150,7 +159,7 @@ def _range_rates(part: SegmentReader, keyword: str) -> dict[str, Any]:
         raise part.fail(keyword, problem)
     integrated = keyword == "DOPPLER_INTEGRATED"
     count_s, middle_s = _count_interval(part, keyword) if integrated else (INSTANTANEOUS_COUNT_S, 0.0)
-    halves = 2.0 if part.agreement.doppler_convention == "half" and not part.one_way else 1.0
+    halves = 2.0 if part.agreement.doppler_convention == "half" and not part.down_only else 1.0
     rate_m_s = part.segment.values(keyword) + 1000.0 * part.segment.correction("DOPPLER")
     return {
         "epoch": part.tagged(keyword, middle_s),
@@ -161,25 +170,40 @@ def _range_rates(part: SegmentReader, keyword: str) -> dict[str, Any]:
 
 def _received(part: SegmentReader, keyword: str) -> dict[str, Any]:
     """RECEIVE_FREQ or RECEIVE_FREQ_n: mean received frequency."""
+    if part.link.differenced:
+        return _received_difference(part, keyword)
     if keyword not in ("RECEIVE_FREQ", f"RECEIVE_FREQ_{part.receiver}"):
         problem = f"is there, but PATH ends at participant {part.receiver}; correct one of them"
         raise part.fail(keyword, f"{keyword} {problem}")
     count_s, middle_s = _count_interval(part, keyword)
-    if part.sent is None:
+    its, link = part.agreed, part.link
+    if part.sent is not None:
+        base_hz = float(part.sent.value[0])
+    elif its is not None:
+        base_hz = its.transmit_hz
+    else:
         sender = part.segment.participant(part.sender)
         problem = f"{keyword} needs TRANSMIT_FREQ_{part.sender} of {sender}; add it, in any segment"
-        raise part.fail(keyword, problem)
-    ratio = part.turnaround()
+        raise part.fail(keyword, f"{problem}, or say transmit_hz under [[observations.frequencies]]")
+    if part.sent is None and its is not None and its.transmitter and part.one_way:
+        link, ratio = replace(link, transmitter=part.reading.catalogue_name(its.transmitter)), its.turnaround
+    else:
+        ratio = part.turnaround() or (its.turnaround if its is not None else None)
     if ratio is None:
         problem = "needs the transponder's ratio; give TURNAROUND_NUMERATOR and _DENOMINATOR, or turnaround"
         raise part.fail(keyword, f"{keyword} {problem} (in a study file tdm_turnaround)")
     epoch = part.tagged(keyword, middle_s)
     offset_hz = part.segment.number("FREQ_OFFSET")
     value_hz = part.segment.values(keyword) + part.segment.correction("RECEIVE")
-    (up, down), base_hz = ratio, float(part.sent.value[0])
-    # Differences of nearly equal frequencies first: the digits that cancel are then gone without loss.
-    change_s = count_s * (((up * base_hz - down * offset_hz) - down * value_hz) / (up * base_hz))
-    if not part.sent.constant:
+    change_s = growth_s(value_hz, offset_hz, base_hz, ratio, count_s)
+    if np.isnan(change_s).any():
+        row = int(np.argmax(np.isnan(change_s)))
+        problem = (
+            f"{offset_hz + value_hz[row]!r} Hz cannot be received of {base_hz!r} Hz sent, with a turnaround"
+        )
+        advice = "correct the ratio, the offset or the frequency"
+        raise part.fail(keyword, f"{problem} of {ratio[0]}/{ratio[1]}; {advice}", row)
+    if part.sent is not None and not part.sent.constant:
         light_s = part.light_time_s(epoch)
         if light_s is None:
             problem = (
@@ -193,19 +217,45 @@ def _received(part: SegmentReader, keyword: str) -> dict[str, Any]:
         if np.isnan(change_s).any():
             problem = "was sent before the first TRANSMIT_FREQ; add earlier ones or leave the record out"
             raise part.fail(keyword, f"what was received {problem}", int(np.argmax(np.isnan(change_s))))
-    value_m = C_M_S * change_s
-    fast = np.abs(value_m) > _FASTEST_M_S * count_s
-    if fast.any():
-        row = int(np.argmax(fast))
-        problem = (
-            f"the received frequency makes the path grow by {value_m[row] / count_s:.6g} m/s, with a turnaround "
-            f"of {up}/{down} and {base_hz!r} Hz sent; correct the ratio, the offset or the frequency"
-        )
-        raise part.fail(keyword, problem, row)
     received_hz = offset_hz + value_hz
-    wavelength_um = MICROMETRES * C_M_S / np.where(received_hz > 0.0, received_hz, np.nan)
-    columns = {"epoch": epoch, "value_m": value_m, "count_s": count_s}
-    return columns | part.frequencies(keyword) | {"wavelength_um": wavelength_um}
+    columns = {"epoch": epoch, "value_m": C_M_S * change_s, "count_s": count_s} | part.frequencies(keyword)
+    columns["wavelength_um"] = MICROMETRES * C_M_S / np.where(received_hz > 0.0, received_hz, np.nan)
+    if part.sent is None and link.transmitter:
+        columns["uplink_hz"] = base_hz
+    return columns | {"links": [link]} | _sigma_of_frequency(part, count_s, base_hz * ratio[0] / ratio[1])
+
+
+def _sigma_of_frequency(part: SegmentReader, count_s: float, nominal_hz: float) -> dict[str, float]:
+    """Sigma of Doppler where that of its frequencies is agreed on."""
+    return {} if part.agreed is None else {"sigma_m": C_M_S * count_s * part.agreed.sigma_hz / nominal_hz}
+
+
+def _received_difference(part: SegmentReader, keyword: str) -> dict[str, Any]:
+    """RECEIVE_FREQ of two paths: mean frequency at the second station less that at the first."""
+    count_s, middle_s = _count_interval(part, keyword)
+    beacon_hz = part.beacon_hz()
+    if np.isnan(beacon_hz):
+        name = SENT[part.target - 1]
+        problem = f"{keyword} of two paths needs {name}, one frequency that the target sends; add it"
+        raise part.fail(keyword, f"{problem}, or say transmit_hz under [[observations.frequencies]]")
+    apart_hz = (
+        part.segment.values(keyword) + part.segment.number("FREQ_OFFSET") + part.segment.correction("RECEIVE")
+    )
+    if (np.abs(apart_hz) > _FASTEST_BASELINE * beacon_hz).any():
+        row = int(np.argmax(np.abs(apart_hz)))
+        problem = (
+            f"{keyword} is {float(apart_hz[row])!r} Hz, but of two paths it is the difference of frequencies"
+        )
+        raise part.fail(keyword, f"{problem}, up to {_FASTEST_BASELINE * beacon_hz:.6g} Hz", row)
+    return (
+        {
+            "epoch": part.tagged(keyword, middle_s),
+            "value_m": -C_M_S * count_s * apart_hz / beacon_hz,
+            "count_s": count_s,
+        }
+        | part.frequencies(keyword)
+        | _sigma_of_frequency(part, count_s, beacon_hz / np.sqrt(2.0))
+    )
 
 
 def _delays(part: SegmentReader, keyword: str) -> dict[str, Any]:
@@ -214,16 +264,11 @@ def _delays(part: SegmentReader, keyword: str) -> dict[str, Any]:
         if name in part.segment.metadata and part.segment.metadata.get("CORRECTIONS_APPLIED") == "NO":
             problem = f"is not applied, and how it is to be applied to {keyword} is not said; apply it"
             raise part.fail(name, f"{name} {problem}")
-    second_s, first_s = (part.delay_s(f"RECEIVE_DELAY_{n}") for n in (part.receiver, part.sender))
     value_m = C_M_S * part.segment.values(keyword)
-    value_m = part.less_delays(keyword, value_m, second_s - first_s)
+    value_m = part.less_delays(keyword, value_m, part.differenced_delay_s())
     if part.segment.number("RANGE_MODULUS"):
         part.note(f"RANGE_MODULUS is that of ranges, not applied to {keyword}")
-    wavelength_um, beacon = np.nan, SENT[part.target - 1]
-    if len(sent := part.segment.values(beacon)) and (sent == sent[0]).all() and sent[0] > 0.0:
-        wavelength_um = MICROMETRES * C_M_S / sent[0]
-        part.reading.used.add((part.segment, beacon))
-    return {"epoch": part.tagged(keyword), "value_m": value_m, "wavelength_um": wavelength_um}
+    return {"epoch": part.tagged(keyword), "value_m": value_m} | part.frequencies(keyword)
 
 
 VALUES: Mapping[str, Callable[[SegmentReader, str], dict[str, Any]]] = {

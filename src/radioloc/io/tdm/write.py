@@ -27,6 +27,7 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.io.dates import utc_to_text
+from radioloc.io.frequencies import MICROMETRES
 from radioloc.io.tdm.keywords import CODE, DATA, METADATA, TYPES, WEATHER, exponent_of
 from radioloc.io.tdm.message import TdmFile, TdmHeader, TdmSegment
 from radioloc.measurements.link import Link
@@ -37,7 +38,6 @@ from radioloc.text_files import write_blocks
 from radioloc.time import Epochs
 
 _IN_MEMORY = "in memory"
-_MICROMETRES = 1e6
 # Light is not radio: laser ranging has its own format, and the standard leaves it out (3.5.2.7, note).
 _SHORTEST_UM = 100.0
 _FIXED = range(-5, 16)
@@ -196,7 +196,7 @@ def _segment(part: Observations) -> TdmSegment:
         values[keyword] = _inverse(part.value_m, lambda rate: count_s * rate, part.value_m / count_s)
     else:
         values[keyword] = _inverse(part.value_m, lambda delay: C_M_S * delay, part.value_m / C_M_S)
-    c_um_s = _MICROMETRES * C_M_S
+    c_um_s = MICROMETRES * C_M_S
     received_hz = _inverse(part.wavelength_um, lambda hz: c_um_s / hz, c_um_s / part.wavelength_um)
     if link.differenced:
         values["TRANSMIT_FREQ_1"] = received_hz[:1]

@@ -1,0 +1,256 @@
+"""Received frequencies of STRF and Fdets files: what becomes of each field, what the study adds, what is refused."""
+
+import gzip
+
+import astropy.units as u
+import numpy as np
+import pytest
+
+from radioloc.constants import C_M_S
+from radioloc.earth.geodesy import geodetic_from_itrf
+from radioloc.earth.stations import StationCatalogue
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.io import FrequencyAgreement, read_fdets, read_observations, read_sites, read_strf
+from radioloc.time import utc_strings
+
+BEACON_HZ, COUNT_S, SIGMA_HZ = 2.2165e9, 10.0, 0.5
+BEACON = FrequencyAgreement(transmit_hz=BEACON_HZ, sigma_hz=SIGMA_HZ, count_s=COUNT_S)
+UP_DOWN = FrequencyAgreement(
+    transmit_hz=7.2e9, sigma_hz=0.5, count_s=1.0, target="ce5", transmitter="JIAMUSI", turnaround=(880, 749)
+)
+# As rffit writes: MJD, Hz, flux, site; the last line has a second site, whose signal is reflected.
+READINGS = (
+    "59902.606603\t2216497878.100\t   9.610\t8049\n"
+    "59902.606719 2216497877.100 0.000218 4171\n"
+    "# peaks read off by hand\n"
+    "\n"
+    "59902.606835\t2216497876.000\t   8.097\t8049\t9999\n"
+)
+HEAD = "# Observation conducted on 2013.12.28 at Ww rev. 2\n# Base frequency: 8412.00 MHz\n"
+FORM = "# Format : {} | Signal-to-Noise | Spectral max | Freq. detection [Hz] | Doppler noise [Hz] \n#\n"
+DETECTED_HZ = 8264011.812
+TIMES = {
+    "seconds of the day": ("Time(UTC) [s]", "34205.5"),
+    "date": ("UTC Time", "2013-12-28T09:30:05.500"),
+    "day and second": ("Modified JD | Time(UTC) [s]", "5.665400e+04 3.42055e+04"),
+    "scan and date": ("scan | UTC Time", "3 2013-12-28T09:30:05.500"),
+}
+
+
+def write(path, text):
+    path.write_text(text)
+    return path
+
+
+def growth_m(received_hz, sent_hz, ratio=1.0, count_s=COUNT_S):
+    return C_M_S * count_s * (1.0 - received_hz / (ratio * sent_hz))
+
+
+# Rounding of a frequency at 2.2 GHz, 2e-7 Hz, over ten seconds.
+TOLERANCE_M = 5e-7
+
+
+def test_readings_of_strf(tmp_path):
+    got = read_strf(write(tmp_path / "a.dat", READINGS), [BEACON])
+    assert got.paths().tolist() == [
+        "lander>COSPAR 8049",
+        "lander>COSPAR 4171",
+        "COSPAR 9999>lander>COSPAR 8049",
+    ]
+    assert got.types().tolist() == ["one_way_doppler", "one_way_doppler", "doppler"]
+    assert got.tags().tolist() == ["receive"] * 3
+    # 0.606603 of 86400 s is 52410.4992 s.
+    assert utc_strings(got.epoch, 4)[0] == "2022-11-19T14:33:30.4992"
+    wanted_m = growth_m(np.array([2216497878.1, 2216497877.1, 2216497876.0]), BEACON_HZ)
+    assert got.value_m == pytest.approx(wanted_m, abs=TOLERANCE_M)
+    assert got.sigma_m == pytest.approx(C_M_S * COUNT_S * SIGMA_HZ / BEACON_HZ, rel=1e-15)
+    assert got.count_s.tolist() == [COUNT_S] * 3
+    assert np.isnan(got.uplink_hz).tolist() == [True, True, False]
+    assert got.wavelength_um == pytest.approx(1e6 * C_M_S / BEACON_HZ, rel=1e-15)
+    assert [got.origin(row).rpartition(" ")[2] for row in range(3)] == ["1", "2", "5"]
+
+
+def test_three_way_by_what_the_study_says(tmp_path):
+    path = write(tmp_path / "a.dat", "59184.25\t8459278000.5\t10.0\t4171\n")
+    got = read_strf(path, [UP_DOWN], catalogue=StationCatalogue.default())
+    assert got.paths().tolist() == ["JIAMUSI>ce5>COSPAR 4171"]
+    assert got.types().tolist() == ["doppler"]
+    assert got.uplink_hz.tolist() == [7.2e9]
+    # A path in one metre less than 3e5 km/s by 1: the ratio is not rounded to a float first.
+    assert got.value_m[0] == pytest.approx(
+        C_M_S * (880 * 7.2e9 - 749 * 8459278000.5) / (880 * 7.2e9), abs=1e-6
+    )
+    assert got.sigma_m[0] == pytest.approx(C_M_S * 0.5 * 749 / 880 / 7.2e9, rel=1e-15)
+    assert got.wavelength_um[0] == pytest.approx(1e6 * C_M_S * 749 / 880 / 7.2e9, rel=1e-15)
+
+
+@pytest.mark.parametrize("name", TIMES)
+def test_times_of_detections(name, tmp_path):
+    column, time = TIMES[name]
+    record = f"{time} 1.0e+04 5.7e+03 {DETECTED_HZ} -1.3e-02\n"
+    path = write(tmp_path / "Fdets.mex2013.12.28.Ww.r2i.txt", HEAD + FORM.format(column) + record)
+    got = read_fdets(path, [FrequencyAgreement(8420.2e6, 0.01, 5.0, target="mex")])
+    assert utc_strings(got.epoch, 3).tolist() == ["2013-12-28T09:30:05.500"]
+    assert got.paths().tolist() == ["mex>Ww"]
+    assert got.value_m[0] == pytest.approx(growth_m(8412e6 + DETECTED_HZ, 8420.2e6, count_s=5.0), abs=2e-6)
+
+
+def test_detections_of_older_and_newer_files(tmp_path):
+    older = HEAD.replace("# ", "// ").replace(" at Ww rev. 2", "").replace("//", "*", 1)
+    path = tmp_path / "Fdets.vex2013.12.28-0900-1000.Ht.complete.r2i.txt.gz"
+    path.write_bytes(gzip.compress(f"{older}// \n34205.5 1 1 {DETECTED_HZ} 0\n".encode()))
+    sent = FrequencyAgreement(8420.2e6, 0.01)
+    with pytest.raises(
+        FileFormatError, match="does not say how long a frequency was integrated; say count_s"
+    ):
+        read_fdets(path, [sent])
+    newer = HEAD.replace("MHz", "MHz dF: 8 Hz dT: 20.0 s")
+    path.write_text(f"{newer}#\n34205.5 1 1 {DETECTED_HZ} 0\n")
+    got = read_observations(path, frequencies=[sent])
+    assert got.count_s.tolist() == [20.0]
+    assert got.paths().tolist() == ["lander>Ww"]
+    assert read_observations(
+        path, frequencies=[FrequencyAgreement(8420.2e6, 0.01, 2.0)]
+    ).count_s.tolist() == [2.0]
+
+
+def test_several_files_of_one_night(tmp_path):
+    """What was sent is said by file; a reading that is in two files counts once."""
+    first = write(tmp_path / "one.dat", READINGS)
+    second = write(
+        tmp_path / "two.dat", READINGS.splitlines(keepends=True)[0] + "59902.7 8459278000.5 1 4171\n"
+    )
+    third = write(tmp_path / "Fdets.x2022.11.19.Ww.txt", HEAD + "#\n34205.5 1 1 0.0 0\n")
+    told = [
+        FrequencyAgreement(8412e6, 0.1, 1.0, files="Fdets*"),
+        FrequencyAgreement(BEACON_HZ, SIGMA_HZ, COUNT_S),
+    ]
+    with pytest.raises(
+        FileFormatError, match=r"two.dat, line 2: 8459278000.5 Hz cannot be received of 2216500000.0 Hz"
+    ):
+        read_observations([first, second, third], frequencies=told)
+    second.write_text(READINGS.splitlines(keepends=True)[0])
+    with pytest.warns(
+        DataQualityWarning, match=r"two.dat, line 1: this observation is already there, in .*one.dat, line 1"
+    ):
+        got = read_observations([first, second, third], frequencies=told)
+    assert len(got) == 4
+    assert got.value_m[-1] == 0.0
+
+
+def test_epochs_that_are_there_twice(tmp_path):
+    other = READINGS.splitlines(keepends=True)[0].replace("878.1", "880.9")
+    path = write(tmp_path / "a.dat", READINGS + other)
+    with pytest.warns(
+        DataQualityWarning, match=r"line 6: .* already there, in .* line 1 .*, 1 with another value"
+    ):
+        got = read_strf(path, [BEACON])
+    assert len(got) == 3
+    assert got.value_m[0] == pytest.approx(growth_m(2216497878.1, BEACON_HZ), abs=TOLERANCE_M)
+
+
+def test_quantities_and_names_of_an_agreement():
+    given = FrequencyAgreement(2216.5 * u.MHz, 500 * u.mHz, 10 * u.s, files="*.dat")
+    assert given == FrequencyAgreement(BEACON_HZ, SIGMA_HZ, COUNT_S, files=("*.dat",))
+
+
+@pytest.mark.parametrize(
+    ("fields", "problem"),
+    [
+        ({"transmit_hz": 0.0}, "transmit_hz = 0.0, but must be finite and above zero"),
+        ({"sigma_hz": float("nan")}, "sigma_hz = nan"),
+        ({"count_s": 1e6}, "no count interval is longer than a day"),
+        ({"turnaround": (880, 749)}, "give both or neither"),
+        ({"transmitter": "KASHI"}, "give both or neither"),
+        ({"transmitter": "KASHI", "turnaround": (1.5, 1)}, "two whole numbers"),
+        ({"target": "a>b"}, "'a>b' cannot name"),
+    ],
+)
+def test_agreements_that_cannot_be(fields, problem):
+    with pytest.raises(InputError, match=problem):
+        FrequencyAgreement(**{"transmit_hz": 2.2e9, "sigma_hz": 1.0} | fields)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("59902.6 2216497878.1 9.6 8049\n59902.6 nonsense 9.6 8049\n", "line 2: .* is not a reading"),
+        ("59902.6 2216497878.1 9.6\n", "none of the known formats"),
+        ("19902.6 2216497878.1 9.6 8049\n", "line 1: the modified Julian date 19902 is not of the years"),
+        ("59902.6 2216497878.1 9.6 8049", "line 1: the last line has no line end"),
+        ("59902.6 1.0 9.6 8049\n", "line 1: 1.0 Hz cannot be received"),
+        ("# Base frequency: 8xxx.xx MHz\n2013-12-28T09:30:05 1 1 1.0 1\n", "does not say the telescope"),
+        (HEAD.replace("8412.00", "8xxx.xx") + "1.0 1 1 1.0 1\n", "the base frequency is 8xxx.xx; write"),
+        (HEAD + "1.0 1 1 1.0\n", "line 3: '1.0 1 1 1.0' is not a detection"),
+        (HEAD + "1e9 1 1 1.0 1\n", "line 3: .* is not a detection"),
+        (HEAD + "2013-13-28T09:30:05 1 1 1.0 1\n", "line 3: .* is not a date that exists"),
+        (HEAD.replace(" conducted on 2013.12.28", "") + "1.0 1 1 1.0 1\n", "line 3: the day is neither"),
+        (HEAD, "has no detections"),
+    ],
+)
+def test_files_that_are_refused(text, problem, tmp_path):
+    name = "Fdets.mex2013.12.28.Ww.txt" if "conducted" not in text and "8412" in text else "a.txt"
+    path = write(tmp_path / name, text)
+    with pytest.raises(FileFormatError, match=problem):
+        read_observations(path, frequencies=[BEACON])
+
+
+def test_what_was_sent_must_be_said(tmp_path):
+    path = write(tmp_path / "a.dat", READINGS)
+    with pytest.raises(
+        FileFormatError, match=r"not what was sent; say transmit_hz .* \[\[observations.frequencies\]\]"
+    ):
+        read_observations(path, frequencies=[FrequencyAgreement(2e9, 1.0, files="*.txt")])
+
+
+def test_sites(tmp_path):
+    path = write(
+        tmp_path / "sites.txt",
+        "# No ID   Latitude Longitude   Elev   Observer\n4171 CB   52.8344    6.3785     10    Cees Bassa\n"
+        "0699 PC  -14.4733  132.2369    108    Paul Camilleri\n",
+    )
+    first, second = read_sites(path)
+    assert (first.name, second.name) == ("COSPAR 4171", "COSPAR 0699")
+    place = geodetic_from_itrf(second.itrf_m)
+    shown = [*np.degrees([place.longitude_rad, place.latitude_rad]), float(place.height_m)]
+    assert shown == pytest.approx([132.2369, -14.4733, 108.0], abs=1e-6)
+    assert first.position_sigma_m == 100.0  # four decimals of a degree, and a height above the sea
+    for line, problem in (
+        ("4171 CB 52.8 6.4 10 Other\n", "site 4171 is there twice"),
+        ("4172 CB 92.8 6.4 10\n", "latitude and longitude are up to"),
+        ("4172 CB 52.8 6.4\n", "is not a site: number"),
+    ):
+        wrong = write(tmp_path / "wrong.txt", path.read_text() + line)
+        with pytest.raises(FileFormatError, match=rf"line 4: .*{problem}"):
+            read_sites(wrong)
+
+
+STUDY = """
+[target]
+longitude_deg = -51.9
+latitude_deg = 43.0
+height_m = -2550.0
+[observations]
+files = ["*.dat"]
+sites = ["sites.txt"]
+[[observations.frequencies]]
+transmit_hz = 2216.5e6
+sigma_hz = 0.5
+count_s = 10
+"""
+
+
+def test_a_study_of_frequencies(tmp_path):
+    """Sites are stations of the study; a reading of an hour is compared with the model along the way."""
+    import radioloc
+
+    write(tmp_path / "sites.txt", "8049 ST   49.4348 -123.6685     40.   Scott Tilley\n")
+    rows = [f"{59902.6 + k / 1440:.6f}\t2216500000.000\t 1.0\t8049\n" for k in range(10)]
+    write(tmp_path / "night.dat", "".join(rows))
+    study = radioloc.read_study(write(tmp_path / "study.toml", STUDY))
+    found = radioloc.residuals(study)
+    assert set(found.residuals.station) == {"COSPAR 8049"}
+    # The Earth turns and the Moon goes round: hundreds of metres a second, which a beacon at rest does not show.
+    assert 100.0 < np.abs(found.residuals.residual_m / COUNT_S).max() < 1000.0
+    with pytest.raises(InputError, match=r"\[observations.frequencies\] transmit_hz = 0"):
+        radioloc.read_study(write(tmp_path / "study.toml", STUDY.replace("2216.5e6", "0.0")))

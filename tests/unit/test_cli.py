@@ -14,6 +14,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from odf_files import doppler, odf
 from quick import some
 from tdm_messages import TWO_WAY, kvn
 
@@ -415,6 +416,25 @@ def test_convert_from_standard_input_to_standard_output(folder):
     first = radioloc.read_observations(folder / "d.csv")
     for name in ("e.parquet", "e.csv"):
         assert (radioloc.read_observations(folder / name).value_m == first.value_m).all()
+
+
+def test_convert_writes_ramps_beside_the_table(tmp_path, capsys):
+    given, table = tmp_path / "pass.odf", tmp_path / "pass.csv"
+    given.write_bytes(odf([doppler(k) for k in range(4)]))
+    assert cli.main(["convert", str(given), str(table)]) == 0
+    printed = capsys.readouterr().out
+    assert "2 ramps of DSS-24" in printed
+    assert printed.endswith(f"written to {table} and {tmp_path / 'pass.ramps.csv'}\n")
+    first = radioloc.read_observations(given)
+    again = radioloc.read_observations([table, tmp_path / "pass.ramps.csv"])
+    assert (again.value_m == first.value_m).all()
+    assert again.ramped.all()
+    assert (again.ramps.frequency_hz == first.ramps.frequency_hz).all()
+    assert (again.ramps.start.fraction == first.ramps.start.fraction).all()
+    command = [sys.executable, "-m", "radioloc", "convert", str(given), "-", "--format", "csv"]
+    streamed = subprocess.run(command, capture_output=True, check=True, timeout=600)
+    assert b"no place for the ramps" in streamed.stderr
+    assert streamed.stdout == table.read_bytes()
 
 
 def test_what_is_wrong_with_standard_input_is_said_of_it(capsys, monkeypatch):

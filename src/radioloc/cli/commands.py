@@ -124,7 +124,8 @@ def _convert(options: argparse.Namespace) -> int:
             raise InputError(
                 f"{error}; convert takes the study file as --study, and light times from its target"
             ) from None
-    write_observations(options.out, observations, originator=options.originator)
+    written = write_observations(options.out, observations, originator=options.originator)
+    options.out = " and ".join(map(str, written))
     tell(options, observations.summary())
     return DONE
 

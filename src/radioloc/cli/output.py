@@ -69,6 +69,8 @@ def standard_streams(options: argparse.Namespace) -> Iterator[None]:
         if printed:
             sys.stdout.buffer.write(written.read_bytes())
             sys.stdout.buffer.flush()
+            if written.with_suffix(".ramps.csv").exists():
+                complain("warning: standard output has no place for the ramps; write to a file to keep them")
 
 
 @contextmanager

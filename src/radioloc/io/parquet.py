@@ -38,7 +38,7 @@ def read_parquet(path: str | Path, *, catalogue: Catalogue | None = None, lunar:
     >>> from radioloc.io import read_parquet
     >>> path = pathlib.Path(tempfile.mkdtemp(), "ranges.parquet")
     >>> ranges = radioloc.read_observations("examples/change5/short_arc.csv")
-    >>> radioloc.write_observations(path, ranges)
+    >>> _ = radioloc.write_observations(path, ranges)
     >>> len(read_parquet(path)) == len(ranges)
     True
     """

@@ -7,6 +7,7 @@ from pathlib import Path
 
 from radioloc.errors import InputError
 from radioloc.io.parquet import write_parquet
+from radioloc.io.ramp_table import write_ramps
 from radioloc.io.table import write_table
 from radioloc.io.tdm import write_tdm
 from radioloc.measurements.observations import Observations
@@ -27,7 +28,7 @@ def write_observations(
     *,
     originator: str | None = None,
     comments: Iterable[str] = (),
-) -> None:
+) -> list[Path]:
     """Write observations as a table (``.csv``), Parquet (``.parquet``) or Tracking Data Message (``.tdm``, ...).
 
     Parameters
@@ -41,6 +42,12 @@ def write_observations(
     comments : iterable of str
         Comments for the top of a table or a message; Parquet has none.
 
+    Returns
+    -------
+    list of Path
+        The file, and where it is a table or Parquet of observations with ramps the table of these, ``NAME.ramps.csv``
+        beside ``NAME.csv``. A study names both.
+
     Raises
     ------
     InputError
@@ -53,6 +60,7 @@ def write_observations(
     >>> import radioloc
     >>> ranges = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")
     >>> radioloc.write_observations("ranges.parquet", ranges)
+    [PosixPath('ranges.parquet')]
     >>> radioloc.read_observations("ranges.parquet")
     <Observations 153 2006-04-07 to 2007-06-19>
     """
@@ -64,6 +72,16 @@ def write_observations(
     else:
         assert originator is not None  # require_writable has seen to that
         write_tdm(path, observations, originator=originator, comments=comments)
+        return [Path(path)]
+    if not len(observations.ramps):
+        return [Path(path)]
+    write_ramps(ramps_beside(path), observations.ramps)
+    return [Path(path), ramps_beside(path)]
+
+
+def ramps_beside(path: str | Path) -> Path:
+    """Where the ramps of a file of observations are written."""
+    return Path(path).with_suffix(".ramps.csv")
 
 
 def require_writable(path: str | Path, originator: str | None = None) -> str:

@@ -43,7 +43,7 @@ from radioloc.measurements.lunar_motion import lunar_motion
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Predictor
-from radioloc.measurements.proper_time import SHORTEST_GAP_S, target_clock
+from radioloc.measurements.proper_time import SHORTEST_GAP_S, StationClocks, station_rate, target_clock
 from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.ramps import RampTerm, TransmittedFrequency
 from radioloc.measurements.records import joined, rows_of
@@ -124,6 +124,7 @@ class ExactPredictor(Predictor):
             tt.jd, tt.fraction + geocentric_tdb_minus_tt(tt) / SECONDS_PER_DAY, "TDB"
         )
         self._earth = model.ephemeris.earth(self._reference)
+        self._clocks = self._station_clocks()
         self._prepare(np.asarray(approximate_pa_m, dtype=np.float64))
 
     @property
@@ -144,7 +145,9 @@ class ExactPredictor(Predictor):
             path, relay, (up, down) = self._solve(lander_pa_m)
         ramp = self._ramp(path)
         ahead_s, ahead_rate, ahead_by_place = self._clock.at(self._moon.origin, relay, path.bounce_s)
-        flight_s = self._sign * path.up_s + (path.down_s + self._equipment.in_value_s) - ahead_s
+        first_ahead_s, second_ahead_s = self._clocks.ahead(path.transmit_s, path.receive_s)
+        gained_s = second_ahead_s - first_ahead_s - ahead_s
+        flight_s = self._sign * path.up_s + (path.down_s + self._equipment.in_value_s) + gained_s
         length_m = C_M_S * flight_s - ramp.excess_m
         if self.model.has("tdb_tt"):
             first_s = np.where(
@@ -157,7 +160,8 @@ class ExactPredictor(Predictor):
             path, self._up.point, relay, self._down.point, self._tag, self._sign
         ).scaled(ramp.scale)
         by_position = partials.by_position - C_M_S * ahead_by_place
-        by_time = partials.by_tag - C_M_S * ahead_rate
+        gained = self._clocks.second_rate - self._clocks.first_rate - ahead_rate
+        by_time = partials.by_tag + C_M_S * gained
         if self.model.has("tdb_tt"):
             # 1e-5 m/s in two-way, but up to 0.1 m/s between two stations, whose velocities differ.
             first_rate = np.where(self._sign == 0.0, self._up.geocentric_tdb_rate, self._up.tdb_rate)
@@ -353,6 +357,16 @@ class ExactPredictor(Predictor):
         tdb = self._reference.shifted(offset_s)
         self._clock = target_clock(self.model, tdb, keeps, radius_m, epoch, self.trajectory)
 
+    def _station_clocks(self) -> StationClocks:
+        """Clocks of the stations that run free; a one-way path has none at its first end."""
+        free = self.model.free_clocks if self.model.has("station_proper_time") else ()
+        rates = np.array([station_rate(one) if one.name in free else 0.0 for one in self._stations])
+        first, second = (rates[which] for which in (self._transmitter, self._receiver))
+        since_s = np.zeros(len(self._paths))
+        if rates.any() and self._clock_epoch is not None:
+            since_s = self._reference.seconds_since(self._clock_epoch)
+        return StationClocks(since_s, np.where(self._sign == 0.0, 0.0, first), second)
+
     def _ends(self) -> Iterator[LegEnd]:
         """Stations and signals at both ends of the paths."""
         for which, uplink in ((self._transmitter, self._sign > 0.0), (self._receiver, np.False_)):
@@ -393,8 +407,10 @@ class ExactPredictor(Predictor):
             np.where(self._tag == RECEIVE, self._down.topocentric_s, 0.0),
         )
         # A one-way transmission, with which the path begins, is tagged by the target's clock.
-        ahead_s, _, _ = self._clock.at(self._moon.origin, relay, np.zeros(len(self._tag)))
-        tagged_s = tagged_s - np.where(self._tag == BOUNCE, ahead_s, 0.0)
+        zero = np.zeros(len(self._tag))
+        ahead_s, _, _ = self._clock.at(self._moon.origin, relay, zero)
+        first_s, second_s = self._clocks.ahead(zero, zero)
+        tagged_s = tagged_s - np.choose(self._tag, (first_s, second_s, ahead_s))
         solve = partial(
             solve_light_path,
             self._up.point,
@@ -487,5 +503,6 @@ _PER_PATH = (
     "_down",
     "_moon",
     "_clock",
+    "_clocks",
 )
 """What an arc holds for each light path."""

@@ -12,7 +12,7 @@ from radioloc.earth.eop_prediction import extended
 from radioloc.earth.orientation import EarthOrientation
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Ephemeris, LunarOrientation
-from radioloc.errors import InputError
+from radioloc.errors import InputError, StationError
 from radioloc.kernels import KernelFile
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.light_path import PLANETS_MM
@@ -36,6 +36,7 @@ class PhysicalModel:
     ionosphere: ElectronContent | None = None  # along the rays of radio signals
     delays: EquipmentDelays = field(default_factory=EquipmentDelays)  # by the catalogue's names of stations
     radio_atmosphere: RadioAtmosphere | None = None  # VMF3 and GPT3 files
+    free_clocks: tuple[str, ...] = ()  # stations whose clocks keep proper time, by the catalogue's names
     added_media: tuple[Medium, ...] = ()  # besides those of the registry, or in place of them
 
     @classmethod
@@ -51,6 +52,7 @@ class PhysicalModel:
         delays: EquipmentDelays | None = None,
         radio_atmosphere: RadioAtmosphere | None = None,
         media: Iterable[Medium] = (),
+        free_clocks: Iterable[str] = (),
         off: Iterable[str] = (),
     ) -> PhysicalModel:
         """Open the kernels and tables.
@@ -74,6 +76,9 @@ class PhysicalModel:
             Files of VMF3 and GPT3, from :func:`~radioloc.media.radio_atmosphere.read_radio_atmosphere`.
         media : iterable of Medium
             Media besides those of :data:`~radioloc.media.registry.MEDIA`, or in place of those of the same names.
+        free_clocks : iterable of str
+            Stations whose frequency standards run free, at the rate of proper time at their height, and do not follow
+            UTC.
         off : iterable of str
             Names of terms to leave out.
 
@@ -82,7 +87,7 @@ class PhysicalModel:
         KernelError, FileFormatError, InputError
             A file is missing or unusable, the two kernels belong to different ephemerides, or a term is unknown.
         StationError
-            A delay is of a station that is not in the catalogue.
+            A delay or a free clock is of a station that is not in the catalogue.
         """
         added = tuple(media)
         terms = active_terms(off, (medium.name for medium in added))
@@ -99,7 +104,11 @@ class PhysicalModel:
         stations = StationCatalogue.default() if catalogue is None else catalogue
         equipment = (delays or EquipmentDelays()).named(stations)
         earth = _earth_orientation(table, terms)
-        return cls(spk, pck, earth, stations, terms, ionosphere, equipment, radio_atmosphere, added)
+        try:
+            free = tuple(dict.fromkeys(stations.get(name).name for name in free_clocks))
+        except StationError as error:
+            raise StationError(f"free_clocks: {error}") from None
+        return cls(spk, pck, earth, stations, terms, ionosphere, equipment, radio_atmosphere, free, added)
 
     def __repr__(self) -> str:
         table = self.earth.table

@@ -1,4 +1,7 @@
-"""The clock of a target that transmits by its own: proper time at the target against TT at the geocentre.
+"""Clocks that keep proper time against TT: of a target that transmits by its own, of stations that nothing steers.
+
+A clock at rest on the Earth gains (W_0 - W) / c^2 on TT, with the potential W of gravity and rotation where it is and
+W_0 = c^2 L_G that on the geoid (IERS Conventions 2010, section 10.1): 1.09e-13 a kilometre.
 
 At the same TDB a clock at the target gains on one at the geocentre that keeps TT, in units of their seconds,
 
@@ -23,6 +26,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, L_G
+from radioloc.earth.geodesy import geodetic_from_itrf
+from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
 from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.observations import Observations
@@ -34,6 +39,36 @@ _STEP_S, _STEP_IN_ORBIT_S = 3600.0, 30.0
 """A cubic spline between rates so far apart is good to 1e-18, in a low orbit of two hours to 1e-18 as well."""
 SHORTEST_GAP_S = 3600.0
 """After a longer gap counts begin anew."""
+
+
+_EQUATOR_M_S2, _K, _E2, _EQUATOR_M = 9.7803267715, 0.001931851353, 0.00669438002290, 6378137.0
+"""Normal gravity of GRS80 by Somigliana's formula (Moritz 2000, J. Geod. 74, 128)."""
+
+
+def station_rate(station: Station) -> float:
+    """Rate of a station's clock that keeps proper time against TT, s/s.
+
+    By the height above the ellipsoid: the geoid's about it, up to 100 m, is left out, 1.1e-14.
+    """
+    place = geodetic_from_itrf(station.itrf_m)
+    square = np.sin(place.latitude_rad) ** 2
+    gravity_m_s2 = _EQUATOR_M_S2 * (1.0 + _K * square) / np.sqrt(1.0 - _E2 * square)
+    return float(gravity_m_s2 * place.height_m * (1.0 - place.height_m / _EQUATOR_M) / C_M_S**2)
+
+
+@dataclass(frozen=True, slots=True)
+class StationClocks:
+    """Of n paths, how clocks of their stations that run free gain on TT; zeros where there are none."""
+
+    since_s: NDArray[np.float64]  # of the reference epochs, since the clocks agreed with TT
+    first_rate: NDArray[np.float64]  # s/s
+    second_rate: NDArray[np.float64]
+
+    def ahead(
+        self, first_s: NDArray[np.float64], second_s: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """By how much both are ahead at offsets from the reference epochs, s."""
+        return self.first_rate * (self.since_s + first_s), self.second_rate * (self.since_s + second_s)
 
 
 @dataclass(frozen=True, slots=True)

@@ -275,6 +275,7 @@ def model_of(study: Study) -> PhysicalModel:
         ionosphere=read_ionex(choice.ionex) if choice.ionex else uniform,
         radio_atmosphere=_radio_atmosphere(choice),
         delays=choice.delays,
+        free_clocks=choice.free_clocks,
         off=set(TERMS) - choice.terms,
     )
 

@@ -230,6 +230,7 @@ def provenance(
             key: [{"name": path.name, "sha256": sha256_of(path)} for path in paths]
             for key, paths in of_air.items()
         },
+        "free_clocks": list(model.free_clocks),
         "delays": {
             "transponder_s": model.delays.transponder_s,
             "stations": {name: asdict(delay) for name, delay in model.delays.stations.items()},

@@ -342,6 +342,8 @@ class ModelChoice:
         The grid of GPT3, for stations of which VMF3 has nothing, or for all.
     delays : EquipmentDelays
         Delays of transponder and stations that the observations contain.
+    free_clocks : iterable of str
+        Stations whose frequency standards run free and do not follow UTC.
     evaluation : {"auto", "exact", "interpolated"}
         Whether dense series are interpolated: :func:`~radioloc.measurements.evaluation.prepare_predictor`.
     """
@@ -359,10 +361,12 @@ class ModelChoice:
     delays: EquipmentDelays = entry(
         factory=EquipmentDelays, keys=("transponder_delay_s", "station_delay_s"), read=_delays
     )
+    free_clocks: tuple[str, ...] = ()
     evaluation: str = entry("auto", choices=EVALUATIONS)
 
     def __post_init__(self) -> None:
         check(self)
+        object.__setattr__(self, "free_clocks", names_of("free_clocks", self.free_clocks))
         terms = frozenset(names_of("terms", self.terms))
         active_terms(terms)  # knows every name, or says which it does not
         object.__setattr__(self, "terms", terms)

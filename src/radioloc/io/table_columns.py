@@ -144,7 +144,8 @@ class ColumnReader:
         )
         low_s, high_s = FLIGHT_TIME_LIMITS_S
         flight_s = observations.value_m / C_M_S
-        absurd = lunar & (observations.kind == RANGE) & ~((flight_s > low_s) & (flight_s < high_s))
+        whole = (observations.kind == RANGE) & np.isnan(observations.modulus_m)
+        absurd = lunar & whole & ~((flight_s > low_s) & (flight_s < high_s))
         if absurd.any():
             first = int(np.argmax(absurd))
             require_lunar_flight_time(self._path, int(observations.line[first]), float(flight_s[first]))

@@ -28,6 +28,7 @@ from radioloc.io.detect import read_observations
 from radioloc.io.tdm.agreement import LightTime
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
+from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.link import Link
@@ -365,6 +366,11 @@ def _arc(
     start_m, trajectory, names = _aim(study, targets)
     more = needs_more_partials(study)
     try:
+        if len(rows := np.flatnonzero(~np.isnan(observations.modulus_m))):
+            ambiguous = ExactPredictor(model, observations.select(rows), start_m, trajectory, names)
+            expected_m = np.full(len(observations), np.nan)
+            expected_m[rows] = ambiguous.compute(start_m).value_m
+            observations = without_ambiguity(observations, expected_m)
         return prepare_predictor(
             model, observations, start_m, study.model.evaluation, trajectory, names, more
         )

@@ -1,0 +1,52 @@
+"""Ranges that are known but for multiples of a modulus: which multiple, is told by the range that is expected.
+
+A ranging code that repeats after M leaves the light path known but for multiples of c M. The multiple that comes
+nearest to the predicted range is right if the prediction is good to half of the modulus. Up to a quarter is
+allowed, so that the next multiple is three times as far off or more.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import InputError
+from radioloc.measurements.observations import Observations
+
+CLEAR_PART = 0.25
+"""Of the modulus: a range that is expected so far from the nearest multiple, or farther, is not told which it is."""
+OUTLIERS = 0.1
+"""Part of the ranges that may be so far off, as gross errors are, which editing rejects."""
+
+
+def without_ambiguity(observations: Observations, expected_m: NDArray[np.float64]) -> Observations:
+    """Ranges in full, in the place of those that are known but for multiples of their modulus.
+
+    Parameters
+    ----------
+    observations : Observations
+        Those with a ``modulus_m`` are changed; afterwards they have none.
+    expected_m : ndarray, shape (n,)
+        Predicted values, m; NaN where there is no prediction, where nothing is said against the multiple taken.
+
+    Raises
+    ------
+    InputError
+        More than a tenth of the ranges are farther than a quarter of the modulus from what is expected.
+    """
+    turns = np.rint((expected_m - observations.value_m) / observations.modulus_m)
+    value_m = observations.value_m + np.nan_to_num(turns) * np.nan_to_num(observations.modulus_m)
+    part = abs(value_m - expected_m) / observations.modulus_m
+    known = np.isfinite(part)
+    far = known & (part > CLEAR_PART)
+    if far.sum() > OUTLIERS * known.sum():
+        row = int(np.argmax(far))
+        raise InputError(
+            f"{observations.origin(row)}: the range is known but for multiples of {observations.modulus_m[row]:.6g} m, "
+            f"and the nearest is {abs(value_m - expected_m)[row]:.6g} m from what the target's a-priori position or "
+            f"trajectory makes of it ({far.sum()} of {known.sum()} such ranges are more than a quarter of that off); "
+            "give a better one, or leave these ranges out"
+        )
+    return replace(observations, value_m=value_m, modulus_m=np.full(len(observations), np.nan))

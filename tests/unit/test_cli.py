@@ -537,6 +537,38 @@ def test_visibility_and_leave_one_out_print_their_cards(capsys):
     assert names == ["APOLLO", "GRASSE", "MATERA"]
 
 
+def test_light_times_as_card_as_json_and_in_a_file(capsys, tmp_path):
+    study = str(EXAMPLES / "change5" / "short_arc.toml")
+    file = tmp_path / "table.csv"
+    assert cli.main(["light-time", study, "--step", "1800", "--frequency", "8.47e9", "--out", str(file)]) == 0
+    card = capsys.readouterr().out
+    assert "JIAMUSI>lander>JIAMUSI" in card
+    assert card.endswith(f"written to {file}\n")
+    assert len(file.read_text().splitlines()) == 1 + 6
+    place = ["--at", "-51.9162", "43.0584", "-2550.4", "--stations", "KASHI"]
+    span = ["--start", "2020-12-01T15:11:00", "--stop", "2020-12-01T15:11:00"]
+    assert cli.main(["light-time", *place, *span, "--json"]) == 0
+    content = json.loads(capsys.readouterr().out)
+    assert content["columns"]["path"] == ["KASHI>lander>KASHI"]
+    assert f",{content['columns']['downlink_light_time_s'][0]:.12f}," in file.read_text()
+    assert cli.main(["light-time", study, "--out", "table.txt"]) == 2
+    assert "table.txt: such a table is written as .csv" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([], "give a study file or --at"),
+        (["a.toml", "--at", "1", "2", "3"], "give a study file or --at"),
+        (["--at", "1", "2", "3", "--stations", "KASHI"], "--at needs --stations, --start and --stop"),
+    ],
+)
+def test_light_times_of_nothing_or_of_two_places_are_refused(capsys, arguments, message):
+    with pytest.raises(SystemExit):
+        cli.main(["light-time", *arguments])
+    assert message in capsys.readouterr().err
+
+
 def test_stations_are_listed(capsys):
     assert cli.main(["stations"]) == 0
     out = capsys.readouterr().out

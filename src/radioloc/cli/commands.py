@@ -15,6 +15,7 @@ from radioloc.errors import InputError
 from radioloc.io.detect import read_observations
 from radioloc.io.tdm import TdmAgreement
 from radioloc.io.write import require_writable, write_observations
+from radioloc.lunar.position import LunarPosition
 from radioloc.report.covariance import plans_card
 from radioloc.report.figures import save_figure
 from radioloc.report.files import (
@@ -40,10 +41,12 @@ from radioloc.studies.comparison import compare, read_solutions
 from radioloc.studies.covariance import covariance
 from radioloc.studies.image_study import read_image_study
 from radioloc.studies.images import locate_images
+from radioloc.studies.light_times import light_times
 from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.passes import visibility
 from radioloc.studies.selection import DEFAULT_HOURS
 from radioloc.studies.simulate import simulate
+from radioloc.studies.study import Study
 from radioloc.studies.study_file import read_study
 from radioloc.studies.subsets import leave_one_out
 from radioloc.studies.verification import verify
@@ -243,6 +246,32 @@ def _visibility(options: argparse.Namespace) -> int:
     return DONE
 
 
+def _light_time(options: argparse.Namespace) -> int:
+    if (options.study is None) == (options.at is None):
+        options.parser.error("give a study file or --at LON LAT HEIGHT")
+    if options.out is not None and options.out.suffix != ".csv":
+        raise InputError(f"{options.out}: such a table is written as .csv")
+    study: Study | Path = options.study
+    if options.at is not None:
+        if not (options.stations and options.start and options.stop):
+            options.parser.error("--at needs --stations, --start and --stop")
+        study = Study(target=LunarPosition.from_selenographic(*options.at), name="lander")
+    found = light_times(
+        study,
+        options.stations,
+        links=options.links,
+        start_utc=options.start,
+        stop_utc=options.stop,
+        step_s=options.step,
+        frequency_hz=options.frequency,
+        mask_deg=options.mask,
+    )
+    if options.out is not None:
+        found.write_csv(options.out)
+    tell(options, found, found.to_dict)
+    return DONE
+
+
 def _leave_one_out(options: argparse.Namespace) -> int:
     found = leave_one_out(options.study, progress=not options.quiet)
     tell(options, found, found.to_dict)
@@ -263,6 +292,7 @@ COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {
     "verify": _verify,
     "covariance": _covariance,
     "leave-one-out": _leave_one_out,
+    "light-time": _light_time,
     "visibility": _visibility,
 }
 """Commands by name."""

@@ -129,6 +129,17 @@ def make_parser() -> Parser:
             help="solution.json or arcs.json files; - for standard input",
         )
 
+    def of_a_span(to: Parser) -> None:
+        to.add_argument(
+            "--stations", nargs="+", default=(), metavar="NAME", help="stations (default: those of the study)"
+        )
+        for name, which in (("start", "first"), ("stop", "last")):
+            to.add_argument(
+                f"--{name}",
+                metavar="UTC",
+                help=f"{which} epoch (default: that of the schedule or of the data)",
+            )
+
     def add_folder(to: Parser, text: str) -> None:
         to.add_argument("--out", **folder, help=text)
         to.add_argument(
@@ -359,19 +370,54 @@ def make_parser() -> Parser:
         "study.toml --stations KASHI APOLLO --start 2026-12-01 --stop 2026-12-08 --json",
         study=file_of_a_study,
     )
-    passes.add_argument(
-        "--stations", nargs="+", default=(), metavar="NAME", help="stations (default: those of the study)"
-    )
-    for name, which in (("start", "first"), ("stop", "last")):
-        passes.add_argument(
-            f"--{name}", metavar="UTC", help=f"{which} epoch (default: that of the schedule or of the data)"
-        )
+    of_a_span(passes)
     passes.add_argument(
         "--mask",
         type=float,
         metavar="DEG",
         help="lowest elevation at the stations (default: that of the schedule, or 10)",
     )
+
+    light = command(
+        "light-time",
+        "tabulate light times, ranges, Doppler and pointing of stations over a span",
+        "plan.toml --links three_way --frequency 8.47e9 --out table.csv",
+        "--at -51.9162 43.0584 -2550.4 --stations KASHI --start 2020-12-02 --stop 2020-12-03",
+    )
+    light.add_argument(
+        "study",
+        type=Path,
+        nargs="?",
+        metavar="STUDY.toml",
+        help="a study file, whose target, model, stations and span are taken; - for standard input",
+    )
+    light.add_argument(
+        "--at",
+        type=float,
+        nargs=3,
+        metavar=("LON", "LAT", "HEIGHT"),
+        help="in place of a study: degrees in ME_DE421, m above 1737.4 km; needs --stations, --start and --stop",
+    )
+    of_a_span(light)
+    light.add_argument(
+        "--links",
+        choices=("two_way", "three_way", "all", "one_way"),
+        default="two_way",
+        help="each station by itself, the first to the others, each to each, or the target to each (default: two_way)",
+    )
+    light.add_argument(
+        "--step", type=float, default=600.0, metavar="SECONDS", help="from epoch to epoch (default: 600)"
+    )
+    light.add_argument(
+        "--frequency",
+        type=float,
+        metavar="HZ",
+        help="received frequency without motion, for a column of Doppler",
+    )
+    light.add_argument(
+        "--mask", type=float, default=0.0, metavar="DEG", help="lowest elevation at the stations (default: 0)"
+    )
+    light.add_argument("--out", type=Path, metavar="FILE", help="write all rows and columns to FILE, as .csv")
 
     command(
         "leave-one-out",

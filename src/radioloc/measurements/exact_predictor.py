@@ -203,6 +203,15 @@ class ExactPredictor(Predictor):
             mean_by_position_pa=mean,
         )
 
+    @bare_arguments
+    def light_path(self, lander_pa_m: NDArray[np.float64]) -> tuple[LightPath, StationMotion, StationMotion]:
+        """The solved light paths for a position, and both stations near their events.
+
+        Where observations have a count interval the paths at its starts follow those at its ends.
+        """
+        self.at(lander_pa_m)  # places the motions at the events
+        return self._solve(lander_pa_m)[0], self._up, self._down
+
     def _ramp(self, path: LightPath) -> RampTerm:
         """What ramps of the transmitted frequency do to the paths' values."""
         n, paths = len(self._paths), self._paths

@@ -19,6 +19,7 @@ from radioloc.report.files import (
 from radioloc.report.gis import write_gis
 from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution
+from radioloc.report.light_times import LightTimes
 from radioloc.report.map_figure import plot_map
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.oem import write_oem
@@ -43,6 +44,7 @@ __all__ = [
     "Comparison",
     "CovarianceStudy",
     "ImageSolution",
+    "LightTimes",
     "MonteCarlo",
     "PointSolution",
     "TextTable",

@@ -11,6 +11,7 @@ from radioloc.studies.image_study import (
     StereoChoice,
     read_image_study,
 )
+from radioloc.studies.light_times import light_times
 from radioloc.studies.locate import arc_of
 from radioloc.studies.map_positions import PlaceOnMap
 from radioloc.studies.passes import visibility
@@ -49,6 +50,7 @@ __all__ = [
     "arc_of",
     "compare",
     "leave_one_out",
+    "light_times",
     "read_image_study",
     "read_study",
     "verify",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -58,21 +58,57 @@ def visibility(
     >>> [(one.station, one.rises, one.sets) for one in found.passes]
     [('KASHI', False, True), ('KASHI', True, False)]
     """
-    study = as_study(study)
-    model = model_of(study)
-    names, first, last, masks = _planned(study) if study.simulation is not None else _observed(study)
-    names = [model.catalogue.get(name).name for name in stations or names]
-    first, last = start_utc or first, stop_utc or last
-    masks = masks if mask_deg is None else replace(masks, station_deg=mask_deg, by_station_deg={})
-    where = study.target if study.simulation is None else study.simulation.position
-    target = where if isinstance(where, Trajectory) else where.to_axes("PA", model.ephemeris.constants).xyz_m
+    scene = scene_of(study, stations, start_utc, stop_utc, mask_deg)
+    model, target, masks = scene.model, scene.target, scene.masks
+    names, first, last = scene.stations, scene.start_utc, scene.stop_utc
     passes = [
         _pass(model, target, name, window)
         for name in dict.fromkeys(names)
         for window in windows(model, target, [name], first, last, masks)
     ]
     by_station = {name: masks.of(name) for name in names}
-    return Passes(study.name, first, last, by_station, masks.target_deg, tuple(passes))
+    return Passes(scene.name, first, last, by_station, masks.target_deg, tuple(passes))
+
+
+@dataclass(frozen=True, slots=True)
+class Scene:
+    """What is seen, from where and when."""
+
+    name: str  # of the study
+    model: PhysicalModel
+    target: Target
+    stations: list[str]  # names in the catalogue
+    start_utc: str
+    stop_utc: str
+    masks: Masks
+
+
+def scene_of(
+    study: Study | str | Path,
+    stations: Sequence[str],
+    start_utc: str | None,
+    stop_utc: str | None,
+    mask_deg: float | None,
+) -> Scene:
+    """What a study says of it where it is not given; parameters and errors as :func:`visibility`."""
+    study = as_study(study)
+    model = model_of(study)
+    if study.simulation is not None:
+        names, first, last, masks = _planned(study)
+    elif stations and start_utc and stop_utc:
+        names, first, last, masks = [], "", "", Masks()
+    else:
+        names, first, last, masks = _observed(study)
+    where = study.target if study.simulation is None else study.simulation.position
+    return Scene(
+        study.name,
+        model,
+        where if isinstance(where, Trajectory) else where.to_axes("PA", model.ephemeris.constants).xyz_m,
+        [model.catalogue.get(name).name for name in stations or names],
+        start_utc or first,
+        stop_utc or last,
+        masks if mask_deg is None else replace(masks, station_deg=mask_deg, by_station_deg={}),
+    )
 
 
 def _planned(study: Study) -> tuple[list[str], str, str, Masks]:

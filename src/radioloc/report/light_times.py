@@ -1,0 +1,166 @@
+"""Light times, ranges and pointing over a grid of epochs, as a table."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.estimation.labels import Labels
+from radioloc.report.cards import Card, Field, Shown, more, plural
+from radioloc.tables import TableForm, as_table
+from radioloc.time import Epochs, utc_strings
+
+_MOST_ROWS = 12
+_WHERE = "the file of --out, and with --json"
+_SIGNAL = {
+    "uplink_light_time_s": ("up, s", 7),
+    "downlink_light_time_s": ("down, s", 7),
+    "range_rate_m_s": ("rate, m/s", 4),
+    "doppler_hz": ("Doppler, Hz", 2),
+}
+"""Columns on the card: heading and decimals."""
+_POINTING = {
+    "receive_azimuth_deg": ("az, deg", 4),
+    "receive_elevation_deg": ("el, deg", 4),
+    "receive_ra_deg": ("ra, deg", 4),
+    "receive_dec_deg": ("dec, deg", 4),
+}
+_DECIMALS = {"s": 12, "m": 4, "m_s": 7, "hz": 6, "deg": 7}
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LightTimes(Shown):
+    """Light times of links at n epochs of reception; ``str()`` is a card with the first of each link.
+
+    Parameters
+    ----------
+    name : str
+        Name of the study.
+    start_utc, stop_utc : str
+        First and last epoch that was asked for.
+    unseen : int
+        Epochs of links at which not all of their stations see the target; they are no rows.
+    frequency_hz : float or None
+        Of the signal that is received if nothing moves, for the Doppler column.
+    epoch : Epochs
+        UTC of the reception at the receiving station.
+    path : Labels
+        Such as ``KASHI>lander>JIAMUSI`` or, one way, ``lander>KASHI``.
+    columns : dict of str to ndarray, shape (n,)
+        In this order; NaN where a link has no first station:
+
+        - ``uplink_light_time_s``, ``downlink_light_time_s``: of the legs in TDB, with the delays by gravity and media.
+        - ``range_m``: round trip, or one way, as the clocks of the stations tell it, times the speed of light.
+        - ``range_rate_m_s``: its change with the epoch, as the phase of the carrier has it.
+        - ``doppler_hz``: received frequency less `frequency_hz`; only with one.
+        - ``transmit_...`` and ``receive_...``, of the first station when it sends and of the second at the epoch:
+          ``azimuth_deg``, ``elevation_deg`` without refraction; ``ra_deg``, ``dec_deg``, apparent, of the true equator
+          and equinox of date; ``icrs_ra_deg``, ``icrs_dec_deg``, astrometric. All are topocentric.
+    status : Labels
+        Empty, or what of the model does not hold, such as the troposphere below 3 degrees, which then is left out.
+    """
+
+    name: str
+    start_utc: str
+    stop_utc: str
+    unseen: int
+    frequency_hz: float | None
+    epoch: Epochs
+    path: Labels
+    columns: dict[str, NDArray[np.float64]]
+    status: Labels
+
+    def __len__(self) -> int:
+        return len(self.epoch)
+
+    def __getitem__(self, column: str) -> NDArray[np.float64]:
+        """One of the columns."""
+        return self.columns[column]
+
+    def _named(self) -> dict[str, Any]:
+        return {"epoch_utc": self.epoch, "path": self.path, **self.columns, "status": self.status}
+
+    def to_table(self, form: TableForm = "astropy") -> Any:
+        """All columns as a ``QTable`` of astropy, with units and ``Time``, or a ``DataFrame`` of pandas.
+
+        Examples
+        --------
+        >>> from radioloc.studies import light_times
+        >>> found = light_times("examples/change5/short_arc.toml", ["KASHI"], step_s=1800.0)
+        >>> found.to_table()["downlink_light_time_s"].to("ms").round(1)
+        <Quantity [1316.1, 1314.1, 1312.3] ms>
+        """
+        texts = {"path": self.path[:], "status": self.status[:]}
+        return as_table(self._named() | texts, form)
+
+    def write_csv(self, path: str | Path) -> None:
+        """Write all columns as comma-separated text."""
+        from radioloc.io.csv_file import batches_of, write_csv
+
+        write_csv(path, batches_of(self._named(), {name: _decimals(name) for name in self.columns}))
+
+    def to_dict(self) -> dict[str, Any]:
+        """All of it, in types that JSON has: columns as lists, ``None`` where there is no number."""
+        columns = {
+            name: [None if np.isnan(value) else value for value in column.tolist()]
+            for name, column in self.columns.items()
+        }
+        return {
+            "name": self.name,
+            "start_utc": self.start_utc,
+            "stop_utc": self.stop_utc,
+            "unseen": self.unseen,
+            "frequency_hz": self.frequency_hz,
+            "columns": {
+                "epoch_utc": utc_strings(self.epoch, 3).tolist(),
+                "path": self.path[:].tolist(),
+                **columns,
+                "status": self.status[:].tolist(),
+            },
+        }
+
+    def card(self) -> Card:
+        """The first rows of each link."""
+        count = plural(len(self), "row")
+        unseen = f"; {self.unseen} left out, when a station does not see it" if self.unseen else ""
+        return Card(
+            [
+                Field("light time", [self.name]),
+                Field("span", [f"{self.start_utc} to {self.stop_utc} UTC, of reception"]),
+                Field("rows", [count + unseen]),
+                *self._tables("signal", _SIGNAL, "light times in TDB, up and down; rate of the range"),
+                *self._tables(
+                    "pointing",
+                    _POINTING,
+                    "at reception, no refraction; apparent ra and dec, of date",
+                ),
+            ]
+        )
+
+    def _tables(self, label: str, names: dict[str, tuple[str, int]], what: str) -> Iterator[Field]:
+        yield Field(label, [what])
+        shown = {name: cell for name, cell in names.items() if self._has(name)}
+        heading = ["UTC", *(title for title, _ in shown.values())]
+        for code, text in enumerate(self.path.texts):
+            rows = np.flatnonzero(self.path.codes == code)
+            cells = [self._cells(row, shown) for row in rows[:_MOST_ROWS].tolist()]
+            if cells:
+                yield Field("", [text], heading, cells, more(len(rows), len(cells), _WHERE))
+
+    def _has(self, name: str) -> bool:
+        return name in self.columns and bool(np.isfinite(self[name]).any())
+
+    def _cells(self, row: int, shown: dict[str, tuple[str, int]]) -> tuple[str, ...]:
+        date = str(utc_strings(self.epoch[row], 0)[0])
+        numbers = ((self[name][row], decimals) for name, (_, decimals) in shown.items())
+        cells = ("-" if np.isnan(value) else f"{value:.{decimals}f}" for value, decimals in numbers)
+        return date[5:].replace("T", " "), *cells
+
+
+def _decimals(name: str) -> int:
+    return next(digits for unit, digits in reversed(_DECIMALS.items()) if name.endswith(f"_{unit}"))

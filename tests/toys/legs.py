@@ -40,7 +40,7 @@ def end(n, station="KASHI", **changes):
     given = {
         "stations": [StationCatalogue.default()[station]],
         "which": np.zeros(n, dtype=np.int32),
-        "epoch": utc_to_tt(epochs_from_strings(["2020-12-02T14:00:00"] * n)),
+        "epoch": changes.pop("epoch", None) or utc_to_tt(epochs_from_strings(["2020-12-02T14:00:00"] * n)),
         "radio": np.ones(n, dtype=bool),
         "phase": np.zeros(n, dtype=bool),
         "frequency_hz": np.full(n, 8.4e9),

@@ -21,6 +21,7 @@ from radioloc.io.strf import read_sites, read_strf
 from radioloc.io.table import read_table
 from radioloc.io.tdm import TdmAgreement, read_tdm
 from radioloc.lunar import TerrainModel
+from radioloc.media.csp import read_csp
 from radioloc.media.gpt3 import read_gpt3
 from radioloc.media.ionex import read_ionex
 from radioloc.media.radio_atmosphere import read_radio_atmosphere
@@ -103,6 +104,11 @@ stop = 2006-04-08
 step_s = 60
 sigma_m = 0.02
 """
+CSP = """\
+ADJUST(ALL) BY NRMPOW(-.0048, .0077) MODEL(WET NUPART) FROM(20/12/02,12:00:00.001)
+  TO(20/12/02,18:00:00) DSN(C10).   # one of many
+ADJUST(DOPRNG) BY TRIG(7200., 0.7, .1, -.2) MODEL(CHPART) FROM(20/12/02,01:21) DSN(C10) SCID(177).
+"""
 TEXTS = {
     "blq": (read_blq, BLQ_RECORD),
     "eop": (EopTable.from_file, "\n".join(finals_row(58849 + day) for day in range(6)) + "\n"),
@@ -111,6 +117,7 @@ TEXTS = {
         read_ionex,
         ionex_text(lambda latitude, longitude, hour: 9.0 + 0.0 * longitude, hours=(0, 2), rms=False),
     ),
+    "csp": (read_csp, CSP),
     "radio_atmosphere": (lambda path: read_radio_atmosphere([path]), VMF3_SITES),
     "vmf3_sites": (lambda path: read_vmf3_sites([path]), VMF3_SITES),
     "vmf3_grids": (lambda path: read_vmf3_grids([path], path.with_name("orography")), vmf3_map_text(0)),

@@ -224,6 +224,8 @@ def touch_named_files(folder):
         "y2006.vmf3_r",
         "y2007.vmf3_r",
         "gpt3_5.grd",
+        "dsn_2006.tro",
+        "dsn_2006.ion",
         "dem_10m.tif",
     ):
         (folder / name).touch()

@@ -181,7 +181,9 @@ def series_codes(
     media = {medium.name: medium for medium in model.media}
     foreign = bool(model.added_media or set(media) - {"troposphere", "ionosphere", "antenna_axis_offset"})
     # Partials by the electron content need the frequencies whether or not a content is modelled.
-    frequencies = more_partials or ("ionosphere" in media and model.ionosphere is not None)
+    frequencies = more_partials or (
+        "ionosphere" in media and (model.ionosphere is not None or model.media_calibrations is not None)
+    )
     if not (frequencies or foreign):
         free.add("uplink_hz")
     if not ("troposphere" in media or foreign):

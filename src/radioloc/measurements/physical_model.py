@@ -17,6 +17,7 @@ from radioloc.kernels import KernelFile
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.terms import TERMS, active_terms
+from radioloc.media.csp import MediaCalibrations
 from radioloc.media.ionosphere import ElectronContent, Ionosphere
 from radioloc.media.medium import Medium
 from radioloc.media.radio_atmosphere import RadioAtmosphere
@@ -38,6 +39,7 @@ class PhysicalModel:
     radio_atmosphere: RadioAtmosphere | None = None  # VMF3 and GPT3 files
     free_clocks: tuple[str, ...] = ()  # stations whose clocks keep proper time, by the catalogue's names
     added_media: tuple[Medium, ...] = ()  # besides those of the registry, or in place of them
+    media_calibrations: MediaCalibrations | None = None  # of the Deep Space Network
 
     @classmethod
     def build(
@@ -51,6 +53,7 @@ class PhysicalModel:
         ionosphere: ElectronContent | None = None,
         delays: EquipmentDelays | None = None,
         radio_atmosphere: RadioAtmosphere | None = None,
+        media_calibrations: MediaCalibrations | None = None,
         media: Iterable[Medium] = (),
         free_clocks: Iterable[str] = (),
         off: Iterable[str] = (),
@@ -74,6 +77,8 @@ class PhysicalModel:
             Delays of equipment that are in the data; none where it is not given.
         radio_atmosphere : RadioAtmosphere, optional
             Files of VMF3 and GPT3, from :func:`~radioloc.media.radio_atmosphere.read_radio_atmosphere`.
+        media_calibrations : MediaCalibrations, optional
+            TRO and ION files of the Deep Space Network, from :func:`~radioloc.media.csp.read_csp`, for its stations.
         media : iterable of Medium
             Media besides those of :data:`~radioloc.media.registry.MEDIA`, or in place of those of the same names.
         free_clocks : iterable of str
@@ -108,7 +113,19 @@ class PhysicalModel:
             free = tuple(dict.fromkeys(stations.get(name).name for name in free_clocks))
         except StationError as error:
             raise StationError(f"free_clocks: {error}") from None
-        return cls(spk, pck, earth, stations, terms, ionosphere, equipment, radio_atmosphere, free, added)
+        return cls(
+            spk,
+            pck,
+            earth,
+            stations,
+            terms,
+            ionosphere,
+            equipment,
+            radio_atmosphere,
+            free,
+            added,
+            media_calibrations,
+        )
 
     def __repr__(self) -> str:
         table = self.earth.table
@@ -127,7 +144,10 @@ class PhysicalModel:
     @property
     def media(self) -> tuple[Medium, ...]:
         """The active media on the legs, in the order in which they are asked."""
-        configured: tuple[Medium, ...] = Troposphere(self.radio_atmosphere), Ionosphere(self.ionosphere)
+        configured: tuple[Medium, ...] = (
+            Troposphere(self.radio_atmosphere, self.media_calibrations),
+            Ionosphere(self.ionosphere, self.media_calibrations),
+        )
         media = {**MEDIA, **{medium.name: medium for medium in (*configured, *self.added_media)}}
         return tuple(medium for name, medium in media.items() if self.has(name))
 

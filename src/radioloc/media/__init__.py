@@ -4,6 +4,7 @@
 angles radians, electron contents TECU (1e16 per square metre).
 """
 
+from radioloc.media.csp import MediaCalibrations, read_csp
 from radioloc.media.ionex import IonexMaps, read_ionex
 from radioloc.media.ionosphere import UniformTec
 from radioloc.media.medium import Elevation, Leg, LegDelay, LegEnd, Medium
@@ -18,10 +19,12 @@ __all__ = [
     "Leg",
     "LegDelay",
     "LegEnd",
+    "MediaCalibrations",
     "Medium",
     "RadioAtmosphere",
     "Status",
     "UniformTec",
+    "read_csp",
     "read_ionex",
     "read_radio_atmosphere",
 ]

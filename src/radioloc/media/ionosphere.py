@@ -27,6 +27,7 @@ from numpy.typing import ArrayLike
 from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.errors import InputError
+from radioloc.media.csp import REFERENCE_HZ, MediaCalibrations
 from radioloc.media.medium import Floats, Leg, LegDelay, LegEnd
 from radioloc.media.status import LEAST_ELEVATION_RAD, Status
 from radioloc.time import Epochs
@@ -162,9 +163,13 @@ class UniformTec:
 
 @dataclass(frozen=True, slots=True)
 class Ionosphere:
-    """The ionosphere on the path of radio signals; light has none of it, nor has anything without a source."""
+    """The ionosphere on the path of radio signals; light has none of it, nor has anything without a source.
+
+    Stations of the Deep Space Network that `calibrations` serve have those, the others the `source`.
+    """
 
     source: ElectronContent | None = None
+    calibrations: MediaCalibrations | None = None
 
     name: ClassVar[str] = "ionosphere"
     description: ClassVar[str] = (
@@ -176,28 +181,46 @@ class Ionosphere:
         """The lowest elevation for which contents are mapped."""
         return () if self.source is None else (LEAST_ELEVATION_RAD,)
 
-    def prepare(self, end: LegEnd) -> None:
-        """Nothing is to be prepared."""
+    def prepare(self, end: LegEnd) -> Floats | None:
+        """Calibrated delays of a code at 2295 MHz and their rates, shape (n, 2); NaN where there are none."""
+        if self.calibrations is None:
+            return None
+        found = np.full((len(end), 2), np.nan)
+        for i, station in enumerate(end.stations):
+            for phase in (False, True):
+                rows = np.flatnonzero(end.radio & (end.which == i) & (end.phase == phase))
+                charged = self.calibrations.charged(station, end.epoch[rows], phase) if len(rows) else None
+                if charged is not None:
+                    found[rows] = charged.T
+        return found
 
-    def delay(self, leg: Leg, prepared: None) -> LegDelay | None:
-        """Group delay or, of the phase, its opposite, with its derivative with respect to elevation.
+    def delay(self, leg: Leg, prepared: Floats | None) -> LegDelay | None:
+        """Group delay or, of the phase, its opposite, with its derivatives with respect to elevation or time.
 
         That is at one vertical content: how the content differs where the ray then pierces the maps' shell is left out.
         """
-        if self.source is None:
+        calibrated = np.zeros(len(leg), dtype=bool) if prepared is None else ~np.isnan(prepared[:, 0])
+        if self.source is None and not calibrated.any():
             return None
         end, elevation_rad = leg.end, leg.elevation.angle_rad
-        unknown = end.radio & np.isnan(end.frequency_hz)
+        wanted = calibrated | (self.source is not None)
+        unknown = end.radio & np.isnan(end.frequency_hz) & wanted
         delay_m, by_elevation_m_rad = np.zeros((2, len(leg)))
-        rows = np.flatnonzero(end.radio & ~unknown & (elevation_rad >= LEAST_ELEVATION_RAD))
-        if len(rows):
+        rate_m_s = None
+        if prepared is not None and calibrated.any():
+            at_frequency = np.where(
+                calibrated & ~unknown, _signed(end) * (REFERENCE_HZ / end.frequency_hz) ** 2, 0.0
+            )
+            delay_m, rate_m_s = np.where(calibrated, at_frequency * prepared.T, 0.0)
+        rows = np.flatnonzero(end.radio & ~unknown & ~calibrated & (elevation_rad >= LEAST_ELEVATION_RAD))
+        if self.source is not None and len(rows):
             itrf_m = end.of_station([station.itrf_m for station in end.stations])[rows]
             tec = self.source.slant_tec(itrf_m, leg.azimuth_rad(rows), elevation_rad[rows], end.epoch[rows])
             delay_m[rows] = _signed(end)[rows] * ionosphere_delay_m(tec, end.frequency_hz[rows])
             mapping, slope = modified_shell_mapping(elevation_rad[rows])
             by_elevation_m_rad[rows] = delay_m[rows] * slope / mapping
         status = np.where(unknown, Status.NO_FREQUENCY, Status.OK).astype(np.int8)
-        return LegDelay(delay_m, status, by_elevation_m_rad)
+        return LegDelay(delay_m, status, by_elevation_m_rad, rate_m_s)
 
 
 def delay_by_content_m(leg: Leg) -> Floats:

@@ -8,6 +8,7 @@ hydrostatic, zenith  recorded pressure; VMF3; GPT3's pressure; without files the
 wet, zenith          VMF3; GPT3, with recorded humidity in place of its own; without files recorded or standard
 ===================  ==================================================================================================
 
+Zenith delays of the Deep Space Network's calibrations go before both at the stations that they serve.
 A barometer knows the hydrostatic delay to a millimetre, better than any model (IERS Conventions 2010, section 9.1.1).
 Humidity on the ground says little of that above it, so VMF3's wet delay goes before it.
 """
@@ -25,6 +26,7 @@ from numpy.typing import NDArray
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import Station
 from radioloc.errors import CoverageError, InputError
+from radioloc.media.csp import DRY, WET, MediaCalibrations
 from radioloc.media.gpt3 import Gpt3Grid, read_gpt3
 from radioloc.media.mapping_functions import (
     Floats,
@@ -166,7 +168,9 @@ def air_by_weather(place: tuple[float, float, float], epochs: Epochs, recorded: 
     )
 
 
-def air_above(end: LegEnd, files: RadioAtmosphere | None) -> ZenithAir:
+def air_above(
+    end: LegEnd, files: RadioAtmosphere | None, calibrations: MediaCalibrations | None = None
+) -> ZenithAir:
     """Air above the stations at one end of paths, where signals are radio."""
     n = len(end)
     air = tuple(np.full(shape, np.nan) for shape in (n, n, (n, 3), (n, 3), n))
@@ -188,6 +192,13 @@ def air_above(end: LegEnd, files: RadioAtmosphere | None) -> ZenithAir:
         found = air_by_weather(place, *here) if files is None else files.above(station, place, *here)
         for whole, part in zip(air, found, strict=True):
             whole[rows] = part
+        if calibrations is not None:
+            for phase in (False, True):
+                mine = rows[end.phase[rows] == phase]
+                for whole, model in ((air[0], DRY), (air[1], WET)):
+                    zenith_m = calibrations.zenith_m(station, end.epoch[mine], model, phase)
+                    if zenith_m is not None:
+                        whole[mine] = zenith_m
     return ZenithAir(*air)
 
 

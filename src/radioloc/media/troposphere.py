@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.media.csp import MediaCalibrations
 from radioloc.media.medium import Leg, LegDelay, LegEnd
 from radioloc.media.neutral_atmosphere import optical_delay
 from radioloc.media.radio_atmosphere import RadioAtmosphere, ZenithAir, air_above
@@ -24,12 +25,13 @@ _WEATHER = {"pressure_hpa": (300.0, 1100.0, "hPa"), "temperature_k": (200.0, 340
 
 @dataclass(frozen=True, slots=True)
 class Troposphere:
-    """The neutral atmosphere, of radio by files of VMF3 and GPT3 or, without, by weather or a standard atmosphere.
+    """The neutral atmosphere, of radio by calibrations and files, or by weather or a standard atmosphere.
 
     IERS Conventions (2010), section 9.1 for light and 9.2 for radio.
     """
 
     files: RadioAtmosphere | None = None
+    calibrations: MediaCalibrations | None = None
 
     name: ClassVar[str] = "troposphere"
     description: ClassVar[str] = "refraction by the neutral atmosphere at each station"
@@ -44,7 +46,7 @@ class Troposphere:
                 raise InputError(
                     f"{name} is {wrong[0]:.6g}, but the troposphere holds from {least:g} to {most:g} {unit}"
                 )
-        return air_above(end, self.files)
+        return air_above(end, self.files, self.calibrations)
 
     def delay(self, leg: Leg, prepared: ZenithAir) -> LegDelay:
         """Delay along the ray, its derivative with respect to elevation and, of radio, to the wet zenith delay."""

@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.earth.eop_prediction import orientation_errors
+from radioloc.media.csp import CHARGED, WET
 from radioloc.media.ionosphere import UniformTec
 from radioloc.parameters.kind import Amount
 from radioloc.parameters.rows import ObservationRows
@@ -50,16 +51,19 @@ def frequency_offsets(rows: ObservationRows, members: Members) -> Sigmas:
 
 
 def zenith_delays(rows: ObservationRows, members: Members) -> Sigmas:
-    """Of radio: the standard atmosphere and the climate of GPT3 know no weather, of which VMF3 leaves 1 cm."""
-    files, catalogue = rows.model.radio_atmosphere, rows.model.catalogue
-    return {
-        name: 0.01 if files is not None and files.source_of(catalogue.get(name)) == "VMF3" else 0.03
-        for name in _of_radio(rows, members)
-    }
+    """Of radio: standard atmosphere and GPT3 know no weather, of which VMF3 and calibrations of the DSN leave 1 cm."""
+    files, calibrations = rows.model.radio_atmosphere, rows.model.media_calibrations
+    sigmas: Sigmas = {}
+    for name in _of_radio(rows, members):
+        station = rows.model.catalogue.get(name)
+        calibrated = calibrations is not None and calibrations.serves(station, WET)
+        known = calibrated or (files is not None and files.source_of(station) == "VMF3")
+        sigmas[name] = 0.01 if known else 0.03
+    return sigmas
 
 
 def electron_contents(rows: ObservationRows, members: Members) -> Sigmas | str:
-    """What maps leave; one content for everywhere, or none, leaves more.
+    """What maps and calibrations leave; one content for everywhere, or none, leaves more.
 
     Where the ionosphere is switched off, the observations are taken to be free of it, as by maps.
     """
@@ -69,7 +73,11 @@ def electron_contents(rows: ObservationRows, members: Members) -> Sigmas | str:
     sigma = 3.0
     if model.has("ionosphere") and (model.ionosphere is None or isinstance(model.ionosphere, UniformTec)):
         sigma = 20.0 if model.ionosphere is None else 10.0
-    return dict.fromkeys(_of_radio(rows, members), sigma)
+    calibrations, catalogue = model.media_calibrations, model.catalogue
+    return {
+        name: 3.0 if calibrations is not None and calibrations.serves(catalogue.get(name), CHARGED) else sigma
+        for name in _of_radio(rows, members)
+    }
 
 
 def _of_radio(rows: ObservationRows, members: Members) -> list[str]:

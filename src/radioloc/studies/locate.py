@@ -39,6 +39,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.registry import KINDS, kind_of
 from radioloc.measurements.terms import TERMS
+from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
@@ -275,6 +276,7 @@ def model_of(study: Study) -> PhysicalModel:
         catalogue=study.catalogue,
         ionosphere=read_ionex(choice.ionex) if choice.ionex else uniform,
         radio_atmosphere=_radio_atmosphere(choice),
+        media_calibrations=read_csp(choice.csp, choice.csp_scid) if choice.csp else None,
         delays=choice.delays,
         free_clocks=choice.free_clocks,
         off=set(TERMS) - choice.terms,

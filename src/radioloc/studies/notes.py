@@ -27,6 +27,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import kernel_record
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.terms import TERMS
+from radioloc.media.csp import CHARGED, DRY, WET
 from radioloc.parameters.choice import chosen_keys
 from radioloc.parameters.design import tracking_of
 from radioloc.parameters.parameter import ParameterSet
@@ -170,8 +171,16 @@ def _of_model(arc: Predictor) -> Iterator[str]:
         sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
         yield f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
     radio = [s for s in map(model.catalogue.get, arc.stations) if s.kind != "llr"]
-    if model.has("ionosphere") and model.ionosphere is None and radio:
-        yield "no ionospheric delay of radio signals: give maps or a content, [model] ionex or tec_tecu"
+    without = [station.name for station in radio]
+    if (cards := model.media_calibrations) is not None:
+        for term, kinds in (("troposphere", (DRY, WET)), ("ionosphere", (CHARGED,))):
+            names = [s.name for s in radio if model.has(term) and any(cards.serves(s, k) for k in kinds)]
+            if names:
+                yield f"{term} of radio signals from calibrations of the DSN for {', '.join(names)}"
+        without = [s.name for s in radio if not cards.serves(s, CHARGED)]
+    if model.has("ionosphere") and model.ionosphere is None and without:
+        of = f" for {', '.join(without)}" if len(without) < len(radio) else ""
+        yield f"no ionospheric delay of radio signals{of}: give maps or a content, [model] ionex or tec_tecu"
     files = model.radio_atmosphere
     if model.has("troposphere") and files is not None:
         for source in ("VMF3", "GPT3"):
@@ -231,6 +240,10 @@ def provenance(
             for key, paths in of_air.items()
         },
         "free_clocks": list(model.free_clocks),
+        "media_calibrations": {
+            "csp": [{"name": path.name, "sha256": sha256_of(path)} for path in chosen.csp],
+            "scid": chosen.csp_scid,
+        },
         "delays": {
             "transponder_s": model.delays.transponder_s,
             "stations": {name: asdict(delay) for name, delay in model.delays.stations.items()},

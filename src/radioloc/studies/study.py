@@ -338,6 +338,10 @@ class ModelChoice:
         Files of VMF3 for the troposphere of radio signals, of sites or maps.
     vmf3_orography : Path or None
         With maps, the file of their heights.
+    csp : tuple of Path
+        TRO and ION files of the Deep Space Network, for its stations.
+    csp_scid : int or None
+        Number of the spacecraft that they are of, where they have several.
     gpt3 : Path or None
         The grid of GPT3, for stations of which VMF3 has nothing, or for all.
     delays : EquipmentDelays
@@ -358,6 +362,8 @@ class ModelChoice:
     vmf3: tuple[Path, ...] = ()
     vmf3_orography: Path | None = None
     gpt3: Path | None = None
+    csp: tuple[Path, ...] = ()
+    csp_scid: int | None = None
     delays: EquipmentDelays = entry(
         factory=EquipmentDelays, keys=("transponder_delay_s", "station_delay_s"), read=_delays
     )
@@ -372,6 +378,10 @@ class ModelChoice:
         object.__setattr__(self, "terms", terms)
         if self.ionex and self.tec_tecu is not None:
             raise InputError("give either ionex or tec_tecu, not both")
+        if self.csp_scid is not None and not self.csp:
+            raise InputError(
+                "csp_scid goes with csp, the files whose spacecraft it names; give them, or leave it out"
+            )
         if self.tec_tecu is not None:
             UniformTec(self.tec_tecu)  # knows what can be
 

@@ -1,10 +1,11 @@
-"""Files of VMF3 and GPT3 in a study: keys, notes and provenance."""
+"""Files of VMF3 and GPT3, and calibrations of the Deep Space Network, in a study: keys, notes and provenance."""
 
 import hashlib
 
 import pytest
 
 import radioloc
+from radioloc.constants import C_M_S
 from radioloc.errors import CoverageError, InputError
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
@@ -98,6 +99,61 @@ def test_what_files_lack_is_one_error(read):
 def test_files_that_are_not_there_are_told_when_the_study_is_read(read, old, new, words):
     with pytest.raises(InputError, match=words):
         read(old, new)
+
+
+CARDS = """\
+ADJUST(ALL) BY NRMPOW(.05, .01) MODEL(WET NUPART) FROM(20/12/02,12:00) TO(20/12/02,18:00) DSN(C10).
+ADJUST(ALL) BY CONST(.002) MODEL(DRY NUPART) FROM(20/12/02,12:00) TO(20/12/02,18:00) DSN(C10).
+ADJUST(DOPRNG) BY CONST(1.5) MODEL(CHPART) FROM(20/12/02,12:00) TO(20/12/02,18:00) DSN(C10) SCID(177).
+ADJUST(DOPRNG) BY CONST(9.5) MODEL(CHPART) FROM(20/12/02,12:00) TO(20/12/02,18:00) DSN(C10) SCID(178).
+"""
+
+
+@pytest.fixture
+def calibrated(tmp_path, read):
+    """A study with the cards, and ranges of DSS-24, or of DSS-24 to KASHI, at S band."""
+    (tmp_path / "cards.csp").write_text(CARDS)
+
+    def reader(keys='csp = ["cards.csp"]\ncsp_scid = 177', date="2020-12-02T12:30:00", second="DSS-24"):
+        ranges = Observations.from_columns(
+            epoch=epochs_from_strings([date]),
+            links=[Link("DSS-24", "lander", second)],
+            value_m=8e8,
+            sigma_m=1.0,
+            tag=TIME_TAGS.index("receive"),
+            uplink_hz=2.1e9,
+            wavelength_um=C_M_S / 2.28e9 * 1e6,
+        )
+        return radioloc.residuals(read('vmf3 = ["2020*.vmf3_r"]', keys), ranges)
+
+    return reader
+
+
+def test_calibrations_of_the_deep_space_network_serve_its_stations(calibrated):
+    plain, solution = calibrated(""), calibrated()
+    assert "troposphere of radio signals from calibrations of the DSN for DSS-24" in solution.notes
+    assert "ionosphere of radio signals from calibrations of the DSN for DSS-24" in solution.notes
+    assert not any("no ionospheric delay" in note for note in solution.notes)
+    assert solution.provenance["media_calibrations"] == {
+        "csp": [{"name": "cards.csp", "sha256": hashlib.sha256(CARDS.encode()).hexdigest()}],
+        "scid": 177,
+    }
+    charged_m = 1.5 * ((2295 / 2100) ** 2 + (2295 / 2280) ** 2)
+    air_m = plain.residuals.residual_m - solution.residuals.residual_m - charged_m
+    assert 0.0 < abs(air_m[0]) < 1.0
+    there = calibrated(second="KASHI")
+    assert "no ionospheric delay of radio signals for KASHI: give maps or a content" in " ".join(there.notes)
+
+
+def test_what_calibrations_lack_is_one_error(calibrated):
+    with pytest.raises(
+        CoverageError, match=r"cards\.csp: MODEL\(DRY NUPART\) for DSS-24 covers 2020-12-02T12:00:00 to"
+    ):
+        calibrated(date="2020-12-02T19:00:00")
+    with pytest.raises(InputError, match=r"spacecraft 177, 178; say which, \[model\] csp_scid"):
+        calibrated('csp = "cards.csp"')
+    with pytest.raises(InputError, match=r"\[model\] csp_scid goes with csp"):
+        calibrated("csp_scid = 177")
 
 
 def test_stations_without_a_known_axis_offset_are_told(read):

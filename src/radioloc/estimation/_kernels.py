@@ -347,15 +347,18 @@ def filter_processes(
     variance_m2: Floats,
     tau_s: Floats,
     walk_m2_s: Floats,
+    hold_s: Floats,
     covariance: Floats,
     state: Floats,
     last_s: Floats,
+    begun_s: Floats,
     columns: Floats,
 ) -> Floats:
     """Innovations of columns (n, m) over their standard deviations, of white noise and shared processes.
 
-    Covariance (s, s) and estimates (s, m) of the processes and the time `last_s` (1,) that they belong to go on from
-    one call to the next. An innovation whose variance is not above `least_m2` tells nothing: zeros.
+    Covariance (s, s) and estimates (s, m) of the processes, the time `last_s` (1,) that they belong to, and when the
+    values of those that hold them were taken, `begun_s` (s,), go on from one call to the next. An innovation whose
+    variance is not above `least_m2` tells nothing: zeros.
     """
     n, m = columns.shape
     s, most = len(tau_s), process.shape[1]
@@ -367,7 +370,7 @@ def filter_processes(
             last_s[0] = time_s[i]
             for a in range(s):
                 decay[a] = math.exp(-step_s / tau_s[a]) if tau_s[a] > 0.0 else 0.0
-                if walk_m2_s[a] > 0.0:
+                if walk_m2_s[a] > 0.0 or hold_s[a] > 0.0:
                     decay[a] = 1.0
                 for j in range(m):
                     state[a, j] *= decay[a]
@@ -375,6 +378,14 @@ def filter_processes(
                 for b in range(s):
                     covariance[a, b] *= decay[a] * decay[b]
                 covariance[a, a] += variance_m2[a] * (1.0 - decay[a] * decay[a]) + walk_m2_s[a] * step_s
+        for k in range(most):
+            a = process[i, k]
+            if a >= 0 and hold_s[a] > 0.0 and (sign[i, k] > 0.0 or time_s[i] > begun_s[a] + hold_s[a]):
+                begun_s[a] = time_s[i]
+                state[a] = 0.0
+                covariance[a] = 0.0
+                covariance[:, a] = 0.0
+                covariance[a, a] = variance_m2[a]
         variance = white_m2[i]
         gain[:] = 0.0
         for k in range(most):

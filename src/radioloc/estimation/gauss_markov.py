@@ -146,12 +146,13 @@ class SeriesNoise:
         if not p:
             return columns / math.sqrt(self.white)
         process, sign = np.tile(np.arange(p), (n, 1)), np.repeat(gain[:, None], p, axis=1)
-        of_processes = (variance[matters], self.tau_s[matters], np.zeros(p), np.diag(variance[matters]))
-        state, last_s = np.zeros((p, columns.shape[1])), np.zeros(1)
+        none = np.zeros(p)
+        of_processes = (variance[matters], self.tau_s[matters], none, none, np.diag(variance[matters]))
+        ongoing = np.zeros((p, columns.shape[1])), np.zeros(1), none
         white = np.full(n, self.white)
         columns = np.ascontiguousarray(columns)
         return filter_processes(
-            np.cumsum(step_s), process, sign, white, np.zeros(n), *of_processes, state, last_s, columns
+            np.cumsum(step_s), process, sign, white, np.zeros(n), *of_processes, *ongoing, columns
         )
 
     def times(self, factor: float) -> SeriesNoise:

@@ -8,6 +8,10 @@ six numbers, but each station's error is in three of them: they are not six inde
 with a column of A for each shared error, of unit variance, and in its rows the effect on each observation. Observations
 that share errors form a block. Turned to the principal axes of its covariance, the combinations of a block are
 independent and take part in a fit as independent observations do: divided by their standard deviation.
+
+Counts of one continuous phase have the error of the phase at their end less that at their start: contiguous counts
+share one with opposite signs, and white phase noise makes neighbours correlated by -1/2. Their covariance is
+tri-diagonal, and its Cholesky factor brings them to independent ones at a cost that is linear in the counts.
 """
 
 from __future__ import annotations
@@ -64,6 +68,47 @@ class SharedErrors:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class PhaseNoise:
+    """White noise of the phase that counts are the growth of.
+
+    Parameters
+    ----------
+    sigma_m : ndarray, shape (n,)
+        Standard deviation of the phase at either end of a count, m; zero for what has none.
+    before : ndarray of int, shape (n,)
+        The count, of the same sigma, at whose end this one begins; :data:`ALONE` where there is none.
+    order : ndarray of int, shape (m,)
+        Counts with phase noise, each after the one before it.
+    """
+
+    sigma_m: NDArray[np.float64]
+    before: NDArray[np.intp]
+    order: NDArray[np.intp]
+
+    def factor(self, rows: NDArray[np.intp], own_m: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Cholesky factor of the covariance of some rows (k,) in their order: its diagonal, what is below, (2, k)."""
+        from scipy.linalg import cholesky_banded
+
+        phase_m2 = self.sigma_m[rows] ** 2
+        banded = np.zeros((2, len(rows)))
+        banded[0] = own_m[rows] ** 2 + 2.0 * phase_m2
+        banded[1, :-1] = np.where(self.before[rows[1:]] == rows[:-1], -phase_m2[:-1], 0.0)
+        return np.asarray(cholesky_banded(banded, lower=True))
+
+
+def cuts_of(factor: NDArray[np.float64]) -> NDArray[np.intp]:
+    """Where no row depends on the one before it: ends of parts that can be whitened one by one, the last is the end."""
+    return np.flatnonzero(factor[1] == 0.0) + 1
+
+
+def unchained(factor: NDArray[np.float64], values: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Independent combinations of unit variance of rows (k, c), by the factor of their covariance (2, k)."""
+    from scipy.linalg import solve_banded
+
+    return np.asarray(solve_banded((1, 0), factor, values))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class ObservationNoise:
     """Covariance of the observations of a fit.
 
@@ -73,6 +118,8 @@ class ObservationNoise:
         Standard deviation of each observation's own, independent error, m.
     shared : SharedErrors or None
         Errors shared with other observations; none where ``None``.
+    phase : PhaseNoise or None
+        Noise of the phase that counts are of; none where ``None``. Counts share no other errors.
 
     Attributes
     ----------
@@ -91,6 +138,7 @@ class ObservationNoise:
     own_m: NDArray[np.float64]
     shared: SharedErrors | None = None
     blocks: tuple[Block, ...] = field(default=(), repr=False)
+    phase: PhaseNoise | None = None
     sigma_m: NDArray[np.float64] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -112,6 +160,8 @@ class ObservationNoise:
                 rows = np.flatnonzero(self.shared.group != ALONE)
                 object.__setattr__(self, "blocks", _blocks_of(self.own_m, self.shared, rows))
             sigma_m = np.sqrt(self.own_m**2 + self.shared.variance_m2())
+        if self.phase is not None:
+            sigma_m = np.sqrt(sigma_m**2 + 2.0 * self.phase.sigma_m**2)
         object.__setattr__(self, "sigma_m", sigma_m)
 
     @classmethod
@@ -138,18 +188,23 @@ class ObservationNoise:
         own_m = np.hypot(self.own_m, excess_m)
         added_m = [excess_m[block.rows] for block in self.blocks]
         if not all((of_block == of_block[:, :1]).all() for of_block in added_m):
-            return ObservationNoise(own_m, self.shared)
+            return ObservationNoise(own_m, self.shared, phase=self.phase)
         blocks = (
             replace(block, combined_m=np.hypot(block.combined_m, of_block))
             for block, of_block in zip(self.blocks, added_m, strict=True)
         )
-        return ObservationNoise(own_m, self.shared, tuple(blocks))
+        return ObservationNoise(own_m, self.shared, tuple(blocks), self.phase)
 
     def among(self, used: NDArray[np.bool_] | None = None) -> Combinations:
         """Independent combinations of the observations in use, all of them by default."""
         used = np.ones(len(self), dtype=bool) if used is None else used
+        rows, factor = np.zeros(0, dtype=np.intp), np.zeros((2, 0))
+        if self.phase is not None:
+            rows = self.phase.order[used[self.phase.order]]
+            used = used & (self.phase.sigma_m == 0.0)
+            factor = self.phase.factor(rows, self.own_m) if len(rows) else factor
         if self.shared is None:
-            return Combinations(self.own_m, used, ())
+            return Combinations(self.own_m, used, (), rows, factor)
         blocks: list[Block] = []
         for block in self.blocks:
             kept = used[block.rows]
@@ -158,7 +213,8 @@ class ObservationNoise:
                 blocks.append(block if whole.all() else block.select(whole))
             broken = block.rows[~whole]
             blocks += _blocks_of(self.own_m, self.shared, broken[kept[~whole]])
-        return Combinations(self.own_m, used & (self.shared.group == ALONE), tuple(blocks))
+        alone = used & (self.shared.group == ALONE)
+        return Combinations(self.own_m, alone, tuple(blocks), rows, factor)
 
 
 class Whitening(Protocol):
@@ -177,10 +233,12 @@ class Combinations:
     own_m: NDArray[np.float64]  # (n,), of all observations
     alone: NDArray[np.bool_]  # (n,), those in use that share no error
     blocks: tuple[Block, ...]  # those that share errors with others in use, and what is left of their blocks
+    counts: NDArray[np.intp]  # (k,), those in use with phase noise, in order
+    factor: NDArray[np.float64]  # (2, k), of their covariance
 
     def weights(self) -> NDArray[np.float64] | None:
         """Weights (n,), zero of those not in use; none where observations share errors."""
-        return None if self.blocks else np.where(self.alone, self.own_m**-2.0, 0.0)
+        return None if self.blocks or len(self.counts) else np.where(self.alone, self.own_m**-2.0, 0.0)
 
     def parts(
         self, rows_of: Callable[[NDArray[np.intp]], NDArray[np.float64]]
@@ -199,7 +257,10 @@ class Combinations:
                 yield combined.reshape(part.rows.size, -1), part.combined_m.ravel()
 
     def combined(self, values: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        """Independent combinations of values (n,), such as residuals, and their standard deviations, m, both (m,)."""
+        """Independent combinations of values (n,), such as residuals, and their standard deviations, m, both (m,).
+
+        Without counts of a phase, in whose combinations noise that is added to each is none of one size.
+        """
         parts = list(self.parts(lambda rows: values[rows, None]))
         if not parts:
             return np.zeros(0), np.zeros(0)
@@ -213,6 +274,10 @@ class Combinations:
         for combined, sigma_m in self.parts(rows_of):
             combined *= (1.0 / sigma_m)[:, None]
             yield combined
+        cuts, start = cuts_of(self.factor), 0
+        for end in cuts[np.diff(cuts // ROWS_AT_ONCE, append=-1) != 0].tolist():
+            yield unchained(self.factor[:, start:end], rows_of(self.counts[start:end]))
+            start = end
 
 
 @dataclass(frozen=True, slots=True, eq=False)

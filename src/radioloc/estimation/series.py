@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from radioloc.estimation.gauss_markov import Points, Series
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.linearization import Rows
-from radioloc.estimation.observation_noise import ALONE, ObservationNoise
+from radioloc.estimation.observation_noise import ALONE, ObservationNoise, cuts_of, unchained
 from radioloc.measurements.link import Link
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 
@@ -83,6 +83,8 @@ class Batch:
         _Floats  # (n, k), from the observations of a block to independent combinations of unit variance
     )
     place: NDArray[np.intp]  # (n,), which of the values such a combination is
+    # (2, n), of rows that are counts of a phase, by which they are brought to independent ones before; none where None
+    factor: _Floats | None = None
 
     @classmethod
     def of(cls, stretches: Sequence[_Stretch]) -> Batch:
@@ -91,11 +93,14 @@ class Batch:
         ends = np.cumsum(sizes.prod(axis=1))
         whitening = np.zeros((ends[-1], sizes[:, 1].max()))
         place, time_s = np.empty(ends[-1], dtype=np.intp), np.empty(ends[-1])
+        factor = np.repeat([[1.0], [0.0]], ends[-1], axis=1)
         for one, end, (b, k) in zip(stretches, ends.tolist(), sizes.tolist(), strict=True):
             part = slice(end - b * k, end)
             whitening[part, :k] = one.whitening.reshape(-1, k)
             place[part].reshape(b, k)[:] = part.start + np.arange(b)[:, None] + b * np.arange(k)
             time_s[part].reshape(k, b)[:] = one.time_s
+            if one.factor is not None:
+                factor[:, part] = one.factor
         return cls(
             tuple(series for one in stretches for series in one.series),
             np.append(0, np.cumsum(np.repeat(sizes[:, 0], sizes[:, 1]))),
@@ -104,6 +109,7 @@ class Batch:
             np.concatenate([one.rows.ravel() for one in stretches]),
             whitening,
             place,
+            factor if any(one.factor is not None for one in stretches) else None,
         )
 
     def added(
@@ -116,16 +122,20 @@ class Batch:
         from radioloc.estimation._kernels import add_combinations
 
         sums, squares, at = np.zeros((0, 0)), np.zeros(count), 0
-        while at < len(self.blocks) - 1:
-            most = int(self.blocks.searchsorted(self.blocks[at] + ROWS_AT_ONCE, side="right")) - 1
-            blocks = self.blocks[at : max(most, at + 1) + 1]
-            part = slice(blocks[0], blocks[-1])
-            values = np.ascontiguousarray(rows_of(self.rows[part]))
+        cuts = self.blocks if self.factor is None else np.intersect1d(self.blocks, cuts_of(self.factor))
+        while at < len(self.rows):
+            end = cuts[max(cuts.searchsorted([at + ROWS_AT_ONCE, at], side="right") - [1, 0])]
+            blocks = self.blocks[slice(*self.blocks.searchsorted([at, end + 1]))]
+            part = slice(at, end)
+            values = rows_of(self.rows[part])
+            if self.factor is not None:
+                values = unchained(self.factor[:, part], values)
+            values = np.ascontiguousarray(values)
             sums = sums if at else np.zeros((count, values.shape[1]))
             add_combinations(
                 blocks - blocks[0], self.whitening[part], place[self.place[part]], values, sums, squares
             )
-            at += len(blocks) - 1
+            at = end
         return sums, squares
 
     def whitened(self, rows_of: Callable[[Rows], _Floats]) -> _Floats:
@@ -141,6 +151,7 @@ class _Stretch:
     rows: NDArray[np.intp]  # (b, k), in order of time
     time_s: _Floats  # (b,)
     whitening: _Floats  # (b, k, k)
+    factor: _Floats | None = None  # (2, b), of counts of a phase
 
 
 def points_of(
@@ -191,10 +202,11 @@ def series_of(order: SeriesOrder, noise: ObservationNoise, used: NDArray[np.bool
     stretches = []
     for mine in np.split(rows, np.flatnonzero(np.diff(order.code[rows])) + 1) if len(rows) else ():
         name, kind = order.name_of(order.code[mine[0]]), order.type_of(order.code[mine[0]])
-        whitening = (1.0 / noise.own_m[mine])[:, None, None]
-        stretches.append(
-            _Stretch((Series(name, name, kind, kind),), mine[:, None], order.time_s[mine], whitening)
-        )
+        whitening, factor = (1.0 / noise.own_m[mine])[:, None, None], None
+        if noise.phase is not None and noise.phase.sigma_m[mine].any():
+            whitening, factor = np.ones_like(whitening), noise.phase.factor(mine, noise.own_m)
+        series = (Series(name, name, kind, kind),)
+        stretches.append(_Stretch(series, mine[:, None], order.time_s[mine], whitening, factor))
     stretches += _combinations(order, noise, used)
     together: list[list[_Stretch]] = []
     size = 0

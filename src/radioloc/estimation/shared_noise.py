@@ -115,7 +115,9 @@ def noise_with_shared(
         source[rows] = stations
         effect_m[rows] = of_stations_m[stations] * [-1.0, 1.0]
         found |= {f"{kind} of {name}": of_stations_m[k].item() for k, name in enumerate(names)}
-    return (ObservationNoise(noise_m, SharedErrors(group, source, effect_m)), found) if found else None
+    if not found:
+        return None
+    return ObservationNoise(noise_m, SharedErrors(group, source, effect_m), phase=fit.noise.phase), found
 
 
 def epoch_numbers(time_s: _Floats) -> NDArray[np.intp]:

@@ -182,9 +182,35 @@ def _wanted_m(
     for k in range(count):
         mine = fit.used & (group == k)
         dof = round(mine.sum() * (1.0 - free_part))
+        if stated.phase is not None and stated.phase.sigma_m[mine].any():
+            wanted_m[k] = _beside_phase_noise_m(fit.residual_m, stated, mine, dof, probability)
+            continue
         residual_m, sigma_m = stated.among(mine).combined(fit.residual_m)
         wanted_m[k] = additive_sigma_m(residual_m, sigma_m, dof, probability)
     return wanted_m
+
+
+def _beside_phase_noise_m(
+    residual_m: NDArray[np.float64],
+    stated: ObservationNoise,
+    mine: NDArray[np.bool_],
+    dof: int,
+    probability: float | None,
+) -> float:
+    """As :func:`additive_sigma_m`, where the combinations of counts depend on what is added."""
+    from scipy.optimize import brentq
+
+    def excess(added_m: float) -> float:
+        whitened = stated.with_added(np.where(mine, added_m, 0.0)).among(mine).whitened
+        return (
+            sum(float(np.square(part).sum()) for part in whitened(lambda rows: residual_m[rows, None])) - dof
+        )
+
+    if dof < 1 or excess(0.0) <= (0.0 if probability is None else chi2_quantile(probability, dof) - dof):
+        return 0.0
+    # Errors of this size alone would be twice as many squares
+    most_m = float(np.sqrt(2.0 * np.square(residual_m[mine]).sum() / dof))
+    return float(brentq(excess, 0.0, most_m, xtol=0.1 * _SETTLED * most_m, rtol=0.1 * _SETTLED))
 
 
 def part_of_parameters(fit: FitResult) -> float:

@@ -18,10 +18,11 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_fields
 from radioloc.errors import InputError
 from radioloc.estimation.process_noise import NONE, Process, ProcessNoise
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, is_integrated
 from radioloc.simulation.schedule import Plan
 from radioloc.time import utc_to_tai
 
+_ROUNDING = 1e-6
 _FLICKER_PER_DECADE = 2
 """Gauss-Markov processes by which flicker noise is drawn, in each factor of ten of correlation times."""
 
@@ -42,6 +43,9 @@ class Noise:
     # Standard deviation of flicker noise in each factor of ten of frequency, from one over the step down to one over
     # the session's length: a power spectral density that falls as 1/f.
     flicker_m: float = 0.0
+    # Standard deviation of the phase at either end of a count interval, whose growth is in the count: contiguous counts
+    # share the phase between them with opposite signs, and are correlated by -1/2.
+    phase_m: float = 0.0
 
     def __post_init__(self) -> None:
         bare_fields(self)
@@ -55,7 +59,7 @@ class Noise:
             raise InputError("noise: coloured_m needs a correlation_s; use white_m for none")
 
     def processes(self, n: int, step_s: float, start_s: float) -> list[Process]:
-        """Its parts that last, of a series of n epochs that begins at a time; outliers are left to the editing."""
+        """Its parts that last, but the phase's, of n epochs that begin at a time; outliers are left to the editing."""
         lasting = [Process(sigma_m**2, tau_s) for _, sigma_m, tau_s in self._gauss_markov(n, step_s)]
         if self.walk_m_sqrt_s:
             lasting.append(Process(walk_m2_s=self.walk_m_sqrt_s**2, start_s=start_s))
@@ -73,20 +77,25 @@ class Noise:
         return found
 
     def series(
-        self, n: int, step_s: float, seeds: Sequence[int], label: str
+        self, n: int, step_s: float, seeds: Sequence[int], label: str, count_s: float = math.nan
     ) -> tuple[NDArray[np.float64], NDArray[np.bool_]]:
         """One realization for each seed at n epochs of equal step, and which are outliers, both (seeds, n).
 
-        Another label, which says what the series is for, gives an independent series.
+        Another label, which says what the series is for, gives an independent series. `count_s` is the count interval.
         """
         error_m = np.zeros((len(seeds), n))
         is_outlier = np.zeros((len(seeds), n), dtype=bool)
 
-        def normal(part: str) -> NDArray[np.float64]:
-            return np.array([generator(seed, f"{label} {part}").standard_normal(n) for seed in seeds])
+        def normal(part: str, count: int = n) -> NDArray[np.float64]:
+            return np.array([generator(seed, f"{label} {part}").standard_normal(count) for seed in seeds])
 
         if self.white_m:
             error_m += self.white_m * normal("white")
+        if self.phase_m and (apart := steps_in_count(count_s, step_s)):
+            phase = normal("phase", n + apart)
+            error_m += self.phase_m * (phase[:, apart:] - phase[:, :-apart])
+        elif self.phase_m:
+            error_m += self.phase_m * (normal("phase") - normal("phase at the start"))
         for name, sigma_m, tau_s in self._gauss_markov(n, step_s):
             error_m += sigma_m * gauss_markov(normal(name), math.exp(-step_s / tau_s))
         if self.walk_m_sqrt_s:
@@ -121,6 +130,13 @@ class NoiseModel:
         for kind in self.link:
             if kind not in KINDS:
                 raise InputError(f"noise of kind {kind!r} is not known; use {', '.join(KINDS)}")
+        of_counts = {kind: bool(is_integrated(np.array(k))) for k, kind in enumerate(KINDS)}
+        stations = {"vlbi_station": self.vlbi_station, "vlbi_station_rate": self.vlbi_station_rate}
+        for name, noise in {**self.link, **stations}.items():
+            if noise.phase_m and not of_counts.get(name, False):
+                raise InputError(
+                    f"noise of {name}: phase_m is of what is counted, as Doppler is; use white_m"
+                )
 
     def processes(self, plan: Plan) -> ProcessNoise:
         """The same as covariances; where nothing is given, white noise as the schedule states it."""
@@ -135,6 +151,16 @@ class NoiseModel:
             lasting = one.noise.processes(
                 one.epochs, one.step_s, float(time_s[rows[0]] - one.step_s * slot[0])
             )
+            if one.noise.phase_m:
+                apart = steps_in_count(one.count_s, one.step_s)
+                if apart:
+                    phase = Process(one.noise.phase_m**2, hold_s=one.step_s * (apart + _ROUNDING))
+                    for k in range(apart + 1):  # whose phases are taken in turn
+                        for sign, late in ((1.0, 0), (-1.0, apart)):
+                            entries.append((rows[(slot - late) % (apart + 1) == k], len(processes), sign))
+                        processes.append(phase)
+                else:
+                    white_m2[rows] += 2.0 * one.noise.phase_m**2
             if len(one.uses) == 1:
                 white_m2[rows] += one.noise.white_m**2
             elif one.noise.white_m:
@@ -187,7 +213,8 @@ class NoiseDraws:
                 epochs = session.epochs()
                 start = f"{float(epochs.jd[0])!r} {float(epochs.fraction[0])!r}"
                 label = f"{session.kind} {name} {start} {float(session.step_s)!r}"
-                one = found.setdefault(label, _Series(noise, len(epochs), session.step_s, label))
+                made = _Series(noise, len(epochs), session.step_s, session.count_s, label)
+                one = found.setdefault(label, made)
                 one.uses.append((sign, rows, plan.slot[rows]))
         return cls(len(observations), tuple(found.values()))
 
@@ -201,7 +228,7 @@ class NoiseDraws:
         noise_m = np.zeros((len(seeds), self.count))
         is_outlier = np.zeros((len(seeds), self.count), dtype=bool)
         for one in self.series:
-            error_m, wild = one.noise.series(one.epochs, one.step_s, seeds, one.label)
+            error_m, wild = one.noise.series(one.epochs, one.step_s, seeds, one.label, one.count_s)
             for sign, rows, slot in one.uses:
                 noise_m[:, rows] += sign * error_m[:, slot]
                 is_outlier[:, rows] |= wild[:, slot]
@@ -215,8 +242,16 @@ class _Series:
     noise: Noise
     epochs: int
     step_s: float
+    count_s: float
     label: str
     uses: list[tuple[float, NDArray[np.intp], NDArray[np.int64]]] = field(default_factory=list)
+
+
+def steps_in_count(count_s: float, step_s: float) -> int:
+    """Steps from one epoch to the next that a count interval is long; zero where it is no whole number of them."""
+    steps = count_s / step_s
+    near = round(steps) if math.isfinite(steps) else 0
+    return near if abs(steps - near) <= _ROUNDING else 0
 
 
 def generator(seed: int, label: str) -> np.random.Generator:

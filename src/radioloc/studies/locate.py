@@ -194,7 +194,11 @@ def fit_arc(
     if ties_m.any():
         own_m = np.sqrt(fitted.fit.noise.own_m**2 - ties_m**2)
         fitted = replace(
-            fitted, fit=replace(fitted.fit, noise=ObservationNoise(own_m, fitted.fit.noise.shared))
+            fitted,
+            fit=replace(
+                fitted.fit,
+                noise=ObservationNoise(own_m, fitted.fit.noise.shared, phase=fitted.fit.noise.phase),
+            ),
         )
     if allowed:
         common = None if considered is None else considered.at_stations
@@ -313,7 +317,7 @@ def _observations(
             )
         observations = _read(study, study.observations.files, model, targets)
     chosen, left_out = select_observations(observations, study.observations, study.catalogue, study.targets)
-    for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m"):
+    for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m", "doppler_phase_sigma_m"):
         given = getattr(study.observations, key)
         if isinstance(given, Mapping):
             require_stations(chosen, key, given, study.catalogue)

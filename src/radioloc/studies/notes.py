@@ -231,6 +231,7 @@ def provenance(
         "extra_sigma_m": study.observations.extra_sigma_m,
         "vlbi_station_sigma_m": study.observations.vlbi_station_sigma_m,
         "vlbi_station_rate_sigma_m": study.observations.vlbi_station_rate_sigma_m,
+        "doppler_phase_sigma_m": study.observations.doppler_phase_sigma_m,
         "weights": [weight.record() for weight in study.observations.weights],
         "estimate": None if estimate is None else _estimate_record(estimate),
         **_target_record(study.target),

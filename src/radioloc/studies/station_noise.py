@@ -2,8 +2,8 @@
 
 The error of a VLBI station's arrival time (its receiver, its clock, the air above it) is in every delay of that epoch
 which the station has part in, with one sign as the second station and the other as the first. Likewise the error of how
-much that time grows over a count interval is in every delay rate of that epoch and interval. East
-and north of a place on a map have one covariance.
+much that time grows over a count interval is in every delay rate of that epoch and interval. The error of the phase
+between two contiguous counts of Doppler is in both. East and north of a place on a map have one covariance.
 """
 
 from __future__ import annotations
@@ -14,15 +14,19 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError, named
-from radioloc.estimation.observation_noise import ALONE, ObservationNoise, SharedErrors
+from radioloc.estimation.observation_noise import ALONE, ObservationNoise, PhaseNoise, SharedErrors
 from radioloc.estimation.shared_noise import SAME_EPOCH_S, epoch_numbers
 from radioloc.measurements.map_predictor import JointPredictor
-from radioloc.measurements.observations import VLBI_DELAY, VLBI_DELAY_RATE
+from radioloc.measurements.observations import DOPPLER, VLBI_DELAY, VLBI_DELAY_RATE
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import kind_of
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.studies.study import ObservationChoice, Study
 from radioloc.time import Epochs, utc_to_tai
+
+_CONTIGUOUS = 0.01
+"""Part of a count interval up to which the next count may begin earlier or later than it ends."""
 
 
 def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
@@ -52,9 +56,29 @@ def stated_noise(arc: Predictor, choice: ObservationChoice) -> ObservationNoise:
                 group[row : row + 2] = group.max() + 1
                 source[row : row + 2] = source.max() + 1
                 effect_m[row : row + 2, 1] = sigma_m * np.sqrt(abs(correlation)) * [1.0, np.sign(correlation)]
-    if (group == ALONE).all():
-        return ObservationNoise(own_m)
-    return ObservationNoise(own_m, SharedErrors(group, source, effect_m))
+    shared = None if (group == ALONE).all() else SharedErrors(group, source, effect_m)
+    return ObservationNoise(own_m, shared, phase=_phase_noise(arc, choice))
+
+
+def _phase_noise(arc: Predictor, choice: ObservationChoice) -> PhaseNoise | None:
+    """Noise of the phase that Doppler is counted of, which contiguous counts of a link share."""
+    observations = arc.observations
+    rows = np.flatnonzero(np.isin(observations.kind, [DOPPLER, kind_of("one_way_doppler")]))
+    sigma_m, before = np.zeros(len(observations.kind)), np.full(len(observations.kind), ALONE)
+    sigma_m[rows] = _ends_m(arc, "doppler_phase_sigma_m", choice.doppler_phase_sigma_m, rows)[:, 1]
+    if not sigma_m.any():
+        return None
+    rows = np.flatnonzero(sigma_m)
+    tai, count_s = utc_to_tai(observations.epoch), observations.count_s
+    time_s = tai.seconds_since(tai[np.zeros(len(tai), dtype=int)])
+    rows = rows[np.lexsort((time_s[rows], observations.link[rows], observations.kind[rows]))]
+    one, two = rows[:-1], rows[1:]
+    silent_s = np.abs(time_s[two] - time_s[one] - 0.5 * (count_s[one] + count_s[two]))
+    joined = silent_s <= _CONTIGUOUS * np.minimum(count_s[one], count_s[two])
+    for of in (observations.kind, observations.link, sigma_m):
+        joined &= of[one] == of[two]
+    before[two[joined]] = one[joined]
+    return PhaseNoise(sigma_m, before, rows)
 
 
 def considered_ties_m(arc: Predictor, parameters: ParameterSet, study: Study) -> NDArray[np.float64]:

@@ -137,6 +137,10 @@ class ObservationChoice:
         share; beside the sigmas of the delays. By station: those not named have none.
     vlbi_station_rate_sigma_m : float or mapping of str to float
         Likewise the error of by how much each station's arrival time grows over the count interval, for delay rates.
+    doppler_phase_sigma_m : float or mapping of str to float
+        White noise of the phase at either end of a count of one-, two- or three-way Doppler, metres, by receiving
+        station or of all, beside the sigmas of the counts: contiguous counts of a link share that between them, with
+        opposite signs.
     weights : iterable of Weight
         Changes of the stated sigmas by type, station and file, before the extra ones are added.
     map_positions : iterable of PlaceOnMap
@@ -161,6 +165,7 @@ class ObservationChoice:
     sites: tuple[Path, ...] = ()
     vlbi_station_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
     vlbi_station_rate_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
+    doppler_phase_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
     weights: tuple[Weight, ...] = entry(
         (),
         advice='they are of chosen observations; how series are weighed ("correlated") is in [estimate] weights',

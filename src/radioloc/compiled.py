@@ -50,8 +50,11 @@ class _Cache(FunctionCache):
 
     def __init__(self, function: Callable[..., Any]) -> None:
         super().__init__(function)
-        stamp = self._impl.locator.get_source_stamp()
-        self._cache_file = _CheckedFile(self._cache_path, self._impl.filename_base, stamp)
+        # By itself numba looks at the function's own module only, not at those whose functions it has compiled in.
+        called = (getattr(one, "_cache", None) for one in function.__globals__.values())
+        stamps = (one.stamp for one in called if isinstance(one, _Cache))
+        self.stamp = frozenset({self._impl.locator.get_source_stamp()}).union(*stamps)
+        self._cache_file = _CheckedFile(self._cache_path, self._impl.filename_base, self.stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         # A damaged index is anything to pickle.

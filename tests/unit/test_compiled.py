@@ -2,6 +2,7 @@
 
 import errno
 import importlib.util
+import sys
 
 import pytest
 from numba.core import caching
@@ -56,3 +57,19 @@ def no_space(*_):
 def test_nowhere_to_keep_code(owner_and_name, tmp_path, monkeypatch):
     monkeypatch.setattr(*owner_and_name, no_space)
     assert [hits(tmp_path), hits(tmp_path)] == [0, 0]
+
+
+def test_code_is_compiled_again_when_a_module_it_calls_changes(tmp_path, monkeypatch):
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(sys, "dont_write_bytecode", True)
+    (tmp_path / "toy.py").write_text(
+        "from inner_toy import double\n" + SOURCE.replace("3 * x", "double(x) + x")
+    )
+    for factor, expected in ((2, 42), (20, 294)):
+        (tmp_path / "inner_toy.py").write_text(SOURCE.replace("triple", "double").replace("3", str(factor)))
+        sys.modules.pop("inner_toy", None)
+        spec = importlib.util.spec_from_file_location("toy", tmp_path / "toy.py")
+        module = importlib.util.module_from_spec(spec)
+        spec.loader.exec_module(module)
+        assert module.triple(14) == expected
+        assert not module.triple.stats.cache_hits

@@ -1,5 +1,9 @@
-"""What moves a spacecraft about the Moon."""
+"""What moves a spacecraft about the Moon, and its orbit: gravity, forces, propagation, partials."""
 
+from radioloc.dynamics.forces import Acceleration, Forces, Impulse
 from radioloc.dynamics.gravity import GravityField
+from radioloc.dynamics.orbit import Orbit
+from radioloc.dynamics.propagation import propagate
+from radioloc.dynamics.terms import acceleration_terms
 
-__all__ = ["GravityField"]
+__all__ = ["Acceleration", "Forces", "GravityField", "Impulse", "Orbit", "acceleration_terms", "propagate"]

@@ -13,6 +13,9 @@ from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
 
+NEGLIGIBLE = 1e-18
+"""Power of R/r below which degrees are left out."""
+
 Floats = NDArray[np.float64]
 
 
@@ -35,9 +38,12 @@ def harmonic_sums(x: float, y: float, z: float, radius: float, series: Floats, r
     -------
     ndarray, shape (k,)
     """
-    n_degrees, n_sums = series.shape[0], series.shape[1]
+    n_sums = series.shape[1]
     r2 = x * x + y * y + z * z
     r = math.sqrt(r2)
+    n_degrees = series.shape[0]
+    if r > 1.1 * radius:  # far away, high degrees are below rounding
+        n_degrees = min(n_degrees, 3 + int(-math.log(NEGLIGIBLE) / math.log(r / radius)))
     ratio, along, square = radius / r, z * radius / r2, radius * radius / r2
     # The row of the present degree, and of the one below.
     h, below = np.zeros(n_degrees), np.zeros(n_degrees)

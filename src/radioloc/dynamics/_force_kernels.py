@@ -1,0 +1,452 @@
+"""Compiled accelerations of a spacecraft about the Moon, and the right-hand side of its variational equations.
+
+Positions are relative to the Moon's centre, ICRF axes, m; times are seconds of TDB from the arc's epoch.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.compiled import compiled
+from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
+from radioloc.dynamics._harmonic_kernels import harmonic_sums
+
+Floats = NDArray[np.float64]
+
+PARTS = (
+    *("central", "harmonics", "tides", "earth", "sun", "venus", "jupiter", "saturn"),
+    *("figures", "relativity", "sunlight", "moonlight", "given"),
+)
+"""Accelerations one by one, as :func:`accelerations` has them."""
+CENTRAL, HARMONICS, TIDES, EARTH, SUN = range(5)
+FIGURES, RELATIVITY, SUNLIGHT, MOONLIGHT, GIVEN = range(8, 13)
+
+# Quantities of the table of bodies: positions of Earth to Saturn, the rotation to the field's axes row by row,
+# velocities of the Earth, the Sun and, seen from the barycentre, the Moon.
+ROTATION, EARTH_VELOCITY, SUN_VELOCITY, MOON_VELOCITY, QUANTITIES = 15, 24, 27, 30, 33
+
+SUN_RADIUS_M = 6.957e8  # IAU 2015 resolution B3, as the two below
+EARTH_RADIUS_M = 6378136.6
+SUNLIGHT_N_M2 = 1361.0 / C_M_S
+"""Pressure of sunlight on a black surface at one astronomical unit."""
+AU_M = 149597870700.0
+EARTH_J2 = 1.0826359e-3  # IERS Conventions 2010, table 1.1; to the radius above
+
+RINGS = 3
+"""Rings of directions in which moonlight is sampled: 1, 6 and 12."""
+ACTS, OF_RTN, FIRST = 0, 1, 2
+"""Columns of a given acceleration: 1 where it acts, 1 where its axes are radial, transverse and normal, components."""
+TERMINATOR = 0.03
+"""Sine of the Sun's height over which day becomes night on the ground: a corner there would disturb the steps."""
+COMPONENTS = 9
+"""Constant, cosine and sine, along three axes each."""
+
+
+class ForceData(NamedTuple):
+    """What the accelerations depend on."""
+
+    table: Floats  # Chebyshev series of the quantities, shape (n_segments, QUANTITIES, n_coefficients)
+    start_s: float  # of the first segment
+    length_s: float  # of each
+    gm: Floats  # Moon, Earth, Sun, Venus, Jupiter, Saturn
+    radius_m: float  # of the harmonics
+    series: Floats
+    gradient_series: Floats
+    recursion: Floats
+    on: NDArray[np.bool_]  # which of PARTS are computed
+    scales: Floats  # by which each is multiplied: 1, or k2 and the radiation coefficient
+    given: Floats  # shape (n, FIRST + COMPONENTS)
+    phase: Floats  # directions from which the phase of periodic accelerations is counted, shape (2, 3)
+
+
+@compiled()
+def quantities(t: float, data: ForceData) -> Floats:
+    """Quantities of the table at a time, by Clenshaw's recurrence."""
+    place = (t - data.start_s) / data.length_s
+    segment = min(max(int(place), 0), data.table.shape[0] - 1)
+    twice = 4.0 * (place - segment) - 2.0
+    series = data.table[segment]
+    out = np.empty(series.shape[0])
+    for q in range(series.shape[0]):
+        b, after = 0.0, 0.0
+        for k in range(series.shape[1] - 1, 0, -1):
+            b, after = series[q, k] + (twice * b - after), b
+        out[q] = series[q, 0] + (0.5 * twice * b - after)
+    return out
+
+
+@compiled()
+def _dot(a: Floats, b: Floats) -> float:
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+@compiled()
+def _cross(a: Floats, b: Floats) -> Floats:
+    out = np.empty(3)
+    out[0] = a[1] * b[2] - a[2] * b[1]
+    out[1] = a[2] * b[0] - a[0] * b[2]
+    out[2] = a[0] * b[1] - a[1] * b[0]
+    return out
+
+
+@compiled()
+def _times(matrix: Floats, a: Floats) -> Floats:
+    out = np.empty(3)
+    for i in range(3):
+        out[i] = _dot(matrix[i], a)
+    return out
+
+
+@compiled()
+def _rotation(sky: Floats) -> Floats:
+    """Rotation from the ICRF to the field's axes."""
+    out = np.empty((3, 3))
+    for i in range(3):
+        for j in range(3):
+            out[i, j] = sky[ROTATION + 3 * i + j]
+    return out
+
+
+@compiled()
+def _harmonics(r: Floats, rotation: Floats, data: ForceData) -> Floats:
+    """Acceleration by all but the central term, for a GM of 1."""
+    p = _times(rotation, r)
+    sums = harmonic_sums(p[0], p[1], p[2], data.radius_m, data.series, data.recursion)
+    return _times(rotation.T, sums / data.radius_m**2)
+
+
+@compiled()
+def _tensor(sky: Floats, data: ForceData) -> Floats:
+    """Tide-raising tensor of Earth and Sun, sum of GM u u / R^3."""
+    out = np.zeros((3, 3))
+    for body in range(1, 3):
+        place = sky[3 * body - 3 : 3 * body]
+        square = _dot(place, place)
+        factor = data.gm[body] / (square * square * math.sqrt(square))
+        for i in range(3):
+            for j in range(3):
+                out[i, j] += factor * place[i] * place[j]
+    return out
+
+
+@compiled()
+def _tides(r: Floats, tensor: Floats, radius_m: float) -> Floats:
+    """Acceleration by the tidal bulge for k2 = 1: gradient of R^5 (3 r.S r - tr S r^2) / (2 r^5)."""
+    square = _dot(r, r)
+    trace = tensor[0, 0] + tensor[1, 1] + tensor[2, 2]
+    pulled = _times(tensor, r)
+    along = 3.0 * _dot(r, pulled) - trace * square
+    factor = 0.5 * radius_m**5 / (square * square * math.sqrt(square))
+    return factor * (6.0 * pulled - 2.0 * trace * r - 5.0 * along / square * r)
+
+
+@compiled()
+def _oblate(r: Floats, gm: float) -> Floats:
+    """Acceleration by the Earth's J2 at a position from its centre; its axis is taken to be the ICRF's."""
+    square = _dot(r, r)
+    sine2 = r[2] * r[2] / square
+    factor = -1.5 * EARTH_J2 * gm * EARTH_RADIUS_M**2 / (square * square * math.sqrt(square))
+    out = factor * (1.0 - 5.0 * sine2) * r
+    out[2] += 2.0 * factor * r[2]
+    return out
+
+
+@compiled()
+def _post_newtonian(r: Floats, v: Floats, first: int, places: Floats, speeds: Floats, gm: Floats) -> Floats:
+    """Acceleration beyond Newton's by the bodies (Moon, Earth, Sun) from `first` on (Moyer 2003, eq. 4-26).
+
+    Without the terms by the accelerations of the bodies, below 1e-12 m/s^2, and the planets, whose potential changes
+    the Moon's GM by 1e-11.
+    """
+    out = np.zeros(3)
+    potential = 0.0
+    for j in range(first, 3):
+        potential += gm[j] / math.sqrt(_dot(places[j] - r, places[j] - r))
+    for j in range(first, 3):
+        to = places[j] - r
+        square = _dot(to, to)
+        distance = math.sqrt(square)
+        bracket = -4.0 * potential + _dot(v, v) + 2.0 * _dot(speeds[j], speeds[j]) - 4.0 * _dot(v, speeds[j])
+        bracket -= 1.5 * _dot(to, speeds[j]) ** 2 / square
+        for k in range(3):
+            if k != j:
+                apart = places[k] - places[j]
+                bracket -= gm[k] / math.sqrt(_dot(apart, apart))
+        factor = gm[j] / (C_M_S**2 * square * distance)
+        along = -_dot(to, 4.0 * v - 3.0 * speeds[j])
+        out += factor * (bracket * to + along * (v - speeds[j]))
+    return out
+
+
+@compiled()
+def sunlit(r: Floats, sun: Floats, body: Floats, radius_m: float) -> float:
+    """Visible part of the Sun's disk behind a sphere (Montenbruck and Gill 2000, section 3.4.2)."""
+    to_sun, to_body = sun - r, body - r
+    sun_m, body_m = math.sqrt(_dot(to_sun, to_sun)), math.sqrt(_dot(to_body, to_body))
+    if body_m >= sun_m or body_m <= radius_m:
+        return 1.0
+    a, b = math.asin(SUN_RADIUS_M / sun_m), math.asin(radius_m / body_m)
+    c = math.acos(min(1.0, max(-1.0, _dot(to_sun, to_body) / (sun_m * body_m))))
+    if c >= a + b:
+        return 1.0
+    if c <= b - a:
+        return 0.0
+    if c <= a - b:
+        return 1.0 - b * b / (a * a)
+    x = (c * c + a * a - b * b) / (2.0 * c)
+    y = math.sqrt(max(0.0, a * a - x * x))
+    covered = a * a * math.acos(x / a) + b * b * math.acos((c - x) / b) - c * y
+    return 1.0 - covered / (math.pi * a * a)
+
+
+@compiled()
+def _sunlight(r: Floats, sun: Floats, earth: Floats) -> Floats:
+    """Acceleration by sunlight for a radiation coefficient of 1 m^2/kg."""
+    from_sun = r - sun
+    square = _dot(from_sun, from_sun)
+    visible = sunlit(r, sun, np.zeros(3), MEAN_LUNAR_RADIUS_M) * sunlit(r, sun, earth, EARTH_RADIUS_M)
+    return SUNLIGHT_N_M2 * visible * AU_M**2 / (square * math.sqrt(square)) * from_sun
+
+
+@compiled()
+def _moonlight(r: Floats, sun: Floats) -> Floats:
+    """Acceleration by what the Moon reflects and radiates, for a radiation coefficient of 1 m^2/kg.
+
+    The ground gives back all sunlight at once and evenly (Lambert): so much is reflected as is not radiated. Its
+    radiance is summed over directions of equal solid angle, the middle and rings around it as in Knocke, Ries and
+    Tapley (1988), AIAA 88-4292.
+    """
+    distance = math.sqrt(_dot(r, r))
+    sun_m = math.sqrt(_dot(sun, sun))
+    up, to_sun = r / distance, sun / sun_m
+    # Directions are symmetric about the plane of the Sun.
+    side = to_sun - _dot(to_sun, up) * up
+    if _dot(side, side) < 1e-12:
+        side = np.array([-up[1], up[0], 0.0]) if abs(up[2]) < 0.9 else np.array([0.0, -up[2], up[1]])
+    side = side / math.sqrt(_dot(side, side))
+    across = _cross(up, side)
+    limb = math.sqrt(1.0 - min(1.0, (MEAN_LUNAR_RADIUS_M / distance) ** 2))
+    count = 1 + 3 * RINGS * (RINGS - 1)
+    out = np.zeros(3)
+    within = 0
+    for ring in range(RINGS):
+        members = max(1, 6 * ring)
+        cosine = 1.0 - (1.0 - limb) * (within + 0.5 * members) / count if ring else 1.0
+        sine = math.sqrt(1.0 - cosine * cosine)
+        within += members
+        root = MEAN_LUNAR_RADIUS_M**2 - (distance * sine) ** 2
+        reach = distance * cosine - math.sqrt(max(0.0, root))
+        for k in range(members):
+            angle = 2.0 * math.pi * (k + 0.5) / members
+            down = -cosine * up + sine * (math.cos(angle) * side + math.sin(angle) * across)
+            ground = (r + reach * down) / MEAN_LUNAR_RADIUS_M
+            height = _dot(ground, to_sun)
+            out -= 0.5 * (height + math.sqrt(height * height + TERMINATOR * TERMINATOR)) * down
+    # Radiance = irradiance / pi; each direction stands for this solid angle.
+    solid = 2.0 * math.pi * (1.0 - limb) / count
+    return SUNLIGHT_N_M2 * (AU_M / sun_m) ** 2 * solid / math.pi * out
+
+
+@compiled()
+def axes(r: Floats, v: Floats) -> Floats:
+    """Radial, transverse and normal unit vectors as rows."""
+    out = np.empty((3, 3))
+    out[0] = r / math.sqrt(_dot(r, r))
+    normal = _cross(r, v)
+    out[2] = normal / math.sqrt(_dot(normal, normal))
+    out[1] = _cross(out[2], out[0])
+    return out
+
+
+@compiled()
+def unit_components(r: Floats, v: Floats, rtn: float, phase: Floats) -> Floats:
+    """Accelerations for each of the COMPONENTS of a given one at 1 m/s^2, shape (COMPONENTS, 3)."""
+    out = np.empty((COMPONENTS, 3))
+    base = axes(r, v) if rtn > 0.0 else np.eye(3)
+    angle = math.atan2(_dot(r, phase[1]), _dot(r, phase[0]))
+    for k in range(3):
+        out[k] = base[k]
+        out[3 + k] = math.cos(angle) * base[k]
+        out[6 + k] = math.sin(angle) * base[k]
+    return out
+
+
+@compiled()
+def _given(r: Floats, v: Floats, data: ForceData) -> Floats:
+    """Sum of the given accelerations that act."""
+    out = np.zeros(3)
+    for i in range(len(data.given)):
+        one = data.given[i]
+        if one[ACTS] > 0.0:
+            units = unit_components(r, v, one[OF_RTN], data.phase)
+            for k in range(COMPONENTS):
+                out += one[FIRST + k] * units[k]
+    return out
+
+
+@compiled()
+def accelerations(r: Floats, v: Floats, sky: Floats, data: ForceData) -> Floats:
+    """Each of PARTS for a scale of 1, m/s^2, shape (len(PARTS), 3); zeros for those that are not on."""
+    out = np.zeros((len(PARTS), 3))
+    square = _dot(r, r)
+    earth, sun = sky[:3], sky[3:6]
+    rotation = _rotation(sky)
+    gm, on = data.gm, data.on
+    out[CENTRAL] = -gm[0] / (square * math.sqrt(square)) * r
+    if on[HARMONICS]:
+        out[HARMONICS] = gm[0] * _harmonics(r, rotation, data)
+    if on[TIDES]:
+        out[TIDES] = _tides(r, _tensor(sky, data), data.radius_m)
+    for body in range(1, len(gm)):
+        if on[EARTH + body - 1]:
+            place = sky[3 * body - 3 : 3 * body]
+            to = place - r
+            near, far = _dot(to, to), _dot(place, place)
+            out[EARTH + body - 1] = gm[body] * (
+                to / (near * math.sqrt(near)) - place / (far * math.sqrt(far))
+            )
+    if on[FIGURES]:
+        out[FIGURES] = _oblate(r - earth, gm[1]) - _oblate(-earth, gm[1])
+        # The Earth pulls the Moon's figure as that pulls the Earth.
+        out[FIGURES] += gm[1] * _harmonics(earth, rotation, data)
+    if on[RELATIVITY]:
+        places, speeds = np.zeros((3, 3)), np.zeros((3, 3))
+        moon_speed = sky[MOON_VELOCITY : MOON_VELOCITY + 3]
+        places[1], places[2] = earth, sun
+        speeds[0] = moon_speed
+        speeds[1] = moon_speed + sky[EARTH_VELOCITY : EARTH_VELOCITY + 3]
+        speeds[2] = moon_speed + sky[SUN_VELOCITY : SUN_VELOCITY + 3]
+        out[RELATIVITY] = _post_newtonian(r, v + moon_speed, 0, places, speeds, gm)
+        out[RELATIVITY] -= _post_newtonian(places[0], moon_speed, 1, places, speeds, gm)
+    if on[SUNLIGHT]:
+        out[SUNLIGHT] = _sunlight(r, sun, earth)
+    if on[MOONLIGHT]:
+        out[MOONLIGHT] = _moonlight(r, sun)
+    out[GIVEN] = _given(r, v, data)
+    return out
+
+
+@compiled()
+def _gradient(r: Floats, sky: Floats, data: ForceData) -> Floats:
+    """Partials of the acceleration by position: central term, harmonics, tides and point masses.
+
+    Those of light, relativity and the figures are below 1e-7 of the central one.
+    """
+    out = np.zeros((3, 3))
+    square = _dot(r, r)
+    scale = data.gm[0] / (square * math.sqrt(square))
+    for i in range(3):
+        out[i, i] -= scale
+        for j in range(3):
+            out[i, j] += 3.0 * scale * r[i] * r[j] / square
+    if data.on[HARMONICS]:
+        rotation = _rotation(sky)
+        p = _times(rotation, r)
+        s = harmonic_sums(p[0], p[1], p[2], data.radius_m, data.gradient_series, data.recursion)
+        s *= data.gm[0] / data.radius_m**3
+        own = np.array([[s[0], s[1], s[2]], [s[1], s[3], s[4]], [s[2], s[4], -s[0] - s[3]]])
+        out += rotation.T @ (own @ rotation)
+    if data.on[TIDES]:
+        tensor = _tensor(sky, data)
+        trace = tensor[0, 0] + tensor[1, 1] + tensor[2, 2]
+        pulled = _times(tensor, r)
+        along = 3.0 * _dot(r, pulled) - trace * square
+        slope = 6.0 * pulled - 2.0 * trace * r
+        factor = data.scales[TIDES] * 0.5 * data.radius_m**5 / (square * square * math.sqrt(square))
+        for i in range(3):
+            out[i, i] -= factor * (2.0 * trace + 5.0 * along / square)
+            for j in range(3):
+                mixed = slope[i] * r[j] + r[i] * slope[j] - 7.0 * along * r[i] * r[j] / square
+                out[i, j] += factor * (6.0 * tensor[i, j] - 5.0 * mixed / square)
+    for body in range(1, len(data.gm)):
+        if data.on[EARTH + body - 1]:
+            to = sky[3 * body - 3 : 3 * body] - r
+            near = _dot(to, to)
+            scale = data.gm[body] / (near * math.sqrt(near))
+            for i in range(3):
+                out[i, i] -= scale
+                for j in range(3):
+                    out[i, j] += 3.0 * scale * to[i] * to[j] / near
+    return out
+
+
+@compiled()
+def _gradient_of_given(r: Floats, v: Floats, data: ForceData) -> Floats:
+    """Partials of the given accelerations by position and velocity, shape (3, 6), by central differences."""
+    out = np.zeros((3, 6))
+    for k in range(3):
+        step = np.zeros(3)
+        step[k] = 1e-5 * math.sqrt(_dot(r, r))
+        out[:, k] = (_given(r + step, v, data) - _given(r - step, v, data)) / (2.0 * step[k])
+        step[k] = 1e-5 * math.sqrt(_dot(v, v))
+        out[:, 3 + k] = (_given(r, v + step, data) - _given(r, v - step, data)) / (2.0 * step[k])
+    return out
+
+
+@compiled()
+def _acts_by_state(given: Floats) -> bool:
+    """Whether a given acceleration that acts depends on the state."""
+    for i in range(given.shape[0]):
+        if given[i, ACTS] > 0.0:
+            if given[i, OF_RTN] > 0.0:
+                return True
+            for k in range(FIRST + 3, FIRST + COMPONENTS):
+                if given[i, k] != 0.0:
+                    return True
+    return False
+
+
+@compiled()
+def right_hand_side(t: float, y: Floats, columns: NDArray[np.int64], data: ForceData, out: Floats) -> None:
+    """Derivatives of the state and of its partials.
+
+    Parameters
+    ----------
+    t : float
+    y : ndarray, shape (6 + 6 n_columns,)
+        State, then its partials by one parameter after the other.
+    columns : ndarray, shape (n_columns, 2)
+        Of each parameter the part that it scales, or -1 for those of the state at an epoch; of the given accelerations
+        also their row and component, row * COMPONENTS + component.
+    data : ForceData
+    out : ndarray
+        As `y`.
+    """
+    r, v = y[:3], y[3:6]
+    sky = quantities(t, data)
+    parts = accelerations(r, v, sky, data)
+    for i in range(3):
+        out[i], out[3 + i] = v[i], 0.0
+        for k in range(len(PARTS)):
+            out[3 + i] += data.scales[k] * parts[k, i]
+    if len(columns) == 0:
+        return
+    slope = np.zeros((3, 6))
+    if _acts_by_state(data.given):
+        slope = _gradient_of_given(r, v, data)
+    by_r = _gradient(r, sky, data)
+    source = np.zeros(3)
+    for j in range(len(columns)):
+        part, which = columns[j, 0], columns[j, 1]
+        for i in range(3):
+            source[i] = parts[part, i] if part >= 0 else 0.0
+        if part == CENTRAL:
+            for i in range(3):
+                source[i] = (source[i] + parts[HARMONICS, i]) / data.gm[0]
+        elif part == SUNLIGHT:
+            for i in range(3):
+                source[i] += parts[MOONLIGHT, i]
+        elif part == GIVEN:
+            one = data.given[which // COMPONENTS]
+            unit = unit_components(r, v, one[OF_RTN], data.phase)[which % COMPONENTS]
+            for i in range(3):
+                source[i] = one[ACTS] * unit[i]
+        first = 6 + 6 * j
+        for i in range(3):
+            total = source[i]
+            for k in range(3):
+                total += (by_r[i, k] + slope[i, k]) * y[first + k] + slope[i, 3 + k] * y[first + 3 + k]
+            out[first + i] = y[first + 3 + i]
+            out[first + 3 + i] = total

@@ -1,0 +1,117 @@
+"""An integrated orbit: where a spacecraft is, and how that depends on where it began and on what acted on it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.boundary import bare_arguments
+from radioloc.dynamics._dop853_kernels import interpolate
+from radioloc.dynamics.forces import Forces
+from radioloc.ephemeris import Ephemeris
+from radioloc.errors import CoverageError, InputError
+from radioloc.time import Epochs, utc_strings
+
+Floats = NDArray[np.float64]
+
+STATE = ("x", "y", "z", "vx", "vy", "vz")
+"""The first parameters of an orbit: its state at the epoch."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Leg:
+    """Part of an orbit without a jump, as it was integrated."""
+
+    states: Floats  # by step, in either direction: TDB seconds from the epoch, state, partials
+    dense: Floats
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time."""
+        first_s, last_s = sorted((float(self.states[0, 0]), float(self.states[-1, 0])))
+        return first_s, last_s
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Orbit:
+    """An integrated orbit about the Moon; made by :func:`propagate`."""
+
+    name: str
+    epoch: Epochs  # TDB, one
+    forces: Forces
+    parameters: tuple[str, ...]  # of the partials, those of the state first; none without partials
+    legs: tuple[Leg, ...]  # in the order of time
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """First and last time, TDB seconds from the epoch."""
+        return self.legs[0].span_s[0], self.legs[-1].span_s[1]
+
+    def __str__(self) -> str:
+        first, last = self._dates(np.array(self.span_s))
+        return f"{self.name}, integrated from {first} to {last} TDB"
+
+    @bare_arguments
+    def states(self, tdb: Epochs) -> tuple[Floats, Floats]:
+        """Position, m, and velocity, m/s, relative to the Moon's centre, ICRF axes, at epochs of TDB, shapes (n, 3).
+
+        Raises
+        ------
+        CoverageError
+            An epoch lies outside what was integrated.
+        """
+        states = self._at(tdb)[:, 0]
+        return states[:, :3], states[:, 3:]
+
+    @bare_arguments
+    def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
+        """Geocentric position and velocity, geometric (no light time), in barycentric coordinates, ICRF axes.
+
+        As :meth:`radioloc.ephemeris.Trajectory.geocentric`, in whose place an orbit can stand.
+        """
+        position_m, velocity_m_s = self.states(tdb)
+        moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
+        return position_m + moon_m, velocity_m_s + moon_m_s
+
+    @bare_arguments
+    def partials(self, tdb: Epochs) -> Floats:
+        """Partials of position and velocity by the `parameters` at epochs of TDB, SI units, shape (n, 6, n_parameters).
+
+        Raises
+        ------
+        InputError
+            The orbit was integrated without partials.
+        CoverageError
+            An epoch lies outside what was integrated.
+        """
+        if not self.parameters:
+            raise InputError(f"{self.name} has no partials; give propagate the names of parameters")
+        return np.swapaxes(self._at(tdb)[:, 1:], 1, 2)
+
+    def _at(self, tdb: Epochs) -> Floats:
+        """State and partials, shape (n, 1 + n_parameters, 6)."""
+        tdb.require("TDB")
+        times_s = tdb.seconds_since(self.epoch)
+        first_s, last_s = self.span_s
+        if ((times_s < first_s) | (times_s > last_s)).any():
+            raise CoverageError(
+                self.name,
+                self._dates(np.array([first_s, last_s])),
+                self._dates(np.array([times_s.min(), times_s.max()])),
+                "propagate over a longer span, or leave these epochs out",
+            )
+        out = np.empty((len(times_s), 6 + 6 * len(self.parameters)))
+        ends_s = np.array([leg.span_s[1] for leg in self.legs])
+        # At a jump the state is that before it.
+        which = np.minimum(np.searchsorted(ends_s, times_s), len(self.legs) - 1)
+        for k, leg in enumerate(self.legs):
+            rows = np.flatnonzero(which == k)
+            if len(rows):
+                out[rows] = interpolate(times_s[rows], leg.states, leg.dense)
+        return out.reshape(len(times_s), -1, 6)
+
+    def _dates(self, times_s: Floats) -> tuple[str, str]:
+        first, last = utc_strings(self.epoch[np.zeros(2, dtype=int)].shifted(times_s), 3)
+        return str(first), str(last)

@@ -1,0 +1,214 @@
+"""Each acceleration against its definition, computed in another way."""
+
+import numpy as np
+import pytest
+from low_orbit import EPOCH, POSITION_M, STATE, VELOCITY_M_S, forces
+
+from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
+from radioloc.dynamics import Acceleration, GravityField, acceleration_terms
+from radioloc.dynamics._force_kernels import (
+    AU_M,
+    EARTH_J2,
+    EARTH_RADIUS_M,
+    SUN_RADIUS_M,
+    SUNLIGHT_N_M2,
+    sunlit,
+)
+from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.errors import InputError
+from radioloc.lunar import rot_icrf_to_pa
+
+EPHEMERIS = Ephemeris.open()
+GM = EPHEMERIS.constants.gm_m3_s2
+MOON_M, MOON_M_S = (values[0] for values in EPHEMERIS.geocentric("moon", EPOCH))
+EARTH_M, SUN_M = -MOON_M, EPHEMERIS.geocentric("sun", EPOCH)[0][0] - MOON_M
+AWAY = {"earth": EARTH_M} | {
+    body: EPHEMERIS.geocentric(body, EPOCH)[0][0] - MOON_M for body in ("sun", "venus", "jupiter", "saturn")
+}
+
+
+def terms(position_m=POSITION_M, velocity_m_s=VELOCITY_M_S, degree=20, **more):
+    return acceleration_terms(EPOCH, position_m, velocity_m_s, forces(degree, **more))
+
+
+def test_gravity_is_that_of_the_field_in_its_axes():
+    found = terms(degree=60)
+    field = forces(60).gravity
+    rot = rot_icrf_to_pa(LunarOrientation.open().angles(EPOCH)[0])[0]
+    expected = rot.T @ field.acceleration(rot @ POSITION_M) * GM("moon") / field.gm_m3_s2
+    np.testing.assert_allclose(found["central"] + found["harmonics"], expected, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize("body", AWAY)
+def test_bodies_pull_the_spacecraft_more_or_less_than_the_moon(body):
+    to_m = AWAY[body] - POSITION_M
+    expected = to_m / np.linalg.norm(to_m) ** 3 - AWAY[body] / np.linalg.norm(AWAY[body]) ** 3
+    np.testing.assert_allclose(terms()[body], GM(body) * expected, rtol=0, atol=1e-17)
+
+
+def test_tides_are_the_gradient_of_their_potential():
+    k2, radius_m = 0.02416, 1738.0e3
+
+    def potential(r):
+        total = 0.0
+        for body, gm in ((EARTH_M, GM("earth")), (SUN_M, GM("sun"))):
+            distance = np.linalg.norm(body)
+            cosine = r @ body / np.linalg.norm(r) / distance
+            total += gm / distance**3 * (1.5 * cosine**2 - 0.5)
+        return k2 * total * radius_m**5 / np.linalg.norm(r) ** 3
+
+    h = 100.0
+    expected = [(potential(POSITION_M + h * e) - potential(POSITION_M - h * e)) / (2 * h) for e in np.eye(3)]
+    np.testing.assert_allclose(terms()["tides"], expected, rtol=0, atol=1e-14)
+
+
+def test_the_figures_of_earth_and_moon():
+    c = np.zeros((3, 3))
+    c[2, 0] = -EARTH_J2 / np.sqrt(5.0)
+    zero = np.zeros((3, 3))
+    earth = GravityField("J2", GM("earth"), EARTH_RADIUS_M, "ICRF", "unknown", c, zero, zero, zero)
+    expected = earth.acceleration(POSITION_M - EARTH_M) - earth.acceleration(-EARTH_M)
+    # The Moon's figure pulls the Earth; the Moon gets the opposite, by the ratio of masses.
+    field = forces(20).gravity
+    rot = rot_icrf_to_pa(LunarOrientation.open().angles(EPOCH)[0])[0]
+    at_earth = rot.T @ (field.acceleration(rot @ EARTH_M) - field.to_degree(0).acceleration(rot @ EARTH_M))
+    expected += at_earth * GM("earth") / field.gm_m3_s2
+    assert np.linalg.norm(expected) > 1e-12
+    np.testing.assert_allclose(terms()["figures"], expected, rtol=0, atol=1e-17)
+
+
+def post_newtonian(i, places, speeds, pulls, gm):
+    """Moyer (2003), eq. 4-26, beyond Newton's term, of body i by all others."""
+    total = np.zeros(3)
+    others = [j for j in range(len(gm)) if j != i]
+    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
+    for j in others:
+        away = places[i] - places[j]
+        bracket = -4.0 * sum(gm[k] / apart[i, k] for k in others)
+        bracket -= sum(gm[k] / apart[j, k] for k in range(len(gm)) if k != j)
+        bracket += speeds[i] @ speeds[i] + 2.0 * speeds[j] @ speeds[j] - 4.0 * speeds[i] @ speeds[j]
+        bracket -= 1.5 * (away @ speeds[j] / apart[i, j]) ** 2 + 0.5 * away @ pulls[j]
+        along = away @ (4.0 * speeds[i] - 3.0 * speeds[j])
+        total -= gm[j] * away / apart[i, j] ** 3 * bracket
+        total += (
+            gm[j] / apart[i, j] ** 3 * along * (speeds[i] - speeds[j]) + 3.5 * gm[j] * pulls[j] / apart[i, j]
+        )
+    return total / C_M_S**2
+
+
+def test_relativity_of_moon_earth_and_sun_in_barycentric_coordinates():
+    earth = EPHEMERIS.earth(EPOCH)
+    names = ["moon", "earth", "sun"]
+    gm = np.array([0.0] + [GM(name) for name in names])
+    states = [(earth.position_m[0], earth.velocity_m_s[0]) if name == "earth" else None for name in names]
+    states = [
+        state or tuple(values[0] for values in EPHEMERIS.barycentric(name, EPOCH))
+        for name, state in zip(names, states, strict=True)
+    ]
+    places = np.array([states[0][0] + POSITION_M] + [state[0] for state in states])
+    speeds = np.array([states[0][1] + VELOCITY_M_S] + [state[1] for state in states])
+    pulls = np.zeros((4, 3))
+    for j in range(4):
+        for k in range(1, 4):
+            if k != j:
+                away = places[k] - places[j]
+                pulls[j] += gm[k] * away / np.linalg.norm(away) ** 3
+    of_craft = post_newtonian(0, places, speeds, pulls, gm)
+    of_moon = post_newtonian(0, places[1:], speeds[1:], pulls[1:], gm[1:])
+    assert np.linalg.norm(of_craft - of_moon) > 5e-8
+    np.testing.assert_allclose(terms()["relativity"], of_craft - of_moon, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("angle_rad", [0.0, 0.9, 0.9705, 0.9740, 0.9755, 1.2])
+def test_the_visible_part_of_the_sun(angle_rad):
+    """By counting points of its disk; angles about the limb of the Moon seen from 360 km above."""
+    r = np.array([-2.1e6, 0.0, 0.0])
+    sun = AU_M * np.array([np.cos(angle_rad), np.sin(angle_rad), 0.0])
+    to_sun = sun - r
+    distance = np.linalg.norm(to_sun)
+    to_sun /= distance
+    side = np.array([-to_sun[1], to_sun[0], 0.0])
+    x, y = np.meshgrid(np.linspace(-1, 1, 801), np.linspace(-1, 1, 801))
+    inside = x**2 + y**2 <= 1.0
+    tangent = SUN_RADIUS_M / distance
+    rays = to_sun + tangent * (x[inside][:, None] * side + y[inside][:, None] * np.array([0.0, 0.0, 1.0]))
+    rays /= np.linalg.norm(rays, axis=1)[:, None]
+    nearest = np.linalg.norm(r + np.maximum(0.0, -rays @ r)[:, None] * rays, axis=1)
+    visible = (nearest > MEAN_LUNAR_RADIUS_M).mean()
+    assert sunlit(r, sun, np.zeros(3), MEAN_LUNAR_RADIUS_M) == pytest.approx(visible, abs=2e-3)
+
+
+@pytest.mark.parametrize("height_m", [50e3, 5000e3])
+@pytest.mark.parametrize("from_sun_deg", [0.0, 50.0, 90.0, 120.0])
+def test_moonlight_is_what_the_ground_sends_back(height_m, from_sun_deg):
+    """Sum over 100,000 pieces of a Lambert sphere that gives back all it gets."""
+    to_sun = SUN_M / np.linalg.norm(SUN_M)
+    side = np.cross(to_sun, [0.0, 0.0, 1.0])
+    side /= np.linalg.norm(side)
+    angle = np.radians(from_sun_deg)
+    r = (MEAN_LUNAR_RADIUS_M + height_m) * (np.cos(angle) * to_sun + np.sin(angle) * side)
+    found = terms(r, np.cross(to_sun + np.array([0.1, 0.2, 0.3]), r) * 1e-3, 0, radiation_m2_kg=1.0)[
+        "moonlight"
+    ]
+    n = 100_000
+    z = 1.0 - (2.0 * np.arange(n) + 1.0) / n
+    turn = np.pi * (1.0 + np.sqrt(5.0)) * np.arange(n)
+    ground = np.stack([np.sqrt(1 - z * z) * np.cos(turn), np.sqrt(1 - z * z) * np.sin(turn), z], axis=-1)
+    ray = r - MEAN_LUNAR_RADIUS_M * ground
+    distance = np.linalg.norm(ray, axis=1)
+    rising = np.maximum(0.0, (ray * ground).sum(1) / distance)
+    sent = np.maximum(0.0, ground @ to_sun) * rising / distance**2
+    area = 4.0 * np.pi * MEAN_LUNAR_RADIUS_M**2 / n
+    pressure = SUNLIGHT_N_M2 * (AU_M / np.linalg.norm(SUN_M)) ** 2
+    expected = pressure * area / np.pi * (sent[:, None] * ray / distance[:, None]).sum(0)
+    assert np.linalg.norm(found - expected) < 0.04 * pressure * (MEAN_LUNAR_RADIUS_M / np.linalg.norm(r)) ** 2
+
+
+def test_sunlight_presses_away_from_the_sun():
+    found = terms(SUN_M / np.linalg.norm(SUN_M) * 1.8e6, radiation_m2_kg=0.02)["sunlight"]
+    expected = -0.02 * SUNLIGHT_N_M2 * (AU_M / np.linalg.norm(SUN_M)) ** 2 * SUN_M / np.linalg.norm(SUN_M)
+    np.testing.assert_allclose(found, expected, rtol=3e-5)
+    assert not terms(-SUN_M / np.linalg.norm(SUN_M) * 1.8e6, radiation_m2_kg=0.02)["sunlight"].any()
+
+
+def test_given_accelerations_at_the_epoch():
+    one = Acceleration("burn", "RTN", (1.0, 2.0, 3.0), (0.5, 0.0, 0.0), (9.0, 9.0, 9.0))
+    found = terms(accelerations=(one, Acceleration("other", "ICRF", (0.0, 0.0, 1.0))))["given"]
+    radial = POSITION_M / np.linalg.norm(POSITION_M)
+    normal = np.cross(STATE[:3], STATE[3:])
+    normal /= np.linalg.norm(normal)
+    expected = 1.5 * radial + 2.0 * np.cross(normal, radial) + 3.0 * normal + [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("more", "problem"),
+    [
+        ({"bodies": ("mars",)}, "body 'mars' is not known"),
+        (
+            {"accelerations": (Acceleration("a"), Acceleration("a", "ICRF"))},
+            "the names a, a; give each its own",
+        ),
+    ],
+)
+def test_forces_that_cannot_be(more, problem):
+    with pytest.raises(InputError, match=problem):
+        forces(0, **more)
+
+
+def test_given_accelerations_that_cannot_be():
+    with pytest.raises(InputError, match="axes 'LVLH' are not known"):
+        Acceleration("a", "LVLH")
+    with pytest.raises(InputError, match="stop is not after start"):
+        Acceleration("a", start=EPOCH, stop=EPOCH)
+    with pytest.raises(InputError, match=r"no force has the parameter 'b\.r'; there are a\.cos_n"):
+        forces(0, accelerations=(Acceleration("a"),)).with_parameters({"b.r": 1.0})
+
+
+def test_parameters_change_by_name():
+    model = forces(0, accelerations=(Acceleration("a"),)).with_parameters(
+        {"gm": 4.9e12, "a.sin_t": 2.0, "k2": 0.03}
+    )
+    assert model.accelerations[0].sine_m_s2 == (0.0, 2.0, 0.0)
+    assert model.parameters()["gm"] == model.gm_m3_s2 == 4.9e12
+    assert list(model.parameters())[:4] == ["gm", "k2", "radiation", "a.r"]

@@ -53,7 +53,7 @@ class _Cache(FunctionCache):
         # By itself numba looks at the function's own module only, not at those whose functions it has compiled in.
         called = (getattr(one, "_cache", None) for one in function.__globals__.values())
         stamps = (one.stamp for one in called if isinstance(one, _Cache))
-        self.stamp = frozenset({self._impl.locator.get_source_stamp()}).union(*stamps)
+        self.stamp: frozenset[Any] = frozenset({self._impl.locator.get_source_stamp()}).union(*stamps)
         self._cache_file = _CheckedFile(self._cache_path, self._impl.filename_base, self.stamp)
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from tdm_messages import kvn, xml
+from tdm_messages import growth_m, kvn, xml
 
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError
@@ -104,7 +104,7 @@ def growth_by_hand_m(received_hz, light_s, start_hz, rate_hz_s, since_s, ratio):
 
 def test_three_way_frequencies():
     """Figure E-5: a ramped uplink, the light time being the difference of the first tags (2 h 47 min 4.27 s)."""
-    agreement = TdmAgreement(sigma_m=SIGMA_M, turnaround=(880, 749), light_time_s=10023.7)
+    agreement = TdmAgreement(sigma_m=SIGMA_M, turnaround=(880, 749))
     read = read_tdm(DATA / "annex_e5.kvn", agreement)
     assert read.paths()[0] == "DSS-55>yyyy-nnna>DSS-15"
     assert read.types().tolist() == ["doppler"] * 14
@@ -116,8 +116,9 @@ def test_three_way_frequencies():
         wanted_m = growth_by_hand_m(
             frequency_hz, 10023.7, 7175173383.615373, 0.4022, 10024.27 + second, 880 / 749
         )
-        # The frequency sent is given at each second to 1e-6 Hz; by hand it is that of the first, carried on.
-        assert abs(read.value_m[second] - wanted_m) < 2e-6
+        # Sent in the second that ended 10023.7 s before the count did; given at each second to 1e-6 Hz.
+        sent_s = second + 0.07 + np.array([0.0, 1.0 - wanted_m / C_M_S])
+        assert abs(growth_m(read[[second]], "2005-07-03T11:12:23", *sent_s)[0] - wanted_m) < 2e-6
     with pytest.raises(FileFormatError, match="needs the transponder's ratio"):
         read_tdm(DATA / "annex_e5.kvn", TdmAgreement(sigma_m=SIGMA_M))
 
@@ -178,9 +179,10 @@ def test_two_way_frequencies():
         "TRANSMIT_FREQ_RATE_1=2005-184T11:12:24 0.40220",
         "RECEIVE_FREQ_1=2005-184T13:59:28.27 8429749428.196568",
     ]
-    read = observations(names, records, turnaround=(880, 749), light_time_s=10024.0).observations
+    read = observations(names, records, turnaround=(880, 749)).observations
     wanted_m = growth_by_hand_m(8429749428.196568, 10024.0, 7175173383.615373, 0.4022, 10025.27, 880 / 749)
-    assert abs(read.value_m[0] - wanted_m) < GROWTH_TOLERANCE_M
+    sent_s = 0.77 + np.array([0.0, 1.0 - wanted_m / C_M_S])
+    assert abs(growth_m(read, "2005-07-03T11:12:23", *sent_s)[0] - wanted_m) < GROWTH_TOLERANCE_M
     assert read.paths()[0] == "DSS-55>yyyy-nnna>DSS-55"
 
 
@@ -200,12 +202,12 @@ def test_range_units_of_a_changing_uplink():
     ]
     with pytest.raises(FileFormatError, match="RU, whose length is an agreement"):
         observations(names | {"RANGE_MODULUS": "2.0e+26"}, ramp)
-    with pytest.raises(FileFormatError, match="the unit has no one length"):
-        observations(names | {"RANGE_MODULUS": "2.0e+26"}, ramp, range_unit_s=1e-9)
+    read = observations(names | {"RANGE_MODULUS": "2.0e+26"}, ramp, range_unit_s=1e-9).observations
+    assert (read.ramped[0], read.uplink_hz[0]) == (True, 7180064367.3536)
+    assert read.value_m[0] == pytest.approx(C_M_S * 39242998.5151986e-9, rel=1e-15)
     single = ["RANGE = 2010-215T20:04:24.000   65249.6771931631", "PR_N0 = 2010-215T20:04:24.000   30.2351"]
     modulus = names | {"RANGE_MODULUS": "262144", "TRANSMIT_DELAY_1": "2.1E-07", "RECEIVE_DELAY_1": "2.1E-07"}
-    with pytest.raises(FileFormatError, match="known but for multiples of it; give light_time_s"):
-        observations(modulus, single, range_unit_s=1e-9)
+    assert observations(modulus, single, range_unit_s=1e-9).observations.modulus_m[0] == 262144 * C_M_S * 1e-9
     got = observations(modulus, single, range_unit_s=1e-9, light_time_s=1000.0)
     unit_m = C_M_S * 1e-9
     cycles = (got.observations.value_m[0] + C_M_S * 4.2e-7 - 65249.6771931631 * unit_m) / (262144 * unit_m)

@@ -1,5 +1,10 @@
 """Small Tracking Data Messages, built from what differs between them."""
 
+import numpy as np
+
+from radioloc.constants import C_M_S
+from radioloc.time import epochs_from_strings, utc_to_tai
+
 TWO_WAY = {
     "TIME_SYSTEM": "UTC",
     "PARTICIPANT_1": "KASHI",
@@ -19,6 +24,15 @@ DELAY = {
 }
 HEADER = {"CCSDS_TDM_VERS": "2.0", "CREATION_DATE": "2021-03-29T00:00:00", "ORIGINATOR": "TEST"}
 RANGES = ["RANGE = 2021-03-28T14:00:00.250 768800.1234567", "RANGE = 2021-03-28T14:01:00 768801.5"]
+
+
+def growth_m(observations, start, sent_from_s, sent_to_s):
+    """Growth of paths from cycles of a ramped uplink sent between two times, in s since a date (UTC)."""
+    [name] = {observations.links[k].transmitter for k in observations.link}
+    frequency, f0_hz = observations.ramps.of_station(name), observations.uplink_hz
+    since_s = utc_to_tai(epochs_from_strings(start)).seconds_since(frequency.origin)
+    ends = [frequency.at(np.asarray(t) + since_s, since_s, f0_hz)[1] for t in (sent_from_s, sent_to_s)]
+    return observations.value_m + C_M_S / f0_hz * (ends[1] - ends[0])
 
 
 def lines_of(fields):

@@ -72,8 +72,9 @@ def write_residuals_tdm(
         and np.array_equal(rows.epoch_utc.fraction, observations.epoch.fraction)
     ):
         raise InputError(f"{solution.name}: the solution is not of these {len(observations)} observations")
-    unrecorded: dict[str, Any] = dict.fromkeys(WEATHER.values(), np.full(len(rows), np.nan))
-    residuals = replace(observations, value_m=rows.residual_m, **unrecorded)
+    unrecorded: dict[str, Any] = dict.fromkeys([*WEATHER.values(), "modulus_m"], np.full(len(rows), np.nan))
+    lengths = np.zeros(len(rows), dtype=bool)  # also where cycles of ramps were observed
+    residuals = replace(observations, value_m=rows.residual_m, ramped=lengths, **unrecorded)
     header = TdmHeader(
         creation_date or datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S"),
         originator,

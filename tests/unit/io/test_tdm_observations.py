@@ -5,7 +5,7 @@ import warnings
 
 import numpy as np
 import pytest
-from tdm_messages import DELAY, RANGES, THREE_WAY, TWO_WAY, kvn
+from tdm_messages import DELAY, RANGES, THREE_WAY, TWO_WAY, growth_m, kvn
 
 from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
@@ -77,10 +77,10 @@ def test_units_of_range():
     with pytest.raises(FileFormatError, match=r"RANGE_UNITS is RU, .*; give range_unit_s"):
         read((unit, units))
     ramp = ["TRANSMIT_FREQ_1 = 2021-03-28T14:00:00 7.1e9", "TRANSMIT_FREQ_1 = 2021-03-28T14:00:01 7.2e9"]
-    with pytest.raises(
-        FileFormatError, match="transmitted frequency changes, so that the unit has no one length"
-    ):
-        read((unit, [*units, *ramp]), range_unit_s=1e-6)
+    # With the frequency the unit changes: cycles, in metres by its length at the first.
+    cycles = read((unit, [*units, *ramp]), range_unit_s=1e-6)
+    assert cycles.value_m[0] == got.value_m[0]
+    assert (cycles.ramped[0], cycles.uplink_hz[0], len(cycles.ramps)) == (True, 7.1e9, 1)
 
 
 def test_half_the_round_trip():
@@ -169,10 +169,8 @@ def test_corrections():
 def test_modulus():
     short = TWO_WAY | {"RANGE_MODULUS": "1000.0"}
     records = ["RANGE = 2021-03-28T14:00:00 801.5"]
-    with pytest.raises(
-        FileFormatError, match=r"known but for multiples of it; give light_time_s, good to 0.000834 s"
-    ):
-        read((short, records))
+    got = read((short, records), catalogue=StationCatalogue.default())
+    assert (got.value_m[0], got.modulus_m[0]) == (801500.0, 1e6)
     assert read((TWO_WAY | {"RANGE_MODULUS": "1e7"}, RANGES)).value_m[1] == 768801500.0
     for off_m in (-2.4e5, 0.0, 2.4e5):
         got = read((short, records), light_time_s=(768801500.0 + off_m) / C_M_S)
@@ -402,22 +400,40 @@ def ramped(count, rate=1.0, t=LIGHT_S, speed=800.0):
 
 
 def test_received_frequency_of_a_ramped_uplink():
-    with pytest.raises(FileFormatError, match=r"transmitted frequency changes: .*; give light_time_s"):
-        read(ramped(3))
-    middle_s = [LIGHT_S + 800.0 * (60.0 * k + 30.0) / C_M_S for k in (1, 2, 3)]
-    got = read(ramped(3), light_time_s=lambda *_: middle_s)
-    assert np.abs(got.value_m - 48000.0).max() < GROWTH_TOLERANCE_M
-    # A light time that is off by e makes an error of T e rate / frequency, here 60 s 1e-3 s 1 / 7.2e9.
-    off = read(ramped(3), light_time_s=lambda *_: np.array(middle_s) + 1e-3)
-    error_m = C_M_S * 60.0 * 1e-3 / 7.2e9
-    assert np.abs(got.value_m - off.value_m - error_m).max() < 1e-5 * error_m + GROWTH_TOLERANCE_M
-    assert np.abs(got.uplink_hz - (7.2e9 + np.array([90.0, 150.0, 210.0]) - LIGHT_S)).max() < 1e-2
+    got = read(ramped(3))
+    assert got.ramped.tolist() == [True] * 3
+    assert got.uplink_hz.tolist() == [7.2e9] * 3
+    # Contiguous to the last record, beyond the last count; with the path as in the message, it grows by 800 m/s.
+    assert got.ramps.frequency_hz.tolist() == [7.2e9 + 60.0 * minute for minute in range(9)]
+    assert got.ramps.duration_s == pytest.approx(60.0, abs=1e-9)
+    ends_s = [[s - (LIGHT_S + 800.0 * s / C_M_S) for s in (60.0 * k, 60.0 * k + 60.0)] for k in (1, 2, 3)]
+    grown_m = growth_m(got, "2021-03-28T14:00:00", *np.transpose(ends_s))
+    assert np.abs(grown_m - 48000.0).max() < GROWTH_TOLERANCE_M
+    delayed = read((ramped(3)[0] | {"TRANSMIT_DELAY_1": "1e-4"}, ramped(3)[1]))
+    moved_s = delayed.ramps.start.seconds_since(got.ramps.start)
+    assert moved_s == pytest.approx(1e-4, abs=EPOCH_TOLERANCE_S)
+    modelled = EquipmentDelays(stations={"KASHI": StationDelay(transmit_s=1e-4)})
+    kept = read((ramped(3)[0] | {"TRANSMIT_DELAY_1": "1e-4"}, ramped(3)[1]), modelled=modelled)
+    assert np.abs(kept.ramps.start.seconds_since(got.ramps.start)).max() == 0.0
 
 
-def test_signal_sent_before_the_first_frequency():
+def test_passes_with_uplinks_of_their_own():
+    """Each message's last ramp ends with its data: that of the next pass is another."""
     metadata, records = ramped(1)
-    with pytest.raises(FileFormatError, match="sent before the first TRANSMIT_FREQ"):
-        read((metadata, [r for r in records if ":00:00 " not in r and "14:01:00" not in r]), light_time_s=2.5)
+    later = [r.replace("T14:", "T16:").replace(" 72000", " 72001") for r in records]
+    got = read((metadata, records), (metadata, later))
+    assert len(got) == 2
+    assert got.uplink_hz.tolist() == [7.2e9, 7.2001e9]
+    assert len(got.ramps) == 18
+
+
+def test_oscillators_of_targets_have_one_frequency():
+    frequencies = [f"TRANSMIT_FREQ_2 = 2021-03-28T14:0{k}:00 840000000{k}" for k in (0, 1)]
+    received = "RECEIVE_FREQ_1 = 2021-03-28T14:00:30 8.4e9"
+    with pytest.raises(
+        FileFormatError, match=r"TRANSMIT_FREQ_2 of the target changes; give the one frequency"
+    ):
+        read((TWO_WAY | COUNT | {"PATH": "2,1"}, [*frequencies, received]))
 
 
 def test_frequencies_of_another_segment_and_band():

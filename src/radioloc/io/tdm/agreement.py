@@ -42,7 +42,8 @@ class TdmAgreement:
     doppler_convention : {"round_trip", "half"}
         What DOPPLER_INTEGRATED and DOPPLER_INSTANTANEOUS of such a path are: its rate, or half of it.
     range_unit_s : float, optional
-        Length of one range unit (RANGE_UNITS = RU), s of time of flight, of whatever RANGE is by its convention.
+        Length of one range unit (RANGE_UNITS = RU), s of time of flight, of whatever RANGE is by its convention; where the
+        unit follows a transmitted frequency that changes, at the first of the message.
     turnaround : tuple of int, optional
         Numerator and denominator of the transponder's ratio of downlink to uplink frequency, where the file does
         not give it.
@@ -55,8 +56,7 @@ class TdmAgreement:
         Correct time tags, VLBI delays and ranges between two clocks by CLOCK_BIAS and CLOCK_DRIFT.
     light_time_s : float or callable, optional
         Light time over all legs, s, known beforehand: a number, or a function of epochs (UTC, n), link and time tag
-        that gives n of them. It settles how often a range has gone through its modulus, and when a received
-        frequency was sent where the uplink is not constant.
+        that gives n of them. It settles how often a range has gone through its modulus, which else stays open.
     lunar : bool
         Whether the target is at the Moon, so that a range of another length is a mistake.
     frequencies : tuple of FrequencyAgreement

@@ -20,6 +20,7 @@ from radioloc.io.checks import Catalogue, station_name
 from radioloc.io.tdm.agreement import TdmAgreement
 from radioloc.io.tdm.keywords import CLOCKS, MEASURED, RECEIVED, SENT, SENT_RATE
 from radioloc.io.tdm.message import TdmSegment
+from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.targets import canonical_target
 from radioloc.time import Epochs, tai_to_utc, utc_to_tai
 
@@ -99,20 +100,14 @@ class Series:
         value = self.value[row] + self.rate[row] * (since - self.since_s[row])
         return np.where(row < 0, np.nan, value)
 
-    def excess(self, since: NDArray[np.float64], until: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Integral between two times (s from ``start``) of the quantity less its first value; NaN before that."""
-        above = self.value - self.value[0]
-        step = np.diff(self.since_s)
-        whole = above[:-1] * step + 0.5 * self.rate[:-1] * step**2
-        before = np.concatenate([[0.0], np.cumsum(whole)])
+    def ramps(self, station: str, until: Epochs) -> Ramps:
+        """A station's transmitted frequency until an epoch (UTC), by its clock."""
+        last_s = max(float(seconds_from(self.start, until)[0]), self.since_s[-1])
+        start, stop_s = self._epochs(self.since_s), np.append(self.since_s[1:], last_s)
+        return Ramps.of([station] * len(start), start, self._epochs(stop_s), self.value, self.rate)
 
-        def integral(time: NDArray[np.float64]) -> NDArray[np.float64]:
-            row = self._row(time)
-            passed = time - self.since_s[row]
-            value = before[row] + (above[row] + 0.5 * self.rate[row] * passed) * passed
-            return np.where(row < 0, np.nan, value)
-
-        return integral(until) - integral(since)
+    def _epochs(self, since_s: NDArray[np.float64]) -> Epochs:
+        return shifted_utc(self.start[np.zeros(len(since_s), dtype=int)], since_s)
 
     def _row(self, since: NDArray[np.float64]) -> NDArray[np.intp]:
         return np.searchsorted(self.since_s, since, side="right") - 1
@@ -148,6 +143,12 @@ class Reading:
         Case does not matter, and an underscore is a blank (4.3.7, 4.3.8).
         """
         return " ".join(canonical_target(station_name((name,), self.catalogue)).replace("_", " ").split())
+
+    def models_delay(self, station: str, way: str) -> bool:
+        """Whether the model has the delay of a station on the way out or in (``"transmit"``, ``"receive"``)."""
+        known = self.agreement.modelled.stations.items()
+        mine = [delay for name, delay in known if self.key(name) == self.key(station)]
+        return any(getattr(delay, f"{way}_s") is not None for delay in mine)
 
     def _clock_differences(self) -> dict[tuple[str, str], Series]:
         """Clock of the second participant less that of the first, s, by the keys of both."""
@@ -231,7 +232,7 @@ class Reading:
             if wrong.any():
                 raise other.fail(keyword, f"{keyword} must be above zero", int(np.argmax(wrong)))
             # Epochs are those of the transmitter's electronics; the signal leaves the antenna later.
-            removed = self.agreement.delays_removed
-            delay_s = 0.0 if removed else other.number(f"TRANSMIT_DELAY_{number}")
+            gone = self.agreement.delays_removed or self.models_delay(other.participant(number), "transmit")
+            delay_s = 0.0 if gone else other.number(f"TRANSMIT_DELAY_{number}")
             joined.append(SeriesPart(other, keyword, SENT_RATE[number - 1], delay_s, correction_hz))
         return Series(joined, rates_last=True) if joined else None

@@ -81,12 +81,9 @@ class SegmentReader:
     def is_modelled(self, name: str) -> bool:
         """Whether the model has the delay of a keyword."""
         way, _, number = name.partition("_DELAY_")
-        modelled, key = self.agreement.modelled, self.reading.key
         if int(number) == self.target:
-            return modelled.transponder_s is not None and not self.one_way
-        mine = key(self.segment.participant(int(number)))
-        delays = [delay for station, delay in modelled.stations.items() if key(station) == mine]
-        return any(getattr(delay, f"{way.lower()}_s") is not None for delay in delays)
+            return self.agreement.modelled.transponder_s is not None and not self.one_way
+        return self.reading.models_delay(self.segment.participant(int(number)), way.lower())
 
     def clock_s(self, keyword: str, *ends: str) -> NDArray[np.float64]:
         """Difference of the clocks of one participant and another (or UTC) at a keyword's epochs, s."""
@@ -140,6 +137,20 @@ class SegmentReader:
         except StationError as error:
             raise self.fail("PATH", str(error)) from None
 
+    def cycles(self, keyword: str, base_hz: float) -> dict[str, Any]:
+        """Columns of observations that count cycles of a frequency which changes, by a reference; none else."""
+        if self.sent is None or self.sent.constant:
+            return {}
+        if self.one_way:
+            problem = (
+                f"{SENT[self.sender - 1]} of the target changes; give the one frequency that it should have"
+            )
+            raise self.fail(SENT[self.sender - 1], f"{problem}: its drift is estimated (frequency_rate)")
+        # What was received to the end of the last count was sent before.
+        end_s = self.segment.number("INTEGRATION_INTERVAL")
+        until = shifted_utc(self.segment.epochs(keyword)[[-1]], end_s)
+        return {"ramped": True, "uplink_hz": base_hz, "ramps": self.sent.ramps(self.link.transmitter, until)}
+
     def beacon_hz(self) -> float:
         """The one frequency that the target of two paths sends, NaN where it is not known."""
         beacon = SENT[self.target - 1]
@@ -151,9 +162,8 @@ class SegmentReader:
     def frequencies(self, keyword: str) -> dict[str, Any]:
         """Frequency sent up and wavelength received, NaN where not recorded.
 
-        The frequency is that of when the signal left where this is known, else that at the time tags: it serves
-        dispersive delays only, which do not see the difference. The wavelength is that of a received frequency in the
-        segment, or of what was sent.
+        The frequency is that at the time tags: it serves dispersive delays only, which do not see that the signal left
+        before. The wavelength is that of a received frequency in the segment, or of what was sent.
         """
         if self.link.differenced:
             return {"wavelength_um": MICROMETRES * C_M_S / self.beacon_hz()}
@@ -161,10 +171,7 @@ class SegmentReader:
         sent_hz = np.full(len(epoch), np.nan)
         if self.sent is not None:
             used |= {(segment, name) for segment in self.sent.segments for name in (*SENT, *SENT_RATE)}
-            light_s = None
-            if self.tag == "receive" and not self.sent.constant:
-                light_s = self.light_time_s(epoch)
-            sent_hz = self.sent.at(epoch if light_s is None else shifted_utc(epoch, -light_s))
+            sent_hz = self.sent.at(epoch)
         received = [k for k in ("RECEIVE_FREQ", RECEIVED[self.receiver]) if k in self.segment.counts()]
         if received:
             frequency = self.segment.values(received[0]) + self.segment.number("FREQ_OFFSET")

@@ -2,16 +2,9 @@
 
 A range is taken at its time tag: INTEGRATION_INTERVAL is the count interval of Doppler.
 
-With light time tau(t) at reception t, the phase that arrives at t left the transmitter at t - tau(t), multiplied by the
-transponder's ratio M. The mean received frequency F over the count interval T from t0 on then obeys (Moyer 2003,
-section 13.3)
-
-    F T = M [phase(t0 + T - tau(t0 + T)) - phase(t0 - tau(t0))],
-
-and what is wanted is D = tau(t0 + T) - tau(t0). With a constant frequency f sent this gives D = T (1 - F / (M f))
-exactly, whatever the light time. With one that changes, the light time decides which part of the ramp was received; it
-must be known beforehand, but coarsely: an error e in it makes one of T e f'/f in D (a ramp of 1 Hz/s at 7 GHz, 10
-microseconds and 60 s: 0.03 mm).
+Received frequencies count cycles of the transmitted one (:mod:`radioloc.io.frequencies`). Where that is constant,
+cycles are a length whatever the light time; where it changes, the observations are `ramped`, in metres by the first
+frequency, and the model finds out which part of the ramps was received. So it is of ranges in range units.
 
 Source: CCSDS 503.0-B-2 (2020), table 3-3 and section 3.5.2.
 """
@@ -29,7 +22,6 @@ from radioloc.constants import C_M_S
 from radioloc.io.checks import FLIGHT_TIME_LIMITS_S
 from radioloc.io.frequencies import MICROMETRES, growth_s
 from radioloc.io.tdm.keywords import RANGE_RATES, RECEIVED, SENT, exponent_of
-from radioloc.io.tdm.reading import seconds_from
 from radioloc.io.tdm.segment import SegmentReader
 
 INSTANTANEOUS_COUNT_S = 1.0
@@ -40,8 +32,6 @@ for a station on the turning Earth.
 """
 # A light time that is off by more than this part of the modulus does not settle the number of cycles.
 _CLEAR_PART = 0.25
-# The uplink differs from its first frequency by 1e-5 of it at most: each round gains five digits of 16.
-_ROUNDS = 4
 # Two stations on the equator, one on either side of the Earth, part by 2 x 465 m/s.
 _FASTEST_BASELINE = 1000.0 / C_M_S
 
@@ -66,10 +56,16 @@ def _ranges(part: SegmentReader, keyword: str) -> dict[str, Any]:
     if modulus_m and part.link.differenced:
         problem = f"RANGE_MODULUS is {modulus_m:.6g} m: the difference is known but for multiples of it"
         raise part.fail("RANGE_MODULUS", f"{problem}; resolve it and set RANGE_MODULUS = 0")
-    if modulus_m:
-        value_m = _without_ambiguity(part, value_m, modulus_m, part.light_time_s(epoch))
-    _require_plausible(part, value_m)
-    return {"epoch": epoch, "value_m": value_m} | part.frequencies(keyword)
+    columns: dict[str, Any] = {"epoch": epoch, "value_m": value_m} | part.frequencies(keyword)
+    if units == "RU" and part.sent is not None:
+        columns |= part.cycles(keyword, float(part.sent.value[0]))
+    if modulus_m and (not part.agreement.lunar or modulus_m < C_M_S * FLIGHT_TIME_LIMITS_S[1]):
+        light_s = None if "ramped" in columns else part.light_time_s(epoch)
+        if light_s is None:
+            return columns | {"modulus_m": modulus_m}
+        columns["value_m"] = _without_ambiguity(part, value_m, modulus_m, light_s)
+    _require_plausible(part, columns["value_m"])
+    return columns
 
 
 def _range_unit_m(part: SegmentReader, units: str) -> float:
@@ -81,31 +77,18 @@ def _range_unit_m(part: SegmentReader, units: str) -> float:
     if units == "RU" and part.agreement.range_unit_s is None:
         problem = "RANGE_UNITS is RU, whose length is an agreement between the agencies"
         raise part.fail("RANGE_UNITS", f"{problem}; give range_unit_s (in a study file tdm_range_unit_s)")
-    if units == "RU" and part.sent is not None and not part.sent.constant:
-        problem = (
-            "RANGE_UNITS is RU and the transmitted frequency changes, so that the unit has no one length"
-        )
-        raise part.fail("RANGE_UNITS", f"{problem}; convert the ranges to km or s")
     halves = 2.0 if part.agreement.range_convention == "half" and not part.down_only else 1.0
     return halves * {"km": 1.0, "s": C_M_S, "RU": C_M_S * (part.agreement.range_unit_s or 0.0)}[units]
 
 
 def _without_ambiguity(
-    part: SegmentReader, value_m: NDArray[np.float64], modulus_m: float, light_s: NDArray[np.float64] | None
+    part: SegmentReader, value_m: NDArray[np.float64], modulus_m: float, light_s: NDArray[np.float64]
 ) -> NDArray[np.float64]:
     """Light path from what is known of it but for multiples of the modulus, m, shape (n,).
 
-    Where the modulus is longer than any path between Earth and Moon, the value stands. Else the multiple is the
-    one that comes nearest to the light time known beforehand, which must be good to a quarter of the modulus.
+    The multiple is the one that comes nearest to the light time known beforehand, which must be good to a quarter of
+    the modulus.
     """
-    if light_s is None:
-        if modulus_m >= C_M_S * FLIGHT_TIME_LIMITS_S[1]:
-            return value_m
-        problem = (
-            f"RANGE_MODULUS is {modulus_m:.6g} m of light path, so that the range is known but for multiples"
-        )
-        good_s = f"{_CLEAR_PART * modulus_m / C_M_S:.3g} s"
-        raise part.fail("RANGE", f"{problem} of it; give light_time_s, good to {good_s}")
     known_m = C_M_S * light_s
     whole_m = value_m + modulus_m * np.rint((known_m - value_m) / modulus_m)
     off_m = np.abs(whole_m - known_m)
@@ -198,30 +181,15 @@ def _received(part: SegmentReader, keyword: str) -> dict[str, Any]:
     change_s = growth_s(value_hz, offset_hz, base_hz, ratio, count_s)
     if np.isnan(change_s).any():
         row = int(np.argmax(np.isnan(change_s)))
-        problem = (
-            f"{offset_hz + value_hz[row]!r} Hz cannot be received of {base_hz!r} Hz sent, with a turnaround"
-        )
+        problem = f"{float(offset_hz + value_hz[row])!r} Hz cannot be received of {base_hz!r} Hz sent"
         advice = "correct the ratio, the offset or the frequency"
-        raise part.fail(keyword, f"{problem} of {ratio[0]}/{ratio[1]}; {advice}", row)
-    if part.sent is not None and not part.sent.constant:
-        light_s = part.light_time_s(epoch)
-        if light_s is None:
-            problem = (
-                "the transmitted frequency changes: which part of it was received depends on the light time"
-            )
-            raise part.fail(keyword, f"{problem}; give light_time_s, to some microseconds")
-        since, ramped_s = seconds_from(part.sent.start, epoch), change_s
-        for _ in range(_ROUNDS):
-            left = since - 0.5 * count_s - (light_s - 0.5 * change_s)
-            change_s = ramped_s + part.sent.excess(left, left + count_s - change_s) / base_hz
-        if np.isnan(change_s).any():
-            problem = "was sent before the first TRANSMIT_FREQ; add earlier ones or leave the record out"
-            raise part.fail(keyword, f"what was received {problem}", int(np.argmax(np.isnan(change_s))))
+        raise part.fail(keyword, f"{problem}, with a turnaround of {ratio[0]}/{ratio[1]}; {advice}", row)
     received_hz = offset_hz + value_hz
     columns = {"epoch": epoch, "value_m": C_M_S * change_s, "count_s": count_s} | part.frequencies(keyword)
     columns["wavelength_um"] = MICROMETRES * C_M_S / np.where(received_hz > 0.0, received_hz, np.nan)
     if part.sent is None and link.transmitter:
         columns["uplink_hz"] = base_hz
+    columns |= part.cycles(keyword, base_hz)
     return columns | {"links": [link]} | _sigma_of_frequency(part, count_s, base_hz * ratio[0] / ratio[1])
 
 

@@ -1,7 +1,8 @@
 """Observations as a Tracking Data Message 2.0, KVN or XML.
 
 What each type of observation is written as is said by :data:`radioloc.io.tdm.keywords.TYPES`: ranges as RANGE in km,
-Doppler as DOPPLER_INTEGRATED (both of all legs), VLBI delays as VLBI_DELAY with two paths from the target.
+Doppler as DOPPLER_INTEGRATED (both of all legs), VLBI delays as VLBI_DELAY with two paths from the target. Doppler of
+a ramped uplink goes out as RECEIVE_FREQ with the ramps as TRANSMIT_FREQ and TRANSMIT_FREQ_RATE.
 Numbers have the digits that give them back to the last bit, up to 17, where the standard asks for 16 at most (4.3.4);
 epochs have up to 12 decimals.
 
@@ -15,8 +16,10 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import replace
 from datetime import UTC, datetime
 from decimal import Decimal
+from fractions import Fraction
 from html import escape
 from pathlib import Path
 from typing import Any
@@ -27,17 +30,20 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
 from radioloc.io.dates import utc_to_text
-from radioloc.io.frequencies import MICROMETRES
-from radioloc.io.tdm.keywords import CODE, DATA, METADATA, TYPES, WEATHER, exponent_of
+from radioloc.io.frequencies import LONGEST_S, MICROMETRES
+from radioloc.io.tdm.keywords import CODE, DATA, METADATA, SENT, SENT_RATE, TYPES, WEATHER, exponent_of
 from radioloc.io.tdm.message import TdmFile, TdmHeader, TdmSegment
+from radioloc.measurements.bands import DOWNLINK, UPLINK, turnaround_ratio
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.text_files import write_blocks
-from radioloc.time import Epochs
+from radioloc.time import Epochs, utc_to_tai
 
 _IN_MEMORY = "in memory"
+# Doppler shifts by less, and the ratios of two bands are further apart.
+_SAME_RATIO = 1e-3
 # Light is not radio: laser ranging has its own format, and the standard leaves it out (3.5.2.7, note).
 _SHORTEST_UM = 100.0
 _FIXED = range(-5, 16)
@@ -79,7 +85,7 @@ def write_tdm(
     ------
     InputError
         There are no observations, or some that a message cannot hold: a time tag at the bounce, laser light, a delay
-        rate, a name or comment that is not printable ASCII.
+        rate, cycles of ramps that are missing, a name or comment that is not printable ASCII.
     FileFormatError
         The file cannot be written.
 
@@ -131,6 +137,10 @@ def _require_writable(observations: Observations) -> None:
         if TYPES[name] != ("RANGE",):
             sent = mine & (observations.tag == TIME_TAGS.index("transmit"))
             refuse(sent, f"is a {name} with transmit time tag, which is not modelled")
+        if not name.endswith("doppler"):
+            refuse(
+                mine & observations.ramped, f"is a {name} in cycles of a changing frequency; use write_table"
+            )
         if not MEASUREMENTS[name].form.startswith("transmitter"):
             refuse(mine & ~np.isnan(observations.uplink_hz), f"is a {name} with an uplink; leave that out")
 
@@ -145,6 +155,9 @@ def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
         np.nan_to_num(observations.count_s),
         np.isnan(observations.uplink_hz),
         np.isnan(observations.wavelength_um),
+        observations.ramped,
+        np.nan_to_num(observations.modulus_m),
+        np.where(observations.ramped, observations.uplink_hz, 0.0),
         # A delay's one frequency stands for its whole segment.
         np.where(differenced, np.nan_to_num(observations.wavelength_um), 0.0),
         *(np.isnan(getattr(observations, column)) for column in WEATHER.values()),
@@ -187,12 +200,22 @@ def _segment(part: Observations) -> TdmSegment:
     metadata["TIMETAG_REF"] = TIME_TAGS[part.tag[0]].upper()
     values: dict[str, NDArray[np.float64]] = {}
     if keyword == "RANGE":
-        metadata |= {"RANGE_MODULUS": "0.0", "RANGE_UNITS": "km"}
+        modulus_m = float(np.nan_to_num(part.modulus_m[0]))
+        metadata |= {"RANGE_MODULUS": _text(modulus_m, 3), "RANGE_UNITS": "km"}
         metadata |= {} if link.transmitter else {"RANGE_MODE": "ONE_WAY"}
         values[keyword] = part.value_m
     elif keyword == "DOPPLER_INTEGRATED":
         count_s = float(part.count_s[0])
         metadata |= {"INTEGRATION_INTERVAL": _text(count_s, 0), "INTEGRATION_REF": "MIDDLE"}
+        if part.ramped[0]:
+            ratio, uplink_hz = _turnaround(part), float(part.uplink_hz[0])
+            offset_hz = float(round(ratio * Fraction(uplink_hz)))
+            metadata["FREQ_OFFSET"] = _text(offset_hz, 0)
+            metadata["TURNAROUND_NUMERATOR"] = str(ratio.numerator)
+            metadata["TURNAROUND_DENOMINATOR"] = str(ratio.denominator)
+            at_rest_hz = float(ratio * Fraction(uplink_hz) - Fraction(offset_hz))
+            received = at_rest_hz - float(ratio) * uplink_hz * part.value_m / (C_M_S * count_s)
+            return _ramped_segment(part, metadata, f"RECEIVE_FREQ_{receiver}", received)
         values[keyword] = _inverse(part.value_m, lambda rate: count_s * rate, part.value_m / count_s)
     else:
         values[keyword] = _inverse(part.value_m, lambda delay: C_M_S * delay, part.value_m / C_M_S)
@@ -202,18 +225,64 @@ def _segment(part: Observations) -> TdmSegment:
         values["TRANSMIT_FREQ_1"] = received_hz[:1]
     else:
         values |= {"TRANSMIT_FREQ_1": part.uplink_hz, f"RECEIVE_FREQ_{receiver}": received_hz}
-    values |= {keyword: getattr(part, column) for keyword, column in WEATHER.items()}
+    return _recorded(part, metadata, values)
+
+
+def _recorded(
+    part: Observations, metadata: dict[str, str], values: dict[str, NDArray[np.float64]]
+) -> TdmSegment:
+    """Segment of columns of observations, NaN where there is no record, and of their weather."""
+    values = values | {keyword: getattr(part, column) for keyword, column in WEATHER.items()}
     records = []
     for keyword, column in values.items():
         if not np.isnan(column).all():
             # A frequency is written where it changes, since it holds until the next.
-            changes = np.diff(column, prepend=np.nan) != 0.0 if "FREQ" in keyword else np.isfinite(column)
+            held = "FREQ" in keyword and "FREQ_OFFSET" not in metadata
+            changes = np.diff(column, prepend=np.nan) != 0.0 if held else np.isfinite(column)
             places = np.flatnonzero(changes)
             records.append((np.full(len(places), CODE[keyword], dtype=np.int8), places, column[places]))
     code, place, value = (np.concatenate(column) for column in zip(*records, strict=True))
     order = np.lexsort((code, place))
     line = np.zeros(len(order), dtype=np.int32)
     return TdmSegment(_IN_MEMORY, metadata, code[order], part.epoch[place[order]], value[order], {}, line)
+
+
+def _ramped_segment(
+    part: Observations, metadata: dict[str, str], keyword: str, received_hz: NDArray[np.float64]
+) -> TdmSegment:
+    """Segment of received frequencies, and before them the ramps of what was sent, from the day before on."""
+    made, ramps = _recorded(part, metadata, {keyword: received_hz}), part.ramps
+    link, ends = part.links[part.link[0]], utc_to_tai(part.epoch[[0, -1]])
+    sent = ramps.station == ([*ramps.stations, link.transmitter].index(link.transmitter))
+    sent &= ramps.start.seconds_since(ends[[1]]) <= part.count_s[0]
+    sent &= ramps.start.seconds_since(ends[[0]]) + ramps.duration_s >= -LONGEST_S
+    if not sent.any():
+        raise InputError(
+            f"{link.path}: there is no ramp of what {link.transmitter} sent by {part.origin(0)}; add it"
+        )
+    start, rows = ramps.start_utc[sent], np.flatnonzero(sent)
+    code = np.tile([CODE[SENT[0]], CODE[SENT_RATE[0]]], len(rows)).astype(np.int8)
+    value = np.column_stack([ramps.frequency_hz[rows], ramps.rate_hz_s[rows]]).ravel()
+    return replace(
+        made,
+        keyword=np.concatenate([code, made.keyword]),
+        epoch=Epochs.concatenate([start[np.repeat(np.arange(len(rows)), 2)], made.epoch]),
+        value=np.concatenate([value, made.value]),
+        line=np.zeros(len(code) + len(made.line), dtype=np.int32),
+    )
+
+
+def _turnaround(part: Observations) -> Fraction:
+    """The transponder's ratio, by the bands of the frequencies up and down."""
+    found = C_M_S * MICROMETRES / part.wavelength_um[0] / part.uplink_hz[0]
+    ratios = [turnaround_ratio(up, down) for up in UPLINK for down in DOWNLINK]
+    near = [ratio for ratio in ratios if abs(found / ratio - 1.0) < _SAME_RATIO]
+    if not near:
+        told = (
+            "not recorded" if np.isnan(found) else f"{found:.6g} times that up, no ratio of S, X and Ka band"
+        )
+        raise InputError(f"{part.origin(0)}: the frequency down is {told}; use write_table")
+    return near[0]
 
 
 def _inverse(

@@ -340,7 +340,7 @@ def _station_from_row(row: dict[str, str], loading: dict[str, BlqCoefficients]) 
         quality=row["quality"],
         source=row["source"],
         velocity_m_yr=np.array([float(v) for v in velocity]) if all(velocity) else None,
-        ocean_loading=loading.get(row["name"]),
+        ocean_loading=loading.get(row["loading"] or row["name"]),
         mount=row["mount"] or MOUNTS[0],
         axis_offset_m=float(row["axis_offset_m"]) if row["axis_offset_m"] else None,
         sigma_m=float(row["sigma_m"]) if row["sigma_m"] else None,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, Literal
 
 from radioloc.errors import InputError
@@ -14,10 +15,12 @@ from radioloc.units import unit_of
 TableForm = Literal["astropy", "pandas"]
 
 
-def as_table(columns: Mapping[str, Any], form: TableForm) -> Any:
+def as_table(
+    columns: Mapping[str, Any], form: TableForm, units: Mapping[str, str | None] = MappingProxyType({})
+) -> Any:
     """Columns as a ``QTable`` of astropy, or a ``DataFrame`` of pandas, whose dates are UTC to the nanosecond.
 
-    Units are those that the names end in.
+    Units are those that the names end in, where `units`, of astropy's spelling, do not have them.
 
     Raises
     ------
@@ -28,7 +31,12 @@ def as_table(columns: Mapping[str, Any], form: TableForm) -> Any:
         from astropy.table import QTable
         from astropy.units import Quantity
 
-        return QTable({name: _with_unit(Quantity, name, column) for name, column in columns.items()})
+        return QTable(
+            {
+                name: _with_unit(Quantity, units.get(name) or unit_of(name), column)
+                for name, column in columns.items()
+            }
+        )
     if form == "pandas":
         pandas = optional("pandas", "a table of pandas needs pandas:", "notebook")
         return pandas.DataFrame(
@@ -42,8 +50,7 @@ def as_table(columns: Mapping[str, Any], form: TableForm) -> Any:
     raise InputError(f"there is no table of {form!r}; use astropy or pandas")
 
 
-def _with_unit(quantity: Any, name: str, column: Any) -> Any:
+def _with_unit(quantity: Any, unit: str | None, column: Any) -> Any:
     if isinstance(column, Epochs):
         return column.to_time()
-    unit = unit_of(name)
     return column if unit is None else quantity(column, unit)

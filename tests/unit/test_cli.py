@@ -527,14 +527,19 @@ def test_a_station_that_is_asked_for_is_described(capsys):
     assert "ITRF93_DSN at 2003, sigma 0.05 m; azimuth_elevation, axis offset 0 m; DSN 810-005" in line
 
 
-def test_visibility_and_leave_one_out_print_their_cards(capsys):
+def test_visibility_and_leave_one_out_print_their_cards(capsys, tmp_path):
     plan = str(EXAMPLES / "change5" / "simulation.toml")
     assert cli.main(["visibility", plan, "--stations", "KS", "--stop", "2020-12-02", "--mask", "5"]) == 0
     assert "KASHI" in capsys.readouterr().out
     data = str(EXAMPLES / "apollo15" / "apollo15_2024.toml")
-    assert cli.main(["leave-one-out", data, "--json"]) == 0
+    assert cli.main(["leave-one-out", data, "--json", "--out", str(tmp_path)]) == 0
     names = [one["name"] for one in json.loads(capsys.readouterr().out)["without"]]
     assert names == ["APOLLO", "GRASSE", "MATERA"]
+    heading, *rows = (tmp_path / "leave_one_out.csv").read_text().splitlines()
+    assert heading.startswith("kind,name,left_out,used,converged,radius_95_m,shift_east_m,")
+    assert [row.split(",")[1] for row in rows] == names
+    written = json.loads((tmp_path / "leave_one_out.json").read_text())["without"]
+    assert [one["shift_enu_m"][0] for one in written] == [float(row.split(",")[6]) for row in rows]
 
 
 def test_light_times_as_card_as_json_and_in_a_file(capsys, tmp_path):

@@ -23,6 +23,7 @@ from radioloc.report.files import (
     write_comparison,
     write_covariance,
     write_images,
+    write_leave_one_out,
     write_monte_carlo,
     write_report,
 )
@@ -274,8 +275,7 @@ def _light_time(options: argparse.Namespace) -> int:
 
 def _leave_one_out(options: argparse.Namespace) -> int:
     found = leave_one_out(options.study, progress=not options.quiet)
-    tell(options, found, found.to_dict)
-    return DONE if found.solution.converged else NOT_CONVERGED
+    return _done(options, found, write_leave_one_out, found.converged)
 
 
 COMMANDS: dict[str, Callable[[argparse.Namespace], int]] = {

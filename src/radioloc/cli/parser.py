@@ -419,12 +419,13 @@ def make_parser() -> Parser:
     )
     light.add_argument("--out", type=Path, metavar="FILE", help="write all rows and columns to FILE, as .csv")
 
-    command(
+    of_subsets = command(
         "leave-one-out",
         "fit a study without each of its stations and links, and print how the position moves",
-        "study.toml",
+        "study.toml --out results",
         study=file_of_a_study,
     )
+    add_folder(of_subsets, "write leave_one_out.json and leave_one_out.csv to DIR")
 
     kernels = command(
         "kernels",

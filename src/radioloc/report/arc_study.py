@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass, fields, replace
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -26,6 +26,7 @@ from radioloc.report.position_table import (
 )
 from radioloc.report.solution_card import which_sigmas
 from radioloc.report.text_table import TextTable
+from radioloc.tables import TableForm, as_table
 
 _ARCS_IN_ROW = 3
 _WIDE = 18  # characters of a value with its sigma of which one fewer goes into a row
@@ -150,13 +151,12 @@ class ArcStudy(Shown):
             ],
         }
 
-    def to_table(self) -> Any:
-        """:attr:`rows` as an ``astropy.table.Table``; NaN where a row has no such number."""
-        from astropy.table import Table
-
-        columns = zip(*(asdict(row).values() for row in self.rows), strict=True)
-        names = [field.name for field in fields(PositionRow)]
-        return Table([[np.nan if x is None else x for x in column] for column in columns], names=names)
+    def to_table(self, form: TableForm = "astropy") -> Any:
+        """:attr:`rows` as a ``QTable`` of astropy, with units, or a ``DataFrame``; NaN where there is no number."""
+        rows = [asdict(row) for row in self.rows]
+        return as_table(
+            {key: [np.nan if row[key] is None else row[key] for row in rows] for key in rows[0]}, form
+        )
 
     def to_csv(self) -> str:
         """The rows as comma-separated text, with the arcs' other parameters and their sigmas as further columns."""

@@ -24,6 +24,7 @@ from radioloc.report.comparison import Comparison
 from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.figures import save_figure
 from radioloc.report.image_solution import ImageSolution
+from radioloc.report.leave_one_out import LeaveOneOut
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.page import PAGE, write_page
 from radioloc.report.point_solution import PointSolution
@@ -259,6 +260,25 @@ def write_covariance(study: CovarianceStudy, folder: str | Path, *, html: bool =
     """
     contents: dict[str, _Content] = {"covariance.json": study.to_dict(), "covariance.csv": study.to_csv()}
     return _write(study, folder, contents, html)
+
+
+def write_leave_one_out(found: LeaveOneOut, folder: str | Path, *, html: bool = False) -> list[Path]:
+    """Write ``leave_one_out.json`` and ``leave_one_out.csv``, a row for each station and link.
+
+    All else is as of :func:`write_report`.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> found = radioloc.studies.leave_one_out("examples/change5/short_arc.toml")
+    >>> [path.name for path in radioloc.report.write_leave_one_out(found, "out")]
+    ['leave_one_out.json', 'leave_one_out.csv']
+    """
+    from radioloc.io.csv_file import batches_of, write_csv
+
+    table = partial(write_csv, batches=batches_of(found.columns()))
+    contents: dict[str, _Content] = {"leave_one_out.json": found.to_dict(), "leave_one_out.csv": table}
+    return _write(found, folder, contents, html)
 
 
 def write_images(

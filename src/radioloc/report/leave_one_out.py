@@ -7,12 +7,16 @@ from collections.abc import Iterator
 from dataclasses import asdict, dataclass
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from radioloc.estimation.solution import Solution
 from radioloc.measurements.link import Link
 from radioloc.report.cards import Card, Field, Shown, metres, signed_metres
 from radioloc.report.covariance import radius_95_m
 from radioloc.report.link_names import ways
 from radioloc.report.solution_card import which_sigmas
+from radioloc.tables import TableForm, as_table
 
 _UNLIKELY_SIGMAS = 4.03
 """Three coordinates of a right model stay below this in 99.9 %."""
@@ -76,6 +80,32 @@ class LeaveOneOut(Shown):
 
     solution: Solution
     without: tuple[Without, ...]
+
+    @property
+    def name(self) -> str:
+        """The study's."""
+        return self.solution.name
+
+    @property
+    def converged(self) -> bool:
+        """Whether the fit to all observations did."""
+        return self.solution.converged
+
+    def columns(self) -> dict[str, NDArray[Any]]:
+        """What is found without each, by name; NaN where it is not known."""
+        rows = [asdict(one) for one in self.without]
+        found = {key: np.array([row[key] for row in rows]) for key in ("kind", "name", "left_out", "used")}
+        found["converged"] = np.array([int(one.converged) for one in self.without])
+        numbers: dict[str, Any] = {"radius_95_m": [one.radius_95_m for one in self.without]}
+        for key in ("shift", "sigma"):
+            enu = np.array([row[f"{key}_enu_m"] or (None,) * 3 for row in rows]).reshape(-1, 3)
+            numbers |= {f"{key}_{axis}_m": enu[:, k] for k, axis in enumerate(("east", "north", "up"))}
+        numbers["sigmas"] = [one.sigmas for one in self.without]
+        return found | {key: np.array(column, dtype=np.float64) for key, column in numbers.items()}
+
+    def to_table(self, form: TableForm = "astropy") -> Any:
+        """One row for each as a ``QTable`` of astropy, with units, or a ``DataFrame`` of pandas."""
+        return as_table(self.columns(), form)
 
     def to_dict(self) -> dict[str, Any]:
         """All but single residuals, in types that JSON has."""

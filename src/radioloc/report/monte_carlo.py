@@ -11,8 +11,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.errors import InputError
+from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.cards import Card, Field, Shown, metres, more, plural
 from radioloc.report.trial_statistics import SIDES, ArcSummary, Nees, summarize
+from radioloc.tables import TableForm, as_table
+from radioloc.units import ASTROPY_UNITS, unit_of
 
 _Floats = NDArray[np.float64]
 _MAX_PARAMETERS = 8
@@ -127,11 +130,20 @@ class MonteCarlo(Shown):
         columns = {"trial": np.repeat(np.arange(n), arcs), "hours": np.tile(self.hours, n)}
         return columns | dict(zip(self.columns, self.values.reshape(n * arcs, -1).T, strict=True))
 
-    def to_table(self) -> Any:
-        """All trials as an ``astropy.table.Table``, one row for each trial and arc."""
-        from astropy.table import Table
+    def to_table(self, form: TableForm = "astropy") -> Any:
+        """All trials as a ``QTable`` of astropy, with units, or a ``DataFrame``, one row for each trial and arc.
 
-        return Table(self.columns_of_trials())
+        Parameters have the units of their kinds, :data:`~radioloc.parameters.registry.PARAMETERS`.
+        """
+        columns = self.columns_of_trials()
+        kinds = {name: name.partition(".")[0] for name in columns}
+        units = {
+            name: ASTROPY_UNITS.get(PARAMETERS[kind].unit, PARAMETERS[kind].unit)
+            if kind in PARAMETERS
+            else unit_of(kind)
+            for name, kind in kinds.items()
+        }
+        return as_table(columns, form, units)
 
     def card(self) -> Card:
         """Card of the study."""

@@ -24,7 +24,7 @@ from radioloc.report.map_figure import plot_map
 from radioloc.report.point_solution import PointSolution
 from radioloc.report.residual_charts import Chart, residual_charts
 from radioloc.report.result_figures import Result, figures_of
-from radioloc.report.solution_card import left_out_rows, parameter_field, solution_card
+from radioloc.report.solution_card import MAX_PARAMETERS, left_out_rows, parameter_field, solution_card
 from radioloc.text_files import write_text
 
 if TYPE_CHECKING:
@@ -108,7 +108,7 @@ def write_html(result: Result, path: str | Path) -> None:
 
     Parameters
     ----------
-    result : Solution, ArcStudy, ImageSolution, PointSolution, Comparison, MonteCarlo or CovarianceStudy
+    result : Solution, ArcStudy, ImageSolution, PointSolution, Comparison, MonteCarlo, CovarianceStudy or LeaveOneOut
         What to show: its card, figures, and of a solution residuals to zoom into, the error budget, what was left out
         and why, and the provenance.
     path : path-like
@@ -198,7 +198,7 @@ def _sections(result: Result, figures: Mapping[str, Path | BytesIO]) -> list[_Se
     found = {title: _Section(title) for title in _TITLES}
     of = _RESULT
     sections = _SECTION_OF if isinstance(result, Solution | ArcStudy) else {}
-    card = solution_card(result) if isinstance(result, Solution) else result.card()
+    card = solution_card(result, parameters=MAX_PARAMETERS) if isinstance(result, Solution) else result.card()
     for item in card.fields:
         of = sections.get(item.label, _RESULT) if item.label else of
         found[of].fields.append(item)
@@ -225,7 +225,8 @@ def _sections(result: Result, figures: Mapping[str, Path | BytesIO]) -> list[_Se
             found[title].more.append((name, (table,)))
     if isinstance(result, ArcStudy):
         for arc in result.arcs:
-            found[_RESULT].more.append((f"The arc of {arc.name}", tuple(solution_card(arc.solution).fields)))
+            whole = solution_card(arc.solution, parameters=len(arc.solution.parameters))
+            found[_RESULT].more.append((f"The arc of {arc.name}", tuple(whole.fields)))
     provenance = getattr(solution, "provenance", {})
     origin = Field("", (), ("key", "value"), _flat(provenance))
     found[_PROVENANCE].more.append(("Files, versions and settings that make this result again", (origin,)))

@@ -15,6 +15,7 @@ from radioloc.report.covariance import CovarianceStudy, plot_covariance
 from radioloc.report.distribution_figure import plot_distribution
 from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution
+from radioloc.report.leave_one_out import LeaveOneOut
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.parameter_figures import can_be_drawn, plot_contours, plot_correlations
 from radioloc.report.point_figures import plot_point
@@ -26,7 +27,16 @@ from radioloc.report.trial_figures import plot_error_by_length, plot_trials
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-Result = Solution | ArcStudy | ImageSolution | PointSolution | Comparison | MonteCarlo | CovarianceStudy
+Result = (
+    Solution
+    | ArcStudy
+    | ImageSolution
+    | PointSolution
+    | Comparison
+    | MonteCarlo
+    | CovarianceStudy
+    | LeaveOneOut
+)
 """What has an output folder."""
 
 
@@ -49,6 +59,8 @@ def figures_of(result: Result) -> dict[str, Callable[[], Figure] | None]:
             return {name: partial(draw, result) if some else None for name, draw in drawn.items()}
         case CovarianceStudy():
             return {"covariance": partial(plot_covariance, result) if result.determined else None}
+        case LeaveOneOut():
+            return {}
 
 
 def _of_a_solution(solution: Solution) -> dict[str, Callable[[], Figure] | None]:

@@ -36,7 +36,7 @@ from radioloc.time import utc_strings
 # A card is to fit a screen; to_dict() has all rows.
 _MAX_ROWS = 6
 _MAX_LINKS = 12  # six baselines of four stations, and some that range
-_MAX_PARAMETERS = 12
+MAX_PARAMETERS = 12
 _MAX_OUTLIERS = 3
 _MAX_SENTENCES = 4
 _MAX_SERIES = 3
@@ -66,8 +66,9 @@ _MUCH_LARGER = 3.0
 
 
 @card_of.register(Solution)
-def solution_card(solution: Solution) -> Card:
-    """Collect what the card of a solution says, in order."""
+def solution_card(solution: Solution, *, parameters: int | None = None) -> Card:
+    """Collect what the card of a solution says, in order; on a page, with so many parameters, all rows of the rest."""
+    page = parameters is not None
     sentences = (
         *doppler_alone(solution),
         *solution.observability.describe()[:_MAX_SENTENCES],
@@ -87,15 +88,17 @@ def solution_card(solution: Solution) -> Card:
             _budget(solution),
             Field("reference", _reference(solution)),
             Field("a priori", _position_priors(solution)),
-            parameter_field(solution, _MAX_PARAMETERS),
+            parameter_field(solution, MAX_PARAMETERS)
+            if parameters is None
+            else parameter_field(solution, parameters, "the table of all parameters"),
             Field("held", _held(solution)),
-            Field("passes", _passes(solution)),
+            Field("passes", _passes(solution, page)),
             Field("data", _data(solution)),
             Field("fit", _fit(solution)),
             Field(
                 "misfit", (str(item) for item in solution.consistency.found if not _strong(solution, item))
             ),
-            *_groups(solution),
+            *_groups(solution, page),
             Field("left out", _left_out(solution)),
             Field("observable", sentences),
             Field("notes", solution.notes),
@@ -325,8 +328,8 @@ def _held(solution: Solution) -> Iterator[str]:
         yield ", ".join(f"{item.name} {item.prior_value:.6g} {item.unit}" for item in items)
 
 
-def parameter_field(solution: Solution, most: int) -> Field:
-    """Estimated parameters beside the position, the first of them."""
+def parameter_field(solution: Solution, most: int, where: str = "solution.json") -> Field:
+    """Estimated parameters beside the position, the first of them, and where the others are."""
     others, sigmas = _others(solution), solution.sigmas()
     rows = []
     for k in others[:most]:
@@ -338,15 +341,16 @@ def parameter_field(solution: Solution, most: int) -> Field:
             (item.name, to_sigma(solution.values[k], sigmas[k]), sigma_text(sigmas[k]), item.unit, prior)
         )
     heading = ("parameter", "value", "sigma", "unit", "a priori")
-    return Field("estimated", (), heading, rows, more(len(others), most))
+    return Field("estimated", (), heading, rows, more(len(others), most, where))
 
 
-def _passes(solution: Solution) -> Iterator[str]:
+def _passes(solution: Solution, every: bool) -> Iterator[str]:
     """When the passes were that have parameters of their own."""
     items = [item for item in solution.parameters if item.span_utc is not None]
-    for item in items[:_MAX_ROWS]:
+    most = len(items) if every else _MAX_ROWS
+    for item in items[:most]:
         yield f"{item.name}: {' to '.join(item.span_utc or ())} UTC"
-    yield from more(len(items), _MAX_ROWS)
+    yield from more(len(items), most)
 
 
 def _data(solution: Solution) -> Iterator[str]:
@@ -445,7 +449,7 @@ def _links(rows: Residuals) -> Labels:
     return Labels.coded(names, rows.paths.codes * len(rows.types.texts) + rows.types.codes)
 
 
-def _groups(solution: Solution) -> Iterator[Field]:
+def _groups(solution: Solution, every: bool) -> Iterator[Field]:
     """Statistics by station; where types differ, or a station has part in several paths, by type and by path."""
     rows, fit = solution.residuals, solution.fit
     if not have_paths(rows) or len(fit.by_path) == len(fit.by_station) == len(_ends(rows)):
@@ -454,8 +458,8 @@ def _groups(solution: Solution) -> Iterator[Field]:
         found = [("types", fit.by_type, _MAX_ROWS)] if len(fit.by_type) > 1 else []
         found.append(("links", rows.statistics_by(_links(rows)), _MAX_LINKS))
     heading = ("residuals, m", "used", "left out", "mean", "rms", "wrms")
-    for label, groups, most in found:
-        cells = []
+    for label, groups, at_most in found:
+        most, cells = len(groups) if every else at_most, []
         for group in groups[:most]:
             sizes = ("-" if x is None else metres(x) for x in (group.mean_m, group.rms_m, group.wrms_m))
             cells.append((group.label, str(group.used), str(group.rejected), *sizes))

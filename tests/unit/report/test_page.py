@@ -322,6 +322,7 @@ def test_the_page_of_a_real_study_is_small(change5):
     page = Page((change5 / "report.html").read_text(encoding="utf-8"))
     assert (change5 / "report.html").stat().st_size < LARGEST
     content = json.loads((change5 / "solution.json").read_text(encoding="utf-8"))
+    assert "more in solution.json" not in (change5 / "report.html").read_text(encoding="utf-8")
     assert len(page.table("UTC", "link", "residual, m", "reason")) == content["fit"]["rejected"]
     assert ["ephemeris.sha256", content["provenance"]["ephemeris"]["sha256"]] in page.table("key", "value")
 

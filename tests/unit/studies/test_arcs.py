@@ -297,6 +297,10 @@ def test_table_and_dictionary(found):
     table = found.to_table()
     assert list(table["name"]) == [row.name for row in found.rows]
     assert np.isnan(table["west_m"][3])
+    assert {str(table[name].unit) for name in ("west_m", "sigma_up_m")} == {"m"}
+    assert table["latitude_deg"].unit == "deg"
+    frame = found.to_table("pandas")
+    assert frame["latitude_deg"].tolist() == table["latitude_deg"].value.tolist()
     assert np.isnan(table["used"][4])
     content = found.to_dict()
     json.dumps(content, allow_nan=False)

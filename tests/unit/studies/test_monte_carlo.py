@@ -444,6 +444,11 @@ def test_the_card(found):
     assert repr(found) == "<MonteCarlo plan: 60 trials of 24, 12 h>"
     table = found.to_table()
     assert len(table) == 120
+    assert (table["hours"].unit, table["sigma_up_m"].unit) == ("h", "m")
+    of_types = [name for name in table.colnames if name.startswith(("excess_noise_m.", "range_bias."))]
+    assert len(of_types) > 2
+    assert {str(table[name].unit) for name in of_types} == {"m"}
+    assert list(found.to_table("pandas").columns) == table.colnames
     with pytest.raises(InputError, match="there is no column 'west_m'"):
         found["west_m"]
 

@@ -21,6 +21,7 @@ from radioloc.io.strf import read_sites, read_strf
 from radioloc.io.table import read_table
 from radioloc.io.tdm import TdmAgreement, read_tdm
 from radioloc.lunar import TerrainModel
+from radioloc.measurements.sources import read_sources
 from radioloc.media.csp import read_csp
 from radioloc.media.gpt3 import read_gpt3
 from radioloc.media.ionex import read_ionex
@@ -90,6 +91,12 @@ FDETS = """\
 1 2013-12-28T09:30:05.500 1.0e+04 5.7e+03 6264011.812 -1.3e-02
 1 34215.5 1.0e+04 5.7e+03 6264001.812 -1.3e-02
 """
+SOURCES = "source,right_ascension_deg,declination_deg\n0059+581,15.690677,58.403093\n1741-038,265.995234,-3.834616\n"
+ICRF = """\
+ICRF Designation        IERS Des. Inf.  Right Ascension       Declination
+ICRF J010245.7+582411   0059+581   D    01 02 45.76238240   58 24 11.1366050
+ICRF J174358.8-035004   1741-038   D    17 43 58.85613350  -03 50 04.6166750
+"""
 SITES = "# No ID Latitude Longitude Elev Observer\n4171 CB   52.8344    6.3785     10    An Observer\n"
 STUDY = """\
 [target]
@@ -113,6 +120,8 @@ TEXTS = {
     "blq": (read_blq, BLQ_RECORD),
     "eop": (EopTable.from_file, "\n".join(finals_row(58849 + day) for day in range(6)) + "\n"),
     "gpt3": (read_gpt3, GPT3_CORNERS),
+    "icrf": (read_sources, ICRF),
+    "sources": (read_sources, SOURCES),
     "ionex": (
         read_ionex,
         ionex_text(lambda latitude, longitude, hour: 9.0 + 0.0 * longitude, hours=(0, 2), rms=False),

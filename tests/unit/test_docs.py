@@ -230,6 +230,9 @@ def touch_named_files(folder):
     ):
         (folder / name).touch()
     (folder / "sites.txt").write_text("4171 CB   52.8344    6.3785     10    An Observer\n")
+    (folder / "quasars.csv").write_text(
+        "source,right_ascension_deg,declination_deg\n0059+581,15.690677,58.403093\n"
+    )
     tie = [
         {"name": f"map_tie.map.{axis}", "sigma": 25.0, "position_enu_m": [0.0, 0.0, 0.0]}
         for axis in ("east", "north")

@@ -16,6 +16,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Prediction, Predictor
 from radioloc.measurements.ramps import Ramps
 from radioloc.measurements.registry import MEASUREMENTS
+from radioloc.measurements.sources import read_sources
 from radioloc.measurements.terms import TERMS, active_terms
 
 __all__ = [
@@ -37,4 +38,5 @@ __all__ = [
     "StationDelay",
     "active_terms",
     "prepare_predictor",
+    "read_sources",
 ]

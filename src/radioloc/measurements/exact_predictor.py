@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import copy
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from functools import partial
 from typing import Any
 
@@ -36,6 +37,7 @@ from radioloc.measurements.light_path import (
     PathPartials,
     gravitational_delay_m,
     path_length_partials,
+    plane_wave_delay_m,
     solve_light_path,
 )
 from radioloc.measurements.line_of_sight import LineOfSight, line_of_sight, prepared_media
@@ -48,6 +50,7 @@ from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
 from radioloc.measurements.ramps import RampTerm, TransmittedFrequency
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_combined, is_differenced, is_integrated, is_one_way
+from radioloc.measurements.sources import with_galactic_aberration
 from radioloc.measurements.station_motion import StationMotion, station_motion
 from radioloc.media.ionosphere import delay_by_content_m
 from radioloc.media.medium import Leg, LegEnd
@@ -57,6 +60,8 @@ from radioloc.vectors import dot, length, rotated
 
 _SHORTEST_RADIO_UM = 1000.0
 """From this wavelength on (300 GHz), the signal is radio."""
+_FAR_M = 1e18
+"""Where the direction to a source at infinity is looked at from."""
 _ROUGHLY_S = 1e-9
 """Light times of the path without delays settle to 1e-13 s, in which nothing moves by more than 3e-9 m."""
 
@@ -124,6 +129,10 @@ class ExactPredictor(Predictor):
             tt.jd, tt.fraction + geocentric_tdb_minus_tt(tt) / SECONDS_PER_DAY, "TDB"
         )
         self._earth = model.ephemeris.earth(self._reference)
+        self._far = self._source[rows]
+        if model.has("galactic_aberration"):
+            far = np.flatnonzero(self._target < 0)
+            self._far[far] = with_galactic_aberration(self._far[far], self._reference[far])
         self._clocks = self._station_clocks()
         self._prepare(np.asarray(approximate_pa_m, dtype=np.float64))
 
@@ -174,6 +183,7 @@ class ExactPredictor(Predictor):
             by_time = by_time + by_media * view.rate_m_s
             by_position = by_position + by_media[:, None] * view.by_position
             by_zenith_wet.append(by_media * view.by_zenith_wet)
+        by_position = by_position * (self._target >= 0)[:, None]
         by_position_pa = rotated(np.swapaxes(self._moon.rot_pa_to_icrf, -1, -2), by_position)
         n = len(self.observations)
         one_way = self._sign == 0.0
@@ -409,6 +419,8 @@ class ExactPredictor(Predictor):
         if lander_pa_m.ndim == 2:
             lander_pa_m = lander_pa_m[self._target]
         relay = self._moon.point(self.model, lander_pa_m)
+        near = (self._target >= 0)[:, None]
+        relay = replace(relay, velocity_m_s=relay.velocity_m_s * near)
         # The reference epoch reads the tag as the geocentre's TT; the station's differs by up to 2 microseconds.
         tagged_s = np.where(
             self._tag == TRANSMIT,
@@ -429,6 +441,7 @@ class ExactPredictor(Predictor):
             tagged_s + self._equipment.after_tag_s,
             sign=self._sign,
             hold_s=self._equipment.hold_s,
+            source=None if near.all() else self._far,
         )
         path = solve(0.0, 0.0, tolerance_s=_ROUGHLY_S)
         up, down = self._lines_of_sight(path, relay)
@@ -458,6 +471,7 @@ class ExactPredictor(Predictor):
         gm = self.model.ephemeris.constants.gm_m3_s2
         lander_m = relay.at(path.bounce_s)
         lander_gcrs_m, _ = self._moon.geocentric(relay, path.bounce_s)
+        far = np.flatnonzero(self._target < 0)
         solar_m = self._up.point.at(path.transmit_s), self._down.point.at(path.receive_s)
         terrestrial_m = self._up.gcrs_m, self._down.gcrs_m
         at_rest = (
@@ -469,12 +483,21 @@ class ExactPredictor(Predictor):
             for body, body_m in bodies_m.items():
                 to_point_m = length(point_m - body_m)
                 for total_m, end_m, leg_m in zip((up_m, down_m), ends_m, between_m, strict=True):
-                    total_m += gravitational_delay_m(length(end_m - body_m), to_point_m, leg_m, gm(body))
+                    delay_m = gravitational_delay_m(length(end_m - body_m), to_point_m, leg_m, gm(body))
+                    if len(far):
+                        delay_m[far] = plane_wave_delay_m((end_m - body_m)[far], self._far[far], gm(body))
+                    total_m += delay_m
         return up_m, down_m
 
     def _lines_of_sight(self, path: LightPath, relay: MovingPoint) -> tuple[LineOfSight, LineOfSight]:
         """The views from both stations."""
         lander_gcrs_m, velocity_m_s = self._moon.geocentric(relay, path.bounce_s)
+        far = np.flatnonzero(self._target < 0)
+        if len(far):
+            # Aberration turns its direction into that of the frame that moves with the Earth.
+            v, source = self._earth.velocity_m_s[far] / C_M_S, self._far[far]
+            lander_gcrs_m[far] = _FAR_M * (source + v - source * dot(source, v)[:, None])
+            velocity_m_s[far] = 0.0
         moon_gcrs_m = None if self.trajectory is None else self._moon.moon_gcrs_m
         media = self.model.media
         up, down = (
@@ -511,6 +534,7 @@ _PER_PATH = (
     "_up",
     "_down",
     "_moon",
+    "_far",
     "_clock",
     "_clocks",
 )

@@ -5,6 +5,9 @@ the point and down to the second, sign 1. A differenced delay (VLBI) comes down 
 runs the other way in time, sign -1, and the first station's event, called the transmission below, is an arrival. A
 one-way signal has no first leg, sign 0: it begins with the bounce.
 
+A source at infinity takes the point's place in a delay: of each leg then counts how much longer it is than that to the
+origin, -K.x with the direction K of the source, and the bounce is when the wavefront would meet the origin.
+
 All positions are BCRS vectors from one origin per observation, the geocentre at the observation's reference epoch,
 and all times are TDB seconds from that epoch. Barycentric positions of 1.5e11 m would be rounded to 0.03 mm; from
 this origin they stay below 1e9 m and are rounded to 0.1 micrometre.
@@ -95,12 +98,14 @@ def solve_light_path(
     sign: ArrayLike = 1.0,
     hold_s: ArrayLike = 0.0,
     near: LightPath | None = None,
+    source: NDArray[np.float64] | None = None,
     tolerance_s: float = TOLERANCE_S,
 ) -> LightPath:
     """Solve the light-time equations of both legs in the BCRS (Moyer 2003, section 8.3).
 
     `tag` names the event that happens at `tag_offset_s`. Delays are those of each leg beyond its straight length.
-    `sign` is that of the first leg, see above. A path `near` the one wanted is where to begin. Repeated substitution
+    `sign` is that of the first leg, see above; `source`, shape (n, 3), has the directions of sources at infinity, and
+    zeros of all others. A path `near` the one wanted is where to begin. Repeated substitution
     contracts by v/c = 1e-4 a step, so the durations are good to a ten-thousandth of the tolerance.
     """
     sent, received = tag == TRANSMIT, tag == RECEIVE
@@ -120,21 +125,21 @@ def solve_light_path(
         down_m = receiver.at(receive_s) - relay.at(leave_s)
         up_length_m = length(up_m)
         down_length_m = length(down_m)
+        if source is not None:
+            far = np.asarray(source.any(axis=-1, keepdims=True))
+            up_length_m = np.where(far[:, 0], -dot(source, transmitter.at(transmit_s)), up_length_m)
+            down_length_m = np.where(far[:, 0], -dot(source, receiver.at(receive_s)), down_length_m)
         new_up_s = (up_length_m + up_delay_m) / C_M_S
         new_down_s = (down_length_m + down_delay_m) / C_M_S
         moved_s = np.abs(new_up_s - up_s) + np.abs(new_down_s - down_s)
         up_s, down_s = new_up_s, new_down_s
         # Written so that a NaN does not pass for converged.
         if bool(np.all(moved_s < tolerance_s)):
-            return LightPath(
-                transmit_s,
-                bounce_s,
-                receive_s,
-                up_s,
-                down_s,
-                up_m / up_length_m[:, None],
-                down_m / down_length_m[:, None],
-            )
+            up_unit, down_unit = up_m / up_length_m[:, None], down_m / down_length_m[:, None]
+            if source is not None:
+                up_unit = np.where(far, source, up_unit)
+                down_unit = np.where(far, -source, down_unit)
+            return LightPath(transmit_s, bounce_s, receive_s, up_s, down_s, up_unit, down_unit)
     open_paths = int(np.sum(~(moved_s < tolerance_s)))
     raise ConvergenceError(
         f"the light time of {open_paths} of {len(moved_s)} paths did not settle within {_MAX_ITERATIONS} iterations; "
@@ -177,6 +182,18 @@ def path_length_partials(
         by_down_delay=by_down,
         by_hold=C_M_S + np.where(received, -by_up * closing_up, by_down * closing_down),
     )
+
+
+def plane_wave_delay_m(
+    from_body_m: NDArray[np.float64], source: NDArray[np.float64], gm_m3_s2: float
+) -> NDArray[np.float64]:
+    """Extra path from a source at infinity to places that are so far from a body, but for a constant, m.
+
+    IERS Conventions (2010), eq. 11.1 and 11.2, in which the difference of two is taken; bodies are where they are
+    at the reception.
+    """
+    k_m = 2.0 * gm_m3_s2 / C_M_S**2
+    return -k_m * np.log((length(from_body_m) + dot(source, from_body_m)) / 1e11)
 
 
 def gravitational_delay_m(

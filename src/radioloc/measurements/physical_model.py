@@ -16,6 +16,7 @@ from radioloc.errors import InputError, StationError
 from radioloc.kernels import KernelFile
 from radioloc.measurements.equipment_delays import EquipmentDelays
 from radioloc.measurements.light_path import PLANETS_MM
+from radioloc.measurements.sources import Sources
 from radioloc.measurements.terms import TERMS, active_terms
 from radioloc.media.csp import MediaCalibrations
 from radioloc.media.ionosphere import ElectronContent, Ionosphere
@@ -37,6 +38,7 @@ class PhysicalModel:
     ionosphere: ElectronContent | None = None  # along the rays of radio signals
     delays: EquipmentDelays = field(default_factory=EquipmentDelays)  # by the catalogue's names of stations
     radio_atmosphere: RadioAtmosphere | None = None  # VMF3 and GPT3 files
+    sources: Sources = field(default_factory=dict)  # at infinity, by their names
     free_clocks: tuple[str, ...] = ()  # stations whose clocks keep proper time, by the catalogue's names
     added_media: tuple[Medium, ...] = ()  # besides those of the registry, or in place of them
     media_calibrations: MediaCalibrations | None = None  # of the Deep Space Network
@@ -56,6 +58,7 @@ class PhysicalModel:
         media_calibrations: MediaCalibrations | None = None,
         media: Iterable[Medium] = (),
         free_clocks: Iterable[str] = (),
+        sources: Sources | None = None,
         off: Iterable[str] = (),
     ) -> PhysicalModel:
         """Open the kernels and tables.
@@ -84,6 +87,8 @@ class PhysicalModel:
         free_clocks : iterable of str
             Stations whose frequency standards run free, at the rate of proper time at their height, and do not follow
             UTC.
+        sources : mapping of str to ndarray, optional
+            Quasars of which there are VLBI delays, from :func:`~radioloc.measurements.sources.read_sources`.
         off : iterable of str
             Names of terms to leave out.
 
@@ -122,6 +127,7 @@ class PhysicalModel:
             ionosphere,
             equipment,
             radio_atmosphere,
+            dict(sources or {}),
             free,
             added,
             media_calibrations,

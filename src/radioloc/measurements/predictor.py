@@ -117,7 +117,7 @@ class Predictor(ABC):
     targets : tuple of str
         Names of the targets, in the order of the positions; empty where there is only one.
     target : ndarray of int32, shape (n,)
-        Index of each observation's target among the positions.
+        Index of each observation's target among the positions; -1 of a source at infinity.
     stations : tuple of str
         Names of the stations that take part, each once.
     maps : tuple of str
@@ -152,6 +152,7 @@ class Predictor(ABC):
         found: dict[str, Station] = {}
         position = {canonical_target(name): k for k, name in enumerate(self.targets)}
         ends = np.zeros((len(observations.links), 3), dtype=np.int32)
+        directions = np.zeros((len(observations.links), 3))
         for i in np.flatnonzero(np.bincount(observations.link, minlength=len(observations.links))):
             link, origin = observations.links[i], observations.origin(int(np.argmax(observations.link == i)))
             for end, name in enumerate((link.transmitter or link.receiver, link.receiver)):
@@ -161,7 +162,15 @@ class Predictor(ABC):
                     raise StationError(f"{origin}: {error}") from None
                 found.setdefault(station.name, station)
                 ends[i, end] = list(found).index(station.name)
-            if self.targets:
+            source = self.model.sources.get(canonical_target(link.target))
+            if source is not None:
+                if not link.differenced:
+                    raise InputError(
+                        f"{origin}: {link.path}: {link.target} is a source at infinity, of which there are VLBI "
+                        "delays only"
+                    )
+                ends[i, 2], directions[i] = -1, source
+            elif self.targets:
                 if canonical_target(link.target) not in position:
                     raise InputError(
                         f"{origin}: target {link.target!r} has no position; there are {', '.join(self.targets)}"
@@ -169,6 +178,7 @@ class Predictor(ABC):
                 ends[i, 2] = position[canonical_target(link.target)]
         self.stations, self._stations = tuple(found), tuple(found.values())
         self.transmitters, self.receivers, self.target = (column[observations.link] for column in ends.T)
+        self._source = directions[observations.link]
 
     @property
     @abstractmethod

@@ -18,6 +18,7 @@ def _terms() -> dict[str, str]:
     terms = {
         "shapiro": "gravitational delay by the Sun, the Earth, the Moon and the planets",
         "tdb_tt": "difference of TDB - TT between the ends of the light path",
+        "galactic_aberration": "motion of quasars since 2015.0 by the solar system's acceleration in the Galaxy",
         "station_proper_time": "rate of the stations' clocks by their heights, where they are said to run free",
         "target_proper_time": "rate of the target's own clock by its speed and by gravity where it is, one-way",
         "troposphere": MEDIA["troposphere"].description,

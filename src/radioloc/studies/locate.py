@@ -38,6 +38,7 @@ from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks
 from radioloc.measurements.registry import KINDS, kind_of
+from radioloc.measurements.sources import read_sources
 from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
@@ -283,6 +284,7 @@ def model_of(study: Study) -> PhysicalModel:
         media_calibrations=read_csp(choice.csp, choice.csp_scid) if choice.csp else None,
         delays=choice.delays,
         free_clocks=choice.free_clocks,
+        sources={name: place for path in choice.sources for name, place in read_sources(path).items()},
         off=set(TERMS) - choice.terms,
     )
 
@@ -316,7 +318,9 @@ def _observations(
                 "study file, globs allowed)"
             )
         observations = _read(study, study.observations.files, model, targets)
-    chosen, left_out = select_observations(observations, study.observations, study.catalogue, study.targets)
+    chosen, left_out = select_observations(
+        observations, study.observations, study.catalogue, study.targets, model.sources
+    )
     for key in ("vlbi_station_sigma_m", "vlbi_station_rate_sigma_m", "doppler_phase_sigma_m"):
         given = getattr(study.observations, key)
         if isinstance(given, Mapping):

@@ -240,6 +240,7 @@ def provenance(
             key: [{"name": path.name, "sha256": sha256_of(path)} for path in paths]
             for key, paths in of_air.items()
         },
+        "sources": [{"name": path.name, "sha256": sha256_of(path)} for path in chosen.sources],
         "free_clocks": list(model.free_clocks),
         "media_calibrations": {
             "csp": [{"name": path.name, "sha256": sha256_of(path)} for path in chosen.csp],

@@ -32,13 +32,15 @@ def select_observations(
     choice: ObservationChoice,
     catalogue: StationCatalogue,
     positions: Collection[str] = (),
+    sources: Collection[str] = (),
 ) -> tuple[Observations, dict[str, int]]:
     """What a study asks for, in input order (the same table if that is all), and how many others there are, by reason.
 
     `positions` are the names of ``[targets]``, empty where the study has one position without a name. An observation
-    is kept if all its targets are among those named. Counts of Doppler are averaged if the study says so.
+    is kept if all its targets are among those named; `sources` at infinity are no targets. Counts of Doppler are
+    averaged if the study says so.
     """
-    kept, left_out = selected(observations, choice, catalogue, positions)
+    kept, left_out = selected(observations, choice, catalogue, positions, sources)
     # A table of which all is kept is not copied; nobody writes to it.
     chosen = observations.select(kept) if left_out else observations
     if choice.doppler_average_s is not None:
@@ -58,6 +60,7 @@ def selected(
     choice: ObservationChoice,
     catalogue: StationCatalogue,
     positions: Collection[str] = (),
+    sources: Collection[str] = (),
 ) -> tuple[NDArray[np.bool_], dict[str, int]]:
     """Which observations a study asks for, shape (n,), and how many others there are, by reason."""
     left_out: dict[str, int] = {}
@@ -70,7 +73,7 @@ def selected(
             left_out[reason] = count
         kept = kept & mask
 
-    keep(_of_targets(observations, choice.targets, positions), "other target")
+    keep(_of_targets(observations, choice.targets, positions, sources), "other target")
     keep(_of_stations(observations, choice.stations, catalogue), "other station")
     if len(observations):
         keep(_within_time(observations, kept, choice), "outside the time span")
@@ -81,16 +84,22 @@ def selected(
 
 
 def _of_targets(
-    observations: Observations, targets: tuple[str, ...] | None, positions: Collection[str]
+    observations: Observations,
+    targets: tuple[str, ...] | None,
+    positions: Collection[str],
+    sources: Collection[str],
 ) -> NDArray[np.bool_]:
-    of_link = [{canonical_target(name) for name in link.targets} for link in observations.links]
+    of_link = [
+        {canonical_target(name) for name in link.targets} - set(sources) for link in observations.links
+    ]
     present = sorted(set().union(*(of_link[i] for i in np.unique(observations.link))))
     named = [canonical_target(name) for name in positions]
     if targets is None and not named:
         if len(present) > 1:
             raise InputError(
                 f"the observations are of several targets ({', '.join(present)}), but the study gives one position; "
-                f'name one: [observations] targets = ["{present[0]}"], or give the position of each as [targets.NAME]'
+                f'name one: [observations] targets = ["{present[0]}"], or give the position of each as [targets.NAME]; '
+                "of quasars [model] sources"
             )
         return np.ones(len(observations), dtype=bool)
     wanted = {canonical_target(name) for name in targets} if targets is not None else set(named)

@@ -351,6 +351,8 @@ class ModelChoice:
         The grid of GPT3, for stations of which VMF3 has nothing, or for all.
     delays : EquipmentDelays
         Delays of transponder and stations that the observations contain.
+    sources : tuple of Path
+        Lists of quasars, of which there are VLBI delays.
     free_clocks : iterable of str
         Stations whose frequency standards run free and do not follow UTC.
     evaluation : {"auto", "exact", "interpolated"}
@@ -372,6 +374,7 @@ class ModelChoice:
     delays: EquipmentDelays = entry(
         factory=EquipmentDelays, keys=("transponder_delay_s", "station_delay_s"), read=_delays
     )
+    sources: tuple[Path, ...] = ()
     free_clocks: tuple[str, ...] = ()
     evaluation: str = entry("auto", choices=EVALUATIONS)
 

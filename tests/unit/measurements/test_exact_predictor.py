@@ -60,6 +60,7 @@ BOUNDS_M = {
     "shapiro": (13.8, 16.3),
     # c x 2.7 s x (3.3e-10 over the year + 1.3e-10 over the day), of either sign.
     "tdb_tt": (-0.38, 0.38),
+    "galactic_aberration": (0.0, 0.0),
     "station_proper_time": (0.0, 0.0),  # UTC is kept
     "target_proper_time": (0.0, 0.0),  # not of a reflector
     # Twice 1.9 m at the zenith at 2.8 km, times up to 1/sin(20 deg).

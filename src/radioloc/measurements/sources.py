@@ -1,0 +1,121 @@
+"""Radio sources at infinity, such as quasars, by name: VLBI delays of them tell the stations' clocks.
+
+A list is a table with the columns ``source,right_ascension_deg,declination_deg``, or one of the ICRF as the IERS
+publishes them (``icrf3sx.txt``): lines that begin with ICRF have designation, name of the IERS, perhaps a D for
+defining sources, right ascension (h, min, s) and declination (deg, arcmin, arcsec).
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.constants import ARCSEC_RAD
+from radioloc.errors import FileFormatError
+from radioloc.measurements.targets import canonical_target
+from radioloc.text_files import read_lines
+from radioloc.time import Epochs
+from radioloc.vectors import dot
+
+COLUMNS = ("source", "right_ascension_deg", "declination_deg")
+
+_TO_GALACTIC_CENTRE = np.radians([266.4051, -28.936175])
+_ABERRATION_RAD_YR = 5.8e-6 * ARCSEC_RAD
+_EPOCH_JD = 2457023.5  # 2015.0
+"""Acceleration of the solar system towards the centre of the Galaxy moves sources; the ICRF3 has them at 2015.0."""
+
+Sources = Mapping[str, NDArray[np.float64]]
+"""Directions, BCRS unit vectors of shape (3,), by canonical names."""
+
+
+def read_sources(path: str | Path) -> dict[str, NDArray[np.float64]]:
+    r"""Read a list of sources: their directions in the ICRS, unit vectors, by names in lower case.
+
+    Those of a list of the ICRF are known by the names of the IERS (``0059+581``) and by designations
+    (``j010245.7+582411``).
+
+    Raises
+    ------
+    FileFormatError
+        It is no such list, or a line cannot be; the message names it.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from radioloc.measurements import read_sources
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "sources.csv")
+    >>> _ = path.write_text("source,right_ascension_deg,declination_deg\n0059+581,15.690677,58.403093\n")
+    >>> {name: direction.round(6).tolist() for name, direction in read_sources(path).items()}
+    {'0059+581': [0.504416, 0.141696, 0.851755]}
+    """
+    found: dict[str, NDArray[np.float64]] = {}
+    lines = [(k, line) for k, line in enumerate(read_lines(path), 1) if line.strip() and line[0] != "#"]
+    header = [name.strip() for name in lines[0][1].split(",")] if lines else []
+    listed = [(k, line) for k, line in lines if line.startswith("ICRF J")]
+    table = sorted(header) == sorted(COLUMNS)
+    if not (table or listed):
+        raise FileFormatError(
+            path, f"a list of sources has the columns {','.join(COLUMNS)}, or lines of the ICRF"
+        )
+    for number, line in lines[1:] if table else listed:
+        try:
+            names, angles_rad = _of_table(line, header) if table else _of_icrf(line)
+        except (ValueError, IndexError, KeyError):
+            raise FileFormatError(path, f"{line.strip()!r} is no source with its place", number) from None
+        direction = _direction(*angles_rad)
+        for name in map(canonical_target, names):
+            if not np.array_equal(found.setdefault(name, direction), direction):
+                raise FileFormatError(path, f"{name} is there twice, in two places", number)
+    if not found:
+        raise FileFormatError(path, "has columns, but no sources")
+    return found
+
+
+def _of_table(line: str, header: list[str]) -> tuple[list[str], tuple[float, float]]:
+    row = dict(zip(header, next(csv.reader([line])), strict=True))
+    right_ascension_deg, declination_deg = (float(row[name]) for name in COLUMNS[1:])
+    return [row["source"].strip()], _checked(right_ascension_deg, declination_deg)
+
+
+def _of_icrf(line: str) -> tuple[list[str], tuple[float, float]]:
+    _, designation, name, *rest = line.split()
+    numbers = rest[1:] if rest[0] == "D" else rest
+    hours, minutes, seconds, degrees, arcmin, arcsec = map(float, numbers[:6])
+    size_deg = abs(degrees) + arcmin / 60.0 + arcsec / 3600.0
+    # Of -00 degrees the sign is in the text.
+    declination_deg = -size_deg if numbers[3].startswith("-") else size_deg
+    return [name, designation], _checked(15.0 * (hours + minutes / 60.0 + seconds / 3600.0), declination_deg)
+
+
+def _checked(right_ascension_deg: float, declination_deg: float) -> tuple[float, float]:
+    if not (0.0 <= right_ascension_deg <= 360.0 and -90.0 <= declination_deg <= 90.0):
+        raise ValueError
+    return np.radians(right_ascension_deg), np.radians(declination_deg)
+
+
+def _direction(right_ascension_rad: float, declination_rad: float) -> NDArray[np.float64]:
+    cosine = np.cos(declination_rad)
+    return np.array(
+        [
+            cosine * np.cos(right_ascension_rad),
+            cosine * np.sin(right_ascension_rad),
+            np.sin(declination_rad),
+        ]
+    )
+
+
+def with_galactic_aberration(direction: NDArray[np.float64], tdb: Epochs) -> NDArray[np.float64]:
+    """Directions, shape (n, 3), at epochs, of sources that are given for 2015.0, as in the ICRF3.
+
+    The solar system's acceleration towards the centre of the Galaxy makes an aberration that grows by 5.8
+    microarcseconds a year (Charlot et al. 2020, Astron. Astrophys. 644, A159).
+    """
+    years = ((tdb.jd - _EPOCH_JD) + tdb.fraction) / 365.25
+    towards = np.broadcast_to(_direction(*_TO_GALACTIC_CENTRE), direction.shape)
+    across = towards - direction * dot(towards, direction)[:, None]
+    moved = direction + across * (_ABERRATION_RAD_YR * years)[:, None]
+    return moved / np.sqrt(dot(moved, moved))[:, None]

@@ -5,6 +5,7 @@ from radioloc.io.detect import READERS, Reader, ReadSettings, read_observations
 from radioloc.io.fdets import read_fdets
 from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.mini import read_mini
+from radioloc.io.odf import read_odf
 from radioloc.io.parquet import read_parquet, write_parquet
 from radioloc.io.ramp_table import read_ramps, write_ramps
 from radioloc.io.strf import read_sites, read_strf
@@ -22,6 +23,7 @@ __all__ = [
     "read_fdets",
     "read_mini",
     "read_observations",
+    "read_odf",
     "read_parquet",
     "read_ramps",
     "read_sites",

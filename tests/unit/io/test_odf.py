@@ -13,10 +13,12 @@ from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError
 from radioloc.io import read_observations
 from radioloc.io.odf import read_odf, read_odf_file
+from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.measurements.bands import turnaround_ratio
 from radioloc.time import epochs_from_strings, utc_to_tai
 
 REAL = sorted(Path(os.environ.get("RADIOLOC_ODF_FILES", "no folder")).glob("*.odf"))
+EXCERPT = Path(__file__).parents[2] / "data" / "odf" / "grail_b_2012-04-10.odf"
 ROUNDED_M = 1e-12
 """Values of some hundred metres, in doubles."""
 
@@ -233,6 +235,28 @@ def test_turnaround_ratios():
     assert float(turnaround_ratio("S", "S")) == pytest.approx(1.085973, abs=1e-6)
     assert float(turnaround_ratio("X", "X")) == pytest.approx(1.174900, abs=1e-6)
     assert str(turnaround_ratio("Ka", "Ka")) == "3344/3599"
+
+
+def test_real_doppler_under_ramps_and_that_of_the_beacon_agree():
+    """GRAIL-B, seen by DSS-34: two-way in S band, over two corners of the ramps, and the beacon in X band.
+
+    Both speeds change by 100 m/s in the 200 s. Once the model, of a point that stands still, is taken off, two-way less
+    twice one-way is the offset of the beacon's oscillator and noise: no step of a ramp is left.
+    """
+    found = read_odf(EXCERPT)
+    still_pa_m = np.array([1737.4e3, 0.0, 0.0])
+    rest_m = (
+        found.value_m - ExactPredictor(PhysicalModel.build(), found, still_pa_m).compute(still_pa_m).value_m
+    )
+    two_way, one_way = found.ramped, ~found.ramped
+    assert (found.epoch.fraction[two_way] == found.epoch.fraction[one_way]).all()
+    assert np.ptp(found.value_m[two_way] - 2.0 * found.value_m[one_way]) > 100.0
+    offset_m = rest_m[two_way] - 2.0 * rest_m[one_way]
+    assert offset_m.mean() == pytest.approx(-0.255, abs=1e-3)
+    assert offset_m.std() < 0.7e-3  # noise of single counts in S band, 0.4 to 0.6 mm
+    # A minute after a corner the ramp before it would be 5 m/s off.
+    thirds = [part.mean() for part in np.split(offset_m[:198], 3)]
+    assert np.ptp(thirds) < 0.5e-3
 
 
 @pytest.mark.skipif(not REAL, reason="RADIOLOC_ODF_FILES names no folder of orbit data files")

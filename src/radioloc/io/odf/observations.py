@@ -85,6 +85,13 @@ def read_odf(
 
     Errors, warnings and arguments as :func:`odf_observations` and
     :func:`~radioloc.io.odf.records.read_odf_file`.
+
+    Examples
+    --------
+    >>> from radioloc.io import read_odf
+    >>> tracking = read_odf("examples/dsn/lander.odf")
+    >>> tracking, tracking.ramps
+    (<Observations 1856 2020-12-02 to 2020-12-02>, <Ramps 36 of DSS-65, DSS-24>)
     """
     return odf_observations(read_odf_file(path), catalogue=catalogue, sigma_m=sigma_m)
 

@@ -144,6 +144,13 @@ def read_odf_file(path: str | Path) -> OdfFile:
     ------
     FileFormatError
         The file cannot be read, was cut, or holds what the format does not know. Names the record, counted from 1.
+
+    Examples
+    --------
+    >>> from radioloc.io.odf import read_odf_file
+    >>> content = read_odf_file("examples/dsn/lander.odf")
+    >>> content.spacecraft, content.orbit["type"][0].item(), content.ramps["station"].tolist()[-1]
+    (999, 11, 24)
     """
     content = read_bytes(path)
     if not looks_like_odf(content):

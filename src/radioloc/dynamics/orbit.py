@@ -16,6 +16,9 @@ from radioloc.time import Epochs, utc_strings
 
 Floats = NDArray[np.float64]
 
+_ROUNDING_S = 1e-9
+"""Two floats of an epoch resolve 1e-11 s."""
+
 STATE = ("x", "y", "z", "vx", "vy", "vz")
 """The first parameters of an orbit: its state at the epoch."""
 
@@ -95,7 +98,7 @@ class Orbit:
         tdb.require("TDB")
         times_s = tdb.seconds_since(self.epoch)
         first_s, last_s = self.span_s
-        if ((times_s < first_s) | (times_s > last_s)).any():
+        if ((times_s < first_s - _ROUNDING_S) | (times_s > last_s + _ROUNDING_S)).any():
             raise CoverageError(
                 self.name,
                 self._dates(np.array([first_s, last_s])),

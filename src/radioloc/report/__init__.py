@@ -24,6 +24,7 @@ from radioloc.report.light_times import LightTimes
 from radioloc.report.map_figure import plot_map
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.oem import write_oem
+from radioloc.report.orbit_files import write_orbit_oem, write_orbit_opm, write_orbit_spk
 from radioloc.report.page import write_html
 from radioloc.report.parameter_figures import plot_contours, plot_correlations
 from radioloc.report.point_figures import plot_point
@@ -78,6 +79,9 @@ __all__ = [
     "write_leave_one_out",
     "write_monte_carlo",
     "write_oem",
+    "write_orbit_oem",
+    "write_orbit_opm",
+    "write_orbit_spk",
     "write_report",
     "write_residuals_tdm",
     "write_sinex",

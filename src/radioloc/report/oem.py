@@ -108,7 +108,13 @@ def write_oem(
         "INTERPOLATION": "HERMITE",
         "INTERPOLATION_DEGREE": str(min(_DEGREE, 2 * len(dates) - 1)),
     }
-    lines = ["CCSDS_OEM_VERS = 2.0", *_fields(header), "META_START", *_fields(metadata), "META_STOP"]
+    lines = [
+        "CCSDS_OEM_VERS = 2.0",
+        *message_fields(header),
+        "META_START",
+        *message_fields(metadata),
+        "META_STOP",
+    ]
     lines.append(f"COMMENT a point at rest in {pa['frame']}, tides left out")
     for date, state in zip(dates, states_km, strict=True):
         place, velocity = (
@@ -155,7 +161,8 @@ def _covariance_pa_m2(content: Mapping[str, Any]) -> NDArray[np.float64] | None:
     return np.asarray(to_enu.T @ of_enu @ to_enu)
 
 
-def _fields(fields: Mapping[str, str]) -> Iterator[str]:
+def message_fields(fields: Mapping[str, str]) -> Iterator[str]:
+    """Lines of keywords and texts, which have to be printable ASCII."""
     for keyword, text in fields.items():
         if not (text.strip() and text.isascii() and text.isprintable()):
             raise InputError(

@@ -1,0 +1,250 @@
+"""An integrated orbit as files: SPK of type 13, CCSDS Orbit Ephemeris Message and Orbit Parameter Message.
+
+Sources: NAIF's *SPK Required Reading*; CCSDS 502.0-B-2 (2009), chapters 3 and 5, which issue 3 (2023) goes on to read.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.boundary import bare_arguments
+from radioloc.constants import J2000_JD, SECONDS_PER_DAY
+from radioloc.dynamics import Orbit
+from radioloc.errors import InputError
+from radioloc.report.oem import message_fields
+from radioloc.text_files import replaced_file, write_text
+from radioloc.time import Epochs, utc_strings
+
+Floats = NDArray[np.float64]
+
+_M_PER_KM = 1000.0
+_MOON = 301
+_DEGREE = 11
+_LONGEST_STEP_S = 600.0
+
+
+@bare_arguments
+def write_orbit_spk(orbit: Orbit, path: str | Path, body: int, *, step_s: float = 15.0) -> Path:
+    """Write an orbit as an SPK of type 13, Hermite polynomials of degree 11 through states at equal steps.
+
+    Parameters
+    ----------
+    orbit : Orbit
+    path : path-like
+        The file, ``.bsp``; one that is there is replaced.
+    body : int
+        NAIF code of the spacecraft, negative, such as -177.
+    step_s : float
+        From state to state, s, 600 at most; of 15 s the error is a micrometre in a low orbit and a field to degree 150.
+
+    Raises
+    ------
+    InputError
+        The code is not one of a spacecraft, or the step is not one.
+
+    Examples
+    --------
+    >>> from radioloc.dynamics import Forces, GravityField, propagate
+    >>> from radioloc.ephemeris import Trajectory
+    >>> from radioloc.report import write_orbit_spk
+    >>> from radioloc.time import epochs_from_strings
+    >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
+    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
+    >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
+    >>> print(Trajectory.open(write_orbit_spk(orbit, "orbit.bsp", -177), -177))
+    body -177 of orbit.bsp, 2012-04-09T04:30:00 to 2012-04-09T04:40:00 TDB
+    """
+    import spiceypy
+
+    if isinstance(body, bool) or not isinstance(body, int) or not -(2**31) < body < 0:
+        raise InputError(
+            f"body {body!r} is no NAIF code of a spacecraft; give a negative integer such as -177"
+        )
+    midnight_s = float((orbit.epoch.jd[0] - J2000_JD) * SECONDS_PER_DAY)
+    of_day_s = float(orbit.epoch.fraction[0] * SECONDS_PER_DAY)
+    with replaced_file(path) as temporary:
+        temporary.unlink()
+        handle = spiceypy.spkopn(str(temporary), "radioloc", 0)
+        try:
+            for part, times_s in _parts(orbit, step_s):
+                et_s = midnight_s + of_day_s + times_s
+                states = _states_km(part, times_s)
+                # A float of seconds since J2000 is off by up to 0.06 us: 0.1 mm along a low orbit.
+                rest_s = (midnight_s - et_s) + of_day_s + times_s
+                states[:, :3] -= states[:, 3:] * rest_s[:, None]
+                degree = min(_DEGREE, 2 * len(et_s) - 1)
+                span = et_s[0], et_s[-1]
+                spiceypy.spkw13(
+                    handle,
+                    body,
+                    _MOON,
+                    "J2000",
+                    *span,
+                    orbit.name[:40],
+                    degree,
+                    len(et_s),
+                    states.tolist(),
+                    et_s.tolist(),
+                )
+        finally:
+            spiceypy.spkcls(handle)
+    return Path(path)
+
+
+@bare_arguments
+def write_orbit_oem(
+    orbit: Orbit,
+    path: str | Path,
+    *,
+    originator: str,
+    step_s: float = 15.0,
+    object_id: str = "UNKNOWN",
+    covariance: ArrayLike | None = None,
+    creation_date: str | None = None,
+) -> Path:
+    """Write an orbit as an Orbit Ephemeris Message, in KVN: Moon-centred, axes of the ICRF, TDB.
+
+    Parameters
+    ----------
+    orbit : Orbit
+        Where an impulse or thrust begins or ends, so does a segment.
+    path : path-like
+    originator : str
+        Agency that makes the message.
+    step_s : float
+        From state to state, s, 600 at most.
+    object_id : str
+        International designator, such as ``"2011-046B"``.
+    covariance : array_like, shape (6, 6), optional
+        Of the state at the orbit's epoch, ICRF axes, m and m/s.
+    creation_date : str, optional
+        UTC date of the message; now by default.
+
+    Raises
+    ------
+    InputError
+        The step is not one, the covariance is none, or a text is not printable ASCII.
+
+    Examples
+    --------
+    >>> from radioloc.dynamics import Forces, GravityField, propagate
+    >>> from radioloc.report import write_orbit_oem
+    >>> from radioloc.time import epochs_from_strings
+    >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
+    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
+    >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
+    >>> write_orbit_oem(orbit, "orbit.oem", originator="AGENCY").name
+    'orbit.oem'
+    """
+    blocks = [f"CCSDS_OEM_VERS = 2.0\n{_header(originator, creation_date)}"]
+    for part, times_s in _parts(orbit, step_s):
+        dates, states = utc_strings(_at(orbit, times_s), 9), _states_km(part, times_s)
+        metadata = _metadata(orbit, object_id) | {
+            "START_TIME": str(dates[0]),
+            "STOP_TIME": str(dates[-1]),
+            "INTERPOLATION": "HERMITE",
+            "INTERPOLATION_DEGREE": str(min(_DEGREE, 2 * len(dates) - 1)),
+        }
+        lines = ["META_START", *message_fields(metadata), "META_STOP"]
+        for date, state in zip(dates, states, strict=True):
+            place = " ".join(f"{x:.9f}" for x in state[:3])
+            lines.append(f"{date} {place} {' '.join(f'{x:.12f}' for x in state[3:])}")
+        if covariance is not None and times_s[0] <= 0.0 <= times_s[-1]:
+            rows = (" ".join(f"{x:.9e}" for x in row) for row in _triangle_km2(covariance))
+            epoch = utc_strings(orbit.epoch, 9)[0]
+            lines += ["COVARIANCE_START", f"EPOCH = {epoch}", *rows, "COVARIANCE_STOP"]
+            covariance = None
+        blocks.append("\n".join(lines) + "\n")
+    write_text(path, "".join(blocks))
+    return Path(path)
+
+
+@bare_arguments
+def write_orbit_opm(
+    orbit: Orbit,
+    path: str | Path,
+    *,
+    originator: str,
+    object_id: str = "UNKNOWN",
+    covariance: ArrayLike | None = None,
+    creation_date: str | None = None,
+) -> Path:
+    """Write an orbit's state at its epoch and its impulses as an Orbit Parameter Message, in KVN.
+
+    Parameters as those of :func:`write_orbit_oem`, errors too.
+
+    Examples
+    --------
+    >>> from radioloc.dynamics import Forces, GravityField, propagate
+    >>> from radioloc.report import write_orbit_opm
+    >>> from radioloc.time import epochs_from_strings
+    >>> epoch = epochs_from_strings("2012-04-09T04:30:00", "TDB")
+    >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
+    >>> orbit = propagate(epoch, [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22], forces, (0, 600))
+    >>> write_orbit_opm(orbit, "orbit.opm", originator="AGENCY").name
+    'orbit.opm'
+    """
+    (state,) = _states_km(orbit, np.zeros(1))
+    fields = _metadata(orbit, object_id) | {"EPOCH": str(utc_strings(orbit.epoch, 9)[0])}
+    names = ["X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT"]
+    fields |= {name: f"{x:.12f}" for name, x in zip(names, state, strict=True)}
+    if covariance is not None:
+        fields["COV_REF_FRAME"] = "ICRF"
+        for name, row in zip(names, _triangle_km2(covariance), strict=True):
+            fields |= {f"C{name}_{other}": f"{x:.12e}" for other, x in zip(names, row, strict=False)}
+    lines = [*message_fields(fields)]
+    for impulse in orbit.forces.impulses:
+        lines += message_fields(
+            {
+                "MAN_EPOCH_IGNITION": str(utc_strings(impulse.epoch, 9)[0]),
+                "MAN_DURATION": "0.0",
+                "MAN_DELTA_MASS": "0.0",
+                "MAN_REF_FRAME": impulse.axes,
+            }
+            | {f"MAN_DV_{k}": f"{dv / _M_PER_KM:.12f}" for k, dv in enumerate(impulse.delta_v_m_s, 1)}
+        )
+    text = f"CCSDS_OPM_VERS = 2.0\n{_header(originator, creation_date)}"
+    write_text(path, text + "\n".join(lines) + "\n")
+    return Path(path)
+
+
+def _header(originator: str, creation_date: str | None) -> str:
+    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S")
+    fields = message_fields({"CREATION_DATE": creation_date or now, "ORIGINATOR": originator})
+    return "".join(f"{line}\n" for line in fields)
+
+
+def _metadata(orbit: Orbit, object_id: str) -> dict[str, str]:
+    centre = {"CENTER_NAME": "MOON", "REF_FRAME": "ICRF", "TIME_SYSTEM": "TDB"}
+    return {"OBJECT_NAME": orbit.name, "OBJECT_ID": object_id} | centre
+
+
+def _parts(orbit: Orbit, step_s: float) -> Iterator[tuple[Orbit, Floats]]:
+    """Each part without a jump, and equally spaced times in it from the epoch, both ends included."""
+    if not 0.0 < step_s <= _LONGEST_STEP_S:
+        raise InputError(f"step {step_s!r} s is not more than 0 and at most {_LONGEST_STEP_S:.0f} s")
+    for leg in orbit.legs:
+        first_s, last_s = leg.span_s
+        yield replace(orbit, legs=(leg,)), np.linspace(first_s, last_s, 2 + int((last_s - first_s) / step_s))
+
+
+def _at(orbit: Orbit, times_s: Floats) -> Epochs:
+    return orbit.epoch[np.zeros(len(times_s), dtype=int)].shifted(times_s)
+
+
+def _states_km(orbit: Orbit, times_s: Floats) -> Floats:
+    return np.hstack(orbit.states(_at(orbit, times_s))) / _M_PER_KM
+
+
+def _triangle_km2(covariance: ArrayLike) -> list[list[float]]:
+    """Lower triangle by rows, km and km/s."""
+    whole = np.asarray(covariance, dtype=np.float64)
+    if whole.shape != (6, 6) or not np.isfinite(whole).all() or (np.diag(whole) < 0.0).any():
+        raise InputError("covariance must be that of a state, finite numbers of shape (6, 6)")
+    return [(row[: k + 1] / _M_PER_KM**2).tolist() for k, row in enumerate(whole)]

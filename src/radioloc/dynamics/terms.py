@@ -49,7 +49,7 @@ def acceleration_terms(
     >>> forces = Forces(GravityField.open("GRGM660PRIM", degree=20))
     >>> terms = acceleration_terms(epoch, [0.0, 0.0, 1.788e6], [1656.0, 0.0, 0.0], forces)
     >>> {name: f"{(term**2).sum() ** 0.5:.1e}" for name, term in terms.items() if name in ("central", "earth")}
-    {'central': '1.5e+00', 'earth': '1.5e-05'}
+    {'central': '1.5e+00', 'earth': '1.8e-05'}
     """
     ephemeris = ephemeris or Ephemeris.open()
     libration = libration or LunarOrientation.open(ephemeris.name)

@@ -42,8 +42,8 @@ class TdmAgreement:
     doppler_convention : {"round_trip", "half"}
         What DOPPLER_INTEGRATED and DOPPLER_INSTANTANEOUS of such a path are: its rate, or half of it.
     range_unit_s : float, optional
-        Length of one range unit (RANGE_UNITS = RU), s of time of flight, of whatever RANGE is by its convention; where the
-        unit follows a transmitted frequency that changes, at the first of the message.
+        Length of one range unit (RANGE_UNITS = RU), s of time of flight, of whatever RANGE is by its convention; where
+        the unit follows a transmitted frequency that changes, at the first of the message.
     turnaround : tuple of int, optional
         Numerator and denominator of the transponder's ratio of downlink to uplink frequency, where the file does
         not give it.

@@ -266,6 +266,7 @@ def test_epochs_without_the_target_are_counted_and_other_arguments_refused():
     assert len(everything) == len(table) + table.unseen == 28
     for keys, message in (
         ({"links": "baselines"}, "links = 'baselines' is not known here; use one of two_way"),
+        ({"links": "three_way"}, "links = 'three_way' needs two stations or more, not KASHI alone"),
         ({"frequency_hz": 5e14}, "frequency_hz = 500000000000000.0 is no radio frequency"),
         ({"step_s": 0.0}, "step_s is 0.0"),
         ({"mask_deg": 89.9}, "nothing can be seen"),

@@ -16,10 +16,11 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, J2000_JD, L_G, SECONDS_PER_DAY
 from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.ephemeris.clock_rate import clock_rate
 from radioloc.lunar.frames import rot_icrf_to_pa
 from radioloc.lunar.position import LunarPosition
 from radioloc.time import Epochs, geocentric_tdb_minus_tt
-from radioloc.vectors import dot, length, rotated
+from radioloc.vectors import dot, rotated
 
 _START = Epochs.from_jd(2443144.5, 32.184 / SECONDS_PER_DAY, "TDB")
 """When TCB, TCG, TCL were alike and TT 65.5 microseconds before TDB; the number is that of TT."""
@@ -87,19 +88,9 @@ def _tcl_minus_tcg(source: Ephemeris, tdb: Epochs) -> NDArray[np.float64]:
     # At least six nodes; the fastest terms, of a week, are missed by 1e-9 of themselves.
     first, last = min(0.0, seconds.min(initial=0.0)), max(_STEP_S, seconds.max(initial=0.0))
     nodes = np.linspace(first, last, max(6, int((last - first) / _STEP_S) + 2))
-    rates = make_interp_spline(nodes, _rate(source, Epochs.from_tdb_seconds(nodes)), k=5)
+    at_nodes = Epochs.from_tdb_seconds(nodes)
+    rates = make_interp_spline(
+        nodes, clock_rate(source, at_nodes, *source.geocentric("moon", at_nodes), "moon"), k=5
+    )
     integral = rates.antiderivative()
     return np.asarray(_AT_J2000_S + integral(seconds) - integral(0.0))
-
-
-def _rate(source: Ephemeris, tdb: Epochs) -> NDArray[np.float64]:
-    """d(TCL - TCG)/d(TDB), shape (n,)."""
-    moon_m, velocity_m_s = source.geocentric("moon", tdb)
-    gm = source.constants.gm_m3_s2
-    by_c2 = (gm("moon") - gm("earth")) / length(moon_m)
-    by_c2 -= dot(source.earth(tdb).velocity_m_s + 0.5 * velocity_m_s, velocity_m_s)
-    for body in source.bodies:
-        if body != "moon":
-            body_m = source.geocentric(body, tdb)[0]
-            by_c2 += gm(body) * (1.0 / length(body_m) - 1.0 / length(body_m - moon_m))
-    return by_c2 / C_M_S**2

@@ -29,11 +29,12 @@ from radioloc.constants import C_M_S, L_G
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
+from radioloc.ephemeris.clock_rate import clock_rate
 from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
-from radioloc.vectors import dot, length
+from radioloc.vectors import dot
 
 _STEP_S, _STEP_IN_ORBIT_S = 3600.0, 30.0
 """A cubic spline between rates so far apart is good to 1e-18, in a low orbit of two hours to 1e-18 as well."""
@@ -179,14 +180,5 @@ def _state(
 
 def _rate(model: PhysicalModel, tdb: Epochs, trajectory: Trajectory | None) -> NDArray[np.float64]:
     """Rate of a clock in the spacecraft, or at the Moon's centre without its potential, against TT at the geocentre."""
-    ephemeris = model.ephemeris
-    gm = ephemeris.constants.gm_m3_s2
-    place_m, velocity_m_s = _state(model, tdb, trajectory)
-    slower = dot(ephemeris.earth(tdb).velocity_m_s, velocity_m_s) + 0.5 * dot(velocity_m_s, velocity_m_s)
-    slower = slower + gm("earth") / length(place_m)
-    for body in ephemeris.bodies:
-        body_m, _ = ephemeris.geocentric(body, tdb)
-        slower = slower - gm(body) / length(body_m)
-        if trajectory is not None or body != "moon":
-            slower = slower + gm(body) / length(place_m - body_m)
-    return np.asarray(L_G - slower / C_M_S**2)
+    left_out = "moon" if trajectory is None else ""
+    return L_G + clock_rate(model.ephemeris, tdb, *_state(model, tdb, trajectory), left_out)

@@ -55,7 +55,8 @@ class LightTimes(Shown):
         In this order; NaN where a link has no first station:
 
         - ``uplink_light_time_s``, ``downlink_light_time_s``: of the legs in TDB, with the delays by gravity and media.
-        - ``range_m``: round trip, or one way, as the clocks of the stations tell it, times the speed of light.
+        - ``range_m``: round trip as the clocks of the stations tell it, times the speed of light; one way with the
+          target's own clock.
         - ``range_rate_m_s``: its change with the epoch, as the phase of the carrier has it.
         - ``doppler_hz``: received frequency less `frequency_hz`; only with one.
         - ``transmit_...`` and ``receive_...``, of the first station when it sends and of the second at the epoch:

@@ -227,7 +227,7 @@ def _sections(result: Result, figures: Mapping[str, Path | BytesIO]) -> list[_Se
         for arc in result.arcs:
             whole = solution_card(arc.solution, parameters=len(arc.solution.parameters))
             found[_RESULT].more.append((f"The arc of {arc.name}", tuple(whole.fields)))
-    provenance = getattr(solution, "provenance", {})
+    provenance = getattr(getattr(result, "solution", solution), "provenance", {})
     origin = Field("", (), ("key", "value"), _flat(provenance))
     found[_PROVENANCE].more.append(("Files, versions and settings that make this result again", (origin,)))
     return [one for one in found.values() if one.shown]

@@ -95,9 +95,14 @@ def light_times(
         raise InputError(f"frequency_hz = {frequency_hz!r} is no radio frequency, which is up to 3e11 Hz")
     kind, counted = _KINDS[WAYS[links]]
     scene = scene_of(study, stations, start_utc, stop_utc, mask_deg)
+    pairs = LINKS[links][1](*dict.fromkeys(scene.stations))
+    if not pairs:
+        raise InputError(
+            f"links = {links!r} needs two stations or more, not {', '.join(scene.stations)} alone"
+        )
     session = Session(
         kind=counted,
-        pairs=LINKS[links][1](*dict.fromkeys(scene.stations)),
+        pairs=pairs,
         start_utc=scene.start_utc,
         stop_utc=scene.stop_utc,
         step_s=step_s,

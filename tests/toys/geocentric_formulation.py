@@ -147,10 +147,10 @@ class GeocentricFormulation:
         second = self._station_from(event, second_itrf_m, 1.0)
         return C_M_S * (second.length_s - first.length_s)
 
-    def one_way_by_own_clock_m(self, receiver_itrf_m: Vectors) -> Vectors:
+    def one_way_by_own_clock_m(self, receiver_itrf_m: Vectors, since: Epochs | None = None) -> Vectors:
         """Speed of light times TT of the reception, tagged, less the transmission by the point's own clock."""
         event, _ = self._moon_from(receiver_itrf_m, -1.0)
-        return -C_M_S * (event.tt_s + self.gained_s(event))
+        return -C_M_S * (event.tt_s + self.gained_s(event, self.tt[:1] if since is None else since))
 
     def one_way_m(self, receiver_itrf_m: Vectors, tag: str) -> Vectors:
         """Speed of light times TT of the reception less the geocentre's TT at the TDB of the transmission."""
@@ -160,15 +160,15 @@ class GeocentricFormulation:
         event = self.moon_event(np.zeros(len(self.tt)))
         return C_M_S * (event.tt_s + self._station_from(event, receiver_itrf_m, 1.0).length_s)
 
-    def gained_s(self, event: MoonEvent) -> Vectors:
-        """What a clock at the point gains on TT from the first tag to the event: proper time of the GCRS.
+    def gained_s(self, event: MoonEvent, since: Epochs) -> Vectors:
+        """What a clock at the point gains on TT from an epoch to the event: proper time of the GCRS.
 
         In TT the rate is L_G - (V^2 / 2 + W) / c^2, with the velocity V there and the potential W of the Earth and the
         tidal ones of the others (Soffel et al. 2003, section 3.4). No velocity of the Earth is in it.
         """
-        since_s = self.tt.seconds_since(self.tt[:1]) + event.tt_s
+        since_s = self.tt.seconds_since(since) + event.tt_s
         knots_s = np.linspace(since_s.min() - 3600.0, since_s.max() + 3600.0, 121)
-        first = self.tt[np.zeros(len(knots_s), dtype=int)]
+        first = since[np.zeros(len(knots_s), dtype=int)]
         grid = GeocentricFormulation(
             self.ephemeris, self.libration, self.orientation, first.shifted(knots_s), self.point_pa_m
         )

@@ -21,6 +21,7 @@ from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
 from radioloc.estimation.statistics import FitStatistics, Residuals, finite_or_none, read_only
+from radioloc.estimation.transmitter_passes import TransmitterPass
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.selenographic import cartesian_to_selenographic, east_north_up
 from radioloc.parameters.parameter import ParameterSet
@@ -196,6 +197,8 @@ class Solution:
         The positions of all targets where there are several; that of the solution is the first's.
     consistency : Consistency
         Groups of observations against the rest, and what does not fit.
+    transmitters : tuple of TransmitterPass
+        Candidates for the transmitter of each pass, where a study names such.
     trajectory : str or None
         What the target moves along, if it is no point fixed to the Moon. Such a solution has no position: what is
         derived from one raises :class:`~radioloc.errors.InputError`.
@@ -231,6 +234,7 @@ class Solution:
     prior_effects: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
     targets: tuple[TargetPosition, ...] = ()
     consistency: Consistency = field(default_factory=Consistency)
+    transmitters: tuple[TransmitterPass, ...] = ()
 
     def __post_init__(self) -> None:
         p = len(self.parameters)
@@ -476,6 +480,7 @@ class Solution:
             "rejected": self.residuals.rejected(),
             "observability": self.observability.to_dict(),
             "consistency": self.consistency.to_list(),
+            "transmitters": [one.to_dict() for one in self.transmitters],
             "reference": None if self.reference is None else self.reference.to_dict(),
             "references": [one.to_dict() for one in self.references],
             "notes": list(self.notes),

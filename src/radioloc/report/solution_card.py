@@ -94,6 +94,7 @@ def solution_card(solution: Solution, *, parameters: int | None = None) -> Card:
             Field("held", _held(solution)),
             Field("passes", _passes(solution, page)),
             Field("data", _data(solution)),
+            _transmitters(solution),
             Field("fit", _fit(solution)),
             Field(
                 "misfit", (str(item) for item in solution.consistency.found if not _strong(solution, item))
@@ -363,6 +364,25 @@ def _data(solution: Solution) -> Iterator[str]:
     stations = plural(len(_ends(rows)), "station")
     yield f"{plural(len(rows), 'observation')} from {stations} over {duration(span_s)},"
     yield f"{' to '.join(utc_strings(ends, decimals=0))} UTC"
+
+
+def _transmitters(solution: Solution) -> Field:
+    """Candidates for the transmitter of each pass, with the rms that each leaves."""
+    passes = solution.transmitters
+    names = list(dict.fromkeys(name for one in passes for name in one.rms_m_s))
+    rows = [
+        (
+            f"{one.receiver} {one.first_utc[5:16]}",
+            *map(one.size, names),
+            one.taken if one.decided else f"{one.taken}?",
+        )
+        for one in passes[:_MAX_LINKS]
+    ]
+    cells = [cell for row in rows for cell in row]
+    below = ["- does not see the target"] * ("-" in cells)
+    below += ["? undecided: another fits about as well"] * any(cell.endswith("?") for cell in cells)
+    heading = ("rms of pass", *names, "taken")
+    return Field("transmitter", (), heading, rows, (*below, *more(len(passes), _MAX_LINKS)))
 
 
 def _fit(solution: Solution) -> Iterator[str]:

@@ -44,7 +44,7 @@ from radioloc.media.csp import read_csp
 from radioloc.media.ionex import read_ionex
 from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
-from radioloc.parameters.design import ObservationModel
+from radioloc.parameters.design import ObservationModel, tracking_of
 from radioloc.studies.coarse_search import near_starts
 from radioloc.studies.independent_clocks import with_frequency_offsets
 from radioloc.studies.notes import notes_of, provenance
@@ -62,6 +62,7 @@ from radioloc.studies.selection import select_observations
 from radioloc.studies.station_noise import considered_ties_m, stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
 from radioloc.studies.study_file import as_study
+from radioloc.studies.transmitters import TransmitterSearch
 from radioloc.studies.verdict import misfits, nowhere, places
 from radioloc.studies.weights import require_stations, weighted_observations
 from radioloc.time import Epochs
@@ -257,7 +258,11 @@ def fit_arc(
         targets=several,
     )
     known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
-    return nowhere(replace(solution, references=known))
+    aim = problem.all_positions_pa_m(x if solution.converged else problem.parameters.prior_values)
+    search = TransmitterSearch(study, model, aim, arc.trajectory, arc.targets)
+    transmitters = search.passes(tracking_of(arc).observations)
+    notes = (*solution.notes, *(str(one) for one in transmitters if not one.decided))
+    return nowhere(replace(solution, references=known, transmitters=transmitters, notes=notes))
 
 
 def _of_the_starts(away_m: Mapping[str, float]) -> Iterator[str]:
@@ -325,7 +330,8 @@ def _observations(
         given = getattr(study.observations, key)
         if isinstance(given, Mapping):
             require_stations(chosen, key, given, study.catalogue)
-    return weighted_observations(chosen, study.observations.weights, study.catalogue), left_out
+    weighted = weighted_observations(chosen, study.observations.weights, study.catalogue)
+    return TransmitterSearch(study, model, *_aim(study, targets)).resolved(weighted), left_out
 
 
 def read_as(study: Study, files: Sequence[str | Path]) -> Observations:

@@ -141,6 +141,11 @@ class ObservationChoice:
         White noise of the phase at either end of a count of one-, two- or three-way Doppler, metres, by receiving
         station or of all, beside the sigmas of the counts: contiguous counts of a link share that between them, with
         opposite signs.
+    transmitters : str or iterable of str, or None
+        Stations that may have transmitted what Doppler is of: of each pass of a receiving station that one is taken
+        which leaves the smallest residuals, whatever the files name.
+    turnarounds : str or iterable of str, or None
+        Likewise ratios of frequency down to up, such as ``"880/749"``.
     weights : iterable of Weight
         Changes of the stated sigmas by type, station and file, before the extra ones are added.
     map_positions : iterable of PlaceOnMap
@@ -166,6 +171,8 @@ class ObservationChoice:
     vlbi_station_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
     vlbi_station_rate_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
     doppler_phase_sigma_m: float | Mapping[str, float] = entry(0.0, not_negative=True)
+    transmitters: tuple[str, ...] | None = entry(None, names=True)
+    turnarounds: tuple[str, ...] | None = entry(None, names=True)
     weights: tuple[Weight, ...] = entry(
         (),
         advice='they are of chosen observations; how series are weighed ("correlated") is in [estimate] weights',

@@ -125,7 +125,12 @@ def places(
 
 def nowhere(solution: Solution) -> Solution:
     """The same; not observable where the position, or that of one of the targets, says nothing by its sigma."""
-    ended = (FitStatus.CONVERGED, FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS)
+    ended = (
+        FitStatus.CONVERGED,
+        FitStatus.DIVERGED,
+        FitStatus.MAX_ITERATIONS,
+        FitStatus.OFF_THE_MOON,
+    )
     if solution.status not in ended or solution.trajectory is not None or not solution.position_estimated:
         return solution
     several = [solution.of_target(target.name) for target in solution.targets] or [solution]

@@ -1,0 +1,145 @@
+"""Who transmitted, found among candidates by the residuals of what listeners received of a lander."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from change5_case import LANDER, NEAR
+
+import radioloc
+from radioloc import Observations, Study
+from radioloc.constants import C_M_S
+from radioloc.errors import InputError
+from radioloc.measurements import Link, PhysicalModel
+from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth
+from radioloc.studies import EstimateChoice, ObservationChoice
+from radioloc.studies.locate import prepared_arc
+
+CANDIDATES = ("NEUQUEN", "JIAMUSI", "KASHI")
+DOWN_HZ = 8.471e9
+CYCLE_M = C_M_S / DOWN_HZ
+NOISE_HZ, COUNT_S = 0.5, 10.0
+SIGMA_M = NOISE_HZ * CYCLE_M * COUNT_S
+TRUE = {"WETTZELL": "NEUQUEN", "KUNMING": "JIAMUSI", "URUMQI": "KASHI"}
+"""Who sent to whom: listeners in Germany and China."""
+HOURS = {
+    "WETTZELL": ("2020-12-02T02:00:00", "2020-12-02T05:00:00"),
+    "KUNMING": ("2020-12-01T15:00:00", "2020-12-01T18:00:00"),
+    "URUMQI": ("2020-12-02T16:00:00", "2020-12-02T19:00:00"),
+}
+
+
+@pytest.fixture(scope="module")
+def received():
+    """Doppler at X band of three passes, each with an offset of the listener's oscillator, sent by whom is not said."""
+    sessions = [
+        Session("doppler", ((sender, listener),), *HOURS[listener], 240.0, SIGMA_M, count_s=COUNT_S,
+                uplink_hz=DOWN_HZ * 749 / 880, wavelength_um=1e6 * CYCLE_M)
+        for listener, sender in TRUE.items()
+    ]  # fmt: skip
+    offsets = {
+        f"{sender}>lander>{listener}": y
+        for (listener, sender), y in zip(TRUE.items(), (3e-9, -8e-10, 2e-10), strict=True)
+    }
+    noise = NoiseModel({"doppler": Noise(white_m=SIGMA_M)})
+    scenario = Scenario(Schedule(sessions), LANDER, Truth(frequency_offset_value=offsets), noise, seed=2)
+    observations = scenario.world(PhysicalModel.build()).draw().observations
+    unknown = tuple(replace(link, transmitter="KASHI") for link in observations.links)
+    return replace(observations, links=unknown)
+
+
+def study(estimate=None, **observations):
+    chosen = {"transmitters": CANDIDATES} | observations
+    return Study(
+        target=NEAR, estimate=estimate or EstimateChoice(), observations=ObservationChoice(**chosen), name="x"
+    )
+
+
+def test_each_pass_has_the_station_that_sent(received):
+    arc, _ = prepared_arc(study(), received)
+    links = {arc.observations.links[k] for k in arc.observations.link}
+    assert {link.receiver: link.transmitter for link in links} == TRUE
+
+
+def test_the_card_and_the_file_have_all_candidates(received):
+    solution = radioloc.locate(study(EstimateChoice(position="none")), received)
+    passes = {one.receiver: one for one in solution.transmitters}
+    assert {name: one.taken for name, one in passes.items()} == TRUE
+    for one in passes.values():
+        assert one.decided
+        # The a-priori position is 10 km off, which is a fraction of the noise
+        assert one.rms_m_s[one.taken] / CYCLE_M == pytest.approx(NOISE_HZ, rel=0.3)
+        others = [rms_m_s for name, rms_m_s in one.rms_m_s.items() if name != one.taken and rms_m_s]
+        assert min(others, default=np.inf) > 10.0 * NOISE_HZ * CYCLE_M
+    card = str(solution)
+    assert "transmitter rms of pass" in " ".join(card.split())
+    assert "undecided" not in card
+    [first, *_] = solution.to_dict()["transmitters"]
+    assert set(first["rms_m_s"]) == set(CANDIDATES)
+    assert first["decided"] is True
+
+
+def test_a_turnaround_ratio_is_found_as_well(received):
+    ratio = 749 / 880 * 240 / 221  # what was written down for the wrong one
+    whole_m = C_M_S * COUNT_S
+    wrong = replace(
+        received,
+        value_m=whole_m - (whole_m - received.value_m) / ratio,
+        wavelength_um=received.wavelength_um / ratio,
+    )
+    arc, _ = prepared_arc(study(turnarounds=("240/221", "880/749")), wrong)
+    np.testing.assert_allclose(arc.observations.value_m, received.value_m, atol=1e-3 * SIGMA_M)
+    np.testing.assert_allclose(arc.observations.wavelength_um, received.wavelength_um, rtol=1e-12)
+    solution = radioloc.locate(
+        study(EstimateChoice(position="none"), turnarounds=("240/221", "880/749"), transmitters=None),
+        replace(wrong, links=arc.observations.links, link=arc.observations.link),
+    )
+    assert {one.taken for one in solution.transmitters} == {"880/749"}
+
+
+def test_stations_beside_each_other_are_undecided(received):
+    """A candidate a hundred metres from the true one fits as well, and the card says so."""
+    catalogue = PhysicalModel.build().catalogue
+    kashi = catalogue.get("KASHI")
+    beside = replace(kashi, name="BESIDE", aliases=(), itrf_m=kashi.itrf_m + np.array([80.0, 60.0, 0.0]))
+    chosen = study(EstimateChoice(position="none"), transmitters=("KASHI", "BESIDE"), stations=None)
+    chosen = replace(chosen, catalogue=catalogue.with_station(beside))
+    solution = radioloc.locate(chosen, received[received.link == received.link[-1]])
+    [one] = solution.transmitters
+    assert not one.decided
+    assert any("who transmitted to URUMQI" in note and "undecided" in note for note in solution.notes)
+    assert "? undecided" in str(solution)
+
+
+def test_forty_counts_before_the_lock_do_not_mislead(received):
+    value_m = received.value_m.copy()
+    mine = np.flatnonzero(received.link == received.link[0])[:5]
+    value_m[mine] += 8.8e3 * CYCLE_M * COUNT_S
+    arc, _ = prepared_arc(study(), replace(received, value_m=value_m))
+    links = {arc.observations.links[k] for k in arc.observations.link}
+    assert {link.receiver: link.transmitter for link in links} == TRUE
+
+
+@pytest.mark.parametrize(
+    ("chosen", "message"),
+    [
+        ({"transmitters": ("ATLANTIS",)}, r"\[observations\] transmitters: .*ATLANTIS"),
+        ({"turnarounds": ("x",)}, "turnarounds: 'x' is no ratio of frequency down to up"),
+        ({"transmitters": ("MLRS2",)}, "none of MLRS2 sees the target while"),
+    ],
+)
+def test_what_cannot_be_is_said(received, chosen, message):
+    with pytest.raises(InputError, match=message):
+        prepared_arc(study(**chosen), received)
+
+
+def test_without_doppler_there_is_nothing_to_tell():
+    ranges = Observations.from_columns(
+        epoch=radioloc.time.epochs_from_strings(["2020-12-01T15:00:00"]),
+        links=[Link("KASHI", "lander", "KASHI")],
+        value_m=8e8,
+        sigma_m=1.0,
+        tag=1,
+    )
+    with pytest.raises(InputError, match="there is no Doppler of a transmitting station"):
+        prepared_arc(study(), ranges)

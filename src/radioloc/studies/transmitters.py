@@ -96,7 +96,8 @@ class TransmitterSearch:
         catalogue = self.model.catalogue
         with named("[observations] transmitters:"):
             stations = [catalogue.get(name).name for name in choice.transmitters or ()]
-        ratios = [_ratio(text) for text in choice.turnarounds or ()]
+        ratios: list[Fraction] = [_ratio(text) for text in choice.turnarounds or ()]
+        tried: Sequence[Fraction | None] = ratios or [None]
         passes = list(_passes(observations, 3600.0 * self.study.estimate.pass_gap_h))
         if not passes:
             raise InputError(
@@ -114,7 +115,7 @@ class TransmitterSearch:
         named_candidates: dict[str, _Candidate] = {}
         for station in stations or [""]:
             computed_m = self._computed_m(observations, every, station)
-            for ratio in ratios or [None]:
+            for ratio in tried:
                 name = _name(station, ratio)
                 named_candidates[name] = station, ratio
                 residual_m[name] = _with_turnaround(observations, every, ratio) - computed_m

@@ -143,6 +143,7 @@ def odf_observations(
         leave_out(odf.orbit["type"] == code, f"of type {code} ({TYPES[code]}), which is not modelled")
     other = odf.orbit["transmitter"] != odf.orbit["receiver"]
     leave_out((odf.orbit["type"] == _RANGE) & other, "three-way ranges, which are not modelled")
+    leave_out(_of_other_receivers(odf.orbit, rows), "of another receiver of the station at the same time")
     columns = _columns(odf, rows, sigma_m or {})
     fast = np.zeros(len(odf.orbit), dtype=bool)
     fast[rows] = abs(columns["value_m"]) > _FASTEST_M_S * columns["count_s"]
@@ -168,6 +169,27 @@ def odf_observations(
         **{name: column[used] for name, column in columns.items()},
     )
     return without_duplicates(observations)
+
+
+def _of_other_receivers(orbit: NDArray[np.void], rows: NDArray[np.intp]) -> NDArray[np.bool_]:
+    """Whether records repeat one of another channel, all but the frequencies of which is the same."""
+    names = [
+        "time_s",
+        "time_ms",
+        "type",
+        "receiver",
+        "transmitter",
+        "network",
+        "spacecraft",
+        "uplink",
+        "downlink",
+    ]
+    _, first, which = np.unique(orbit[rows][names], return_index=True, return_inverse=True)
+    doppler = orbit["type"][rows] != _RANGE  # of ranges the channel is the component
+    repeats = doppler & (orbit["channel"][rows] != orbit["channel"][rows[first]][which])
+    found = np.zeros(len(orbit), dtype=bool)
+    found[rows] = repeats
+    return found
 
 
 def _columns(odf: OdfFile, rows: NDArray[np.intp], sigma_m: Mapping[str, float]) -> dict[str, NDArray[Any]]:
@@ -216,8 +238,10 @@ def _columns(odf: OdfFile, rows: NDArray[np.intp], sigma_m: Mapping[str, float])
             columns["uplink_hz"][of_link] = uplink_hz
         if code == _RANGE:
             unit_m = C_M_S / (uplink_hz * UPLINK["S"] / (2.0 * UPLINK[up]))
-            columns["value_m"][of_link] = unit_m * observable[of_link]
-            columns["modulus_m"][of_link] = unit_m * 2.0 ** (orbit["channel"][of_link] + 6)
+            modulus = 2.0 ** (orbit["channel"][of_link] + 6)
+            # Calibrated, what was measured may be below zero, or more than the modulus.
+            columns["value_m"][of_link] = unit_m * (modulus - -observable[of_link] % modulus)
+            columns["modulus_m"][of_link] = unit_m * modulus
             columns["sigma_m"][of_link] = sigma_m.get(kind, RANGE_SIGMA_M)
         else:
             count_s = orbit["item_21"][of_link] / 100.0

@@ -49,7 +49,7 @@ _CODE, _PHASE = ("ALL", "DOPRNG", "RANGE"), ("ALL", "DOPRNG", "DOPPLER")
 _DATA = {*_CODE, *_PHASE, "VLBI", "NBVLBI", "WBVLBI"}
 _SHAPES = ("CONST", "NRMPOW", "TRIG")
 _COMPLEXES = {"C10": "Goldstone", "C40": "Canberra", "C60": "Madrid"}
-_ITEM = re.compile(r"\s*([A-Z][A-Z ]*?)\s*\(([^()]*)\)\s*(\.?)")
+_ITEM = re.compile(r"\s*([A-Z][A-Z\s]*?)\s*\(([^()]*)\)\s*(\.?)")
 _MOMENT = re.compile(r"(\d\d)/(\d\d)/(\d\d)\s*,\s*(\d\d:\d\d(?::\d\d(?:\.\d{1,9})?)?)", re.ASCII)
 _MJD_ZERO = datetime(1858, 11, 17)
 _ROUNDING_D = 1.0 / SECONDS_PER_DAY
@@ -266,11 +266,11 @@ class _CardReader:
                 raise self.fail(
                     "KEYWORD(...) is wanted, or the full stop that ends a card; it may have been cut"
                 )
-            keyword = item[1]
+            keyword = " ".join(item[1].split())
             self.places.setdefault(keyword, item.start(1))
             if keyword in self.items:
                 raise self.fail(f"{keyword} comes twice in a card")
-            self.items[keyword] = item[2].strip()
+            self.items[keyword] = " ".join(item[2].split())
             self.place, ended = item.end(), bool(item[3])
         return self._card()
 
@@ -317,7 +317,7 @@ class _CardReader:
         return [word.strip() for word in self._take(keyword).split(",")]
 
     def _one_of(self, keyword: str, known: Collection[str]) -> str:
-        word = " ".join(self._take(keyword).split())
+        word = self._take(keyword)
         if word not in known:
             raise self.fail(f"{keyword}({word}) is none of {', '.join(sorted(known))}", keyword)
         return word

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import NDArray
 from radioloc.earth.eop import EopTable
 from radioloc.earth.geodesy import rot_itrf_to_enu
 from radioloc.earth.orientation import EarthOrientation
-from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.ephemeris import EarthState, Ephemeris, LunarOrientation
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.time import Epochs
 
@@ -36,11 +37,18 @@ class OffsetEphemeris(Ephemeris):
 
     def geocentric(self, body: str, tdb: Epochs) -> tuple[_Vectors, _Vectors]:
         """As :meth:`radioloc.ephemeris.Ephemeris.geocentric`."""
-        position_m, velocity_m_s = Ephemeris.geocentric(self, body, tdb)
-        if body == "moon":
+        return self.states((body,), tdb)[1][body]
+
+    def states(
+        self, bodies: Sequence[str], tdb: Epochs
+    ) -> tuple[EarthState, dict[str, tuple[_Vectors, _Vectors]]]:
+        """As :meth:`radioloc.ephemeris.Ephemeris.states`."""
+        earth, found = Ephemeris.states(self, bodies, tdb)
+        if "moon" in found:
+            position_m, velocity_m_s = found["moon"]
             moved_m, moved_m_s = self._offset(position_m, velocity_m_s)
-            return position_m + moved_m, velocity_m_s + moved_m_s
-        return position_m, velocity_m_s
+            found["moon"] = position_m + moved_m, velocity_m_s + moved_m_s
+        return earth, found
 
     def _offset(self, position_m: _Vectors, velocity_m_s: _Vectors) -> tuple[_Vectors, _Vectors]:
         momentum = np.cross(position_m, velocity_m_s)

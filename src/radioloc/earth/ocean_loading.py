@@ -67,38 +67,39 @@ _FES2004_M = np.array([
 """In-phase and cross-phase parts of x, y and z, m, for M2 S2 N2 K2 K1 O1 P1 Q1 Mf Mm Ssa: ocean tide model
 FES2004 (Scherneck, Onsala Space Observatory, file of centre of mass coefficients)."""
 
+TIDAL_GEOCENTRE_M = (_FES2004_M[:, 0::2] - 1j * _FES2004_M[:, 1::2]).T
+"""Amplitudes for :func:`sum_of_tides` of what displaces all stations with the solid Earth, against its common centre of
+mass with the oceans, ITRF.
 
-def ocean_loading_displacement(
-    coefficients: BlqCoefficients,
-    station_itrf_m: NDArray[np.float64],
-    tt: Epochs,
-    ut1_fraction: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Displacement of a station, shape (n, 3), by ocean tide loading, ITRF, m, shape (n, 3).
+IERS Conventions (2010), section 7.1.2: in-phase part times the cosine and cross-phase part times the sine of each
+tide's argument, here with the minor tides. A position about the common centre is one in the crust's frame plus this.
+Ocean tide models differ by some 0.5 mm (K1 and O1 in z, FES2004 and GOT5.5)."""
 
-    UTC in place of UT1 costs less than some micrometres.
-    """
-    enu = ocean_loading_enu(coefficients, tt, ut1_fraction)
-    return np.einsum("nij,ni->nj", rot_itrf_to_enu(station_itrf_m), enu)
+
+_BLOCK = 256
+"""Epochs of which the phases of all tides stay in the processor's cache."""
 
 
 def ocean_loading_enu(
     coefficients: BlqCoefficients, tt: Epochs, ut1_fraction: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """The same to the east, the north and up, m, shape (n, 3)."""
-    amplitudes_m = coefficients.amplitude_m * np.exp(-1j * coefficients.phase_lag_rad)
-    return sum_of_tides(amplitudes_m, tt, ut1_fraction) @ _WEST_SOUTH_UP_TO_ENU.T
+    """Displacement of a station by ocean tide loading, to the east, the north and up, m, shape (n, 3).
 
-
-def tidal_geocentre_displacement(tt: Epochs, ut1_fraction: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Displacement of all stations with the solid Earth, against its common centre of mass with the oceans, ITRF, m.
-
-    IERS Conventions (2010), section 7.1.2: in-phase part times the cosine and cross-phase part times the sine of each
-    tide's argument, here with the minor tides. A position about the common centre is one in the crust's frame plus
-    this. Ocean tide models differ by some 0.5 mm (K1 and O1 in z, FES2004 and GOT5.5).
+    UTC in place of UT1 costs less than some micrometres.
     """
-    in_phase, cross_phase = _FES2004_M[:, 0::2].T, _FES2004_M[:, 1::2].T
-    return sum_of_tides(in_phase - 1j * cross_phase, tt, ut1_fraction)
+    return sum_of_tides(_loading_enu_m(coefficients), tt, ut1_fraction)
+
+
+def loading_itrf_m(
+    coefficients: BlqCoefficients, station_itrf_m: NDArray[np.float64]
+) -> NDArray[np.complex128]:
+    """Amplitudes for :func:`sum_of_tides` of what ocean tide loading displaces a station by, ITRF, shape (3, 11)."""
+    return np.asarray(rot_itrf_to_enu(station_itrf_m).T @ _loading_enu_m(coefficients))
+
+
+def _loading_enu_m(coefficients: BlqCoefficients) -> NDArray[np.complex128]:
+    amplitudes_m = coefficients.amplitude_m * np.exp(-1j * coefficients.phase_lag_rad)
+    return np.asarray(_WEST_SOUTH_UP_TO_ENU @ amplitudes_m)
 
 
 def sum_of_tides(
@@ -106,28 +107,35 @@ def sum_of_tides(
 ) -> NDArray[np.float64]:
     """Sum 342 tides that follow from eleven, m, shape (n, 3).
 
-    `amplitudes_m`, shape (3, 11), are three components of the tides of :data:`GIVEN_TIDES`: amplitude times exp(-i
-    lag), the lag counted from the equilibrium tide at Greenwich; in-phase and cross-phase parts are the real part and
-    minus the imaginary part. IERS Conventions (2010), section 7.1.2: the sum of A_j cos(theta_j(t) + chi_j - phi_j),
-    with amplitude relative to the equilibrium tide, and lag, interpolated in frequency. Outside the given tides of a
-    band the nearest one's admittance is taken, as the conventional program does.
+    `amplitudes_m`, shape (3, 11), or (n, 3, 11) where each epoch has its own, are three components of the tides of
+    :data:`GIVEN_TIDES`: amplitude times exp(-i lag), the lag counted from the equilibrium tide at Greenwich; in-phase
+    and cross-phase parts are the real part and minus the imaginary part. IERS Conventions (2010), section 7.1.2: the
+    sum of A_j cos(theta_j(t) + chi_j - phi_j), with amplitude relative to the equilibrium tide, and lag, interpolated
+    in frequency. Outside the given tides of a band the nearest one's admittance is taken, as the conventional program
+    does.
     """
     tt.require("TT")
-    multipliers, _ = tidal_potential()
-    amplitudes = amplitudes_m @ amplitudes_by_given()
-    bands = [multipliers[:, 0] == band for band in range(len(_EQUILIBRIUM_PHASE_RAD))]
-
-    def envelopes(at: Epochs) -> NDArray[np.complex128]:
-        """Tides of each band without the turning of the Earth, shape (n, bands, 3)."""
-        arguments = _doodson_arguments_rad(at.centuries_since_j2000())
-        sums = [np.exp(1j * (arguments @ multipliers[b, 1:].T)) @ amplitudes[:, b].T for b in bands]
-        return np.stack(sums, axis=1)
-
     # The moon's mean longitude enters five times at most: what is left turns in five days or more.
-    envelope = evaluate_smooth(envelopes, tt)
+    envelope = evaluate_smooth(_envelopes, tt)
     tau = 2.0 * np.pi * ut1_fraction - erfa.fad03(tt.centuries_since_j2000())
-    turned = np.exp(1j * np.multiply.outer(tau, np.arange(len(bands))))
-    return np.asarray(np.einsum("nb,nbk->nk", turned, envelope).real)
+    turned = np.exp(1j * np.multiply.outer(tau, np.arange(len(_EQUILIBRIUM_PHASE_RAD))))
+    given = envelope * turned[:, GIVEN_TIDES[:, 0]]
+    return np.asarray((amplitudes_m @ given[:, :, None])[:, :, 0].real)
+
+
+def _envelopes(tt: Epochs) -> NDArray[np.complex128]:
+    """Tides that follow from a unit of each given one, without the turning of the Earth, shape (n, 11)."""
+    arguments = _doodson_arguments_rad(tt.centuries_since_j2000()).T
+    powers = [np.unique(column, return_inverse=True) for column in tidal_potential()[0][:, 1:].T]
+    sums = np.empty((len(GIVEN_TIDES), len(tt)), dtype=np.complex128)
+    # Of each argument few multiples occur, and products are faster than exponentials as long as they stay in cache.
+    for first in range(0, len(tt), _BLOCK):
+        block = slice(first, first + _BLOCK)
+        tides = np.ones((1, 1), dtype=np.complex128)
+        for argument, (multiples, which) in zip(arguments[:, block], powers, strict=True):
+            tides = tides * np.exp(1j * np.multiply.outer(multiples, argument))[which]
+        sums[:, block] = amplitudes_by_given() @ tides
+    return sums.T
 
 
 @cache

@@ -24,7 +24,8 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_tides import libration, ocean_tides
 from radioloc.errors import PredictedEopWarning
-from radioloc.time import Epochs, evaluate_smooth
+from radioloc.time import Epochs
+from radioloc.time.tabulated import table_of, tabulated
 
 _ERA_AT_J2000_TURNS = 0.7790572732640
 _ERA_EXCESS_TURNS_PER_DAY = 0.00273781191135448
@@ -33,10 +34,6 @@ _ERA_EXCESS_TURNS_PER_DAY = 0.00273781191135448
 
 _EXCESS_HIGH = np.round(_ERA_EXCESS_TURNS_PER_DAY * 2.0**32) / 2.0**32
 _EXCESS_LOW = _ERA_EXCESS_TURNS_PER_DAY - _EXCESS_HIGH
-
-_CIP_STEP_D = 0.01
-"""Half the step over which the pole's motion is differenced: curvature and round-off then stay below 1e-17
-rad/s."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -87,23 +84,22 @@ class EarthOrientation:
         >>> rotation.rot_itrf_to_gcrs.shape
         (1, 3, 3)
         """
+        rotation = self.rotation(tt)
+        self.warn_of_predictions(tt, rotation.predicted)
+        return rotation
+
+    @bare_arguments
+    def rotation(self, tt: Epochs) -> EarthRotation:
+        """As :meth:`evaluate`, without its warning."""
         eop = self.table.interpolate(tt, zonal=self.zonal_tides)
-        if eop.predicted.any() and self.table.beyond is None:
-            days = np.sort(tt[eop.predicted].day_strings())
-            warnings.warn(
-                f"Earth orientation is predicted, not measured, at {eop.predicted.sum()} of {len(tt)} epochs "
-                f"({days[0]} to {days[-1]} TT); measured values end {self.table.last_measured_date}: "
-                "update astropy-iers-data when they are out",
-                PredictedEopWarning,
-                stacklevel=2,
-            )
         added, added_rate = self._subdaily(tt.mjd + eop.ut1_minus_tt_s / SECONDS_PER_DAY)
         xp_rad, yp_rad = eop.xp_rad + added[:, 0], eop.yp_rad + added[:, 1]
         ut1 = Epochs.from_jd(tt.jd, tt.fraction + (eop.ut1_minus_tt_s + added[:, 2]) / SECONDS_PER_DAY, "UT1")
         ut1_per_tt = 1.0 + eop.ut1_minus_tt_rate + added_rate[:, 2]
 
-        x, y, s, x_rate, y_rate = evaluate_smooth(_celestial_pole, tt).T
-        gcrs_to_cirs = erfa.c2ixys(x + eop.dx_rad, y + eop.dy_rad, s)
+        (x, y), (x_rate, y_rate) = _celestial_pole(tt)
+        # The locator s is that of the model's pole; what the offsets change of it is below 1e-15 rad.
+        gcrs_to_cirs = erfa.c2ixys(x + eop.dx_rad, y + eop.dy_rad, erfa.s06(tt.jd, tt.fraction, x, y))
         polar_motion = erfa.pom00(xp_rad, yp_rad, erfa.sp00(tt.jd, tt.fraction))
         rotation = np.swapaxes(erfa.c2tcio(gcrs_to_cirs, earth_rotation_angle(ut1), polar_motion), -1, -2)
 
@@ -118,6 +114,28 @@ class EarthOrientation:
             eop.xp_rate_rad_s + added_rate[:, 0], eop.yp_rate_rad_s + added_rate[:, 1]
         )
         return EarthRotation(rotation, rate, ut1, xp_rad, yp_rad, eop.xp_rad, eop.yp_rad, eop.predicted)
+
+    @bare_arguments
+    def warn_of_predictions(self, tt: Epochs, predicted: NDArray[np.bool_]) -> None:
+        """Give the :class:`PredictedEopWarning` if any epochs rest on predictions that were not asked for."""
+        if predicted.any() and self.table.beyond is None:
+            days = np.sort(tt[predicted].day_strings())
+            warnings.warn(
+                f"Earth orientation is predicted, not measured, at {predicted.sum()} of {len(tt)} epochs "
+                f"({days[0]} to {days[-1]} TT); measured values end {self.table.last_measured_date}: "
+                "update astropy-iers-data when they are out",
+                PredictedEopWarning,
+                stacklevel=3,
+            )
+
+    @bare_arguments
+    def rough_rotation(self, tt: Epochs) -> NDArray[np.float64]:
+        """Rotation from the ITRF to the GCRS without polar motion and tides, 20 m on the ground, shape (n, 3, 3)."""
+        x, y = _celestial_pole(tt)[0]
+        values, days = self.table.at_0h_utc
+        ut1_minus_tt_d = np.interp(tt.mjd, days.mjd, values[:, 0]) / SECONDS_PER_DAY
+        angle_rad = earth_rotation_angle(Epochs.from_jd(tt.jd, tt.fraction + ut1_minus_tt_d, "UT1"))
+        return np.swapaxes(erfa.rz(angle_rad, erfa.c2ixys(x, y, 0.0)), -1, -2)
 
     def _subdaily(self, mjd_ut1: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Sum of the chosen terms in xp, yp (rad) and UT1 (s), and its rate; each of shape (n, 3)."""
@@ -144,14 +162,13 @@ def earth_rotation_angle(ut1: Epochs) -> NDArray[np.float64]:
     return 2 * np.pi * np.mod(turns, 1.0)
 
 
-def _celestial_pole(tt: Epochs) -> NDArray[np.float64]:
-    """X, Y and s of the celestial intermediate pole, rad, and the rates of X and Y, rad/s, shape (n, 5).
+def _celestial_pole(tt: Epochs) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """X and Y of the celestial intermediate pole, rad, and their rates, rad/s, shapes (2, n).
 
-    The rates are from IAU 2006/2000B, ten times faster and within 4e-14 rad/s of 2000A (0.3 um/s on the ground).
+    IAU 2006/2000A, from 1972 to 2049 by polynomials that follow the series of ERFA to 2e-14 rad, 0.1 um on the ground.
     """
-    after, before = (np.stack(erfa.xys00b(tt.jd, tt.fraction + d)[:2]) for d in (_CIP_STEP_D, -_CIP_STEP_D))
-    rates = (after - before) / (2 * _CIP_STEP_D * SECONDS_PER_DAY)
-    return np.stack([*erfa.xys06a(tt.jd, tt.fraction), *rates], axis=-1)
+    table = table_of("radioloc.earth", "celestial_pole")
+    return tabulated(table, tt, lambda at: erfa.xys06a(at.jd, at.fraction)[:2])
 
 
 def _polar_motion_rate(xp_rate: NDArray[np.float64], yp_rate: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.chebyshev import chebyshev_sums
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.errors import CoverageError
 from radioloc.kernels import Kernel, Segment
@@ -16,8 +17,8 @@ def evaluate(
 ) -> tuple[NDArray[np.float64], ...]:
     """Evaluate a segment: components and their derivatives up to an order, shapes (n, 3), in the file's units and s.
 
-    Clenshaw's recurrence b_k = c_k + 2 s b_(k+1) - b_(k+2), differentiated twice with respect to s. The epoch's two
-    floats meet only within a record, so an epoch is resolved to 1e-10 s: 0.1 micrometre of the Moon about the Earth.
+    The epoch's two floats meet only within a record, so an epoch is resolved to 1e-10 s: 0.1 micrometre of the Moon
+    about the Earth.
     """
     tdb.require("TDB")
     midnight_s = (tdb.jd - J2000_JD) * SECONDS_PER_DAY  # exact: a whole number of half days
@@ -40,20 +41,8 @@ def evaluate(
     record = record - past_end
     offset_s = offset_s + past_end * length_s
     s = 2.0 * offset_s / length_s - 1.0
-    twice = 2.0 * s
     present, which = np.unique(record, return_inverse=True)
     coefficients = np.take(segment.coefficients[present].transpose(2, 1, 0), which.reshape(-1), axis=2)
-    b = b_next = db = db_next = ddb = ddb_next = np.zeros((3, len(tdb)))
-    for k in range(len(coefficients) - 1, 0, -1):
-        if derivatives > 1:
-            ddb, ddb_next = 4.0 * db + twice * ddb - ddb_next, ddb
-        db, db_next = 2.0 * b + twice * db - db_next, db
-        # Summed in this order the leading coefficient, 1e4 rad for the lunar angle psi, rounds once.
-        b, b_next = coefficients[k] + (twice * b - b_next), b
+    sums = chebyshev_sums(coefficients, s, derivatives)
     per_second = 2.0 / length_s
-    values = coefficients[0] + (s * b - b_next)
-    rates = (b + s * db - db_next) * per_second
-    if derivatives == 1:
-        return values.T, rates.T
-    accelerations = (2.0 * db + s * ddb - ddb_next) * per_second**2
-    return values.T, rates.T, accelerations.T
+    return tuple(part.T if order == 0 else part.T * per_second**order for order, part in enumerate(sums))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,7 +23,8 @@ _SOLAR_SYSTEM_BARYCENTRE, _EARTH_MOON_BARYCENTRE, _EARTH, _MOON = 0, 3, 399, 301
 BODIES = {"sun": 10, "moon": _MOON, "venus": 2, "jupiter": 5, "saturn": 6}
 """Bodies that can be asked for, with their NAIF codes; the planets are the barycentres of their systems."""
 
-_State = tuple[NDArray[np.float64], NDArray[np.float64]]
+_Vectors = NDArray[np.float64]
+_State = tuple[_Vectors, _Vectors]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -91,9 +93,15 @@ class Ephemeris:
 
         Round-off of the position is some 1e-5 m. The acceleration is the second derivative of the Chebyshev series.
         """
+        return self.states((), tdb)[0]
+
+    @bare_arguments
+    def states(self, bodies: Sequence[str], tdb: Epochs) -> tuple[EarthState, dict[str, _State]]:
+        """The Earth as by :meth:`earth`, and bodies as by :meth:`geocentric`: the Earth is computed once for all."""
         barycentre = self._relative(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb, derivatives=2)
         earth = self._relative(_EARTH, _EARTH_MOON_BARYCENTRE, tdb, derivatives=2)
-        return EarthState(*((b + e) * _M_PER_KM for b, e in zip(barycentre, earth, strict=True)))
+        found = {body: self._geocentric(BODIES[body], tdb, barycentre, earth) for body in bodies}
+        return EarthState(*((b + e) * _M_PER_KM for b, e in zip(barycentre, earth, strict=True))), found
 
     @bare_arguments
     def geocentric(self, body: str, tdb: Epochs) -> _State:
@@ -129,12 +137,17 @@ class Ephemeris:
         """Geocentric position and velocity of a trajectory's centre by NAIF code; as :meth:`geocentric`."""
         if code == _EARTH:
             return np.zeros((len(tdb), 3)), np.zeros((len(tdb), 3))
-        earth = self._relative(_EARTH, _EARTH_MOON_BARYCENTRE, tdb)
+        barycentre = self._relative(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
+        return self._geocentric(code, tdb, barycentre, self._relative(_EARTH, _EARTH_MOON_BARYCENTRE, tdb))
+
+    def _geocentric(
+        self, code: int, tdb: Epochs, barycentre: tuple[_Vectors, ...], earth: tuple[_Vectors, ...]
+    ) -> _State:
+        """From the barycentre of Earth and Moon, and the Earth relative to it, km and s."""
         if code in (_MOON, _EARTH_MOON_BARYCENTRE):
             other = self._relative(code, _EARTH_MOON_BARYCENTRE, tdb)
         else:
             other = self._relative(code, _SOLAR_SYSTEM_BARYCENTRE, tdb)
-            barycentre = self._relative(_EARTH_MOON_BARYCENTRE, _SOLAR_SYSTEM_BARYCENTRE, tdb)
             other = other[0] - barycentre[0], other[1] - barycentre[1]
         return (other[0] - earth[0]) * _M_PER_KM, (other[1] - earth[1]) * _M_PER_KM
 

@@ -15,7 +15,7 @@ given position is then a light-time solution between straight motions.
 from __future__ import annotations
 
 import copy
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -30,7 +30,6 @@ from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.light_path import (
     BOUNCE,
-    RECEIVE,
     TRANSMIT,
     LightPath,
     MovingPoint,
@@ -51,11 +50,11 @@ from radioloc.measurements.ramps import RampTerm, TransmittedFrequency
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_combined, is_differenced, is_integrated, is_one_way
 from radioloc.measurements.sources import with_galactic_aberration
-from radioloc.measurements.station_motion import StationMotion, station_motion
+from radioloc.measurements.station_motion import StationMotion, rough_station_motion, station_motion
 from radioloc.media.ionosphere import delay_by_content_m
 from radioloc.media.medium import Leg, LegEnd
 from radioloc.media.status import Status, first_of
-from radioloc.time import Epochs, geocentric_tdb_minus_tt, tai_to_tt, utc_to_tt
+from radioloc.time import Epochs, geocentric_tdb_minus_tt, tai_to_tt, topocentric_tdb_minus_tt, utc_to_tt
 from radioloc.vectors import dot, length, rotated
 
 _SHORTEST_RADIO_UM = 1000.0
@@ -64,6 +63,8 @@ _FAR_M = 1e18
 """Where the direction to a source at infinity is looked at from."""
 _ROUGHLY_S = 1e-9
 """Light times of the path without delays settle to 1e-13 s, in which nothing moves by more than 3e-9 m."""
+_BLOCK = 8192
+"""Events for which stations are prepared at a time, so that memory holds the terms of all tides for these alone."""
 
 
 class ExactPredictor(Predictor):
@@ -350,20 +351,30 @@ class ExactPredictor(Predictor):
 
     def _prepare(self, lander_pa_m: NDArray[np.float64]) -> None:
         """Place the straight motions at the events of the path to this position."""
-        zero = np.zeros(len(self._paths))
-        self._up = self._station(self._transmitter, zero)
-        same = np.array_equal(self._transmitter, self._receiver)
-        self._down = self._up if same else self._station(self._receiver, zero)
-        self._place_target(zero, lander_pa_m)
-        # From the tag's instant the straight motions give the events to some nanoseconds.
-        path, _, _ = self._solve(lander_pa_m)
-        if not self._up.point.holds_at(path.transmit_s):
-            self._up = self._station(self._transmitter, path.transmit_s)
-        if not self._down.point.holds_at(path.receive_s):
-            self._down = self._station(self._receiver, path.receive_s)
+        path = self._rough_path(lander_pa_m)
+        n = len(self._paths)
+        which = np.concatenate([self._transmitter, self._receiver])
+        offset_s = np.concatenate([path.transmit_s, path.receive_s])
+        row = np.tile(np.arange(n), 2)
+        blocks = [slice(first, first + _BLOCK) for first in range(0, max(2 * n, 1), _BLOCK)]
+        ends = joined([self._station(which[block], row[block], offset_s[block]) for block in blocks])
+        self._up, self._down = rows_of(ends, slice(n)), rows_of(ends, slice(n, None))
         self._place_target(path.bounce_s, lander_pa_m)
-        for name in ("_up", "_down", "_moon", "_clock"):
+        for name in ("_moon", "_clock"):
             setattr(self, name, rows_of(getattr(self, name), slice(None)))
+        self.model.earth.warn_of_predictions(self._tt[: len(self.observations)], self.predicted_eop)
+
+    def _rough_path(self, lander_pa_m: NDArray[np.float64]) -> LightPath:
+        """The path to 0.1 microseconds, from motions that are straight from the reference epochs on."""
+        zero = np.zeros(len(self._paths))
+        up, down = (
+            rough_station_motion(self.model, self._stations, which, self._tt, self._earth)
+            for which in (self._transmitter, self._receiver)
+        )
+        self._place_target(zero, lander_pa_m)
+        relay = self._relay(lander_pa_m)
+        places_s = (topocentric_tdb_minus_tt(self._earth.velocity_m_s, end.position_m) for end in (up, down))
+        return self._solver(up, relay, down, *places_s)(0.0, 0.0, tolerance_s=_ROUGHLY_S)
 
     def _place_target(self, offset_s: NDArray[np.float64], lander_pa_m: NDArray[np.float64]) -> None:
         """The motion of the Moon, or of the spacecraft, and the target's clock."""
@@ -401,16 +412,14 @@ class ExactPredictor(Predictor):
                 which == self._receiver,
             )
 
-    def _station(self, which: NDArray[np.int32], offset_s: NDArray[np.float64]) -> StationMotion:
-        return station_motion(self.model, self._stations, which, self._reference, self._earth, offset_s)
+    def _station(
+        self, which: NDArray[np.int32], row: NDArray[np.intp], offset_s: NDArray[np.float64]
+    ) -> StationMotion:
+        reference, earth = self._reference[row], rows_of(self._earth, row)
+        return station_motion(self.model, self._stations, which, reference, earth, offset_s)
 
-    def _solve(
-        self, lander_pa_m: NDArray[np.float64]
-    ) -> tuple[LightPath, MovingPoint, tuple[LineOfSight, LineOfSight]]:
-        """The path, the motion of the point, and the view from both stations.
-
-        The views are those along the path without delays, in which elevations are off by 1e-10 rad.
-        """
+    def _relay(self, lander_pa_m: NDArray[np.float64]) -> MovingPoint:
+        """The motion of the target, as the Moon is placed; a source at infinity stands still."""
         lander_pa_m = np.asarray(lander_pa_m, dtype=np.float64)
         if not np.isfinite(lander_pa_m).all():
             raise InputError(
@@ -419,35 +428,50 @@ class ExactPredictor(Predictor):
         if lander_pa_m.ndim == 2:
             lander_pa_m = lander_pa_m[self._target]
         relay = self._moon.point(self.model, lander_pa_m)
-        near = (self._target >= 0)[:, None]
-        relay = replace(relay, velocity_m_s=relay.velocity_m_s * near)
+        return replace(relay, velocity_m_s=relay.velocity_m_s * (self._target >= 0)[:, None])
+
+    def _solver(
+        self,
+        up: MovingPoint,
+        relay: MovingPoint,
+        down: MovingPoint,
+        up_topocentric_s: NDArray[np.float64],
+        down_topocentric_s: NDArray[np.float64],
+    ) -> Callable[..., LightPath]:
+        """:func:`solve_light_path` between motions, but for the delays."""
         # The reference epoch reads the tag as the geocentre's TT; the station's differs by up to 2 microseconds.
-        tagged_s = np.where(
-            self._tag == TRANSMIT,
-            self._up.topocentric_s,
-            np.where(self._tag == RECEIVE, self._down.topocentric_s, 0.0),
-        )
-        # A one-way transmission, with which the path begins, is tagged by the target's clock.
         zero = np.zeros(len(self._tag))
+        tagged_s = np.choose(self._tag, (up_topocentric_s, down_topocentric_s, zero))
+        # A one-way transmission, with which the path begins, is tagged by the target's clock.
         ahead_s, _, _ = self._clock.at(self._moon.origin, relay, zero)
         first_s, second_s = self._clocks.ahead(zero, zero)
-        tagged_s = tagged_s - np.choose(self._tag, (first_s, second_s, ahead_s))
-        solve = partial(
+        tagged_s = tagged_s - np.choose(self._tag, (first_s, second_s, ahead_s)) + self._equipment.after_tag_s
+        return partial(
             solve_light_path,
-            self._up.point,
+            up,
             relay,
-            self._down.point,
+            down,
             self._tag,
-            tagged_s + self._equipment.after_tag_s,
+            tagged_s,
             sign=self._sign,
             hold_s=self._equipment.hold_s,
-            source=None if near.all() else self._far,
+            source=None if (self._target >= 0).all() else self._far,
         )
+
+    def _solve(
+        self, lander_pa_m: NDArray[np.float64]
+    ) -> tuple[LightPath, MovingPoint, tuple[LineOfSight, LineOfSight]]:
+        """The path, the motion of the point, and the view from both stations.
+
+        The views are those along the path without delays, in which elevations are off by 1e-10 rad.
+        """
+        relay, up, down = self._relay(lander_pa_m), self._up, self._down
+        solve = self._solver(up.point, relay, down.point, up.topocentric_s, down.topocentric_s)
         path = solve(0.0, 0.0, tolerance_s=_ROUGHLY_S)
-        up, down = self._lines_of_sight(path, relay)
-        (up_m, down_m), (up_drag, down_drag) = self._gravity(path, relay), self._drag(path)
-        path = solve(up_m + up_drag * up.delay_m, down_m + down_drag * down.delay_m, near=path)
-        return path, relay, (up, down)
+        views = self._lines_of_sight(path, relay)
+        delays_m = zip(self._gravity(path, relay), self._drag(path), views, strict=True)
+        up_m, down_m = (gravity_m + drag * view.delay_m for gravity_m, drag, view in delays_m)
+        return solve(up_m, down_m, near=path), relay, views
 
     def _drag(self, path: LightPath) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Media's delay of each leg in the barycentric frame, over that in the frame in which the media rest.

@@ -106,19 +106,16 @@ def lunar_motion(
     after the 1e-3 s for which it may be used, and 1e-16 m after the nanoseconds for which it is.
     """
     tdb = reference.shifted(offset_s)
-    earth = model.ephemeris.earth(tdb)
-    moon_m, moon_velocity_m_s = model.ephemeris.geocentric("moon", tdb)
-    sun_m, _ = model.ephemeris.geocentric("sun", tdb)
+    planets = [body for body in PLANETS_MM if body in model.ephemeris.bodies]
+    earth, bodies = model.ephemeris.states(("moon", "sun", *planets), tdb)
+    moon_m, moon_velocity_m_s = bodies.pop("moon")
+    sun_m = bodies["sun"][0]
     angles_rad, rates_rad_s = model.libration.angles(tdb)
     rot = rot_icrf_to_pa(angles_rad)
     constants = model.ephemeris.constants
     potential = constants.gm_sun_m3_s2 / length(sun_m - moon_m)
     potential = potential + constants.gm_earth_m3_s2 / length(moon_m)
     geocentre_m = geocentre_displacement_m(reference_earth, offset_s)
-    bodies_m = {"sun": geocentre_m + sun_m}
-    for body in PLANETS_MM:
-        if body in model.ephemeris.bodies:
-            bodies_m[body] = geocentre_m + model.ephemeris.geocentric(body, tdb)[0]
     craft = None
     if trajectory is not None:
         position_m, velocity_m_s = trajectory.geocentric(model.ephemeris, tdb)
@@ -139,7 +136,7 @@ def lunar_motion(
         earth_pa_m=np.einsum("nij,nj->ni", rot, -moon_m),
         sun_pa_m=np.einsum("nij,nj->ni", rot, sun_m - moon_m),
         shrinking=potential / C_M_S**2 + (L_B - L_G),
-        bodies_m=bodies_m,
+        bodies_m={body: geocentre_m + body_m for body, (body_m, _) in bodies.items()},
         craft=craft,
     )
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S, L_B, L_G, SECONDS_PER_DAY
-from radioloc.earth.geodesy import geodetic_from_itrf, rot_itrf_to_enu
-from radioloc.earth.ocean_loading import ocean_loading_displacement, tidal_geocentre_displacement
+from radioloc.constants import C_M_S, EARTH_ROTATION_RAD_S, L_B, L_G, SECONDS_PER_DAY
+from radioloc.earth.geodesy import geodetic_from_itrf
+from radioloc.earth.ocean_loading import TIDAL_GEOCENTRE_M, loading_itrf_m, sum_of_tides
 from radioloc.earth.pole_tide import pole_tide_displacement
 from radioloc.earth.solid_tide import solid_earth_tide
 from radioloc.earth.stations import Station
@@ -18,6 +18,7 @@ from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.media.medium import StationState
 from radioloc.time import Epochs, geocentric_tdb_minus_tt, topocentric_tdb_minus_tt
+from radioloc.vectors import cross, dot, east_north_up, length, rotated
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -57,66 +58,59 @@ def station_motion(
     and 4-17; IERS Conventions 2010, section 11.1). Terms with the Earth's acceleration are below 3 micrometres.
     """
     tdb = reference.shifted(offset_s)
-    earth = model.ephemeris.earth(tdb)
+    earth, bodies = model.ephemeris.states(("moon", "sun"), tdb)
+    (moon_m, _), (sun_m, _) = bodies.values()
     geocentric_s = geocentric_tdb_minus_tt(tdb)
     tt = Epochs.from_jd(tdb.jd, tdb.fraction - geocentric_s / SECONDS_PER_DAY, "TT")
-    rotation = model.earth.evaluate(tt)
+    rotation = model.earth.rotation(tt)
     rot = rotation.rot_itrf_to_gcrs
-    moon_m, _ = model.ephemeris.geocentric("moon", tdb)
-    sun_m, _ = model.ephemeris.geocentric("sun", tdb)
-    itrf_m, up_itrf = np.empty_like(moon_m), np.empty_like(moon_m)
-    latitude_rad, height_m = np.empty(len(tdb)), np.empty(len(tdb))
-    geocentre_m = np.zeros(3)
-    if model.has("tidal_geocentre"):
-        geocentre_m = tidal_geocentre_displacement(tt, rotation.ut1.fraction)
-    to_itrf = np.swapaxes(rot, -1, -2)
-    moon_itrf_m, sun_itrf_m = (
-        np.einsum("nij,nj->ni", to_itrf, moon_m),
-        np.einsum("nij,nj->ni", to_itrf, sun_m),
-    )
+    rest_m = np.empty_like(moon_m)
     for i, station in enumerate(stations):
         rows = np.flatnonzero(which == i)
-        here, ut1 = tt[rows], rotation.ut1.fraction[rows]
         moves = model.has("station_velocity")
-        rest_m = station.position_at(here) if moves else np.tile(station.itrf2020[0], (len(rows), 1))
-        moved_m = rest_m
-        if model.has("solid_earth_tide"):
-            moved_m = moved_m + solid_earth_tide(rest_m, moon_itrf_m[rows], sun_itrf_m[rows], here, ut1)
-        if model.has("pole_tide"):
-            pole_rad = rotation.xp_table_rad[rows], rotation.yp_table_rad[rows]
-            moved_m = moved_m + pole_tide_displacement(rest_m, *pole_rad, here)
-        if model.has("ocean_loading") and station.ocean_loading is not None:
-            moved_m = moved_m + ocean_loading_displacement(station.ocean_loading, rest_m, here, ut1)
-        itrf_m[rows] = moved_m
-        place = geodetic_from_itrf(station.itrf_m)
-        latitude_rad[rows], height_m[rows] = place.latitude_rad, place.height_m
-        up_itrf[rows] = rot_itrf_to_enu(station.itrf_m)[2]
-    itrf_m += geocentre_m
+        rest_m[rows] = station.position_at(tt[rows]) if moves else station.itrf2020[0]
+    itrf_m = rest_m
+    if model.has("solid_earth_tide"):
+        moon_itrf_m, sun_itrf_m = (rotated(np.swapaxes(rot, -1, -2), body_m) for body_m in (moon_m, sun_m))
+        itrf_m = itrf_m + solid_earth_tide(rest_m, moon_itrf_m, sun_itrf_m, tt, rotation.ut1.fraction)
+    if model.has("pole_tide"):
+        itrf_m = itrf_m + pole_tide_displacement(rest_m, rotation.xp_table_rad, rotation.yp_table_rad, tt)
+    tides_m = np.zeros((len(stations), *TIDAL_GEOCENTRE_M.shape), dtype=np.complex128)
+    if model.has("tidal_geocentre"):
+        tides_m += TIDAL_GEOCENTRE_M
+    if model.has("ocean_loading"):
+        for of_station_m, station in zip(tides_m, stations, strict=True):
+            if station.ocean_loading is not None:
+                of_station_m += loading_itrf_m(station.ocean_loading, station.itrf_m)
+    if tides_m.any():
+        itrf_m = itrf_m + sum_of_tides(tides_m[which], tt, rotation.ut1.fraction)
+    places = geodetic_from_itrf(_given_itrf_m(stations))
+    up_itrf = east_north_up(places.longitude_rad, places.latitude_rad)[which, 2]
 
-    gcrs_m = np.einsum("nij,nj->ni", rot, itrf_m)
-    gcrs_velocity_m_s = np.einsum("nij,nj->ni", rotation.rot_itrf_to_gcrs_rate, itrf_m)
+    gcrs_m = rotated(rot, itrf_m)
+    gcrs_velocity_m_s = rotated(rotation.rot_itrf_to_gcrs_rate, itrf_m)
     # The station's own TT is later or earlier than the geocentre's by up to 2 microseconds, in which it moves 1 mm.
     topocentric_s = topocentric_tdb_minus_tt(earth.velocity_m_s, gcrs_m)
     gcrs_m = gcrs_m - gcrs_velocity_m_s * topocentric_s[:, None]
 
     v_m_s = earth.velocity_m_s
     constants = model.ephemeris.constants
-    potential = constants.gm_sun_m3_s2 / np.linalg.norm(sun_m, axis=-1)
-    potential = (potential + constants.gm_moon_m3_s2 / np.linalg.norm(moon_m, axis=-1)) / C_M_S**2
+    potential = constants.gm_sun_m3_s2 / length(sun_m)
+    potential = (potential + constants.gm_moon_m3_s2 / length(moon_m)) / C_M_S**2
     bcrs_m = gcrs_m
     if model.has("earth_scale"):
         bcrs_m = bcrs_m - gcrs_m * (potential + (L_B - L_G))[:, None]
     if model.has("earth_lorentz"):
-        bcrs_m = bcrs_m - v_m_s * (np.einsum("ni,ni->n", v_m_s, gcrs_m) / (2.0 * C_M_S**2))[:, None]
-    geocentric_rate = np.einsum("ni,ni->n", v_m_s, v_m_s) / (2.0 * C_M_S**2) + potential - (L_B - L_G)
+        bcrs_m = bcrs_m - v_m_s * (dot(v_m_s, gcrs_m) / (2.0 * C_M_S**2))[:, None]
+    geocentric_rate = dot(v_m_s, v_m_s) / (2.0 * C_M_S**2) + potential - (L_B - L_G)
     return StationMotion(
         point=MovingPoint(
             offset_s, geocentre_displacement_m(reference_earth, offset_s) + bcrs_m, v_m_s + gcrs_velocity_m_s
         ),
         gcrs_m=gcrs_m,
         gcrs_velocity_m_s=gcrs_velocity_m_s,
-        up_gcrs=np.einsum("nij,nj->ni", rot, up_itrf),
-        up_rate_gcrs=np.einsum("nij,nj->ni", rotation.rot_itrf_to_gcrs_rate, up_itrf),
+        up_gcrs=rotated(rot, up_itrf),
+        up_rate_gcrs=rotated(rotation.rot_itrf_to_gcrs_rate, up_itrf),
         pole_gcrs=rot[:, :, 2],
         tdb_minus_tt_s=geocentric_s + topocentric_s,
         topocentric_s=topocentric_s,
@@ -125,10 +119,28 @@ def station_motion(
         + topocentric_tdb_minus_tt(earth.acceleration_m_s2, gcrs_m),
         geocentric_tdb_rate=geocentric_rate,
         rot_itrf_to_gcrs=rot,
-        latitude_rad=latitude_rad,
-        height_m=height_m,
+        latitude_rad=places.latitude_rad[which],
+        height_m=places.height_m[which],
         predicted_eop=rotation.predicted,
     )
+
+
+def rough_station_motion(
+    model: PhysicalModel,
+    stations: tuple[Station, ...],
+    which: NDArray[np.int32],
+    tt: Epochs,
+    earth: EarthState,
+) -> MovingPoint:
+    """Motion of stations near the reference epochs, to some 20 m."""
+    rot = model.earth.rough_rotation(tt)
+    gcrs_m = rotated(rot, _given_itrf_m(stations)[which])
+    spin_rad_s = EARTH_ROTATION_RAD_S * rot[:, :, 2]
+    return MovingPoint(np.zeros(len(tt)), gcrs_m, earth.velocity_m_s + cross(spin_rad_s, gcrs_m))
+
+
+def _given_itrf_m(stations: tuple[Station, ...]) -> NDArray[np.float64]:
+    return np.reshape([station.itrf_m for station in stations], (-1, 3))
 
 
 def geocentre_displacement_m(earth: EarthState, offset_s: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.constants import C_M_S, SECONDS_PER_DAY, TT_MINUS_TAI_S
 from radioloc.errors import CoverageError, InputError
 from radioloc.time.epochs import Epochs
-from radioloc.time.smooth import evaluate_smooth
+from radioloc.time.tabulated import table_of, tabulated
 from radioloc.units import as_float_array
 
 _JD_1972 = 2441317.5
@@ -198,7 +198,8 @@ def tdb_to_tt(tdb: Epochs) -> Epochs:
 def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
     """TDB - TT at the geocentre, s, shape (n,); the epochs may be TT or TDB.
 
-    ERFA ``dtdb``: Fairhead and Bretagnon (1990), with 787 terms, good to some nanoseconds over decades.
+    ERFA ``dtdb``: Fairhead and Bretagnon (1990), with 787 terms, good to some nanoseconds over decades; from 1972 to
+    2049 by polynomials that follow it to 3e-16 s.
 
     Examples
     --------
@@ -208,7 +209,12 @@ def geocentric_tdb_minus_tt(epochs: Epochs) -> NDArray[np.float64]:
     """
     if not isinstance(epochs, Epochs):
         epochs = in_scale(epochs, "TDB")
-    return evaluate_smooth(lambda at: np.asarray(erfa.dtdb(at.jd, at.fraction, 0.0, 0.0, 0.0, 0.0)), epochs)
+    values_s, _ = tabulated(
+        table_of("radioloc.time", "tdb_minus_tt"),
+        epochs,
+        lambda at: erfa.dtdb(at.jd, at.fraction, 0.0, 0.0, 0.0, 0.0)[None],
+    )
+    return values_s[0]
 
 
 def topocentric_tdb_minus_tt(earth_velocity_m_s: ArrayLike, station_gcrs_m: ArrayLike) -> NDArray[np.float64]:

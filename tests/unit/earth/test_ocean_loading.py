@@ -3,7 +3,7 @@ import pytest
 
 from radioloc.earth.blq import CONSTITUENTS, BlqCoefficients
 from radioloc.earth.geodesy import itrf_from_geodetic, rot_itrf_to_enu
-from radioloc.earth.ocean_loading import ocean_loading_displacement, ocean_loading_enu
+from radioloc.earth.ocean_loading import loading_itrf_m, ocean_loading_enu, sum_of_tides
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.time import Epochs
@@ -78,7 +78,7 @@ def test_displacement_is_turned_into_the_itrf() -> None:
     assert loading is not None
     station_m = itrf_from_geodetic(0.3, 0.7, 500.0)
     enu_m = ocean_loading_enu(loading, TT, UT1.fraction)
-    itrf_m = ocean_loading_displacement(loading, station_m[None], TT, UT1.fraction)
+    itrf_m = sum_of_tides(loading_itrf_m(loading, station_m), TT, UT1.fraction)
     np.testing.assert_allclose(itrf_m @ rot_itrf_to_enu(station_m).T, enu_m, rtol=0.0, atol=ROUNDING_M)
 
 

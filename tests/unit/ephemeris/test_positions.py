@@ -57,6 +57,13 @@ def test_acceleration_is_newtons(ephemeris, epochs):
     )
 
 
+def test_states_together_are_those_alone(ephemeris, epochs):
+    earth, bodies = ephemeris.states(tuple(BODIES), epochs)
+    np.testing.assert_array_equal(earth.acceleration_m_s2, ephemeris.earth(epochs).acceleration_m_s2)
+    for body in BODIES:
+        np.testing.assert_array_equal(bodies[body], ephemeris.geocentric(body, epochs))
+
+
 def test_acceleration_does_not_jump_between_records(ephemeris):
     segment = ephemeris.spk.segment(399, 3)
     starts = Epochs.from_jd(2451545.0 + segment.first_record_s / 86400.0 + 4.0 * np.arange(1, 7390))

@@ -19,7 +19,7 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.measurements.registry import KINDS
+from radioloc.measurements.registry import KINDS, kind_of
 from radioloc.measurements.terms import TERMS
 from radioloc.media.status import Status, describe
 from radioloc.time import Epochs, epochs_from_strings, tai_to_tt, tdb_to_tt, tt_to_tai, utc_to_tai
@@ -286,6 +286,27 @@ def test_station_by_alias_is_one_station(radio):
 
 # ---------------------------------------------------------------------------------------------------------------------
 # Preparation
+
+
+@pytest.mark.parametrize(
+    ("kind", "path", "tag"),
+    [
+        *(("range", "KASHI>x>NEUQUEN", tag) for tag in TIME_TAGS),
+        ("vlbi_delay", "KASHI<x>JIAMUSI", "receive"),
+        ("one_way_range", "x>NEUQUEN", "transmit"),
+    ],
+)
+def test_stations_are_prepared_where_signals_meet_them(radio, kind, path, tag):
+    """0.5 microseconds, in which an elevation changes by 4e-11 rad, 0.03 micrometres of delay at 3 degrees."""
+    table = observations(path, epochs_tai(9, 24.0), tag, kind=kind_of(kind), value_m=4e6)
+    arc = ExactPredictor(radio, table, APOLLO15_PA_M)
+    found, _, _ = arc._solve(APOLLO15_PA_M)
+    for met_s, prepared in (
+        (found.transmit_s, arc._up.point),
+        (found.bounce_s, arc._moon.centre),
+        (found.receive_s, arc._down.point),
+    ):
+        np.testing.assert_allclose(prepared.offset_s, met_s, rtol=0, atol=5e-7)
 
 
 @pytest.mark.parametrize("tag", TIME_TAGS)

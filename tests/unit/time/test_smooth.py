@@ -1,10 +1,9 @@
 """Smooth functions at many epochs: as if evaluated at each, with few evaluations."""
 
-import erfa
 import numpy as np
 import pytest
 
-from radioloc.time import Epochs, evaluate_smooth, geocentric_tdb_minus_tt
+from radioloc.time import Epochs, evaluate_smooth
 
 DAY = 2459184.5
 
@@ -69,10 +68,3 @@ def test_values_of_any_shape():
     assert evaluate_smooth(lambda e: e.fraction, at).shape == (500,)
     assert evaluate_smooth(lambda e: np.ones((len(e), 2, 3)), at).shape == (500, 2, 3)
     assert evaluate_smooth(lambda e: np.exp(1j * e.fraction), at).dtype == np.complex128
-
-
-def test_barycentric_time_is_erfa_at_every_epoch():
-    at = epochs(5000, 30.0)
-    direct_s = erfa.dtdb(at.jd, at.fraction, 0.0, 0.0, 0.0, 0.0)
-    # A tenth of a micrometre of light.
-    np.testing.assert_allclose(geocentric_tdb_minus_tt(at), direct_s, rtol=0.0, atol=3e-16)

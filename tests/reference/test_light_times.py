@@ -275,6 +275,21 @@ def test_epochs_without_the_target_are_counted_and_other_arguments_refused():
             light_times(bare_study(), ["KASHI"], **(SPAN | keys))
 
 
+def test_every_target_of_a_study_has_its_rows():
+    rover = radioloc.LunarPosition.from_selenographic(-51.9, 43.1, -2550.0)
+    both = Study(target=LANDER, targets={"lander": LANDER, "rover": rover})
+    table = light_times(both, ["KASHI"], links="one_way", **SPAN)
+    assert set(table.path[:]) == {"lander>KASHI", "rover>KASHI"}
+    for name, place in (("lander", LANDER), ("rover", rover)):
+        alone = light_times(Study(target=place), ["KASHI"], links="one_way", **SPAN)
+        mine = table.path.are(f"{name}>KASHI")
+        assert table["downlink_light_time_s"][mine] == pytest.approx(
+            alone["downlink_light_time_s"], abs=1e-15
+        )
+    assert len(table) == 2 * len(alone)
+    assert table.unseen == 2 * alone.unseen
+
+
 def test_low_rows_say_that_the_troposphere_is_left_out():
     table = light_times(Study(target=LANDER), ["NEUQUEN"], **(SPAN | {"step_s": 300.0}))
     low = table["receive_elevation_deg"] < 3.0

@@ -8,6 +8,7 @@ from dataclasses import fields, replace
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
@@ -16,11 +17,14 @@ from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.measurement_type import Geometry
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.pointing import Direction, direction
 from radioloc.measurements.predictor import reasons
 from radioloc.measurements.registry import is_one_way, kind_of
 from radioloc.report.light_times import LightTimes
 from radioloc.simulation.schedule import LINKS, Schedule, Session
+from radioloc.simulation.visibility import Target
 from radioloc.studies.passes import scene_of
 from radioloc.studies.study import Study
 from radioloc.time import utc_to_tt
@@ -54,7 +58,7 @@ def light_times(
     Parameters
     ----------
     study : Study or path-like
-        Its target, or the true position of its simulation, and its model.
+        Its targets, or the true position of its simulation, and its model.
     stations : sequence of str
         Names or aliases; by default those of the study's schedule, or else of its observations.
     links : {"two_way", "three_way", "all", "one_way"}
@@ -111,15 +115,36 @@ def light_times(
         uplink_hz=carrier_hz,
         wavelength_um=1e6 * C_M_S / carrier_hz,
     )
-    planned = Schedule([session], scene.masks).plan(scene.model, scene.target).observations
-    counts = planned.select(np.argsort(planned.link, kind="stable"))
+    parts = []
+    for name, target in scene.targets.items():
+        planned = Schedule([session], scene.masks).plan(scene.model, target, name).observations
+        counts = planned.select(np.argsort(planned.link, kind="stable"))
+        parts.append(_table(scene.model, counts, target, kind, frequency_hz))
+    rows = Observations.concatenate([part for part, _, _ in parts])
+    columns = {name: np.concatenate([part[name] for _, part, _ in parts]) for name in parts[0][1]}
+    return LightTimes(
+        scene.name,
+        scene.start_utc,
+        scene.stop_utc,
+        len(session.epochs()) * len(pairs) * len(scene.targets) - len(rows),
+        frequency_hz,
+        rows.epoch,
+        Labels(rows.link, tuple(link.path for link in rows.links)),
+        columns,
+        Labels.of(np.concatenate([sentences for _, _, sentences in parts])),
+    )
+
+
+def _table(
+    model: PhysicalModel, counts: Observations, target: Target, kind: str, frequency_hz: float | None
+) -> tuple[Observations, dict[str, NDArray[np.float64]], NDArray[np.str_]]:
+    """Ranges at the tags of counts, the columns, and what does not hold."""
     rows = replace(
         counts, kind=np.full_like(counts.kind, kind_of(kind)), count_s=np.full(len(counts), np.nan)
     )
-    trajectory = scene.target if isinstance(scene.target, Trajectory) else None
-    place_m = np.zeros(3) if isinstance(scene.target, Trajectory) else scene.target
-    predictor = ExactPredictor(scene.model, rows, place_m, trajectory)
-    rate_m_s = ExactPredictor(scene.model, counts, place_m, trajectory).compute(place_m).value_m / _COUNT_S
+    trajectory = target if isinstance(target, Trajectory) else None
+    place_m = np.zeros(3) if isinstance(target, Trajectory) else target
+    predictor = ExactPredictor(model, rows, place_m, trajectory)
     computed = predictor.compute(place_m)
     path, sender, receiver = predictor.light_path(place_m)
     no_uplink = is_one_way(rows.kind)
@@ -127,26 +152,15 @@ def light_times(
         "uplink_light_time_s": np.where(no_uplink, np.nan, path.up_s),
         "downlink_light_time_s": path.down_s,
         "range_m": computed.value_m,
-        "range_rate_m_s": rate_m_s,
+        "range_rate_m_s": ExactPredictor(model, counts, place_m, trajectory).compute(place_m).value_m
+        / _COUNT_S,
     }
     if frequency_hz is not None:
-        columns["doppler_hz"] = -carrier_hz / C_M_S * rate_m_s
+        columns["doppler_hz"] = -frequency_hz / C_M_S * columns["range_rate_m_s"]
     tt = utc_to_tt(rows.epoch)
     transmit = direction(path.up_unit, sender, tt, sends=True)
     receive = direction(-path.down_unit, receiver, tt)
     for field in fields(Direction):
         columns[f"transmit_{field.name}"] = np.where(no_uplink, np.nan, getattr(transmit, field.name))
     columns |= {f"receive_{field.name}": getattr(receive, field.name) for field in fields(Direction)}
-    _, sentences = reasons(predictor, computed)
-    texts, which = np.unique(sentences, return_inverse=True)
-    return LightTimes(
-        scene.name,
-        scene.start_utc,
-        scene.stop_utc,
-        len(session.epochs()) * len(session.pairs) - len(rows),
-        frequency_hz,
-        rows.epoch,
-        Labels(rows.link, tuple(link.path for link in rows.links)),
-        columns,
-        Labels(which.astype(np.int32), tuple(texts.tolist())),
-    )
+    return rows, columns, reasons(predictor, computed)[1]

@@ -10,6 +10,7 @@ import numpy as np
 
 from radioloc.boundary import bare_arguments
 from radioloc.ephemeris import Trajectory
+from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.report.passes import Pass, Passes
 from radioloc.simulation.visibility import Masks, Target, Window, elevations, windows
@@ -37,7 +38,7 @@ def visibility(
     Parameters
     ----------
     study : Study or path-like
-        Its target, or the true position of its simulation.
+        Its target, of several the first, or the true position of its simulation.
     stations : sequence of str
         Names or aliases; by default those of the study's schedule, or else of its observations.
     start_utc, stop_utc : str, optional
@@ -59,7 +60,8 @@ def visibility(
     [('KASHI', False, True), ('KASHI', True, False)]
     """
     scene = scene_of(study, stations, start_utc, stop_utc, mask_deg)
-    model, target, masks = scene.model, scene.target, scene.masks
+    model, masks = scene.model, scene.masks
+    which, target = next(iter(scene.targets.items()))
     names, first, last = scene.stations, scene.start_utc, scene.stop_utc
     passes = [
         _pass(model, target, name, window)
@@ -67,7 +69,8 @@ def visibility(
         for window in windows(model, target, [name], first, last, masks)
     ]
     by_station = {name: masks.of(name) for name in names}
-    return Passes(scene.name, first, last, by_station, masks.target_deg, tuple(passes))
+    name = scene.name if len(scene.targets) == 1 else f"{scene.name}, {which}"
+    return Passes(name, first, last, by_station, masks.target_deg, tuple(passes))
 
 
 @dataclass(frozen=True, slots=True)
@@ -76,7 +79,7 @@ class Scene:
 
     name: str  # of the study
     model: PhysicalModel
-    target: Target
+    targets: dict[str, Target]  # by their names in links
     stations: list[str]  # names in the catalogue
     start_utc: str
     stop_utc: str
@@ -99,11 +102,17 @@ def scene_of(
         names, first, last, masks = [], "", "", Masks()
     else:
         names, first, last, masks = _observed(study)
-    where = study.target if study.simulation is None else study.simulation.position
+    places: dict[str, LunarPosition | Trajectory] = {**study.targets} or {"lander": study.target}
+    if study.simulation is not None:
+        places = {study.simulation.name: study.simulation.position}
+    constants = model.ephemeris.constants
     return Scene(
         study.name,
         model,
-        where if isinstance(where, Trajectory) else where.to_axes("PA", model.ephemeris.constants).xyz_m,
+        {
+            name: place if isinstance(place, Trajectory) else place.to_axes("PA", constants).xyz_m
+            for name, place in places.items()
+        },
         [model.catalogue.get(name).name for name in stations or names],
         start_utc or first,
         stop_utc or last,

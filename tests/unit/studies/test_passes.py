@@ -45,6 +45,13 @@ def test_a_target_rises_and_sets_at_the_masks_of_the_schedule(plan):
         assert above_deg < 1.1 * SECOND_DEG
 
 
+def test_of_several_targets_the_first_is_named():
+    study = radioloc.read_study(EXAMPLES / "reflectors" / "de440.toml")
+    found = visibility(study, ["GRASSE"], start_utc="2024-04-14", stop_utc="2024-04-15")
+    assert found.name == "de440, apollo11"
+    assert len(found.passes) == 1
+
+
 def test_the_highest_elevation_of_a_pass_is_that(plan):
     [one] = visibility(plan, ["NM"], stop_utc="2020-12-02T12:00:00").passes
     assert (one.station, one.rises, one.sets) == ("NEUQUEN", True, True)

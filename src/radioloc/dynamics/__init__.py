@@ -4,6 +4,15 @@ from radioloc.dynamics.forces import Acceleration, Forces, Impulse
 from radioloc.dynamics.gravity import GravityField
 from radioloc.dynamics.orbit import Orbit
 from radioloc.dynamics.propagation import propagate
-from radioloc.dynamics.terms import acceleration_terms
+from radioloc.dynamics.terms import acceleration_sizes, acceleration_terms
 
-__all__ = ["Acceleration", "Forces", "GravityField", "Impulse", "Orbit", "acceleration_terms", "propagate"]
+__all__ = [
+    "Acceleration",
+    "Forces",
+    "GravityField",
+    "Impulse",
+    "Orbit",
+    "acceleration_sizes",
+    "acceleration_terms",
+    "propagate",
+]

@@ -12,7 +12,7 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, Observations
 from radioloc.time import epochs_from_strings
 
-LANDER_PA_M = LunarPosition.from_selenographic(-51.9, 43.0, -2550.0, "ME_DE421").xyz_m
+LANDER_PA_M = LunarPosition.from_selenographic(-51.9, 43.0, -2550.0, "ME_DE421").to_frame("PA_DE421").xyz_m
 REFERENCE_HZ, DOWN_HZ, COUNT_S = 7.2e9, 8.4592790387e9, 60.0
 # A growth in metres is 1e-16 of 60 light-seconds, for each rounding of a frequency.
 TOLERANCE_M = 1e-5

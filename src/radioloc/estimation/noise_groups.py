@@ -20,8 +20,30 @@ from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
 
 _Floats = NDArray[np.float64]
 
+FEWEST = 10
+"""Observations that tell a variance of their own, to a quarter of the standard deviation."""
 _BATCHES = 10
 """Parts of the time whose means are compared: of two days each is longer than errors of a link stay alike."""
+
+
+def by_link(order: SeriesOrder, gap_s: float = np.inf) -> Labels:
+    """Each link of each type as a group of its own, or each of its passes, which begin after a silence of `gap_s`.
+
+    Those with fewer than :data:`FEWEST` observations are the group of their type.
+    """
+    code, time_s = order.code[order.order], order.time_s[order.order]
+    first = np.diff(code, prepend=-1) != 0
+    run = np.cumsum(first | (np.diff(time_s, prepend=-np.inf) > gap_s)) - 1
+    starts = np.flatnonzero(np.diff(run, prepend=-1))
+    texts, number = [], 0
+    for start, count in zip(starts.tolist(), np.bincount(run).tolist(), strict=True):
+        number = 1 if first[start] else number + 1
+        kind, path = order.type_of(code[start]), order.path_of(code[start])
+        name = f"{kind} of {path}" + (f" {number}" if np.isfinite(gap_s) else "")
+        texts.append(name if count >= FEWEST else kind)
+    group = np.empty(len(code), dtype=np.intp)
+    group[order.order] = run
+    return Labels.coded(texts, group)
 
 
 def split(fit: FitResult, order: SeriesOrder, groups: Labels, added_m: Mapping[str, float]) -> Labels | None:

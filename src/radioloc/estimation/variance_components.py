@@ -17,14 +17,14 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.estimation.editing import THRESHOLD, EditedFit, fit_with_editing
-from radioloc.estimation.labels import Labels
+from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.linearization import ResidualFunction
 from radioloc.estimation.noise_groups import split
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.shared_noise import noise_with_shared
-from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
+from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile, robust_scale
 from radioloc.parameters.parameter import ParameterSet
 
 _MAX_PASSES = 15
@@ -42,6 +42,7 @@ def fit_with_variance_components(
     sigma_m: ArrayLike | ObservationNoise,
     *,
     order: SeriesOrder | None = None,
+    groups: Labels | None = None,
     status: ArrayLike | Labels | None = None,
     threshold: float | None = THRESHOLD,
 ) -> EditedFit:
@@ -50,7 +51,8 @@ def fit_with_variance_components(
     Parameters and errors as :func:`~radioloc.estimation.editing.fit_with_editing`, and `order`, types, paths and times
     of the observations: each type (ranges, delays) has its own component, and so has a station or a link whose
     residuals are significantly larger or smaller than those of the rest of its type
-    (:mod:`~radioloc.estimation.noise_groups`); all have the same without it.
+    (:mod:`~radioloc.estimation.noise_groups`); all have the same without it. With `groups`, each of these has its own,
+    and there are no others.
 
     Notes
     -----
@@ -77,6 +79,8 @@ def fit_with_variance_components(
     problem = _Problem(residual_function, parameters, edited.fit.noise, edited.given, threshold)
     if order is None:
         return problem.settled(edited, Labels(np.zeros(len(edited.given), dtype=np.int32), ("all",)))
+    if groups is not None:
+        return problem.with_shared(problem.settled(problem.spread(edited, groups), groups), order, groups)
     groups = order.types
     edited = problem.settled(edited, groups)
     for _ in range(_MOST_SPLIT):
@@ -107,6 +111,18 @@ class _Problem:
             threshold=self.threshold,
             previous=previous if previous.converged else None,
         )
+
+    def spread(self, edited: EditedFit, groups: Labels) -> EditedFit:
+        """Fit with components as large as median residuals of groups ask for, so that no noisy group is left out."""
+        usable = edited.given.are(USED)
+        found = {}
+        for name in groups.present():
+            mine = usable & groups.are(name)
+            sigma_m = self.stated.sigma_m[mine]
+            beyond = robust_scale(edited.fit.residual_m[mine] / sigma_m, 1) ** 2 - 1.0
+            found[name] = float(np.median(sigma_m) * np.sqrt(beyond)) if beyond > 0.0 else 0.0
+        added_m = np.array([found.get(name, 0.0) for name in groups.texts])
+        return replace(self.fit_with(added_m[groups.codes], edited), additive_sigma_m=found)
 
     def with_shared(self, edited: EditedFit, order: SeriesOrder, groups: Labels) -> EditedFit:
         """Fit in which delays share the errors of their stations, where the residuals show such."""

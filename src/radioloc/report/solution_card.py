@@ -394,7 +394,14 @@ def _fit(solution: Solution) -> Iterator[str]:
         if {group.label for group in fit.by_type} == {"range"}:
             line += f" round trip ({metres(0.5 * fit.total.wrms_m)} m one way)"
     yield line
-    for kind, added_m in fit.excess_noise_m.items():
+    added = fit.excess_noise_m
+    if len(added) > _MAX_ROWS:
+        least, *_, most = sorted(added, key=lambda kind: added[kind])
+        yield (
+            f"additive variance components of {len(added)} links and passes: sigma {metres(added[least])} m ({least}) "
+            f"to {metres(added[most])} m ({most}), added in quadrature to the stated sigmas"
+        )
+    for kind, added_m in added.items() if len(added) <= _MAX_ROWS else ():
         if added_m > 0.0:
             yield (
                 f"additive variance component of {kind}: sigma {metres(added_m)} m, added in quadrature to the "

@@ -62,6 +62,7 @@ class LinearArc:
     status: Labels  # before the fit
     threshold: float  # expected sigmas beyond which a residual is an outlier
     order: SeriesOrder
+    groups: Labels | None  # that have a variance component each
     height_m: float  # of the true position
     considered_m: _Floats  # (m, r), effects of independent errors of unit variance that are considered
     count_at_stations: int  # how many of them, the first, are at stations or in the air
@@ -85,6 +86,7 @@ class LinearArc:
             self.parameters,
             self.noise,
             order=self.order,
+            groups=self.groups,
             status=self.status,
             threshold=self.threshold,
         )

@@ -454,6 +454,7 @@ def _fit(
             problem.parameters,
             noise,
             order=order,
+            groups=estimate.component_groups(order),
             status=status,
             threshold=estimate.rejection_sigma,
         )

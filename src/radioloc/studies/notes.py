@@ -287,6 +287,7 @@ def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
         "ephemeris_sigma_m": estimate.ephemeris_sigma_m,
         "rejection_sigma": estimate.rejection_sigma,
         "weights": estimate.weights,
+        "variance_components": estimate.variance_components,
         "estimator": estimate.estimator,
         "pass_gap_h": estimate.pass_gap_h,
         **dict.fromkeys(PARAMETERS, "none"),

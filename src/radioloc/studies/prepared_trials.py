@@ -184,6 +184,7 @@ class Prepared:
             considered_m, count_at_stations = few_errors(considered, noise.sigma_m)
         types = Labels(observations.kind.astype(np.int32), tuple(KINDS))
         paths = Labels.coded([link.path for link in observations.links], observations.link)
+        order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
         return LinearArc(
             part=part.rows,
             problem=made,
@@ -194,7 +195,8 @@ class Prepared:
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
             threshold=study.estimate.rejection_sigma,
-            order=SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch)),
+            order=order,
+            groups=part.estimate.component_groups(order),
             height_m=float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
             considered_m=considered_m,
             count_at_stations=count_at_stations,

@@ -17,6 +17,9 @@ from radioloc.earth.eop_prediction import BEYOND
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
+from radioloc.estimation.labels import Labels
+from radioloc.estimation.noise_groups import by_link
+from radioloc.estimation.series import SeriesOrder
 from radioloc.io.frequencies import FrequencyAgreement
 from radioloc.io.tdm import TdmAgreement
 from radioloc.lunar import TerrainModel
@@ -39,6 +42,7 @@ from radioloc.studies.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
 
 WEIGHTS = ("independent", "correlated")
+COMPONENTS = ("type", "link", "link and pass")
 ESTIMATORS = ("least_squares", "huber")
 POSITION_FORMS = ("geographic", "cartesian", "none")
 HEIGHT_LIMITS_M = (-2.0e4, 2.0e4)
@@ -239,6 +243,9 @@ class EstimateChoice:
         An observation is rejected when its residual exceeds so many of its expected sigmas; 2 or more.
     weights : {"correlated", "independent"}
         Whether dense series of time-correlated observations count as the few that they are worth, or all in full.
+    variance_components : {"type", "link", "link and pass"}
+        Whose noise beyond the stated sigmas is found from the residuals: that of each type and of stations and links
+        that differ significantly, of each link, or of each link and pass.
     estimator : {"least_squares", "huber"}
         Whether what editing leaves counts by its squares, or beyond 1.345 sigmas in proportion only.
     pass_gap_h : float
@@ -265,6 +272,7 @@ class EstimateChoice:
         choices=WEIGHTS,
         advice="sigmas by type, station and file belong to [[observations.weights]]",
     )
+    variance_components: str = entry("type", choices=COMPONENTS)
     estimator: str = entry("least_squares", choices=ESTIMATORS)
     pass_gap_h: float = entry(PASS_GAP_H, positive=True)
     parameters: Mapping[str, ParameterChoice] = entry(factory=dict, keys=PARAMETER_KEYS, read=read_parameters)
@@ -277,6 +285,7 @@ class EstimateChoice:
         ephemeris_sigma_m: float | tuple[float, float, float] = 0.0,
         rejection_sigma: float = 5.0,
         weights: str = "correlated",
+        variance_components: str = "type",
         estimator: str = "least_squares",
         pass_gap_h: float = PASS_GAP_H,
         parameters: Mapping[str, ParameterChoice] | None = None,
@@ -292,6 +301,7 @@ class EstimateChoice:
             ("ephemeris_sigma_m", of_axes),
             ("rejection_sigma", rejection_sigma),
             ("weights", weights),
+            ("variance_components", variance_components),
             ("estimator", estimator),
             ("pass_gap_h", pass_gap_h),
             ("parameters", parameter_choices(keys, parameters)),
@@ -307,6 +317,12 @@ class EstimateChoice:
                 f"rejection_sigma must be {LOWEST_REJECTION_SIGMA:g} or more, not {self.rejection_sigma!r}: "
                 "less cuts good data"
             )
+
+    def component_groups(self, order: SeriesOrder) -> Labels | None:
+        """Groups of observations that have a variance component each; none where residuals tell them."""
+        if self.variance_components == "type":
+            return None
+        return by_link(order, 3600.0 * self.pass_gap_h if "pass" in self.variance_components else math.inf)
 
     def held(self) -> EstimateChoice:
         """Nothing estimated; the a-priori values of all parameters stay."""

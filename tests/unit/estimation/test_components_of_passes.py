@@ -1,0 +1,103 @@
+"""A variance component for each link, or each link and pass."""
+
+from dataclasses import replace
+
+import change5_case
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc import Study
+from radioloc.errors import InputError
+from radioloc.estimation import Labels, Parameter, ParameterSet, fit_with_variance_components
+from radioloc.estimation.noise_groups import by_link
+from radioloc.estimation.series import SeriesOrder
+from radioloc.measurements import PhysicalModel
+from radioloc.studies import EstimateChoice
+
+NOISE_M = (1.0, 30.0, 5.0, 1.0)
+"""Of four passes of 100 counts, of which 1 m is stated: two links, two passes each."""
+PER_PASS = 100
+PASS = np.repeat(np.arange(4), PER_PASS)
+TIME_S = 10.0 * (np.arange(4 * PER_PASS) % (2 * PER_PASS)) + 40000.0 * (PASS % 2)
+ORDER = SeriesOrder.of(
+    Labels.of(["doppler"] * len(PASS)),
+    Labels.of([("A>x>A", "B>x>B")[k // 2] for k in PASS]),
+    TIME_S,
+)
+PASSES = by_link(ORDER, 14400.0)
+
+
+def drawn(seed, outliers=()):
+    """Observations of an offset and a drift, and the fit with a component for each pass."""
+    rng = np.random.default_rng(seed)
+    design = np.column_stack([np.ones(len(PASS)), (TIME_S - TIME_S.mean()) / TIME_S.std()])
+    observed_m = rng.standard_normal(len(PASS)) * np.array(NOISE_M)[PASS]
+    observed_m[list(outliers)] += 300.0
+    parameters = ParameterSet([Parameter("offset", "m", "bias"), Parameter("drift", "m", "bias")])
+    return lambda groups: fit_with_variance_components(
+        lambda x: (observed_m - design @ x, design), parameters, 1.0, order=ORDER, groups=groups
+    )
+
+
+def test_groups_are_links_and_their_passes():
+    names = [f"doppler of {path} {k}" for path in ("A>x>A", "B>x>B") for k in (1, 2)]
+    assert [PASSES[k] for k in (0, 150, 250, 399)] == names
+    assert by_link(ORDER).present() == ("doppler of A>x>A", "doppler of B>x>B")
+
+
+def test_passes_of_few_observations_are_those_of_their_type():
+    kept = np.flatnonzero((PASS != 1) | (np.arange(len(PASS)) % 20 == 0))
+    few = SeriesOrder.of(ORDER.types.select(kept), ORDER.paths.select(kept), TIME_S[kept])
+    assert set(by_link(few, 14400.0).present()) == {"doppler", *PASSES.present()} - {"doppler of A>x>A 2"}
+
+
+def test_each_pass_is_weighed_as_its_residuals_are():
+    found = drawn(1)(PASSES)
+    assert found.converged
+    # A sigma is known from 100 observations to 7 %
+    expected_m = {
+        name: np.sqrt(noise_m**2 - 1.0) for name, noise_m in zip(PASSES.texts, NOISE_M, strict=True)
+    }
+    for name, added_m in found.additive_sigma_m.items():
+        assert added_m == pytest.approx(expected_m[name], rel=0.25, abs=0.5)
+
+
+def test_a_pass_thirty_times_as_noisy_as_stated_is_not_left_out_but_outliers_are():
+    found = drawn(2, outliers=(5, 250))(PASSES)
+    assert np.flatnonzero(~found.fit.used).tolist() == [5, 250]
+
+
+@pytest.mark.slow
+def test_claimed_sigmas_are_those_of_the_errors_and_smaller_than_with_a_component_of_the_type():
+    fits = [drawn(seed)(PASSES) for seed in range(150)]
+    off = np.array([one.fit.x / one.fit.sigmas for one in fits])
+    # Normal of 150: an rms of 1 to 15 % but for a chance of 1 %
+    assert np.sqrt((off**2).mean(axis=0)) == pytest.approx([1.0, 1.0], rel=0.15)
+    together = [drawn(seed)(ORDER.types) for seed in range(20)]
+    assert np.std([one.fit.x[0] for one in fits]) < 0.5 * np.std([one.fit.x[0] for one in together])
+
+
+@pytest.fixture(scope="module")
+def tracking():
+    return change5_case.observations(PhysicalModel.build(), 1200.0, stop="2020-12-02T03:11:00", vlbi=False)
+
+
+def test_a_study_asks_for_them(tracking):
+    value_m = tracking.value_m + 20.0 * np.random.default_rng(1).normal(size=len(tracking)) * (
+        tracking.paths() == "KASHI>lander>KASHI"
+    )
+    observations = replace(tracking, value_m=value_m)
+    estimate = EstimateChoice(range_bias="all", range_bias_sigma_m=10.0, variance_components="link and pass")
+    solution = radioloc.locate(Study(target=change5_case.NEAR, estimate=estimate), observations)
+    added = solution.fit.excess_noise_m
+    noisy_ones = [size for name, size in added.items() if "KASHI>lander>KASHI" in name]
+    others = [size for name, size in added.items() if "KASHI>lander>KASHI" not in name]
+    assert min(noisy_ones) > 10.0 > 3.0 > max(others)
+    assert solution.to_dict()["provenance"]["estimate"]["variance_components"] == "link and pass"
+    assert "additive variance component" in str(solution)
+
+
+def test_another_word_is_refused():
+    with pytest.raises(InputError, match='variance_components must be one of "type", "link"'):
+        EstimateChoice(variance_components="station")

@@ -29,7 +29,7 @@ _OTHER_BAND = 0.01
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Ramps:
-    """Pieces of the transmitted frequency, by the transmitting station's clock; :meth:`of` checks them.
+    """Pieces of the transmitted frequency, by the transmitting station's clock; :meth:`Ramps.of` checks them.
 
     Parameters
     ----------

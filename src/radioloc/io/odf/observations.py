@@ -119,8 +119,8 @@ def odf_observations(
     Warns
     -----
     DataQualityWarning
-        Records are left out: of types that are not modelled, marked as invalid, or of impossible speeds; how many,
-        and the first of each.
+        Records are left out: of types that are not modelled, marked as invalid, of a station's second receiver, or
+        of impossible speeds; how many, and the first of each.
     """
     codes, counts = np.unique(odf.orbit["type"], return_counts=True)
     for code in codes.tolist():
@@ -173,18 +173,8 @@ def odf_observations(
 
 def _of_other_receivers(orbit: NDArray[np.void], rows: NDArray[np.intp]) -> NDArray[np.bool_]:
     """Whether records repeat one of another channel, all but the frequencies of which is the same."""
-    names = [
-        "time_s",
-        "time_ms",
-        "type",
-        "receiver",
-        "transmitter",
-        "network",
-        "spacecraft",
-        "uplink",
-        "downlink",
-    ]
-    _, first, which = np.unique(orbit[rows][names], return_index=True, return_inverse=True)
+    same = ["time_s", "time_ms", "type", "receiver", "transmitter", "spacecraft", "uplink", "downlink"]
+    _, first, which = np.unique(orbit[rows][same], return_index=True, return_inverse=True)
     doppler = orbit["type"][rows] != _RANGE  # of ranges the channel is the component
     repeats = doppler & (orbit["channel"][rows] != orbit["channel"][rows[first]][which])
     found = np.zeros(len(orbit), dtype=bool)
@@ -225,15 +215,11 @@ def _columns(odf: OdfFile, rows: NDArray[np.intp], sigma_m: Mapping[str, float])
         if one_way:
             columns["ramped"][of_link] = False
         else:
-            sent = np.unique(orbit["transmitter"][of_link & (orbit["independent"] == 0)])
-            if len(known := np.intersect1d(sent, odf.ramps["station"])):
-                row = int(
-                    rows[
-                        np.argmax(of_link & (orbit["independent"] == 0) & (orbit["transmitter"] == known[0]))
-                    ]
-                )
+            follows = of_link & (orbit["independent"] == 0)
+            follows &= np.isin(orbit["transmitter"], odf.ramps["station"])
+            if follows.any():
                 problem = "its reference frequency follows the exciter, which ramps, and this is not modelled"
-                raise _record_error(odf, row, problem)
+                raise _record_error(odf, int(rows[np.argmax(follows)]), problem)
             uplink_hz = carrier_hz / float(turnaround_ratio(up, down))
             columns["uplink_hz"][of_link] = uplink_hz
         if code == _RANGE:
@@ -278,16 +264,16 @@ def _ramps(odf: OdfFile, catalogue: Catalogue | None) -> Ramps:
     """The transmitted frequencies at the antennas."""
     ramps = odf.ramps
     stations, of_ramp = np.unique(ramps["station"], return_inverse=True)
-    sent = odf.orbit[odf.orbit["type"] != _ONE_WAY]
+    sent = odf.orbit[np.isin(odf.orbit["type"], (_TWO_WAY, _THREE_WAY, _RANGE)) & (odf.orbit["invalid"] == 0)]
     later_ns = np.zeros(len(ramps), dtype=np.int64)
     for k, station in enumerate(stations):
         delays_ns = np.unique(sent["transmitter_delay_ns"][sent["transmitter"] == station])
         if len(delays_ns) > 1:
-            given = ", ".join(map(str, delays_ns))
+            name, given = _station(station, None), ", ".join(map(str, delays_ns))
             problem = (
-                f"gives {_station(station, None)} several transmitting delays ({given} ns); split the file"
+                f"gives {name} several transmitting delays ({given} ns), of which its ramps can have one"
             )
-            raise FileFormatError(odf.path, problem)
+            raise FileFormatError(odf.path, f"{problem}; use files of single passes")
         later_ns[of_ramp == k] = delays_ns.sum()
     names = [_station(station, catalogue) for station in stations.tolist()]
     try:

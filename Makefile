@@ -6,7 +6,8 @@ BIN := $(VENV)/bin
 PARALLEL := -n logical --dist worksteal
 export PYTHONDONTWRITEBYTECODE :=
 COMPILED := tests/unit/measurements/test_chebyshev_predictor.py tests/unit/studies/test_evaluation.py \
-	tests/unit/estimation/test_kernels.py tests/unit/estimation/test_process_noise.py
+	tests/unit/estimation/test_kernels.py tests/unit/estimation/test_process_noise.py \
+	tests/unit/dynamics/test_gravity.py tests/unit/dynamics/test_terms.py
 SMOKE := tests/unit/test_package.py tests/unit/test_cli.py tests/unit/test_readers.py tests/unit/test_bad_input.py \
 	tests/unit/io/test_parquet.py \
 	tests/unit/kernels tests/unit/lunar/test_terrain_files.py tests/unit/studies/test_trajectory_study.py \

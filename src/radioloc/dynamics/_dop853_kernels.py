@@ -11,12 +11,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
-from radioloc.dynamics._force_kernels import ForceData, right_hand_side
+from radioloc.dynamics._force_kernels import EARTH_RADIUS_M, ForceData, quantities, right_hand_side
 
 Floats = NDArray[np.float64]
 
-DONE, STUCK, GROUND, TOO_MANY = range(4)
-"""How an integration ended: at its end, where steps became too small, below the ground, after the most steps."""
+DONE, STUCK, MOON, EARTH, TOO_MANY = range(5)
+"""How an integration ended: at its end, where steps became too small, in the Moon or Earth, after the most steps."""
 
 STAGES, EXTRA, DENSE = 12, 3, 7
 SHORTEST_S = 1e-6
@@ -80,6 +80,19 @@ def _longer(a: Floats, capacity: int) -> Floats:
         for j in range(a.shape[1]):
             out[i, j] = a[i, j]
     return out
+
+
+@compiled()
+def _within(t: float, y: Floats, data: ForceData, tolerance: Tolerance) -> int:
+    """Whether a state is under the ground of the Moon or the Earth."""
+    from_moon, from_earth = 0.0, 0.0
+    sky = quantities(t, data)
+    for i in range(3):
+        from_moon += y[i] ** 2
+        from_earth += (y[i] - sky[i]) ** 2
+    if from_moon < tolerance.lowest_m**2:
+        return MOON
+    return EARTH if from_earth < EARTH_RADIUS_M**2 else DONE
 
 
 @compiled()
@@ -158,8 +171,8 @@ def integrate(
         t, y = (end if last else t + h), new
         states[count, 0], states[count, 1:] = t, y
         k[0] = k[STAGES]
-        if y[0] ** 2 + y[1] ** 2 + y[2] ** 2 < tolerance.lowest_m**2:
-            status = GROUND
+        status = _within(t, y, data, tolerance)
+        if status != DONE:
             break
         h *= _MOST if error == 0.0 else min(_MOST, _SAFETY * error**-0.125)
     return status, states[: count + 1], dense[:count], next_step

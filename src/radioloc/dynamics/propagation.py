@@ -9,7 +9,17 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics._dop853_kernels import DONE, EXTRA, GROUND, STAGES, Tableau, Tolerance, integrate
+from radioloc.dynamics._dop853_kernels import (
+    DONE,
+    EXTRA,
+    MOON,
+    STAGES,
+    STUCK,
+    TOO_MANY,
+    Tableau,
+    Tolerance,
+    integrate,
+)
 from radioloc.dynamics._force_kernels import (
     ACTS,
     CENTRAL,
@@ -305,11 +315,15 @@ class _Sweep:
         if status == DONE:
             return
         date = f"{utc_strings(self.epoch.shifted(time_s), 3)[0]} TDB"
-        if status == GROUND:
-            raise InputError(
-                f"{self.name} comes down to the ground at {date}; correct its state or manoeuvres, or end it before"
+        if status in (STUCK, TOO_MANY):
+            raise ConvergenceError(
+                f"{self.name} cannot be integrated beyond {date}; is its state in m and m/s?"
             )
-        raise ConvergenceError(f"{self.name} cannot be integrated beyond {date}; is its state in m and m/s?")
+        where = "Moon" if status == MOON else "Earth"
+        raise InputError(
+            f"{self.name} comes down to the ground of the {where} at {date}; correct its state or manoeuvres, or end "
+            "it before"
+        )
 
 
 def _tableau() -> Tableau:

@@ -223,7 +223,7 @@ BAD = {
     "not finite": ({"velocity_m_s": [0.0, np.nan, 0.0]}, "three finite numbers"),
     "two numbers": ({"velocity_m_s": [0.0, 1.0]}, "three finite numbers"),
     "no plane": ({"velocity_m_s": POSITION_M / 1e3}, "no plane"),
-    "falls": ({"velocity_m_s": VELOCITY_M_S / 2}, "comes down to the ground at 2012-04-09T0"),
+    "falls": ({"velocity_m_s": VELOCITY_M_S / 2}, "comes down to the ground of the Moon at 2012-04-09T0"),
     "no span": ({"span_s": (0.0, 0.0)}, "has no length"),
     "parameter": ({"parameters": ("drag",)}, "no force has the parameter 'drag'; there are gm, k2"),
     "impulse outside": (

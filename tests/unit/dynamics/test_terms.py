@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 from low_orbit import EPOCH, POSITION_M, STATE, VELOCITY_M_S, forces
+from moyer import post_newtonian
 
-from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
+from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import Acceleration, GravityField, acceleration_terms
 from radioloc.dynamics._force_kernels import (
     AU_M,
@@ -75,25 +76,6 @@ def test_the_figures_of_earth_and_moon():
     expected += at_earth * GM("earth") / field.gm_m3_s2
     assert np.linalg.norm(expected) > 1e-12
     np.testing.assert_allclose(terms()["figures"], expected, rtol=0, atol=1e-17)
-
-
-def post_newtonian(i, places, speeds, pulls, gm):
-    """Moyer (2003), eq. 4-26, beyond Newton's term, of body i by all others."""
-    total = np.zeros(3)
-    others = [j for j in range(len(gm)) if j != i]
-    apart = np.linalg.norm(places[:, None] - places[None], axis=-1)
-    for j in others:
-        away = places[i] - places[j]
-        bracket = -4.0 * sum(gm[k] / apart[i, k] for k in others)
-        bracket -= sum(gm[k] / apart[j, k] for k in range(len(gm)) if k != j)
-        bracket += speeds[i] @ speeds[i] + 2.0 * speeds[j] @ speeds[j] - 4.0 * speeds[i] @ speeds[j]
-        bracket -= 1.5 * (away @ speeds[j] / apart[i, j]) ** 2 + 0.5 * away @ pulls[j]
-        along = away @ (4.0 * speeds[i] - 3.0 * speeds[j])
-        total -= gm[j] * away / apart[i, j] ** 3 * bracket
-        total += (
-            gm[j] / apart[i, j] ** 3 * along * (speeds[i] - speeds[j]) + 3.5 * gm[j] * pulls[j] / apart[i, j]
-        )
-    return total / C_M_S**2
 
 
 def test_relativity_of_moon_earth_and_sun_in_barycentric_coordinates():

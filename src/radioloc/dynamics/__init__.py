@@ -1,13 +1,18 @@
 """What moves a spacecraft about the Moon, and its orbit: gravity, forces, propagation, partials."""
 
+from radioloc.dynamics.adjustable import AdjustableOrbit
+from radioloc.dynamics.bodies import BODIES
 from radioloc.dynamics.forces import Acceleration, Forces, Impulse
 from radioloc.dynamics.gravity import GravityField
-from radioloc.dynamics.orbit import Orbit
+from radioloc.dynamics.orbit import STATE, Orbit
 from radioloc.dynamics.propagation import propagate
 from radioloc.dynamics.terms import acceleration_sizes, acceleration_terms
 
 __all__ = [
+    "BODIES",
+    "STATE",
     "Acceleration",
+    "AdjustableOrbit",
     "Forces",
     "GravityField",
     "Impulse",

@@ -11,6 +11,7 @@ from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
+from typing import Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +30,38 @@ _M_PER_KM = 1000.0
 _MAX_SPANS = 3
 _ICRF = "J2000"  # SPICE's name
 _INERTIAL_CLASS = 1
+
+
+@runtime_checkable
+class AdjustableTrajectory(Protocol):
+    """A trajectory that follows from parameters, such as the state at an epoch and the forces."""
+
+    @property
+    def name(self) -> str:
+        """What it is called in messages."""
+        ...
+
+    def geocentric(
+        self, ephemeris: Ephemeris, tdb: Epochs
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """As :meth:`Trajectory.geocentric`."""
+        ...
+
+    def spans_s(self) -> list[tuple[float, float]]:
+        """As :meth:`Trajectory.spans_s`."""
+        ...
+
+    def position_partials(self, tdb: Epochs) -> NDArray[np.float64]:
+        """Partial derivatives of the position, ICRF axes, by the parameters, shape (n, 3, p)."""
+        ...
+
+    def over(self, first: Epochs, last: Epochs) -> AdjustableTrajectory:
+        """The same from one epoch to another, TDB, of which more is not wanted."""
+        ...
+
+    def corrected(self, x: NDArray[np.float64]) -> AdjustableTrajectory:
+        """The trajectory of parameters that are larger by x, shape (p,)."""
+        ...
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -42,6 +42,7 @@ def build_solution(
     type: Labels | Sequence[str] | NDArray[np.str_],
     observed_m: NDArray[np.float64],
     elevation_deg: NDArray[np.float64] | None = None,
+    count_s: NDArray[np.float64] | None = None,
     reference_pa_m: ArrayLike | None = None,
     reference_name: str = "reference",
     considered: ConsideredErrors | None = None,
@@ -67,6 +68,8 @@ def build_solution(
         Observed values, m of the whole light path.
     elevation_deg : array_like, shape (n,), optional
         Lower of the stations' elevations, deg.
+    count_s : array_like, shape (n,), optional
+        Count intervals, s; NaN of what is not counted.
     reference_pa_m : array_like, shape (3,), optional
         A known position in the same principal axes, m.
     reference_name : str
@@ -118,6 +121,7 @@ def build_solution(
         residual_m=fit.residual_m,
         sigma_m=fit.sigma_m,
         elevation_deg=elevation_deg,
+        count_s=count_s,
         statuses=edited.status,
     )
     series = Labels.coded(

@@ -103,6 +103,7 @@ def fit_with_editing(
     status: ArrayLike | Labels | None = None,
     threshold: float | None = THRESHOLD,
     previous: EditedFit | None = None,
+    start: NDArray[np.float64] | None = None,
 ) -> EditedFit:
     """Fit, leaving out gross errors.
 
@@ -132,6 +133,9 @@ def fit_with_editing(
     previous : EditedFit, optional
         A fit of the same observations with other sigmas, from which to start in place of a robust start.
 
+    start : ndarray, shape (p,), optional
+        Where to begin, if not at the a-priori values.
+
     Returns
     -------
     EditedFit
@@ -156,7 +160,7 @@ def fit_with_editing(
     if threshold is not None and not threshold >= _LOWEST_THRESHOLD:
         raise InputError(f"an outlier threshold of {threshold} sigmas cuts good data; give 2 or more")
     if previous is None:
-        x = parameters.prior_values
+        x = parameters.prior_values if start is None else start
         at_x = evaluate(residual_function, x)
     else:
         x, at_x = previous.fit.x, previous.fit.linearization
@@ -183,7 +187,7 @@ def fit_with_editing(
         return EditedFit(result, given, spread(result.residual_m))
 
     if previous is None:
-        x, at_x = robust_start(residual_function, parameters, noise.sigma_m, usable, at_x, groups)
+        x, at_x = robust_start(residual_function, parameters, noise.sigma_m, usable, at_x, groups, x)
     scale = spread(at_x.residual_m)
     seen: list[NDArray[np.bool_]] = []
     while True:

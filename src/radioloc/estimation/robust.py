@@ -46,8 +46,9 @@ def robust_start(
     usable: NDArray[np.bool_],
     whole: Linearization,
     groups: Labels | None = None,
+    start: NDArray[np.float64] | None = None,
 ) -> tuple[NDArray[np.float64], Linearization]:
-    """Estimate that gross errors in a minority of the observations move by little, from the a-priori values on.
+    """Estimate that gross errors in a minority of the observations move by little, from `start` on.
 
     Minimizes Huber's loss (1964) with its corner at one stated sigma, so that far from the solution it is
     the sum of absolute residuals, by iteratively reweighted least squares on each linearization. The loss
@@ -55,9 +56,9 @@ def robust_start(
     has to be guessed. Where its residuals spread beyond their sigmas, gross errors on one side may have carried
     it away, in all observations or in one of `groups`: least trimmed squares (Rousseeuw 1984) then look for a majority
     that agrees much better. Of more than :data:`_MOST_ROWS` observations a sample makes the start (:func:`sample`).
-    `whole` is the linearization at the a-priori values; returned is that at the estimate.
+    `whole` is the linearization at the start, or without one at the a-priori values; returned is that at the estimate.
     """
-    x = parameters.prior_values
+    x = parameters.prior_values if start is None else start
     free = np.flatnonzero(parameters.free)
     check_residuals(whole, usable)
     prepared = whole.problem if isinstance(whole, OrthonormalLinearization) else None

@@ -20,6 +20,7 @@ from radioloc.estimation.consistency import Consistency
 from radioloc.estimation.gauss_markov import SeriesWeight, TimeCorrelation
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.observability import Observability
+from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.statistics import FitStatistics, Residuals, finite_or_none, read_only
 from radioloc.estimation.transmitter_passes import TransmitterPass
 from radioloc.lunar.position import LunarPosition
@@ -202,6 +203,8 @@ class Solution:
     trajectory : str or None
         What the target moves along, if it is no point fixed to the Moon. Such a solution has no position: what is
         derived from one raises :class:`~radioloc.errors.InputError`.
+    state : OrbitState or None
+        The state of an orbit that was determined, with its covariance.
     """
 
     status: FitStatus
@@ -230,6 +233,7 @@ class Solution:
     notes: tuple[str, ...] = ()
     provenance: Mapping[str, Any] = field(default_factory=dict)
     trajectory: str | None = None
+    state: OrbitState | None = None
     consider: Consider | None = None
     prior_effects: NDArray[np.float64] = field(default_factory=lambda: np.zeros((0, 0)))
     targets: tuple[TargetPosition, ...] = ()
@@ -453,6 +457,7 @@ class Solution:
             "status": self.status.value,
             "message": self.message,
             "trajectory": self.trajectory,
+            "state": None if self.state is None else self.state.to_dict(),
             **self._position_dict(),
             "biases": self._bias_dict("range_bias", "m"),
             "time_biases": self._bias_dict("time_bias", "s"),

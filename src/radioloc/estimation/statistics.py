@@ -40,6 +40,8 @@ class Residuals:
         ``"used"`` or the reason why the observation was left out.
     elevation_deg : ndarray or None
         Lower of the stations' elevations of the Moon, deg; NaN where no station observes.
+    count_s : ndarray or None
+        Count intervals of what is counted, s; NaN of other types.
     """
 
     epoch_utc: Epochs
@@ -51,6 +53,7 @@ class Residuals:
     sigma_m: NDArray[np.float64]
     statuses: Labels
     elevation_deg: NDArray[np.float64] | None = None
+    count_s: NDArray[np.float64] | None = None
 
     def __post_init__(self) -> None:
         n = len(self.residual_m)
@@ -74,6 +77,11 @@ class Residuals:
             if column is not None:
                 columns[name] = column.select(rows) if isinstance(column, Labels) else column[rows]
         return Residuals(**columns)
+
+    @property
+    def residual_mm_s(self) -> NDArray[np.float64]:
+        """Residual of Doppler as a rate of the whole light path, mm/s, shape (n,); NaN of what is not counted."""
+        return 1e3 * self.residual_m / (np.nan if self.count_s is None else self.count_s)
 
     @property
     def station(self) -> NDArray[np.str_]:

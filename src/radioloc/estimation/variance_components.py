@@ -45,6 +45,7 @@ def fit_with_variance_components(
     groups: Labels | None = None,
     status: ArrayLike | Labels | None = None,
     threshold: float | None = THRESHOLD,
+    start: NDArray[np.float64] | None = None,
 ) -> EditedFit:
     """Fit with editing, adding noise to the stated sigmas where the residuals ask for it.
 
@@ -74,7 +75,7 @@ def fit_with_variance_components(
     """
     links = None if order is None else order.links
     edited = fit_with_editing(
-        residual_function, parameters, sigma_m, groups=links, status=status, threshold=threshold
+        residual_function, parameters, sigma_m, groups=links, status=status, threshold=threshold, start=start
     )
     problem = _Problem(residual_function, parameters, edited.fit.noise, edited.given, threshold)
     if order is None:

@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.ephemeris import Trajectory
+from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.combined_predictor import CombinedPredictor, expanded
@@ -32,7 +33,7 @@ def prepare_predictor(
     observations: Observations,
     approximate_pa_m: NDArray[np.float64],
     evaluation: str = "auto",
-    trajectory: Trajectory | None = None,
+    trajectory: Trajectory | AdjustableTrajectory | None = None,
     targets: Sequence[str] = (),
     more_partials: bool = False,
 ) -> Predictor:
@@ -49,7 +50,7 @@ def prepare_predictor(
         ``"exact"`` computes every observation by itself; ``"interpolated"`` interpolates series wherever that takes
         less computing, within 0.09 mm of the exact values; ``"auto"`` does so from some thousand observations on, if
         most of them belong to dense series.
-    trajectory : Trajectory, optional
+    trajectory : Trajectory or AdjustableTrajectory, optional
         The target's, if it is a spacecraft; its observations are computed by themselves, as it can go behind the Moon
         between any two nodes.
     targets : sequence of str

@@ -27,6 +27,7 @@ from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
+from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.light_path import (
     BOUNCE,
@@ -40,7 +41,7 @@ from radioloc.measurements.light_path import (
     solve_light_path,
 )
 from radioloc.measurements.line_of_sight import LineOfSight, line_of_sight, prepared_media
-from radioloc.measurements.lunar_motion import lunar_motion
+from radioloc.measurements.lunar_motion import LunarMotion, lunar_motion, with_craft
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Predictor
@@ -61,6 +62,8 @@ _SHORTEST_RADIO_UM = 1000.0
 """From this wavelength on (300 GHz), the signal is radio."""
 _FAR_M = 1e18
 """Where the direction to a source at infinity is looked at from."""
+_MARGIN_S = 60.0
+"""Of a trajectory beyond the tags: the light time of targets within 20 million km, and less."""
 _ROUGHLY_S = 1e-9
 """Light times of the path without delays settle to 1e-13 s, in which nothing moves by more than 3e-9 m."""
 _BLOCK = 8192
@@ -91,19 +94,22 @@ class ExactPredictor(Predictor):
         The trajectory cannot be evaluated, or leads too far from the Earth; an observation is a combination of others.
     """
 
+    _moon: LunarMotion
+
     @bare_arguments
     def __init__(
         self,
         model: PhysicalModel,
         observations: Observations,
         approximate_pa_m: NDArray[np.float64],
-        trajectory: Trajectory | None = None,
+        trajectory: Trajectory | AdjustableTrajectory | None = None,
         targets: Sequence[str] = (),
         more_partials: bool = False,
         clock_epoch: Epochs | None = None,
     ) -> None:
         super().__init__(model, observations, trajectory, targets, more_partials)
         self._clock_epoch = clock_epoch or clock_epoch_of(observations, trajectory)
+        self._orbit, self._orbit_x = trajectory, np.full(1, np.nan)
         if is_combined(observations.kind).any():
             raise InputError(
                 "some observations combine others; radioloc.measurements.prepare_predictor takes them"
@@ -135,7 +141,7 @@ class ExactPredictor(Predictor):
             far = np.flatnonzero(self._target < 0)
             self._far[far] = with_galactic_aberration(self._far[far], self._reference[far])
         self._clocks = self._station_clocks()
-        self._prepare(np.asarray(approximate_pa_m, dtype=np.float64))
+        self._prepare(self._beside(np.asarray(approximate_pa_m, dtype=np.float64)))
 
     @property
     def predicted_eop(self) -> NDArray[np.bool_]:
@@ -148,6 +154,7 @@ class ExactPredictor(Predictor):
     @bare_arguments
     def at(self, lander_pa_m: NDArray[np.float64]) -> Computed:
         """Predict all observations for a position; a ConvergenceError where the light times do not settle."""
+        lander_pa_m = self._beside(lander_pa_m)
         path, relay, (up, down) = self._solve(lander_pa_m)
         near = self._up.point.holds_at(path.transmit_s) and self._down.point.holds_at(path.receive_s)
         if not (near and self._moon.centre.holds_at(path.bounce_s)):
@@ -212,6 +219,7 @@ class ExactPredictor(Predictor):
             by_station_itrf=by_station,
             by_electron_content_m=by_content,
             mean_by_position_pa=mean,
+            by_orbit=self._by_orbit(path, by_position),
         )
 
     @bare_arguments
@@ -221,7 +229,7 @@ class ExactPredictor(Predictor):
         Where observations have a count interval the paths at its starts follow those at its ends.
         """
         self.at(lander_pa_m)  # places the motions at the events
-        return self._solve(lander_pa_m)[0], self._up, self._down
+        return self._solve(self._beside(lander_pa_m))[0], self._up, self._down
 
     def _ramp(self, path: LightPath) -> RampTerm:
         """What ramps of the transmitted frequency do to the paths' values."""
@@ -273,6 +281,24 @@ class ExactPredictor(Predictor):
                 found[self.stations.index(station)] = ramps.of_station(name)
         return found
 
+    def _beside(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Position beside the trajectory; one that is adjustable goes where changes of its parameters take it."""
+        if not isinstance(self.trajectory, AdjustableTrajectory):
+            return x
+        if not np.array_equal(x, self._orbit_x):
+            self._orbit = self.trajectory.corrected(x) if np.any(x) else self.trajectory
+            self._orbit_x = np.array(x)
+            if hasattr(self, "_moon"):
+                self._moon = with_craft(self._moon, self._orbit, self.model, self._reference)
+        return np.zeros(3)
+
+    def _by_orbit(self, path: LightPath, by_position: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Partials by the parameters of an adjustable trajectory, shape (n, p)."""
+        if not isinstance(self._orbit, AdjustableTrajectory):
+            return np.zeros((len(self.observations), 0))
+        moved = self._orbit.position_partials(self._reference.shifted(path.bounce_s))
+        return self._observed(np.einsum("ni,nip->np", by_position, moved))
+
     def _by_stations(self, path: LightPath, partials: PathPartials) -> NDArray[np.float64]:
         """Partials by the ITRF coordinates of both stations, shape (n, 2, 3)."""
         first = -partials.by_up_delay[:, None] * path.up_unit
@@ -307,6 +333,11 @@ class ExactPredictor(Predictor):
         part._take(self.observations.select(rows))
         for name in _PER_PATH:
             setattr(part, name, rows_of(getattr(self, name), paths))
+        if isinstance(self.trajectory, AdjustableTrajectory) and len(rows):
+            seconds = (self._reference.jd[paths] - self._reference.jd[0]) + self._reference.fraction[paths]
+            ends = part._reference[[int(seconds.argmin()), int(seconds.argmax())]]
+            first, last = ends[0].shifted(-_MARGIN_S), ends[1].shifted(_MARGIN_S)
+            part.trajectory, part._orbit_x = self.trajectory.over(first, last), np.full(1, np.nan)
         return part
 
     @staticmethod
@@ -319,6 +350,7 @@ class ExactPredictor(Predictor):
         order = np.argsort(second, kind="stable")
         for name in _PER_PATH:
             setattr(whole, name, rows_of(joined([getattr(arc, name) for arc in arcs]), order))
+        whole._orbit_x = np.full(1, np.nan)  # each may have left its trajectory elsewhere
         return whole
 
     @bare_arguments
@@ -378,14 +410,14 @@ class ExactPredictor(Predictor):
 
     def _place_target(self, offset_s: NDArray[np.float64], lander_pa_m: NDArray[np.float64]) -> None:
         """The motion of the Moon, or of the spacecraft, and the target's clock."""
-        self._moon = lunar_motion(self.model, self._reference, self._earth, offset_s, self.trajectory)
+        self._moon = lunar_motion(self.model, self._reference, self._earth, offset_s, self._orbit)
         keeps = (self._sign == 0.0) & self.model.has("target_proper_time")
         # Counts need no common zero, so that a trajectory may have gaps between the passes.
         counted = is_integrated(self._paths.kind) & (self._paths.count_s < SHORTEST_GAP_S)
         epoch = None if counted[keeps].all() else self._clock_epoch
         radius_m = length(np.atleast_2d(lander_pa_m))[self._target]
         tdb = self._reference.shifted(offset_s)
-        self._clock = target_clock(self.model, tdb, keeps, radius_m, epoch, self.trajectory)
+        self._clock = target_clock(self.model, tdb, keeps, radius_m, epoch, self._orbit)
 
     def _station_clocks(self) -> StationClocks:
         """Clocks of the stations that run free; a one-way path has none at its first end."""

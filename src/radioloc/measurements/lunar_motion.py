@@ -7,7 +7,7 @@ in the units of TDB already, so nothing shrinks: the terms of a point on the Moo
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, L_B, L_G, MEAN_LUNAR_RADIUS_M
 from radioloc.ephemeris import EarthState, Trajectory
+from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
@@ -94,7 +95,7 @@ def lunar_motion(
     reference: Epochs,
     reference_earth: EarthState,
     offset_s: NDArray[np.float64],
-    trajectory: Trajectory | None = None,
+    trajectory: Trajectory | AdjustableTrajectory | None = None,
 ) -> LunarMotion:
     """The Moon at offsets from the reference epochs (TDB), when the geocentre is the origin.
 
@@ -118,14 +119,7 @@ def lunar_motion(
     geocentre_m = geocentre_displacement_m(reference_earth, offset_s)
     craft = None
     if trajectory is not None:
-        position_m, velocity_m_s = trajectory.geocentric(model.ephemeris, tdb)
-        distance_m = float(length(position_m).max(initial=0.0))
-        if distance_m > _FARTHEST_M:
-            raise InputError(
-                f"{trajectory.name} is {distance_m / 1e9:.1f} million km from the Earth; the light path is made for "
-                f"targets within {_FARTHEST_M / 1e9:.0f} million km"
-            )
-        craft = MovingPoint(offset_s, geocentre_m + position_m, earth.velocity_m_s + velocity_m_s)
+        craft = _craft_motion(trajectory, model, tdb, offset_s, geocentre_m, earth.velocity_m_s)
     return LunarMotion(
         centre=MovingPoint(offset_s, geocentre_m + moon_m, earth.velocity_m_s + moon_velocity_m_s),
         rot_pa_to_icrf=np.swapaxes(rot, -1, -2),
@@ -139,6 +133,38 @@ def lunar_motion(
         bodies_m={body: geocentre_m + body_m for body, (body_m, _) in bodies.items()},
         craft=craft,
     )
+
+
+def with_craft(
+    moon: LunarMotion,
+    trajectory: AdjustableTrajectory,
+    model: PhysicalModel,
+    reference: Epochs,
+) -> LunarMotion:
+    """The same motion of the Moon with a spacecraft on another trajectory."""
+    offset_s = moon.centre.offset_s
+    earth_m_s = moon.centre.velocity_m_s - moon.geocentric_velocity_m_s
+    at = reference.shifted(offset_s)
+    craft = _craft_motion(trajectory, model, at, offset_s, moon.geocentre_m, earth_m_s)
+    return replace(moon, craft=craft)
+
+
+def _craft_motion(
+    trajectory: Trajectory | AdjustableTrajectory,
+    model: PhysicalModel,
+    tdb: Epochs,
+    offset_s: NDArray[np.float64],
+    geocentre_m: NDArray[np.float64],
+    earth_m_s: NDArray[np.float64],
+) -> MovingPoint:
+    position_m, velocity_m_s = trajectory.geocentric(model.ephemeris, tdb)
+    distance_m = float(length(position_m).max(initial=0.0))
+    if distance_m > _FARTHEST_M:
+        raise InputError(
+            f"{trajectory.name} is {distance_m / 1e9:.1f} million km from the Earth; the light path is made for "
+            f"targets within {_FARTHEST_M / 1e9:.0f} million km"
+        )
+    return MovingPoint(offset_s, geocentre_m + position_m, earth_m_s + velocity_m_s)
 
 
 def behind_moon(

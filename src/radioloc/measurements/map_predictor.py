@@ -168,6 +168,7 @@ class MapPredictor(Predictor):
             by_station_itrf=np.zeros((count, 0, 3)),
             by_electron_content_m=np.zeros((count, 0)),
             mean_by_position_pa=np.zeros((count, 0)),
+            by_orbit=np.zeros((count, 0)),
         )
 
     def select(self, which: Any) -> MapPredictor:

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import Station
 from radioloc.ephemeris import Trajectory
+from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -63,6 +64,9 @@ class Computed:
     mean_by_position_pa : ndarray, shape (n, 3)
         Of a difference over a count interval, the mean of the partials by position at its two ends, which what moves
         the target in the interval acts by; else as `by_position_pa`. Where it was not asked for the shape is (n, 0).
+    by_orbit : ndarray, shape (n, p)
+        Partial derivatives with respect to the parameters of an adjustable trajectory, m per unit of each; of another
+        target the shape is (n, 0).
     """
 
     value_m: NDArray[np.float64]
@@ -75,6 +79,7 @@ class Computed:
     by_station_itrf: NDArray[np.float64]
     by_electron_content_m: NDArray[np.float64]
     mean_by_position_pa: NDArray[np.float64]
+    by_orbit: NDArray[np.float64]
 
     def __repr__(self) -> str:
         return f"<Computed {len(self.value_m)} observations, {int((~self.usable).sum())} unusable>"
@@ -111,9 +116,10 @@ class Predictor(ABC):
         What the predictions rest on.
     observations : Observations
         What is predicted.
-    trajectory : Trajectory or None
+    trajectory : Trajectory, AdjustableTrajectory or None
         The target's, if it is a spacecraft and no point fixed to the Moon. Positions are then offsets from it in
-        principal axes, constant in time: usually zeros.
+        principal axes, constant in time: usually zeros. In place of a position an adjustable trajectory has changes of
+        its parameters, shape (p,).
     targets : tuple of str
         Names of the targets, in the order of the positions; empty where there is only one.
     target : ndarray of int32, shape (n,)
@@ -135,7 +141,7 @@ class Predictor(ABC):
         self,
         model: PhysicalModel,
         observations: Observations,
-        trajectory: Trajectory | None = None,
+        trajectory: Trajectory | AdjustableTrajectory | None = None,
         targets: Sequence[str] = (),
         more_partials: bool = False,
     ) -> None:

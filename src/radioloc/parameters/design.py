@@ -9,6 +9,7 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.measurements.combined_predictor import CombinedPrediction, CombinedPredictor
 from radioloc.measurements.map_predictor import JointPrediction, JointPredictor
 from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
@@ -40,7 +41,9 @@ class ObservationModel:
     """What is solved for in an arc, and how the observations follow from it."""
 
     predictor: Predictor
-    parameters: ParameterSet  # three for the position of each target, then kind by kind
+    parameters: (
+        ParameterSet  # three for the position of each target, or those of its orbit, then kind by kind
+    )
     positions: tuple[PositionFunction, ...]  # one for each target
     columns: tuple[Columns, ...]  # of the kinds of parameter
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
@@ -63,20 +66,33 @@ class ObservationModel:
             middle_of(predictor.observations) if len(predictor.observations) else None,
         )
 
+    @property
+    def of_orbit(self) -> bool:
+        """Whether what comes first are the parameters of an orbit, not positions."""
+        return isinstance(self.predictor.trajectory, AdjustableTrajectory)
+
+    @property
+    def first(self) -> int:
+        """Index of the first parameter that is not of the positions, or of the orbit."""
+        return len(self.parameters) - sum(map(len, self.columns))
+
+    def _mine(self, target: int) -> slice:
+        return slice(0, self.first) if self.of_orbit else slice(3 * target, 3 * target + 3)
+
     def position_pa_m(self, x: NDArray[np.float64], target: int = 0) -> NDArray[np.float64]:
-        """Position of a target at parameters x, principal axes, m, shape (3,)."""
-        return self.positions[target](x[3 * target : 3 * target + 3])[0]
+        """Position of a target at parameters x, principal axes, m, shape (3,); zeros on a trajectory."""
+        return np.zeros(3) if self.of_orbit else self.positions[target](x[self._mine(target)])[0]
 
     def position_partials(self, x: NDArray[np.float64], target: int = 0) -> NDArray[np.float64]:
-        """d(position of a target)/d(parameters), shape (3, p)."""
+        """d(position of a target)/d(parameters), shape (3, p); zeros on a trajectory."""
         partials = np.zeros((3, len(self.parameters)))
-        mine = slice(3 * target, 3 * target + 3)
-        partials[:, mine] = self.positions[target](x[mine])[1]
+        if not self.of_orbit:
+            partials[:, self._mine(target)] = self.positions[target](x[self._mine(target)])[1]
         return partials
 
     def all_positions_pa_m(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Positions as the predictor takes them: shape (3,), or (n_targets, 3) where there are several."""
-        found = [self.position_pa_m(x, k) for k in range(len(self.positions))]
+        """What the predictor takes: positions, shape (3,), or (n_targets, 3) of several; or changes of the orbit's."""
+        found = [function(x[self._mine(k)])[0] for k, function in enumerate(self.positions)]
         return found[0] if len(found) == 1 else np.array(found)
 
     def linearize(self, x: NDArray[np.float64]) -> DesignMatrix:
@@ -85,7 +101,7 @@ class ObservationModel:
         at = self.predictor.at(positions_pa_m)
         residual_m = self.predictor.observations.value_m - at.value_m
         here = DesignMatrix(self, at, positions_pa_m, x, residual_m)
-        first = 3 * len(self.positions)
+        first = self.first
         if x[first:].any():
             for start in range(0, len(residual_m), ROWS_AT_ONCE):
                 rows = np.arange(start, min(start + ROWS_AT_ONCE, len(residual_m)))
@@ -131,15 +147,17 @@ class DesignMatrix:
     def _simple(self, rows: Rows, at: Prediction, first: int, predictor: Predictor) -> NDArray[np.float64]:
         """Partials of observations that are not combined, by the first positions and all kinds of parameter."""
         model = self.model
-        part = ObservationRows(predictor, rows, model.reference, at, self.positions_pa_m)
+        place = np.zeros(3) if model.of_orbit else self.positions_pa_m
+        part = ObservationRows(predictor, rows, model.reference, at, place)
+        start = model.first if first else 0
         # Column by column in memory, as the factorization reads them.
-        out = np.empty((3 * first + sum(map(len, model.columns)), len(rows))).T
+        out = np.empty((start + sum(map(len, model.columns)), len(rows))).T
         for target, function in enumerate(model.positions[:first]):
-            mine = slice(3 * target, 3 * target + 3)
-            out[:, mine] = part.computed.by_position_pa @ function(self.x[mine])[1]
+            mine = model._mine(target)
+            by_place = part.computed.by_orbit if model.of_orbit else part.computed.by_position_pa
+            out[:, mine] = by_place @ function(self.x[mine])[1]
             if len(model.positions) > 1:
                 out[:, mine] *= (part.target == target)[:, None]
-        start = 3 * first
         for columns in model.columns:
             acts = simple_predictor(model.predictor, columns.kind) is predictor
             out[:, start : start + len(columns)] = columns.design(part) if acts else 0.0

@@ -36,8 +36,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _DECIMALS = {"observed_m": 7, "computed_m": 7, "residual_m": 6, "sigma_m": 6, "elevation_deg": 4}
-RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_DECIMALS, "status")
-"""Columns of ``residuals.csv``, in order."""
+RESIDUAL_COLUMNS = ("epoch_utc", "type", "path", *_DECIMALS, "status", "residual_mm_s")
+"""Columns of ``residuals.csv``, in order; the last only where something is counted."""
 
 INCOMPLETE = "INCOMPLETE"
 """File of a folder whose other files may be of different results, as it was not written to the end."""
@@ -158,11 +158,13 @@ def write_residuals(path: Path, rows: Residuals) -> None:
         )
     columns: dict[str, Any] = {"epoch_utc": rows.epoch_utc, "type": rows.types, "path": rows.paths}
     columns |= {name: getattr(rows, name) for name in _DECIMALS} | {"status": rows.statuses}
+    if rows.count_s is not None and not np.isnan(rows.count_s).all():
+        columns["residual_mm_s"] = rows.residual_mm_s
     for name, column in columns.items():
         if name in _DECIMALS and name != "elevation_deg" and not np.isfinite(column).all():
             bad = int(np.argmin(np.isfinite(column)))
             raise InputError(f"{name} of observation {bad + 1} is {column[bad]}; residuals must be finite")
-    write_csv(path, batches_of(columns, _DECIMALS))
+    write_csv(path, batches_of(columns, _DECIMALS | {"residual_mm_s": 5}))
 
 
 def write_terms(predictor: Predictor, solution: Solution, folder: str | Path) -> Path:

@@ -14,6 +14,7 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.budget import A_PRIORI, EPHEMERIS, NOISE, BudgetItem, by_source
 from radioloc.estimation.consistency import Inconsistency
 from radioloc.estimation.labels import Labels
+from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.solution import Level, Solution, card_of
 from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
@@ -74,7 +75,9 @@ def solution_card(solution: Solution, *, parameters: int | None = None) -> Card:
         *solution.observability.describe()[:_MAX_SENTENCES],
         *which_sigmas((solution,)),
     )
-    if solution.trajectory is not None:
+    if solution.state is not None:
+        where = [Field("orbit", _orbit(solution.state))]
+    elif solution.trajectory is not None:
         where = [Field("target", (f"on a trajectory, {solution.trajectory}", "taken as given"))]
     else:
         of = (f"of {solution.targets[0].name}, the first of the targets",) if solution.targets else ()
@@ -104,6 +107,23 @@ def solution_card(solution: Solution, *, parameters: int | None = None) -> Card:
             Field("observable", sentences),
             Field("notes", solution.notes),
         )
+    )
+
+
+def _orbit(state: OrbitState) -> Iterator[str]:
+    shape, (radial_m, along_m, across_m) = state.elements(), state.sigma_rtn_m(state.epoch)[0]
+    x, y, z = (f"{value / 1e3:.6f}" for value in state.position_m)
+    vx, vy, vz = (f"{value / 1e3:.9f}" for value in state.velocity_m_s)
+    yield f"of {state.orbit.name}, Moon-centred ICRF, at {utc_strings(state.epoch, 3)[0]} TDB"
+    yield f"position {x}, {y}, {z} km"
+    yield f"velocity {vx}, {vy}, {vz} km/s"
+    yield f"sigma there {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
+    radial_m, along_m, across_m = np.max(state.sigma_rtn_m(state.orbit.times(2)), axis=0)
+    yield f"at the arc's ends {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
+    yield (
+        f"semi-major axis {shape['semi_major_axis_m'] / 1e3:.3f} km, eccentricity {shape['eccentricity']:.5f}, "
+        f"{shape['inclination_deg']:.3f} deg to the Moon's equator, "
+        f"{shape['lowest_m'] / 1e3:.1f} to {shape['highest_m'] / 1e3:.1f} km above 1737.4 km"
     )
 
 

@@ -11,6 +11,7 @@ from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations
 from radioloc.report.arc_study import Arc, ArcStudy
 from radioloc.studies.locate import fit_arc, prepared_arc
+from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.selection import DEFAULT_HOURS, arc_lengths, arc_parts
 from radioloc.studies.study import Reference, Study
 from radioloc.studies.study_file import as_study
@@ -47,7 +48,7 @@ def arcs(
     [True, True]
     """
     study = as_study(study)
-    if isinstance(study.target, Trajectory):
+    if isinstance(study.target, Trajectory | Orbiter):
         raise InputError(
             f"{study.name}: an arc-length study compares positions, but the target is a trajectory; "
             "use locate or residuals"

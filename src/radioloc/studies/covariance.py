@@ -42,6 +42,7 @@ from radioloc.simulation.simulate import rot_pa_to_enu
 from radioloc.studies.locate import model_of, prepared_arc
 from radioloc.studies.notes import notes_of_plan
 from radioloc.studies.one_thread import on_one_blas_thread
+from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
     considered_errors,
     observation_model,
@@ -49,7 +50,7 @@ from radioloc.studies.problem import (
     status_of,
     targets_in_pa,
 )
-from radioloc.studies.selection import ArcPart, arc_lengths, arc_parts, require_planned_counts, selected
+from radioloc.studies.selection import ArcPart, arc_lengths, arc_parts, selected
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import Study
 from radioloc.studies.study_file import as_study
@@ -103,7 +104,7 @@ def covariance(
     (True, 0.5)
     """
     study = as_study(study)
-    if isinstance(study.target, Trajectory) or len(study.targets) > 1:
+    if isinstance(study.target, Trajectory | Orbiter) or len(study.targets) > 1:
         raise InputError(f"{study.name}: a covariance study is of one position on the Moon")
     if study.estimate.position == "none":
         raise InputError('a covariance study needs the position estimated: [estimate] position is "none"')
@@ -147,7 +148,6 @@ class _Planned:
                 "the noise is white and as stated: how long errors last is known from residuals only"
             )
         else:
-            require_planned_counts(study.observations)
             study = replace(study, target=scenario.position, reference=None, references=())
             model = model_of(study)
             plan = scenario.schedule.plan(

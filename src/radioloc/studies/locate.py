@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import Doubt, build_solution, seconds_since_midnight
@@ -20,6 +21,7 @@ from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reason
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, TargetPosition, compare_with
@@ -46,9 +48,11 @@ from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.parameters.design import ObservationModel, tracking_of
 from radioloc.studies.coarse_search import near_starts
-from radioloc.studies.independent_clocks import with_independent_clocks
+from radioloc.studies.independent_clocks import with_frequency_offsets
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
+from radioloc.studies.orbit_start import near_orbit
+from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
     considered_errors,
     needs_more_partials,
@@ -166,7 +170,7 @@ def fit_arc(
     model, observations = arc.model, arc.observations
     constants = model.ephemeris.constants
     if estimate is not None:
-        estimate = with_independent_clocks(study, estimate, arc)
+        estimate = with_frequency_offsets(study, estimate, arc)
     targets = targets_in_pa(study, constants)
     reference = (
         None
@@ -240,6 +244,7 @@ def fit_arc(
         path=paths,
         type=types,
         elevation_deg=elevation_deg,
+        count_s=observations.count_s,
         doubts=doubts,
         order=order,
         consistency=consistency,
@@ -257,6 +262,11 @@ def fit_arc(
         trajectory=None if arc.trajectory is None else str(arc.trajectory),
         targets=several,
     )
+    if isinstance(arc.trajectory, AdjustableOrbit):
+        mine = slice(0, problem.first)
+        orbit = arc.trajectory.corrected(problem.all_positions_pa_m(x))
+        state = OrbitState(orbit, solution.parameter_covariance()[mine, mine])
+        solution = replace(solution, trajectory=str(orbit), state=state)
     known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
     aim = problem.all_positions_pa_m(x if solution.converged else problem.parameters.prior_values)
     search = TransmitterSearch(study, model, aim, arc.trajectory, arc.targets)
@@ -331,7 +341,9 @@ def _observations(
         if isinstance(given, Mapping):
             require_stations(chosen, key, given, study.catalogue)
     weighted = weighted_observations(chosen, study.observations.weights, study.catalogue)
-    return TransmitterSearch(study, model, *_aim(study, targets)).resolved(weighted), left_out
+    return TransmitterSearch(study, model, *_aim(study, targets, model, weighted)).resolved(
+        weighted
+    ), left_out
 
 
 def read_as(study: Study, files: Sequence[str | Path]) -> Observations:
@@ -350,7 +362,7 @@ def _read(
     tdm = replace(study.observations.tdm, modelled=model.delays)
     if tdm.light_time_s is None:
         tdm = replace(tdm, light_time_s=_light_time_to(study, model, targets))
-    lunar = not isinstance(study.target, Trajectory)
+    lunar = not isinstance(study.target, Trajectory | Orbiter)
     return read_observations(
         files,
         catalogue=study.catalogue,
@@ -370,7 +382,7 @@ def _light_time_to(study: Study, model: PhysicalModel, targets: Mapping[str, Lun
         asked = Observations.from_columns(
             epoch=epoch, links=[link], kind=kind, tag=TIME_TAGS.index(tag), value_m=1.0, sigma_m=1.0
         )
-        start_m, trajectory, names = _aim(study, targets)
+        start_m, trajectory, names = _aim(study, targets, model, asked)
         return ExactPredictor(model, asked, start_m, trajectory, names).compute(start_m).value_m / C_M_S
 
     return light_time_s
@@ -379,7 +391,7 @@ def _light_time_to(study: Study, model: PhysicalModel, targets: Mapping[str, Lun
 def _arc(
     study: Study, model: PhysicalModel, observations: Observations, targets: Mapping[str, LunarPosition]
 ) -> Predictor:
-    start_m, trajectory, names = _aim(study, targets)
+    start_m, trajectory, names = _aim(study, targets, model, observations)
     more = needs_more_partials(study)
     try:
         if len(rows := np.flatnonzero(~np.isnan(observations.modulus_m))):
@@ -403,10 +415,16 @@ def _arc(
 
 
 def _aim(
-    study: Study, targets: Mapping[str, LunarPosition]
-) -> tuple[NDArray[np.float64], Trajectory | None, tuple[str, ...]]:
+    study: Study, targets: Mapping[str, LunarPosition], model: PhysicalModel, observations: Observations
+) -> tuple[NDArray[np.float64], Trajectory | AdjustableOrbit | None, tuple[str, ...]]:
     """What is predicted: positions or a trajectory, and names of several targets; of one, observations may have any."""
-    trajectory = study.target if isinstance(study.target, Trajectory) else None
+    trajectory: Trajectory | AdjustableOrbit | None = None
+    if isinstance(study.target, Orbiter):
+        assert study.estimate.orbit is not None  # the study has seen to that
+        parameters = study.estimate.orbit.parameters(study.target.forces)
+        trajectory = study.target.orbit(model, observations, parameters)
+    elif isinstance(study.target, Trajectory):
+        trajectory = study.target
     return start_pa_m(targets), trajectory, tuple(targets) if len(targets) > 1 else ()
 
 
@@ -448,6 +466,7 @@ def _fit(
         )
     observations = problem.predictor.observations
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
+    start = near_orbit(problem.predictor, problem.parameters, noise.sigma_m, status.are(USED))
     while True:
         fitted = fit_with_variance_components(
             problem.linearize,
@@ -457,6 +476,7 @@ def _fit(
             groups=estimate.component_groups(order),
             status=status,
             threshold=estimate.rejection_sigma,
+            start=start,
         )
         faults = phase_faults(fitted, order, counts) if fitted.ended else {}
         hidden = {row: reason for row, reason in faults.items() if fitted.fit.used[row]}

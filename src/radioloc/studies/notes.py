@@ -15,6 +15,7 @@ from radioloc.constants import ARCSEC_RAD
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_prediction import orientation_errors
 from radioloc.ephemeris import EphemerisConstants, Trajectory
+from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
 from radioloc.estimation.editing import EditedFit
 from radioloc.kernels import sha256_of
@@ -33,6 +34,7 @@ from radioloc.parameters.design import tracking_of
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.cards import metres, plural
+from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.record import study_origin, versions
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
 
@@ -88,7 +90,7 @@ def notes_of_plan(arc: Predictor, left_out: dict[str, int]) -> list[str]:
 
 def _turned(study: Study, constants: EphemerisConstants) -> Iterator[str]:
     """Positions in axes of another ephemeris."""
-    places: dict[str, LunarPosition | Trajectory] = {"[target]": study.target}
+    places: dict[str, LunarPosition | Trajectory | Orbiter] = {"[target]": study.target}
     if study.targets:
         places = {f"[targets.{name}]": place for name, place in study.targets.items()}
     if study.reference is not None:
@@ -187,7 +189,9 @@ def _of_model(arc: Predictor) -> Iterator[str]:
             served = ", ".join(station.name for station in radio if files.source_of(station) == source)
             if served:
                 yield f"troposphere of radio signals from {source} for {served}, beside recorded pressure"
-    if arc.trajectory is not None:
+    if isinstance(arc.trajectory, AdjustableTrajectory):
+        yield "errors of the gravity field are in no sigma of the orbit"
+    elif arc.trajectory is not None:
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"
     if off := [name for name in TERMS if not model.has(name)]:
         yield f"terms switched off: {', '.join(off)}"
@@ -264,7 +268,9 @@ def _of_its_files(study: Study, observations: Observations) -> bool:
     )
 
 
-def _target_record(target: LunarPosition | Trajectory) -> dict[str, Any]:
+def _target_record(target: LunarPosition | Trajectory | Orbiter) -> dict[str, Any]:
+    if isinstance(target, Orbiter):
+        return {"a_priori": target.record(), "trajectory": None}
     if isinstance(target, Trajectory):
         return {
             "a_priori": None,

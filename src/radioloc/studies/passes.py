@@ -10,11 +10,13 @@ import numpy as np
 
 from radioloc.boundary import bare_arguments
 from radioloc.ephemeris import Trajectory
+from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.report.passes import Pass, Passes
 from radioloc.simulation.visibility import Masks, Target, Window, elevations, windows
 from radioloc.studies.locate import model_of, prepared_arc
+from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.study import Study
 from radioloc.studies.study_file import as_study
 from radioloc.studies.weights import ends_of
@@ -102,6 +104,10 @@ def scene_of(
         names, first, last, masks = [], "", "", Masks()
     else:
         names, first, last, masks = _observed(study)
+    if isinstance(study.target, Orbiter):
+        raise InputError(
+            f"{study.name}: who sees an orbiter follows from its orbit; write it as an SPK and give that"
+        )
     places: dict[str, LunarPosition | Trajectory] = {**study.targets} or {"lander": study.target}
     if study.simulation is not None:
         places = {study.simulation.name: study.simulation.position}

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
+from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
 from radioloc.estimation.consider import ConsideredErrors, is_at_station
@@ -25,9 +26,11 @@ from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
 from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
+from radioloc.parameters.orbit import orbit_parameters
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
 from radioloc.parameters.registry import PARAMETERS
+from radioloc.studies.orbiter import OrbitChoice, Orbiter
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
 from radioloc.studies.verdict import LOWEST_EARTH_DEG
 from radioloc.time import Epochs, evaluate_smooth, tt_to_tdb, utc_to_tt
@@ -128,6 +131,8 @@ def _columns(
 def _position(
     predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice, name: str = "position"
 ) -> PositionParameters:
+    if isinstance(predictor.trajectory, AdjustableOrbit):
+        return _orbit(predictor.trajectory, choice.orbit)
     if target_pa is None:
         return cartesian(np.zeros(3), role=Role.FIXED, name="offset")
     if choice.position != "geographic":
@@ -140,9 +145,15 @@ def _position(
     return on_sphere(target_pa.xyz_m, None if prior is None else (prior.height_m, prior.sigma_m), name)
 
 
+def _orbit(orbit: AdjustableOrbit, choice: OrbitChoice | None) -> PositionParameters:
+    if choice is None:
+        return orbit_parameters(orbit, {}, estimated=False)
+    return orbit_parameters(orbit, choice.sigmas(orbit.forces), estimated=True, state=choice.state)
+
+
 def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, LunarPosition]:
     """The a-priori positions in principal axes by name; none where the target is a trajectory."""
-    if isinstance(study.target, Trajectory):
+    if isinstance(study.target, Trajectory | Orbiter):
         return {}
     if study.targets:
         return {

@@ -13,9 +13,10 @@ from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError, named
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
+from radioloc.measurements.registry import KINDS
 from radioloc.measurements.targets import canonical_target
 from radioloc.studies.averaging import with_averaged_counts
-from radioloc.studies.independent_clocks import with_independent_clocks
+from radioloc.studies.independent_clocks import with_frequency_offsets
 from radioloc.studies.study import EstimateChoice, ObservationChoice, Study
 from radioloc.studies.weights import ends_of
 from radioloc.time import utc_to_tai
@@ -55,15 +56,6 @@ def select_observations(
     return chosen, left_out
 
 
-def require_planned_counts(choice: ObservationChoice) -> None:
-    """Raise :class:`InputError` where observations of a schedule, with its noise, would have to be averaged."""
-    if choice.doppler_average_s is not None:
-        raise InputError(
-            "[observations] doppler_average_s is of files; a schedule plans counts as they are used: leave it out "
-            "and give count_s in the sessions"
-        )
-
-
 def selected(
     observations: Observations,
     choice: ObservationChoice,
@@ -84,11 +76,14 @@ def selected(
 
     keep(_of_targets(observations, choice.targets, positions, sources), "other target")
     keep(_of_stations(observations, choice.stations, catalogue), "other station")
+    keep(_of_types(observations, choice.types), "other type")
     if len(observations):
         keep(_within_time(observations, kept, choice), "outside the time span")
     if not kept.any():
         why = "; ".join(f"{count} {reason}" for reason, count in left_out.items()) or "the files hold none"
-        raise InputError(f"no observations left ({why}); change targets, stations, start, stop or hours")
+        raise InputError(
+            f"no observations left ({why}); change targets, stations, types, start, stop or hours"
+        )
     return kept, left_out
 
 
@@ -129,6 +124,14 @@ def _of_targets(
             "name one, or give the position of each as [targets.NAME]"
         )
     return np.array([names <= wanted for names in of_link], dtype=bool)[observations.link]
+
+
+def _of_types(observations: Observations, types: tuple[str, ...] | None) -> NDArray[np.bool_]:
+    if types is None:
+        return np.ones(len(observations), dtype=bool)
+    if unknown := [name for name in types if name not in KINDS]:
+        raise InputError(f"[observations] types: there is no {unknown[0]!r}; there are {', '.join(KINDS)}")
+    return np.isin(observations.kind, [KINDS.index(name) for name in types])
 
 
 def _of_stations(
@@ -201,7 +204,7 @@ def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> lis
     """Parts of several lengths, h, of a prepared arc, which begin together; refused where one holds no observation."""
     everything = np.ones(len(longest.observations), dtype=bool)
     since_s = _since_start_s(longest.observations, study.observations, everything)
-    whole = with_independent_clocks(study, study.estimate, longest)
+    whole = with_frequency_offsets(study, study.estimate, longest)
     parts = []
     for length in lengths:
         rows = np.flatnonzero(since_s <= 3600.0 * length + _ROUNDING_S)

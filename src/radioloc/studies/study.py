@@ -37,6 +37,7 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.plugins import LazyNames
 from radioloc.simulation.simulate import Scenario
 from radioloc.studies.map_positions import PlaceOnMap
+from radioloc.studies.orbiter import OrbitChoice, Orbiter
 from radioloc.studies.schema import TomlTable, check, entry, names_of
 from radioloc.studies.weights import Weight
 from radioloc.time import Epochs, utc_to_tai
@@ -120,6 +121,8 @@ class ObservationChoice:
         Files to read, globs already resolved.
     targets, stations : str or iterable of str, or None
         Targets and stations to keep; all where ``None``.
+    types : str or iterable of str, or None
+        Types of measurement to keep, such as ``"doppler"``; all where ``None``.
     start, stop : Epochs or None
         First and last epoch to keep, UTC.
     hours : float or None
@@ -160,6 +163,7 @@ class ObservationChoice:
     files: tuple[Path, ...] = ()
     targets: tuple[str, ...] | None = entry(None, names=True)
     stations: tuple[str, ...] | None = entry(None, names=True)
+    types: tuple[str, ...] | None = entry(None, names=True)
     start: Epochs | None = entry(None, moment=True)
     stop: Epochs | None = entry(None, moment=True)
     hours: float | None = entry(None, positive=True)
@@ -250,6 +254,8 @@ class EstimateChoice:
         Whether what editing leaves counts by its squares, or beyond 1.345 sigmas in proportion only.
     pass_gap_h : float
         A new pass begins when a station has not observed for longer.
+    orbit : OrbitChoice or None
+        What of an orbiter's orbit; without it, of an orbiter, the state and what else of the forces is not known.
     parameters : mapping of str to ParameterChoice, optional
         Kinds of parameter by name; keys that follow change them.
     **keys
@@ -275,6 +281,7 @@ class EstimateChoice:
     variance_components: str = entry("type", choices=COMPONENTS)
     estimator: str = entry("least_squares", choices=ESTIMATORS)
     pass_gap_h: float = entry(PASS_GAP_H, positive=True)
+    orbit: OrbitChoice | None = None
     parameters: Mapping[str, ParameterChoice] = entry(factory=dict, keys=PARAMETER_KEYS, read=read_parameters)
 
     def __init__(
@@ -288,6 +295,7 @@ class EstimateChoice:
         variance_components: str = "type",
         estimator: str = "least_squares",
         pass_gap_h: float = PASS_GAP_H,
+        orbit: OrbitChoice | None = None,
         parameters: Mapping[str, ParameterChoice] | None = None,
         **keys: Any,
     ) -> None:
@@ -304,6 +312,7 @@ class EstimateChoice:
             ("variance_components", variance_components),
             ("estimator", estimator),
             ("pass_gap_h", pass_gap_h),
+            ("orbit", orbit),
             ("parameters", parameter_choices(keys, parameters)),
         ):
             object.__setattr__(self, name, value)
@@ -438,9 +447,10 @@ class Study:
 
     Parameters
     ----------
-    target : LunarPosition or Trajectory, optional
+    target : LunarPosition, Trajectory or Orbiter, optional
         A-priori position, where the fit starts (and stays, if the position is not estimated); or a known trajectory,
-        of which no position is estimated (``position = "none"``). The first of `targets` where those are given.
+        of which no position is estimated (``position = "none"``); or an orbiter, whose orbit is. The first of
+        `targets` where those are given.
     observations, estimate, model
     catalogue : StationCatalogue
         The stations known to the study.
@@ -469,7 +479,7 @@ class Study:
         Whether cards count longitudes from 0 to 360 deg, as the file of the study does, not from -180 to 180.
     """
 
-    target: LunarPosition | Trajectory = None  # type: ignore[assignment]  # of targets, then
+    target: LunarPosition | Trajectory | Orbiter = None  # type: ignore[assignment]  # of targets, then
     observations: ObservationChoice = field(default_factory=ObservationChoice)
     estimate: EstimateChoice = field(default_factory=EstimateChoice)
     model: ModelChoice = field(default_factory=ModelChoice)
@@ -492,7 +502,13 @@ class Study:
         self._name_targets()
         self._require_considered()
         self._estimate_ties()
-        if isinstance(self.target, Trajectory):
+        if isinstance(self.target, Orbiter):
+            chosen = self.estimate.orbit or OrbitChoice()
+            chosen.parameters(self.target.forces)
+            object.__setattr__(self, "estimate", replace(self.estimate, position="none", orbit=chosen))
+        elif self.estimate.orbit is not None:
+            raise InputError('[estimate.orbit] belongs to a target with dynamics = "moon"; leave it out')
+        if isinstance(self.target, Trajectory | Orbiter):
             self._require_no_position(self.target)
 
     def __repr__(self) -> str:
@@ -574,7 +590,7 @@ class Study:
                     "or considered"
                 )
 
-    def _require_no_position(self, trajectory: Trajectory) -> None:
+    def _require_no_position(self, trajectory: Trajectory | Orbiter) -> None:
         if self.estimate.position != "none":
             raise InputError(
                 f"[estimate] position: the target is a trajectory ({trajectory.name}), of which no position is "

@@ -14,6 +14,7 @@ from typing import Any
 
 import numpy as np
 
+from radioloc.dynamics import Forces
 from radioloc.earth.reference_frames import frames
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.ephemeris import Trajectory
@@ -25,6 +26,7 @@ from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
 from radioloc.studies.map_positions import PlaceOnMap
+from radioloc.studies.orbiter import ForcesChoice, GivenAcceleration, GivenImpulse, OrbitChoice, Orbiter
 from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of
 from radioloc.studies.simulation_file import scenario
 from radioloc.studies.study import (
@@ -37,6 +39,7 @@ from radioloc.studies.study import (
     Study,
 )
 from radioloc.studies.weights import Weight
+from radioloc.time import epochs_from_strings
 
 STDIN = Path("-")
 """In place of a study file: standard input."""
@@ -63,10 +66,13 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Target(Place):
-    """Keys of ``[target]``: in place of a position it may be a trajectory."""
+    """Keys of ``[target]``: in place of a position it may be a trajectory, or the state of an orbiter."""
 
     trajectory: Path | None = None
     body: int | None = entry(None, advice="it is a NAIF code, such as -85")
+    dynamics: str | None = entry(None, choices=("moon",))
+    epoch: str | None = None
+    velocity_m_s: tuple[float, float, float] | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -112,6 +118,9 @@ class Site:
 TABLES: dict[str, type] = {
     "target": Target,
     "targets.NAME": Place,
+    "forces": ForcesChoice,
+    "forces.accelerations": GivenAcceleration,
+    "forces.impulses": GivenImpulse,
     "reference": Place,
     "references.NAME": Place,
     "observations": ObservationChoice,
@@ -119,6 +128,7 @@ TABLES: dict[str, type] = {
     "observations.weights": Weight,
     "observations.map_positions": PlaceOnMap,
     "estimate": EstimateChoice,
+    "estimate.orbit": OrbitChoice,
     "model": ModelChoice,
     "stations.NAME": Site,
     "covariance": CovarianceChoice,
@@ -195,7 +205,10 @@ def read_study(path: str | Path) -> Study:
     targets = made("targets", _positions)
     if targets == {}:
         raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
-    target = made("target", _target) or next(iter(targets.values())).position
+    forces = made("forces", lambda table: table.build(table.read(ForcesChoice).forces))
+    if forces is not None and "dynamics" not in content.get("target", {}):
+        raise InputError(f'{path}: [forces] act on a target with dynamics = "moon"; leave them out')
+    target = made("target", partial(_target, forces=forces)) or next(iter(targets.values())).position
     considered, defaults = made("consider", _considered) or ({}, True)
     places = [content.get("target", {}), *content.get("targets", {}).values()]
     planned = made("covariance", lambda table: table.read(CovarianceChoice))
@@ -253,7 +266,9 @@ def toml_content(path: Path) -> dict[str, object]:
         raise InputError(f"{path}: not valid TOML: {error}") from None
 
 
-def _target(table: TomlTable) -> LunarPosition | Trajectory:
+def _target(table: TomlTable, forces: Forces | None) -> LunarPosition | Trajectory | Orbiter:
+    if "dynamics" in table:
+        return _orbiter(table, forces)
     if "trajectory" not in table and "body" not in table:
         return position_of(table, table.read(Target))
     for key in keys_of(Place):
@@ -266,6 +281,28 @@ def _target(table: TomlTable) -> LunarPosition | Trajectory:
             "is missing; a trajectory is the name of an SPK file and the NAIF code of the body in it, such as -85",
         )
     return table.build(Trajectory.open, path=given.trajectory, body=given.body)
+
+
+def _orbiter(table: TomlTable, forces: Forces | None) -> Orbiter:
+    given = table.read(Target)
+    if given.dynamics != "moon":
+        table.fail("dynamics", f'must be "moon", not {given.dynamics!r}')
+    for key in ("epoch", "position_m", "velocity_m_s"):
+        if getattr(given, key) is None:
+            table.fail(
+                key, "is missing; an orbiter has epoch (TDB), position_m and velocity_m_s (Moon-centred ICRF)"
+            )
+    for key in ("longitude_deg", "latitude_deg", "height_m", "trajectory", "body"):
+        if getattr(given, key) is not None:
+            table.fail(key, "belongs to another kind of target than an orbiter; leave it out")
+    return table.build(
+        Orbiter,
+        epoch=epochs_from_strings(str(given.epoch), "TDB"),
+        position_m=given.position_m,
+        velocity_m_s=given.velocity_m_s,
+        forces=ForcesChoice().forces() if forces is None else forces,
+        name=given.name,
+    )
 
 
 def _positions(table: TomlTable) -> dict[str, Reference]:

@@ -18,6 +18,7 @@ from radioloc.report.arc_study import apart
 from radioloc.report.covariance import radius_95_m
 from radioloc.report.leave_one_out import LeaveOneOut, Without
 from radioloc.studies.locate import fit_arc, logger, prepared_arc
+from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.study import Study
 from radioloc.studies.study_file import as_study
 from radioloc.studies.weights import ends_of
@@ -49,7 +50,11 @@ def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> Leave
     ['JIAMUSI', 'KASHI']
     """
     study = as_study(study)
-    if isinstance(study.target, Trajectory) or len(study.targets) > 1 or study.estimate.position == "none":
+    if (
+        isinstance(study.target, Trajectory | Orbiter)
+        or len(study.targets) > 1
+        or study.estimate.position == "none"
+    ):
         raise InputError(
             f"{study.name}: leaving stations out needs one position on the Moon that is estimated"
         )

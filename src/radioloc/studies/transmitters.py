@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
 from radioloc.ephemeris import Trajectory
+from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError, named
 from radioloc.estimation.statistics import robust_scale
 from radioloc.estimation.transmitter_passes import TransmitterPass
@@ -44,7 +45,7 @@ class TransmitterSearch:
     study: Study
     model: PhysicalModel
     positions_pa_m: _Floats
-    trajectory: Trajectory | None = None
+    trajectory: Trajectory | AdjustableTrajectory | None = None
     targets: tuple[str, ...] = ()
 
     @property

@@ -1,0 +1,148 @@
+"""An orbit with all that it follows from, so that it can be had for other values of its parameters."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.boundary import bare_arguments
+from radioloc.dynamics.forces import Forces
+from radioloc.dynamics.orbit import STATE, Orbit
+from radioloc.dynamics.propagation import propagate
+from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.time import Epochs
+
+Floats = NDArray[np.float64]
+
+LINEAR_M = 10.0
+"""An orbit that is nowhere farther than this from one that was integrated follows from its partials: what is of second
+order is some 1e-4 m in low orbits over a day."""
+_CHECKED = 200
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AdjustableOrbit:
+    """An orbit as a function of its parameters; an :class:`~radioloc.ephemeris.AdjustableTrajectory`.
+
+    It is integrated when it is asked where it is, unless one that was integrated before is near.
+
+    Parameters
+    ----------
+    epoch : Epochs
+        TDB, one.
+    state : ndarray, shape (6,)
+        Position, m, and velocity, m/s, at the epoch relative to the Moon's centre, ICRF axes.
+    forces : Forces
+    span_s : tuple of float
+        First and last time that is wanted, TDB seconds from the epoch.
+    parameters : tuple of str
+        Parameters of the forces, beside the state, by which there are partials.
+    ephemeris, libration : Ephemeris, LunarOrientation
+    name : str
+        How messages call it.
+    integrated : list
+        What was integrated: values of the parameters, and the orbit; shared by those that differ in them only.
+    """
+
+    epoch: Epochs
+    state: Floats
+    forces: Forces
+    span_s: tuple[float, float]
+    parameters: tuple[str, ...]
+    ephemeris: Ephemeris
+    libration: LunarOrientation
+    name: str = "orbit"
+    integrated: list[tuple[Floats, Orbit]] = field(default_factory=list)
+
+    def __str__(self) -> str:
+        return str(self.nearest()[0])
+
+    @property
+    def values(self) -> dict[str, float]:
+        """Values of the parameters by name: those of the state, then those of the forces."""
+        known = self.forces.parameters()
+        state = dict(zip(STATE, self.state.tolist(), strict=True))
+        return state | {name: known[name] for name in self.parameters}
+
+    def times(self, count: int) -> Epochs:
+        """Epochs all over its span, TDB; within it by a millisecond, so that rounding leads none outside."""
+        times_s = np.linspace(self.span_s[0] + 1e-3, self.span_s[1] - 1e-3, count)
+        return self.epoch[np.zeros(count, dtype=int)].shifted(times_s)
+
+    @property
+    def gm_m3_s2(self) -> float:
+        """GM of the Moon."""
+        given = self.forces.gm_m3_s2
+        return self.ephemeris.constants.gm_m3_s2("moon") if given is None else given
+
+    def corrected(self, x: Floats) -> AdjustableOrbit:
+        """The orbit of parameters that are larger by x, in the order of :attr:`values`."""
+        known = self.forces.parameters()
+        changed = {name: known[name] + float(by) for name, by in zip(self.parameters, x[6:], strict=True)}
+        return replace(self, state=self.state + x[:6], forces=self.forces.with_parameters(changed))
+
+    def over(self, first: Epochs, last: Epochs) -> AdjustableOrbit:
+        """The same from one epoch to another, TDB, of which more is not wanted."""
+        begin_s, end_s = (float(one.seconds_since(self.epoch)[0]) for one in (first, last))
+        return replace(self, span_s=(begin_s, end_s), integrated=self.integrated.copy())
+
+    def nearest(self) -> tuple[Orbit, Floats]:
+        """An integrated orbit, and by how much the parameters are larger than its, shape (p,)."""
+        values = np.array(list(self.values.values()))
+        begin_s, end_s = min(0.0, self.span_s[0]), max(0.0, self.span_s[1])
+        checked = self.epoch[np.zeros(_CHECKED, dtype=int)].shifted(
+            np.linspace(begin_s, end_s, _CHECKED + 2)[1:-1]
+        )
+        for of_orbit, orbit in reversed(self.integrated):
+            by = values - of_orbit
+            if orbit.span_s[0] <= begin_s and end_s <= orbit.span_s[1]:
+                moved_m = orbit.partials(checked)[:, :3] @ by
+                if not by.any() or np.linalg.norm(moved_m, axis=-1).max() < LINEAR_M:
+                    return orbit, by
+        made = propagate(
+            self.epoch,
+            self.state[:3],
+            self.state[3:],
+            self.forces,
+            (begin_s, end_s),
+            parameters=self.parameters,
+            ephemeris=self.ephemeris,
+            libration=self.libration,
+            name=self.name,
+        )
+        self.integrated.append((values, made))
+        return made, np.zeros(len(values))
+
+    @bare_arguments
+    def states(self, tdb: Epochs) -> tuple[Floats, Floats]:
+        """As :meth:`~radioloc.dynamics.orbit.Orbit.states`."""
+        orbit, by = self.nearest()
+        position_m, velocity_m_s = orbit.states(tdb)
+        if by.any():
+            moved = orbit.partials(tdb) @ by
+            position_m, velocity_m_s = position_m + moved[:, :3], velocity_m_s + moved[:, 3:]
+        return position_m, velocity_m_s
+
+    @bare_arguments
+    def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
+        """As :meth:`~radioloc.dynamics.orbit.Orbit.geocentric`."""
+        position_m, velocity_m_s = self.states(tdb)
+        moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
+        return position_m + moon_m, velocity_m_s + moon_m_s
+
+    def spans_s(self) -> list[tuple[float, float]]:
+        """What it covers, TDB seconds since J2000: one span."""
+        epoch_s = float(self.epoch.seconds_since(Epochs.from_tdb_seconds(0.0))[0])
+        return [(epoch_s + self.span_s[0], epoch_s + self.span_s[1])]
+
+    @bare_arguments
+    def partials(self, tdb: Epochs) -> Floats:
+        """As :meth:`~radioloc.dynamics.orbit.Orbit.partials`."""
+        return self.nearest()[0].partials(tdb)
+
+    @bare_arguments
+    def position_partials(self, tdb: Epochs) -> Floats:
+        """Partials of the position by the parameters at epochs of TDB, ICRF axes, shape (n, 3, p)."""
+        return self.partials(tdb)[:, :3]

@@ -1,0 +1,101 @@
+"""A start for the fit of an orbit: fits of growing parts of the arc, each from where the one before ended.
+
+Hundreds of metres of the a-priori state are hundreds of kilometres after some days, far outside of what is linear.
+Within two hours of the epoch they are not; what these settle is good for six, and so on to the whole arc.
+"""
+
+from __future__ import annotations
+
+import logging
+import math
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.estimation.statistics import robust_scale
+from radioloc.measurements.predictor import Predictor
+from radioloc.parameters.parameter import ParameterSet
+from radioloc.time import tt_to_tdb, utc_to_tt
+
+logger = logging.getLogger(__name__)
+
+Floats = NDArray[np.float64]
+
+_FIRST_S = 7200.0
+_FEWEST = 30
+_STEPS = 8
+_WEAK_M, _WEAK_M_S = 2e3, 2.0
+"""How far a state without a-priori sigmas goes in one step: what a short part does not tell stays where it is."""
+_CORNER = 2.0
+"""Robust sigmas from which residuals count by their size only."""
+_SETTLED = 0.03  # of the robust sigma of the residuals
+
+
+def near_orbit(
+    arc: Predictor, parameters: ParameterSet, sigma_m: Floats, usable: NDArray[np.bool_]
+) -> Floats | None:
+    """Parameters of an arc's problem that are near the estimate; ``None`` where the target is no orbit to be fitted."""
+    orbit = arc.trajectory
+    count = len(parameters.of_kind("state")) + len(parameters.of_kind("force"))
+    free = np.flatnonzero(parameters.free[:count])
+    if not isinstance(orbit, AdjustableOrbit) or not len(free) or not usable.any():
+        return None
+    tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch))
+    away_s = np.abs(tdb.seconds_since(orbit.epoch))
+    apriori = parameters.prior_values[:count]
+    sigmas = np.minimum(parameters.prior_sigmas[:count], _weak(parameters, count))[free]
+    x = apriori.copy()
+    reach_s = max(_FIRST_S, float(np.sort(away_s[usable])[min(_FEWEST, int(usable.sum())) - 1]))
+    while True:
+        rows = np.flatnonzero(usable & (away_s <= reach_s))
+        part = arc.select(rows)
+        x, spread = _fitted(part, sigma_m[rows], x, apriori, free, sigmas)
+        logger.info(
+            "orbit within %.1f h of the epoch: %d observations, robust misfit %.3g sigmas",
+            reach_s / 3600.0,
+            len(rows),
+            spread,
+        )
+        if reach_s >= away_s[usable].max():
+            break
+        reach_s *= 3.0
+    start = parameters.prior_values.copy()
+    start[:count] = x
+    return start
+
+
+def _weak(parameters: ParameterSet, count: int) -> Floats:
+    units = {"m": _WEAK_M, "m/s": _WEAK_M_S}
+    return np.array([units.get(one.unit, math.inf) for one in parameters.parameters[:count]])
+
+
+def _fitted(
+    part: Predictor, sigma_m: Floats, x: Floats, apriori: Floats, free: NDArray[np.intp], sigmas: Floats
+) -> tuple[Floats, float]:
+    """Parameters after some robust Gauss-Newton steps, and the robust scale of the residuals in sigmas."""
+    best, least, spread = x, math.inf, math.inf
+    shrink = 1.0
+    step = np.zeros(len(x))
+    for _ in range(_STEPS):
+        computed = part.compute(x - apriori)
+        ratio = (part.observations.value_m - computed.value_m) / sigma_m
+        spread_here = max(1.0, robust_scale(ratio, len(free)))
+        loss = float(np.minimum(np.abs(ratio), 1e9).mean())
+        if loss > least:
+            # Too far: back, and half as far.
+            shrink *= 0.3
+            x = best + shrink * step
+            continue
+        gain, best, least, spread = least - loss, x, loss, spread_here
+        if gain < _SETTLED * loss and shrink == 1.0:
+            break
+        shrink = 1.0
+        weight = np.sqrt(1.0 / np.maximum(np.abs(ratio) / (_CORNER * spread), 1.0)) / spread
+        design = (computed.by_orbit[:, free] / sigma_m[:, None] * sigmas) * weight[:, None]
+        stacked = np.vstack([design, np.eye(len(free))])
+        right = np.concatenate([ratio * weight, np.zeros(len(free))])
+        step = np.zeros(len(x))
+        step[free] = sigmas * np.linalg.lstsq(stacked, right, rcond=None)[0]
+        x = best + step
+    return best, spread

@@ -1,0 +1,280 @@
+"""A target that flies: its state at an epoch and the forces on it, and what of them is estimated."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.boundary import bare_fields
+from radioloc.dynamics import BODIES, STATE, Acceleration, AdjustableOrbit, Forces, GravityField, Impulse
+from radioloc.dynamics.gravity import SHIPPED
+from radioloc.errors import InputError
+from radioloc.measurements.observations import Observations
+from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.studies.schema import TomlTable, check, entry
+from radioloc.time import Epochs, epochs_from_strings, tt_to_tdb, utc_strings, utc_to_tt
+
+EMPIRICAL = ("none", "constant", "once_per_revolution")
+EMPIRICAL_NAME = "empirical"
+EMPIRICAL_SIGMA_M_S2 = 3e-9
+"""What a field to degree 150 leaves out at 50 km is some 1e-8 m/s2, little of it with the period of the orbit."""
+_MARGIN_S = 60.0
+"""Beyond the first and the last tag: half of a count interval and the light time."""
+_LONGEST_ARC_S = 40.0 * 86400.0
+
+
+def _gravity(table: TomlTable, key: str) -> str | Path | None:
+    """A field that ships, by its name, or a file beside the study."""
+    name = table.get(key, str)
+    return name if name is None or name in SHIPPED else table.files(key, [name])[0]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Orbiter:
+    """A spacecraft about the Moon whose orbit follows from its state and the forces.
+
+    Parameters
+    ----------
+    epoch : Epochs
+        TDB, one.
+    position_m, velocity_m_s : tuple of float
+        A-priori state at the epoch relative to the Moon's centre, ICRF axes.
+    forces : Forces
+    name : str
+        What it is called in messages and files.
+    """
+
+    epoch: Epochs
+    position_m: tuple[float, float, float]
+    velocity_m_s: tuple[float, float, float]
+    forces: Forces
+    name: str = "orbiter"
+
+    def __post_init__(self) -> None:
+        bare_fields(self)
+        self.epoch.require("TDB")
+        if len(self.epoch) != 1:
+            raise InputError(f"epoch must be one, not {len(self.epoch)}")
+
+    def __repr__(self) -> str:
+        return f"<Orbiter {self.name}, state at {self.epoch.day_strings()[0]}>"
+
+    @property
+    def state(self) -> NDArray[np.float64]:
+        """Position, m, and velocity, m/s, shape (6,)."""
+        return np.array([*self.position_m, *self.velocity_m_s], dtype=np.float64)
+
+    def record(self) -> dict[str, Any]:
+        """State and forces, in types that JSON has."""
+        field, forces = self.forces.gravity, self.forces
+        return {
+            "epoch_tdb": str(utc_strings(self.epoch, 6)[0]),
+            "position_m": list(self.position_m),
+            "velocity_m_s": list(self.velocity_m_s),
+            "forces": {
+                "gravity": {"name": field.name, "degree": field.degree, "axes": field.frame},
+                "bodies": list(forces.bodies),
+                "figures": forces.figures,
+                "relativity": forces.relativity,
+                "moonlight": forces.moonlight and forces.radiation_m2_kg > 0.0,
+                **forces.parameters(),
+            },
+        }
+
+    def orbit(
+        self, model: PhysicalModel, observations: Observations, parameters: tuple[str, ...]
+    ) -> AdjustableOrbit:
+        """The a-priori orbit over the observations, with partials by some parameters of the forces."""
+        tdb_s = np.zeros(1)
+        if len(observations):
+            tdb_s = tt_to_tdb(utc_to_tt(observations.span())).seconds_since(self.epoch)
+        if abs(tdb_s).max() > _LONGEST_ARC_S:
+            raise InputError(
+                f"the state of {self.name} is of {abs(tdb_s).max() / 86400.0:.0f} days from the observations; give one "
+                "within 40 days"
+            )
+        count_s = np.nan_to_num(observations.count_s).max(initial=0.0)
+        span_s = (float(tdb_s.min() - count_s - _MARGIN_S), float(tdb_s.max() + count_s + _MARGIN_S))
+        return AdjustableOrbit(
+            self.epoch,
+            self.state,
+            self.forces,
+            span_s,
+            parameters,
+            model.ephemeris,
+            model.libration,
+            self.name,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class GivenAcceleration:
+    """Keys of ``[[forces.accelerations]]``: an empirical acceleration, or the thrust of a finite manoeuvre.
+
+    Parameters are those of :class:`~radioloc.dynamics.Acceleration`; dates are TDB.
+    """
+
+    name: str
+    axes: str = entry("RTN", choices=("RTN", "ICRF"))
+    constant_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    cosine_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    sine_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    start: str | None = None
+    stop: str | None = None
+
+    def read(self) -> Acceleration:
+        """It, as a force."""
+        given: dict[str, Any] = asdict(self)
+        for key in ("start", "stop"):
+            given[key] = None if given[key] is None else epochs_from_strings(given[key], "TDB")
+        return Acceleration(**given)
+
+
+@dataclass(frozen=True, slots=True)
+class GivenImpulse:
+    """Keys of ``[[forces.impulses]]``: a manoeuvre that changes the velocity at once; the epoch is TDB."""
+
+    name: str
+    epoch: str
+    delta_v_m_s: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    axes: str = entry("RTN", choices=("RTN", "ICRF"))
+
+    def read(self) -> Impulse:
+        """It, as a force."""
+        given: dict[str, Any] = asdict(self)
+        return Impulse(**given | {"epoch": epochs_from_strings(self.epoch, "TDB")})
+
+
+@dataclass(frozen=True, slots=True)
+class ForcesChoice:
+    """What acts on an orbiter.
+
+    Parameters
+    ----------
+    gravity : str
+        ``"GRGM660PRIM"``, or the path of a gravity field of the Moon (ICGEM ``.gfc``, SHADR ``.tab``).
+    degree : int or None
+        Highest degree and order; all of the field where ``None``.
+    gm_m3_s2 : float or None
+        GM of the Moon; that of the ephemeris where ``None``.
+    bodies : tuple of str
+        Point masses beside the Moon.
+    tides : bool
+        Whether Earth and Sun raise tides on the Moon.
+    k2 : float or None
+        Their Love number, where it is not that of :class:`~radioloc.dynamics.Forces`.
+    figures, relativity : bool
+        The figures of Earth and Moon under the other's pull; post-Newtonian terms.
+    radiation_m2_kg : float
+        C_R A/m of sunlight, m2/kg; zero leaves it out.
+    moonlight : bool
+        Whether light and heat of the Moon's ground press, too.
+    empirical : {"none", "constant", "once_per_revolution"}
+        Empirical acceleration along radial, transverse and normal, zero a priori, to be estimated.
+    accelerations, impulses : tuple
+        Thrust, further empirical accelerations and manoeuvres.
+    gradient_degree : int or None
+        Highest degree of the harmonics in the partials; that of the field where ``None``.
+    """
+
+    gravity: str | Path = entry("GRGM660PRIM", read=_gravity)
+    degree: int | None = entry(None, positive=True)
+    gm_m3_s2: float | None = entry(None, positive=True)
+    bodies: tuple[str, ...] = BODIES
+    tides: bool = True
+    k2: float | None = None
+    figures: bool = True
+    relativity: bool = True
+    radiation_m2_kg: float = entry(0.0, not_negative=True)
+    moonlight: bool = True
+    empirical: str = entry("none", choices=EMPIRICAL)
+    accelerations: tuple[GivenAcceleration, ...] = ()
+    impulses: tuple[GivenImpulse, ...] = ()
+    gradient_degree: int | None = None
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def forces(self) -> Forces:
+        """What acts, with its gravity field read."""
+        accelerations = [one.read() for one in self.accelerations]
+        if self.empirical != "none":
+            accelerations.append(Acceleration(EMPIRICAL_NAME))
+        k2 = {} if self.k2 is None and self.tides else {"k2": (self.k2 or 0.0) * self.tides}
+        field = GravityField.open(self.gravity, self.degree)
+        return Forces(
+            field,
+            gm_m3_s2=self.gm_m3_s2,
+            bodies=self.bodies,
+            **k2,
+            figures=self.figures,
+            relativity=self.relativity,
+            radiation_m2_kg=self.radiation_m2_kg,
+            moonlight=self.moonlight,
+            accelerations=tuple(accelerations),
+            impulses=tuple(one.read() for one in self.impulses),
+            gradient_degree=field.degree if self.gradient_degree is None else self.gradient_degree,
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class OrbitChoice:
+    """Keys of ``[estimate.orbit]``: what is estimated of an orbit.
+
+    Parameters
+    ----------
+    state : bool
+        Whether the state at the epoch is.
+    state_sigma_m, state_sigma_m_s : float or None
+        A-priori sigmas of each component; free where ``None``.
+    forces : tuple of str or None
+        Names of parameters of the forces (:meth:`~radioloc.dynamics.Forces.parameters`), or of accelerations and
+        impulses, all components of which then are. By default the radiation coefficient and the empirical
+        acceleration, where there are such, and all given impulses.
+    sigma : mapping of str to float
+        Their a-priori sigmas by the same names, SI units. By default of the radiation coefficient half its value, of
+        the empirical acceleration 3e-9 m/s2; all others are free.
+    """
+
+    state: bool = True
+    state_sigma_m: float | None = entry(None, positive=True)
+    state_sigma_m_s: float | None = entry(None, positive=True)
+    forces: tuple[str, ...] | None = None
+    sigma: Mapping[str, float] = entry(factory=dict, positive=True)
+
+    def __post_init__(self) -> None:
+        check(self)
+
+    def parameters(self, forces: Forces) -> tuple[str, ...]:
+        """Parameters of the forces that are estimated; an InputError where a name is of none."""
+        known = forces.parameters()
+        groups = tuple(dict.fromkeys(one.rpartition(".")[0] or one for one in known))
+        asked = self.forces
+        if asked is None:
+            impulses = tuple(one.name for one in forces.impulses)
+            asked = (*(("radiation",) if forces.radiation_m2_kg else ()), *impulses)
+            asked += (EMPIRICAL_NAME,) if EMPIRICAL_NAME in groups else ()
+        found: dict[str, None] = {}
+        for name in (*asked, *self.sigma):
+            mine = [one for one in known if one == name or one.rpartition(".")[0] == name]
+            if not mine:
+                raise InputError(
+                    f"[estimate.orbit] forces: there is no {name!r}; there are {', '.join(groups)}"
+                )
+            found |= dict.fromkeys(mine) if name in asked else {}
+        return tuple(found)
+
+    def sigmas(self, forces: Forces) -> dict[str, float]:
+        """A-priori sigmas of all parameters that have one."""
+        given = dict(self.sigma)
+        if forces.radiation_m2_kg:
+            given.setdefault("radiation", 0.5 * forces.radiation_m2_kg)
+        given.setdefault(EMPIRICAL_NAME, EMPIRICAL_SIGMA_M_S2)
+        state = dict.fromkeys(STATE[:3], self.state_sigma_m) | dict.fromkeys(STATE[3:], self.state_sigma_m_s)
+        by_name = {one: given.get(one, given.get(one.rpartition(".")[0])) for one in self.parameters(forces)}
+        return {name: sigma for name, sigma in {**state, **by_name}.items() if sigma is not None}

@@ -4,6 +4,7 @@ from radioloc.dynamics.adjustable import AdjustableOrbit
 from radioloc.dynamics.bodies import BODIES
 from radioloc.dynamics.forces import Acceleration, Forces, Impulse
 from radioloc.dynamics.gravity import GravityField
+from radioloc.dynamics.gravity_errors import draw_gravity_errors, gravity_error_effects
 from radioloc.dynamics.orbit import STATE, Orbit
 from radioloc.dynamics.propagation import propagate
 from radioloc.dynamics.terms import acceleration_sizes, acceleration_terms
@@ -19,5 +20,7 @@ __all__ = [
     "Orbit",
     "acceleration_sizes",
     "acceleration_terms",
+    "draw_gravity_errors",
+    "gravity_error_effects",
     "propagate",
 ]

@@ -1,0 +1,144 @@
+"""What the errors of a gravity field do to an orbit: its coefficients' sigmas, and the degrees that it leaves out."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.boundary import bare_arguments
+from radioloc.dynamics._harmonic_kernels import harmonic_sums_at
+from radioloc.dynamics.gravity import GravityField, acceleration_series, recursion, stacked
+from radioloc.dynamics.orbit import Orbit
+from radioloc.ephemeris import LunarOrientation
+from radioloc.errors import InputError
+from radioloc.lunar import rot_between, rot_icrf_to_pa
+from radioloc.time import Epochs
+
+Floats = NDArray[np.float64]
+
+_LAST_DEGREES = 20
+"""From which Kaula's rule, coefficients as 1/n^2, has its factor."""
+_STEP_S = 10.0
+"""Accelerations of degree 220 in a low orbit have a wave of 30 km, 18 s; they are had in the middle of steps too."""
+
+
+def draw_gravity_errors(
+    field: GravityField, count: int, degree: int, seed: int | np.random.Generator = 0
+) -> list[GravityField]:
+    """Errors that a gravity field may have, drawn by chance; the sum of their squares has its mean as covariance.
+
+    Parameters
+    ----------
+    field : GravityField
+        To its own degree the errors are of the coefficients' sigmas. Above it they are the coefficients themselves,
+        which it leaves out: by Kaula's rule their sigma falls as 1/n^2, from what its last 20 degrees have.
+    count : int
+        How many draws; each is divided by the root of it.
+    degree : int
+        Highest degree of the errors. In an orbit at 50 km degree 220 has a tenth of the acceleration of 150.
+    seed : int or Generator
+
+    Returns
+    -------
+    list of GravityField
+        Without the central term, with the GM, the radius and the axes of the field.
+
+    Raises
+    ------
+    InputError
+        The degree is lower than the field's, or there is no draw.
+
+    Examples
+    --------
+    >>> from radioloc.dynamics import GravityField, draw_gravity_errors
+    >>> draw_gravity_errors(GravityField.open("GRGM660PRIM", degree=50), count=20, degree=60)[-1]
+    <GravityField error 20 of GRGM660PRIM to degree 60 in PA_DE421>
+    """
+    if count < 1 or degree < field.degree or field.degree < 2:
+        raise InputError(
+            f"count {count!r} and degree {degree!r} must be at least 1 and {field.degree}, the degree of {field.name}, "
+            "and that at least 2"
+        )
+    random = np.random.default_rng(seed)
+    n, m = np.meshgrid(np.arange(degree + 1.0), np.arange(degree + 1.0), indexing="ij")
+    own = np.arange(max(2, field.degree - _LAST_DEGREES + 1), field.degree + 1)
+    squares = (field.c[own] ** 2 + field.s[own] ** 2).sum(axis=1) / (2 * own + 1)
+    factor = np.sqrt((squares * own**4.0).mean())
+    omitted = np.where((n > field.degree) & (m <= n), factor / np.maximum(n, 1.0) ** 2, 0.0)
+    room = ((0, degree - field.degree),) * 2
+    sigmas = [omitted + np.pad(field.sigma_c, room), (omitted + np.pad(field.sigma_s, room)) * (m > 0)]
+    draws = random.normal(size=(count, 2, degree + 1, degree + 1)) * np.stack(sigmas) / np.sqrt(count)
+    return [
+        replace(field, name=f"error {k} of {field.name}", c=c, s=s, sigma_c=sigmas[0], sigma_s=sigmas[1])
+        for k, (c, s) in enumerate(draws, 1)
+    ]
+
+
+@bare_arguments
+def gravity_error_effects(
+    orbit: Orbit, errors: list[GravityField], tdb: Epochs, *, libration: LunarOrientation | None = None
+) -> Floats:
+    """Changes of an orbit's states at epochs of TDB by errors of the gravity field, m and m/s, shape (n, 6, n_errors).
+
+    Parameters
+    ----------
+    orbit : Orbit
+        With partials by its state at the epoch, which the errors leave as it is.
+    errors : list of GravityField
+        Additions to the field, all to one degree (:func:`draw_gravity_errors`).
+    tdb : Epochs
+        Within the orbit.
+    libration : LunarOrientation, optional
+        DE421's by default.
+
+    Raises
+    ------
+    InputError
+        The orbit has no partials.
+    CoverageError
+        An epoch lies outside the orbit.
+
+    Notes
+    -----
+    With the state transition matrix F from the epoch the change is F(t) times the integral of F(s)^-1 (0, a(s)) for the
+    accelerations a by the error along the orbit (Montenbruck and Gill 2000, section 7.1), by Simpson's rule.
+
+    Examples
+    --------
+    >>> from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, gravity_error_effects, propagate
+    >>> from radioloc.time import epochs_from_strings
+    >>> epoch, field = epochs_from_strings("2012-04-09T04:30:00", "TDB"), GravityField.open("GRGM660PRIM", degree=60)
+    >>> state = [575750.0, -463261.0, -1631634.0], [-567.855, 1434.222, -600.22]
+    >>> orbit = propagate(epoch, *state, Forces(field), (0, 7200), parameters=())
+    >>> effects = gravity_error_effects(orbit, draw_gravity_errors(field, 4, 80), epoch.shifted(7200.0))
+    >>> effects.shape
+    (1, 6, 4)
+    """
+    libration = libration or LunarOrientation.open()
+    first_s, last_s = orbit.span_s
+    # A grid with the epoch at an end of steps, whose middles Simpson's rule needs.
+    before, after = (int(np.ceil(span_s / _STEP_S)) for span_s in (-first_s, last_s))
+    ends_s = np.union1d(np.linspace(first_s, 0.0, before + 1), np.linspace(0.0, last_s, after + 1))
+    grid_s = np.sort(np.concatenate([ends_s, 0.5 * (ends_s[1:] + ends_s[:-1])]))
+    moments = orbit.epoch[np.zeros(len(grid_s), dtype=int)].shifted(grid_s)
+    field = errors[0]
+    rot = rot_between(libration.frame, field.frame) @ rot_icrf_to_pa(libration.angles(moments)[0])
+    points_m = np.ascontiguousarray(np.einsum("nij,nj->ni", rot, orbit.states(moments)[0]))
+    factors = recursion(len(field.c) + 1)
+    pulls = np.empty((len(grid_s), 3, len(errors)))
+    for k, error in enumerate(errors):  # one after the other: coefficients of all would not stay in the cache
+        series = stacked(acceleration_series(error.c - 1j * error.s))
+        sums = harmonic_sums_at(points_m, error.radius_m, series, factors)
+        pulls[:, :, k] = np.einsum("nji,nj->ni", rot, sums) * (error.gm_m3_s2 / error.radius_m**2)
+    transition = orbit.partials(moments)[:, :, :6]
+    rates = np.linalg.solve(transition, np.concatenate([np.zeros_like(pulls), pulls], axis=1))
+    steps = np.diff(ends_s)[:, None, None] / 6.0 * (rates[:-2:2] + 4.0 * rates[1::2] + rates[2::2])
+    total = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
+    total -= total[np.searchsorted(ends_s, 0.0)]
+    times_s = tdb.seconds_since(orbit.epoch)
+    at_times = np.stack(
+        [np.interp(times_s, ends_s, column) for column in total.reshape(len(ends_s), -1).T], axis=-1
+    )
+    return np.asarray(orbit.partials(tdb)[:, :, :6] @ at_times.reshape(len(times_s), 6, -1))

@@ -24,7 +24,7 @@ from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.parameters.parameter import ParameterSet
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.truth import DrawnErrors, position_error_m
-from radioloc.studies.verdict import heights, misfits
+from radioloc.studies.verdict import WIDEST_M, heights, misfits
 
 _Floats = NDArray[np.float64]
 
@@ -138,14 +138,16 @@ class LinearTrials:
             *misfits(found, arc.noise.sigma_m, arc.order.types),
             *heights(arc.height_m + moved_m[2]),
         ]
+        covariance_m2 = arc.enu_by_parameters @ covariance @ arc.enu_by_parameters.T
+        covariance_m2 += np.diag(arc.ephemeris_sigma_m**2)
+        known = np.trace(covariance_m2) <= WIDEST_M**2
         return row_of(
             self.columns,
-            converged=found.converged and not doubts,
+            converged=found.converged and not doubts and bool(known),
             used=int(fit.used.sum()),
             rejected=int((~fit.used).sum()),
             error_m=moved_m - position_error_m(drawn),
-            covariance_m2=arc.enu_by_parameters @ covariance @ arc.enu_by_parameters.T
-            + np.diag(arc.ephemeris_sigma_m**2),
+            covariance_m2=covariance_m2,
             noise_scale=fit.noise_scale,
             excess_noise_m=dict(found.additive_sigma_m),
             parameters={p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},

@@ -165,7 +165,7 @@ def fit_arc(
 ) -> Solution:
     """Fit an arc that has been prepared already; of `estimate` nothing where it is ``None``.
 
-    Without `consistency` nobody asks who does not fit.
+    Without `consistency` nobody asks who does not fit, or who transmitted.
     """
     model, observations = arc.model, arc.observations
     constants = model.ephemeris.constants
@@ -268,11 +268,14 @@ def fit_arc(
         state = OrbitState(orbit, solution.parameter_covariance()[mine, mine])
         solution = replace(solution, trajectory=str(orbit), state=state)
     known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
+    solution = nowhere(replace(solution, references=known))
+    if not consistency:
+        return solution
     aim = problem.all_positions_pa_m(x if solution.converged else problem.parameters.prior_values)
     search = TransmitterSearch(study, model, aim, arc.trajectory, arc.targets)
     transmitters = search.passes(tracking_of(arc).observations)
     notes = (*solution.notes, *(str(one) for one in transmitters if not one.decided))
-    return nowhere(replace(solution, references=known, transmitters=transmitters, notes=notes))
+    return replace(solution, transmitters=transmitters, notes=notes)
 
 
 def _of_the_starts(away_m: Mapping[str, float]) -> Iterator[str]:

@@ -65,6 +65,10 @@ class TransmitterSearch:
         """
         if not self.wanted:
             return observations
+        if not (observations.kind == DOPPLER).any():
+            raise InputError(
+                "[observations] transmitters: there is no Doppler of a transmitting station; leave it out"
+            )
         links = {link: k for k, link in enumerate(observations.links)}
         columns = {name: getattr(observations, name).copy() for name in ("link", "value_m", "wavelength_um")}
         for rows, found, candidates in self._compared(observations):
@@ -101,9 +105,7 @@ class TransmitterSearch:
         tried: Sequence[Fraction | None] = ratios or [None]
         passes = list(_passes(observations, 3600.0 * self.study.estimate.pass_gap_h))
         if not passes:
-            raise InputError(
-                "[observations] transmitters: there is no Doppler of a transmitting station; leave it out"
-            )
+            return
         looked_at = [
             rows[np.unique(np.linspace(0, len(rows) - 1, _LOOKED_AT).astype(int))] for rows in passes
         ]

@@ -31,8 +31,8 @@ ranges for 10 where the troposphere is not modelled at all."""
 _MODEL_M = 0.01
 """Accuracy of modelled ranges and delays: a stated sigma below it, as of laser ranges, counts as this much. What is
 common to both ends of a count interval cancels in Doppler, which has no such floor."""
-_WIDEST = 0.1
-"""Sigma of a position, in lunar radii, beyond which an error ellipse is none: the ground bends away from it by 9 km."""
+WIDEST_M = 0.1 * MEAN_LUNAR_RADIUS_M
+"""Sigma of a position beyond which an error ellipse is none: the ground bends away from it by 9 km."""
 _LOWEST_M, _HIGHEST_M = -9.2e3, 10.8e3
 """Heights of the Moon above the sphere of 1737.4 km: Antoniadi, 172 W 70 S, and the Engel'gardt rim, 159 W 5 N (Smith
 et al. 2010)."""
@@ -135,7 +135,7 @@ def nowhere(solution: Solution) -> Solution:
         return solution
     several = [solution.of_target(target.name) for target in solution.targets] or [solution]
     sigma_m = max(float(np.linalg.norm(one.sigma_enu_m())) for one in several)
-    if not sigma_m > _WIDEST * MEAN_LUNAR_RADIUS_M:
+    if not sigma_m > WIDEST_M:
         return solution
     reason = (
         f"the sigma of the position is {1e-3 * sigma_m:.0f} km, more than a tenth of the lunar radius: the "

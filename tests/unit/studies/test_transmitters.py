@@ -143,3 +143,26 @@ def test_without_doppler_there_is_nothing_to_tell():
     )
     with pytest.raises(InputError, match="there is no Doppler of a transmitting station"):
         prepared_arc(study(), ranges)
+
+
+def test_a_part_of_an_arc_without_doppler_has_no_pass(received):
+    ranges = Observations.from_columns(
+        epoch=radioloc.time.epochs_from_strings(
+            [f"2020-12-01T12:{minute}:00" for minute in range(10, 50, 5)]
+        ),
+        links=[Link("KUNMING", "lander", "KUNMING")],
+        value_m=8e8,
+        sigma_m=1e6,
+        tag=1,
+    )
+    both = Observations.concatenate([ranges, received])
+    study_of_both = study(EstimateChoice(range_bias="all", position="none"))
+    found = radioloc.arcs(study_of_both, (1.0, 40.0), both)
+    assert {arc.hours: len(arc.solution.transmitters) for arc in found.arcs} == {1.0: 0, 40.0: 3}
+
+
+def test_whom_nothing_is_asked_of_has_no_candidates(received):
+    plain = Study(target=NEAR, estimate=EstimateChoice(position="none"), name="x")
+    solution = radioloc.locate(plain, received)
+    assert solution.transmitters == ()
+    assert "transmitter rms" not in str(solution)

@@ -123,11 +123,9 @@ def _convert(options: argparse.Namespace) -> int:
         try:
             observations = read_observations(options.files, tdm=TdmAgreement(sigma_m=sigma_m))
         except InputError as error:
-            if not re.search(r"tdm_|light_time_s|\[stations", str(error)):
+            if not re.search(r"tdm_|frequencies\]|\[stations", str(error)):
                 raise
-            raise InputError(
-                f"{error}; convert takes the study file as --study, and light times from its target"
-            ) from None
+            raise InputError(f"{error}; convert takes the study file as --study") from None
     written = write_observations(options.out, observations, originator=options.originator)
     options.out = " and ".join(map(str, written))
     tell(options, observations.summary())

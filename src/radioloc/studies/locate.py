@@ -11,7 +11,6 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.constants import C_M_S
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
@@ -27,19 +26,16 @@ from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, TargetPosition, compare_with
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.io.detect import read_observations
-from radioloc.io.tdm.agreement import LightTime
 from radioloc.lunar import rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.evaluation import prepare_predictor
 from radioloc.measurements.exact_predictor import ExactPredictor
-from radioloc.measurements.link import Link
 from radioloc.measurements.map_predictor import JointPredictor, MapPredictor
-from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks
-from radioloc.measurements.registry import KINDS, kind_of
+from radioloc.measurements.registry import KINDS
 from radioloc.measurements.sources import read_sources
 from radioloc.measurements.terms import TERMS
 from radioloc.media.csp import read_csp
@@ -69,7 +65,6 @@ from radioloc.studies.study_file import as_study
 from radioloc.studies.transmitters import TransmitterSearch
 from radioloc.studies.verdict import misfits, nowhere, places
 from radioloc.studies.weights import require_stations, weighted_observations
-from radioloc.time import Epochs
 
 logger = logging.getLogger(__name__)
 
@@ -335,7 +330,7 @@ def _observations(
                 f"{study.path or study.name}: [observations] files is missing; name at least one file (relative to the "
                 "study file, globs allowed)"
             )
-        observations = _read(study, study.observations.files, model, targets)
+        observations = _read(study, study.observations.files, model)
     chosen, left_out = select_observations(
         observations, study.observations, study.catalogue, study.targets, model.sources
     )
@@ -350,21 +345,16 @@ def _observations(
 
 
 def read_as(study: Study, files: Sequence[str | Path]) -> Observations:
-    """Observations of files, read by what a study says of stations and Tracking Data Messages, and of where they lead.
+    """Observations of files, read by what a study says of stations and Tracking Data Messages.
 
     Errors as of :func:`locate`.
     """
-    model = model_of(study)
-    return _read(study, files, model, targets_in_pa(study, model.ephemeris.constants))
+    return _read(study, files, model_of(study))
 
 
-def _read(
-    study: Study, files: Sequence[str | Path], model: PhysicalModel, targets: Mapping[str, LunarPosition]
-) -> Observations:
+def _read(study: Study, files: Sequence[str | Path], model: PhysicalModel) -> Observations:
     # What the model has of delays, a file's are not to be taken off as well.
     tdm = replace(study.observations.tdm, modelled=model.delays)
-    if tdm.light_time_s is None:
-        tdm = replace(tdm, light_time_s=_light_time_to(study, model, targets))
     lunar = not isinstance(study.target, Trajectory | Orbiter)
     return read_observations(
         files,
@@ -373,22 +363,6 @@ def _read(
         lunar=lunar,
         frequencies=study.observations.frequencies,
     )
-
-
-def _light_time_to(study: Study, model: PhysicalModel, targets: Mapping[str, LunarPosition]) -> LightTime:
-    """Light times to the target, which settle how often an ambiguous range has gone through its modulus."""
-
-    def light_time_s(epoch: Epochs, link: Link, tag: str) -> NDArray[np.float64]:
-        for name in filter(None, (link.transmitter, link.receiver)):
-            study.catalogue.get(name)  # here, as the rows that are made below come from no file
-        kind = kind_of("range" if link.transmitter else "one_way_range")
-        asked = Observations.from_columns(
-            epoch=epoch, links=[link], kind=kind, tag=TIME_TAGS.index(tag), value_m=1.0, sigma_m=1.0
-        )
-        start_m, trajectory, names = _aim(study, targets, model, asked)
-        return ExactPredictor(model, asked, start_m, trajectory, names).compute(start_m).value_m / C_M_S
-
-    return light_time_s
 
 
 def _arc(

@@ -56,7 +56,8 @@ class TdmAgreement:
         Correct time tags, VLBI delays and ranges between two clocks by CLOCK_BIAS and CLOCK_DRIFT.
     light_time_s : float or callable, optional
         Light time over all legs, s, known beforehand: a number, or a function of epochs (UTC, n), link and time tag
-        that gives n of them. It settles how often a range has gone through its modulus, which else stays open.
+        that gives n of them. It settles how often a range has gone through its modulus, which else is told by the
+        modelled range in a study.
     lunar : bool
         Whether the target is at the Moon, so that a range of another length is a mistake.
     frequencies : tuple of FrequencyAgreement

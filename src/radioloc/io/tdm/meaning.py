@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.checks import Catalogue, without_duplicates
 from radioloc.io.tdm.agreement import TdmAgreement
@@ -25,6 +26,7 @@ from radioloc.io.tdm.message import TdmFile, TdmSegment
 from radioloc.io.tdm.reading import Reading
 from radioloc.io.tdm.segment import SegmentReader
 from radioloc.io.tdm.values import VALUES
+from radioloc.measurements.ambiguity import without_ambiguity
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
@@ -150,7 +152,7 @@ def _read(part: SegmentReader, keyword: str) -> Observations:
             f"give sigma_m = {{{kind!r}: ...}} (in a study file [observations] sigma_m = {{ {kind} = ... }}, "
             f"to radioloc convert --sigma {kind}=...), in metres",
         )
-    return Observations.from_columns(
+    made = Observations.from_columns(
         sigma_m=sigma_m,
         kind=KINDS.index(kind),
         tag=TIME_TAGS.index(part.tag),
@@ -159,3 +161,7 @@ def _read(part: SegmentReader, keyword: str) -> Observations:
         line=part.segment.line[part.segment.rows(keyword)],
         **columns,
     )
+    if np.isnan(made.modulus_m).all() or made.ramped.any():
+        return made
+    light_s = part.agreement.known_light_time_s(made.epoch, part.link, part.tag)
+    return made if light_s is None else without_ambiguity(made, C_M_S * light_s)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.errors import InputError, StationError
+from radioloc.errors import InputError
 from radioloc.io.checks import weather_near
 from radioloc.io.frequencies import LONGEST_S, MICROMETRES, agreement_on
 from radioloc.io.tdm.keywords import CLOCKS, RECEIVED, SENT, SENT_RATE, WEATHER
@@ -129,13 +129,6 @@ class SegmentReader:
         if not there:
             return self.agreement.turnaround
         return int(self.segment.number(given[0])), int(self.segment.number(given[1]))
-
-    def light_time_s(self, epoch: Epochs) -> NDArray[np.float64] | None:
-        """Light times known beforehand, s; None where nothing was given."""
-        try:
-            return self.agreement.known_light_time_s(epoch, self.link, self.tag)
-        except StationError as error:
-            raise self.fail("PATH", str(error)) from None
 
     def cycles(self, keyword: str, base_hz: float) -> dict[str, Any]:
         """Columns of observations that count cycles of a frequency which changes, by a reference; none else."""

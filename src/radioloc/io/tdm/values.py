@@ -30,8 +30,6 @@ INSTANTANEOUS_COUNT_S = 1.0
 Over a second the mean rate differs from the rate at its middle by a 24th of the path's third derivative, 2e-7 m/s
 for a station on the turning Earth.
 """
-# A light time that is off by more than this part of the modulus does not settle the number of cycles.
-_CLEAR_PART = 0.25
 # Two stations on the equator, one on either side of the Earth, part by 2 x 465 m/s.
 _FASTEST_BASELINE = 1000.0 / C_M_S
 
@@ -60,11 +58,8 @@ def _ranges(part: SegmentReader, keyword: str) -> dict[str, Any]:
     if units == "RU" and part.sent is not None:
         columns |= part.cycles(keyword, float(part.sent.value[0]))
     if modulus_m and (not part.agreement.lunar or modulus_m < C_M_S * FLIGHT_TIME_LIMITS_S[1]):
-        light_s = None if "ramped" in columns else part.light_time_s(epoch)
-        if light_s is None:
-            return columns | {"modulus_m": modulus_m}
-        columns["value_m"] = _without_ambiguity(part, value_m, modulus_m, light_s)
-    _require_plausible(part, columns["value_m"])
+        return columns | {"modulus_m": modulus_m}
+    _require_plausible(part, value_m)
     return columns
 
 
@@ -79,27 +74,6 @@ def _range_unit_m(part: SegmentReader, units: str) -> float:
         raise part.fail("RANGE_UNITS", f"{problem}; give range_unit_s (in a study file tdm_range_unit_s)")
     halves = 2.0 if part.agreement.range_convention == "half" and not part.down_only else 1.0
     return halves * {"km": 1.0, "s": C_M_S, "RU": C_M_S * (part.agreement.range_unit_s or 0.0)}[units]
-
-
-def _without_ambiguity(
-    part: SegmentReader, value_m: NDArray[np.float64], modulus_m: float, light_s: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Light path from what is known of it but for multiples of the modulus, m, shape (n,).
-
-    The multiple is the one that comes nearest to the light time known beforehand, which must be good to a quarter of
-    the modulus.
-    """
-    known_m = C_M_S * light_s
-    whole_m = value_m + modulus_m * np.rint((known_m - value_m) / modulus_m)
-    off_m = np.abs(whole_m - known_m)
-    if (off_m > _CLEAR_PART * modulus_m).any():
-        row = int(np.argmax(off_m > _CLEAR_PART * modulus_m))
-        problem = (
-            f"the light time given is {off_m[row]:.6g} m from the nearest range that RANGE_MODULUS allows, "
-            f"more than a quarter of the modulus ({modulus_m:.6g} m); give a better one"
-        )
-        raise part.fail("RANGE", problem, row)
-    return whole_m
 
 
 def _require_plausible(part: SegmentReader, value_m: NDArray[np.float64]) -> None:

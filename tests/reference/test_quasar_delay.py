@@ -52,7 +52,7 @@ def model():
     return PhysicalModel.build(sources=SOURCES, off=set(TERMS) - COMPARED)
 
 
-def delays(model, links, tai=TAI, kind="vlbi_delay"):
+def delays(model, links, tai=TAI, kind="vlbi_delay", count_s=np.nan):
     utc = Epochs.from_time(tai.to_time().utc)
     n = len(tai)
     observations = Observations.from_columns(
@@ -64,6 +64,7 @@ def delays(model, links, tai=TAI, kind="vlbi_delay"):
         kind=kind_of(kind),
         tag=1,
         wavelength_um=35394.6,
+        count_s=count_s,
     )
     return prepare_predictor(model, observations, SITE_M, "exact", more_partials=True)
 
@@ -135,3 +136,12 @@ def test_partials_are_differences_of_the_model(every):
 def _with_station(model, station, itrf_m):
     catalogue = model.catalogue.with_station(dataclasses.replace(station, itrf_m=itrf_m))
     return dataclasses.replace(model, catalogue=catalogue)
+
+
+def test_a_rate_is_the_change_of_the_delay(every):
+    link = Link("KUNMING", "1741-038", "SESHAN25", True)
+    tai = TAI[2:5]
+    early, late = (delays(every, [link], tai.shifted(s)).compute(SITE_M).value_m for s in (-30.0, 30.0))
+    rate = delays(every, [link], tai, "vlbi_delay_rate", count_s=60.0).compute(SITE_M)
+    assert np.abs(rate.value_m - (late - early)).max() < 1e-6
+    assert np.abs(rate.value_m).max() > 1000.0

@@ -50,7 +50,7 @@ from radioloc.studies.problem import (
     status_of,
     targets_in_pa,
 )
-from radioloc.studies.selection import ArcPart, arc_lengths, arc_parts, selected
+from radioloc.studies.selection import ArcPart, arc_lengths, arc_parts, require_planned_counts, selected
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import Study
 from radioloc.studies.study_file import as_study
@@ -148,6 +148,7 @@ class _Planned:
                 "the noise is white and as stated: how long errors last is known from residuals only"
             )
         else:
+            require_planned_counts(study.observations)
             study = replace(study, target=scenario.position, reference=None, references=())
             model = model_of(study)
             plan = scenario.schedule.plan(

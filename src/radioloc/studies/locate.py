@@ -44,7 +44,7 @@ from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.parameters.design import ObservationModel, tracking_of
 from radioloc.studies.coarse_search import near_starts
-from radioloc.studies.independent_clocks import with_frequency_offsets
+from radioloc.studies.independent_clocks import with_independent_clocks
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.orbit_start import near_orbit
@@ -165,7 +165,7 @@ def fit_arc(
     model, observations = arc.model, arc.observations
     constants = model.ephemeris.constants
     if estimate is not None:
-        estimate = with_frequency_offsets(study, estimate, arc)
+        estimate = with_independent_clocks(study, estimate, arc)
     targets = targets_in_pa(study, constants)
     reference = (
         None

@@ -50,7 +50,7 @@ from radioloc.studies.problem import (
     position_in_pa,
     status_of,
 )
-from radioloc.studies.selection import ArcPart, arc_parts, selected
+from radioloc.studies.selection import ArcPart, arc_parts, require_planned_counts, selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import Study
@@ -86,6 +86,7 @@ class Prepared:
             The study has no simulation or estimates no position, or it cannot be simulated.
         """
         scenario = scenario_of(study)
+        require_planned_counts(study.observations)
         if isinstance(study.target, Trajectory | Orbiter) or isinstance(scenario.position, Trajectory):
             raise InputError(
                 f"{study.name}: a Monte Carlo study compares positions, but the target is a trajectory"

@@ -16,7 +16,7 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.measurements.targets import canonical_target
 from radioloc.studies.averaging import with_averaged_counts
-from radioloc.studies.independent_clocks import with_frequency_offsets
+from radioloc.studies.independent_clocks import with_independent_clocks
 from radioloc.studies.study import EstimateChoice, ObservationChoice, Study
 from radioloc.studies.weights import ends_of
 from radioloc.time import utc_to_tai
@@ -54,6 +54,15 @@ def select_observations(
                 "without gaps last so long; give a shorter one"
             )
     return chosen, left_out
+
+
+def require_planned_counts(choice: ObservationChoice) -> None:
+    """Raise :class:`InputError` where observations of a schedule, with its noise, would have to be averaged."""
+    if choice.doppler_average_s is not None:
+        raise InputError(
+            "[observations] doppler_average_s is of files; a schedule plans counts as they are used: leave it out "
+            "and give count_s in the sessions"
+        )
 
 
 def selected(
@@ -204,7 +213,7 @@ def arc_parts(longest: Predictor, study: Study, lengths: Iterable[float]) -> lis
     """Parts of several lengths, h, of a prepared arc, which begin together; refused where one holds no observation."""
     everything = np.ones(len(longest.observations), dtype=bool)
     since_s = _since_start_s(longest.observations, study.observations, everything)
-    whole = with_frequency_offsets(study, study.estimate, longest)
+    whole = with_independent_clocks(study, study.estimate, longest)
     parts = []
     for length in lengths:
         rows = np.flatnonzero(since_s <= 3600.0 * length + _ROUNDING_S)

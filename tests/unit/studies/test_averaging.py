@@ -8,7 +8,9 @@ from radioloc.io import write_table
 from radioloc.measurements import Link, Observations
 from radioloc.measurements.registry import kind_of
 from radioloc.studies.averaging import with_averaged_counts
+from radioloc.studies.covariance import covariance
 from radioloc.studies.locate import prepared_arc
+from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.study_file import read_study
 from radioloc.time import epochs_from_strings, tai_to_utc, utc_to_tai
 
@@ -99,3 +101,16 @@ def test_in_a_study(tmp_path):
     arc, left_out = prepared_arc(read_study(tmp_path / "study.toml"))
     assert arc.observations.count_s.tolist() == [10.0, 10.0]
     assert left_out == {"left over from averages of Doppler over 10 s": 5}
+
+
+@pytest.mark.parametrize("study_of", [covariance, lambda study: monte_carlo(study, 2)])
+def test_a_schedule_plans_its_counts(study_of, tmp_path):
+    path = tmp_path / "plan.toml"
+    path.write_text(
+        "[target]\nlongitude_deg = -51.9\nlatitude_deg = 43.0\nheight_m = -2500.0\n"
+        "[observations]\ndoppler_average_s = 60\n"
+        '[simulation.sessions.day]\nkind = "doppler"\nstations = ["KASHI"]\ncount_s = 10\nstep_s = 10\nsigma_m = 1e-3\n'
+        "start = 2020-12-02T14:00:00\nstop = 2020-12-02T15:00:00\n"
+    )
+    with pytest.raises(InputError, match=r"doppler_average_s is of files; .* give count_s in the sessions"):
+        study_of(read_study(path))

@@ -111,6 +111,19 @@ def test_quasars_tell_the_clocks(sources, tracking):
     assert "0716+332" in str(solution.residuals.paths.present())
 
 
+def test_clocks_are_estimated_where_a_study_says_nothing(sources, tracking):
+    """All but that of the first station, which keeps the time."""
+    solution = radioloc.locate(replace(study(sources, clocks=False), consider_defaults=True), tracking)
+    assert solution.converged
+    assert off_m(solution) < RECOVERED_M
+    clocks = solution.parameters.of_kind("clock") + solution.parameters.of_kind("clock_rate")
+    assert sorted(solution.parameters.names[k] for k in clocks) == sorted(
+        f"{kind}.{name}" for kind in ("clock", "clock_rate") for name in CLOCKS_S
+    )
+    # Not where it is said that nothing is to be assumed, and then the delays do not fit.
+    assert not radioloc.locate(study(sources, clocks=False), tracking).converged
+
+
 def test_without_quasars_the_place_is_less_certain(sources, tracking):
     lander = np.array([link.target == "lander" for link in tracking.links])[tracking.link]
     together = radioloc.locate(study(sources), tracking)

@@ -23,7 +23,8 @@ from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.registry import KINDS, MEASUREMENTS
-from radioloc.simulation.visibility import Masks, Target, seen
+from radioloc.measurements.targets import canonical_target
+from radioloc.simulation.visibility import AtInfinity, Masks, Target, seen
 from radioloc.time import Epochs, epochs_from_strings, utc_to_tai, utc_to_tt
 
 Pair = tuple[str, str]
@@ -120,6 +121,7 @@ class Session:
     count_s: float = math.nan  # count interval of Doppler and delay rates
     uplink_hz: float = math.nan  # of the signal on its way up; NaN where it does not matter, as the next
     wavelength_um: float = math.nan  # of the signal on its way down, micrometres
+    source: str = ""  # a quasar of the model that is observed in place of the target
 
     def __post_init__(self) -> None:
         bare_fields(self)
@@ -136,6 +138,8 @@ class Session:
             raise InputError(f"kind {self.kind!r} is of two targets; only measurements of one are simulated")
         if self.baseline and any(first == second for first, second in self.pairs):
             raise InputError("a baseline has two different stations")
+        if self.source and not self.baseline:
+            raise InputError(f"source {self.source!r} goes with delays of baselines, not with {self.kind!r}")
         for name in ("step_s", "sigma_m"):
             if not (math.isfinite(getattr(self, name)) and getattr(self, name) > 0.0):
                 raise InputError(f"{name} is {getattr(self, name)!r}; give a positive number")
@@ -202,10 +206,17 @@ class Schedule:
         return Plan(observations, tuple(self.sessions), session[order], slot[order])
 
     def _rows(
-        self, session: Session, model: PhysicalModel, target_pa_m: Target, target: str
+        self, session: Session, model: PhysicalModel, target_pa_m: Target | AtInfinity, target: str
     ) -> tuple[Observations, NDArray[np.int64], NDArray[np.int64]]:
         """What can be seen of a session, with the epoch and the pair of each observation."""
         utc, catalogue = session.epochs(), model.catalogue
+        if session.source:
+            target = canonical_target(session.source)
+            if target not in model.sources:
+                raise InputError(
+                    f"source {session.source!r} is in no list of the model; name one that has it: [model] sources"
+                )
+            target_pa_m = AtInfinity(model.sources[target])
         links = [
             Link(first and catalogue.get(first).name, target, catalogue.get(second).name, session.baseline)
             for first, second in session.pairs

@@ -31,6 +31,14 @@ from radioloc.time import (
     utc_to_tai,
 )
 
+
+@dataclass(frozen=True, slots=True, eq=False)
+class AtInfinity:
+    """A quasar, which sees every station."""
+
+    direction: NDArray[np.float64]  # ICRS, unit vector, shape (3,); 20 arcseconds of aberration are left out
+
+
 Target = NDArray[np.float64] | Trajectory
 """Principal-axes position of a point on the Moon, shape (3,), m; or the trajectory of a spacecraft."""
 
@@ -85,15 +93,18 @@ class Elevations:
 
 
 @bare_arguments
-def elevations(model: PhysicalModel, target_pa_m: Target, stations: Sequence[str], tt: Epochs) -> Elevations:
+def elevations(
+    model: PhysicalModel, target_pa_m: Target | AtInfinity, stations: Sequence[str], tt: Epochs
+) -> Elevations:
     """Elevations of the target and of the stations above each other's horizons.
 
     Parameters
     ----------
     model : PhysicalModel
         Where Earth, Moon and stations are; its terms (tides, media) do not matter here.
-    target_pa_m : ndarray, shape (3,), or Trajectory
-        The point in principal axes, m, or a spacecraft: its horizon is the Moon's limb, the sphere of 1737.4 km.
+    target_pa_m : ndarray, shape (3,), Trajectory or AtInfinity
+        The point in principal axes, m, or a spacecraft: its horizon is the Moon's limb, the sphere of 1737.4 km; or a
+        quasar, whose horizon hides nothing.
     stations : sequence of str
         Names or aliases.
     tt : Epochs
@@ -118,12 +129,18 @@ def elevations(model: PhysicalModel, target_pa_m: Target, stations: Sequence[str
     >>> seen.at_station_rad.round(3).tolist()
     [[1.087]]
     """
+    rot_itrf_to_gcrs = model.earth.evaluate(tt).rot_itrf_to_gcrs
+    found = [model.catalogue.get(name) for name in stations]
+    names = tuple(station.name for station in found)
+    at_station, at_target = np.empty((len(tt), len(found))), np.full((len(tt), len(found)), 0.5 * np.pi)
+    if isinstance(target_pa_m, AtInfinity):
+        towards = np.broadcast_to(target_pa_m.direction, (len(tt), 3))
+        for k, station in enumerate(found):
+            at_station[:, k] = _elevation_rad(towards, rot_itrf_to_gcrs @ rot_itrf_to_enu(station.itrf_m)[2])
+        return Elevations(names, at_station, at_target)
     target_gcrs_m, from_moon_m, dip_rad = _target(model, target_pa_m, tt_to_tdb(tt))
     moon_distance_m = np.linalg.norm(from_moon_m, axis=-1)
     target_up = from_moon_m / moon_distance_m[:, None]
-    rot_itrf_to_gcrs = model.earth.evaluate(tt).rot_itrf_to_gcrs
-    found = [model.catalogue.get(name) for name in stations]
-    at_station, at_target = np.empty((len(tt), len(found))), np.empty((len(tt), len(found)))
     for k, station in enumerate(found):
         station_gcrs_m = np.einsum("nij,nj->ni", rot_itrf_to_gcrs, station.position_at(tt))
         station_up = rot_itrf_to_gcrs @ rot_itrf_to_enu(station.itrf_m)[2]
@@ -134,7 +151,7 @@ def elevations(model: PhysicalModel, target_pa_m: Target, stations: Sequence[str
         at_target[:, k] = np.where(
             before_moon, _elevation_rad(-to_target_m, target_up) + dip_rad, 0.5 * np.pi
         )
-    return Elevations(tuple(station.name for station in found), at_station, at_target)
+    return Elevations(names, at_station, at_target)
 
 
 def _target(
@@ -166,7 +183,7 @@ def _elevation_rad(away_m: NDArray[np.float64], up: NDArray[np.float64]) -> NDAr
 
 
 def seen(
-    model: PhysicalModel, target_pa_m: Target, stations: Sequence[str], tt: Epochs, masks: Masks
+    model: PhysicalModel, target_pa_m: Target | AtInfinity, stations: Sequence[str], tt: Epochs, masks: Masks
 ) -> NDArray[np.bool_]:
     """Whether target and stations see each other, above the masks, at epochs in order, shape (n, k).
 

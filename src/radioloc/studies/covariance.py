@@ -154,7 +154,9 @@ class _Planned:
             plan = scenario.schedule.plan(
                 model, start_pa_m(targets_in_pa(study, model.ephemeris.constants)), scenario.name
             )
-            rows = np.flatnonzero(selected(plan.observations, study.observations, study.catalogue)[0])
+            rows = np.flatnonzero(
+                selected(plan.observations, study.observations, study.catalogue, sources=model.sources)[0]
+            )
             longest, left_out = prepared_arc(study, plan.observations.select(rows))
             noise = scenario.noise.processes(plan).select(rows)
             if isinstance(longest, JointPredictor):

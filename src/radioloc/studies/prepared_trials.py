@@ -106,7 +106,9 @@ class Prepared:
         position_in_pa("[simulation.position]", scenario.position, constants)
         world = scenario.world(model)
         choice = replace(study.observations, hours=hours[-1])
-        rows = np.flatnonzero(selected(world.plan.observations, choice, study.catalogue)[0])
+        rows = np.flatnonzero(
+            selected(world.plan.observations, choice, study.catalogue, sources=model.sources)[0]
+        )
         planned = weighted_observations(
             world.plan.observations.select(rows), study.observations.weights, study.catalogue
         )

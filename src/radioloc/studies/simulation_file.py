@@ -55,6 +55,7 @@ class SessionKeys:
     count_s: float = math.nan
     uplink_hz: float = math.nan
     wavelength_um: float = math.nan
+    source: str = ""
 
 
 def scenario(table: TomlTable, position: LunarPosition | Trajectory, catalogue: StationCatalogue) -> Scenario:
@@ -96,7 +97,17 @@ def _session(table: TomlTable, catalogue: StationCatalogue) -> Session:
     if possible and links not in possible:
         table.fail("links", f"{links!r} does not go with kind {given.kind!r}; use {' or '.join(possible)}")
     stations = [_station(table, "stations", name, catalogue) for name in given.stations]
-    same = ("kind", "step_s", "sigma_m", "one_uplink", "time_tag", "count_s", "uplink_hz", "wavelength_um")
+    same = (
+        "kind",
+        "step_s",
+        "sigma_m",
+        "one_uplink",
+        "time_tag",
+        "count_s",
+        "uplink_hz",
+        "wavelength_um",
+        "source",
+    )
     return table.build(
         Session,
         pairs=LINKS[links][1](*stations),

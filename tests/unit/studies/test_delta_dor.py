@@ -15,6 +15,7 @@ from radioloc.measurements import Link
 from radioloc.measurements.registry import kind_of
 from radioloc.parameters.choice import parameter_choices
 from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
+from radioloc.studies.locate import model_of
 from radioloc.time import Epochs, tai_to_utc
 
 SITE = LunarPosition.from_selenographic(-51.9162, 43.0584, -2550.4)
@@ -156,3 +157,74 @@ def test_a_quasar_in_a_message(sources, tmp_path):
         radioloc.errors.InputError, match=r"of several targets .*of quasars \[model\] sources"
     ):
         radioloc.residuals(replace(held, model=ModelChoice()))
+
+
+PLAN = """
+[target]
+longitude_deg = -51.9162
+latitude_deg = 43.0584
+height_m = -2550.4
+[model]
+sources = "quasars.csv"
+[estimate]
+height_prior = { height_m = -2550.4, sigma_m = 100.0 }
+[simulation.truth]
+clock_s = { KUNMING = 3e-7, URUMQI = -1.5e-7 }
+[simulation.noise.vlbi_delay]
+white_m = 0.02
+[simulation.sessions.lander]
+kind = "vlbi_delay"
+stations = ["SESHAN25", "KUNMING", "URUMQI"]
+start = 2020-12-02T15:00:00
+stop = 2020-12-03T01:00:00
+step_s = 480
+sigma_m = 0.02
+"""
+OF_A_QUASAR = (
+    PLAN[PLAN.index("[simulation.sessions.lander]") :]
+    .replace("sessions.lander", "sessions.quasar")
+    .replace("T15:00:00", "T15:04:00")
+    + 'source = "0716+332"\n'
+)
+
+
+def planned(folder, text):
+    (folder / "quasars.csv").write_text(LIST)
+    (folder / "plan.toml").write_text(text)
+    return radioloc.read_study(folder / "plan.toml")
+
+
+def test_tracking_beside_a_quasar_is_simulated_and_fitted(tmp_path):
+    plan = planned(tmp_path, PLAN + OF_A_QUASAR)
+    simulated = plan.simulation.world(model_of(plan)).draw()
+    observations = simulated.observations
+    of_quasar = np.array([link.target == "0716+332" for link in observations.links])[observations.link]
+    assert 150 < of_quasar.sum() < (~of_quasar).sum() + 30
+    found = radioloc.locate(replace(plan, simulation=None), observations)
+    assert found.converged
+    assert found.values[found.parameters.index("clock.KUNMING")] == pytest.approx(3e-7, abs=1e-10)
+
+
+def test_a_plan_says_what_a_quasar_buys(tmp_path):
+    """Beside it clocks are estimated; without it they are taken to be known to 0.2 ns."""
+    sigma_m = [
+        radioloc.covariance(planned(tmp_path, text), hours=[10.0]).arcs[0].radius_95_m
+        for text in (PLAN + OF_A_QUASAR, PLAN)
+    ]
+    assert sigma_m[0] < sigma_m[1]
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (('0716+332"', '3C273"'), r"source '3C273' is in no list of the model"),
+        (('"vlbi_delay"', '"range"'), "source '0716\\+332' goes with delays of baselines, not with 'range'"),
+    ],
+)
+def test_a_session_of_what_is_no_quasar(tmp_path, change, message):
+    def plan_it():
+        plan = planned(tmp_path, PLAN + OF_A_QUASAR.replace(*change))
+        plan.simulation.world(model_of(plan))
+
+    with pytest.raises(radioloc.errors.InputError, match=message):
+        plan_it()

@@ -5,42 +5,29 @@ Ordinary Differential Equations I*, sections II.5 and II.6), with scipy's coeffi
 interpolant.
 """
 
-from typing import NamedTuple
-
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
-from radioloc.dynamics._force_kernels import EARTH_RADIUS_M, ForceData, quantities, right_hand_side
+from radioloc.dynamics._force_data import (
+    DENSE,
+    DONE,
+    EXTRA,
+    IN_EARTH,
+    IN_MOON,
+    SHORTEST_S,
+    STAGES,
+    STUCK,
+    TOO_MANY,
+    ForceData,
+    Tableau,
+    Tolerance,
+)
+from radioloc.dynamics._force_kernels import EARTH_RADIUS_M, quantities, right_hand_side
 
 Floats = NDArray[np.float64]
 
-DONE, STUCK, MOON, EARTH, TOO_MANY = range(5)
-"""How an integration ended: at its end, where steps became too small, in the Moon or Earth, after the most steps."""
-
-STAGES, EXTRA, DENSE = 12, 3, 7
-SHORTEST_S = 1e-6
 _SAFETY, _LEAST, _MOST = 0.9, 0.2, 10.0
-
-
-class Tableau(NamedTuple):
-    """Coefficients of the method, as ``scipy.integrate.DOP853`` has them."""
-
-    a: Floats  # of all stages, those of the dense output too
-    b: Floats
-    c: Floats
-    e3: Floats
-    e5: Floats
-    d: Floats
-
-
-class Tolerance(NamedTuple):
-    """When a step is good enough."""
-
-    position_m: float
-    velocity_m_s: float
-    lowest_m: float  # distance from the centre below which there is ground
-    most_steps: int
 
 
 @compiled()
@@ -91,8 +78,8 @@ def _within(t: float, y: Floats, data: ForceData, tolerance: Tolerance) -> int:
         from_moon += y[i] ** 2
         from_earth += (y[i] - sky[i]) ** 2
     if from_moon < tolerance.lowest_m**2:
-        return MOON
-    return EARTH if from_earth < EARTH_RADIUS_M**2 else DONE
+        return IN_MOON
+    return IN_EARTH if from_earth < EARTH_RADIUS_M**2 else DONE
 
 
 @compiled()

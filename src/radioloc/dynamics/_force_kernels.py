@@ -4,28 +4,36 @@ Positions are relative to the Moon's centre, ICRF axes, m; times are seconds of 
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.compiled import compiled
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
+from radioloc.dynamics._force_data import (
+    ACTS,
+    CENTRAL,
+    COMPONENTS,
+    EARTH,
+    EARTH_VELOCITY,
+    FIGURES,
+    FIRST,
+    GIVEN,
+    HARMONICS,
+    MOON_VELOCITY,
+    MOONLIGHT,
+    OF_RTN,
+    PARTS,
+    RELATIVITY,
+    ROTATION,
+    SUN_VELOCITY,
+    SUNLIGHT,
+    TIDES,
+    ForceData,
+)
 from radioloc.dynamics._harmonic_kernels import harmonic_sums
 
 Floats = NDArray[np.float64]
-
-PARTS = (
-    *("central", "harmonics", "tides", "earth", "sun", "venus", "jupiter", "saturn"),
-    *("figures", "relativity", "sunlight", "moonlight", "given"),
-)
-"""Accelerations one by one, as :func:`accelerations` has them."""
-CENTRAL, HARMONICS, TIDES, EARTH, SUN = range(5)
-FIGURES, RELATIVITY, SUNLIGHT, MOONLIGHT, GIVEN = range(8, 13)
-
-# Quantities of the table of bodies: positions of Earth to Saturn, the rotation to the field's axes row by row,
-# velocities of the Earth, the Sun and, seen from the barycentre, the Moon.
-ROTATION, EARTH_VELOCITY, SUN_VELOCITY, MOON_VELOCITY, QUANTITIES = 15, 24, 27, 30, 33
 
 SUN_RADIUS_M = 6.957e8  # IAU 2015 resolution B3, as the two below
 EARTH_RADIUS_M = 6378136.6
@@ -36,29 +44,8 @@ EARTH_J2 = 1.0826359e-3  # IERS Conventions 2010, table 1.1; to the radius above
 
 RINGS = 3
 """Rings of directions in which moonlight is sampled: 1, 6 and 12."""
-ACTS, OF_RTN, FIRST = 0, 1, 2
-"""Columns of a given acceleration: 1 where it acts, 1 where its axes are radial, transverse and normal, components."""
 TERMINATOR = 0.03
 """Sine of the Sun's height over which day becomes night on the ground: a corner there would disturb the steps."""
-COMPONENTS = 9
-"""Constant, cosine and sine, along three axes each."""
-
-
-class ForceData(NamedTuple):
-    """What the accelerations depend on."""
-
-    table: Floats  # Chebyshev series of the quantities, shape (n_segments, QUANTITIES, n_coefficients)
-    start_s: float  # of the first segment
-    length_s: float  # of each
-    gm: Floats  # Moon, Earth, Sun, Venus, Jupiter, Saturn
-    radius_m: float  # of the harmonics
-    series: Floats
-    gradient_series: Floats
-    recursion: Floats
-    on: NDArray[np.bool_]  # which of PARTS are computed
-    scales: Floats  # by which each is multiplied: 1, or k2 and the radiation coefficient
-    given: Floats  # shape (n, FIRST + COMPONENTS)
-    phase: Floats  # directions from which the phase of periodic accelerations is counted, shape (2, 3)
 
 
 @compiled()

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.dynamics._force_kernels import QUANTITIES
+from radioloc.dynamics._force_data import QUANTITIES
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.lunar import rot_between, rot_icrf_to_pa
 from radioloc.time import Epochs

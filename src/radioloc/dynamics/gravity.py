@@ -14,7 +14,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from radioloc.dynamics._harmonic_kernels import harmonic_sums_at
 from radioloc.dynamics.gravity_files import read_gravity_file
 from radioloc.errors import InputError
 from radioloc.units import as_float_array
@@ -148,6 +147,9 @@ class GravityField:
             raise InputError(f"position_pa_m has the shape {points_m.shape}; give (3,) or (n, 3)")
         if not np.linalg.norm(points_m, axis=-1).all():
             raise InputError("position_pa_m holds the Moon's centre, where the series has no value")
+        # The compiler takes a third of a second to import.
+        from radioloc.dynamics._harmonic_kernels import harmonic_sums_at
+
         table = stacked(series)
         sums = harmonic_sums_at(
             np.ascontiguousarray(points_m.reshape(-1, 3)), self.radius_m, table, recursion(len(table))

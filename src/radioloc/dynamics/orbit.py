@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.dynamics._dop853_kernels import interpolate
 from radioloc.dynamics.forces import Forces
 from radioloc.ephemeris import Ephemeris
 from radioloc.errors import CoverageError, InputError
@@ -105,6 +104,9 @@ class Orbit:
                 self._dates(np.array([times_s.min(), times_s.max()])),
                 "propagate over a longer span, or leave these epochs out",
             )
+        # The compiler takes a third of a second to import.
+        from radioloc.dynamics._dop853_kernels import interpolate
+
         out = np.empty((len(times_s), 6 + 6 * len(self.parameters)))
         ends_s = np.array([leg.span_s[1] for leg in self.legs])
         # At a jump the state is that before it.

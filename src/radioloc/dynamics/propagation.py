@@ -9,34 +9,30 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics._dop853_kernels import (
-    DONE,
-    EXTRA,
-    MOON,
-    STAGES,
-    STUCK,
-    TOO_MANY,
-    Tableau,
-    Tolerance,
-    integrate,
-)
-from radioloc.dynamics._force_kernels import (
+from radioloc.dynamics._force_data import (
     ACTS,
     CENTRAL,
     COMPONENTS,
+    DONE,
     EARTH,
+    EXTRA,
     FIGURES,
     FIRST,
     GIVEN,
     HARMONICS,
+    IN_MOON,
     MOONLIGHT,
     OF_RTN,
     PARTS,
     RELATIVITY,
+    STAGES,
+    STUCK,
     SUNLIGHT,
     TIDES,
+    TOO_MANY,
     ForceData,
-    axes,
+    Tableau,
+    Tolerance,
 )
 from radioloc.dynamics.bodies import BODIES, body_table
 from radioloc.dynamics.forces import Forces, Impulse
@@ -162,6 +158,8 @@ def force_data(
     on[SUNLIGHT] = forces.radiation_m2_kg != 0.0 or "radiation" in names
     on[MOONLIGHT] = forces.moonlight and on[SUNLIGHT]
     given = np.zeros((len(forces.accelerations), FIRST + COMPONENTS))
+    from radioloc.dynamics._force_kernels import axes  # the compiler takes a third of a second to import
+
     for row, one in zip(given, forces.accelerations, strict=True):
         row[OF_RTN] = one.axes == "RTN"
         row[FIRST:] = [*one.constant_m_s2, *one.cosine_m_s2, *one.sine_m_s2]
@@ -261,6 +259,8 @@ class _Sweep:
         y[0] = state
         y[1:7] = np.eye(6)[: len(y) - 1]
         legs, time_s, step_s = [], 0.0, _FIRST_STEP_S
+        from radioloc.dynamics._dop853_kernels import integrate
+
         for leg_end_s in ends_s:
             middle_s = 0.5 * (time_s + leg_end_s)
             given = self.data.given.copy()
@@ -286,6 +286,8 @@ class _Sweep:
     def _jump(self, y: Floats, impulse: Impulse, sign: float) -> None:
         """Carry state and partials over an impulse, forward or backward."""
         delta = np.array(impulse.delta_v_m_s)
+
+        from radioloc.dynamics._force_kernels import axes
 
         def turned(state: Floats) -> Floats:
             return axes(state[:3], state[3:]).T if impulse.axes == "RTN" else np.eye(3)
@@ -319,7 +321,7 @@ class _Sweep:
             raise ConvergenceError(
                 f"{self.name} cannot be integrated beyond {date}; is its state in m and m/s?"
             )
-        where = "Moon" if status == MOON else "Earth"
+        where = "Moon" if status == IN_MOON else "Earth"
         raise InputError(
             f"{self.name} comes down to the ground of the {where} at {date}; correct its state or manoeuvres, or end "
             "it before"

@@ -7,7 +7,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
-from radioloc.dynamics._force_kernels import ACTS, PARTS, accelerations, quantities
+from radioloc.dynamics._force_data import ACTS, PARTS
 from radioloc.dynamics.forces import Forces
 from radioloc.dynamics.propagation import force_data, initial_state
 from radioloc.ephemeris import Ephemeris, LunarOrientation
@@ -60,6 +60,9 @@ def acceleration_terms(
     libration = libration or LunarOrientation.open(ephemeris.name)
     state = initial_state(position_m, velocity_m_s)
     data = force_data(forces, ephemeris, libration, epoch, (0.0, 0.0), state)
+    # The compiler takes a third of a second to import.
+    from radioloc.dynamics._force_kernels import accelerations, quantities
+
     data.given[:, ACTS] = 1.0
     parts = accelerations(state[:3], state[3:], quantities(0.0, data), data)
     return {name: scale * part for name, scale, part in zip(PARTS, data.scales, parts, strict=True)}

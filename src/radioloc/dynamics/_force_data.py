@@ -1,0 +1,69 @@
+"""What compiled code takes of forces and of the integration, in words that need no compiler."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+Floats = NDArray[np.float64]
+
+PARTS = (
+    *("central", "harmonics", "tides", "earth", "sun", "venus", "jupiter", "saturn"),
+    *("figures", "relativity", "sunlight", "moonlight", "given"),
+)
+"""Accelerations one by one, as :func:`accelerations` has them."""
+CENTRAL, HARMONICS, TIDES, EARTH, SUN = range(5)
+FIGURES, RELATIVITY, SUNLIGHT, MOONLIGHT, GIVEN = range(8, 13)
+
+# Quantities of the table of bodies: positions of Earth to Saturn, the rotation to the field's axes row by row,
+# velocities of the Earth, the Sun and, seen from the barycentre, the Moon.
+ROTATION, EARTH_VELOCITY, SUN_VELOCITY, MOON_VELOCITY, QUANTITIES = 15, 24, 27, 30, 33
+
+ACTS, OF_RTN, FIRST = 0, 1, 2
+"""Columns of a given acceleration: 1 where it acts, 1 where its axes are radial, transverse and normal, components."""
+COMPONENTS = 9
+"""Constant, cosine and sine, along three axes each."""
+
+
+class ForceData(NamedTuple):
+    """What the accelerations depend on."""
+
+    table: Floats  # Chebyshev series of the quantities, shape (n_segments, QUANTITIES, n_coefficients)
+    start_s: float  # of the first segment
+    length_s: float  # of each
+    gm: Floats  # Moon, Earth, Sun, Venus, Jupiter, Saturn
+    radius_m: float  # of the harmonics
+    series: Floats
+    gradient_series: Floats
+    recursion: Floats
+    on: NDArray[np.bool_]  # which of PARTS are computed
+    scales: Floats  # by which each is multiplied: 1, or k2 and the radiation coefficient
+    given: Floats  # shape (n, FIRST + COMPONENTS)
+    phase: Floats  # directions from which the phase of periodic accelerations is counted, shape (2, 3)
+
+
+DONE, STUCK, IN_MOON, IN_EARTH, TOO_MANY = range(5)
+"""How an integration ended: at its end, where steps became too small, in the Moon or Earth, after the most steps."""
+
+STAGES, EXTRA, DENSE = 12, 3, 7
+SHORTEST_S = 1e-6
+
+
+class Tableau(NamedTuple):
+    """Coefficients of the method, as ``scipy.integrate.DOP853`` has them."""
+
+    a: Floats  # of all stages, those of the dense output too
+    b: Floats
+    c: Floats
+    e3: Floats
+    e5: Floats
+    d: Floats
+
+
+class Tolerance(NamedTuple):
+    """When a step is good enough."""
+
+    position_m: float
+    velocity_m_s: float
+    lowest_m: float  # distance from the centre below which there is ground
+    most_steps: int

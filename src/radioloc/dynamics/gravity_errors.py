@@ -8,7 +8,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.dynamics._harmonic_kernels import harmonic_sums_at
 from radioloc.dynamics.gravity import GravityField, acceleration_series, recursion, stacked
 from radioloc.dynamics.orbit import Orbit
 from radioloc.ephemeris import LunarOrientation
@@ -126,6 +125,9 @@ def gravity_error_effects(
     field = errors[0]
     rot = rot_between(libration.frame, field.frame) @ rot_icrf_to_pa(libration.angles(moments)[0])
     points_m = np.ascontiguousarray(np.einsum("nij,nj->ni", rot, orbit.states(moments)[0]))
+    # The compiler takes a third of a second to import.
+    from radioloc.dynamics._harmonic_kernels import harmonic_sums_at
+
     factors = recursion(len(field.c) + 1)
     pulls = np.empty((len(grid_s), 3, len(errors)))
     for k, error in enumerate(errors):  # one after the other: coefficients of all would not stay in the cache

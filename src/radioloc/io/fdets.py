@@ -44,7 +44,7 @@ def looks_like_fdets(lines: list[str]) -> bool:
 def read_fdets(
     path: str | Path, agreements: Sequence[FrequencyAgreement], *, catalogue: Catalogue | None = None
 ) -> Observations:
-    """Read a file of frequency detections, plain or gzip, as Doppler.
+    r"""Read a file of frequency detections, plain or gzip, as Doppler.
 
     Parameters
     ----------
@@ -64,6 +64,18 @@ def read_fdets(
     -----
     DataQualityWarning
         An epoch is there twice, and its first frequency counted.
+
+    Examples
+    --------
+    >>> import pathlib, tempfile
+    >>> from radioloc.io import FrequencyAgreement, read_fdets
+    >>> path = pathlib.Path(tempfile.mkdtemp(), "Fdets.lander.Wz.txt")
+    >>> _ = path.write_text(
+    ...     "# Observation conducted on 2013.12.28 at Ww\n# Base frequency: 8412.00 MHz dT: 5 s\n"
+    ...     "2013-12-28T09:30:05.000 3000.0 0.1 8005012.5 1e-3\n"
+    ... )
+    >>> read_fdets(path, [FrequencyAgreement(transmit_hz=8.42e9, sigma_hz=0.01)])
+    <Observations 1 2013-12-28 to 2013-12-28>
     """
     head: dict[str, re.Match[str]] = {}
     moments, detected_hz, line = [], [], []

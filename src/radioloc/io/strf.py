@@ -120,6 +120,12 @@ def read_sites(path: str | Path) -> tuple[Station, ...]:
     ------
     FileFormatError
         The file cannot be read, or a line of it; names the line.
+
+    Examples
+    --------
+    >>> from radioloc.io import read_sites
+    >>> [station.name for station in read_sites("examples/beacon/sites.txt")]
+    ['COSPAR 9001', 'COSPAR 9002', 'COSPAR 9003']
     """
     stations: dict[str, Station] = {}
     for number, text in enumerate(read_lines(path), start=1):

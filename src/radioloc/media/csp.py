@@ -30,6 +30,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.errors import CoverageError, FileFormatError, InputError
@@ -103,6 +104,7 @@ class MediaCalibrations:
         """Whether there are cards of a model for a station."""
         return any(True for _ in self._of(station, model))
 
+    @bare_arguments
     def zenith_m(self, station: Station, epochs: Epochs, model: str, phase: bool) -> Floats | None:
         """Delay at the zenith by the dry or the wet air, m, shape (n,); ``None`` for a station without cards.
 
@@ -120,6 +122,7 @@ class MediaCalibrations:
             total_m = total_m + self._evaluated(corrections, station, epochs, model)[0]
         return np.asarray(total_m)
 
+    @bare_arguments
     def charged(self, station: Station, epochs: Epochs, phase: bool) -> Floats | None:
         """Delay of a code along the ray at 2295 MHz (m) and its rate (m/s), shape (2, n); as :meth:`zenith_m`."""
         if not self.serves(station, CHARGED):

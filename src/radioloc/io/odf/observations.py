@@ -30,6 +30,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
 from radioloc.errors import DataQualityWarning, FileFormatError, InputError
 from radioloc.io.checks import Catalogue, station_name, without_duplicates
@@ -78,6 +79,7 @@ _NS = 10**9
 _DAY_NS = 86400 * _NS
 
 
+@bare_arguments
 def read_odf(
     path: str | Path, *, catalogue: Catalogue | None = None, sigma_m: Mapping[str, float] | None = None
 ) -> Observations:

@@ -16,7 +16,9 @@ from radioloc.errors import DataQualityWarning, FileFormatError, InputError, Sta
 from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
+from radioloc.measurements.registry import is_integrated
 from radioloc.measurements.targets import canonical_target
+from radioloc.time import utc_to_tai
 from radioloc.time.scales import calendar_to_jd
 
 FLIGHT_TIME_LIMITS_S = (2.2, 2.8)
@@ -26,6 +28,8 @@ YEARS = (1972, 2100)
 """First year of UTC with leap seconds, and one beyond any data."""
 
 _WEATHER_REACH_S = 7200.0
+# Modified Julian dates of six decimals are rounded to half of this.
+_REREAD_S = 0.1
 
 
 class Catalogue(Protocol):
@@ -150,6 +154,39 @@ def without_duplicates(observations: Observations, *, first_counts: bool = False
         f"{observations.origin(int(first[pair]))} ({len(first)} such pair(s) in all{with_other}); it is counted once",
         DataQualityWarning,
         stacklevel=4,
+    )
+    kept = np.ones(len(observations), dtype=bool)
+    kept[second] = False
+    return observations.select(kept)
+
+
+def without_rereadings(observations: Observations) -> Observations:
+    """Counts of Doppler each once, where two files have them with time tags that are rounded in different ways.
+
+    Counts are the same if path, type, band and interval are, and the tags nearer than a quarter of it and a tenth of a
+    second. That of the file that was read first is kept; the others are left out with a warning.
+    """
+    rows = np.flatnonzero(is_integrated(observations.kind))
+    if len(observations.files) == 1 or len(rows) < 2:
+        return observations
+    tai, count_s = utc_to_tai(observations.epoch[rows]), observations.count_s[rows]
+    time_s = tai.seconds_since(tai[np.zeros(len(rows), dtype=np.intp)])
+    band = np.nan_to_num(np.rint(10.0 * np.log(observations.wavelength_um[rows])))
+    series = [band, count_s, *(getattr(observations, name)[rows] for name in ("tag", "kind", "link"))]
+    order = np.lexsort([time_s, *series])
+    near = np.diff(time_s[order]) < np.minimum(_REREAD_S, 0.25 * count_s[order[1:]])
+    near &= np.all([column[order[1:]] == column[order[:-1]] for column in series], axis=0)
+    file = observations.file[rows]
+    pairs = np.column_stack([order[:-1], order[1:]])[near & (np.diff(file[order]) != 0)]
+    if not len(pairs):
+        return observations
+    later = np.argsort(file[pairs], axis=1)
+    first, second = rows[np.take_along_axis(pairs, later, axis=1).T]
+    warnings.warn(
+        f"{observations.origin(int(second[0]))}: this count of Doppler is already there, but for the rounding of its "
+        f"time, in {observations.origin(int(first[0]))} ({len(first)} such pair(s) in all); it is counted once",
+        DataQualityWarning,
+        stacklevel=3,
     )
     kept = np.ones(len(observations), dtype=bool)
     kept[second] = False

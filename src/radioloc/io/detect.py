@@ -9,7 +9,7 @@ from pathlib import Path
 
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.checks import Catalogue, without_duplicates
+from radioloc.io.checks import Catalogue, without_duplicates, without_rereadings
 from radioloc.io.crd import looks_like_crd, read_crd
 from radioloc.io.fdets import looks_like_fdets, read_fdets
 from radioloc.io.frequencies import FrequencyAgreement
@@ -220,9 +220,8 @@ def read_observations(
         logger.info(
             "read %d observations from %s (%s)", len(parts[-1]), ", ".join(map(str, group)), reader.name
         )
-    if len(parts) == 1:
-        return parts[0]
-    return without_duplicates(Observations.concatenate(parts))
+    joined = parts[0] if len(parts) == 1 else without_duplicates(Observations.concatenate(parts))
+    return without_rereadings(joined)
 
 
 def _reader_of(path: str | Path) -> Reader:

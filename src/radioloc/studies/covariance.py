@@ -88,8 +88,8 @@ def covariance(
     -------
     CovarianceStudy
         Sigmas and their budget by length, what each type and station tells, and what better knowledge and, of a
-        schedule, other stations would buy: those of ``[covariance] candidates``, or else of the catalogue, tracking
-        stations of the same network only.
+        schedule, other stations would buy: those of ``[covariance] candidates``, or else of the catalogue,
+        antennas of the same network only.
 
     Raises
     ------
@@ -373,8 +373,8 @@ def _more_stations(plan: _Planned, solved: _Solved) -> Iterator[Gain]:
         for end in pair
         if end
     }
-    # Tracking stations are asked for within their network only: who has a time on one rarely gets it on all.
-    near = [s.name for s in catalogue if s.kind != "ttc" or not s.complex or s.complex in networks]
+    # Antennas are asked for within their network only: who has a time on one rarely gets it on all.
+    near = [s.name for s in catalogue if s.kind == "llr" or not s.complex or s.complex in networks]
     for name in near if asked is None else asked:
         what, sessions = _with_candidate(name, scenario, catalogue)
         if sessions == list(scenario.schedule.sessions):

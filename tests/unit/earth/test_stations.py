@@ -13,12 +13,14 @@ from radioloc.time import Epochs
 EXACT_M = 1e-8
 """Rounding of a coordinate of an Earth radius, and of its motion over decades."""
 
+EUROPEAN, AUSTRALIAN = "European VLBI Network", "Long Baseline Array"
+
 APOLLO_2000_M = np.array([-1463998.9079, -5166632.7663, 3435012.8921])
 
 
 def test_default_catalogue_has_its_stations() -> None:
     catalogue = StationCatalogue.default()
-    assert len(catalogue) == 40
+    assert len(catalogue) == 58
     assert catalogue is StationCatalogue.default()
     assert [s.name for s in catalogue if s.kind == "llr"] == [
         "APOLLO",
@@ -37,6 +39,9 @@ def test_default_catalogue_has_its_stations() -> None:
 
 def test_stations_without_ocean_loading() -> None:
     missing = [s.name for s in StationCatalogue.default() if s.ocean_loading is None]
+    abroad = [s.name for s in StationCatalogue.default() if s.complex in {EUROPEAN, AUSTRALIAN}]
+    assert [name for name in abroad if name not in missing] == ["WETTZELL20"]
+    missing = [name for name in missing if name not in abroad]
     assert missing[4:] == ["NEWNORCIA", "MALARGUE", "KOUROU", "UCHINOURA34"]
     assert missing[:4] == ["APOLLO", "JIAMUSI", "KASHI", "NEUQUEN"]
     assert "no ocean loading" in repr(StationCatalogue.default()["APOLLO"])
@@ -69,6 +74,24 @@ def test_default_stations_are_where_they_should_be() -> None:
         "KUNMING": (102.80, 25.03),
         "URUMQI": (87.18, 43.47),
         "MIYUN50": (116.98, 40.56),
+        "EFLSBERG": (6.88, 50.52),
+        "MEDICINA": (11.65, 44.52),
+        "METSAHOV": (24.39, 60.22),
+        "NOTO": (14.99, 36.88),
+        "ONSALA60": (11.92, 57.40),
+        "WETTZELL20": (12.88, 49.14),
+        "YEBES40M": (-3.09, 40.52),
+        "SVETLOE": (29.78, 60.53),
+        "ZELENCHK": (41.57, 43.79),
+        "BADARY": (102.23, 51.77),
+        "HARTRAO": (27.69, -25.89),
+        "HART15M": (27.69, -25.89),
+        "HOBART12": (147.44, -42.80),
+        "HOBART26": (147.44, -42.80),
+        "KATH12M": (132.15, -14.38),
+        "YARRA12M": (115.35, -29.05),
+        "PARKES": (148.26, -33.00),
+        "WARK12M": (174.66, -36.43),
         "JIAMUSI": (130.77, 46.49),
         "KASHI": (76.71, 38.42),
         "NEUQUEN": (-70.15, -38.19),
@@ -104,6 +127,36 @@ def test_found_whatever_the_name(name: str | int) -> None:
 @pytest.mark.parametrize("name", ["DSS-24", "DSS24", "dss 24", "dss_24"])
 def test_found_whatever_is_between_letters_and_digits(name: str) -> None:
     assert StationCatalogue.default().get(name).name == "DSS-24"
+
+
+def test_telescopes_are_found_by_the_two_letters_of_vlbi() -> None:
+    telescopes = [s for s in StationCatalogue.default() if s.kind == "vlbi" and s.frame == "ITRF2014"]
+    assert {s.complex for s in telescopes} == {EUROPEAN, AUSTRALIAN}
+    codes = "EfMcMhNtOnWzYsSvZcBdHhHtHbHoKeYgPaWw"
+    found = [StationCatalogue.default().get(codes[k : k + 2]) for k in range(0, len(codes), 2)]
+    assert found == telescopes
+
+
+def test_the_telescopes_of_a_site_move_together_and_none_up_by_more_than_a_centimetre_a_year() -> None:
+    """A sign or a digit wrong of a velocity would show."""
+    catalogue = StationCatalogue.default()
+    for first, second in [("WETTZELL", "WETTZELL20"), ("HARTRAO", "HART15M"), ("HOBART12", "HOBART26")]:
+        between_m_yr = catalogue[first].velocity_m_yr - catalogue[second].velocity_m_yr
+        assert np.abs(between_m_yr).max() < 0.004
+    for station in (s for s in catalogue if s.velocity_known and s.quality != "rounded"):
+        up = station.itrf_m / np.linalg.norm(station.itrf_m)
+        assert abs(up @ station.velocity_m_yr) < 0.010
+
+
+def test_effelsberg_is_where_the_itrf_says() -> None:
+    """ITRF2020's record of it (epoch 2015.0): 1 cm beside ours, 10 cm above it."""
+    itrf_m = np.array([4033947.28676361, 486990.823348219, 4900431.08394323])
+    itrf_m += 5.0 * np.array([-0.0139698991002166, 0.0169886132211163, 0.0107017114287353])
+    tt = Epochs.from_jd(2451545.0 + 20 * 365.25, 0.0, "TT")
+    away_m = StationCatalogue.default()["Ef"].position_at(tt)[0] - itrf_m
+    up = itrf_m / np.linalg.norm(itrf_m)
+    assert up @ away_m == pytest.approx(-0.10, abs=0.01)
+    assert np.linalg.norm(away_m - (up @ away_m) * up) < 0.02
 
 
 def test_a_bare_number_is_no_name() -> None:

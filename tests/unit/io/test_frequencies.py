@@ -109,7 +109,7 @@ def test_detections_of_older_and_newer_files(tmp_path):
     path.write_text(f"{newer}#\n34205.5 1 1 {DETECTED_HZ} 0\n")
     got = read_observations(path, frequencies=[sent])
     assert got.count_s.tolist() == [20.0]
-    assert got.paths().tolist() == ["lander>Ww"]
+    assert got.paths().tolist() == ["lander>WARK12M"]  # a telescope of the catalogue
     assert read_observations(
         path, frequencies=[FrequencyAgreement(8420.2e6, 0.01, 2.0)]
     ).count_s.tolist() == [2.0]

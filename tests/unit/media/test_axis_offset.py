@@ -179,9 +179,14 @@ def test_catalogue_has_what_is_published():
     known = {s.name: s.axis_offset_m for s in StationCatalogue.default() if s.axis_offset_m}
     assert known == {
         **{"SESHAN25": 0.00017, "TIANMA65": 0.0071, "KUNMING": -0.0031, "URUMQI": -0.0024},
+        **{"EFLSBERG": 0.0103, "MEDICINA": 1.8301, "METSAHOV": -0.0015, "NOTO": 1.8285, "ONSALA60": -0.006},
+        **{"WETTZELL20": -0.0001, "YEBES40M": 1.9968, "ZELENCHK": -0.0115, "BADARY": 0.0025},
+        **{"HARTRAO": 6.6945, "HART15M": 1.4901, "HOBART12": 0.0021, "HOBART26": 8.1905, "KATH12M": 0.0031},
+        **{"YARRA12M": 0.001, "PARKES": 0.0006, "WARK12M": 0.001},
         **{"DSS-13": 0.0081, "DSS-15": -0.0026, "DSS-45": -0.0005, "DSS-65": -0.0053, "UCHINOURA34": -0.001},
     }
-    assert {s.mount for s in StationCatalogue.default()} == {"azimuth_elevation"}
+    others = {s.name: s.mount for s in StationCatalogue.default() if s.mount != "azimuth_elevation"}
+    assert others == {"HARTRAO": "equatorial", "HOBART26": "xy_east"}
 
 
 @pytest.mark.parametrize(

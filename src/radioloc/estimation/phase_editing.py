@@ -35,7 +35,8 @@ _FEWEST = 10
 _RUN = 3
 """Counts on end that are off together: that is a frequency, not a slip."""
 _FAR = 30.0
-"""Sigmas by which fewer of them at a border of a pass are off, as one that is longer than the time without lock."""
+"""Sigmas by which they are off: less can be the air near the horizon. One count may be longer than the time without
+lock."""
 _ROUNDING_M = 1e-6
 
 
@@ -88,9 +89,9 @@ def _of_pass(edited: EditedFit, rows: _Rows, counts: PhaseCounts) -> Iterator[tu
     for run in np.split(np.arange(len(rows)), np.flatnonzero(np.diff(used)) + 1):
         off_m = residual_m[run]
         at_border = run[0] == 0 or run[-1] == len(rows) - 1
+        far = np.median(np.abs(off_m) / np.maximum(sigma_m[run], _ROUNDING_M)) > _FAR
         lasts = len(run) >= _RUN and abs(np.sign(off_m).sum()) == len(run)
-        far = at_border and not slips[run].any() and (np.abs(off_m) > _FAR * sigma_m[run]).all()
-        if not used[run[0]] and (lasts or far):
+        if not used[run[0]] and far and (lasts or (at_border and not slips[run].any())):
             off_m_s = float(np.median(off_m / counts.count_s[rows[run]]))
             what = "not locked to the uplink" if at_border else "not locked to this uplink for a while"
             for k in run.tolist():

@@ -84,6 +84,14 @@ def test_another_transmitter_for_a_while_is_not_this_uplink():
     assert found == dict.fromkeys(range(100, 140), "not locked to this uplink for a while: 120 Hz off")
 
 
+def test_errors_near_the_horizon_are_outliers_of_another_kind():
+    error_m = errors()
+    error_m[:5] = 12.0 * NOISE_M
+    edited, found = faults(error_m)
+    assert not found
+    assert not edited.fit.used[:5].any()
+
+
 def test_after_a_silence_the_lock_is_a_new_one():
     error_m = errors(r100=200.5 * CYCLE_M)
     time_s = np.arange(float(N)) + 1000.0 * (np.arange(N) >= 100)

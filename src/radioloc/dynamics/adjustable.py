@@ -24,7 +24,7 @@ _CHECKED = 200
 
 @dataclass(frozen=True, slots=True, eq=False)
 class AdjustableOrbit:
-    """An orbit as a function of its parameters; an :class:`~radioloc.ephemeris.AdjustableTrajectory`.
+    """An orbit as a function of its parameters; what predictors adjust.
 
     It is integrated when it is asked where it is, unless one that was integrated before is near.
 

@@ -48,9 +48,8 @@ def make(path: Path, count: int) -> None:
         raise ValueError(f"{len(made)} observations to {stop}, too few for {count}")
     made = made.select(slice(0, count))
     columns = {"jd": made.epoch.jd, "fraction": made.epoch.fraction}
-    columns |= {
-        f.name: getattr(made, f.name) for f in fields(made) if f.name not in ("epoch", "links", "files")
-    }
+    held = {f.name: getattr(made, f.name) for f in fields(made)}
+    columns |= {name: column for name, column in held.items() if isinstance(column, np.ndarray)}
     np.savez(path, **{f"of_{name}": column for name, column in columns.items()})
     Path(f"{path}.json").write_text(json.dumps([link.path for link in made.links]))
 
@@ -61,6 +60,7 @@ def fit(path: Path) -> None:
     from change5_case import STUDY
 
     import radioloc
+    from radioloc.measurements.ramps import Ramps
     from radioloc.studies.locate import fit_arc, prepared_arc
 
     links = tuple(
@@ -69,7 +69,8 @@ def fit(path: Path) -> None:
     with np.load(path) as file:
         columns = {name.removeprefix("of_"): file[name] for name in file.files}
     epoch = radioloc.Epochs(columns.pop("jd"), columns.pop("fraction"), "UTC")
-    observations = radioloc.Observations(epoch=epoch, links=links, files=("in memory",), **columns)
+    shared = {"links": links, "files": ("in memory",), "ramps": Ramps.none()}
+    observations = radioloc.Observations(epoch=epoch, **shared, **columns)
     held = sum(getattr(column, "nbytes", 0) for column in (epoch.jd, epoch.fraction, *columns.values()))
     del columns
     study_file = path.with_suffix(".toml")

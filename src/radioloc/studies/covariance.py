@@ -89,7 +89,7 @@ def covariance(
     CovarianceStudy
         Sigmas and their budget by length, what each type and station tells, and what better knowledge and, of a
         schedule, other stations would buy: those of ``[covariance] candidates``, or else of the catalogue,
-        antennas of the same network only.
+        antennas of the same network and telescopes of the same country only.
 
     Raises
     ------
@@ -366,15 +366,22 @@ def _more_stations(plan: _Planned, solved: _Solved) -> Iterator[Gain]:
     if scenario is None:
         return
     asked = plan.study.candidates
-    networks = {
-        catalogue.get(end).complex
+    taking_part = [
+        catalogue.get(end)
         for session in scenario.schedule.sessions
         for pair in session.pairs
         for end in pair
         if end
-    }
-    # Antennas are asked for within their network only: who has a time on one rarely gets it on all.
-    near = [s.name for s in catalogue if s.kind == "llr" or not s.complex or s.complex in networks]
+    ]
+    networks = {"", *(s.complex for s in taking_part)}
+    countries = {s.country for s in taking_part} - {""}
+    # Antennas are asked for within their network only, telescopes also in their country: who has a time on one rarely
+    # gets it on all.
+    near = [
+        s.name
+        for s in catalogue
+        if s.kind == "llr" or s.complex in networks or (s.kind == "vlbi" and s.country in countries)
+    ]
     for name in near if asked is None else asked:
         what, sessions = _with_candidate(name, scenario, catalogue)
         if sessions == list(scenario.schedule.sessions):

@@ -10,6 +10,7 @@ from change5_case import LANDER, NOISE, RANGING, START, VLBI
 
 import radioloc
 from radioloc import cli
+from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import InputError
 from radioloc.measurements import PhysicalModel, active_terms
 from radioloc.report.covariance import plans_card, plot_covariance, radius_95_m
@@ -201,6 +202,16 @@ def test_a_candidate_link_is_measured_as_its_session():
     scenario = dataclasses.replace(scenario, schedule=dataclasses.replace(schedule, sessions=[itself]))
     expected = covariance(dataclasses.replace(receives, simulation=scenario), 24.0)
     assert buys["station KASHI"] == pytest.approx(expected.longest.radius_95_m, rel=1e-6)
+
+
+def test_candidates_are_of_the_same_network_and_telescopes_also_of_the_same_country():
+    planned = covariance(study_of(vlbi=("JIAMUSI", "HARTRAO"), candidates=None, step_s=7200.0), [24.0])
+    stations = {
+        gain.what.removeprefix("station ") for gain in planned.gains if gain.what.startswith("station ")
+    }
+    near = ("China", "Chinese Deep Space Network", "European VLBI Network")
+    catalogue = [s for s in StationCatalogue.default() if s.country in near or s.complex in near]
+    assert stations == {s.name for s in catalogue} - {"JIAMUSI", "HARTRAO"}
 
 
 def test_what_is_known_and_what_is_left_out(found):

@@ -415,7 +415,7 @@ def _fit(solution: Solution) -> Iterator[str]:
             line += f" round trip ({metres(0.5 * fit.total.wrms_m)} m one way)"
     yield line
     added = fit.excess_noise_m
-    if len(added) > _MAX_ROWS:
+    if len(added) > _MAX_ROWS and any(added.values()):
         least, *_, most = sorted(added, key=lambda kind: added[kind])
         yield (
             f"additive variance components of {len(added)} links and passes: sigma {metres(added[least])} m ({least}) "
@@ -427,7 +427,7 @@ def _fit(solution: Solution) -> Iterator[str]:
                 f"additive variance component of {kind}: sigma {metres(added_m)} m, added in quadrature to the "
                 "stated sigmas"
             )
-        elif " of " in kind:
+        elif " of " in kind and any(added.values()):
             yield f"{kind} has no additive variance component, unlike the others"
     if fit.shared_noise_m:
         sizes = ", ".join(f"{name} {metres(sigma_m)} m" for name, sigma_m in fit.shared_noise_m.items())

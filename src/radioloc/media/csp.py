@@ -6,7 +6,7 @@ A card is the delay of data of a complex or an antenna as a function of UTC, one
       FROM(07/12/01,11:36) TO(07/12/01,20:47) DSN(C60) SCID(236).
 
 =================  ====================================================================================
-``CONST(a)``       a
+``CONST(a)``       a; also ``CNSTNT``
 ``NRMPOW(c...)``   c0 + c1 x + c2 x^2 + ..., where x goes from -1 at FROM to 1 at TO
 ``TRIG(P, c...)``  c0 + c1 cos x + c2 sin x + c3 cos 2x + c4 sin 2x + ..., x = 2 pi (t - FROM) / P, P in seconds
 =================  ====================================================================================
@@ -280,7 +280,7 @@ class _CardReader:
     def _card(self) -> Card | None:
         by = next((keyword for keyword in self.items if keyword.startswith("BY ")), "BY")
         data, model = self._one_of("ADJUST", _DATA), self._one_of("MODEL", _MODELS)
-        shape = by.removeprefix("BY ").removeprefix("D")
+        shape = by.removeprefix("BY ").removeprefix("D").replace("CNSTNT", "CONST")
         if shape not in _SHAPES:
             raise self.fail(f"{by} is none of BY {', BY '.join(_SHAPES)}", by)
         coefficients = tuple(numbers_of(self.path, self.line_of(by), self._words(by), "a coefficient"))

@@ -37,7 +37,7 @@ FROM(20/12/02,01:21)TO(20/12/02,15:01)DSN(C10)SCID(177).    #S20 ADJ 201203 11:1
 # a comment with ADJUST( in it
 ADJUST(DOPPLER) BY DNRMPOW(-.5, 1.) MODEL(CHPART) FROM(20/12/02,15:01:00.001)
 TO(20/12/02,20:00:00) DSN(14,24) SCID(177).
-ADJUST(RANGE) BY CONST(3.0) MODEL(CHPART) FROM(20/12/02,15:01:00) TO(20/12/02,20:00:00) DSN(24) SCID(177).
+ADJUST(RANGE) BY CNSTNT(3.0) MODEL(CHPART) FROM(20/12/02,15:01:00) TO(20/12/02,20:00:00) DSN(24) SCID(177).
 ADJUST(VLBI) BY CONST(99.0) MODEL(CHPART) FROM(20/12/02,00:00) TO(20/12/03,00:00) DSN(C10) QUASAR(5).
 """
 COEFFICIENTS = (0.7048, 0.0938, 0.8502, -0.2993, 1.0217, 0.0260)
@@ -180,8 +180,8 @@ def test_cards_of_several_spacecraft_want_a_number(calibrations):
         ("TO(20/12/02,15:01)", "AFTER(20/12/02,15:01)", "line 4: AFTER is not known"),
         ("DSN(C10)SCID(177)", "SCID(177)", "line 4: the card that ends here lacks DSN(...)"),
         ("SCID(177).    #", "SCID(LRO).    #", "line 4: SCID(LRO) is no number of a spacecraft"),
-        ("BY CONST(3.0)", "BY CONST(3.0, 1.0)", "line 8: CONST has one number"),
-        ("BY CONST(3.0)", "BY TRIG(0., 1.0)", "line 8: CONST has one number, TRIG a period above zero"),
+        ("BY CNSTNT(3.0)", "BY CONST(3.0, 1.0)", "line 8: CONST has one number"),
+        ("BY CNSTNT(3.0)", "BY TRIG(0., 1.0)", "line 8: CONST has one number, TRIG a period above zero"),
         ("ADJUST", "DELETE", "there is no card ADJUST(...)"),
     ],
 )

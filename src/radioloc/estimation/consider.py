@@ -27,7 +27,7 @@ Effects = Callable[[Rows], NDArray[np.float64]]
 _OF_FRAMES = frozenset(
     {
         *("station_position", "ut1", "pole", "moon_position", "moon_position_variation"),
-        *("libration", "libration_variation", "love_numbers", "lunar_lengths"),
+        *("libration", "libration_variation", "love_numbers", "lunar_lengths", "gravity_error"),
     }
 )
 """Kinds of parameter that weights do not allow for. An estimate that did would rest on how they change over the arc,

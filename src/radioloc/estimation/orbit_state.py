@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -16,6 +16,7 @@ from radioloc.time import Epochs, utc_strings
 
 if TYPE_CHECKING:
     from radioloc.dynamics import AdjustableOrbit
+    from radioloc.dynamics.disturbed import DisturbedOrbit
 
 Floats = NDArray[np.float64]
 
@@ -34,10 +35,16 @@ class OrbitState:
         The orbit of the estimated values.
     parameter_covariance : ndarray, shape (p, p)
         Total covariance of the orbit's parameters, those of the state first; m, m/s and the forces' units.
+    disturbed : DisturbedOrbit or None
+        The orbit with the errors of its gravity field that were considered.
+    sensitivity : ndarray, shape (p, k)
+        What they, each by one sigma, do to the parameters.
     """
 
     orbit: AdjustableOrbit
     parameter_covariance: Floats
+    disturbed: DisturbedOrbit | None = None
+    sensitivity: Floats = field(default_factory=lambda: np.zeros((0, 0)))
 
     @property
     def epoch(self) -> Epochs:
@@ -63,7 +70,7 @@ class OrbitState:
     def covariance_rtn(self, tdb: Epochs) -> Floats:
         """Covariance of position and velocity at epochs, radial, along and across the orbit, shape (n, 6, 6).
 
-        As far as the estimated parameters tell it: errors of gravity that were not considered are not in it.
+        Errors of gravity count by what they did to the parameters and by what they do from the epoch on.
 
         Raises
         ------
@@ -77,7 +84,14 @@ class OrbitState:
         across = across / np.linalg.norm(across, axis=-1)[:, None]
         axes = np.stack([radial, np.cross(across, radial), across], axis=1)
         turned = np.concatenate([axes @ partials[:, :3], axes @ partials[:, 3:]], axis=1)
-        return np.asarray(turned @ self.parameter_covariance @ np.swapaxes(turned, 1, 2))
+        covariance = self.parameter_covariance
+        if self.disturbed is None:
+            return np.asarray(turned @ covariance @ np.swapaxes(turned, 1, 2))
+        covariance = covariance - self.sensitivity @ self.sensitivity.T
+        direct = self.disturbed.effects.at(tdb)
+        direct = np.concatenate([axes @ direct[:, :3], axes @ direct[:, 3:]], axis=1)
+        moved = turned @ self.sensitivity + direct
+        return np.asarray(turned @ covariance @ np.swapaxes(turned, 1, 2) + moved @ np.swapaxes(moved, 1, 2))
 
     @bare_arguments
     def sigma_rtn_m(self, tdb: Epochs) -> Floats:

@@ -37,6 +37,8 @@ _RUN = 3
 _FAR = 30.0
 """Sigmas by which they are off: less can be the air near the horizon. One count may be longer than the time without
 lock."""
+_OTHER_M_S = 0.03
+"""Rate from which on the signal was another one, 1e-10 of its frequency; less, on end, is an error of the model."""
 _ROUNDING_M = 1e-6
 
 
@@ -91,8 +93,9 @@ def _of_pass(edited: EditedFit, rows: _Rows, counts: PhaseCounts) -> Iterator[tu
         at_border = run[0] == 0 or run[-1] == len(rows) - 1
         far = np.median(np.abs(off_m) / np.maximum(sigma_m[run], _ROUNDING_M)) > _FAR
         lasts = len(run) >= _RUN and abs(np.sign(off_m).sum()) == len(run)
-        if not used[run[0]] and far and (lasts or (at_border and not slips[run].any())):
-            off_m_s = float(np.median(off_m / counts.count_s[rows[run]]))
+        off_m_s = float(np.median(off_m / counts.count_s[rows[run]]))
+        other = far and abs(off_m_s) > _OTHER_M_S
+        if not used[run[0]] and other and (lasts or (at_border and not slips[run].any())):
             what = "not locked to the uplink" if at_border else "not locked to this uplink for a while"
             for k in run.tolist():
                 yield int(rows[k]), f"{what}: {_frequency(off_m_s, float(cycle_m[k]))} off"

@@ -340,6 +340,12 @@ class ExactPredictor(Predictor):
             part.trajectory, part._orbit_x = self.trajectory.over(first, last), np.full(1, np.nan)
         return part
 
+    def along(self, trajectory: AdjustableTrajectory) -> ExactPredictor:
+        """The same observations of a spacecraft that is nearly where it was, by other parameters."""
+        other = copy.copy(self)
+        other.trajectory, other._orbit_x = trajectory, np.full(1, np.nan)
+        return other
+
     @staticmethod
     def concatenate(arcs: Sequence[ExactPredictor]) -> ExactPredictor:
         """Join prepared arcs of one model, in order; at least one."""

@@ -51,6 +51,7 @@ from radioloc.studies.orbit_start import near_orbit
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
     considered_errors,
+    disturbed,
     needs_more_partials,
     observation_model,
     position_in_pa,
@@ -260,7 +261,11 @@ def fit_arc(
     if isinstance(arc.trajectory, AdjustableOrbit):
         mine = slice(0, problem.first)
         orbit = arc.trajectory.corrected(problem.all_positions_pa_m(x))
+        by_gravity = () if considered is None else considered.parameters.of_kind("gravity_error")
         state = OrbitState(orbit, solution.parameter_covariance()[mine, mine])
+        if by_gravity and solution.consider is not None:
+            sensitivity = solution.consider.sensitivity[mine][:, list(by_gravity)]
+            state = replace(state, disturbed=disturbed(study, problem, x), sensitivity=sensitivity)
         solution = replace(solution, trajectory=str(orbit), state=state)
     known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
     solution = nowhere(replace(solution, references=known))

@@ -189,9 +189,7 @@ def _of_model(arc: Predictor) -> Iterator[str]:
             served = ", ".join(station.name for station in radio if files.source_of(station) == source)
             if served:
                 yield f"troposphere of radio signals from {source} for {served}, beside recorded pressure"
-    if isinstance(arc.trajectory, AdjustableTrajectory):
-        yield "errors of the gravity field are in no sigma of the orbit"
-    elif arc.trajectory is not None:
+    if arc.trajectory is not None and not isinstance(arc.trajectory, AdjustableTrajectory):
         yield "the trajectory is taken as exact: its error is in the residuals, and in no sigma"
     if off := [name for name in TERMS if not model.has(name)]:
         yield f"terms switched off: {', '.join(off)}"

@@ -23,6 +23,9 @@ EMPIRICAL = ("none", "constant", "once_per_revolution")
 EMPIRICAL_NAME = "empirical"
 EMPIRICAL_SIGMA_M_S2 = 3e-9
 """What a field to degree 150 leaves out at 50 km is some 1e-8 m/s2, little of it with the period of the orbit."""
+GRAVITY_ERRORS = 12
+"""Draws by which a sigma is good to a fifth."""
+GRAVITY_ERROR_DEGREE = 200
 _MARGIN_S = 60.0
 """Beyond the first and the last tag: half of a count interval and the light time."""
 _LONGEST_ARC_S = 40.0 * 86400.0
@@ -47,6 +50,10 @@ class Orbiter:
     forces : Forces
     name : str
         What it is called in messages and files.
+    gravity_errors : int
+        How many drawn errors of the gravity field stand for all in the sigmas; zero leaves them out.
+    gravity_error_degree : int
+        To which degree: what the field leaves out is drawn by Kaula's rule.
     """
 
     epoch: Epochs
@@ -54,6 +61,8 @@ class Orbiter:
     velocity_m_s: tuple[float, float, float]
     forces: Forces
     name: str = "orbiter"
+    gravity_errors: int = GRAVITY_ERRORS
+    gravity_error_degree: int = GRAVITY_ERROR_DEGREE
 
     def __post_init__(self) -> None:
         bare_fields(self)
@@ -180,6 +189,8 @@ class ForcesChoice:
         Thrust, further empirical accelerations and manoeuvres.
     gradient_degree : int or None
         Highest degree of the harmonics in the partials; that of the field where ``None``.
+    gravity_errors, gravity_error_degree : int
+        As of :class:`Orbiter`.
     """
 
     gravity: str | Path = entry("GRGM660PRIM", read=_gravity)
@@ -196,6 +207,8 @@ class ForcesChoice:
     accelerations: tuple[GivenAcceleration, ...] = ()
     impulses: tuple[GivenImpulse, ...] = ()
     gradient_degree: int | None = None
+    gravity_errors: int = entry(GRAVITY_ERRORS, not_negative=True)
+    gravity_error_degree: int = entry(GRAVITY_ERROR_DEGREE, positive=True)
 
     def __post_init__(self) -> None:
         check(self)

@@ -12,12 +12,14 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.dynamics import AdjustableOrbit
+from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
 from radioloc.estimation.consider import ConsideredErrors, is_at_station
 from radioloc.estimation.labels import USED, Labels
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
+from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.targets import canonical_target
@@ -25,7 +27,7 @@ from radioloc.media.status import Status
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
-from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
+from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor, tracking_of
 from radioloc.parameters.orbit import orbit_parameters
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
@@ -85,19 +87,53 @@ def considered_errors(
     if estimate is None:
         return None, []
     model, notes = _considered_model(problem.predictor, study, estimate)
+    gravity = _of_gravity(study, problem, x)
     if model is None:
-        return None, notes
+        return gravity, notes
     positions_pa_m = problem.all_positions_pa_m(x)
     at = problem.predictor.at(positions_pa_m)
     nowhere = np.zeros(0)  # residuals are not asked for
     here = DesignMatrix(model, at, positions_pa_m, model.parameters.prior_values, nowhere)
     at_stations = [item for item in model.parameters if is_at_station(item.kind)]
     if not at_stations:
-        return ConsideredErrors(model.parameters, here.partials), notes
+        return _together(ConsideredErrors(model.parameters, here.partials), gravity), notes
     columns = tuple(one for one in model.columns if is_at_station(one.kind.name))
     alone = replace(model, parameters=ParameterSet(at_stations), columns=columns)
     there = replace(here, model=alone, x=alone.parameters.prior_values)
-    return ConsideredErrors(model.parameters, here.partials, there.partials), notes
+    return _together(ConsideredErrors(model.parameters, here.partials, there.partials), gravity), notes
+
+
+def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> DisturbedOrbit | None:
+    """The orbit at parameters x, with the errors of its gravity field that are considered, if it is one."""
+    orbit, target = problem.predictor.trajectory, study.target
+    if not (isinstance(orbit, AdjustableOrbit) and isinstance(target, Orbiter) and target.gravity_errors):
+        return None
+    field = target.forces.gravity
+    if field.degree < 2:
+        return None
+    degree = max(field.degree, target.gravity_error_degree)
+    return DisturbedOrbit(orbit.corrected(problem.all_positions_pa_m(x)), target.gravity_errors, degree)
+
+
+def _of_gravity(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> ConsideredErrors | None:
+    orbit, tracking = disturbed(study, problem, x), tracking_of(problem.predictor)
+    if orbit is None or not isinstance(tracking, ExactPredictor):
+        return None
+    effects = tracking.along(orbit).compute(np.zeros(3)).by_orbit
+    names = [f"gravity_error.{k + 1}" for k in range(effects.shape[1])]
+    parameters = [Parameter(name, "1", "gravity_error", 0.0, 1.0, role=Role.CONSIDERED) for name in names]
+    return ConsideredErrors(ParameterSet(parameters), lambda rows: effects[rows])
+
+
+def _together(one: ConsideredErrors, other: ConsideredErrors | None) -> ConsideredErrors:
+    """What is at stations, or in frames, and the errors of gravity after it."""
+    if other is None:
+        return one
+    return ConsideredErrors(
+        ParameterSet([*one.parameters, *other.parameters]),
+        lambda rows: np.hstack([one.partials(rows), other.partials(rows)]),
+        one.station_partials,
+    )
 
 
 def _considered_model(

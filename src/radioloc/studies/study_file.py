@@ -205,7 +205,7 @@ def read_study(path: str | Path) -> Study:
     targets = made("targets", _positions)
     if targets == {}:
         raise InputError(f"{path}: [targets] names none; give at least one [targets.NAME]")
-    forces = made("forces", lambda table: table.build(table.read(ForcesChoice).forces))
+    forces = made("forces", _forces)
     if forces is not None and "dynamics" not in content.get("target", {}):
         raise InputError(f'{path}: [forces] act on a target with dynamics = "moon"; leave them out')
     target = made("target", partial(_target, forces=forces)) or next(iter(targets.values())).position
@@ -266,7 +266,9 @@ def toml_content(path: Path) -> dict[str, object]:
         raise InputError(f"{path}: not valid TOML: {error}") from None
 
 
-def _target(table: TomlTable, forces: Forces | None) -> LunarPosition | Trajectory | Orbiter:
+def _target(
+    table: TomlTable, forces: tuple[ForcesChoice, Forces] | None
+) -> LunarPosition | Trajectory | Orbiter:
     if "dynamics" in table:
         return _orbiter(table, forces)
     if "trajectory" not in table and "body" not in table:
@@ -283,7 +285,13 @@ def _target(table: TomlTable, forces: Forces | None) -> LunarPosition | Trajecto
     return table.build(Trajectory.open, path=given.trajectory, body=given.body)
 
 
-def _orbiter(table: TomlTable, forces: Forces | None) -> Orbiter:
+def _forces(table: TomlTable) -> tuple[ForcesChoice, Forces]:
+    choice = table.read(ForcesChoice)
+    return choice, table.build(choice.forces)
+
+
+def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None) -> Orbiter:
+    choice, forces = acting or (default := ForcesChoice(), default.forces())
     given = table.read(Target)
     if given.dynamics != "moon":
         table.fail("dynamics", f'must be "moon", not {given.dynamics!r}')
@@ -300,8 +308,10 @@ def _orbiter(table: TomlTable, forces: Forces | None) -> Orbiter:
         epoch=epochs_from_strings(str(given.epoch), "TDB"),
         position_m=given.position_m,
         velocity_m_s=given.velocity_m_s,
-        forces=ForcesChoice().forces() if forces is None else forces,
+        forces=forces,
         name=given.name,
+        gravity_errors=choice.gravity_errors,
+        gravity_error_degree=choice.gravity_error_degree,
     )
 
 

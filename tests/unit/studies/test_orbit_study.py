@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import radioloc
-from radioloc.dynamics import Forces, GravityField, propagate
+from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, propagate
 from radioloc.errors import InputError
 from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
 from radioloc.measurements.observations import DOPPLER
@@ -55,9 +55,9 @@ def doppler(model, forces):
     return replace(empty, value_m=value_m + noise_m)
 
 
-def study_of(acting, off=(300.0, -200.0, 100.0, 0.3, -0.2, 0.1), **orbit):
+def study_of(acting, off=(300.0, -200.0, 100.0, 0.3, -0.2, 0.1), errors=0, **orbit):
     state = STATE + off
-    target = Orbiter(EPOCH, tuple(state[:3]), tuple(state[3:]), acting, "craft")
+    target = Orbiter(EPOCH, tuple(state[:3]), tuple(state[3:]), acting, "craft", errors, 40)
     estimate = radioloc.studies.EstimateChoice(orbit=OrbitChoice(**orbit))
     return radioloc.Study(target, estimate=estimate, consider_defaults=False, name="orbit")
 
@@ -126,6 +126,46 @@ def test_partials_by_the_orbit_are_those_of_differences(model, forces, doppler):
         change_m = predictor.at(x).value_m - predictor.at(-x).value_m
         size = np.abs(by_orbit[:, k]).max()
         np.testing.assert_allclose(by_orbit[:, k] / size, change_m / (2.0 * step) / size, atol=2e-4)
+
+
+def test_errors_of_the_field_are_in_the_sigmas(forces, doppler, solution):
+    wider = radioloc.locate(study_of(forces, errors=6), doppler)
+    np.testing.assert_allclose(wider.state.position_m, solution.state.position_m, atol=1e-3)
+    assert [item.name for item in wider.consider.parameters][:2] == ["gravity_error.1", "gravity_error.2"]
+    ends = solution.state.orbit.times(2)
+    assert (wider.state.sigma_rtn_m(ends) > 3.0 * solution.state.sigma_rtn_m(ends)).all()
+    # At the epoch the errors have only the estimate to act by.
+    here = wider.state.covariance_rtn(EPOCH)[0]
+    turned = solution.state.covariance_rtn(EPOCH)[0]
+    assert np.trace(here[:3, :3]) - np.trace(turned[:3, :3]) == pytest.approx(
+        float((wider.state.sensitivity[:3] ** 2).sum()), rel=0.05
+    )
+
+
+@pytest.mark.slow
+def test_orbits_in_fields_that_are_not_the_models_are_within_their_sigmas(model, forces, doppler):
+    """Each of 24 true fields differs from the model's to degree 20 by its sigmas, and goes on to degree 40."""
+    squares = []
+    for k, error in enumerate(draw_gravity_errors(forces.gravity, 24, 40, seed=5)):
+        true_field = with_errors(forces.gravity, error, np.sqrt(24))
+        true = replace(forces, gravity=true_field, gradient_degree=20)
+        orbit = Orbiter(EPOCH, tuple(STATE[:3]), tuple(STATE[3:]), true).orbit(model, doppler, ("radiation",))
+        value_m = ExactPredictor(model, doppler, np.zeros(3), orbit).compute(np.zeros(3)).value_m
+        value_m = value_m + SIGMA_M * np.random.default_rng(k).normal(size=len(value_m))
+        found = radioloc.locate(study_of(forces, errors=16), replace(doppler, value_m=value_m))
+        ends = found.state.orbit.times(3)
+        error_m = found.state.orbit.states(ends)[0] - orbit.states(ends)[0]
+        size = np.linalg.norm(error_m, axis=1) / np.linalg.norm(found.state.sigma_rtn_m(ends), axis=1)
+        squares.append(size**2)
+    # In one direction more than in the others: the mean square is 1, of 24 within a half.
+    assert 0.4 < np.mean(squares) < 2.0
+
+
+def with_errors(field, error, scale):
+    """The field with an error, times a factor, added."""
+    c, s = np.zeros_like(error.c), np.zeros_like(error.s)
+    c[: field.degree + 1, : field.degree + 1], s[: field.degree + 1, : field.degree + 1] = field.c, field.s
+    return replace(error, c=c + scale * error.c, s=s + scale * error.s)
 
 
 def test_what_is_held_stays_and_sigmas_hold(forces, doppler):

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import csv
 import difflib
+import math
 import re
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
@@ -118,7 +119,7 @@ class Station:
         self._set_numbers("itrf_m", "m", (3,))
         if self.velocity_m_yr is not None:
             self._set_numbers("velocity_m_yr", "m / yr", (3,))
-        radius_m = float(np.linalg.norm(self.itrf_m))
+        radius_m = math.hypot(*self.itrf_m)
         if not _RADIUS_RANGE_M[0] < radius_m < _RADIUS_RANGE_M[1]:
             raise StationError(
                 f"station {self.name} is {radius_m:.6g} m from the geocentre; the ground is between "

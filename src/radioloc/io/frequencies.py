@@ -91,6 +91,11 @@ class FrequencyAgreement:
         """Downlink to uplink frequency, 1/1 of the target's own signal."""
         return self.turnaround or (1, 1)
 
+    @property
+    def received_hz(self) -> float:
+        """Frequency that a station would receive of a target at rest, Hz."""
+        return self.transmit_hz * self.ratio[0] / self.ratio[1]
+
 
 def require_ratio(turnaround: tuple[int, int] | None) -> None:
     """Refuse a turnaround ratio that is none."""
@@ -190,7 +195,6 @@ def frequency_observations(
         )
     links = [named_link(Link(up or its.transmitter, its.target, down), catalogue) for up, down in stations]
     one_way = np.array([not link.transmitter for link in links])[station]
-    nominal_hz = its.transmit_hz * its.ratio[0] / its.ratio[1]
     observations = Observations.from_columns(
         epoch=epoch,
         links=links,
@@ -198,10 +202,10 @@ def frequency_observations(
         tag=1,
         kind=np.where(one_way, KINDS.index("one_way_doppler"), KINDS.index("doppler")),
         value_m=C_M_S * grown_s,
-        sigma_m=C_M_S * count_s * its.sigma_hz / nominal_hz,
+        sigma_m=C_M_S * count_s * its.sigma_hz / its.received_hz,
         count_s=count_s,
         uplink_hz=np.where(one_way, np.nan, its.transmit_hz),
-        wavelength_um=MICROMETRES * C_M_S / nominal_hz,
+        wavelength_um=MICROMETRES * C_M_S / its.received_hz,
         files=(str(path),),
         line=line,
     )

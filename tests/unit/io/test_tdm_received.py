@@ -144,3 +144,12 @@ def test_differenced_doppler():
     assert got.value_m[0] == pytest.approx(10.0 * C_M_S * 7000.0 / 8.4e9, rel=1e-15)
     # Of two frequencies received.
     assert got.sigma_m[0] == pytest.approx(10.0 * C_M_S * 0.5 * np.sqrt(2.0) / 8.4e9, rel=1e-15)
+
+
+def test_the_wavelength_of_a_delay_is_that_of_what_is_received():
+    """Where the study knows the uplink, the target sends it times the ratio."""
+    known = FrequencyAgreement(7.2e9, 0.5, transmitter="KASHI", turnaround=(880, 749))
+    got = read(
+        (DELAY, ["VLBI_DELAY = 2021-03-28T14:00:00 1e-3"]), sigma_m={"vlbi_delay": 0.1}, frequencies=(known,)
+    )
+    assert got.wavelength_um[0] == pytest.approx(1e6 * C_M_S * 749 / 880 / 7.2e9, rel=1e-15)

@@ -150,7 +150,7 @@ class SegmentReader:
         if len(sent := self.segment.values(beacon)) and (sent == sent[0]).all() and sent[0] > 0.0:
             self.reading.used.add((self.segment, beacon))
             return float(sent[0])
-        return np.nan if self.agreed is None else self.agreed.transmit_hz
+        return np.nan if self.agreed is None else self.agreed.received_hz
 
     def frequencies(self, keyword: str) -> dict[str, Any]:
         """Frequency sent up and wavelength received, NaN where not recorded.

@@ -102,8 +102,8 @@ def plot_residuals(
 
     Bars are the stated sigmas; of more than 5000 observations of a station the envelope is drawn, as a line below says.
     Observations left out are red crosses, or triangles at the edge where they are beyond a panel, which is scaled to
-    the used ones. Ranges have a second scale for the one-way equivalent. Of more than twelve stations those with the
-    most observations are drawn, as a line below then says.
+    the used ones. Ranges have a second scale for the one-way equivalent, counts of one interval one of rates. Of more
+    than twelve stations those with the most observations are drawn, as a line below then says.
 
     Parameters
     ----------
@@ -286,6 +286,23 @@ def _grid(
     return figure.figure
 
 
+def _count_of_all(residuals: Residuals, rows: _Rows) -> float | None:
+    """The count interval of some observations, s, if all are counts and have the same."""
+    if residuals.count_s is None:
+        return None
+    counts_s = np.unique(residuals.count_s[rows])
+    return float(counts_s[0]) if len(counts_s) == 1 and np.isfinite(counts_s[0]) else None
+
+
+def _second_scale(axes: Axes, label: str, factor: float) -> None:
+    """A scale on the right that is a factor times that on the left."""
+    forth, back = partial(np.multiply, factor), partial(np.multiply, 1.0 / factor)
+    other = axes.secondary_yaxis("right", functions=(forth, back))
+    other.set_ylabel(label, fontsize=8, color="0.4")
+    other.tick_params(labelsize=8, color="0.4", labelcolor="0.4")
+    other.spines["right"].set_visible(False)
+
+
 def _draw(
     axes: Axes,
     residuals: Residuals,
@@ -335,11 +352,9 @@ def _draw(
         panel_title(axes, panel.title, "left", fontsize=9, fontweight="bold", color=title_color)
         if residuals.types.are("range")[panel.rows].all():
             axes.set_ylabel(f"round trip ({unit})", fontsize=8)
-            halved, doubled = partial(np.multiply, 0.5), partial(np.multiply, 2.0)
-            one_way = axes.secondary_yaxis("right", functions=(halved, doubled))
-            one_way.set_ylabel(f"one way ({unit})", fontsize=8, color="0.4")
-            one_way.tick_params(labelsize=8, color="0.4", labelcolor="0.4")
-            one_way.spines["right"].set_visible(False)
+            _second_scale(axes, f"one way ({unit})", 0.5)
+        elif (count_s := _count_of_all(residuals, panel.rows)) is not None:
+            _second_scale(axes, "rate of light path (mm/s)", 1e3 / (factor * count_s))
         style = {"frameon": False, "borderpad": 0.0, "bbox_to_anchor": (1.0, 0.98), "handletextpad": 0.3}
         style |= {"fontsize": 8, "columnspacing": 1.2, "handlelength": 1.2}
     if any(panel.links) or not panel.like:

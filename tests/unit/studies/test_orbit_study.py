@@ -277,3 +277,34 @@ def test_a_day_of_grail_fits_to_what_the_field_leaves(tmp_path):
     assert one_way_rms_mm_s(solution) < 0.65
     # Counts that were not locked to the uplink, 8.8 kHz off.
     assert 1 <= (~solution.residuals.used).sum() < 30
+
+
+def counted(model, empty, acting):
+    """Values of observations of the orbit that begins with STATE under some forces."""
+    orbit = Orbiter(EPOCH, tuple(STATE[:3]), tuple(STATE[3:]), acting).orbit(model, empty, ())
+    return ExactPredictor(model, empty, np.zeros(3), orbit).compute(np.zeros(3)).value_m
+
+
+@pytest.mark.slow
+def test_sigmas_hold_what_a_real_field_has_beyond_that_of_the_fit(model, doppler):
+    """The truth has degrees 101 to 150 of GRGM660PRIM; the fit, to degree 100, does not."""
+    known, fitted = (
+        Forces(GravityField.open("GRGM660PRIM", degree), gradient_degree=40) for degree in (150, 100)
+    )
+    empty = replace(doppler, sigma_m=np.full(len(doppler), 0.02))
+    noise_m = 1e-3 * np.random.default_rng(5).normal(size=len(doppler))
+    data = replace(empty, value_m=counted(model, empty, known) + noise_m)
+    study, states = study_of(fitted, off=np.zeros(6)), {}
+    for count in (0, 20):
+        target = replace(study.target, gravity_errors=count, gravity_error_degree=170)
+        states[count] = radioloc.locate(replace(study, target=target), data).state
+    times = states[20].orbit.times(9)
+    position_m, velocity_m_s = propagate(EPOCH, STATE[:3], STATE[3:], known, (0.0, 13000.0)).states(times)
+    across = np.cross(position_m, velocity_m_s)
+    along = np.cross(across, position_m)
+    axes = np.stack(
+        [one / np.linalg.norm(one, axis=1)[:, None] for one in (position_m, along, across)], axis=1
+    )
+    error_rtn_m = np.einsum("nij,nj->ni", axes, states[20].orbit.states(times)[0] - position_m)
+    assert (np.abs(error_rtn_m) < 3.0 * states[20].sigma_rtn_m(times)).all()
+    assert (np.abs(error_rtn_m) > 3.0 * states[0].sigma_rtn_m(times))[:, 1].all()

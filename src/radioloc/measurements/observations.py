@@ -363,7 +363,9 @@ class Observations:
         width = max(len(path) for path, _, _ in named)
         lines += [f"  {path:<{width}}  {kind}  {count:>7}" for path, kind, count in named]
         if len(self.ramps):
-            lines.append(f"  {len(self.ramps)} ramps of {', '.join(self.ramps.stations)}")
+            lines.append(
+                f"  {len(self.ramps)} ramp{'s' * (len(self.ramps) > 1)} of {', '.join(self.ramps.stations)}"
+            )
         return "\n".join(lines)
 
     def _validate(self) -> None:

@@ -151,7 +151,7 @@ class Ramps:
                     if not same:
                         raise InputError(
                             f"ramps of {self.stations[station[k]]} contradict each other at "
-                            f"{utc_strings(tai_to_utc(start[k]))[0]} UTC: {end_hz!r} and {f_hz[k]!r} Hz; "
+                            f"{utc_strings(tai_to_utc(start[k]))[0]} UTC: {float(end_hz)!r} and {float(f_hz[k])!r} Hz; "
                             "leave one of the two tables out, or correct it"
                         )
                     duration_s[last] = max(duration_s[last], gap_s + duration_s[k])

@@ -134,7 +134,7 @@ class LightTimes(Shown):
                 Field("light time", [self.name]),
                 Field("span", [f"{self.start_utc} to {self.stop_utc} UTC, of reception"]),
                 Field("rows", [count + unseen]),
-                *self._tables("signal", _SIGNAL, "light times in TDB, up and down; rate of the range"),
+                *self._tables("signal", _SIGNAL, "light times in TDB; rate of the range"),
                 *self._tables(
                     "pointing",
                     _POINTING,

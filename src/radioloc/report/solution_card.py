@@ -274,6 +274,8 @@ def _advice(items: Sequence[BudgetItem]) -> Iterator[str]:
     for item in items:
         groups.setdefault(measures.get(item.source, item.source.replace("_", " ")), []).append(item)
     sizes_m2 = {measure: sum(item.total_m**2 for item in mine) for measure, mine in groups.items()}
+    if len(sizes_m2) == 1:  # without it nothing would be left, which says nothing
+        return
     measure = max(sizes_m2, key=lambda one: sizes_m2[one])
     names = list(dict.fromkeys(item.name for item in groups[measure] if item.name))
     first = f", {'most of all ' * (len(names) > 1)}those of {names[0]}" if names else ""
@@ -467,6 +469,8 @@ def _time_correlation(solution: Solution) -> Iterator[str]:
         least, most = (max(end(w.weighed_as for w in weights[_MAX_SERIES:]), 1.0) for end in (min, max))
         lines[-1] += f"; of {len(weights) - _MAX_SERIES} more series that of {least:.0f} to {most:.0f}"
     yield from lines
+    if solution.correlation_factor == 1.0:  # no position, or none that is determined
+        return
     enlarged = (
         f"the time correlation enlarges the position sigma by a factor of {solution.correlation_factor:.2g}"
     )

@@ -197,7 +197,9 @@ class Schedule:
         rows = [self._rows(session, model, target_pa_m, target) for session in self.sessions]
         observations = Observations.concatenate([part for part, _, _ in rows])
         if len(observations) == 0:
-            raise InputError("nothing can be seen in any session; check times, stations and masks")
+            raise InputError(
+                "nothing can be seen from any link at any epoch; check times, stations and masks"
+            )
         session = np.repeat(np.arange(len(rows)), [len(part) for part, _, _ in rows])
         slot, pair = (np.concatenate([part[k] for part in rows]) for k in (1, 2))
         order = np.lexsort((pair, session, observations.epoch.fraction, observations.epoch.jd))

@@ -64,8 +64,8 @@ def notes_of(
     if estimate is not None:
         if arc.trajectory is None and not moon_considered:
             notes.append(
-                f"the sigma does not include the error of {arc.model.ephemeris.name}: neither moon_position and "
-                "libration are considered, nor is [estimate] ephemeris_sigma_m given"
+                f"the sigma does not include the error of {arc.model.ephemeris.name}: neither moon_position nor "
+                "libration is considered, and no [estimate] ephemeris_sigma_m is given"
             )
         if parameters.of_kind("frequency_offset") and "frequency_offset" not in study.estimate.parameters:
             notes.append(

@@ -164,7 +164,7 @@ def test_what_cannot_be_used_is_said(written):
     assert len(found) == 3
     [message] = [str(one.message) for one in said]
     for part in (
-        "of 8 records are left out",
+        "5 of 8 records are left out: ",
         "2 marked as invalid (the first is record 9)",
         "1 of type 51 (angles), which is not modelled (the first is record 11)",
         "1 of more than 300 km/s, which is no Doppler (the first is record 12)",

@@ -155,7 +155,8 @@ def odf_observations(
         problem = f"holds no Doppler or range that can be used: {'; '.join(left_out) or 'it has no data'}"
         raise FileFormatError(odf.path, problem)
     if left_out:
-        problem = f"{odf.path}: of {len(odf.orbit)} records are left out {'; '.join(left_out)}"
+        count = f"{len(odf.orbit) - len(rows)} of {len(odf.orbit)}"
+        problem = f"{odf.path}: {count} records are left out: {'; '.join(left_out)}"
         warnings.warn(problem, DataQualityWarning, stacklevel=2)
     links, link = _links(odf, rows, catalogue)
     tagged = odf.orbit[rows]

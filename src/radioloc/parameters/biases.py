@@ -3,8 +3,9 @@
 Range bias (m): what a receiver adds to every range. Time bias (s): how much later the tagged events happened than a
 station's tags say; the values are not changed. Delays of equipment beyond the model's (s): of the target's transponder
 and of a station's receiving chain. Frequency offset of Doppler and its drift, fractional: receiver's reference less
-transmitter's. Integrated over the count interval T, an offset y adds c y T to the range difference. Between two
-stations' hydrogen masers 1e-13 is usual; 1e-12 moves a Doppler solution of a lander by hundreds of metres.
+transmitter's. Integrated over the count interval T, an offset y adds y (c T - v) to the range difference v, as
+the shift is one of the frequency that was sent: 1e-4 of the shift is 100 km on the Moon. Between two stations' hydrogen
+masers 1e-13 is usual; 1e-12 moves a Doppler solution of a lander by hundreds of metres.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ def _counted(rows: ObservationRows) -> NDArray[np.bool_]:
 
 
 def _offset(rows: ObservationRows) -> NDArray[np.float64]:
-    return (_counted(rows) * (C_M_S * rows.count_s)[:, None])[..., None]
+    return (_counted(rows) * (C_M_S * rows.count_s - rows.computed.value_m)[:, None])[..., None]
 
 
 RANGE_BIAS = ParameterKind(

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -18,6 +19,8 @@ EXAMPLE = Path(__file__).resolve().parents[3] / "examples" / "beacon"
 ROUNDED_HZ = 2e-3
 # Revised Earth orientation would turn the stations by some centimetres.
 REVISED_HZ = 1e-3
+# Sigmas in metres follow the nominal frequency, by 1.8e-4.
+WEIGHTS_M = 1.0
 
 
 @pytest.fixture(scope="module")
@@ -67,6 +70,16 @@ def test_the_frequency_of_the_beacon_and_the_noise_of_readings(solution, script)
     assert np.abs(offsets - expected).max() < 4.0 * script.RECEIVER
     residual_hz = script.BEACON_HZ * solution.residuals.residual_m / (C_M_S * script.COUNT_S)
     assert script.READING_HZ < np.std(residual_hz) < np.hypot(script.READING_HZ, script.WANDER_HZ)
+
+
+def test_a_nominal_frequency_that_is_far_off_does_not_move_the_lander(solution):
+    """The Doppler shift is that of the frequency that was sent, which the offset of each pass says."""
+    study = radioloc.read_study(EXAMPLE / "beacon.toml")
+    [sent] = study.observations.frequencies
+    wrong = replace(sent, transmit_hz=sent.transmit_hz + 1.5e6)
+    found = radioloc.locate(replace(study, observations=replace(study.observations, frequencies=[wrong])))
+    assert found.converged
+    assert np.linalg.norm(found.position_pa_m - solution.position_pa_m) < WEIGHTS_M
 
 
 def test_without_a_height_it_does_not_end_on_the_moon():

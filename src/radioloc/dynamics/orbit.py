@@ -77,6 +77,11 @@ class Orbit:
         moon_m, moon_m_s = ephemeris.geocentric("moon", tdb)
         return position_m + moon_m, velocity_m_s + moon_m_s
 
+    def spans_s(self) -> list[tuple[float, float]]:
+        """What it covers, TDB seconds since J2000: one span."""
+        epoch_s = float(self.epoch.seconds_since(Epochs.from_tdb_seconds(0.0))[0])
+        return [(epoch_s + self.span_s[0], epoch_s + self.span_s[1])]
+
     @bare_arguments
     def partials(self, tdb: Epochs) -> Floats:
         """Partials of position and velocity by the `parameters` at epochs of TDB, SI units, shape (n, 6, n_parameters).

@@ -33,8 +33,8 @@ _INERTIAL_CLASS = 1
 
 
 @runtime_checkable
-class AdjustableTrajectory(Protocol):
-    """A trajectory that follows from parameters, such as the state at an epoch and the forces."""
+class AnyTrajectory(Protocol):
+    """Where a spacecraft is, as a file has it or as it was integrated."""
 
     @property
     def name(self) -> str:
@@ -50,6 +50,11 @@ class AdjustableTrajectory(Protocol):
     def spans_s(self) -> list[tuple[float, float]]:
         """As :meth:`Trajectory.spans_s`."""
         ...
+
+
+@runtime_checkable
+class AdjustableTrajectory(AnyTrajectory, Protocol):
+    """A trajectory that follows from parameters, such as the state at an epoch and the forces."""
 
     def position_partials(self, tdb: Epochs) -> NDArray[np.float64]:
         """Partial derivatives of the position, ICRF axes, by the parameters, shape (n, 3, p)."""

@@ -8,8 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
-from radioloc.ephemeris import Trajectory
-from radioloc.ephemeris.trajectory import AdjustableTrajectory
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
 from radioloc.measurements.combined_predictor import CombinedPredictor, expanded
@@ -33,7 +32,7 @@ def prepare_predictor(
     observations: Observations,
     approximate_pa_m: NDArray[np.float64],
     evaluation: str = "auto",
-    trajectory: Trajectory | AdjustableTrajectory | None = None,
+    trajectory: AnyTrajectory | None = None,
     targets: Sequence[str] = (),
     more_partials: bool = False,
 ) -> Predictor:
@@ -50,7 +49,7 @@ def prepare_predictor(
         ``"exact"`` computes every observation by itself; ``"interpolated"`` interpolates series wherever that takes
         less computing, within 0.09 mm of the exact values; ``"auto"`` does so from some thousand observations on, if
         most of them belong to dense series.
-    trajectory : Trajectory or AdjustableTrajectory, optional
+    trajectory : AnyTrajectory, optional
         The target's, if it is a spacecraft; its observations are computed by themselves, as it can go behind the Moon
         between any two nodes.
     targets : sequence of str

@@ -26,8 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
-from radioloc.ephemeris import Trajectory
-from radioloc.ephemeris.trajectory import AdjustableTrajectory
+from radioloc.ephemeris.trajectory import AdjustableTrajectory, AnyTrajectory
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.light_path import (
     BOUNCE,
@@ -102,7 +101,7 @@ class ExactPredictor(Predictor):
         model: PhysicalModel,
         observations: Observations,
         approximate_pa_m: NDArray[np.float64],
-        trajectory: Trajectory | AdjustableTrajectory | None = None,
+        trajectory: AnyTrajectory | None = None,
         targets: Sequence[str] = (),
         more_partials: bool = False,
         clock_epoch: Epochs | None = None,

@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, L_B, L_G, MEAN_LUNAR_RADIUS_M
-from radioloc.ephemeris import EarthState, Trajectory
-from radioloc.ephemeris.trajectory import AdjustableTrajectory
+from radioloc.ephemeris import EarthState
+from radioloc.ephemeris.trajectory import AdjustableTrajectory, AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
@@ -95,7 +95,7 @@ def lunar_motion(
     reference: Epochs,
     reference_earth: EarthState,
     offset_s: NDArray[np.float64],
-    trajectory: Trajectory | AdjustableTrajectory | None = None,
+    trajectory: AnyTrajectory | None = None,
 ) -> LunarMotion:
     """The Moon at offsets from the reference epochs (TDB), when the geocentre is the origin.
 
@@ -150,7 +150,7 @@ def with_craft(
 
 
 def _craft_motion(
-    trajectory: Trajectory | AdjustableTrajectory,
+    trajectory: AnyTrajectory,
     model: PhysicalModel,
     tdb: Epochs,
     offset_s: NDArray[np.float64],

@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import Station
-from radioloc.ephemeris import Trajectory
-from radioloc.ephemeris.trajectory import AdjustableTrajectory
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -116,7 +115,7 @@ class Predictor(ABC):
         What the predictions rest on.
     observations : Observations
         What is predicted.
-    trajectory : Trajectory, AdjustableTrajectory or None
+    trajectory : AnyTrajectory or None
         The target's, if it is a spacecraft and no point fixed to the Moon. Positions are then offsets from it in
         principal axes, constant in time: usually zeros. In place of a position an adjustable trajectory has changes of
         its parameters, shape (p,).
@@ -141,7 +140,7 @@ class Predictor(ABC):
         self,
         model: PhysicalModel,
         observations: Observations,
-        trajectory: Trajectory | AdjustableTrajectory | None = None,
+        trajectory: AnyTrajectory | None = None,
         targets: Sequence[str] = (),
         more_partials: bool = False,
     ) -> None:

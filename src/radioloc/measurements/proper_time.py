@@ -28,9 +28,8 @@ from numpy.typing import NDArray
 from radioloc.constants import C_M_S, L_G
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import Station
-from radioloc.ephemeris import Trajectory
 from radioloc.ephemeris.clock_rate import clock_rate
-from radioloc.ephemeris.trajectory import AdjustableTrajectory
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.measurements.light_path import MovingPoint
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -96,9 +95,7 @@ class TargetClock:
         return ahead_s * self.kept, rate * self.kept, by_place * self.kept[:, None]
 
 
-def clock_epoch(
-    observations: Observations, trajectory: Trajectory | AdjustableTrajectory | None = None
-) -> Epochs | None:
+def clock_epoch(observations: Observations, trajectory: AnyTrajectory | None = None) -> Epochs | None:
     """When the target's clock agrees with TT: at 0h UTC of an arc's first day, or when its trajectory begins; TDB.
 
     None where there are no observations.
@@ -120,7 +117,7 @@ def target_clock(
     kept: NDArray[np.bool_],
     radius_m: NDArray[np.float64],
     epoch: Epochs | None,
-    trajectory: Trajectory | AdjustableTrajectory | None = None,
+    trajectory: AnyTrajectory | None = None,
 ) -> TargetClock:
     """The target's clock at events (TDB), for those in which it is `kept`.
 
@@ -144,7 +141,7 @@ def _gained(
     model: PhysicalModel,
     zero: Epochs,
     since_s: NDArray[np.float64],
-    trajectory: Trajectory | AdjustableTrajectory | None,
+    trajectory: AnyTrajectory | None,
     *,
     whole: bool,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -173,7 +170,7 @@ def _gained(
 
 
 def _state(
-    model: PhysicalModel, tdb: Epochs, trajectory: Trajectory | AdjustableTrajectory | None
+    model: PhysicalModel, tdb: Epochs, trajectory: AnyTrajectory | None
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Geocentric position and velocity of the spacecraft, or of the Moon's centre."""
     if trajectory is None:
@@ -181,9 +178,7 @@ def _state(
     return trajectory.geocentric(model.ephemeris, tdb)
 
 
-def _rate(
-    model: PhysicalModel, tdb: Epochs, trajectory: Trajectory | AdjustableTrajectory | None
-) -> NDArray[np.float64]:
+def _rate(model: PhysicalModel, tdb: Epochs, trajectory: AnyTrajectory | None) -> NDArray[np.float64]:
     """Rate of a clock in the spacecraft, or at the Moon's centre without its potential, against TT at the geocentre."""
     left_out = "moon" if trajectory is None else ""
     return L_G + clock_rate(model.ephemeris, tdb, *_state(model, tdb, trajectory), left_out)

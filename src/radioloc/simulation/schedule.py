@@ -184,6 +184,12 @@ class Schedule:
     sessions: Sequence[Session]
     masks: Masks = field(default_factory=Masks)
 
+    def span(self) -> Epochs:
+        """Start of the first session and stop of the last, UTC."""
+        dates = [date for one in self.sessions for date in (one.start_utc, one.stop_utc)]
+        limits = epochs_from_strings(dates, "UTC")
+        return limits[[int(limits.mjd.argmin()), int(limits.mjd.argmax())]]
+
     @bare_arguments
     def plan(self, model: PhysicalModel, target_pa_m: Target, target: str = "lander") -> Plan:
         """Epochs and links of what can be seen.

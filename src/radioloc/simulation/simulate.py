@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields, replace
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.ephemeris import Trajectory
+from radioloc.dynamics import AdjustableOrbit, Orbit
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
@@ -29,7 +30,7 @@ from radioloc.simulation.truth import (
     fixed_errors,
     position_error_m,
 )
-from radioloc.time import epochs_from_strings
+from radioloc.time import Epochs, epochs_from_strings, utc_strings
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +49,7 @@ class Simulated:
     drawn_m: NDArray[np.float64]  # what those add
     noise_m: NDArray[np.float64]
     is_outlier: NDArray[np.bool_]  # whether the random error has a wild part
-    trajectory: Trajectory | None = None  # where the spacecraft truly is, if the target is one
+    trajectory: AnyTrajectory | None = None  # where the spacecraft truly is, if the target is one
 
     def __repr__(self) -> str:
         first, last = self.observations.span().day_strings()
@@ -65,6 +66,7 @@ class Simulated:
             "simulated observations",
             self.observations.summary(),
             where if self.trajectory is None else f"true trajectory: {self.trajectory}",
+            *(_of_orbit(self.trajectory) if isinstance(self.trajectory, Orbit) else ()),
             f"seed {self.seed}, {int(self.is_outlier.sum())} outlier(s)",
             *(f"{name}: {_shown(value)}" for name, value in _differences(self.truth)),
             *(f"drawn {name}: {_shown(value)}" for name, value in _by_kind(self.drawn).items()),
@@ -89,6 +91,7 @@ class World:
     error_free_m: NDArray[np.float64]
     added_m: dict[str, NDArray[np.float64]]
     errors: dict[str, float]  # errors of the truth by parameter, such as "range_bias.KASHI"
+    trajectory: AnyTrajectory | None
     drawn: DrawnErrors  # errors that a trial of a Monte Carlo study draws, and draw if asked to
     enu_pa: NDArray[np.float64]  # east, north and up at the target, in principal axes, as rows, shape (3, 3)
 
@@ -128,8 +131,16 @@ class World:
             drawn_m=drawn_m,
             noise_m=noise_m,
             is_outlier=is_outlier,
-            trajectory=scenario.position if isinstance(scenario.position, Trajectory) else None,
+            trajectory=self.trajectory,
         )
+
+
+class StateAndForces(Protocol):
+    """An orbit that is still to be integrated, over the sessions; an :class:`~radioloc.studies.orbiter.Orbiter`."""
+
+    def orbit_over(self, model: PhysicalModel, utc: Epochs, count_s: float) -> AdjustableOrbit:
+        """The orbit from one epoch to another, with what counts of some length need beyond."""
+        ...
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,7 +148,8 @@ class Scenario:
     """All that a simulation needs besides the nominal model, with which the observations would be fitted."""
 
     schedule: Schedule  # what is measured and when
-    position: LunarPosition | Trajectory  # where the point or the spacecraft truly is
+    # Where the point or the spacecraft truly is.
+    position: LunarPosition | AnyTrajectory | StateAndForces
     truth: Truth = field(default_factory=Truth)  # in what the world differs from the nominal model
     noise: NoiseModel = field(default_factory=NoiseModel)  # random errors
     # Errors that are drawn anew in every trial, about those of the truth.
@@ -150,10 +162,8 @@ class Scenario:
 
     def world(self, model: PhysicalModel) -> World:
         """Compute all but the noise, about a nominal model; errors as :func:`simulate`."""
-        if isinstance(self.position, Trajectory):
-            trajectory, target_pa_m, enu_pa = self.position, np.zeros(3), np.eye(3)
-        else:
-            trajectory = None
+        trajectory, target_pa_m, enu_pa = self._trajectory(model), np.zeros(3), np.eye(3)
+        if isinstance(self.position, LunarPosition):
             target_pa_m = self.position.to_axes("PA", model.ephemeris.constants).xyz_m
             enu_pa = rot_pa_to_enu(target_pa_m, model)
         plan = self.schedule.plan(model, target_pa_m if trajectory is None else trajectory, self.name)
@@ -172,7 +182,14 @@ class Scenario:
         start = min(starts, key=lambda date: epochs_from_strings(date, "UTC").mjd[0])
         added_m, errors = fixed_errors(self.truth, predictor, at, target_pa_m, start)
         drawn = drawn_errors(self.truth_sigma, predictor, at, target_pa_m, enu_pa, start)
-        return World(self, plan, target_pa_m, at.value_m, added_m, errors, drawn, enu_pa)
+        return World(self, plan, target_pa_m, at.value_m, added_m, errors, trajectory, drawn, enu_pa)
+
+    def _trajectory(self, model: PhysicalModel) -> AnyTrajectory | None:
+        """Where a spacecraft truly is."""
+        if isinstance(self.position, LunarPosition | AnyTrajectory):
+            return None if isinstance(self.position, LunarPosition) else self.position
+        counts_s = np.nan_to_num([session.count_s for session in self.schedule.sessions])
+        return self.position.orbit_over(model, self.schedule.span(), float(counts_s.max())).nearest()[0]
 
 
 def rot_pa_to_enu(target_pa_m: NDArray[np.float64], model: PhysicalModel) -> NDArray[np.float64]:
@@ -184,7 +201,7 @@ def rot_pa_to_enu(target_pa_m: NDArray[np.float64], model: PhysicalModel) -> NDA
 
 def simulate(
     schedule: Schedule,
-    target: LunarPosition | Trajectory,
+    target: LunarPosition | AnyTrajectory | StateAndForces,
     truth: Truth | None = None,
     noise: NoiseModel | None = None,
     *,
@@ -236,6 +253,17 @@ def _require_usable(predictor: Predictor, at: Prediction) -> None:
             f"{wrong} of {len(observations)} observations cannot be simulated; the first, a {kind} of {link}: "
             f"{problem}; raise the elevation mask, or leave the term out of the model"
         )
+
+
+def _of_orbit(orbit: Orbit) -> tuple[str, str]:
+    """State and forces of a true orbit."""
+    (x, y, z), (vx, vy, vz) = (of[0].tolist() for of in orbit.states(orbit.epoch))
+    field = orbit.forces.gravity
+    return (
+        f"true state at {utc_strings(orbit.epoch, 6)[0]} TDB, Moon-centred ICRF, m and m/s: "
+        f"{x:.4f} {y:.4f} {z:.4f} {vx:.7f} {vy:.7f} {vz:.7f}",
+        f"true forces: {field.name} to degree {field.degree}; {_shown(orbit.forces.parameters())}",
+    )
 
 
 def _differences(truth: Truth) -> list[tuple[str, Any]]:

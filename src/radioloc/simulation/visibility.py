@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from radioloc.boundary import bare_arguments, bare_fields
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M, SECONDS_PER_DAY
 from radioloc.earth.geodesy import rot_itrf_to_enu
-from radioloc.ephemeris import Trajectory
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import rot_icrf_to_pa
 from radioloc.measurements.physical_model import PhysicalModel
@@ -39,7 +39,7 @@ class AtInfinity:
     direction: NDArray[np.float64]  # ICRS, unit vector, shape (3,); 20 arcseconds of aberration are left out
 
 
-Target = NDArray[np.float64] | Trajectory
+Target = NDArray[np.float64] | AnyTrajectory
 """Principal-axes position of a point on the Moon, shape (3,), m; or the trajectory of a spacecraft."""
 
 _COARSE_S = 60.0
@@ -102,7 +102,7 @@ def elevations(
     ----------
     model : PhysicalModel
         Where Earth, Moon and stations are; its terms (tides, media) do not matter here.
-    target_pa_m : ndarray, shape (3,), Trajectory or AtInfinity
+    target_pa_m : ndarray, shape (3,), AnyTrajectory or AtInfinity
         The point in principal axes, m, or a spacecraft: its horizon is the Moon's limb, the sphere of 1737.4 km; or a
         quasar, whose horizon hides nothing.
     stations : sequence of str
@@ -162,7 +162,7 @@ def _target(
     Beside them the dip of its horizon, rad: of a spacecraft the limb's, of a point on the surface none.
     """
     ephemeris = model.ephemeris
-    if isinstance(target_pa_m, Trajectory):
+    if isinstance(target_pa_m, AnyTrajectory):
         distance_m = np.linalg.norm(target_pa_m.geocentric(ephemeris, tdb)[0], axis=-1)
         left = tdb.shifted(-distance_m / C_M_S)
         target_gcrs_m, _ = target_pa_m.geocentric(ephemeris, left)
@@ -196,7 +196,7 @@ def seen(
     n = len(tt)
     length_s = float(tt[-1].seconds_since(tt[0])[0]) if n else 0.0
     every = 1
-    if length_s > 0.0 and not isinstance(target_pa_m, Trajectory):
+    if length_s > 0.0 and not isinstance(target_pa_m, AnyTrajectory):
         every = max(1, int(_COARSE_S * (n - 1) / length_s))
 
     def margin_rad(rows: NDArray[np.intp]) -> NDArray[np.float64]:

@@ -29,6 +29,7 @@ from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.observation_noise import ObservationNoise, Whitening
 from radioloc.estimation.process_noise import ProcessNoise
+from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
 from radioloc.measurements.map_predictor import JointPredictor
 from radioloc.measurements.predictor import Predictor
@@ -149,6 +150,8 @@ class _Planned:
             )
         else:
             require_planned_counts(study.observations)
+            if not isinstance(scenario.position, LunarPosition):
+                raise InputError(f"{study.name}: a covariance study is of one position on the Moon")
             study = replace(study, target=scenario.position, reference=None, references=())
             model = model_of(study)
             plan = scenario.schedule.plan(

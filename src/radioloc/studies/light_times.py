@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S
-from radioloc.ephemeris import Trajectory
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
 from radioloc.measurements.exact_predictor import ExactPredictor
@@ -142,8 +142,8 @@ def _table(
     rows = replace(
         counts, kind=np.full_like(counts.kind, kind_of(kind)), count_s=np.full(len(counts), np.nan)
     )
-    trajectory = target if isinstance(target, Trajectory) else None
-    place_m = np.zeros(3) if isinstance(target, Trajectory) else target
+    trajectory = target if isinstance(target, AnyTrajectory) else None
+    place_m = np.zeros(3) if isinstance(target, AnyTrajectory) else target
     predictor = ExactPredictor(model, rows, place_m, trajectory)
     computed = predictor.compute(place_m)
     path, sender, receiver = predictor.light_path(place_m)

@@ -99,15 +99,19 @@ class Orbiter:
         self, model: PhysicalModel, observations: Observations, parameters: tuple[str, ...]
     ) -> AdjustableOrbit:
         """The a-priori orbit over the observations, with partials by some parameters of the forces."""
-        tdb_s = np.zeros(1)
-        if len(observations):
-            tdb_s = tt_to_tdb(utc_to_tt(observations.span())).seconds_since(self.epoch)
+        count_s = float(np.nan_to_num(observations.count_s).max(initial=0.0))
+        return self.orbit_over(model, observations.span() if len(observations) else None, count_s, parameters)
+
+    def orbit_over(
+        self, model: PhysicalModel, utc: Epochs | None, count_s: float, parameters: tuple[str, ...] = ()
+    ) -> AdjustableOrbit:
+        """As :meth:`orbit`, over time tags from one epoch to another, or none; of counts of a length."""
+        tdb_s = np.zeros(1) if utc is None else tt_to_tdb(utc_to_tt(utc)).seconds_since(self.epoch)
         if abs(tdb_s).max() > _LONGEST_ARC_S:
             raise InputError(
                 f"the state of {self.name} is of {abs(tdb_s).max() / 86400.0:.0f} days from the observations; give one "
                 "within 40 days"
             )
-        count_s = np.nan_to_num(observations.count_s).max(initial=0.0)
         span_s = (float(tdb_s.min() - count_s - _MARGIN_S), float(tdb_s.max() + count_s + _MARGIN_S))
         return AdjustableOrbit(
             self.epoch,

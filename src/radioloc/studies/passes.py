@@ -9,14 +9,13 @@ from pathlib import Path
 import numpy as np
 
 from radioloc.boundary import bare_arguments
-from radioloc.ephemeris import Trajectory
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.report.passes import Pass, Passes
 from radioloc.simulation.visibility import Masks, Target, Window, elevations, windows
 from radioloc.studies.locate import model_of, prepared_arc
-from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.study import Study
 from radioloc.studies.study_file import as_study
 from radioloc.studies.weights import ends_of
@@ -104,21 +103,23 @@ def scene_of(
         names, first, last, masks = [], "", "", Masks()
     else:
         names, first, last, masks = _observed(study)
-    if isinstance(study.target, Orbiter):
-        raise InputError(
-            f"{study.name}: who sees an orbiter follows from its orbit; write it as an SPK and give that"
-        )
-    places: dict[str, LunarPosition | Trajectory] = {**study.targets} or {"lander": study.target}
+    places: dict[str, object] = {**study.targets} or {"lander": study.target}
     if study.simulation is not None:
         places = {study.simulation.name: study.simulation.position}
-    constants = model.ephemeris.constants
+    targets: dict[str, Target] = {}
+    for name, place in places.items():
+        if isinstance(place, LunarPosition):
+            targets[name] = place.to_axes("PA", model.ephemeris.constants).xyz_m
+        elif isinstance(place, AnyTrajectory):
+            targets[name] = place
+        else:
+            raise InputError(
+                f"{study.name}: who sees an orbiter follows from its orbit; write it as an SPK and give that"
+            )
     return Scene(
         study.name,
         model,
-        {
-            name: place if isinstance(place, Trajectory) else place.to_axes("PA", constants).xyz_m
-            for name, place in places.items()
-        },
+        targets,
         [model.catalogue.get(name).name for name in stations or names],
         start_utc or first,
         stop_utc or last,

@@ -87,7 +87,7 @@ class Prepared:
         """
         scenario = scenario_of(study)
         require_planned_counts(study.observations)
-        if isinstance(study.target, Trajectory | Orbiter) or isinstance(scenario.position, Trajectory):
+        if isinstance(study.target, Trajectory | Orbiter) or not isinstance(scenario.position, LunarPosition):
             raise InputError(
                 f"{study.name}: a Monte Carlo study compares positions, but the target is a trajectory"
             )

@@ -184,6 +184,10 @@ class TomlTable:
         value = self.take(key)
         return None if value is None else self._child(key, value)
 
+    def completed(self, others: Mapping[str, Any]) -> TomlTable:
+        """It, with the keys that another one has and it has not."""
+        return TomlTable(self.path, self.name, {**others, **self._content}, self._hints)
+
     def named(self) -> dict[str, TomlTable]:
         """Take all that is left, each a table of its own, by name."""
         return {key: self._child(key, self.take(key)) for key in list(self._content)}

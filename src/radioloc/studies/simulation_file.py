@@ -17,6 +17,7 @@ from radioloc.parameters.kind import Scope
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation import Masks, Noise, NoiseModel, Scenario, Schedule, Session, Truth, TruthSigma
 from radioloc.simulation.schedule import LINKS
+from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.schema import TomlTable
 from radioloc.time import Epochs, utc_strings
 
@@ -58,7 +59,9 @@ class SessionKeys:
     source: str = ""
 
 
-def scenario(table: TomlTable, position: LunarPosition | Trajectory, catalogue: StationCatalogue) -> Scenario:
+def scenario(
+    table: TomlTable, position: LunarPosition | Trajectory | Orbiter, catalogue: StationCatalogue
+) -> Scenario:
     """Read ``[simulation]``, of which `position`, where the target truly is, has been taken."""
     seed, name = table.get("seed", int), table.get("name", str)
     sessions, truth, truth_sigma, noise = (
@@ -83,7 +86,7 @@ def scenario(table: TomlTable, position: LunarPosition | Trajectory, catalogue: 
         noise=None if noise is None else _noise(noise),
         truth_sigma=_errors(truth_sigma, TruthSigma, _OF_TRUTH_SIGMA, stations, catalogue),
         seed=seed,
-        name=name,
+        name=position.name if name is None and isinstance(position, Orbiter) else name,
     )
 
 

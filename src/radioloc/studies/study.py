@@ -600,7 +600,7 @@ class Study:
             "[estimate] ephemeris_sigma_m": any(self.estimate.ephemeris_sigma_m),
             "[reference]": self.reference is not None,
             "[references]": bool(self.references),
-            "[simulation]": self.simulation is not None,
+            "[simulation]": self.simulation is not None and not isinstance(trajectory, Orbiter),
             "[[observations.map_positions]]": bool(self.observations.map_positions),
         }
         for key, present in given.items():

@@ -5,8 +5,8 @@ from __future__ import annotations
 import dataclasses
 import sys
 import tomllib
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -48,6 +48,8 @@ _FASTEST_PLATE_M_YR = 1.0
 """Plates move by up to 0.1 m a year; more is another unit."""
 GEODETIC = ("longitude_deg", "latitude_deg", "height_m")
 """Keys of a position above an ellipsoid."""
+_OF_THE_FIT = ("empirical", "gravity_errors", "gravity_error_degree")
+"""Keys of the forces that the true ones have not."""
 _STATION_YEARS = (1900.0, 2100.0)
 """An epoch outside is no Julian year but another count of days."""
 
@@ -72,6 +74,14 @@ class Target(Place):
     body: int | None = entry(None, advice="it is a NAIF code, such as -85")
     dynamics: str | None = entry(None, choices=("moon",))
     epoch: str | None = None
+    velocity_m_s: tuple[float, float, float] | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class TrueState:
+    """Keys of ``[simulation.state]``: the true state of an orbiter, where it is not the a-priori one."""
+
+    position_m: tuple[float, float, float] | None = None
     velocity_m_s: tuple[float, float, float] | None = None
 
 
@@ -228,7 +238,10 @@ def read_study(path: str | Path) -> Study:
         path=file,
         candidates=None if planned is None else planned.candidates,
         longitude_to_360=any(place.get("longitude_deg", 0.0) > 180.0 for place in places),
-        simulation=made("simulation", partial(_simulation, target=target, catalogue=catalogue)),
+        simulation=made(
+            "simulation",
+            partial(_simulation, target=target, forces=content.get("forces", {}), catalogue=catalogue),
+        ),
     )
 
 
@@ -359,10 +372,42 @@ def _considered(table: TomlTable) -> tuple[dict[str, ParameterChoice], bool]:
 
 
 def _simulation(
-    table: TomlTable, target: LunarPosition | Trajectory, catalogue: StationCatalogue
+    table: TomlTable,
+    target: LunarPosition | Trajectory | Orbiter,
+    forces: Mapping[str, Any],
+    catalogue: StationCatalogue,
 ) -> Scenario:
-    true = table.table("position")  # of a trajectory there is none, and the study refuses it
+    orbits = isinstance(target, Orbiter)
+    for key in ("position",) if orbits else ("state", "forces"):
+        if key in table:
+            kind, instead = (
+                ("a place", "state") if orbits else ('a target with dynamics = "moon"', "position")
+            )
+            table.fail(key, f"belongs to {kind} on the Moon; use [simulation.{instead}]")
+    true, state, acting = (table.table(key) for key in ("position", "state", "forces"))
+    if isinstance(target, Orbiter):
+        planned = scenario(table, _true_orbiter(target, state, acting, forces), catalogue)
+        if any(planned.truth_sigma.position_enu_m):
+            raise InputError(
+                f"{table.path}: [simulation.truth_sigma] position_enu_m belongs to a place on the Moon, but the target "
+                "is an orbiter; leave it out"
+            )
+        return planned
+    # Of a trajectory there is none, and the study refuses it.
     return scenario(table, target if true is None else position_of(true, true.read(Place)), catalogue)
+
+
+def _true_orbiter(
+    target: Orbiter, state: TomlTable | None, acting: TomlTable | None, forces: Mapping[str, Any]
+) -> Orbiter:
+    """The a-priori orbiter, but for what the simulation gives; of the forces each key by itself."""
+    changes: dict[str, Any] = {} if state is None else asdict(state.read(TrueState))
+    if acting is not None:
+        for key in _OF_THE_FIT:
+            if key in acting:
+                acting.fail(key, "is of the fit, not of the world; it belongs to [forces]")
+        changes["forces"] = _forces(acting.completed(forces))[1]
+    return replace(target, **{key: value for key, value in changes.items() if value is not None})
 
 
 def _observations(table: TomlTable, may_be_missing: bool) -> ObservationChoice:

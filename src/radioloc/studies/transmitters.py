@@ -15,8 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S
-from radioloc.ephemeris import Trajectory
-from radioloc.ephemeris.trajectory import AdjustableTrajectory
+from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError, named
 from radioloc.estimation.statistics import robust_scale
 from radioloc.estimation.transmitter_passes import TransmitterPass
@@ -45,7 +44,7 @@ class TransmitterSearch:
     study: Study
     model: PhysicalModel
     positions_pa_m: _Floats
-    trajectory: Trajectory | AdjustableTrajectory | None = None
+    trajectory: AnyTrajectory | None = None
     targets: tuple[str, ...] = ()
 
     @property

@@ -70,7 +70,7 @@ def test_every_key_is_on_the_page(tmp_path, monkeypatch):
         elif re.match(r"\| `\w+`", line):
             for name in names:
                 documented.setdefault(name, set()).update(re.findall(r"`(\w+)`", line.split("|")[1]))
-    of_tables = {"sessions", "noise", "truth", "truth_sigma", "position"}
+    of_tables = {"sessions", "noise", "truth", "truth_sigma", "position", "state", "forces"}
     assert asked["simulation"] - of_tables == documented["simulation"]
     simulated = [kind for kind in PARAMETERS.values() if kind.scopes != (Scope.MAP,)]
     whose = {kind.keys["per"] for kind in simulated}

@@ -1,0 +1,154 @@
+"""Simulated tracking of an orbiter: a truth that differs from the fit's a-priori orbit is found again."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import radioloc
+from radioloc.cli import main
+from radioloc.dynamics import Orbit, propagate
+from radioloc.errors import InputError
+from radioloc.measurements import ExactPredictor, PhysicalModel
+from radioloc.simulation import windows
+
+TRUE_M = np.array([575839.0, -463349.0, -1631539.0])
+VELOCITY_M_S = np.array([-567.864, 1434.223, -600.209])
+SIGMA_M = 1e-3
+
+
+def written(folder, more="", observations='files = ["sim.csv"]', forces="radiation_m2_kg = 0.02\n"):
+    path = folder / "orbit.toml"
+    path.write_text(f"""
+[target]
+name = "craft"
+dynamics = "moon"
+epoch = "2012-04-09T04:30:00"
+position_m = [575739.0, -463249.0, -1631639.0]
+velocity_m_s = [-567.864, 1434.223, -600.209]
+[forces]
+degree = 20
+radiation_m2_kg = 0.018
+gravity_errors = 0
+[observations]
+{observations}
+[consider]
+defaults = false
+[simulation.state]
+position_m = [575839.0, -463349.0, -1631539.0]
+[simulation.forces]
+{forces}
+[simulation.sessions.doppler]
+kind = "doppler"
+stations = ["DSS-24", "DSS-65"]
+start = 2012-04-09T04:40:00
+stop = 2012-04-09T08:40:00
+step_s = 60.0
+count_s = 60.0
+sigma_m = {SIGMA_M}
+wavelength_um = 36000.0
+[simulation.noise.doppler]
+white_m = {SIGMA_M}
+{more}
+""")
+    return path
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory):
+    study = radioloc.read_study(written(tmp_path_factory.mktemp("orbit")))
+    return study, radioloc.simulate(study, seed=3)
+
+
+def test_the_world_is_the_tracking_of_the_true_orbit(made):
+    study, simulated = made
+    observations, orbit = simulated.observations, simulated.trajectory
+    assert isinstance(orbit, Orbit)
+    assert orbit.states(orbit.epoch)[0][0] == pytest.approx(TRUE_M, abs=1e-6)
+    # Integrated by itself, not by way of the study.
+    truth = propagate(
+        study.target.epoch,
+        TRUE_M,
+        VELOCITY_M_S,
+        study.target.forces.with_parameters({"radiation": 0.02}),
+        (0.0, 16000.0),
+    )
+    predicted = ExactPredictor(PhysicalModel.build(), observations, np.zeros(3), truth).compute(np.zeros(3))
+    assert predicted.usable.all()
+    assert np.abs(observations.value_m - simulated.noise_m - predicted.value_m).max() < 1e-6
+    assert {path.upper() for path in observations.paths()} <= {"DSS-24>CRAFT>DSS-24", "DSS-65>CRAFT>DSS-65"}
+    assert "true state at 2012-04-09T04:30:00.000000 TDB" in simulated.summary()
+    assert "GRGM660PRIM to degree 20; k2 0.02416; radiation 0.02" in simulated.summary()
+
+
+def test_nothing_is_tracked_behind_the_moon(made):
+    study, simulated = made
+    found = windows(
+        PhysicalModel.build(),
+        simulated.trajectory,
+        ["DSS-24"],
+        "2012-04-09T04:40:00",
+        "2012-04-09T08:40:00",
+        study.simulation.schedule.masks,
+    )
+    hours = sum(
+        np.ptp(radioloc.time.epochs_from_strings([one.start_utc, one.stop_utc]).mjd) * 24.0 for one in found
+    )
+    mine = simulated.observations.paths() == simulated.observations.paths()[0]
+    assert 1.0 < hours < 3.0
+    assert 60.0 * hours - 3.0 * len(found) < max(mine.sum(), (~mine).sum()) < 60.0 * hours + 1.0
+
+
+def test_the_true_state_is_found_again(made):
+    study, simulated = made
+    solution = radioloc.locate(study, simulated.observations)
+    assert solution.converged
+    error = np.concatenate([solution.state.position_m - TRUE_M, solution.state.velocity_m_s - VELOCITY_M_S])
+    # Six directions together: a chi squared of 6 degrees of freedom.
+    assert error @ np.linalg.solve(solution.state.covariance, error) < 22.5
+    assert solution.fit.total.wrms_m < 1.3 * SIGMA_M
+
+
+def test_a_true_field_beyond_that_of_the_fit_is_in_the_values(tmp_path, made):
+    further = radioloc.simulate(written(tmp_path, forces="degree = 40\n"), seed=3)
+    assert further.trajectory.forces.gravity.degree == 40
+    assert further.trajectory.forces.radiation_m2_kg == 0.018
+    assert len(further.observations) > 50
+    by_time = [one.observations.epoch.mjd for one in (further, made[1])]
+    same = np.intersect1d(*by_time, return_indices=True)[1:]
+    change_m = further.error_free_m[same[0]] - made[1].error_free_m[same[1]]
+    assert np.abs(change_m).max() > 100.0 * SIGMA_M
+
+
+def test_the_command_writes_what_locate_reads(tmp_path, capsys):
+    study = written(tmp_path)
+    assert main(["simulate", str(study), "--out", str(tmp_path / "sim.csv")]) == 0
+    assert "true state" in (tmp_path / "sim.csv").read_text()
+    capsys.readouterr()
+    assert main(["residuals", str(study)]) == 0
+    assert "of craft" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize(
+    ("forces", "more", "message"),
+    [
+        ("gravity_errors = 3", "", r"\[simulation.forces\] gravity_errors: is of the fit"),
+        ("degre = 3", "", r"\[simulation.forces\] 'degre' is not known"),
+        ("", "[simulation.position]\nheight_m = 3.0", r"\[simulation\] position: belongs to a place"),
+        (
+            "",
+            "[simulation.truth_sigma]\nposition_enu_m = [1.0, 1.0, 1.0]",
+            r"\[simulation.truth_sigma\] position_enu_m belongs to a place",
+        ),
+    ],
+)
+def test_mistakes_are_told(tmp_path, forces, more, message):
+    with pytest.raises(InputError, match=message):
+        radioloc.read_study(written(tmp_path, more, forces=forces))
+
+
+def test_studies_of_positions_refuse_orbits(made):
+    with pytest.raises(InputError, match="a Monte Carlo study compares positions"):
+        radioloc.monte_carlo(made[0], trials=2)
+    with pytest.raises(InputError, match="a covariance study is of one position on the Moon"):
+        radioloc.covariance(made[0])

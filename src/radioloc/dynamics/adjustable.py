@@ -42,6 +42,8 @@ class AdjustableOrbit:
     ephemeris, libration : Ephemeris, LunarOrientation
     name : str
         How messages call it.
+    notes : tuple of str
+        How its state was found, for results.
     integrated : list
         What was integrated: values of the parameters, and the orbit; shared by those that differ in them only.
     """
@@ -54,6 +56,7 @@ class AdjustableOrbit:
     ephemeris: Ephemeris
     libration: LunarOrientation
     name: str = "orbit"
+    notes: tuple[str, ...] = ()
     integrated: list[tuple[Floats, Orbit]] = field(default_factory=list)
 
     def __str__(self) -> str:

@@ -17,12 +17,30 @@ from radioloc.time import Epochs, utc_strings
 if TYPE_CHECKING:
     from radioloc.dynamics import AdjustableOrbit
     from radioloc.dynamics.disturbed import DisturbedOrbit
+    from radioloc.ephemeris import LunarOrientation
 
 Floats = NDArray[np.float64]
 
 RTN = ("radial", "along", "across")
 _MAPPED = 25
 """Epochs at which the covariance is mapped, the ends of the arc included."""
+
+
+def equatorial_axes(libration: LunarOrientation, tdb: Epochs) -> Floats:
+    """Axes of the Moon's equator in the ICRF at an epoch, shape (3, 3), one a row.
+
+    The first points to the equator's ascending node on the plane of the ICRF's x and y, the third to the Moon's north
+    pole (principal axes).
+    """
+    pole = rot_icrf_to_pa(libration.angles(tdb)[0])[0, 2]
+    to_node = np.array([-pole[1], pole[0], 0.0]) / np.hypot(pole[0], pole[1])
+    return np.stack([to_node, np.cross(pole, to_node), pole])
+
+
+def plane_deg(state: Floats, axes: Floats) -> tuple[float, float]:
+    """Inclination and longitude of the ascending node, 0 to 360 deg, of a state's plane by such axes."""
+    x, y, z = axes @ np.cross(state[:3], state[3:])
+    return float(np.degrees(np.arctan2(np.hypot(x, y), z))), float(np.degrees(np.arctan2(x, -y)) % 360.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,12 +123,14 @@ class OrbitState:
         momentum = np.cross(r, v)
         axis_m = 1.0 / (2.0 / distance - square / gm)
         eccentricity = float(np.linalg.norm(np.cross(v, momentum) / gm - r / distance))
-        pole = rot_icrf_to_pa(self.orbit.libration.angles(self.epoch)[0])[0, 2]
-        tilt = np.degrees(np.arccos(np.clip(momentum @ pole / np.linalg.norm(momentum), -1.0, 1.0)))
+        inclination_deg, node_deg = plane_deg(
+            self.orbit.state, equatorial_axes(self.orbit.libration, self.epoch)
+        )
         return {
             "semi_major_axis_m": float(axis_m),
             "eccentricity": eccentricity,
-            "inclination_deg": float(tilt),
+            "inclination_deg": inclination_deg,
+            "node_deg": node_deg,
             "lowest_m": float(axis_m * (1.0 - eccentricity) - MEAN_LUNAR_RADIUS_M),
             "highest_m": float(axis_m * (1.0 + eccentricity) - MEAN_LUNAR_RADIUS_M),
         }

@@ -44,6 +44,7 @@ from radioloc.media.ionosphere import UniformTec
 from radioloc.media.radio_atmosphere import RadioAtmosphere, read_radio_atmosphere
 from radioloc.parameters.design import ObservationModel, tracking_of
 from radioloc.studies.coarse_search import near_starts
+from radioloc.studies.first_orbit import first_orbit
 from radioloc.studies.independent_clocks import with_independent_clocks
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
@@ -344,9 +345,10 @@ def _observations(
         if isinstance(given, Mapping):
             require_stations(chosen, key, given, study.catalogue)
     weighted = weighted_observations(chosen, study.observations.weights, study.catalogue)
-    return TransmitterSearch(study, model, *_aim(study, targets, model, weighted)).resolved(
-        weighted
-    ), left_out
+    if not TransmitterSearch(study, model, start_pa_m(targets)).wanted:
+        return weighted, left_out
+    search = TransmitterSearch(study, model, *_aim(study, targets, model, weighted))
+    return search.resolved(weighted), left_out
 
 
 def read_as(study: Study, files: Sequence[str | Path]) -> Observations:
@@ -404,7 +406,8 @@ def _aim(
     if isinstance(study.target, Orbiter):
         assert study.estimate.orbit is not None  # the study has seen to that
         parameters = study.estimate.orbit.parameters(study.target.forces)
-        trajectory = study.target.orbit(model, observations, parameters)
+        find = Orbiter.orbit if study.target.rough is None else first_orbit
+        trajectory = find(study.target, model, observations, parameters)
     elif isinstance(study.target, Trajectory):
         trajectory = study.target
     return start_pa_m(targets), trajectory, tuple(targets) if len(targets) > 1 else ()

@@ -9,10 +9,12 @@ from __future__ import annotations
 import logging
 import math
 
+import erfa
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
+from radioloc.errors import InputError
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import Predictor
 from radioloc.parameters.parameter import ParameterSet
@@ -50,7 +52,7 @@ def near_orbit(
     while True:
         rows = np.flatnonzero(usable & (away_s <= reach_s))
         part = arc.select(rows)
-        x, spread = _fitted(part, sigma_m[rows], x, apriori, free, sigmas)
+        x, spread = fitted_state(part, sigma_m[rows], x, apriori, free, sigmas)
         logger.info(
             "orbit within %.1f h of the epoch: %d observations, robust misfit %.3g sigmas",
             reach_s / 3600.0,
@@ -70,22 +72,37 @@ def _weak(parameters: ParameterSet, count: int) -> Floats:
     return np.array([units.get(one.unit, math.inf) for one in parameters.parameters[:count]])
 
 
-def _fitted(
-    part: Predictor, sigma_m: Floats, x: Floats, apriori: Floats, free: NDArray[np.intp], sigmas: Floats
+def fitted_state(
+    part: Predictor,
+    sigma_m: Floats,
+    x: Floats,
+    apriori: Floats,
+    free: NDArray[np.intp],
+    sigmas: Floats,
+    steps: int = _STEPS,
 ) -> tuple[Floats, float]:
-    """Parameters after some robust Gauss-Newton steps, and the robust scale of the residuals in sigmas."""
+    """Parameters after some robust Gauss-Newton steps, and the robust scale of the residuals in sigmas.
+
+    `apriori` are the values that the part's trajectory has; `sigmas` say how far one step goes.
+    """
     best, least, spread = x, math.inf, math.inf
     shrink = 1.0
     step = np.zeros(len(x))
-    for _ in range(_STEPS):
-        computed = part.compute(x - apriori)
-        ratio = (part.observations.value_m - computed.value_m) / sigma_m
-        spread_here = max(1.0, robust_scale(ratio, len(free)))
-        loss = float(np.minimum(np.abs(ratio), 1e9).mean())
+    for _ in range(steps):
+        try:
+            computed = part.compute(x - apriori)
+        except InputError:
+            if x is best:
+                raise
+            loss = math.inf  # a step into the ground
+        else:
+            ratio = (part.observations.value_m - computed.value_m) / sigma_m
+            spread_here = max(1.0, robust_scale(ratio, len(free)))
+            loss = float(np.minimum(np.abs(ratio), 1e9).mean())
         if loss > least:
             # Too far: back, and half as far.
             shrink *= 0.3
-            x = best + shrink * step
+            x = _moved(best, shrink * step)
             continue
         gain, best, least, spread = least - loss, x, loss, spread_here
         if gain < _SETTLED * loss and shrink == 1.0:
@@ -97,5 +114,25 @@ def _fitted(
         right = np.concatenate([ratio * weight, np.zeros(len(free))])
         step = np.zeros(len(x))
         step[free] = sigmas * np.linalg.lstsq(stacked, right, rcond=None)[0]
-        x = best + step
+        x = _moved(best, step)
     return best, spread
+
+
+def _moved(x: Floats, step: Floats) -> Floats:
+    """Parameters after a step, in which the orbit turns as a whole: Doppler holds it but for turns by many degrees."""
+    out = x + step
+    (r, v), (dr, dv) = x[:6].reshape(2, 3), step[:6].reshape(2, 3)
+    distance = np.linalg.norm(r)
+    up = r / distance
+    across = np.cross(r, v)
+    speed = np.linalg.norm(across) / distance  # along the ground
+    turn = np.cross(up, dr) / distance
+    turn = turn + up * ((dv - np.cross(turn, v)) @ across) / np.linalg.norm(across) / speed
+    out[:6] = turned_state(np.concatenate([r + up * (dr @ up), v + dv - np.cross(turn, v)]), turn)
+    return out
+
+
+def turned_state(state: Floats, turn_rad: Floats) -> Floats:
+    """Position and velocity, shape (6,), turned by a rotation vector."""
+    # ERFA's matrix turns the axes, its transpose what is in them.
+    return np.asarray((state.reshape(2, 3) @ erfa.rv2m(turn_rad)).ravel())

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +28,7 @@ GRAVITY_ERRORS = 12
 GRAVITY_ERROR_DEGREE = 200
 _MARGIN_S = 60.0
 """Beyond the first and the last tag: half of a count interval and the light time."""
+_HIGHEST_M = 2e6
 _LONGEST_ARC_S = 40.0 * 86400.0
 
 
@@ -35,6 +36,47 @@ def _gravity(table: TomlTable, key: str) -> str | Path | None:
     """A field that ships, by its name, or a file beside the study."""
     name = table.get(key, str)
     return name if name is None or name in SHIPPED else table.files(key, [name])[0]
+
+
+@dataclass(frozen=True, slots=True)
+class RoughOrbit:
+    """What may be known of a nearly circular orbit about the Moon before there is a state.
+
+    Parameters
+    ----------
+    altitude_m : float
+        Above the sphere of the mean lunar radius, good to some 20 km.
+    inclination_deg : float or None
+        To the Moon's equator, 0 to 180 deg, good to some degrees.
+    node_deg : float or None
+        Longitude of the ascending node on the Moon's equator, counted eastward from the equator's own ascending node on
+        the plane of the ICRF's x and y.
+    """
+
+    altitude_m: float
+    inclination_deg: float | None = None
+    node_deg: float | None = None
+
+    def __post_init__(self) -> None:
+        if not 0.0 < self.altitude_m <= _HIGHEST_M:
+            raise InputError(
+                f"altitude_m must be above 0 and at most {_HIGHEST_M:g} m, not {self.altitude_m!r}; first orbits are "
+                "sought of low ones"
+            )
+        if self.inclination_deg is not None and not 0.0 <= self.inclination_deg <= 180.0:
+            raise InputError(f"inclination_deg must be from 0 to 180, not {self.inclination_deg!r}")
+        if self.node_deg is not None and not -360.0 <= self.node_deg <= 360.0:
+            raise InputError(f"node_deg must be from -360 to 360, not {self.node_deg!r}")
+
+    def __str__(self) -> str:
+        plane = {"inclination": self.inclination_deg, "node": self.node_deg}
+        given = [f", {name} {value:g} deg" for name, value in plane.items() if value is not None]
+        return f"an altitude of {self.altitude_m / 1e3:g} km{''.join(given)}"
+
+    @property
+    def in_plane(self) -> bool:
+        """Whether the plane is known."""
+        return self.inclination_deg is not None and self.node_deg is not None
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -45,7 +87,7 @@ class Orbiter:
     ----------
     epoch : Epochs
         TDB, one.
-    position_m, velocity_m_s : tuple of float
+    position_m, velocity_m_s : tuple of float or None
         A-priori state at the epoch relative to the Moon's centre, ICRF axes.
     forces : Forces
     name : str
@@ -54,37 +96,57 @@ class Orbiter:
         How many drawn errors of the gravity field stand for all in the sigmas; zero leaves them out.
     gravity_error_degree : int
         To which degree: what the field leaves out is drawn by Kaula's rule.
+    rough : RoughOrbit, optional
+        In place of the state: it is then searched for.
     """
 
     epoch: Epochs
-    position_m: tuple[float, float, float]
-    velocity_m_s: tuple[float, float, float]
+    position_m: tuple[float, float, float] | None
+    velocity_m_s: tuple[float, float, float] | None
     forces: Forces
     name: str = "orbiter"
     gravity_errors: int = GRAVITY_ERRORS
     gravity_error_degree: int = GRAVITY_ERROR_DEGREE
+    rough: RoughOrbit | None = None
 
     def __post_init__(self) -> None:
         bare_fields(self)
         self.epoch.require("TDB")
+        if (self.rough is None) == (self.position_m is None) or (self.position_m is None) != (
+            self.velocity_m_s is None
+        ):
+            raise InputError("give either position_m and velocity_m_s, or a rough orbit, altitude_m")
         if len(self.epoch) != 1:
             raise InputError(f"epoch must be one, not {len(self.epoch)}")
 
     def __repr__(self) -> str:
-        return f"<Orbiter {self.name}, state at {self.epoch.day_strings()[0]}>"
+        known = "state" if self.rough is None else f"{self.rough}"
+        return f"<Orbiter {self.name}, {known} at {self.epoch.day_strings()[0]}>"
 
     @property
     def state(self) -> NDArray[np.float64]:
-        """Position, m, and velocity, m/s, shape (6,)."""
+        """Position, m, and velocity, m/s, shape (6,); an InputError of an orbiter without."""
+        if self.position_m is None or self.velocity_m_s is None:
+            raise InputError(
+                f"{self.name} has no state before one was searched for; give position_m and velocity_m_s"
+            )
         return np.array([*self.position_m, *self.velocity_m_s], dtype=np.float64)
+
+    def at(self, state: NDArray[np.float64]) -> Orbiter:
+        """The same with a state, shape (6,)."""
+        x, y, z, vx, vy, vz = state.tolist()
+        return replace(self, position_m=(x, y, z), velocity_m_s=(vx, vy, vz), rough=None)
 
     def record(self) -> dict[str, Any]:
         """State and forces, in types that JSON has."""
         field, forces = self.forces.gravity, self.forces
         return {
             "epoch_tdb": str(utc_strings(self.epoch, 6)[0]),
-            "position_m": list(self.position_m),
-            "velocity_m_s": list(self.velocity_m_s),
+            **(
+                {"position_m": self.state[:3].tolist(), "velocity_m_s": self.state[3:].tolist()}
+                if self.rough is None
+                else asdict(self.rough)
+            ),
             "forces": {
                 "gravity": {"name": field.name, "degree": field.degree, "axes": field.frame},
                 "bodies": list(forces.bodies),

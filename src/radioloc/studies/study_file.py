@@ -26,7 +26,14 @@ from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
 from radioloc.studies.map_positions import PlaceOnMap
-from radioloc.studies.orbiter import ForcesChoice, GivenAcceleration, GivenImpulse, OrbitChoice, Orbiter
+from radioloc.studies.orbiter import (
+    ForcesChoice,
+    GivenAcceleration,
+    GivenImpulse,
+    OrbitChoice,
+    Orbiter,
+    RoughOrbit,
+)
 from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of
 from radioloc.studies.simulation_file import scenario
 from radioloc.studies.study import (
@@ -75,6 +82,9 @@ class Target(Place):
     dynamics: str | None = entry(None, choices=("moon",))
     epoch: str | None = None
     velocity_m_s: tuple[float, float, float] | None = None
+    altitude_m: float | None = None
+    inclination_deg: float | None = None
+    node_deg: float | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -308,16 +318,25 @@ def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None) -> Or
     given = table.read(Target)
     if given.dynamics != "moon":
         table.fail("dynamics", f'must be "moon", not {given.dynamics!r}')
-    for key in ("epoch", "position_m", "velocity_m_s"):
+    state, rough = ("position_m", "velocity_m_s"), ("altitude_m", "inclination_deg", "node_deg")
+    needed, others = (state, rough) if given.altitude_m is None else (rough[:1], state)
+    for key in ("epoch", *needed):
         if getattr(given, key) is None:
             table.fail(
-                key, "is missing; an orbiter has epoch (TDB), position_m and velocity_m_s (Moon-centred ICRF)"
+                key,
+                "is missing; an orbiter has epoch (TDB), and position_m and velocity_m_s (Moon-centred ICRF), or a "
+                "rough altitude_m",
+            )
+    for key in others:
+        if getattr(given, key) is not None:
+            table.fail(
+                key, "give either position_m and velocity_m_s, or altitude_m and what is known of the plane"
             )
     for key in ("longitude_deg", "latitude_deg", "height_m", "trajectory", "body"):
         if getattr(given, key) is not None:
             table.fail(key, "belongs to another kind of target than an orbiter; leave it out")
     return table.build(
-        Orbiter,
+        partial(Orbiter, position_m=None, velocity_m_s=None),
         epoch=epochs_from_strings(str(given.epoch), "TDB"),
         position_m=given.position_m,
         velocity_m_s=given.velocity_m_s,
@@ -325,6 +344,9 @@ def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None) -> Or
         name=given.name,
         gravity_errors=choice.gravity_errors,
         gravity_error_degree=choice.gravity_error_degree,
+        rough=None
+        if given.altitude_m is None
+        else table.build(RoughOrbit, **{key: getattr(given, key) for key in rough}),
     )
 
 

@@ -60,7 +60,7 @@ def doppler(model, forces):
 
 
 def rough(forces, *plane):
-    return Orbiter(EPOCH, None, None, forces, "craft", rough=RoughOrbit(ALTITUDE_M, *plane))
+    return Orbiter(EPOCH, None, None, forces, "craft", 0, rough=RoughOrbit(ALTITUDE_M, *plane))
 
 
 def test_a_plane_is_counted_from_the_node_of_the_equator(model):

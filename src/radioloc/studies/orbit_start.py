@@ -29,6 +29,8 @@ _FEWEST = 30
 _STEPS = 8
 _WEAK_M, _WEAK_M_S = 2e3, 2.0
 """How far a state without a-priori sigmas goes in one step: what a short part does not tell stays where it is."""
+_COUNTED = 0.9
+"""Part of the residuals by which steps are judged."""
 _CORNER = 2.0
 """Robust sigmas from which residuals count by their size only."""
 _SETTLED = 0.03  # of the robust sigma of the residuals
@@ -98,7 +100,8 @@ def fitted_state(
         else:
             ratio = (part.observations.value_m - computed.value_m) / sigma_m
             spread_here = max(1.0, robust_scale(ratio, len(free)))
-            loss = float(np.minimum(np.abs(ratio), 1e9).mean())
+            # Without the largest, of which one that is far off would hide what a step gains in all others.
+            loss = float(np.sort(np.abs(ratio))[: math.ceil(_COUNTED * len(ratio))].mean())
         if loss > least:
             # Too far: back, and half as far.
             shrink *= 0.3

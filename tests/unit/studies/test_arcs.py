@@ -417,10 +417,14 @@ def test_command(files, capsys):
 
 
 def test_command_with_an_arc_that_does_not_determine_everything(files, capsys):
-    # One range does not determine four parameters.
+    # One range does not determine four parameters; a day of one station with a free bias
+    # does, but to hundreds of kilometres.
     assert main(["arcs", str(files / "alone.toml"), "--hours", "0.1", "24"]) == 3
     text = capsys.readouterr().out
-    assert "NOT CONVERGED: 0.1 h" in text
+    assert "NOT CONVERGED: 24 h, 0.1 h" in text
+    assert "24 h: the sigma of the position is 601 km, more than a tenth of the lunar radius" in " ".join(
+        text.split()
+    )
     assert "undetermined" in text
 
 

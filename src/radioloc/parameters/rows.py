@@ -151,7 +151,7 @@ class ObservationRows:
         late = np.where(self.baseline | (self.tag == RECEIVE), -1.0, np.where(self.tag == TRANSMIT, 1.0, 0.0))
         late = np.where(self.one_way & (self.tag == TRANSMIT), 0.0, late)
         tdb = tt_to_tdb(utc_to_tt(self.observations.epoch[self.rows]))
-        met_s = late * evaluate_smooth(self._light_time_s, tdb)
+        met_s = late * self.light_time_s
         middle = evaluate_smooth(displacement_pa_m, tdb.shifted(met_s))
         partials = np.asarray(np.einsum("mi,mci->mc", self.computed.by_position_pa, middle))
         if self.integrated.any():
@@ -166,11 +166,7 @@ class ObservationRows:
     def light_time_s(self) -> NDArray[np.float64]:
         """One way at the time tags, from the Moon's centre to that of the Earth: of a path to 0.03 s."""
         tdb = tt_to_tdb(utc_to_tt(self.observations.epoch[self.rows]))
-        return evaluate_smooth(self._light_time_s, tdb)
-
-    def _light_time_s(self, tdb: Epochs) -> NDArray[np.float64]:
-        """From the Moon to the Earth."""
-        return length(self.model.ephemeris.geocentric("moon", tdb)[0]) / C_M_S
+        return evaluate_smooth(lambda at: length(self.model.ephemeris.geocentric("moon", at)[0]), tdb) / C_M_S
 
     @cached_property
     def radio(self) -> NDArray[np.bool_]:

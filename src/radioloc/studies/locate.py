@@ -193,7 +193,9 @@ def fit_arc(
         fitted.fit.used.sum(),
         len(observations),
     )
-    considered, not_considered = considered_errors(study, problem, estimate, fitted.fit.x)
+    # What errors of gravity do to an orbit takes seconds, and serves the parameters' sigmas and those over the arc.
+    errant = disturbed(study, problem, fitted.fit.x)
+    considered, not_considered = considered_errors(study, problem, estimate, fitted.fit.x, errant)
     if ties_m.any():
         own_m = np.sqrt(fitted.fit.noise.own_m**2 - ties_m**2)
         fitted = replace(
@@ -266,7 +268,7 @@ def fit_arc(
         state = OrbitState(orbit, solution.parameter_covariance()[mine, mine])
         if by_gravity and solution.consider is not None:
             sensitivity = solution.consider.sensitivity[mine][:, list(by_gravity)]
-            state = replace(state, disturbed=disturbed(study, problem, x), sensitivity=sensitivity)
+            state = replace(state, disturbed=errant, sensitivity=sensitivity)
         solution = replace(solution, trajectory=str(orbit), state=state)
     known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
     solution = nowhere(replace(solution, references=known))

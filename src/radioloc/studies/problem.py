@@ -81,13 +81,20 @@ def needs_more_partials(study: Study) -> bool:
 
 
 def considered_errors(
-    study: Study, problem: ObservationModel, estimate: EstimateChoice | None, x: NDArray[np.float64]
+    study: Study,
+    problem: ObservationModel,
+    estimate: EstimateChoice | None,
+    x: NDArray[np.float64],
+    orbit: DisturbedOrbit | None = None,
 ) -> tuple[ConsideredErrors | None, list[str]]:
-    """What is considered in an arc, with its partials at the parameters x of `problem`; and notes on what is not."""
+    """What is considered in an arc, with its partials at the parameters x of `problem`; and notes on what is not.
+
+    Errors of gravity are those of the orbit, of :func:`disturbed`.
+    """
     if estimate is None:
         return None, []
     model, notes = _considered_model(problem.predictor, study, estimate)
-    gravity = _of_gravity(study, problem, x)
+    gravity = _of_gravity(orbit, problem)
     if model is None:
         return gravity, notes
     positions_pa_m = problem.all_positions_pa_m(x)
@@ -115,8 +122,8 @@ def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -
     return DisturbedOrbit(orbit.corrected(problem.all_positions_pa_m(x)), target.gravity_errors, degree)
 
 
-def _of_gravity(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> ConsideredErrors | None:
-    orbit, tracking = disturbed(study, problem, x), tracking_of(problem.predictor)
+def _of_gravity(orbit: DisturbedOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
+    tracking = tracking_of(problem.predictor)
     if orbit is None or not isinstance(tracking, ExactPredictor):
         return None
     effects = tracking.along(orbit).compute(np.zeros(3)).by_orbit

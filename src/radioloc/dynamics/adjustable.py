@@ -104,19 +104,23 @@ class AdjustableOrbit:
                 moved_m = orbit.partials(checked)[:, :3] @ by
                 if not by.any() or np.linalg.norm(moved_m, axis=-1).max() < LINEAR_M:
                     return orbit, by
-        made = propagate(
+        made = self.integrate(self.parameters)
+        self.integrated.append((values, made))
+        return made, np.zeros(len(values))
+
+    def integrate(self, parameters: tuple[str, ...] | None = None) -> Orbit:
+        """The orbit of these very values, integrated anew, with partials by some forces' parameters or with none."""
+        return propagate(
             self.epoch,
             self.state[:3],
             self.state[3:],
             self.forces,
-            (begin_s, end_s),
-            parameters=self.parameters,
+            self.span_s,
+            parameters=parameters,
             ephemeris=self.ephemeris,
             libration=self.libration,
             name=self.name,
         )
-        self.integrated.append((values, made))
-        return made, np.zeros(len(values))
 
     @bare_arguments
     def states(self, tdb: Epochs) -> tuple[Floats, Floats]:

@@ -57,12 +57,15 @@ class OrbitState:
         The orbit with the errors of its gravity field that were considered.
     sensitivity : ndarray, shape (p, k)
         What they, each by one sigma, do to the parameters.
+    body : int
+        NAIF code of the spacecraft in kernels.
     """
 
     orbit: AdjustableOrbit
     parameter_covariance: Floats
     disturbed: DisturbedOrbit | None = None
     sensitivity: Floats = field(default_factory=lambda: np.zeros((0, 0)))
+    body: int = -999
 
     @property
     def epoch(self) -> Epochs:

@@ -26,6 +26,7 @@ from radioloc.report.figures import save_figure
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.leave_one_out import LeaveOneOut
 from radioloc.report.monte_carlo import MonteCarlo
+from radioloc.report.orbit_files import ORBIT_FILES, orbit_writers
 from radioloc.report.page import PAGE, write_page
 from radioloc.report.point_solution import PointSolution
 from radioloc.report.result_figures import Result, figures_of
@@ -87,7 +88,9 @@ def write_report(
         terms, observations = terms_by.terms(solution.position_pa_m), terms_by.observations
         contents["terms.csv"] = partial(_write_terms, terms, observations)
         more["terms"] = partial(plot_terms, terms, observations)
-    return _write(solution, folder, contents, html, ("terms.csv",), more)
+    if solution.state is not None and solution.converged:
+        contents |= orbit_writers(solution.state)
+    return _write(solution, folder, contents, html, ("terms.csv", *ORBIT_FILES), more)
 
 
 _Content = str | Mapping[str, Any] | Callable[[Path], object]

@@ -6,8 +6,7 @@ Source: CCSDS 502.0-B-2 (2009), chapter 5, which issue 3 (2023) goes on to read.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
-from datetime import UTC, datetime
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,11 +19,11 @@ from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.lunar import east_north_up, rot_icrf_to_pa, rot_pa_to_me
 from radioloc.lunar.frames import rot_icrf_to_pa_rate
+from radioloc.report.ccsds import M_PER_KM, ephemeris_segment, header, lunar_metadata
 from radioloc.report.image_solution import ImageSolution
-from radioloc.text_files import write_blocks
+from radioloc.text_files import write_text
 from radioloc.time import Epochs, epochs_from_strings, to_scale, utc_strings
 
-_M_PER_KM = 1000.0
 _LONGEST_STEP_S = 86400.0
 """Polynomials of degree 7 through states a day apart are off by 0.1 mm."""
 _DEGREE = 7
@@ -93,39 +92,20 @@ def write_oem(
     tai = _epochs(start_utc, stop_utc, step_s)
     pa = content["position"]["pa"]
     to_icrf = _rotation(pa["frame"], tai)
-    states_km = to_icrf @ [pa[f"{axis}_m"] / _M_PER_KM for axis in "xyz"]
-    dates = utc_strings(to_scale(tai, "UTC"), decimals=6)
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S")
-    header = {"CREATION_DATE": creation_date or now, "ORIGINATOR": originator}
-    metadata = {
-        "OBJECT_NAME": content["name"],
-        "OBJECT_ID": object_id,
-        "CENTER_NAME": "MOON",
-        "REF_FRAME": "ICRF",
-        "TIME_SYSTEM": "UTC",
-        "START_TIME": dates[0],
-        "STOP_TIME": dates[-1],
-        "INTERPOLATION": "HERMITE",
-        "INTERPOLATION_DEGREE": str(min(_DEGREE, 2 * len(dates) - 1)),
-    }
-    lines = [
-        "CCSDS_OEM_VERS = 2.0",
-        *message_fields(header),
-        "META_START",
-        *message_fields(metadata),
-        "META_STOP",
-    ]
-    lines.append(f"COMMENT a point at rest in {pa['frame']}, tides left out")
-    for date, state in zip(dates, states_km, strict=True):
-        place, velocity = (
-            " ".join(f"{x:.{k}f}" for x in half) for k, half in ((9, state[:3]), (12, state[3:]))
-        )
-        lines.append(f"{date} {place} {velocity}")
-    if (covariance_pa_m2 := _covariance_pa_m2(content)) is not None:
-        of_state_km2 = to_icrf[0] @ covariance_pa_m2 @ to_icrf[0].T / _M_PER_KM**2
-        rows = (" ".join(f"{x:.9e}" for x in row[: k + 1]) for k, row in enumerate(of_state_km2))
-        lines += ["COVARIANCE_START", f"EPOCH = {dates[0]}", *rows, "COVARIANCE_STOP"]
-    write_blocks(path, ["".join(f"{line}\n" for line in lines).encode()])
+    states_km = to_icrf @ [pa[f"{axis}_m"] / M_PER_KM for axis in "xyz"]
+    dates = [str(date) for date in utc_strings(to_scale(tai, "UTC"), decimals=6)]
+    covariance_pa_m2 = _covariance_pa_m2(content)
+    segment = ephemeris_segment(
+        lunar_metadata(content["name"], object_id, "UTC"),
+        dates,
+        states_km,
+        _DEGREE,
+        comment=f"a point at rest in {pa['frame']}, tides left out",
+        covariance=None
+        if covariance_pa_m2 is None
+        else (dates[0], to_icrf[0] @ covariance_pa_m2 @ to_icrf[0].T),
+    )
+    write_text(path, "\n".join([*header("OEM", originator, creation_date), *segment]) + "\n")
     return Path(path)
 
 
@@ -159,13 +139,3 @@ def _covariance_pa_m2(content: Mapping[str, Any]) -> NDArray[np.float64] | None:
         math.radians(me["longitude_deg"]), math.radians(me["latitude_deg"])
     ) @ rot_pa_to_me(CONSTANTS[ephemeris])
     return np.asarray(to_enu.T @ of_enu @ to_enu)
-
-
-def message_fields(fields: Mapping[str, str]) -> Iterator[str]:
-    """Lines of keywords and texts, which have to be printable ASCII."""
-    for keyword, text in fields.items():
-        if not (text.strip() and text.isascii() and text.isprintable()):
-            raise InputError(
-                f"{keyword} {text!r} cannot stand in an OEM; give printable ASCII text of one line"
-            )
-        yield f"{keyword} = {text}"

@@ -5,10 +5,11 @@ Sources: NAIF's *SPK Required Reading*; CCSDS 502.0-B-2 (2009), chapters 3 and 5
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import replace
-from datetime import UTC, datetime
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -17,16 +18,38 @@ from radioloc.boundary import bare_arguments
 from radioloc.constants import J2000_JD, SECONDS_PER_DAY
 from radioloc.dynamics import Orbit
 from radioloc.errors import InputError
-from radioloc.report.oem import message_fields
+from radioloc.estimation.orbit_state import OrbitState
+from radioloc.report.ccsds import (
+    M_PER_KM,
+    ephemeris_segment,
+    header,
+    lunar_metadata,
+    message_fields,
+    triangle_km2,
+)
 from radioloc.text_files import replaced_file, write_text
 from radioloc.time import Epochs, utc_strings
 
 Floats = NDArray[np.float64]
 
-_M_PER_KM = 1000.0
 _MOON = 301
 _DEGREE = 11
 _LONGEST_STEP_S = 600.0
+
+
+ORBIT_FILES = ("orbit.bsp", "orbit.oem", "orbit.opm")
+"""Names of the files of an orbit that was determined."""
+
+
+def orbit_writers(state: OrbitState) -> dict[str, Callable[[Path], Path]]:
+    """What writes an orbit that was determined to each of :data:`ORBIT_FILES`."""
+    orbit = state.orbit.integrate()
+    message: dict[str, Any] = {"originator": "radioloc"}
+    if np.isfinite(state.covariance).all() and state.covariance.any():
+        message["covariance"] = state.covariance
+    spk = partial(write_orbit_spk, orbit, body=state.body)
+    messages = (partial(write, orbit, **message) for write in (write_orbit_oem, write_orbit_opm))
+    return dict(zip(ORBIT_FILES, (spk, *messages), strict=True))
 
 
 @bare_arguments
@@ -142,26 +165,15 @@ def write_orbit_oem(
     >>> write_orbit_oem(orbit, "orbit.oem", originator="AGENCY").name
     'orbit.oem'
     """
-    blocks = [f"CCSDS_OEM_VERS = 2.0\n{_header(originator, creation_date)}"]
+    lines = header("OEM", originator, creation_date)
     for part, times_s in _parts(orbit, step_s):
-        dates, states = utc_strings(_at(orbit, times_s), 9), _states_km(part, times_s)
-        metadata = _metadata(orbit, object_id) | {
-            "START_TIME": str(dates[0]),
-            "STOP_TIME": str(dates[-1]),
-            "INTERPOLATION": "HERMITE",
-            "INTERPOLATION_DEGREE": str(min(_DEGREE, 2 * len(dates) - 1)),
-        }
-        lines = ["META_START", *message_fields(metadata), "META_STOP"]
-        for date, state in zip(dates, states, strict=True):
-            place = " ".join(f"{x:.9f}" for x in state[:3])
-            lines.append(f"{date} {place} {' '.join(f'{x:.12f}' for x in state[3:])}")
+        dates = [str(date) for date in utc_strings(_at(orbit, times_s), 9)]
+        at_epoch = None
         if covariance is not None and times_s[0] <= 0.0 <= times_s[-1]:
-            rows = (" ".join(f"{x:.9e}" for x in row) for row in _triangle_km2(covariance))
-            epoch = utc_strings(orbit.epoch, 9)[0]
-            lines += ["COVARIANCE_START", f"EPOCH = {epoch}", *rows, "COVARIANCE_STOP"]
-            covariance = None
-        blocks.append("\n".join(lines) + "\n")
-    write_text(path, "".join(blocks))
+            at_epoch, covariance = (str(utc_strings(orbit.epoch, 9)[0]), covariance), None
+        metadata = lunar_metadata(orbit.name, object_id, "TDB")
+        lines += ephemeris_segment(metadata, dates, _states_km(part, times_s), _DEGREE, covariance=at_epoch)
+    write_text(path, "\n".join(lines) + "\n")
     return Path(path)
 
 
@@ -191,14 +203,14 @@ def write_orbit_opm(
     'orbit.opm'
     """
     (state,) = _states_km(orbit, np.zeros(1))
-    fields = _metadata(orbit, object_id) | {"EPOCH": str(utc_strings(orbit.epoch, 9)[0])}
+    fields = lunar_metadata(orbit.name, object_id, "TDB") | {"EPOCH": str(utc_strings(orbit.epoch, 9)[0])}
     names = ["X", "Y", "Z", "X_DOT", "Y_DOT", "Z_DOT"]
     fields |= {name: f"{x:.12f}" for name, x in zip(names, state, strict=True)}
     if covariance is not None:
         fields["COV_REF_FRAME"] = "ICRF"
-        for name, row in zip(names, _triangle_km2(covariance), strict=True):
+        for name, row in zip(names, triangle_km2(covariance), strict=True):
             fields |= {f"C{name}_{other}": f"{x:.12e}" for other, x in zip(names, row, strict=False)}
-    lines = [*message_fields(fields)]
+    lines = [*header("OPM", originator, creation_date), *message_fields(fields)]
     for impulse in orbit.forces.impulses:
         lines += message_fields(
             {
@@ -207,22 +219,10 @@ def write_orbit_opm(
                 "MAN_DELTA_MASS": "0.0",
                 "MAN_REF_FRAME": impulse.axes,
             }
-            | {f"MAN_DV_{k}": f"{dv / _M_PER_KM:.12f}" for k, dv in enumerate(impulse.delta_v_m_s, 1)}
+            | {f"MAN_DV_{k}": f"{dv / M_PER_KM:.12f}" for k, dv in enumerate(impulse.delta_v_m_s, 1)}
         )
-    text = f"CCSDS_OPM_VERS = 2.0\n{_header(originator, creation_date)}"
-    write_text(path, text + "\n".join(lines) + "\n")
+    write_text(path, "\n".join(lines) + "\n")
     return Path(path)
-
-
-def _header(originator: str, creation_date: str | None) -> str:
-    now = datetime.now(UTC).strftime("%Y-%m-%dT%H:%M:%S")
-    fields = message_fields({"CREATION_DATE": creation_date or now, "ORIGINATOR": originator})
-    return "".join(f"{line}\n" for line in fields)
-
-
-def _metadata(orbit: Orbit, object_id: str) -> dict[str, str]:
-    centre = {"CENTER_NAME": "MOON", "REF_FRAME": "ICRF", "TIME_SYSTEM": "TDB"}
-    return {"OBJECT_NAME": orbit.name, "OBJECT_ID": object_id} | centre
 
 
 def _parts(orbit: Orbit, step_s: float) -> Iterator[tuple[Orbit, Floats]]:
@@ -239,12 +239,4 @@ def _at(orbit: Orbit, times_s: Floats) -> Epochs:
 
 
 def _states_km(orbit: Orbit, times_s: Floats) -> Floats:
-    return np.hstack(orbit.states(_at(orbit, times_s))) / _M_PER_KM
-
-
-def _triangle_km2(covariance: ArrayLike) -> list[list[float]]:
-    """Lower triangle by rows, km and km/s."""
-    whole = np.asarray(covariance, dtype=np.float64)
-    if whole.shape != (6, 6) or not np.isfinite(whole).all() or (np.diag(whole) < 0.0).any():
-        raise InputError("covariance must be that of a state, finite numbers of shape (6, 6)")
-    return [(row[: k + 1] / _M_PER_KM**2).tolist() for k, row in enumerate(whole)]
+    return np.hstack(orbit.states(_at(orbit, times_s))) / M_PER_KM

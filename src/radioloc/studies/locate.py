@@ -265,7 +265,8 @@ def fit_arc(
         mine = slice(0, problem.first)
         orbit = arc.trajectory.corrected(problem.all_positions_pa_m(x))
         by_gravity = () if considered is None else considered.parameters.of_kind("gravity_error")
-        state = OrbitState(orbit, solution.parameter_covariance()[mine, mine])
+        assert isinstance(study.target, Orbiter)
+        state = OrbitState(orbit, solution.parameter_covariance()[mine, mine], body=study.target.body)
         if by_gravity and solution.consider is not None:
             sensitivity = solution.consider.sensitivity[mine][:, list(by_gravity)]
             state = replace(state, disturbed=errant, sensitivity=sensitivity)

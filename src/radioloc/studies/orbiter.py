@@ -91,13 +91,15 @@ class Orbiter:
         A-priori state at the epoch relative to the Moon's centre, ICRF axes.
     forces : Forces
     name : str
-        What it is called in messages and files.
+        What it is called in messages and files, printable ASCII.
     gravity_errors : int
         How many drawn errors of the gravity field stand for all in the sigmas; zero leaves them out.
     gravity_error_degree : int
         To which degree: what the field leaves out is drawn by Kaula's rule.
     rough : RoughOrbit, optional
         In place of the state: it is then searched for.
+    body : int
+        NAIF code of the spacecraft in kernels, negative, such as -181.
     """
 
     epoch: Epochs
@@ -108,9 +110,16 @@ class Orbiter:
     gravity_errors: int = GRAVITY_ERRORS
     gravity_error_degree: int = GRAVITY_ERROR_DEGREE
     rough: RoughOrbit | None = None
+    body: int = -999
 
     def __post_init__(self) -> None:
         bare_fields(self)
+        if not (self.name.strip() and self.name.isascii() and self.name.isprintable()):
+            raise InputError(f"name {self.name!r} cannot stand in orbit files; give printable ASCII text")
+        if not -(2**31) < self.body < 0:
+            raise InputError(
+                f"body {self.body!r} is no NAIF code of a spacecraft; give a negative integer such as -181"
+            )
         self.epoch.require("TDB")
         if (self.rough is None) == (self.position_m is None) or (self.position_m is None) != (
             self.velocity_m_s is None

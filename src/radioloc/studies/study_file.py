@@ -332,7 +332,7 @@ def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None) -> Or
             table.fail(
                 key, "give either position_m and velocity_m_s, or altitude_m and what is known of the plane"
             )
-    for key in ("longitude_deg", "latitude_deg", "height_m", "trajectory", "body"):
+    for key in ("longitude_deg", "latitude_deg", "height_m", "trajectory"):
         if getattr(given, key) is not None:
             table.fail(key, "belongs to another kind of target than an orbiter; leave it out")
     return table.build(
@@ -342,6 +342,7 @@ def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None) -> Or
         velocity_m_s=given.velocity_m_s,
         forces=forces,
         name=given.name,
+        body=given.body,
         gravity_errors=choice.gravity_errors,
         gravity_error_degree=choice.gravity_error_degree,
         rough=None

@@ -8,14 +8,16 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import spiceypy
 
 import radioloc
 from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, propagate
 from radioloc.errors import InputError
+from radioloc.estimation.least_squares import FitStatus
 from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
 from radioloc.measurements.observations import DOPPLER
 from radioloc.studies.orbiter import OrbitChoice, Orbiter
-from radioloc.time import epochs_from_strings, tai_to_utc, tdb_to_tt, tt_to_tai
+from radioloc.time import Epochs, epochs_from_strings, tai_to_utc, tdb_to_tt, tt_to_tai
 
 EPOCH = epochs_from_strings("2012-04-09T04:30:00", "TDB")
 STATE = np.array([575739.0, -463249.0, -1631639.0, -567.864, 1434.223, -600.209])
@@ -57,7 +59,7 @@ def doppler(model, forces):
 
 def study_of(acting, off=(300.0, -200.0, 100.0, 0.3, -0.2, 0.1), errors=0, **orbit):
     state = STATE + off
-    target = Orbiter(EPOCH, tuple(state[:3]), tuple(state[3:]), acting, "craft", errors, 40)
+    target = Orbiter(EPOCH, tuple(state[:3]), tuple(state[3:]), acting, "craft", errors, 40, body=-181)
     estimate = radioloc.studies.EstimateChoice(orbit=OrbitChoice(**orbit))
     return radioloc.Study(target, estimate=estimate, consider_defaults=False, name="orbit")
 
@@ -98,6 +100,31 @@ def test_a_solution_of_an_orbit_says_its_state(solution, tmp_path):
     assert "orbit       of craft, Moon-centred ICRF, at 2012-04-09T04:30:00.000 TDB" in card
     assert "deg to the Moon's equator" in " ".join(card.split())
     assert any(path.suffix == ".png" for path in written)
+
+
+def test_the_orbit_is_written_for_other_tools(solution, tmp_path):
+    names = {path.name for path in radioloc.write_report(solution, tmp_path)}
+    assert names > {"orbit.bsp", "orbit.oem", "orbit.opm"}
+    state = solution.state
+    tdb = state.orbit.times(50)
+    spiceypy.furnsh(str(tmp_path / "orbit.bsp"))
+    try:
+        et_s = tdb.seconds_since(Epochs.from_tdb_seconds(0.0))
+        states_km = np.array(spiceypy.spkezr("-181", et_s, "J2000", "NONE", "301")[0])
+    finally:
+        spiceypy.unload(str(tmp_path / "orbit.bsp"))
+    # What is of second order in the last change of the estimate, which the solution's own states leave out.
+    np.testing.assert_allclose(1e3 * states_km[:, :3], state.orbit.states(tdb)[0], rtol=0, atol=1e-3)
+    np.testing.assert_allclose(1e3 * states_km[:, 3:], state.orbit.states(tdb)[1], rtol=0, atol=1e-6)
+    message = (tmp_path / "orbit.opm").read_text().splitlines()
+    keywords = dict(line.split(" = ") for line in message)
+    assert keywords["OBJECT_NAME"] == "craft"
+    assert float(keywords["CX_X"]) == pytest.approx(1e-6 * state.covariance[0, 0], rel=1e-9)
+    lost = replace(solution, status=FitStatus.MAX_ITERATIONS)
+    assert not {"orbit.bsp", "orbit.oem", "orbit.opm"} & {
+        path.name for path in radioloc.write_report(lost, tmp_path)
+    }
+    assert not (tmp_path / "orbit.bsp").exists()
 
 
 def test_sigmas_on_the_arc_are_those_of_the_partials(solution, forces):
@@ -208,6 +235,8 @@ def test_a_study_file_says_state_and_forces(tmp_path):
     ("given", "message"),
     [
         ({"target": "longitude_deg = 3.0"}, r"\[target\] longitude_deg: belongs to another kind of target"),
+        ({"target": "body = 181"}, r"\[target\] body 181 is no NAIF code of a spacecraft"),
+        ({"target": 'name = "Чанъэ"'}, r"\[target\] name 'Чанъэ' cannot stand in orbit files"),
         ({"forces": 'gravity = "nothing.gfc"'}, r"\[forces\] gravity: 'nothing.gfc' matches no file"),
         ({"forces": 'bodies = ["pluto"]'}, r"\[forces\] body 'pluto' is not known"),
         ({"more": '[estimate.orbit]\nforces = ["drag"]'}, r"there is no 'drag'; there are"),

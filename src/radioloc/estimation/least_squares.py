@@ -33,6 +33,7 @@ from radioloc.estimation.linearization import (
     check_partials,
     check_residuals,
     evaluate,
+    evaluate_step,
 )
 from radioloc.estimation.observation_noise import Combinations, ObservationNoise, Whitening
 from radioloc.estimation.statistics import SCALING_PROBABILITY, chi2_quantile
@@ -299,7 +300,7 @@ class _Problem:
     def stepped(self, at: _Point, factor: Factor, damping: float) -> _Point:
         x = at.x.copy()
         x[self.parameters.free] += factor.step(damping)
-        return self.point(x, evaluate(self.residual_function, x))
+        return self.point(x, evaluate_step(self.residual_function, x, at.linearization))
 
     def factor_after(self, here: _Point, trial: _Point, factor: Factor) -> Factor | None:
         """That of the point a step led to: at the end of a fit the one it has serves on."""

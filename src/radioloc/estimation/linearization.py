@@ -13,7 +13,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from radioloc.errors import InputError
+from radioloc.errors import InputError, RadiolocError
 from radioloc.measurements.predictor import ROWS_AT_ONCE
 from radioloc.parameters.parameter import ParameterSet
 
@@ -64,6 +64,17 @@ def evaluate(residual_function: ResidualFunction, x: NDArray[np.float64]) -> Lin
             f"{len(x)} parameters; (n,) and (n, {len(x)}) are needed"
         )
     return DenseLinearization(residual_m, partials)
+
+
+def evaluate_step(
+    residual_function: ResidualFunction, x: NDArray[np.float64], before: Linearization
+) -> Linearization:
+    """Linearization where a step leads to; of infinite residuals where that is beyond what the model can compute."""
+    try:
+        return evaluate(residual_function, x)
+    except RadiolocError:
+        n = len(before.residual_m)
+        return DenseLinearization(np.full(n, np.inf), np.full((n, len(x)), np.nan))
 
 
 def check_partials(linearization: Linearization, used: NDArray[np.bool_], parameters: ParameterSet) -> None:

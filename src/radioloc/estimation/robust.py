@@ -13,7 +13,7 @@ from radioloc.estimation.linearization import (
     Linearization,
     ResidualFunction,
     check_residuals,
-    evaluate,
+    evaluate_step,
 )
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.statistics import robust_scale
@@ -84,7 +84,7 @@ def robust_start(
         for _ in range(10):
             trial = x.copy()
             trial[free] += step
-            trial_whole = evaluate(residual_function, trial)
+            trial_whole = evaluate_step(residual_function, trial, whole)
             trial_residual_m = trial_whole.residual_m[rows]
             trial_loss = _huber_loss(trial_residual_m / sigma_m, parameters, trial)
             if trial_loss < loss:
@@ -111,7 +111,7 @@ def robust_start(
             break
         trial = trial.copy()
         trial[free] += root @ y
-        trial_whole = evaluate(residual_function, trial)
+        trial_whole = evaluate_step(residual_function, trial, whole)
         after = _spreads(trial_whole.residual_m[rows] / sigma_m, group, len(free))
         if any(a < _MUCH_LESS * b and b > _CLEAN for a, b in zip(after, spreads, strict=True)):
             return trial, trial_whole

@@ -254,7 +254,7 @@ def _budget(solution: Solution) -> Field:
         (),
         ("1 sigma, m", "east", "north", "up", "3D"),
         rows,
-        (*_advice(items), *_coordinates(solution, items)),
+        (*_advice(items), *_coordinates(solution, items)) if solution.converged else (),
     )
 
 

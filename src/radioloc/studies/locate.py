@@ -213,10 +213,10 @@ def fit_arc(
     x, used = fitted.fit.x, fitted.fit.used
     elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
     doubts: list[Doubt] = []
-    if estimate is not None:
-        doubts += misfits(fitted, wide.sigma_m, types)
-        if arc.trajectory is None and estimate.position != "none":
-            doubts += places(arc, problem.all_positions_pa_m(x), used, elevation_deg)
+    # Where the residuals do not fit at all, place and sigmas say nothing of their own.
+    misfit = [] if estimate is None else [*misfits(fitted, wide.sigma_m, types)]
+    if not misfit and estimate is not None and arc.trajectory is None and estimate.position != "none":
+        doubts = [*places(arc, problem.all_positions_pa_m(x), used, elevation_deg)]
     in_sigma = any(estimate.ephemeris_sigma_m) if estimate is not None else False
     if considered is not None:
         in_sigma |= any(considered.parameters.of_kind(kind) for kind in ("moon_position", "libration"))
@@ -244,7 +244,7 @@ def fit_arc(
         type=types,
         elevation_deg=elevation_deg,
         count_s=observations.count_s,
-        doubts=doubts,
+        doubts=misfit or doubts,
         order=order,
         consistency=consistency,
         ephemeris_sigma_enu_m=np.zeros(3) if estimate is None else np.array(estimate.ephemeris_sigma_m),
@@ -272,7 +272,9 @@ def fit_arc(
             state = replace(state, disturbed=errant, sensitivity=sensitivity)
         solution = replace(solution, trajectory=str(orbit), state=state)
     known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
-    solution = nowhere(replace(solution, references=known))
+    solution = replace(solution, references=known)
+    if not misfit:
+        solution = nowhere(solution)
     if not consistency:
         return solution
     aim = problem.all_positions_pa_m(x if solution.converged else problem.parameters.prior_values)

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
-from radioloc.errors import InputError
+from radioloc.errors import RadiolocError
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import Predictor
 from radioloc.parameters.parameter import ParameterSet
@@ -93,10 +93,10 @@ def fitted_state(
     for _ in range(steps):
         try:
             computed = part.compute(x - apriori)
-        except InputError:
+        except RadiolocError:
             if x is best:
                 raise
-            loss = math.inf  # a step into the ground
+            loss = math.inf  # into the ground, or out of the model's reach
         else:
             ratio = (part.observations.value_m - computed.value_m) / sigma_m
             spread_here = max(1.0, robust_scale(ratio, len(free)))

@@ -48,6 +48,7 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> 
     fit = edited.fit
     usable = edited.given.are(USED)
     free_part = part_of_parameters(fit)
+    beyond, floored = [], ""
     for name in types.present():
         mine = fit.used & types.are(name)
         count, outliers = int(mine.sum()), int((usable & types.are(name)).sum() - mine.sum())
@@ -65,17 +66,16 @@ def misfits(edited: EditedFit, stated_m: NDArray[np.float64], types: Labels) -> 
         ratio = math.sqrt(float(np.square(residual_m / sigma_m).sum()) / dof)
         if ratio > LARGEST_MISFIT:
             rms_m = math.sqrt(float(np.square(residual_m).mean()))
-            below = (
-                f", those below {floor_m:g} m taken as {floor_m:g} m"
-                if stated_m[mine].min() < floor_m
-                else ""
-            )
-            yield Doubt(
-                FitStatus.MISFIT,
-                f"the {name} residuals, {rms_m:.3g} m rms, are {ratio:.0f} times their stated sigmas{below} (no model "
-                f"error explains more than {LARGEST_MISFIT:g}): look for a wrong station, target or sign, for outliers "
-                "among few observations, a term switched off",
-            )
+            beyond.append(f"of {name} {ratio:.4g} times ({rms_m:.3g} m rms)")
+            if stated_m[mine].min() < floor_m:
+                floored = f", those below {floor_m:g} m taken as {floor_m:g} m"
+    if beyond:
+        yield Doubt(
+            FitStatus.MISFIT,
+            f"the residuals are far beyond their stated sigmas{floored}: {', '.join(beyond)}; no model error explains "
+            f"more than {LARGEST_MISFIT:g} times: look for a wrong station, target (an orbiter needs a trajectory or "
+            "dynamics) or sign, for outliers among few observations, a term switched off",
+        )
 
 
 def heights(height_m: float) -> Iterator[Doubt]:

@@ -4,8 +4,15 @@ import numpy as np
 import pytest
 from toy_moon import LANDER_M, ToyMoon
 
-from radioloc.errors import InputError
-from radioloc.estimation import FitStatus, Parameter, ParameterSet, fit_least_squares, least_squares
+from radioloc.errors import ConvergenceError, InputError
+from radioloc.estimation import (
+    FitStatus,
+    Parameter,
+    ParameterSet,
+    fit_least_squares,
+    fit_with_editing,
+    least_squares,
+)
 from radioloc.estimation.factorization import factorize, refreshed
 from radioloc.estimation.linearization import DenseLinearization, evaluate
 from radioloc.estimation.observation_noise import ObservationNoise
@@ -129,6 +136,29 @@ def test_damping_where_full_steps_overshoot():
     fit = fit_least_squares(arctangent, ParameterSet([Parameter("a", "m", "p", 20.0)]), 0.01)
     assert fit.converged
     assert abs(fit.x[0]) < 1e-6
+
+
+@pytest.mark.parametrize("threshold", [None, 5.0])
+def test_steps_to_where_there_is_no_model_are_shortened(threshold):
+    """The first would lead from 20 to about -500, with the robust start before the fit as without."""
+
+    def arctangent(x):
+        if abs(x[0]) > 30.0:
+            raise ConvergenceError("no light time out there")
+        return np.full(9, -np.arctan(x[0])), np.full((9, 1), 1.0 / (1.0 + x[0] ** 2))
+
+    parameters = ParameterSet([Parameter("a", "m", "p", 20.0)])
+    fit = fit_with_editing(arctangent, parameters, 0.01, threshold=threshold).fit
+    assert fit.converged
+    assert abs(fit.x[0]) < 1e-6
+
+
+def test_a_start_without_a_model_is_an_error():
+    def nowhere(x):
+        raise ConvergenceError("no light time at the start")
+
+    with pytest.raises(ConvergenceError, match="at the start"):
+        fit_with_editing(nowhere, free_parameters(1), 0.01)
 
 
 @pytest.mark.parametrize("prior_sigma", [np.inf, 0.5])

@@ -6,9 +6,11 @@ from dataclasses import replace
 import change5_case
 import numpy as np
 import pytest
+from reader_cases import EXAMPLES
 
 import radioloc
 from radioloc.estimation import FitStatus
+from radioloc.lunar import LunarPosition
 from radioloc.measurements import MEASUREMENTS, Link, PhysicalModel, active_terms
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, all_ranges
 from radioloc.studies import EstimateChoice, ModelChoice, ObservationChoice
@@ -51,11 +53,24 @@ def test_good_data_converge(tracking):
 
 
 @pytest.mark.slow
+def test_an_orbiter_taken_for_a_lander_does_not_converge():
+    """The fit looks for a point that moves like it, thousands of kilometres away, and ends with what is wrong."""
+    target = LunarPosition.from_selenographic(31.3, 8.3, -1750.0)
+    tracking = radioloc.read_observations(EXAMPLES / "orbiter" / "tracking.csv")
+    doppler = tracking.select(tracking.kind == list(MEASUREMENTS).index("doppler"))
+    solution = radioloc.locate(radioloc.Study(target), doppler)
+    assert not solution.converged
+    assert "the residuals are far beyond their stated sigmas: of doppler" in solution.message
+    assert "an orbiter needs a trajectory or dynamics" in solution.message
+    assert "to improve first" not in str(solution)
+
+
+@pytest.mark.slow
 def test_delays_of_two_stations_exchanged_do_not_converge(tracking):
     solution = radioloc.locate(study(), exchanged(tracking, "SESHAN25", "KUNMING"))
     assert solution.status is FitStatus.MISFIT
     assert not solution.converged
-    assert "times their stated sigmas" in solution.message
+    assert "far beyond their stated sigmas: of vlbi_delay" in solution.message
     assert "status      NOT CONVERGED: RESIDUALS FAR BEYOND THE STATED SIGMAS" in str(solution)
 
 

@@ -35,6 +35,12 @@ _SEES = 0.9
 """Part of these at which a candidate must see the target."""
 _OUTLIER = 5.0
 """Spreads beyond which a residual has no part in an rms: a pass may begin before the lock."""
+_JUMP_M_S = 3.0
+"""Step of the rate, beyond what the counts around it make likely, at which another station may have begun to send."""
+_AROUND = 9
+"""How many steps these are."""
+_LEAST_S = 600.0
+"""What is shorter, as before a lock, is no pass of its own: a transmitter does not show in it."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -171,7 +177,10 @@ def _sent(link: Link, station: str) -> Link:
 
 
 def _passes(observations: Observations, gap_s: float) -> Iterator[_Rows]:
-    """Rows of each pass of Doppler of one target at a receiving station, in order of time."""
+    """Rows of each pass of Doppler of one target at a receiving station, in order of time.
+
+    A pass ends also where the rate jumps, as it does when the next station takes over the uplink.
+    """
     rows = np.flatnonzero(observations.kind == DOPPLER)
     _, of_link = np.unique(
         [f"{one.target}>{one.receiver}" for one in observations.links], return_inverse=True
@@ -180,8 +189,27 @@ def _passes(observations: Observations, gap_s: float) -> Iterator[_Rows]:
     time_s = tai.seconds_since(tai[np.zeros(len(rows), dtype=np.intp)])
     place = of_link[observations.link[rows]]
     order = np.lexsort((time_s, place))
-    new = (np.diff(place[order]) != 0) | (np.diff(time_s[order]) > gap_s)
-    yield from np.split(rows[order], np.flatnonzero(new) + 1) if len(rows) else ()
+    rows, time_s = rows[order], time_s[order]
+    new = (np.diff(place[order]) != 0) | (np.diff(time_s) > gap_s)
+    rate_m_s = observations.value_m[rows] / observations.count_s[rows]
+    for part in np.split(np.arange(len(rows)), np.flatnonzero(new) + 1) if len(rows) else ():
+        yield from np.split(rows[part], _jumps(time_s[part], rate_m_s[part]))
+
+
+def _jumps(time_s: _Floats, rate_m_s: _Floats) -> list[int]:
+    """Where the rate of a pass jumps, with no fewer than ten minutes before, between and after."""
+    from scipy.ndimage import median_filter
+
+    cuts: list[int] = []
+    if len(rate_m_s) > 2:
+        step_m_s, step_s = np.diff(rate_m_s), np.maximum(np.diff(time_s), 1e-3)
+        beyond_m_s = step_m_s - step_s * median_filter(step_m_s / step_s, _AROUND, mode="nearest")
+        limit_m_s = max(_JUMP_M_S, _OUTLIER * robust_scale(beyond_m_s, 1))
+        for k in (np.flatnonzero(np.abs(beyond_m_s) > limit_m_s) + 1).tolist():
+            before = time_s[cuts[-1] if cuts else 0]
+            if min(time_s[k] - before, time_s[-1] - time_s[k]) >= _LEAST_S:
+                cuts.append(k)
+    return cuts
 
 
 def _ratio(text: str) -> Fraction:

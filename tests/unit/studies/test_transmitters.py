@@ -32,20 +32,28 @@ HOURS = {
 @pytest.fixture(scope="module")
 def received():
     """Doppler at X band of three passes, each with an offset of the listener's oscillator, sent by whom is not said."""
+    return unsaid(heard([(sender, listener, *HOURS[listener]) for listener, sender in TRUE.items()]))
+
+
+def heard(passes):
+    """What listeners receive of some stations from one hour to another."""
     sessions = [
-        Session("doppler", ((sender, listener),), *HOURS[listener], 240.0, SIGMA_M, count_s=COUNT_S,
+        Session("doppler", ((sender, listener),), *hours, 240.0, SIGMA_M, count_s=COUNT_S,
                 uplink_hz=DOWN_HZ * 749 / 880, wavelength_um=1e6 * CYCLE_M)
-        for listener, sender in TRUE.items()
+        for sender, listener, *hours in passes
     ]  # fmt: skip
     offsets = {
         f"{sender}>lander>{listener}": y
-        for (listener, sender), y in zip(TRUE.items(), (3e-9, -8e-10, 2e-10), strict=True)
+        for (sender, listener, *_), y in zip(passes, (3e-9, -8e-10, 2e-10), strict=False)
     }
     noise = NoiseModel({"doppler": Noise(white_m=SIGMA_M)})
     scenario = Scenario(Schedule(sessions), LANDER, Truth(frequency_offset_value=offsets), noise, seed=2)
-    observations = scenario.world(PhysicalModel.build()).draw().observations
-    unknown = tuple(replace(link, transmitter="KASHI") for link in observations.links)
-    return replace(observations, links=unknown)
+    return scenario.world(PhysicalModel.build()).draw().observations
+
+
+def unsaid(observations):
+    links = tuple(replace(link, transmitter="KASHI") for link in observations.links)
+    return Observations.concatenate([replace(observations, links=links)])  # each link once
 
 
 def study(estimate=None, **observations):
@@ -59,6 +67,20 @@ def test_each_pass_has_the_station_that_sent(received):
     arc, _ = prepared_arc(study(), received)
     links = {arc.observations.links[k] for k in arc.observations.link}
     assert {link.receiver: link.transmitter for link in links} == TRUE
+
+
+def test_a_handover_of_the_uplink_ends_a_pass():
+    """The next station takes over within four minutes, and neither sees the target all the time."""
+    over = "2020-12-01T15:00:00"
+    received = heard(
+        [
+            ("JIAMUSI", "KUNMING", "2020-12-01T12:30:00", over),
+            ("KASHI", "KUNMING", over, "2020-12-01T20:30:00"),
+        ]
+    )
+    arc, _ = prepared_arc(study(), unsaid(received))
+    assert arc.observations.paths().tolist() == received.paths().tolist()
+    assert len(set(received.paths())) == 2
 
 
 def test_the_card_and_the_file_have_all_candidates(received):

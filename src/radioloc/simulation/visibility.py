@@ -49,6 +49,8 @@ _FASTEST_RAD_S = 9e-5
 point's: the Earth turns by 7.3e-5 rad/s, the Moon goes round it by up to 3.3e-6, a station passes by it at 1.3e-6."""
 _EPOCHS_AT_ONCE = 32768
 _SEARCH_STEP_S = 300.0
+_ORBIT_STEP_S = 60.0
+"""Likewise of a spacecraft, which the Moon may hide for minutes."""
 _SECONDS_TO = 0.1
 """Rise and set are found to this before they are rounded to whole seconds."""
 
@@ -241,7 +243,8 @@ def windows(
 ) -> list[Window]:
     """When all the stations see the target at once, rise and set to the second.
 
-    A window or a gap shorter than five minutes, as of a target that grazes a mask, can be missed.
+    A window or a gap shorter than five minutes, of a spacecraft than one, as of a target that grazes a mask, can be
+    missed.
 
     Parameters
     ----------
@@ -276,7 +279,8 @@ def windows(
         tt = tai_to_tt(limits[np.zeros(len(offset_s), dtype=np.int64)].shifted(offset_s))
         return elevations(model, target_pa_m, stations, tt).margin_rad(masks).min(axis=-1)
 
-    grid_s = np.linspace(0.0, length_s, max(2, int(np.ceil(length_s / _SEARCH_STEP_S)) + 1))
+    step_s = _ORBIT_STEP_S if isinstance(target_pa_m, AnyTrajectory) else _SEARCH_STEP_S
+    grid_s = np.linspace(0.0, length_s, max(2, int(np.ceil(length_s / step_s)) + 1))
     seen = margin_rad(grid_s) >= 0.0
     changes = np.flatnonzero(seen[1:] != seen[:-1])
     low_s, high_s = grid_s[changes], grid_s[changes + 1]

@@ -10,10 +10,10 @@ import numpy as np
 
 from radioloc.boundary import bare_arguments
 from radioloc.ephemeris.trajectory import AnyTrajectory
-from radioloc.errors import InputError
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.report.passes import Pass, Passes
+from radioloc.simulation.simulate import StateAndForces
 from radioloc.simulation.visibility import Masks, Target, Window, elevations, windows
 from radioloc.studies.locate import model_of, prepared_arc
 from radioloc.studies.study import Study
@@ -103,9 +103,12 @@ def scene_of(
         names, first, last, masks = [], "", "", Masks()
     else:
         names, first, last, masks = _observed(study)
-    places: dict[str, object] = {**study.targets} or {"lander": study.target}
+    places: dict[str, LunarPosition | AnyTrajectory | StateAndForces] = {**study.targets} or {
+        "lander": study.target
+    }
     if study.simulation is not None:
         places = {study.simulation.name: study.simulation.position}
+    start_utc, stop_utc = start_utc or first, stop_utc or last
     targets: dict[str, Target] = {}
     for name, place in places.items():
         if isinstance(place, LunarPosition):
@@ -113,16 +116,15 @@ def scene_of(
         elif isinstance(place, AnyTrajectory):
             targets[name] = place
         else:
-            raise InputError(
-                f"{study.name}: who sees an orbiter follows from its orbit; write it as an SPK and give that"
-            )
+            span = epochs_from_strings([start_utc, stop_utc], "UTC")
+            targets[name] = place.orbit_over(model, span, 0.0).nearest()[0]
     return Scene(
         study.name,
         model,
         targets,
         [model.catalogue.get(name).name for name in stations or names],
-        start_utc or first,
-        stop_utc or last,
+        start_utc,
+        stop_utc,
         masks if mask_deg is None else replace(masks, station_deg=mask_deg, by_station_deg={}),
     )
 

@@ -11,6 +11,8 @@ from radioloc.dynamics import Orbit, propagate
 from radioloc.errors import InputError
 from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.simulation import windows
+from radioloc.studies import light_times, visibility
+from radioloc.time import utc_strings
 
 TRUE_M = np.array([575839.0, -463349.0, -1631539.0])
 VELOCITY_M_S = np.array([-567.864, 1434.223, -600.209])
@@ -97,6 +99,32 @@ def test_nothing_is_tracked_behind_the_moon(made):
     mine = simulated.observations.paths() == simulated.observations.paths()[0]
     assert 1.0 < hours < 3.0
     assert 60.0 * hours - 3.0 * len(found) < max(mine.sum(), (~mine).sum()) < 60.0 * hours + 1.0
+
+
+def test_who_sees_it_is_told_from_the_study(made):
+    study, simulated = made
+    found = visibility(study, ["DSS-24"])
+    masks = study.simulation.schedule.masks
+    limits = (PhysicalModel.build(), simulated.trajectory, ["DSS-24"], found.start_utc, found.stop_utc, masks)
+    assert [(one.start_utc, one.stop_utc) for one in found.passes] == [
+        (one.start_utc, one.stop_utc) for one in windows(*limits)
+    ]
+    # The Moon hides it at each turn of two hours, for less than half of it.
+    assert [(one.rises, one.sets) for one in found.passes] == [(True, True), (True, False)]
+
+
+def test_light_times_are_those_of_the_true_orbit(made):
+    study, simulated = made
+    found = light_times(study, ["DSS-65"], start_utc="2012-04-09T04:50:00", stop_utc="2012-04-09T05:30:00")
+    rows = simulated.observations.select(simulated.observations.paths() == "DSS-65>craft>DSS-65")
+    counts = {
+        str(tag)[:16]: value / 60.0 for tag, value in zip(utc_strings(rows.epoch), rows.value_m, strict=True)
+    }
+    rates = [counts[str(tag)[:16]] for tag in utc_strings(found.epoch)]
+    assert len(rates) == 5
+    # The mean of a minute differs from its middle by 60^2/24 times the rate's curvature: 2 km/s at one turn in 7100 s.
+    np.testing.assert_allclose(found["range_rate_m_s"], rates, atol=0.25)
+    assert np.ptp(rates) > 1000.0
 
 
 def test_the_true_state_is_found_again(made):

@@ -565,6 +565,20 @@ def test_commands_and_code_run(page, workspace, capsys):
             assert without_numbers(block.text) in without_numbers(capsys.readouterr().out)
 
 
+def test_delays_beside_quasars_fit_as_the_page_has_them(workspace):
+    """Clocks of 0.3 us and 2e-13, noise of 2 and 3 cm."""
+    for block in blocks(DOCS / "how-to" / "delta-dor.md"):
+        if block.file:
+            (workspace / block.file).write_text(block.text)
+    solution = radioloc.locate("lander.toml")
+    assert solution.converged
+    assert len(solution.residuals) == 8
+    assert solution.fit.total.rms_m < 0.03
+    study = radioloc.read_study("lander.toml")
+    differenced = radioloc.residuals(study, radioloc.read_observations("differenced.csv"))
+    assert differenced.residuals.residual_m == pytest.approx(0.0, abs=3.0 * 0.03)
+
+
 @pytest.mark.parametrize("page", runs("toml"), ids=lambda p: str(p.relative_to(DOCS)))
 def test_toml_is_a_study_or_part_of_one(page, workspace):
     touch_named_files(workspace)

@@ -27,6 +27,8 @@ DEFAULT_HOURS = (12.0, 24.0, 48.0)
 _ROUNDING_S = 1e-9
 """Both ends of a span belong to it; epochs are rounded to 1e-11 s."""
 
+_OF_QUASARS = "if one is a quasar, name a list that has it: [model] sources"
+
 
 def select_observations(
     observations: Observations,
@@ -112,7 +114,7 @@ def _of_targets(
             raise InputError(
                 f"the observations are of several targets ({', '.join(present)}), but the study gives one position; "
                 f'name one: [observations] targets = ["{present[0]}"], or give the position of each as [targets.NAME]; '
-                "of quasars [model] sources"
+                f"{_OF_QUASARS}"
             )
         return np.ones(len(observations), dtype=bool)
     wanted = {canonical_target(name) for name in targets} if targets is not None else set(named)
@@ -125,7 +127,7 @@ def _of_targets(
     if named and not wanted <= set(named):
         raise InputError(
             f"{key}: there is no position of {', '.join(sorted(wanted - set(named)))}; give it as [targets.NAME], "
-            f"beside {', '.join(named)}"
+            f"beside {', '.join(named)}; {_OF_QUASARS}"
         )
     if not named and len(wanted) > 1:
         raise InputError(

@@ -154,7 +154,7 @@ def test_a_quasar_in_a_message(sources, tmp_path):
     found = radioloc.residuals(held)
     assert set(found.residuals.paths.present()) == {"SESHAN25<lander>KUNMING", "SESHAN25<0716+332>KUNMING"}
     with pytest.raises(
-        radioloc.errors.InputError, match=r"of several targets .*of quasars \[model\] sources"
+        radioloc.errors.InputError, match=r"of several targets .*if one is a quasar, .*: \[model\] sources"
     ):
         radioloc.residuals(replace(held, model=ModelChoice()))
 

@@ -69,6 +69,7 @@ def test_each_arc_of_the_reconstruction_is_met_within_decimetres(part, rows, mod
     assert 0.008 < values["radiation"] < 0.03
 
 
+@pytest.mark.slow
 def test_what_is_left_of_all_four_hours_is_the_jump(model):
     residuals_m, _ = fitted(slice(0, 241), model, ())
     step_m = np.linalg.norm(np.diff(residuals_m, axis=0), axis=1)
@@ -78,6 +79,7 @@ def test_what_is_left_of_all_four_hours_is_the_jump(model):
     assert rms(residuals_m) < 13.0
 
 
+@pytest.mark.slow
 def test_constant_accelerations_take_up_a_part_of_it(model):
     empirical = replace(model, accelerations=(Acceleration("empirical"),))
     residuals_m, _ = fitted(slice(0, 241), empirical, ("empirical.r", "empirical.t", "empirical.n"))

@@ -162,6 +162,7 @@ def gone(session):
     return False
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("workers", some([1, 2], [1]))
 def test_an_interrupted_monte_carlo_study_says_how_to_go_on(workers, tmp_path):
     process = started(tmp_path, "--workers", workers)

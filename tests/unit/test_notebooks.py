@@ -11,7 +11,6 @@ from run_notebooks import run
 
 ROOT = Path(__file__).resolve().parents[2]
 NOTEBOOKS = sorted((ROOT / "examples/notebooks").glob("*.ipynb"))
-QUICK = {"your_own_models"}
 MOST_BYTES = 400_000
 LAST_DIGITS = 3
 """By how many units of its last digit a number may differ: rounding, and revisions of Earth orientation."""
@@ -32,10 +31,8 @@ def folder(tmp_path, monkeypatch):
     return place
 
 
-@pytest.mark.parametrize(
-    "path",
-    [pytest.param(p, marks=[] if p.stem in QUICK else pytest.mark.slow, id=p.stem) for p in NOTEBOOKS],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_it_runs_and_its_file_has_what_it_shows(path, folder):
     kept, now = nbformat.read(path, as_version=4), run(path, folder)
     for cell, kept_cell in zip(now.cells, kept.cells, strict=True):

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,6 +17,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.solution import Solution
 from radioloc.imaging import Map, TangentPlane
 from radioloc.lunar.terrain import TerrainModel
+from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError
 from radioloc.report.figures import COLORS, legend_below, length_unit, one_panel
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.position_figures import error_ellipse, marker_style
@@ -179,10 +181,17 @@ def _shown(ground: Map | TerrainModel, plane: TangentPlane, reach_m: float) -> N
 
     east, north = np.meshgrid(*[np.linspace(-first_m, first_m, _PIXELS)] * 2)
     degrees = plane.to_longitude_latitude(np.column_stack([east.ravel(), north[::-1].ravel()]))
-    longitude, latitude = np.radians(degrees).T
-    heights = ground.height_m(longitude, latitude).reshape(east.shape)
+    heights = _heights_m(ground, *np.radians(degrees).T).reshape(east.shape)
     light = LightSource(_SUN_AZIMUTH_DEG, _SUN_ELEVATION_DEG)
     return np.asarray(light.hillshade(heights, vert_exag=1.0, dx=pixel_m, dy=pixel_m))
+
+
+def _heights_m(ground: TerrainModel, longitude: NDArray[Any], latitude: NDArray[Any]) -> NDArray[Any]:
+    with suppress(LargeWindowError, NoTerrainError):
+        heights, known = ground.window(longitude, latitude).heights(longitude, latitude)
+        if known.all():
+            return heights
+    return ground.height_m(longitude, latitude)  # slower, and says what the map lacks
 
 
 def _draw_solution(

@@ -148,7 +148,7 @@ def test_400_epochs_take_little_time(model):
 
 def test_pole_is_that_of_erfa():
     """Over the whole table, its ends and the joints between its polynomials, and after it."""
-    random = np.random.default_rng(2).uniform(0.0, SPAN_D * 891 + 3000.0, 20_000)
+    random = np.random.default_rng(2).uniform(0.0, SPAN_D * 891 + 3000.0, 4000)
     tt = Epochs.from_jd(FIRST_JD + np.r_[random, SPAN_D * np.arange(892), SPAN_D * 891 - 1e-9], 0.0, "TT")
     (x, y), (x_rate, y_rate) = _celestial_pole(tt)
     expected_x, expected_y, s = erfa.xys06a(tt.jd, tt.fraction)

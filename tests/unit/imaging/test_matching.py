@@ -114,6 +114,7 @@ def test_known_transformation_is_found(detector, view):
     assert worst_px < TRUE_PX[detector] * max(1.0, scale)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("factor", some([2, 3], [3]))
 def test_no_bias_between_scales(factor):
     """Features of an image and of its means over squares of pixels: 0.13 to 0.18 pixel apart with OpenCV's default."""

@@ -90,6 +90,7 @@ WRONG = {
 ALL_WRONG = {1: "another scene", 2: "black", 4: "saturated", 5: "mirrored", 6: "cut"}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("frames", "names", "near"),
     [

@@ -18,6 +18,7 @@ ABERRATION_DEG = 0.0058  # of 30.3 km/s: USGS has the Sun as it is seen
 GROUND = Ground(TangentPlane(-51.9162, 43.0584), seed=3)
 
 
+@pytest.mark.slow
 def test_a_shaded_model_looks_as_the_ground_does_under_the_same_sun(tmp_path):
     GROUND.write_heights(tmp_path / "dem.tif", 20.0, 12000.0)
     GROUND.write_map(tmp_path / "map.tif", 20.0, 12000.0, sun_direction(100.0, 35.0), noise=0.0)

@@ -89,6 +89,7 @@ def test_correlations(solution):
     assert "upper right: without considered errors" in ax.get_title()
 
 
+@pytest.mark.slow
 def test_correlations_of_many_parameters_are_those_of_the_position(with_biases, monkeypatch):
     monkeypatch.setattr("radioloc.report.parameter_figures._MOST_CORRELATED", 4)
     ax = plot_correlations(with_biases[0]).axes[0]

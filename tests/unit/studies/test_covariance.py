@@ -204,6 +204,7 @@ def test_a_candidate_link_is_measured_as_its_session():
     assert buys["station KASHI"] == pytest.approx(expected.longest.radius_95_m, rel=1e-6)
 
 
+@pytest.mark.slow
 def test_candidates_are_of_the_same_network_and_telescopes_also_of_the_same_country():
     planned = covariance(study_of(vlbi=("JIAMUSI", "HARTRAO"), candidates=None, step_s=7200.0), [24.0])
     stations = {

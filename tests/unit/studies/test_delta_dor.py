@@ -205,6 +205,7 @@ def test_tracking_beside_a_quasar_is_simulated_and_fitted(tmp_path):
     assert found.values[found.parameters.index("clock.KUNMING")] == pytest.approx(3e-7, abs=1e-10)
 
 
+@pytest.mark.slow
 def test_a_plan_says_what_a_quasar_buys(tmp_path):
     """Beside it clocks are estimated; without it they are taken to be known to 0.2 ns."""
     sigma_m = [

@@ -316,6 +316,7 @@ def test_a_script_without_a_guard_is_told(tmp_path):
 # Interrupted and resumed.
 
 
+@pytest.mark.slow
 def test_resumed_with_more_trials(study, found, tmp_path):
     first = radioloc.monte_carlo(study, 20, HOURS, out=tmp_path)
     parts = {path: path.stat().st_mtime_ns for path in (tmp_path / "parts").iterdir()}

@@ -25,6 +25,7 @@ def test_what_is_neither_study_nor_path_is_refused(job):
         getattr(radioloc, job)(["apollo15.toml"])
 
 
+@pytest.mark.slow
 def test_a_path_gives_what_its_study_gives():
     path = EXAMPLES / "apollo15" / "apollo15.toml"
     by_path, by_study = radioloc.locate(str(path)), radioloc.locate(study=radioloc.read_study(path))

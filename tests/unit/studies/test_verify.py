@@ -65,6 +65,7 @@ def test_the_same(made, capsys):
     assert told.err == ""
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("undrawn")
 def test_residuals_and_arcs_are_verified_as_such(copy, capsys):
     study = str(copy / "s.toml")

@@ -156,6 +156,9 @@ class Station:
         [1150441.0, 4870506.0, 3942821.0]
         """
         try:
+            if abs(latitude_deg) > 90.0 or abs(longitude_deg) > 360.0:
+                given = f"latitude_deg = {latitude_deg:g}, longitude_deg = {longitude_deg:g}"
+                raise InputError(f"{given}: they are up to 90 and 360 degrees; are they exchanged?")
             itrf_m = itrf_from_geodetic(np.deg2rad(longitude_deg), np.deg2rad(latitude_deg), height_m)
         except InputError as error:
             raise StationError(f"station {fields.get('name')}: {error}") from error
@@ -271,8 +274,10 @@ class StationCatalogue:
         close = difflib.get_close_matches(_key(name), self._by_key, n=5, cutoff=0.5)
         similar = list(dict.fromkeys(self._by_key[label].name for label in close))
         known = f"similar: {', '.join(similar)}" if similar else f"known: {', '.join(self.names)}"
+        of_site = "name the file of its site under [observations] sites, or "
         raise StationError(
             f"station {name!r} is not in the catalogue; {known}. To use one of your own, "
+            f"{of_site if _key(name).startswith(_key('COSPAR')) else ''}"
             "describe it under [stations.NAME] in the study file, or catalogue.with_station(Station(...)) in Python"
         )
 

@@ -28,6 +28,7 @@ YEARS = (1972, 2100)
 """First year of UTC with leap seconds, and one beyond any data."""
 
 _WEATHER_REACH_S = 7200.0
+_Rows = NDArray[np.intp]
 # Modified Julian dates of six decimals are rounded to half of this.
 _REREAD_S = 0.1
 
@@ -147,17 +148,10 @@ def without_duplicates(observations: Observations, *, first_counts: bool = False
             f"{observations.origin(int(second[pair]))}: this observation has another value or sigma in "
             f"{observations.origin(int(first[pair]))} ({len(other)} such pair(s) in all); leave one of them out"
         )
-    pair = int(np.argmin(second))
     with_other = f", {len(other)} with another value or sigma" if len(other) else ""
-    warnings.warn(
-        f"{observations.origin(int(second[pair]))}: this observation is already there, in "
-        f"{observations.origin(int(first[pair]))} ({len(first)} such pair(s) in all{with_other}); it is counted once",
-        DataQualityWarning,
-        stacklevel=4,
+    return _counted_once(
+        observations, first, second, "this observation is already there, in {}", stacklevel=5, more=with_other
     )
-    kept = np.ones(len(observations), dtype=bool)
-    kept[second] = False
-    return observations.select(kept)
 
 
 def without_rereadings(observations: Observations) -> Observations:
@@ -182,11 +176,21 @@ def without_rereadings(observations: Observations) -> Observations:
         return observations
     later = np.argsort(file[pairs], axis=1)
     first, second = rows[np.take_along_axis(pairs, later, axis=1).T]
+    problem = "this count of Doppler is already there, but for the rounding of its time, in {}"
+    return _counted_once(observations, first, second, problem, stacklevel=4)
+
+
+def _counted_once(
+    observations: Observations, first: _Rows, second: _Rows, problem: str, *, stacklevel: int, more: str = ""
+) -> Observations:
+    """Observations without the second of each pair, with a warning that says the problem and the first row."""
+    pair = int(np.argmin(second))
+    where = problem.format(observations.origin(int(first[pair])))
     warnings.warn(
-        f"{observations.origin(int(second[0]))}: this count of Doppler is already there, but for the rounding of its "
-        f"time, in {observations.origin(int(first[0]))} ({len(first)} such pair(s) in all); it is counted once",
+        f"{observations.origin(int(second[pair]))}: {where} ({len(first)} such pair(s) in all{more}); "
+        "it is counted once",
         DataQualityWarning,
-        stacklevel=3,
+        stacklevel=stacklevel,
     )
     kept = np.ones(len(observations), dtype=bool)
     kept[second] = False

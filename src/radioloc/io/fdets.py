@@ -12,13 +12,10 @@ import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.errors import FileFormatError
 from radioloc.io.checks import Catalogue, midnight_and_second
-from radioloc.io.dates import utc_from_seconds_of_day
-from radioloc.io.frequencies import FrequencyAgreement, frequency_observations
+from radioloc.io.frequencies import FrequencyAgreement, Reading, frequency_observations
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_lines
 from radioloc.time import Epochs
@@ -78,7 +75,7 @@ def read_fdets(
     <Observations 1 2013-12-28 to 2013-12-28>
     """
     head: dict[str, re.Match[str]] = {}
-    moments, detected_hz, line = [], [], []
+    detections = []
     for number, text in enumerate(read_lines(path, ended=True), start=1):
         if not (said := text.strip()) or said.startswith(_COMMENT):
             for name, form in _HEAD.items():
@@ -88,10 +85,10 @@ def read_fdets(
         fields = said.split()
         try:
             *before, time, _, _, detected, _ = fields
-            detected_hz.append(float(detected))
             if len(before) > 1:
                 raise ValueError
-            moments.append(_midnight_and_second(path, number, time, before, head))
+            moment = _midnight_and_second(path, number, time, before, head)
+            detections.append((*moment, float(detected), number))
         except FileFormatError:
             raise
         except ValueError:
@@ -99,9 +96,6 @@ def read_fdets(
                 f"{said[:60]!r} is not a detection: time, signal to noise, maximum, frequency and residual"
             )
             raise FileFormatError(path, problem, number) from None
-        line.append(number)
-    if not line:
-        raise FileFormatError(path, "has no detections; fetch it again")
     telescope = (head["day"][4] if "day" in head else "") or (_IN_NAME.search(Path(path).name) or ["", ""])[1]
     if not telescope:
         problem = "does not say the telescope, nor does its name; call it as Fdets.mex2013.12.28.Ww.r2i.txt"
@@ -112,18 +106,13 @@ def read_fdets(
         given = head["base"][1] if "base" in head else "missing"
         problem = f"the base frequency is {given}; write its megahertz into the head of the file"
         raise FileFormatError(path, problem) from None
-    midnight, second = np.array(moments).T
     return frequency_observations(
         path,
         agreements,
         catalogue,
-        epoch=utc_from_seconds_of_day(midnight, second),
-        received_hz=np.array(detected_hz),
+        [Reading(*detection, ends=("", telescope)) for detection in detections],
         offset_hz=base_hz,
-        stations=[("", telescope)],
-        station=np.zeros(len(line), dtype=np.int32),
         count_s=float(head["dT"][1]) if "dT" in head else None,
-        line=np.array(line, dtype=np.int32),
     )
 
 

@@ -13,6 +13,7 @@ import math
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePath
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,10 +22,10 @@ from radioloc.boundary import bare_fields
 from radioloc.constants import C_M_S
 from radioloc.errors import FileFormatError, InputError
 from radioloc.io.checks import Catalogue, named_link, without_duplicates
+from radioloc.io.dates import utc_from_seconds_of_day
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.registry import KINDS
-from radioloc.time import Epochs
 
 LONGEST_S = 86400.0
 """Longest delay, count interval, light time or clock difference that is believed, s."""
@@ -97,6 +98,20 @@ class FrequencyAgreement:
         return self.transmit_hz * self.ratio[0] / self.ratio[1]
 
 
+class Reading(NamedTuple):
+    """A received frequency as a line of a file says it.
+
+    Midnight (Julian date, UTC) and second of the day of the middle of the count, at reception; the mean frequency, Hz;
+    the line; transmitter and receiver as the file names them, of which an empty transmitter is the agreement's.
+    """
+
+    midnight: float
+    second_of_day: float
+    received_hz: float
+    line: int
+    ends: tuple[str, str]
+
+
 def require_ratio(turnaround: tuple[int, int] | None) -> None:
     """Refuse a turnaround ratio that is none."""
     whole = turnaround is None or (
@@ -131,14 +146,10 @@ def frequency_observations(
     path: str | Path,
     agreements: Sequence[FrequencyAgreement],
     catalogue: Catalogue | None,
+    readings: Sequence[Reading],
     *,
-    epoch: Epochs,
-    received_hz: NDArray[np.float64],
-    offset_hz: float,
-    stations: Sequence[tuple[str, str]],
-    station: NDArray[np.int32],
-    count_s: float | None,
-    line: NDArray[np.int32],
+    offset_hz: float = 0.0,
+    count_s: float | None = None,
 ) -> Observations:
     """Doppler of the received frequencies of one file.
 
@@ -150,31 +161,30 @@ def frequency_observations(
         Of which the first that holds for the file counts.
     catalogue : Catalogue or None
         Gives stations their catalogue names.
-    epoch : Epochs
-        Middles of the count intervals at reception, UTC, n epochs.
-    received_hz : ndarray, shape (n,)
-        Mean received frequencies less `offset_hz`, Hz.
+    readings : sequence of Reading
+        What the lines of the file say.
     offset_hz : float
-        What is to be added to them, Hz.
-    stations : sequence of tuple of str
-        Transmitter and receiver as the file names them; a transmitter that is empty is the agreement's.
-    station : ndarray of int, shape (n,)
-        Index into `stations`.
-    count_s : float or None
+        What is to be added to their frequencies, Hz.
+    count_s : float, optional
         Count interval that the file states, s; that of the agreement goes first.
-    line : ndarray of int, shape (n,)
-        Lines of the file.
 
     Raises
     ------
     FileFormatError
-        No agreement holds for the file, nothing says the count interval, or a frequency cannot be of that signal.
+        There are no readings, no agreement holds for the file, nothing says the count interval, or a frequency cannot
+        be of that signal.
 
     Warns
     -----
     DataQualityWarning
         An epoch is there twice, and its first frequency counted.
     """
+    if not readings:
+        raise FileFormatError(path, "has no readings; fetch it again")
+    midnight, second_of_day, hz, lines, stations = zip(*readings, strict=True)
+    received_hz, line = np.array(hz), np.array(lines, dtype=np.int32)
+    places = {ends: k for k, ends in enumerate(dict.fromkeys(stations))}
+    station = np.array([places[ends] for ends in stations], dtype=np.int32)
     its = agreement_on(path, agreements)
     if its is None:
         problem = "holds received frequencies, but not what was sent; say transmit_hz and sigma_hz under"
@@ -193,10 +203,10 @@ def frequency_observations(
         raise FileFormatError(
             path, f"{problem} and the ratio {its.ratio[0]}/{its.ratio[1]}; {advice}", int(line[row])
         )
-    links = [named_link(Link(up or its.transmitter, its.target, down), catalogue) for up, down in stations]
+    links = [named_link(Link(up or its.transmitter, its.target, down), catalogue) for up, down in places]
     one_way = np.array([not link.transmitter for link in links])[station]
     observations = Observations.from_columns(
-        epoch=epoch,
+        epoch=utc_from_seconds_of_day(np.array(midnight), np.array(second_of_day)),
         links=links,
         link=station,
         tag=1,

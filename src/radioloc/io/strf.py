@@ -1,8 +1,9 @@
 """Received frequencies as STRF and its rffit write them (``.dat``), and the sites that they name.
 
-A line is the modified Julian date (UTC) of the middle of an integration, the frequency of the signal's peak (Hz), its
-strength, which is not used, and the number of the site. A second site is that of a transmitter whose signal the target
-reflects. Sites are stations called ``COSPAR 4171``, as tracking messages of the same observers call them.
+A line is the time of the middle of an integration (modified Julian date, UTC; in older files ``yy/mm/dd hh:mm:ss.s``),
+the frequency of the signal's peak (Hz), its strength, which is not used, and the number of the site. A second site is
+that of a transmitter whose signal the target reflects. Sites are stations called ``COSPAR 4171``, as tracking messages
+of the same observers call them.
 """
 
 from __future__ import annotations
@@ -11,15 +12,11 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from radioloc.constants import SECONDS_PER_DAY
-from radioloc.earth.geodesy import itrf_from_geodetic
 from radioloc.earth.stations import Station
 from radioloc.errors import FileFormatError, InputError
-from radioloc.io.checks import Catalogue
-from radioloc.io.dates import utc_from_seconds_of_day
-from radioloc.io.frequencies import FrequencyAgreement, frequency_observations
+from radioloc.io.checks import Catalogue, midnight_and_second
+from radioloc.io.frequencies import FrequencyAgreement, Reading, frequency_observations
 from radioloc.measurements.observations import Observations
 from radioloc.text_files import read_lines
 
@@ -27,7 +24,9 @@ _JD_MJD_0 = 2400000.5
 _MJD_SPAN = (41317, 88069)  # 1972 to 2099
 _NUMBER = r"[+-]?\d+(?:\.\d*)?(?:[eE][+-]?\d+)?"
 _READING = re.compile(
-    rf"(\d{{5}})(\.\d+)\s+(\d{{1,15}}(?:\.\d*)?)\s+{_NUMBER}\s+(\d{{1,4}})(?:\s+(\d{{1,4}}))?", re.ASCII
+    r"(?:(\d{5})(\.\d+)|(\d\d)/(\d\d)/(\d\d)\s+(\d\d):(\d\d):(\d\d(?:\.\d*)?))"
+    r"\s+(\d{1,15}(?:\.\d*)?)\s+\S+\s+(\d{1,4})(?:\s+(\d{1,4}))?",
+    re.ASCII,
 )
 _SITE = re.compile(rf"(\d{{1,4}})\s+\S+\s+({_NUMBER})\s+({_NUMBER})\s+({_NUMBER})(?:\s.*)?", re.ASCII)
 
@@ -73,9 +72,7 @@ def read_strf(
     1 observations, 2020-12-01T06:00:00 to 2020-12-01T06:00:00 UTC, 1 file(s)
       lander>COSPAR 4171  one_way_doppler        1
     """
-    days, parts, received_hz, line = [], [], [], []
-    ends: dict[tuple[str, str], int] = {}
-    station = []
+    readings = []
     for number, text in enumerate(read_lines(path, ended=True), start=1):
         if not (said := _said(text)):
             continue
@@ -84,31 +81,20 @@ def read_strf(
                 f"{said[:60]!r} is not a reading: date (MJD), frequency (Hz), strength and number of the site"
             )
             raise FileFormatError(path, problem, number)
-        day, part, frequency, receiver, transmitter = match.groups()
-        if not _MJD_SPAN[0] <= int(day) <= _MJD_SPAN[1]:
+        mjd, part, year, *rest, second, frequency, receiver, transmitter = match.groups()
+        if mjd is None:
+            month, day, hour, minute = map(int, rest)
+            date = 2000 + int(year), month, day, hour, minute, float(second)
+            midnight, second_of_day = midnight_and_second(path, number, *date)
+        elif _MJD_SPAN[0] <= int(mjd) <= _MJD_SPAN[1]:
+            midnight, second_of_day = _JD_MJD_0 + int(mjd), SECONDS_PER_DAY * float(part)
+        else:
             raise FileFormatError(
-                path, f"the modified Julian date {day} is not of the years 1972 to 2099", number
+                path, f"the modified Julian date {mjd} is not of the years 1972 to 2099", number
             )
-        days.append(int(day))
-        parts.append(float(part))
-        received_hz.append(float(frequency))
-        names = (_site_name(transmitter) if transmitter else "", _site_name(receiver))
-        station.append(ends.setdefault(names, len(ends)))
-        line.append(number)
-    if not line:
-        raise FileFormatError(path, "has no readings; fetch it again")
-    return frequency_observations(
-        path,
-        agreements,
-        catalogue,
-        epoch=utc_from_seconds_of_day(_JD_MJD_0 + np.array(days), SECONDS_PER_DAY * np.array(parts)),
-        received_hz=np.array(received_hz),
-        offset_hz=0.0,
-        stations=tuple(ends),
-        station=np.array(station, dtype=np.int32),
-        count_s=None,
-        line=np.array(line, dtype=np.int32),
-    )
+        ends = _site_name(transmitter) if transmitter else "", _site_name(receiver)
+        readings.append(Reading(midnight, second_of_day, float(frequency), number, ends))
+    return frequency_observations(path, agreements, catalogue, readings)
 
 
 def read_sites(path: str | Path) -> tuple[Station, ...]:
@@ -138,10 +124,17 @@ def read_sites(path: str | Path) -> tuple[Station, ...]:
             raise FileFormatError(path, problem, number)
         name, (latitude, longitude, height_m) = _site_name(match[1]), map(float, match.groups()[1:])
         try:
-            if abs(latitude) > 90.0 or abs(longitude) > 360.0:
-                raise InputError("latitude and longitude are up to 90 and 360 degrees")
-            itrf_m = itrf_from_geodetic(np.radians(longitude), np.radians(latitude), height_m)
-            made = Station(name, (), "ttc", itrf_m, 2000.0, "rounded", Path(path).name)
+            made = Station.from_geodetic(
+                longitude_deg=longitude,
+                latitude_deg=latitude,
+                height_m=height_m,
+                name=name,
+                aliases=(),
+                kind="ttc",
+                epoch_year=2000.0,
+                quality="rounded",
+                source=Path(path).name,
+            )
         except InputError as error:
             raise FileFormatError(path, str(error), number) from None
         if name in stations:

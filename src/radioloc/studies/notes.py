@@ -180,6 +180,9 @@ def _of_model(arc: Predictor) -> Iterator[str]:
             names = [s.name for s in radio if model.has(term) and any(cards.serves(s, k) for k in kinds)]
             if names:
                 yield f"{term} of radio signals from calibrations of the DSN for {', '.join(names)}"
+            for kind, air in ((DRY, "dry"), (WET, "wet")) if names and term == "troposphere" else ():
+                if other := [s.name for s in radio if s.name in names and not cards.serves(s, kind)]:
+                    yield f"the calibrations have no {air} air for {', '.join(other)}: it is the model's"
         without = [s.name for s in radio if not cards.serves(s, CHARGED)]
     if model.has("ionosphere") and model.ionosphere is None and without:
         of = f" for {', '.join(without)}" if len(without) < len(radio) else ""

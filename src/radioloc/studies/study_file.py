@@ -53,6 +53,8 @@ STDIN = Path("-")
 
 _FASTEST_PLATE_M_YR = 1.0
 """Plates move by up to 0.1 m a year; more is another unit."""
+_FARTHEST_ALIAS_KM = 10.0
+"""A station of the catalogue that a study calls by an alias and puts farther off is another one."""
 GEODETIC = ("longitude_deg", "latitude_deg", "height_m")
 """Keys of a position above an ellipsoid."""
 _OF_THE_FIT = ("empirical", "gravity_errors", "gravity_error_degree")
@@ -476,5 +478,10 @@ def _catalogue(table: TomlTable) -> StationCatalogue:
         aliases = dict.fromkeys([*(() if known is None else known.aliases), *site.aliases])
         changed = {key: value for key, value in changes.items() if value is not None}
         station = given.build(make, **fields | changed | {"aliases": tuple(aliases)})
+        if known is not None and name not in StationCatalogue([replace(known, aliases=())]):
+            moved_km = 1e-3 * float(np.linalg.norm(station.itrf_m - known.itrf_m))
+            if moved_km > _FARTHEST_ALIAS_KM:
+                problem = f"is also called {name}, and stands {moved_km:.0f} km from here; take another name"
+                given.fail(name, f"{known.name} of the catalogue {problem}")
         catalogue = given.build(catalogue.with_station, station=station)
     return catalogue

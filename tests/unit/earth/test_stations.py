@@ -266,8 +266,12 @@ def test_geodetic_coordinates_are_those_of_the_ellipsoid() -> None:
     made = Station.from_geodetic(**place, **fields, frame="ITRF97")
     np.testing.assert_allclose(made.itrf_m, StationCatalogue.default()["KOUROU"].itrf_m, rtol=0.0, atol=1e-3)
     assert made.frame == "ITRF97"
-    with pytest.raises(StationError, match=r"station K: .*beyond 90 degrees"):
-        Station.from_geodetic(**place | {"latitude_deg": 91.0}, **fields)
+    for wrong in ({"latitude_deg": 140.0}, {"longitude_deg": 520.0}):
+        [(name, value)] = wrong.items()
+        with pytest.raises(
+            StationError, match=rf"station K: .*{name} = {value:g}.* up to 90 and 360 degrees"
+        ):
+            Station.from_geodetic(**place | wrong, **fields)
 
 
 def test_position_is_in_itrf2020_whatever_frame_it_is_given_in() -> None:

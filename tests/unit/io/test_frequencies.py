@@ -10,7 +10,7 @@ from tdm_messages import kvn
 from radioloc.constants import C_M_S
 from radioloc.earth.geodesy import geodetic_from_itrf
 from radioloc.earth.stations import StationCatalogue
-from radioloc.errors import DataQualityWarning, FileFormatError, InputError
+from radioloc.errors import DataQualityWarning, FileFormatError, InputError, StationError
 from radioloc.io import FrequencyAgreement, read_fdets, read_observations, read_sites, read_strf
 from radioloc.time import utc_strings
 
@@ -69,6 +69,26 @@ def test_readings_of_strf(tmp_path):
     assert np.isnan(got.uplink_hz).tolist() == [True, True, False]
     assert got.wavelength_um == pytest.approx(1e6 * C_M_S / BEACON_HZ, rel=1e-15)
     assert [got.origin(row).rpartition(" ")[2] for row in range(3)] == ["1", "2", "5"]
+
+
+def test_dates_of_older_readings(tmp_path):
+    """An instant in both forms: 0.606603 of 86400 s is 14:33:30.4992."""
+    newer = write(tmp_path / "a.dat", "59902.606603\t2216497878.100\t9.6\t8049\n")
+    older = write(tmp_path / "b.dat", "22/11/19 14:33:30.4992 2216497878.100 nan 8049\n")
+    both = [read_strf(path, [BEACON]) for path in (newer, older)]
+    assert utc_strings(both[1].epoch, 4).tolist() == ["2022-11-19T14:33:30.4992"]
+    assert both[0].value_m.tolist() == both[1].value_m.tolist()
+    assert len(read_observations(older, frequencies=[BEACON])) == 1
+    older.write_text("22/02/30 14:33:30.4 2216497878.100 1.0 8049\n")
+    with pytest.raises(FileFormatError, match=r"b.dat, line 1: .*2022-02-30"):
+        read_strf(older, [BEACON])
+
+
+def test_an_unknown_site_tells_of_the_file_of_sites():
+    with pytest.raises(
+        StationError, match=r"'COSPAR 8049' is not .* under \[observations\] sites, or describe it"
+    ):
+        StationCatalogue.default().get("COSPAR 8049")
 
 
 def test_three_way_by_what_the_study_says(tmp_path):
@@ -217,7 +237,7 @@ def test_agreements_that_cannot_be(fields, problem):
         (HEAD + "1e9 1 1 1.0 1\n", "line 3: .* is not a detection"),
         (HEAD + "2013-13-28T09:30:05 1 1 1.0 1\n", "line 3: .* is not a date that exists"),
         (HEAD.replace(" conducted on 2013.12.28", "") + "1.0 1 1 1.0 1\n", "line 3: the day is neither"),
-        (HEAD, "has no detections"),
+        (HEAD, "has no readings"),
     ],
 )
 def test_files_that_are_refused(text, problem, tmp_path):
@@ -249,7 +269,7 @@ def test_sites(tmp_path):
     assert first.position_sigma_m == 100.0  # four decimals of a degree, and a height above the sea
     for line, problem in (
         ("4171 CB 52.8 6.4 10 Other\n", "site 4171 is there twice"),
-        ("4172 CB 92.8 6.4 10\n", "latitude and longitude are up to"),
+        ("4172 CB 92.8 6.4 10\n", "up to 90 and 360 degrees"),
         ("4172 CB 52.8 6.4\n", "is not a site: number"),
     ):
         wrong = write(tmp_path / "wrong.txt", path.read_text() + line)

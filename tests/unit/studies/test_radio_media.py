@@ -141,8 +141,16 @@ def test_calibrations_of_the_deep_space_network_serve_its_stations(calibrated):
     charged_m = 1.5 * ((2295 / 2100) ** 2 + (2295 / 2280) ** 2)
     air_m = plain.residuals.residual_m - solution.residuals.residual_m - charged_m
     assert 0.0 < abs(air_m[0]) < 1.0
+    assert not any("the calibrations have no" in note for note in solution.notes)
     there = calibrated(second="KASHI")
     assert "no ionospheric delay of radio signals for KASHI: give maps or a content" in " ".join(there.notes)
+
+
+def test_calibrations_of_wet_air_only_are_told(calibrated, tmp_path):
+    (tmp_path / "cards.csp").write_text(CARDS.replace("DRY", "WET"))
+    notes = calibrated().notes
+    assert "troposphere of radio signals from calibrations of the DSN for DSS-24" in notes
+    assert "the calibrations have no dry air for DSS-24: it is the model's" in notes
 
 
 def test_what_calibrations_lack_is_one_error(calibrated):

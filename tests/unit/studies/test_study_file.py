@@ -176,6 +176,12 @@ def test_replaced_station_keeps_its_names_and_its_loading(name, read):
     assert len(study.catalogue) == len(radioloc.StationCatalogue.default())
 
 
+def test_an_alias_of_a_station_elsewhere_is_refused(read):
+    problem = r"\[stations.Ww\] Ww: WARK12M of the catalogue is also called Ww, and stands \d+ km from here"
+    with pytest.raises(InputError, match=problem):
+        read(TARGET + FILES + f"[stations.Ww]\n{ITRF}")
+
+
 def test_replaced_station_keeps_the_loading_coefficients_it_has(read):
     loaded = next(s for s in radioloc.StationCatalogue.default() if s.ocean_loading is not None)
     study = read(TARGET + FILES + f"[stations.{loaded.name}]\nitrf_m = {loaded.itrf_m.tolist()}\n")

@@ -2,6 +2,7 @@
 
 from radioloc.dynamics.adjustable import AdjustableOrbit
 from radioloc.dynamics.bodies import BODIES
+from radioloc.dynamics.elements import elements_of_state, state_of_elements
 from radioloc.dynamics.forces import Acceleration, Forces, Impulse
 from radioloc.dynamics.gravity import GravityField
 from radioloc.dynamics.gravity_errors import draw_gravity_errors, gravity_error_effects
@@ -21,6 +22,8 @@ __all__ = [
     "acceleration_sizes",
     "acceleration_terms",
     "draw_gravity_errors",
+    "elements_of_state",
     "gravity_error_effects",
     "propagate",
+    "state_of_elements",
 ]

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
+from radioloc.dynamics.elements import equatorial_axes
 from radioloc.dynamics.forces import Forces
 from radioloc.dynamics.orbit import STATE, Orbit
 from radioloc.dynamics.propagation import propagate
@@ -79,6 +80,11 @@ class AdjustableOrbit:
         """GM of the Moon."""
         given = self.forces.gm_m3_s2
         return self.ephemeris.constants.gm_m3_s2("moon") if given is None else given
+
+    @property
+    def equator(self) -> Floats:
+        """Axes of the Moon's equator at the epoch, shape (3, 3), a row each."""
+        return equatorial_axes(self.libration, self.epoch)
 
     def corrected(self, x: Floats) -> AdjustableOrbit:
         """The orbit of parameters that are larger by x, in the order of :attr:`values`."""

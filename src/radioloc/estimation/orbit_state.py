@@ -10,37 +10,19 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.dynamics.elements import FORMS, elements_of_state, rtn_axes, state_by_elements
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.lunar import rot_icrf_to_pa
 from radioloc.time import Epochs, utc_strings
 
 if TYPE_CHECKING:
     from radioloc.dynamics import AdjustableOrbit
     from radioloc.dynamics.disturbed import DisturbedOrbit
-    from radioloc.ephemeris import LunarOrientation
 
 Floats = NDArray[np.float64]
 
 RTN = ("radial", "along", "across")
 _MAPPED = 25
 """Epochs at which the covariance is mapped, the ends of the arc included."""
-
-
-def equatorial_axes(libration: LunarOrientation, tdb: Epochs) -> Floats:
-    """Axes of the Moon's equator in the ICRF at an epoch, shape (3, 3), one a row.
-
-    The first points to the equator's ascending node on the plane of the ICRF's x and y, the third to the Moon's north
-    pole (principal axes).
-    """
-    pole = rot_icrf_to_pa(libration.angles(tdb)[0])[0, 2]
-    to_node = np.array([-pole[1], pole[0], 0.0]) / np.hypot(pole[0], pole[1])
-    return np.stack([to_node, np.cross(pole, to_node), pole])
-
-
-def plane_deg(state: Floats, axes: Floats) -> tuple[float, float]:
-    """Inclination and longitude of the ascending node, 0 to 360 deg, of a state's plane by such axes."""
-    x, y, z = axes @ np.cross(state[:3], state[3:])
-    return float(np.degrees(np.arctan2(np.hypot(x, y), z))), float(np.degrees(np.arctan2(x, -y)) % 360.0)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -98,12 +80,8 @@ class OrbitState:
         CoverageError
             An epoch lies outside the arc.
         """
-        position_m, velocity_m_s = self.orbit.states(tdb)
         partials = self.orbit.partials(tdb)
-        radial = position_m / np.linalg.norm(position_m, axis=-1)[:, None]
-        across = np.cross(position_m, velocity_m_s)
-        across = across / np.linalg.norm(across, axis=-1)[:, None]
-        axes = np.stack([radial, np.cross(across, radial), across], axis=1)
+        axes = rtn_axes(*self.orbit.states(tdb))
         turned = np.concatenate([axes @ partials[:, :3], axes @ partials[:, 3:]], axis=1)
         covariance = self.parameter_covariance
         if self.disturbed is None:
@@ -119,24 +97,33 @@ class OrbitState:
         """Standard deviations of the position radial, along and across at epochs, m, shape (n, 3)."""
         return np.sqrt(np.diagonal(self.covariance_rtn(tdb), axis1=1, axis2=2)[:, :3])
 
-    def elements(self) -> dict[str, float]:
-        """Osculating elements at the epoch: size and shape of the orbit, its plane against the Moon's equator."""
-        gm, r, v = self.orbit.gm_m3_s2, self.position_m, self.velocity_m_s
-        distance, square = np.linalg.norm(r), v @ v
-        momentum = np.cross(r, v)
-        axis_m = 1.0 / (2.0 / distance - square / gm)
-        eccentricity = float(np.linalg.norm(np.cross(v, momentum) / gm - r / distance))
-        inclination_deg, node_deg = plane_deg(
-            self.orbit.state, equatorial_axes(self.orbit.libration, self.epoch)
+    def elements(self, form: str = "keplerian") -> tuple[dict[str, float], dict[str, float | None]]:
+        """Osculating elements at the epoch by the Moon's equator, by name, and their sigmas, None where there is none.
+
+        Parameters
+        ----------
+        form : {"keplerian", "equinoctial"}
+            Keplerian elements, angles in deg, or equinoctial ones, which circles do not trouble.
+        """
+        gm, axes = self.orbit.gm_m3_s2, self.orbit.equator
+        values = elements_of_state(self.orbit.state, gm, axes, form)
+        variances = np.full(6, np.inf)
+        try:
+            by_state = np.linalg.inv(state_by_elements(values, gm, axes, form)[1])
+        except np.linalg.LinAlgError:  # the periapsis of a circle
+            by_state = np.full((6, 6), np.inf)
+        if np.isfinite(self.covariance).all() and np.isfinite(by_state).all():
+            variances = np.diag(by_state @ self.covariance @ by_state.T)
+        sigmas = [finite_or_none(sigma) for sigma in np.sqrt(variances).tolist()]
+        return dict(zip(FORMS[form], values.tolist(), strict=True)), dict(
+            zip(FORMS[form], sigmas, strict=True)
         )
-        return {
-            "semi_major_axis_m": float(axis_m),
-            "eccentricity": eccentricity,
-            "inclination_deg": inclination_deg,
-            "node_deg": node_deg,
-            "lowest_m": float(axis_m * (1.0 - eccentricity) - MEAN_LUNAR_RADIUS_M),
-            "highest_m": float(axis_m * (1.0 + eccentricity) - MEAN_LUNAR_RADIUS_M),
-        }
+
+    def apsides_m(self) -> tuple[float, float | None]:
+        """Lowest and highest height of the osculating orbit above the mean lunar radius; of a hyperbola the lowest."""
+        axis_m, size, *_ = self.elements()[0].values()
+        highest_m = None if size >= 1.0 else axis_m * (1.0 + size) - MEAN_LUNAR_RADIUS_M
+        return axis_m * (1.0 - size) - MEAN_LUNAR_RADIUS_M, highest_m
 
     def to_dict(self) -> dict[str, Any]:
         """In types that JSON has."""
@@ -144,13 +131,18 @@ class OrbitState:
         determined = bool(np.isfinite(self.parameter_covariance).all())
         sigmas = self.sigma_rtn_m(mapped) if determined else np.full((_MAPPED, 3), np.inf)
         at_epoch = self.sigma_rtn_m(self.epoch)[0] if determined else np.full(3, np.inf)
+        (elements, element_sigmas), (equinoctial, equinoctial_sigmas) = map(self.elements, FORMS)
+        lowest_m, highest_m = self.apsides_m()
         return {
             "name": self.orbit.name,
             "frame": "Moon-centred ICRF",
             "epoch_tdb": str(utc_strings(self.epoch, 6)[0]),
             "position_m": self.position_m.tolist(),
             "velocity_m_s": self.velocity_m_s.tolist(),
-            "elements": self.elements(),
+            "elements": elements | {"lowest_m": lowest_m, "highest_m": highest_m},
+            "element_sigmas": element_sigmas,
+            "equinoctial": equinoctial,
+            "equinoctial_sigmas": equinoctial_sigmas,
             "sigma_m": _by_axis(at_epoch),
             "covariance": [[finite_or_none(value) for value in row] for row in self.covariance],
             "mapped": [

@@ -1,9 +1,9 @@
-"""The parameters of an orbit: its state at the epoch, and numbers of the forces."""
+"""The parameters of an orbit: its state at the epoch, in one of several forms, and numbers of the forces."""
 
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -15,39 +15,83 @@ from radioloc.parameters.position import PositionParameters
 if TYPE_CHECKING:
     from radioloc.dynamics import AdjustableOrbit
 
+Floats = NDArray[np.float64]
+
+RTN = ("radial_m", "along_m", "across_m", "radial_m_s", "along_m_s", "across_m_s")
+"""The state as what it differs by from that a priori, along fixed axes: those of the orbit at the epoch."""
 _OF_FORCES = {"gm": ("m3/s2", 1e3), "k2": ("1", 1e-3), "radiation": ("m2/kg", 1e-3)}
 """Units of the forces' own numbers, and a change that moves observations by about a metre in a day."""
+_SIZE_M = 2e6
+"""That of an orbit, for what moves a spacecraft by a metre."""
 
 
 def orbit_parameters(
-    orbit: AdjustableOrbit, sigmas: Mapping[str, float], estimated: bool, state: bool = True
+    orbit: AdjustableOrbit,
+    sigmas: Mapping[str, float],
+    estimated: bool,
+    state: bool = True,
+    form: str = "cartesian",
 ) -> PositionParameters:
     """The parameters of an orbit, with a-priori sigmas by name; those without one are free.
 
-    Nothing is `estimated`, or all but the state.
+    Nothing is `estimated`, or all but the state. The state is ``"cartesian"``, ``"rtn"``, ``"keplerian"`` or
+    ``"equinoctial"``: sigmas and correlations are then of these, with angles from the Moon's equator.
     """
-    # The compiler takes a third of a second to import.
-    from radioloc.dynamics import STATE
-
     impulses = {one.name for one in orbit.forces.impulses}
 
     def unit_and_scale(name: str) -> tuple[str, float]:
-        if name in STATE:
-            return ("m/s", 1e-3) if name.startswith("v") else ("m", 1.0)
         if name in _OF_FORCES:
             return _OF_FORCES[name]
         return ("m/s", 1e-3) if name.rpartition(".")[0] in impulses else ("m/s2", 1e-9)
 
-    parameters = []
-    for name, value in orbit.values.items():
-        unit, scale = unit_and_scale(name)
-        kind = "state" if name in STATE else "force"
-        role = Role.ESTIMATED if estimated and (state or kind == "force") else Role.FIXED
-        sigma = sigmas.get(name, math.inf)
-        parameters.append(Parameter(f"{kind}.{name}", unit, kind, value, sigma, role=role, scale=scale))
+    names, values, function = _state(orbit, form)
+    role = Role.ESTIMATED if estimated and state else Role.FIXED
+    parameters = [
+        Parameter(f"state.{name}", unit, "state", value, sigmas.get(name, math.inf), role=role, scale=scale)
+        for (name, (unit, scale)), value in zip(names.items(), values.tolist(), strict=True)
+    ]
     apriori = np.array(list(orbit.values.values()))
+    for name, value in list(orbit.values.items())[6:]:
+        unit, scale = unit_and_scale(name)
+        role = Role.ESTIMATED if estimated else Role.FIXED
+        sigma = sigmas.get(name, math.inf)
+        parameters.append(Parameter(f"force.{name}", unit, "force", value, sigma, role=role, scale=scale))
 
-    def changes(x: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-        return x - apriori, np.eye(len(apriori))
+    def changes(x: Floats) -> tuple[Floats, Floats]:
+        by = np.eye(len(apriori))
+        of_state, by[:6, :6] = function(x[:6])
+        return np.concatenate([of_state, x[6:]]) - apriori, by
 
     return parameters, changes
+
+
+def _state(
+    orbit: AdjustableOrbit, form: str
+) -> tuple[dict[str, tuple[str, float]], Floats, Callable[[Floats], tuple[Floats, Floats]]]:
+    """Names of the state's parameters with units and scales, values, and what they make: the state and its partials."""
+    # The compiler takes a third of a second to import.
+    from radioloc.dynamics import STATE
+    from radioloc.dynamics.elements import (
+        FORMS,
+        elements_of_state,
+        rtn_axes,
+        state_by_elements,
+    )
+
+    of_lengths = [("m", 1.0)] * 3 + [("m/s", 1e-3)] * 3
+    if form == "cartesian":
+        return dict(zip(STATE, of_lengths, strict=True)), orbit.state, lambda x: (x, np.eye(6))
+    if form == "rtn":
+        axes = np.zeros((6, 6))
+        axes[:3, :3] = axes[3:, 3:] = rtn_axes(orbit.state[:3], orbit.state[3:]).T
+        return dict(zip(RTN, of_lengths, strict=True)), np.zeros(6), lambda x: (orbit.state + axes @ x, axes)
+    gm, equator = orbit.gm_m3_s2, orbit.equator
+
+    def unit_and_scale(name: str) -> tuple[str, float]:
+        if name.endswith("_m"):
+            return "m", 1.0
+        return ("deg", math.degrees(1.0 / _SIZE_M)) if name.endswith("_deg") else ("1", 1.0 / _SIZE_M)
+
+    names = {name: unit_and_scale(name) for name in FORMS[form]}
+    values = elements_of_state(orbit.state, gm, equator, form)
+    return names, values, lambda x: state_by_elements(x, gm, equator, form)

@@ -111,7 +111,8 @@ def solution_card(solution: Solution, *, parameters: int | None = None) -> Card:
 
 
 def _orbit(state: OrbitState) -> Iterator[str]:
-    shape, (radial_m, along_m, across_m) = state.elements(), state.sigma_rtn_m(state.epoch)[0]
+    (shape, _), (lowest_m, highest_m) = state.elements(), state.apsides_m()
+    radial_m, along_m, across_m = state.sigma_rtn_m(state.epoch)[0]
     x, y, z = (f"{value / 1e3:.6f}" for value in state.position_m)
     vx, vy, vz = (f"{value / 1e3:.9f}" for value in state.velocity_m_s)
     yield f"of {state.orbit.name}, Moon-centred ICRF, at {utc_strings(state.epoch, 3)[0]} TDB"
@@ -120,10 +121,11 @@ def _orbit(state: OrbitState) -> Iterator[str]:
     yield f"sigma there {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
     radial_m, along_m, across_m = np.max(state.sigma_rtn_m(state.orbit.times(2)), axis=0)
     yield f"at the arc's ends {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
+    up_to = " and higher" if highest_m is None else f" to {highest_m / 1e3:.1f}"
     yield (
         f"semi-major axis {shape['semi_major_axis_m'] / 1e3:.3f} km, eccentricity {shape['eccentricity']:.5f}, "
         f"{shape['inclination_deg']:.3f} deg to the Moon's equator, "
-        f"{shape['lowest_m'] / 1e3:.1f} to {shape['highest_m'] / 1e3:.1f} km above 1737.4 km"
+        f"{lowest_m / 1e3:.1f}{up_to} km above 1737.4 km"
     )
 
 

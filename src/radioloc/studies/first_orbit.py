@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 
 from radioloc.constants import C_M_S, MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit
+from radioloc.dynamics.elements import equatorial_axes, plane_deg
 from radioloc.errors import InputError
-from radioloc.estimation.orbit_state import equatorial_axes, plane_deg
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import DOPPLER, Observations
 from radioloc.measurements.physical_model import PhysicalModel

@@ -266,9 +266,11 @@ def fit_arc(
         orbit = arc.trajectory.corrected(problem.all_positions_pa_m(x))
         by_gravity = () if considered is None else considered.parameters.of_kind("gravity_error")
         assert isinstance(study.target, Orbiter)
-        state = OrbitState(orbit, solution.parameter_covariance()[mine, mine], body=study.target.body)
+        by = problem.positions[0](x[mine])[1]
+        covariance = by @ solution.parameter_covariance()[mine, mine] @ by.T
+        state = OrbitState(orbit, covariance, body=study.target.body)
         if by_gravity and solution.consider is not None:
-            sensitivity = solution.consider.sensitivity[mine][:, list(by_gravity)]
+            sensitivity = by @ solution.consider.sensitivity[mine][:, list(by_gravity)]
             state = replace(state, disturbed=errant, sensitivity=sensitivity)
         solution = replace(solution, trajectory=str(orbit), state=state)
     known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
@@ -456,7 +458,7 @@ def _fit(
         )
     observations = problem.predictor.observations
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
-    start = near_orbit(problem.predictor, problem.parameters, noise.sigma_m, status.are(USED))
+    start = near_orbit(problem, noise.sigma_m, status.are(USED))
     while True:
         fitted = fit_with_variance_components(
             problem.linearize,

@@ -17,7 +17,7 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.errors import RadiolocError
 from radioloc.estimation.statistics import robust_scale
 from radioloc.measurements.predictor import Predictor
-from radioloc.parameters.parameter import ParameterSet
+from radioloc.parameters.design import ObservationModel
 from radioloc.time import tt_to_tdb, utc_to_tt
 
 logger = logging.getLogger(__name__)
@@ -29,6 +29,10 @@ _FEWEST = 30
 _STEPS = 8
 _WEAK_M, _WEAK_M_S = 2e3, 2.0
 """How far a state without a-priori sigmas goes in one step: what a short part does not tell stays where it is."""
+_FREE = 1e6
+"""Scales of a parameter that stand for no a-priori sigma."""
+_INVERSIONS = 8
+"""Newton's steps from a state to its elements."""
 _COUNTED = 0.9
 """Part of the residuals by which steps are judged."""
 _CORNER = 2.0
@@ -36,10 +40,9 @@ _CORNER = 2.0
 _SETTLED = 0.03  # of the robust sigma of the residuals
 
 
-def near_orbit(
-    arc: Predictor, parameters: ParameterSet, sigma_m: Floats, usable: NDArray[np.bool_]
-) -> Floats | None:
+def near_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bool_]) -> Floats | None:
     """Parameters of an arc's problem that are near the estimate; ``None`` where the target is no orbit to be fitted."""
+    arc, parameters = problem.predictor, problem.parameters
     orbit = arc.trajectory
     count = len(parameters.of_kind("state")) + len(parameters.of_kind("force"))
     free = np.flatnonzero(parameters.free[:count])
@@ -47,8 +50,8 @@ def near_orbit(
         return None
     tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch))
     away_s = np.abs(tdb.seconds_since(orbit.epoch))
-    apriori = parameters.prior_values[:count]
-    sigmas = np.minimum(parameters.prior_sigmas[:count], _weak(parameters, count))[free]
+    apriori = np.array(list(orbit.values.values()))
+    sigmas = _cartesian_sigmas(problem, count)[free]
     x = apriori.copy()
     reach_s = max(_FIRST_S, float(np.sort(away_s[usable])[min(_FEWEST, int(usable.sum())) - 1]))
     while True:
@@ -65,13 +68,20 @@ def near_orbit(
             break
         reach_s *= 3.0
     start = parameters.prior_values.copy()
-    start[:count] = x
+    for _ in range(_INVERSIONS):
+        made, by = problem.positions[0](start[:count])
+        start[:count] += np.linalg.solve(by, x - apriori - made)
     return start
 
 
-def _weak(parameters: ParameterSet, count: int) -> Floats:
-    units = {"m": _WEAK_M, "m/s": _WEAK_M_S}
-    return np.array([units.get(one.unit, math.inf) for one in parameters.parameters[:count]])
+def _cartesian_sigmas(problem: ObservationModel, count: int) -> Floats:
+    """How far one step of the state and of the forces may go, by what is known a priori."""
+    parameters = problem.parameters
+    known = np.minimum(parameters.prior_sigmas, _FREE * parameters.scales)[:count]
+    by = problem.positions[0](parameters.prior_values[:count])[1]
+    most = np.concatenate([[_WEAK_M] * 3, [_WEAK_M_S] * 3, np.full(count - 6, math.inf)])
+    most[[one.unit == "m/s" for one in parameters.parameters[:count]]] = _WEAK_M_S
+    return np.minimum(np.sqrt(by**2 @ known**2), most)
 
 
 def fitted_state(

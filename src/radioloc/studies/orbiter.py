@@ -8,14 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_fields
 from radioloc.dynamics import BODIES, STATE, Acceleration, AdjustableOrbit, Forces, GravityField, Impulse
+from radioloc.dynamics.elements import FORMS, equatorial_axes, state_of_elements
 from radioloc.dynamics.gravity import SHIPPED
+from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
+from radioloc.parameters.orbit import RTN
 from radioloc.studies.schema import TomlTable, check, entry
 from radioloc.time import Epochs, epochs_from_strings, tt_to_tdb, utc_strings, utc_to_tt
 
@@ -26,6 +29,7 @@ EMPIRICAL_SIGMA_M_S2 = 3e-9
 GRAVITY_ERRORS = 12
 """Draws by which a sigma is good to a fifth."""
 GRAVITY_ERROR_DEGREE = 200
+_STATE_FORMS = {"rtn": RTN, **FORMS}
 _MARGIN_S = 60.0
 """Beyond the first and the last tag: half of a count interval and the light time."""
 _HIGHEST_M = 2e6
@@ -127,6 +131,47 @@ class Orbiter:
             raise InputError("give either position_m and velocity_m_s, or a rough orbit, altitude_m")
         if len(self.epoch) != 1:
             raise InputError(f"epoch must be one, not {len(self.epoch)}")
+
+    @classmethod
+    def from_elements(
+        cls,
+        epoch: Epochs,
+        elements: ArrayLike,
+        forces: Forces,
+        *,
+        axes: str = "equator",
+        form: str = "keplerian",
+        ephemeris: str | Path = "DE421",
+        libration: str | Path = "DE421",
+        **rest: Any,
+    ) -> Orbiter:
+        """An orbiter whose a-priori state has osculating elements.
+
+        Parameters
+        ----------
+        epoch : Epochs
+            TDB, one.
+        elements : array_like, shape (6,)
+            Named by ``KEPLERIAN`` or ``EQUINOCTIAL`` of :mod:`radioloc.dynamics.elements`; m and deg.
+        forces : Forces
+            Whose GM they belong to.
+        axes : {"equator", "ICRF"}
+            That angles are counted in: the Moon's equator at the epoch, from its ascending node on the ICRF's xy plane.
+        form : {"keplerian", "equinoctial"}
+        ephemeris, libration : str or path-like
+            Of whose Moon, as of :meth:`~radioloc.measurements.PhysicalModel.build`.
+        **rest
+            Further parameters of the class.
+
+        Raises
+        ------
+        InputError
+            The elements are not those of an ellipse.
+        """
+        gm = forces.gm_m3_s2 or Ephemeris.open(ephemeris).constants.gm_m3_s2("moon")
+        turned = np.eye(3) if axes == "ICRF" else equatorial_axes(LunarOrientation.open(libration), epoch)
+        x, y, z, vx, vy, vz = state_of_elements(elements, gm, turned, form).tolist()
+        return cls(epoch, (x, y, z), (vx, vy, vz), forces, **rest)
 
     def __repr__(self) -> str:
         known = "state" if self.rough is None else f"{self.rough}"
@@ -320,6 +365,10 @@ class OrbitChoice:
         Whether the state at the epoch is.
     state_sigma_m, state_sigma_m_s : float or None
         A-priori sigmas of each component; free where ``None``.
+    state_sigma : mapping of str to float
+        In their place sigmas by name, of one of three forms, whose components then are the parameters: radial, along
+        and across (``radial_m`` to ``across_m_s``), Keplerian or equinoctial elements to the Moon's equator
+        (:data:`~radioloc.dynamics.elements.FORMS`). What is left out is free.
     forces : tuple of str or None
         Names of parameters of the forces (:meth:`~radioloc.dynamics.Forces.parameters`), or of accelerations and
         impulses, all components of which then are. By default the radiation coefficient and the empirical
@@ -332,11 +381,27 @@ class OrbitChoice:
     state: bool = True
     state_sigma_m: float | None = entry(None, positive=True)
     state_sigma_m_s: float | None = entry(None, positive=True)
+    state_sigma: Mapping[str, float] = entry(factory=dict, positive=True)
     forces: tuple[str, ...] | None = None
     sigma: Mapping[str, float] = entry(factory=dict, positive=True)
 
     def __post_init__(self) -> None:
         check(self)
+        if self.state_sigma and (self.state_sigma_m or self.state_sigma_m_s):
+            raise InputError(
+                "[estimate.orbit] state_sigma: give either it or state_sigma_m and state_sigma_m_s"
+            )
+        if self.state_sigma and self.form == "cartesian":
+            known = "; ".join(", ".join(names) for names in _STATE_FORMS.values())
+            raise InputError(
+                f"[estimate.orbit] state_sigma: {', '.join(self.state_sigma)} are not of one form; there are {known}"
+            )
+
+    @property
+    def form(self) -> str:
+        """Of the state's parameters: that of the sigmas' names."""
+        fits = (form for form, names in _STATE_FORMS.items() if {*self.state_sigma} <= {*names})
+        return next(fits, "cartesian") if self.state_sigma else "cartesian"
 
     def parameters(self, forces: Forces) -> tuple[str, ...]:
         """Parameters of the forces that are estimated; an InputError where a name is of none."""
@@ -365,4 +430,5 @@ class OrbitChoice:
         given.setdefault(EMPIRICAL_NAME, EMPIRICAL_SIGMA_M_S2)
         state = dict.fromkeys(STATE[:3], self.state_sigma_m) | dict.fromkeys(STATE[3:], self.state_sigma_m_s)
         by_name = {one: given.get(one, given.get(one.rpartition(".")[0])) for one in self.parameters(forces)}
-        return {name: sigma for name, sigma in {**state, **by_name}.items() if sigma is not None}
+        by_name |= self.state_sigma or state
+        return {name: sigma for name, sigma in by_name.items() if sigma is not None}

@@ -191,7 +191,9 @@ def _position(
 def _orbit(orbit: AdjustableOrbit, choice: OrbitChoice | None) -> PositionParameters:
     if choice is None:
         return orbit_parameters(orbit, {}, estimated=False)
-    return orbit_parameters(orbit, choice.sigmas(orbit.forces), estimated=True, state=choice.state)
+    return orbit_parameters(
+        orbit, choice.sigmas(orbit.forces), estimated=True, state=choice.state, form=choice.form
+    )
 
 
 def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, LunarPosition]:

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from radioloc.dynamics import Forces
+from radioloc.dynamics.elements import EQUINOCTIAL, KEPLERIAN
 from radioloc.earth.reference_frames import frames
 from radioloc.earth.stations import Station, StationCatalogue
 from radioloc.ephemeris import Trajectory
@@ -87,6 +88,16 @@ class Target(Place):
     altitude_m: float | None = None
     inclination_deg: float | None = None
     node_deg: float | None = None
+    semi_major_axis_m: float | None = None
+    eccentricity: float | None = None
+    periapsis_deg: float | None = None
+    true_anomaly_deg: float | None = None
+    ex: float | None = None
+    ey: float | None = None
+    hx: float | None = None
+    hy: float | None = None
+    true_longitude_deg: float | None = None
+    axes: str | None = entry(None, choices=("equator", "ICRF"))
 
 
 @dataclass(frozen=True, slots=True)
@@ -230,7 +241,11 @@ def read_study(path: str | Path) -> Study:
     forces = made("forces", _forces)
     if forces is not None and "dynamics" not in content.get("target", {}):
         raise InputError(f'{path}: [forces] act on a target with dynamics = "moon"; leave them out')
-    target = made("target", partial(_target, forces=forces)) or next(iter(targets.values())).position
+    model = made("model", partial(_model, catalogue=catalogue))
+    target = (
+        made("target", partial(_target, forces=forces, model=model or ModelChoice()))
+        or next(iter(targets.values())).position
+    )
     considered, defaults = made("consider", _considered) or ({}, True)
     places = [content.get("target", {}), *content.get("targets", {}).values()]
     planned = made("covariance", lambda table: table.read(CovarianceChoice))
@@ -242,7 +257,7 @@ def read_study(path: str | Path) -> Study:
         estimate=made("estimate", lambda table: table.read(EstimateChoice)),
         consider=considered,
         consider_defaults=defaults,
-        model=made("model", partial(_model, catalogue=catalogue)),
+        model=model,
         catalogue=catalogue,
         reference=made("reference", _reference),
         references=tuple((made("references", _positions) or {}).values()),
@@ -292,10 +307,10 @@ def toml_content(path: Path) -> dict[str, object]:
 
 
 def _target(
-    table: TomlTable, forces: tuple[ForcesChoice, Forces] | None
+    table: TomlTable, forces: tuple[ForcesChoice, Forces] | None, model: ModelChoice
 ) -> LunarPosition | Trajectory | Orbiter:
     if "dynamics" in table:
-        return _orbiter(table, forces)
+        return _orbiter(table, forces, model)
     if "trajectory" not in table and "body" not in table:
         return position_of(table, table.read(Target))
     for key in keys_of(Place):
@@ -315,42 +330,61 @@ def _forces(table: TomlTable) -> tuple[ForcesChoice, Forces]:
     return choice, table.build(choice.forces)
 
 
-def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None) -> Orbiter:
+_CARTESIAN = ("position_m", "velocity_m_s")
+_ROUGH = ("altitude_m", "inclination_deg", "node_deg")
+
+
+def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None, model: ModelChoice) -> Orbiter:
     choice, forces = acting or (default := ForcesChoice(), default.forces())
     given = table.read(Target)
     if given.dynamics != "moon":
         table.fail("dynamics", f'must be "moon", not {given.dynamics!r}')
-    state, rough = ("position_m", "velocity_m_s"), ("altitude_m", "inclination_deg", "node_deg")
-    needed, others = (state, rough) if given.altitude_m is None else (rough[:1], state)
+    # The first of a kind says which one it is: what else it needs, and may have.
+    kinds: dict[str, tuple[tuple[str, ...], tuple[str, ...]]] = {
+        "altitude_m": (_ROUGH[:1], _ROUGH),
+        "ex": (EQUINOCTIAL, (*EQUINOCTIAL, "axes")),
+        "semi_major_axis_m": (KEPLERIAN, (*KEPLERIAN, "axes")),
+        "position_m": (_CARTESIAN, _CARTESIAN),
+    }
+    kind = next((one for one in kinds if getattr(given, one) is not None), "position_m")
+    needed, possible = kinds[kind]
     for key in ("epoch", *needed):
         if getattr(given, key) is None:
             table.fail(
                 key,
-                "is missing; an orbiter has epoch (TDB), and position_m and velocity_m_s (Moon-centred ICRF), or a "
-                "rough altitude_m",
+                "is missing; an orbiter has epoch (TDB), and position_m and velocity_m_s (Moon-centred ICRF), six "
+                "elements, or a rough altitude_m",
             )
-    for key in others:
-        if getattr(given, key) is not None:
+    for key in dict.fromkeys(key for _, keys in kinds.values() for key in keys):
+        if key not in possible and getattr(given, key) is not None:
             table.fail(
-                key, "give either position_m and velocity_m_s, or altitude_m and what is known of the plane"
+                key,
+                "give one of position_m and velocity_m_s, six elements, or altitude_m and what is known of the plane",
             )
     for key in ("longitude_deg", "latitude_deg", "height_m", "trajectory"):
         if getattr(given, key) is not None:
             table.fail(key, "belongs to another kind of target than an orbiter; leave it out")
-    return table.build(
-        partial(Orbiter, position_m=None, velocity_m_s=None),
-        epoch=epochs_from_strings(str(given.epoch), "TDB"),
-        position_m=given.position_m,
-        velocity_m_s=given.velocity_m_s,
-        forces=forces,
-        name=given.name,
-        body=given.body,
-        gravity_errors=choice.gravity_errors,
-        gravity_error_degree=choice.gravity_error_degree,
-        rough=None
-        if given.altitude_m is None
-        else table.build(RoughOrbit, **{key: getattr(given, key) for key in rough}),
-    )
+    fields: dict[str, Any] = {
+        "epoch": epochs_from_strings(str(given.epoch), "TDB"),
+        "forces": forces,
+        "name": given.name,
+        "body": given.body,
+        "gravity_errors": choice.gravity_errors,
+        "gravity_error_degree": choice.gravity_error_degree,
+    }
+    values = {key: getattr(given, key) for key in possible}
+    if kind in ("ex", "semi_major_axis_m"):
+        return table.build(
+            partial(Orbiter.from_elements, ephemeris=model.ephemeris, libration=model.libration),
+            elements=[values[key] for key in needed],
+            form="equinoctial" if kind == "ex" else "keplerian",
+            axes=given.axes,
+            **fields,
+        )
+    if kind == "altitude_m":
+        rough = table.build(RoughOrbit, **values)
+        return table.build(partial(Orbiter, position_m=None, velocity_m_s=None), rough=rough, **fields)
+    return table.build(Orbiter, **values, **fields)
 
 
 def _positions(table: TomlTable) -> dict[str, Reference]:

@@ -12,6 +12,7 @@ import spiceypy
 
 import radioloc
 from radioloc.dynamics import Forces, GravityField, draw_gravity_errors, propagate
+from radioloc.dynamics.elements import FORMS, elements_of_state, equatorial_axes, rtn_axes
 from radioloc.errors import InputError
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
@@ -203,6 +204,52 @@ def test_what_is_held_stays_and_sigmas_hold(forces, doppler):
     assert np.abs(tight.state.position_m - STATE[:3]).max() < 0.05
 
 
+@pytest.mark.parametrize(
+    "sigmas",
+    [
+        {"radial_m": 0.01, "along_m": 0.1, "across_m_s": 1e-5},
+        {"semi_major_axis_m": 0.01, "inclination_deg": 3e-7, "node_deg": 3e-7},
+        {"ex": 5e-9, "ey": 5e-9, "true_longitude_deg": 1e-6},
+    ],
+    ids=["rtn", "keplerian", "equinoctial"],
+)
+def test_sigmas_of_other_forms_are_information_on_the_state(forces, doppler, solution, sigmas):
+    """The normal equations of two fits in the ICRF differ by what is known of these components."""
+    given = study_of(forces, off=np.zeros(6), state_sigma=sigmas)
+    free = study_of(forces, off=np.zeros(6))
+    known, unknown = (
+        radioloc.locate(replace(one, estimate=replace(one.estimate, weights="independent")), doppler)
+        for one in (given, free)
+    )
+    assert set(sigmas) < {name.removeprefix("state.") for name in known.parameters.names}
+    if "radial_m" in sigmas:
+        axes = rtn_axes(STATE[:3], STATE[3:])
+        by_state = np.kron(np.eye(2), axes)
+        names = ["radial_m", "along_m", "across_m", "radial_m_s", "along_m_s", "across_m_s"]
+    else:
+        form = "keplerian" if "node_deg" in sigmas else "equinoctial"
+        gm, equator, names = known.state.orbit.gm_m3_s2, known.state.orbit.equator, list(FORMS[form])
+        ends = [
+            elements_of_state(STATE + sign * np.diag([1.0] * 3 + [1e-3] * 3)[k], gm, equator, form)
+            for k in range(6)
+            for sign in (1, -1)
+        ]
+        by_state = (np.array(ends[::2]) - np.array(ends[1::2])).T / [2.0, 2.0, 2.0, 2e-3, 2e-3, 2e-3]
+        found, sigma = known.state.elements(form)
+        parameters = dict(zip(known.parameters.names, known.values, strict=True))
+        assert found[names[0]] == pytest.approx(parameters[f"state.{names[0]}"], abs=1e-6)
+        totals = dict(zip(known.parameters.names, known.sigmas(), strict=True))
+        for name in names:
+            assert sigma[name] == pytest.approx(totals[f"state.{name}"], rel=1e-6)
+    rows = by_state[[names.index(name) for name in sigmas]] / np.array(list(sigmas.values()))[:, None]
+    expected = np.linalg.inv(unknown.parameter_covariance("formal"))
+    expected[:6, :6] += rows.T @ rows
+    covariance = np.linalg.inv(expected)[:6, :6]
+    sigma = np.sqrt(np.diag(known.state.covariance))
+    assert (sigma < 0.7 * np.sqrt(np.diag(unknown.state.covariance))).any()
+    np.testing.assert_allclose(sigma, np.sqrt(np.diag(covariance)), rtol=1e-3)
+
+
 def written(tmp_path, *, target="", forces="", more=""):
     (tmp_path / "ranges.csv").write_text("epoch_utc,type,path,observed_m,sigma_m,time_tag,count_s\n")
     content = (
@@ -231,9 +278,34 @@ def test_a_study_file_says_state_and_forces(tmp_path):
     assert (sigmas["burn.t"], sigmas["radiation"]) == (0.1, 0.01)
 
 
+@pytest.mark.parametrize("axes", ["equator", "ICRF"])
+@pytest.mark.parametrize("form", list(FORMS))
+def test_a_study_file_gives_the_state_by_elements(tmp_path, model, form, axes):
+    turned = equatorial_axes(model.libration, EPOCH) if axes == "equator" else np.eye(3)
+    elements = elements_of_state(STATE, model.ephemeris.constants.gm_m3_s2("moon"), turned, form)
+    lines = "\n".join(
+        f"{name} = {value!r}" for name, value in zip(FORMS[form], elements.tolist(), strict=True)
+    )
+    path = written(tmp_path, target=f'{lines}\naxes = "{axes}"')
+    kept = [
+        line
+        for line in path.read_text().splitlines()
+        if "position_m =" not in line and "velocity" not in line
+    ]
+    path.write_text("\n".join(kept))
+    np.testing.assert_allclose(radioloc.read_study(path).target.state, STATE, rtol=0, atol=1e-7)
+
+
 @pytest.mark.parametrize(
     ("given", "message"),
     [
+        ({"target": "semi_major_axis_m = 1.8e6"}, r"\[target\] eccentricity: is missing"),
+        ({"target": "altitude_m = 5e4"}, r"\[target\] position_m: give one of position_m"),
+        ({"more": "[estimate.orbit]\nstate_sigma = { ex = 1e-5, radial_m = 1.0 }"}, "are not of one form"),
+        (
+            {"more": "[estimate.orbit]\nstate_sigma = { ex = 1e-5 }\nstate_sigma_m = 1.0"},
+            "give either it or state_sigma_m",
+        ),
         ({"target": "longitude_deg = 3.0"}, r"\[target\] longitude_deg: belongs to another kind of target"),
         ({"target": "body = 181"}, r"\[target\] body 181 is no NAIF code of a spacecraft"),
         ({"target": 'name = "Чанъэ"'}, r"\[target\] name 'Чанъэ' cannot stand in orbit files"),

@@ -1,0 +1,169 @@
+"""Osculating elements: the state of an orbit by its size, shape and plane.
+
+Angles are counted in axes that the caller gives as rows, shape (3, 3), such as :func:`equatorial_axes`. Keplerian
+elements are those of Montenbruck and Gill (2000), section 2.2. Equinoctial ones, which circles and equatorial orbits do
+not trouble, are ex + i ey = e exp(i (periapsis + node)), hx + i hy = tan(i / 2) exp(i node) and the true longitude,
+periapsis + node + true anomaly (Walker, Ireland and Owens 1985, Celestial Mechanics 36, 409).
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from radioloc.ephemeris import LunarOrientation
+from radioloc.errors import InputError
+from radioloc.lunar import rot_icrf_to_pa
+from radioloc.time import Epochs
+
+Floats = NDArray[np.float64]
+
+KEPLERIAN = (
+    "semi_major_axis_m",
+    "eccentricity",
+    "inclination_deg",
+    "node_deg",
+    "periapsis_deg",
+    "true_anomaly_deg",
+)
+EQUINOCTIAL = ("semi_major_axis_m", "ex", "ey", "hx", "hy", "true_longitude_deg")
+FORMS = {"keplerian": KEPLERIAN, "equinoctial": EQUINOCTIAL}
+"""Names of the elements of each form, in order."""
+
+_IMAGINARY = 1e-30  # so small that its square is nothing: partials without differences
+
+
+def equatorial_axes(libration: LunarOrientation, tdb: Epochs) -> Floats:
+    """Axes of the Moon's equator in the ICRF at an epoch, shape (3, 3), one a row.
+
+    The first points to the equator's ascending node on the plane of the ICRF's x and y, the third to the Moon's north
+    pole (principal axes).
+    """
+    pole = rot_icrf_to_pa(libration.angles(tdb)[0])[0, 2]
+    to_node = np.array([-pole[1], pole[0], 0.0]) / np.hypot(pole[0], pole[1])
+    return np.stack([to_node, np.cross(pole, to_node), pole])
+
+
+def plane_deg(state: Floats, axes: Floats) -> tuple[float, float]:
+    """Inclination and longitude of the ascending node, 0 to 360 deg, of a state's plane by such axes."""
+    x, y, z = axes @ np.cross(state[:3], state[3:])
+    return float(np.degrees(np.arctan2(np.hypot(x, y), z))), float(np.degrees(np.arctan2(x, -y)) % 360.0)
+
+
+def rtn_axes(position_m: Floats, velocity_m_s: Floats) -> Floats:
+    """Radial, along and across axes of states, shape (..., 3, 3), one a row."""
+    across = np.cross(position_m, velocity_m_s)
+    axes = np.stack([position_m, np.cross(across, position_m), across], axis=-2)
+    return np.asarray(axes / np.linalg.norm(axes, axis=-1)[..., None])
+
+
+def elements_of_state(state: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: str = "keplerian") -> Floats:
+    """Osculating elements of a state.
+
+    Parameters
+    ----------
+    state : array_like, shape (6,)
+        Position, m, and velocity, m/s, relative to the body's centre.
+    gm_m3_s2 : float
+        GM of the body.
+    axes : array_like, shape (3, 3)
+        That angles are counted in, a row each, in the axes of the state.
+    form : {"keplerian", "equinoctial"}
+
+    Returns
+    -------
+    ndarray, shape (6,)
+        Named by :data:`KEPLERIAN` or :data:`EQUINOCTIAL`; node, periapsis, anomaly and longitude from 0 to 360 deg. Of
+        a hyperbola the semi-major axis is negative.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.dynamics import elements_of_state, state_of_elements
+    >>> state = state_of_elements([1.8e6, 0.01, 88.0, 115.0, 30.0, 200.0], 4.9028e12, np.eye(3))
+    >>> elements_of_state(state, 4.9028e12, np.eye(3)).round(6).tolist()
+    [1800000.0, 0.01, 88.0, 115.0, 30.0, 200.0]
+    """
+    r, v = (np.asarray(axes) @ half for half in np.reshape(state, (2, 3)))
+    momentum = np.cross(r, v)
+    distance = np.linalg.norm(r)
+    axis_m = 1.0 / (2.0 / distance - v @ v / gm_m3_s2)
+    wx, wy, wz = momentum / np.linalg.norm(momentum)
+    # The pole of an orbit against the axes' has no node to be counted from, and no such elements.
+    hx, hy = -wy / (1.0 + wz), wx / (1.0 + wz)
+    first, second = _basis(hx, hy)
+    shape = np.cross(v, momentum) / gm_m3_s2 - r / distance
+    ex, ey = shape @ first, shape @ second
+    longitude = np.arctan2(r @ second, r @ first)
+    if form == "equinoctial":
+        return np.array([axis_m, ex, ey, hx, hy, np.degrees(longitude) % 360.0])
+    node, from_node = np.arctan2(hy, hx), np.arctan2(ey, ex)
+    angles = np.degrees([node, from_node - node, longitude - from_node]) % 360.0
+    return np.array([axis_m, np.hypot(ex, ey), np.degrees(2.0 * np.arctan(np.hypot(hx, hy))), *angles])
+
+
+def state_of_elements(
+    elements: ArrayLike, gm_m3_s2: float, axes: ArrayLike, form: str = "keplerian"
+) -> Floats:
+    """The state that has such osculating elements, m and m/s, shape (6,); parameters as of :func:`elements_of_state`.
+
+    Raises
+    ------
+    InputError
+        They are not those of an ellipse, or of an inclination from 0 to less than 180 deg.
+
+    Examples
+    --------
+    >>> import numpy as np
+    >>> from radioloc.dynamics import state_of_elements
+    >>> state_of_elements([2e6, 0.1, 90.0, 0.0, 0.0, 0.0], 4.9028e12, np.eye(3)).round(3).tolist()
+    [1800000.0, 0.0, 0.0, 0.0, 0.0, 1730.941]
+    """
+    values = np.asarray(elements, dtype=np.float64)
+    axis_m, size = values[0], values[1] if form == "keplerian" else np.hypot(values[1], values[2])
+    if values.shape != (6,) or not np.isfinite(values).all() or not (axis_m > 0.0 and 0.0 <= size < 1.0):
+        raise InputError(
+            f"semi_major_axis_m {axis_m:g} with eccentricity {size:g} is no ellipse; the axis is above 0, the "
+            "eccentricity from 0 to less than 1; a hyperbola is given by position_m and velocity_m_s"
+        )
+    if form == "keplerian" and not 0.0 <= values[2] < 180.0:
+        raise InputError(f"inclination_deg must be from 0 to less than 180, not {values[2]:g}")
+    return np.asarray(_state(values, gm_m3_s2, np.asarray(axes), form))
+
+
+def state_by_elements(elements: Floats, gm_m3_s2: float, axes: Floats, form: str) -> tuple[Floats, Floats]:
+    """The state, shape (6,), and its partials by the elements, shape (6, 6); of no ellipse they may not be numbers."""
+    steps = elements + 1j * _IMAGINARY * np.eye(6)
+    states = np.stack([_state(step, gm_m3_s2, axes, form) for step in steps], axis=-1)
+    return states[:, 0].real, states.imag / _IMAGINARY
+
+
+def _state(elements: NDArray[Any], gm_m3_s2: float, axes: Floats, form: str) -> NDArray[Any]:
+    """As :func:`state_of_elements`; analytic, for complex steps."""
+    if form == "keplerian":
+        axis_m, size = elements[:2]
+        inclination, node, periapsis, anomaly = elements[2:] * (np.pi / 180.0)
+        ex, ey = size * np.cos(periapsis + node), size * np.sin(periapsis + node)
+        tangent = np.tan(0.5 * inclination)
+        hx, hy = tangent * np.cos(node), tangent * np.sin(node)
+        longitude = periapsis + node + anomaly
+    else:
+        axis_m, ex, ey, hx, hy, longitude = elements
+        longitude = longitude * (np.pi / 180.0)
+    parameter = axis_m * (1.0 - ex**2 - ey**2)
+    cos, sin = np.cos(longitude), np.sin(longitude)
+    distance, speed = parameter / (1.0 + ex * cos + ey * sin), np.sqrt(gm_m3_s2 / parameter)
+    first, second = _basis(hx, hy)
+    position = distance * (cos * first + sin * second)
+    velocity = speed * ((cos + ex) * second - (sin + ey) * first)
+    return np.concatenate([position @ axes, velocity @ axes])
+
+
+def _basis(hx: Any, hy: Any) -> tuple[NDArray[Any], NDArray[Any]]:
+    """Directions in the plane of the orbit from which longitudes are counted, and 90 deg on."""
+    whole = 1.0 + hx**2 + hy**2
+    first = np.array([1.0 + hx**2 - hy**2, 2.0 * hx * hy, -2.0 * hy]) / whole
+    second = np.array([2.0 * hx * hy, 1.0 - hx**2 + hy**2, 2.0 * hx]) / whole
+    return first, second

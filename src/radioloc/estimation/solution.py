@@ -260,6 +260,11 @@ class Solution:
                 raise InputError(f"{name} has shape {array.shape}, but {shape} is needed")
             object.__setattr__(self, name, array)
 
+    @property
+    def known(self) -> list[ReferenceComparison]:
+        """Differences to all known positions, that to the reference first."""
+        return [one for one in (self.reference, *self.references) if one is not None]
+
     def of_target(self, name: str) -> Solution:
         """The solution as seen from one of several targets: its position and covariance in place of the first's.
 

@@ -25,6 +25,7 @@ from radioloc.lunar.selenographic import (
 )
 from radioloc.report.figures import SCALE_95
 from radioloc.report.image_solution import ImageSolution
+from radioloc.report.one_position import references_of
 from radioloc.text_files import write_blocks, write_text
 
 CRS = "IAU_2015:30100"
@@ -83,7 +84,7 @@ def _positions(contents: Sequence[Mapping[str, Any]]) -> list[dict[str, Any]]:
         named = {"kind": content.get("method", "tracking"), "name": content["name"], **what, **sigmas}
         place = (me["longitude_deg"], me["latitude_deg"])
         points.append(_feature("Point", place, named | {"converged": content["converged"]}))
-        if (known := content.get("reference")) is not None:
+        for known in references_of(content):
             place = (known["longitude_deg"], known["latitude_deg"])
             named = {"kind": "reference", "name": known["name"], **what, "height_m": known["height_m"]}
             references[known["name"], *place] = _feature("Point", place, named)

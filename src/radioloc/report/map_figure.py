@@ -20,6 +20,7 @@ from radioloc.lunar.terrain import TerrainModel
 from radioloc.lunar.terrain_window import LargeWindowError, NoTerrainError
 from radioloc.report.figures import COLORS, legend_below, length_unit, one_panel
 from radioloc.report.image_solution import ImageSolution
+from radioloc.report.one_position import references_of
 from radioloc.report.position_figures import error_ellipse, marker_style
 
 if TYPE_CHECKING:
@@ -87,7 +88,7 @@ def plot_map(
     frame = _frame(contents)
     plane = TangentPlane(*_place(contents[0]["position"]["me"]))
     # In the order of the solutions, each once.
-    references = dict.fromkeys((item["name"], _place(item)) for c in contents for item in _known(c))
+    references = dict.fromkeys((item["name"], _place(item)) for c in contents for item in references_of(c))
     ground = _ground(dem, base_map)
     reach_m = reach_m or _reach_m(contents, references, plane, ground)
     factor, unit = length_unit(2.0 * reach_m)
@@ -113,12 +114,6 @@ def plot_map(
         _draw_globe(axes, plane)
     legend_below(axes, ax, 2)
     return axes.figure.figure
-
-
-def _known(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
-    """The references of a solution."""
-    first = content.get("reference")
-    return [*([] if first is None else [first]), *content.get("references", ())]
 
 
 def _place(angles: Mapping[str, Any]) -> tuple[float, float]:

@@ -43,6 +43,12 @@ def position_content(
     }
 
 
+def references_of(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
+    """All references of what ``solution.json`` holds, the first of them first."""
+    first = content.get("reference")
+    return [*([] if first is None else [first]), *content.get("references", ())]
+
+
 def _beside(position: LunarPosition, references: Mapping[str, LunarPosition]) -> Iterator[dict[str, Any]]:
     for name, place in references.items():
         *_, west_m, north_m, up_m = difference(position.selenographic, place.selenographic)

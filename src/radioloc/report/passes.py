@@ -27,6 +27,8 @@ class Pass:
         Highest elevation, to the minute, without refraction.
     highest_utc : str
         When that is.
+    target : str
+        Which of several it is.
     """
 
     station: str
@@ -37,11 +39,12 @@ class Pass:
     hours: float
     highest_deg: float
     highest_utc: str
+    target: str = ""
 
 
 @dataclass(frozen=True, slots=True)
 class Passes(Shown):
-    """All passes of a target over some stations; ``str()`` is a card.
+    """All passes of targets over some stations; ``str()`` is a card.
 
     Parameters
     ----------
@@ -54,7 +57,9 @@ class Passes(Shown):
     target_mask_deg : float
         The same of the target.
     passes : tuple of Pass
-        By station, then in the order of time.
+        By target and station, then in the order of time.
+    targets : tuple of str
+        Names of several.
     """
 
     name: str
@@ -63,6 +68,7 @@ class Passes(Shown):
     masks_deg: dict[str, float]
     target_mask_deg: float
     passes: tuple[Pass, ...]
+    targets: tuple[str, ...] = ()
 
     def to_dict(self) -> dict[str, Any]:
         """All of it, in types that JSON has."""
@@ -70,7 +76,7 @@ class Passes(Shown):
 
     def card(self) -> Card:
         """A table of the passes."""
-        heading = ("station", "rise", "set", "hours", "max, deg", "at")
+        heading = (*["target"] * bool(self.targets), "station", "rise", "set", "hours", "max, deg", "at")
         span = f"{self.start_utc} to {self.stop_utc} UTC"
         masks = sorted(set(self.masks_deg.values()))
         above = " or ".join(f"{mask:g}" for mask in masks)
@@ -85,14 +91,16 @@ class Passes(Shown):
         )
 
     def _never(self) -> Iterator[str]:
-        seen = {one.station for one in self.passes}
-        if unseen := [name for name in self.masks_deg if name not in seen]:
-            yield f"by {', '.join(unseen)}"
+        seen = {(one.target, one.station) for one in self.passes}
+        for target in self.targets or ("",):
+            if unseen := [name for name in self.masks_deg if (target, name) not in seen]:
+                yield f"{target} by {', '.join(unseen)}".lstrip()
 
 
 def _cells(one: Pass) -> tuple[str, ...]:
     """Month, day and time; the span has the year."""
     return (
+        *[one.target] * bool(one.target),
         one.station,
         _short(one.start_utc) if one.rises else "already up",
         _short(one.stop_utc) if one.sets else "still up",

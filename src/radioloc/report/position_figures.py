@@ -129,9 +129,7 @@ def plot_position(
     """
     if not (solution.position_estimated and solution.position_determined):
         raise InputError("the position is held or not determined, so there is no error ellipse to draw")
-    known = list(solution.references)
-    if solution.reference is not None:
-        known.insert(0, solution.reference)
+    known = solution.known
     if reference_pa_m is not None:
         known.insert(0, compare_with(solution, reference_pa_m, reference_name or "reference"))
     origin_m = np.array([known[0].east_m, known[0].north_m] if known else [0.0, 0.0])

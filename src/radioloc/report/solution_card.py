@@ -307,17 +307,15 @@ def _coordinates(solution: Solution, items: Sequence[BudgetItem]) -> Iterator[st
 
 
 def _reference(solution: Solution) -> Iterator[str]:
-    reference = solution.reference
-    if reference is None:
-        return
-    line = (
-        f"solution - {reference.name}: east {metres(reference.east_m)}, north {metres(reference.north_m)}, "
-        f"up {metres(reference.up_m)} m; {metres(reference.horizontal_m)} m horizontal, "
-        f"{metres(reference.distance_m)} m in space"
-    )
-    if reference.combined_sigmas is not None:
-        line += f"; {reference.combined_sigmas:.2f} sigmas (95 % are below 2.80)"
-    yield line
+    for reference in solution.known:
+        line = (
+            f"solution - {reference.name}: east {metres(reference.east_m)}, north {metres(reference.north_m)}, "
+            f"up {metres(reference.up_m)} m; {metres(reference.horizontal_m)} m horizontal, "
+            f"{metres(reference.distance_m)} m in space"
+        )
+        if reference.combined_sigmas is not None:
+            line += f"; {reference.combined_sigmas:.2f} sigmas (95 % are below 2.80)"
+        yield line
 
 
 def _position_priors(solution: Solution) -> Iterator[str]:

@@ -34,12 +34,12 @@ def visibility(
     stop_utc: str | None = None,
     mask_deg: float | None = None,
 ) -> Passes:
-    """Find the passes of a study's target over stations: rise, set and highest elevation.
+    """Find the passes of a study's targets over stations: rise, set and highest elevation.
 
     Parameters
     ----------
     study : Study or path-like
-        Its target, of several the first, or the true position of its simulation.
+        Its targets, or the true position of its simulation.
     stations : sequence of str
         Names or aliases; by default those of the study's schedule, or else of its observations.
     start_utc, stop_utc : str, optional
@@ -62,16 +62,17 @@ def visibility(
     """
     scene = scene_of(study, stations, start_utc, stop_utc, mask_deg)
     model, masks = scene.model, scene.masks
-    which, target = next(iter(scene.targets.items()))
     names, first, last = scene.stations, scene.start_utc, scene.stop_utc
+    several = len(scene.targets) > 1
     passes = [
-        _pass(model, target, name, window)
+        _pass(model, target, name, window, which if several else "")
+        for which, target in scene.targets.items()
         for name in dict.fromkeys(names)
         for window in windows(model, target, [name], first, last, masks)
     ]
     by_station = {name: masks.of(name) for name in names}
-    name = scene.name if len(scene.targets) == 1 else f"{scene.name}, {which}"
-    return Passes(name, first, last, by_station, masks.target_deg, tuple(passes))
+    targets = tuple(scene.targets) if several else ()
+    return Passes(scene.name, first, last, by_station, masks.target_deg, tuple(passes), targets)
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +149,7 @@ def _observed(study: Study) -> tuple[list[str], str, str, Masks]:
     return names, str(min(epochs)), str(max(epochs)), Masks()
 
 
-def _pass(model: PhysicalModel, target: Target, station: str, window: Window) -> Pass:
+def _pass(model: PhysicalModel, target: Target, station: str, window: Window, name: str) -> Pass:
     """A window with its highest elevation."""
     limits = utc_to_tai(epochs_from_strings([window.start_utc, window.stop_utc], "UTC"))
     length_s = float(limits[1].seconds_since(limits[0])[0])
@@ -165,4 +166,5 @@ def _pass(model: PhysicalModel, target: Target, station: str, window: Window) ->
         length_s / 3600.0,
         float(np.degrees(above_rad[top])),
         str(utc_strings(tai_to_utc(tai[top]), decimals=0)[0]),
+        name,
     )

@@ -113,6 +113,14 @@ def test_the_ellipse_is_that_of_the_covariance(tmp_path, longitude_deg):
         assert (offset[0] == offset[-1]).all()
 
 
+def test_every_reference_is_a_point_once(tmp_path):
+    other = content()["reference"] | {"name": "orbital image"}
+    several = [content() | {"references": [other]}, content()]
+    features = json.loads(write_gis(several, tmp_path / "a.geojson").read_text())["features"]
+    named = [one["properties"]["name"] for one in features if one["properties"]["kind"] == "reference"]
+    assert named == ["benchmark", "orbital image"]
+
+
 def test_a_position_without_a_covariance_has_no_ellipse(tmp_path):
     undetermined = content(covariance=np.diag([np.inf] * 3))
     features = json.loads(write_gis([undetermined], tmp_path / "a.geojson").read_text())["features"]

@@ -191,6 +191,8 @@ def test_all_references_are_drawn_about_the_first(solution):
     axes = plot_position(replace(solution, references=known)).axes[0]
     drawn = {line.get_label(): line.get_xydata()[0] for line in axes.lines}
     assert list(drawn) == ["estimate", "truth", "a", "b"]
+    card = str(replace(solution, references=known))
+    assert re.findall(r"solution - (\w+):", card) == ["truth", "a", "b"]
     rot = solution.rot_pa_to_enu
     for name, at_m in zip(("truth", "a", "b"), (LANDER_M, *others), strict=True):
         np.testing.assert_allclose(drawn[name], (rot @ (at_m - LANDER_M))[:2], atol=1e-9)

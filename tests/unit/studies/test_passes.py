@@ -1,5 +1,6 @@
 """Passes of a study's target: against elevations, with the limits that the study says."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -45,11 +46,21 @@ def test_a_target_rises_and_sets_at_the_masks_of_the_schedule(plan):
         assert above_deg < 1.1 * SECOND_DEG
 
 
-def test_of_several_targets_the_first_is_named():
+def test_each_of_several_targets_has_its_passes():
     study = radioloc.read_study(EXAMPLES / "reflectors" / "de440.toml")
-    found = visibility(study, ["GRASSE"], start_utc="2024-04-14", stop_utc="2024-04-15")
-    assert found.name == "de440, apollo11"
-    assert len(found.passes) == 1
+    span = {"start_utc": "2024-04-14", "stop_utc": "2024-04-14T20:00:00"}
+    found = visibility(study, ["GRASSE", "NEUQUEN"], **span)
+    assert found.targets == tuple(study.targets)
+    for name, place in study.targets.items():
+        mine = [replace(one, target="") for one in found.passes if one.target == name]
+        alone = visibility(replace(study, target=place, targets={}), ["GRASSE", "NEUQUEN"], **span)
+        assert tuple(mine) == alone.passes
+        assert len(mine) == 3
+    assert "target station rise set" in " ".join(str(found).split())
+    night = {"start_utc": "2024-04-14T06:00:00", "stop_utc": "2024-04-14T07:00:00"}
+    assert "never seen apollo11 by NEUQUEN apollo14 by" in " ".join(
+        str(visibility(study, ["NEUQUEN"], **night)).split()
+    )
 
 
 def test_the_highest_elevation_of_a_pass_is_that(plan):

@@ -204,7 +204,8 @@ class Schedule:
         observations = Observations.concatenate([part for part, _, _ in rows])
         if len(observations) == 0:
             raise InputError(
-                "nothing can be seen from any link at any epoch; check times, stations and masks"
+                "nothing can be seen from any link at any epoch; `radioloc visibility` with --start and --stop of "
+                "a month lists when each station sees the target; change times, stations or masks"
             )
         session = np.repeat(np.arange(len(rows)), [len(part) for part, _, _ in rows])
         slot, pair = (np.concatenate([part[k] for part in rows]) for k in (1, 2))

@@ -15,6 +15,7 @@ from radioloc.constants import ARCSEC_RAD
 from radioloc.dynamics import AdjustableOrbit
 from radioloc.earth.eop import EopTable
 from radioloc.earth.eop_prediction import orientation_errors
+from radioloc.earth.stations import Station
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
@@ -23,6 +24,7 @@ from radioloc.kernels import sha256_of
 from radioloc.lunar import cartesian_to_selenographic, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.chebyshev_predictor import ChebyshevPredictor
+from radioloc.measurements.exact_predictor import is_radio
 from radioloc.measurements.light_path import PLANETS_MM
 from radioloc.measurements.map_predictor import JointPredictor
 from radioloc.measurements.observations import Observations
@@ -128,9 +130,19 @@ def _terrain_doubt(
         )
 
 
+def _radio_stations(arc: Predictor) -> list[Station]:
+    """Stations of signals that are radio, whatever the kind that the catalogue gives them."""
+    stations, wavelength_um = [arc.model.catalogue.get(name) for name in arc.stations], arc.observations.wavelength_um
+    return [
+        station
+        for i, station in enumerate(stations)
+        if is_radio(wavelength_um[(arc.transmitters == i) | (arc.receivers == i)], [station], np.array(0)).any()
+    ]
+
+
 def _of_stations(arc: Predictor) -> Iterator[str]:
     """What the catalogue does not know of stations, and what of the model this leaves out."""
-    stations = [arc.model.catalogue.get(name) for name in arc.stations]
+    stations, radio = [arc.model.catalogue.get(name) for name in arc.stations], _radio_stations(arc)
     for term, lacking, text in (
         (
             "",
@@ -155,7 +167,7 @@ def _of_stations(arc: Predictor) -> Iterator[str]:
         ),
         (
             "antenna_axis_offset",
-            [s.axis_offset_m is None and s.kind != "llr" for s in stations],
+            [s.axis_offset_m is None and s in radio for s in stations],
             "no antenna axis offset for {}: millimetres, of some antennas metres, are not modelled; "
             "give axis_offset_m and mount under [stations.NAME]",
         ),
@@ -173,7 +185,7 @@ def _of_model(arc: Predictor) -> Iterator[str]:
     if absent := model.missing_planets:
         sizes = " and ".join(f"{name.capitalize()} (up to {PLANETS_MM[name]:g} mm)" for name in absent)
         yield f"no gravitational delay by {sizes}, one way: not in the ephemeris file; use a complete one"
-    radio = [s for s in map(model.catalogue.get, arc.stations) if s.kind != "llr"]
+    radio = _radio_stations(arc)
     without = [station.name for station in radio]
     if (cards := model.media_calibrations) is not None:
         for term, kinds in (("troposphere", (DRY, WET)), ("ionosphere", (CHARGED,))):

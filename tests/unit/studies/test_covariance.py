@@ -296,6 +296,17 @@ sigma_m = 1.0
 """
 
 
+def test_a_plan_is_told_that_earth_orientation_will_have_been_measured(tmp_path):
+    future = PLAN.replace("2020-12-01", "2034-12-05").replace("defaults = false", "")
+    future = future.replace("[model]", '[model]\neop_beyond = "extrapolate"')
+    known = future.replace("[consider]", "[consider]\nut1_sigma_s = 1e-5\npole_sigma_rad = 3e-10")
+    notes = []
+    for text in (future, known):
+        (tmp_path / "plan.toml").write_text(text, encoding="utf-8")
+        notes.append(" ".join(covariance(tmp_path / "plan.toml", 6.0).notes))
+    assert ["will have been measured" in of for of in notes] == [True, False]
+
+
 def test_the_command(tmp_path, capsys, request):
     plan, other = tmp_path / "plan.toml", tmp_path / "other.toml"
     plan.write_text(PLAN, encoding="utf-8")

@@ -153,6 +153,21 @@ def test_calibrations_of_wet_air_only_are_told(calibrated, tmp_path):
     assert "the calibrations have no dry air for DSS-24: it is the model's" in notes
 
 
+def test_no_radio_delays_are_missed_of_a_telescope_of_your_own(tmp_path):
+    apollo = radioloc.read_observations("examples/apollo15/apollo15_apollo_2006-2007.csv")[:3]
+    radioloc.write_observations(tmp_path / "mine.csv", apollo)
+    text = (tmp_path / "mine.csv").read_text(encoding="utf-8").replace("APOLLO", "MYSITE")
+    place = "[stations.MYSITE]\nitrf_m = [-1463998.9, -5166632.8, 3435012.9]\n"
+    (tmp_path / "study.toml").write_text(STUDY.split("[model]")[0].replace("delays.csv", "mine.csv") + place)
+    notes = {}
+    for wavelength in ("0.532", "130000.0"):
+        (tmp_path / "mine.csv").write_text(text.replace(",0.532", f",{wavelength}"), encoding="utf-8")
+        notes[wavelength] = " ".join(radioloc.residuals(tmp_path / "study.toml").notes)
+    for note in ("no ionospheric delay", "no antenna axis offset for MYSITE"):
+        assert note not in notes["0.532"]
+        assert note in notes["130000.0"]
+
+
 def test_what_calibrations_lack_is_one_error(calibrated):
     with pytest.raises(
         CoverageError, match=r"cards\.csp: MODEL\(DRY NUPART\) for DSS-24 covers 2020-12-02T12:00:00 to"

@@ -174,8 +174,8 @@ class _Planned:
             ]
             if longest.predicted_eop.any() and study.consider_defaults and "ut1" not in study.consider:
                 notes.append(
-                    "once this is tracked, Earth orientation will have been measured: [consider] ut1_sigma_s = 1e-5 and "
-                    "pole_sigma_rad = 3e-10 say so"
+                    "once this is tracked, Earth orientation will have been measured: "
+                    "[consider] ut1_sigma_s = 1e-5 and pole_sigma_rad = 3e-10 say so"
                 )
         usable = status_of(longest, targets_in_pa(study, longest.model.ephemeris.constants))[0].are(USED)
         if not usable.all():

@@ -179,9 +179,12 @@ def _open(name_or_path: str | Path, kind: str) -> Kernel:
         raise KernelError(problem)
     segments = tuple(_read_segments(path, kind))
     if not segments:
+        others = "; the SPK of a spacecraft or lander is not added but named as [target] trajectory" * (
+            kind == "SPK"
+        )
         raise KernelError(
             f"{path} has no segment of Chebyshev type 2 in the ICRF; use a JPL planetary ephemeris (SPK) or "
-            "a lunar orientation kernel (binary PCK)"
+            f"a lunar orientation kernel (binary PCK){others}"
         )
     size = path.stat().st_size
     twin = next((k for k in registered() if k.kind == kind and k.size_bytes == size), None)

@@ -1,6 +1,7 @@
 """Kernels that a user adds: found by name, verified, refused where they are no longer what they were."""
 
 import json
+from pathlib import Path
 
 import pytest
 
@@ -8,6 +9,8 @@ from radioloc.cli import main
 from radioloc.ephemeris import Ephemeris
 from radioloc.errors import KernelError
 from radioloc.kernels import add_kernel, added, find_kernel, open_spk, registered
+
+ORBITER = Path(__file__).parents[3] / "examples" / "orbiter" / "orbiter.bsp"
 
 
 @pytest.fixture
@@ -77,6 +80,7 @@ def test_kernels_are_listed_and_added_from_the_command_line(folder, de430, capsy
         ("none.bsp", None, "no such kernel"),
         ("de421_1969_2050.bsp", b"", "is there already; rename"),
         ("text.bsp", b"hello", "not a SPICE binary kernel"),
+        ("orbiter.bsp", ORBITER.read_bytes(), r"named as \[target\] trajectory"),
     ],
 )
 def test_what_is_no_kernel_is_not_added(folder, name, content, words):

@@ -143,20 +143,6 @@ def utc_dates(epoch_utc: Epochs) -> NDArray[np.datetime64]:
     return days.astype("datetime64[ms]") + milliseconds
 
 
-def date_axis(axes: Axes, dates: NDArray[np.datetime64], minticks: int = 4, maxticks: int = 9) -> None:
-    """Label the horizontal axis with UTC dates, as many as fit."""
-    from matplotlib.dates import AutoDateLocator, ConciseDateFormatter
-
-    locator = AutoDateLocator(minticks=minticks, maxticks=maxticks)
-    axes.xaxis.set_major_locator(locator)
-    axes.xaxis.set_major_formatter(ConciseDateFormatter(locator))
-    if dates.min() == dates.max():
-        hour = np.timedelta64(1, "h")
-        axes.set_xlim(dates.min() - hour, dates.max() + hour)
-    axes.xaxis.get_offset_text().set_fontsize(8)
-    axes.set_xlabel("UTC")
-
-
 def save_figure(figure: Figure, paths: Iterable[str | Path] | str | Path) -> None:
     """Write a figure to files of the formats that their names end in, such as ``.png`` and ``.svg``.
 

@@ -14,7 +14,10 @@ def have_paths(rows: Residuals) -> bool:
 
 
 def ways(links: Sequence[Link]) -> list[str]:
-    """What tells links of one place apart: one- or two-way or from where, and of several targets which."""
+    """What tells links of one place apart: one- or two-way or from where, and of several targets which.
+
+    That all links to several targets are two-way is not said.
+    """
     several = len({link.targets for link in links}) > 1
     out = []
     for link in links:
@@ -25,7 +28,8 @@ def ways(links: Sequence[Link]) -> list[str]:
         else:
             way = "one-way"
         out.append(f"{way} {'-'.join(link.targets)}".strip() if several else way)
-    return out
+    two_way = several and all(name.startswith("two-way ") for name in out)
+    return [name.removeprefix("two-way ") for name in out] if two_way else out
 
 
 def short_names(links: Sequence[Link]) -> list[str]:

@@ -14,11 +14,11 @@ from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
 from radioloc.measurements.registry import KINDS
+from radioloc.report.date_axis import date_axes
 from radioloc.report.envelope import ENVELOPE_NOTE, MOST_POINTS, REJECTED_COLOR, draw_envelope, draw_left_out
 from radioloc.report.figures import (
     COLORS,
     columns_for,
-    date_axis,
     length_unit,
     panel_title,
     several_panels,
@@ -198,8 +198,6 @@ def _by_way(residuals: Residuals, rows: _Rows) -> dict[str, _Rows]:
     if len(present) == 1:
         return {"": rows}
     names = dict(zip(present, ways([Link.from_path(residuals.paths.texts[k]) for k in present]), strict=True))
-    if all(name.startswith("two-way ") for name in names.values()):  # several targets
-        names = {code: name.removeprefix("two-way ") for code, name in names.items()}
     if sum(map(len, set(names.values()))) > _LONGEST_NAMES:
         return {"": rows}
     named = np.array([names[code] for code in codes.tolist()])
@@ -211,13 +209,13 @@ def link_panels(residuals: Residuals) -> list[Panel]:
     found: dict[tuple[bool, int, str], dict[str, _Rows]] = {}
     types, paths = residuals.types, residuals.paths
     links = [Link.from_path(path) for path in paths.texts]
-    keys = types.codes * len(links) + paths.codes
+    named, keys = ways(links), types.codes * len(links) + paths.codes
     for key in np.unique(keys):
         kind, k = types.texts[key // len(links)], key % len(links)
         if kind not in KINDS:
             raise InputError(f"type {kind!r} of an observation is not known; use {', '.join(KINDS)}")
         place = not links[k].differenced, KINDS.index(kind), links[k].place
-        found.setdefault(place, {})[ways(links)[k]] = np.flatnonzero(keys == key)
+        found.setdefault(place, {})[named[k]] = np.flatnonzero(keys == key)
     return [
         Panel(
             residuals,
@@ -272,10 +270,7 @@ def _grid(
         _draw(places[k], residuals, dates, panel, half_height_m, COLORS[k % len(COLORS)])
     for axes in places[len(panels) :]:
         axes.set_visible(False)
-    for column in range(n_columns):
-        lowest = places[(len(panels) - 1 - column) // n_columns * n_columns + column]
-        date_axis(lowest, dates, *layout.ticks)
-        lowest.tick_params(labelbottom=True)
+    date_axes(places[: len(panels)], dates, layout.ticks, n_columns)
     if any(panel.crowded for panel in panels):
         notes.append(ENVELOPE_NOTE)
     color = "0.4" if notes else REJECTED_COLOR

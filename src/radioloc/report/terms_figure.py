@@ -10,10 +10,10 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations
+from radioloc.report.date_axis import date_axes
 from radioloc.report.figures import (
     COLORS,
     columns_for,
-    date_axis,
     length_unit,
     panel_title,
     several_panels,
@@ -102,10 +102,7 @@ def plot_terms(
         panel_title(axes, f"up to {factor * largest_m[name]:.3g} {unit}", "right", fontsize=6.5)
     for axes in panels[len(shown) :]:
         axes.set_visible(False)
-    for column in range(columns):
-        lowest = panels[(len(shown) - 1 - column) // columns * columns + column]
-        date_axis(lowest, dates, 3, 6)
-        lowest.tick_params(labelbottom=True)
+    date_axes(list(panels[: len(shown)]), dates, (3, 6), columns)
     handles, names = panels[0].get_legend_handles_labels()
     nothing = [name for name in terms if name not in shown]
     note = f"below a micrometre: {', '.join(nothing)}" if nothing else None

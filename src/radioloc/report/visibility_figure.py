@@ -10,7 +10,8 @@ import numpy as np
 from radioloc.boundary import bare_arguments
 from radioloc.errors import InputError
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.report.figures import COLORS, date_axis, several_panels, style_axes, utc_dates
+from radioloc.report.date_axis import date_axes
+from radioloc.report.figures import COLORS, several_panels, style_axes, utc_dates
 from radioloc.simulation.visibility import Masks, Target, elevations
 from radioloc.time import epochs_from_strings, tai_to_tt, tai_to_utc, utc_to_tai
 
@@ -109,5 +110,5 @@ def plot_visibility(
     below.set_yticks(range(len(rows)), list(rows))
     below.set_ylim(len(rows) - 0.5, -0.5)
     below.set_xlim(dates[0], dates[-1])
-    date_axis(below, dates)
+    date_axes([above, below], dates)
     return figure.figure

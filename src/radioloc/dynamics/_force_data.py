@@ -19,8 +19,9 @@ FIGURES, RELATIVITY, SUNLIGHT, MOONLIGHT, GIVEN = range(8, 13)
 # velocities of the Earth, the Sun and, seen from the barycentre, the Moon.
 ROTATION, EARTH_VELOCITY, SUN_VELOCITY, MOON_VELOCITY, QUANTITIES = 15, 24, 27, 30, 33
 
-ACTS, OF_RTN, FIRST = 0, 1, 2
-"""Columns of a given acceleration: 1 where it acts, 1 where its axes are radial, transverse and normal, components."""
+ACTS, OF_RTN, NORMAL, FIRST = 0, 1, 2, 5
+"""Columns of a given acceleration: 1 where it acts, 1 where its axes are radial, transverse and normal, the normal of
+a plane that these keep to (zeros: that of the orbit), components."""
 COMPONENTS = 9
 """Constant, cosine and sine, along three axes each."""
 

@@ -22,6 +22,7 @@ from radioloc.dynamics._force_data import (
     HARMONICS,
     MOON_VELOCITY,
     MOONLIGHT,
+    NORMAL,
     OF_RTN,
     PARTS,
     RELATIVITY,
@@ -248,10 +249,13 @@ def axes(r: Floats, v: Floats) -> Floats:
 
 
 @compiled()
-def unit_components(r: Floats, v: Floats, rtn: float, phase: Floats) -> Floats:
+def unit_components(r: Floats, v: Floats, one: Floats, phase: Floats) -> Floats:
     """Accelerations for each of the COMPONENTS of a given one at 1 m/s^2, shape (COMPONENTS, 3)."""
     out = np.empty((COMPONENTS, 3))
-    base = axes(r, v) if rtn > 0.0 else np.eye(3)
+    base = np.eye(3)
+    if one[OF_RTN] > 0.0:
+        normal = one[NORMAL : NORMAL + 3]
+        base = axes(r, _cross(normal, r) if _dot(normal, normal) > 0.0 else v)
     angle = math.atan2(_dot(r, phase[1]), _dot(r, phase[0]))
     for k in range(3):
         out[k] = base[k]
@@ -267,7 +271,7 @@ def _given(r: Floats, v: Floats, data: ForceData) -> Floats:
     for i in range(len(data.given)):
         one = data.given[i]
         if one[ACTS] > 0.0:
-            units = unit_components(r, v, one[OF_RTN], data.phase)
+            units = unit_components(r, v, one, data.phase)
             for k in range(COMPONENTS):
                 out += one[FIRST + k] * units[k]
     return out
@@ -427,9 +431,12 @@ def right_hand_side(t: float, y: Floats, columns: NDArray[np.int64], data: Force
                 source[i] += parts[MOONLIGHT, i]
         elif part == GIVEN:
             one = data.given[which // COMPONENTS]
-            unit = unit_components(r, v, one[OF_RTN], data.phase)[which % COMPONENTS]
-            for i in range(3):
-                source[i] = one[ACTS] * unit[i]
+            if one[ACTS] > 0.0:
+                unit = unit_components(r, v, one, data.phase)[which % COMPONENTS]
+                for i in range(3):
+                    source[i] = unit[i]
+            else:
+                source[:] = 0.0
         first = 6 + 6 * j
         for i in range(3):
             total = source[i]

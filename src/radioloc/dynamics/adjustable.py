@@ -45,6 +45,8 @@ class AdjustableOrbit:
         How messages call it.
     notes : tuple of str
         How its state was found, for results.
+    touchdown : Epochs or None
+        From when on it rests on the Moon, TDB, one.
     integrated : list
         What was integrated: values of the parameters, and the orbit; shared by those that differ in them only.
     """
@@ -58,6 +60,7 @@ class AdjustableOrbit:
     libration: LunarOrientation
     name: str = "orbit"
     notes: tuple[str, ...] = ()
+    touchdown: Epochs | None = None
     integrated: list[tuple[Floats, Orbit]] = field(default_factory=list)
 
     def __str__(self) -> str:
@@ -91,6 +94,14 @@ class AdjustableOrbit:
         known = self.forces.parameters()
         changed = {name: known[name] + float(by) for name, by in zip(self.parameters, x[6:], strict=True)}
         return replace(self, state=self.state + x[:6], forces=self.forces.with_parameters(changed))
+
+    def moved_to(self, epoch: Epochs, state: Floats | None = None) -> AdjustableOrbit:
+        """The same orbit with its state at another epoch, TDB, or one of another state there; its span has both."""
+        if state is None:
+            state = np.concatenate(self.states(epoch), axis=-1)[0]
+        by_s = float(self.epoch.seconds_since(epoch)[0])
+        span_s = (min(self.span_s[0], 0.0) + by_s, max(self.span_s[1], 0.0) + by_s)
+        return replace(self, epoch=epoch, state=state, span_s=span_s, integrated=[])
 
     def over(self, first: Epochs, last: Epochs) -> AdjustableOrbit:
         """The same from one epoch to another, TDB, of which more is not wanted."""
@@ -126,6 +137,7 @@ class AdjustableOrbit:
             ephemeris=self.ephemeris,
             libration=self.libration,
             name=self.name,
+            touchdown=self.touchdown,
         )
 
     @bare_arguments

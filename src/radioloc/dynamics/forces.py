@@ -33,6 +33,12 @@ class Acceleration:
     sine_m_s2: Vector = _ZERO
     start: Epochs | None = None  # TDB; without one, always
     stop: Epochs | None = None
+    normal: Vector | None = (
+        None  # of a plane that RTN keep to, ICRF: on a descent the orbit's own turns and vanishes
+    )
+    sigma_m_s2: float | None = (
+        None  # a priori, of each component of the constant; None where it is not estimated
+    )
 
     def __post_init__(self) -> None:
         bare_fields(self)

@@ -123,7 +123,7 @@ class GravityErrorEffects:
 
     def __init__(self, orbit: Orbit, errors: list[GravityField], libration: LunarOrientation) -> None:
         self.orbit = orbit
-        first_s, last_s = orbit.span_s
+        first_s, last_s = orbit.flight_s
         # A grid with the epoch at an end of steps, whose middles Simpson's rule needs.
         before, after = (int(np.ceil(span_s / _STEP_S)) for span_s in (-first_s, last_s))
         ends_s = np.union1d(np.linspace(first_s, 0.0, before + 1), np.linspace(0.0, last_s, after + 1))

@@ -9,8 +9,10 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.dynamics.forces import Forces
-from radioloc.ephemeris import Ephemeris
+from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import CoverageError, InputError
+from radioloc.lunar import rot_icrf_to_pa
+from radioloc.lunar.frames import rot_icrf_to_pa_rate
 from radioloc.time import Epochs, utc_strings
 
 Floats = NDArray[np.float64]
@@ -37,6 +39,23 @@ class Leg:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
+class Rest:
+    """The end of an orbit on the ground, which turns with the Moon from there on."""
+
+    start_s: float  # TDB seconds from the epoch
+    stop_s: float  # until which it is wanted
+    libration: LunarOrientation
+
+    def carried(self, states: Floats, epoch: Epochs, times_s: Floats) -> Floats:
+        """Positions at the touchdown, shape (n, k, 6), as positions and velocities at later times."""
+        when = epoch[np.zeros(1 + len(times_s), dtype=int)].shifted(np.append(self.start_s, times_s))
+        angles_rad, rates_rad_s = self.libration.angles(when)
+        rot, rate = rot_icrf_to_pa(angles_rad), rot_icrf_to_pa_rate(angles_rad, rates_rad_s)
+        fixed = states[..., :3] @ rot[0].T
+        return np.concatenate([fixed @ rot[1:], fixed @ rate[1:]], axis=-1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
 class Orbit:
     """An integrated orbit about the Moon; made by :func:`propagate`."""
 
@@ -45,11 +64,18 @@ class Orbit:
     forces: Forces
     parameters: tuple[str, ...]  # of the partials, those of the state first; none without partials
     legs: tuple[Leg, ...]  # in the order of time
+    rest: Rest | None = None  # after the last leg
+
+    @property
+    def flight_s(self) -> tuple[float, float]:
+        """First and last time of what was integrated, TDB seconds from the epoch."""
+        return self.legs[0].span_s[0], self.legs[-1].span_s[1]
 
     @property
     def span_s(self) -> tuple[float, float]:
         """First and last time, TDB seconds from the epoch."""
-        return self.legs[0].span_s[0], self.legs[-1].span_s[1]
+        first_s, last_s = self.flight_s
+        return first_s, last_s if self.rest is None else max(last_s, self.rest.stop_s)
 
     def __str__(self) -> str:
         first, last = self._dates(np.array(self.span_s))
@@ -119,8 +145,12 @@ class Orbit:
         for k, leg in enumerate(self.legs):
             rows = np.flatnonzero(which == k)
             if len(rows):
-                out[rows] = interpolate(times_s[rows], leg.states, leg.dense)
-        return out.reshape(len(times_s), -1, 6)
+                out[rows] = interpolate(np.minimum(times_s[rows], ends_s[-1]), leg.states, leg.dense)
+        found = out.reshape(len(times_s), -1, 6)
+        landed = np.flatnonzero(times_s > ends_s[-1] + _ROUNDING_S)
+        if len(landed) and self.rest is not None:
+            found[landed] = self.rest.carried(found[landed], self.epoch, times_s[landed])
+        return found
 
     def _dates(self, times_s: Floats) -> tuple[str, str]:
         first, last = utc_strings(self.epoch[np.zeros(2, dtype=int)].shifted(times_s), 3)

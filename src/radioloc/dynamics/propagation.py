@@ -22,6 +22,7 @@ from radioloc.dynamics._force_data import (
     HARMONICS,
     IN_MOON,
     MOONLIGHT,
+    NORMAL,
     OF_RTN,
     PARTS,
     RELATIVITY,
@@ -37,7 +38,7 @@ from radioloc.dynamics._force_data import (
 from radioloc.dynamics.bodies import BODIES, body_table
 from radioloc.dynamics.forces import Forces, Impulse
 from radioloc.dynamics.gravity import acceleration_series, gradient_series, recursion, stacked
-from radioloc.dynamics.orbit import STATE, Leg, Orbit
+from radioloc.dynamics.orbit import STATE, Leg, Orbit, Rest
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import ConvergenceError, InputError
 from radioloc.time import Epochs, utc_strings
@@ -50,6 +51,8 @@ _LOWEST_M = MEAN_LUNAR_RADIUS_M - 10.0e3
 """Below any terrain: heights reach down to -9.2 km."""
 _FIRST_STEP_S = 10.0
 _MOST_STEPS = 2_000_000
+_NEARLY_REST = 1e-30
+"""In parts of the position: by this what rests on a pole has a plane."""
 _VELOCITY_PER_POSITION = 1e-3  # 1/s: about the mean motion of a low orbit
 
 
@@ -66,6 +69,7 @@ def propagate(
     libration: LunarOrientation | None = None,
     tolerance_m: float = 1e-7,
     name: str = "orbit",
+    touchdown: Epochs | None = None,
 ) -> Orbit:
     """Integrate the motion of a spacecraft about the Moon, forward and backward from an epoch.
 
@@ -89,6 +93,8 @@ def propagate(
         Error of the position in one step of the integration.
     name : str
         How messages call the orbit.
+    touchdown : Epochs, optional
+        From when on it rests on the Moon, where it then is, TDB, one; the epoch itself, or later.
 
     Raises
     ------
@@ -114,8 +120,18 @@ def propagate(
     ephemeris = ephemeris or Ephemeris.open()
     libration = libration or LunarOrientation.open(ephemeris.name)
     epoch.require("TDB")
-    state = initial_state(position_m, velocity_m_s)
+    state = initial_state(position_m, velocity_m_s, at_rest=touchdown is not None)
     start_s, stop_s = min(0.0, float(span_s[0])), max(0.0, float(span_s[1]))
+    if touchdown is None:
+        rest = None
+    else:
+        rest = Rest(float(touchdown.seconds_since(epoch)[0]), stop_s, libration)
+        if rest.start_s < 0.0:
+            raise InputError(
+                f"the touchdown of {name} is before the epoch of its state; exchange or correct them"
+            )
+        # Some of the flight is always there, so that there is something to end.
+        start_s, stop_s = min(start_s, -1.0), min(stop_s, rest.start_s)
     if not (np.isfinite(start_s) and np.isfinite(stop_s)) or start_s == stop_s:
         raise InputError(f"span_s = {span_s!r} has no length; give first and last seconds from the epoch")
     names = () if parameters is None else (*STATE, *parameters)
@@ -123,7 +139,7 @@ def propagate(
     columns = _columns(forces, names)
     sweep = _Sweep(name, epoch, forces, names, columns, data, (start_s, stop_s), tolerance_m)
     legs = [*sweep.legs(state, start_s)[::-1], *sweep.legs(state, stop_s)]
-    return Orbit(name, epoch, forces, names, tuple(legs))
+    return Orbit(name, epoch, forces, names, tuple(legs), rest)
 
 
 def force_data(
@@ -162,8 +178,9 @@ def force_data(
 
     for row, one in zip(given, forces.accelerations, strict=True):
         row[OF_RTN] = one.axes == "RTN"
+        row[NORMAL:FIRST] = one.normal or 0.0
         row[FIRST:] = [*one.constant_m_s2, *one.cosine_m_s2, *one.sine_m_s2]
-    first, _, normal = axes(state[:3], state[3:])
+    first, _, normal = axes(state[:3], state[3:] + _NEARLY_REST * np.roll(state[:3], 1))
     return ForceData(
         table,
         first_s,
@@ -180,8 +197,11 @@ def force_data(
     )
 
 
-def initial_state(position_m: ArrayLike, velocity_m_s: ArrayLike) -> Floats:
-    """A state that an orbit can begin with, shape (6,); errors as those of :func:`propagate`."""
+def initial_state(position_m: ArrayLike, velocity_m_s: ArrayLike, at_rest: bool = False) -> Floats:
+    """A state that an orbit can begin with, shape (6,); errors as those of :func:`propagate`.
+
+    On the Moon's pole what is `at_rest` has no velocity.
+    """
     state = np.concatenate(
         [
             np.ravel(as_float_array(position_m, "m", "position_m")),
@@ -197,7 +217,7 @@ def initial_state(position_m: ArrayLike, velocity_m_s: ArrayLike) -> Floats:
             "relative to another body?"
         )
     momentum = np.linalg.norm(np.cross(state[:3], state[3:]))
-    if not momentum > 1e-9 * distance_m * np.linalg.norm(state[3:]):
+    if not at_rest and not momentum > 1e-9 * distance_m * np.linalg.norm(state[3:]):
         raise InputError("velocity_m_s is zero or along position_m, so there is no plane of the orbit")
     return state
 

@@ -15,6 +15,7 @@ from radioloc.measurements.map_predictor import JointPrediction, JointPredictor
 from radioloc.measurements.predictor import ROWS_AT_ONCE, Prediction, Predictor
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.kind import ParameterKind, Scope
+from radioloc.parameters.landing import LandingParameters
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.position import PositionFunction, PositionParameters
 from radioloc.parameters.rows import ObservationRows, middle_of
@@ -47,6 +48,7 @@ class ObservationModel:
     positions: tuple[PositionFunction, ...]  # one for each target
     columns: tuple[Columns, ...]  # of the kinds of parameter
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
+    landing: LandingParameters | None = None  # of an orbit that ends on the ground
 
     @classmethod
     def of(
@@ -80,13 +82,17 @@ class ObservationModel:
         return slice(0, self.first) if self.of_orbit else slice(3 * target, 3 * target + 3)
 
     def position_pa_m(self, x: NDArray[np.float64], target: int = 0) -> NDArray[np.float64]:
-        """Position of a target at parameters x, principal axes, m, shape (3,); zeros on a trajectory."""
+        """Position of a target at parameters x, principal axes, m, shape (3,); zeros on a trajectory without end."""
+        if self.landing is not None:
+            return self.landing.position(x[self._mine(target)])[0]
         return np.zeros(3) if self.of_orbit else self.positions[target](x[self._mine(target)])[0]
 
     def position_partials(self, x: NDArray[np.float64], target: int = 0) -> NDArray[np.float64]:
-        """d(position of a target)/d(parameters), shape (3, p); zeros on a trajectory."""
+        """d(position of a target)/d(parameters), shape (3, p); zeros on a trajectory without end."""
         partials = np.zeros((3, len(self.parameters)))
-        if not self.of_orbit:
+        if self.landing is not None:
+            partials[:, self._mine(target)] = self.landing.position(x[self._mine(target)])[1]
+        elif not self.of_orbit:
             partials[:, self._mine(target)] = self.positions[target](x[self._mine(target)])[1]
         return partials
 

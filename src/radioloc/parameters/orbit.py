@@ -38,11 +38,18 @@ def orbit_parameters(
     ``"equinoctial"``: sigmas and correlations are then of these, with angles from the Moon's equator.
     """
     impulses = {one.name for one in orbit.forces.impulses}
+    # Thrust moves the spacecraft by a metre while it lasts, about.
+    of_thrust = {
+        one.name: float(one.stop.seconds_since(one.start)[0]) ** -2
+        for one in orbit.forces.accelerations
+        if one.start is not None and one.stop is not None
+    }
 
     def unit_and_scale(name: str) -> tuple[str, float]:
         if name in _OF_FORCES:
             return _OF_FORCES[name]
-        return ("m/s", 1e-3) if name.rpartition(".")[0] in impulses else ("m/s2", 1e-9)
+        owner = name.rpartition(".")[0]
+        return ("m/s", 1e-3) if owner in impulses else ("m/s2", of_thrust.get(owner, 1e-9))
 
     names, values, function = _state(orbit, form)
     role = Role.ESTIMATED if estimated and state else Role.FIXED

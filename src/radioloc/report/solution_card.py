@@ -75,13 +75,14 @@ def solution_card(solution: Solution, *, parameters: int | None = None) -> Card:
         *solution.observability.describe()[:_MAX_SENTENCES],
         *which_sigmas((solution,)),
     )
-    if solution.state is not None:
-        where = [Field("orbit", _orbit(solution.state))]
+    orbit = [] if solution.state is None else [Field("orbit", _orbit(solution.state))]
+    if orbit and solution.trajectory is not None:
+        where = orbit
     elif solution.trajectory is not None:
         where = [Field("target", (f"on a trajectory, {solution.trajectory}", "taken as given"))]
     else:
         of = (f"of {solution.targets[0].name}, the first of the targets",) if solution.targets else ()
-        where = [Field("position", (*of, *_position(solution))), _sigmas(solution)]
+        where = [Field("position", (*of, *_position(solution))), _sigmas(solution), *orbit]
     return Card(
         (
             Field("solution", (solution.name,)),

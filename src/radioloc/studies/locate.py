@@ -46,6 +46,7 @@ from radioloc.parameters.design import ObservationModel, tracking_of
 from radioloc.studies.coarse_search import near_starts
 from radioloc.studies.first_orbit import first_orbit
 from radioloc.studies.independent_clocks import with_independent_clocks
+from radioloc.studies.landing_fit import near_landing, state_before
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.orbit_start import near_orbit
@@ -55,6 +56,7 @@ from radioloc.studies.problem import (
     disturbed,
     needs_more_partials,
     observation_model,
+    planned_place,
     position_in_pa,
     start_pa_m,
     status_of,
@@ -67,6 +69,7 @@ from radioloc.studies.study_file import as_study
 from radioloc.studies.transmitters import TransmitterSearch
 from radioloc.studies.verdict import misfits, nowhere, places
 from radioloc.studies.weights import require_stations, weighted_observations
+from radioloc.time import Epochs
 
 logger = logging.getLogger(__name__)
 
@@ -177,7 +180,7 @@ def fit_arc(
     set_up = partial(observation_model, arc, estimate=estimate, held=study.estimate)
     starts = {} if estimate is None else near_starts(arc, targets, estimate)
     targets |= {name: start for name, (start, _) in starts.items()}
-    problem = set_up(targets or None)
+    problem = set_up(targets or planned_place(study, constants))
     noise = stated_noise(arc, study.observations)
     paths = Labels.coded([link.path for link in observations.links], observations.link)
     types = Labels.coded(KINDS, observations.kind)
@@ -186,7 +189,8 @@ def fit_arc(
     allowed = estimate is not None and estimate.weights == "correlated"
     ties_m = considered_ties_m(arc, problem.parameters, study) * allowed
     wide = noise.with_added(ties_m) if ties_m.any() else noise
-    fitted = _fit(problem, wide, order, estimate, *status_of(arc, targets))
+    epoch = study.target.epoch if isinstance(study.target, Orbiter) else None
+    fitted = _fit(problem, wide, order, estimate, *status_of(arc, targets), epoch)
     logger.info(
         "fitted %d parameters to %d of %d observations",
         problem.parameters.free.sum(),
@@ -258,10 +262,13 @@ def fit_arc(
         ),
         provenance=provenance(study, arc, left_out, estimate, problem.all_positions_pa_m(x)),
         considered=considered,
-        trajectory=None if arc.trajectory is None else str(arc.trajectory),
+        trajectory=None if arc.trajectory is None or problem.landing is not None else str(arc.trajectory),
         targets=several,
     )
-    if isinstance(arc.trajectory, AdjustableOrbit):
+    if problem.landing is not None and isinstance(study.target, Orbiter):
+        state = state_before(problem, study.target, solution, errant)
+        solution = replace(solution, state=state)
+    elif isinstance(arc.trajectory, AdjustableOrbit):
         mine = slice(0, problem.first)
         orbit = arc.trajectory.corrected(problem.all_positions_pa_m(x))
         by_gravity = () if considered is None else considered.parameters.of_kind("gravity_error")
@@ -447,6 +454,7 @@ def _fit(
     estimate: EstimateChoice | None,
     status: Labels,
     reason: NDArray[np.int8],
+    epoch: Epochs | None,
 ) -> EditedFit:
     if estimate is None:
         return fit_with_editing(problem.linearize, problem.parameters, noise, status=status, threshold=None)
@@ -458,7 +466,11 @@ def _fit(
         )
     observations = problem.predictor.observations
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
-    start = near_orbit(problem, noise.sigma_m, status.are(USED))
+    usable = status.are(USED)
+    if problem.landing is None or epoch is None:
+        start = near_orbit(problem, noise.sigma_m, usable)
+    else:
+        start = near_landing(problem, epoch, noise.sigma_m, usable)
     while True:
         fitted = fit_with_variance_components(
             problem.linearize,

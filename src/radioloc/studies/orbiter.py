@@ -19,6 +19,7 @@ from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.parameters.orbit import RTN
+from radioloc.studies.landing import Landing
 from radioloc.studies.schema import TomlTable, check, entry
 from radioloc.time import Epochs, epochs_from_strings, tt_to_tdb, utc_strings, utc_to_tt
 
@@ -33,6 +34,7 @@ _STATE_FORMS = {"rtn": RTN, **FORMS}
 _MARGIN_S = 60.0
 """Beyond the first and the last tag: half of a count interval and the light time."""
 _HIGHEST_M = 2e6
+MOST_SEGMENTS = 1000
 _LONGEST_ARC_S = 40.0 * 86400.0
 
 
@@ -104,6 +106,8 @@ class Orbiter:
         In place of the state: it is then searched for.
     body : int
         NAIF code of the spacecraft in kernels, negative, such as -181.
+    landing : Landing, optional
+        Where its flight ends on the Moon.
     """
 
     epoch: Epochs
@@ -115,6 +119,7 @@ class Orbiter:
     gravity_error_degree: int = GRAVITY_ERROR_DEGREE
     rough: RoughOrbit | None = None
     body: int = -999
+    landing: Landing | None = None
 
     def __post_init__(self) -> None:
         bare_fields(self)
@@ -131,6 +136,12 @@ class Orbiter:
             raise InputError("give either position_m and velocity_m_s, or a rough orbit, altitude_m")
         if len(self.epoch) != 1:
             raise InputError(f"epoch must be one, not {len(self.epoch)}")
+        if self.landing is not None:
+            if not self.landing.epoch.seconds_since(self.epoch)[0] > 0.0:
+                raise InputError(
+                    f"the {self.landing} is not after the epoch of the state; correct one of them"
+                )
+            object.__setattr__(self, "forces", self.landing.forces(self.forces, self.epoch, self.state))
 
     @classmethod
     def from_elements(
@@ -201,6 +212,7 @@ class Orbiter:
                 if self.rough is None
                 else asdict(self.rough)
             ),
+            **({} if self.landing is None else {"landing_tdb": str(utc_strings(self.landing.epoch, 6)[0])}),
             "forces": {
                 "gravity": {"name": field.name, "degree": field.degree, "axes": field.frame},
                 "bodies": list(forces.bodies),
@@ -214,14 +226,30 @@ class Orbiter:
     def orbit(
         self, model: PhysicalModel, observations: Observations, parameters: tuple[str, ...]
     ) -> AdjustableOrbit:
-        """The a-priori orbit over the observations, with partials by some parameters of the forces."""
-        count_s = float(np.nan_to_num(observations.count_s).max(initial=0.0))
-        return self.orbit_over(model, observations.span() if len(observations) else None, count_s, parameters)
+        """The a-priori orbit over the observations, with partials by some parameters of the forces.
 
-    def orbit_over(
-        self, model: PhysicalModel, utc: Epochs | None, count_s: float, parameters: tuple[str, ...] = ()
+        The epoch of one that lands is the touchdown.
+        """
+        count_s = float(np.nan_to_num(observations.count_s).max(initial=0.0))
+        flight = self._flight(model, observations.span() if len(observations) else None, count_s, parameters)
+        if self.landing is None:
+            return flight
+        if flight.span_s[0] + _MARGIN_S > self.landing.epoch.seconds_since(self.epoch)[0]:
+            raise InputError(
+                f"the {self.landing} is before all observations; with none of the flight, locate the place as a "
+                "[target] with longitude_deg, latitude_deg and height_m"
+            )
+        return self.landing.landed(flight, model)
+
+    def orbit_over(self, model: PhysicalModel, utc: Epochs | None, count_s: float) -> AdjustableOrbit:
+        """The true orbit, over time tags from one epoch to another; one that lands comes to rest at its place."""
+        flight = self._flight(model, utc, count_s, ())
+        return flight if self.landing is None else self.landing.at_rest(flight, model)
+
+    def _flight(
+        self, model: PhysicalModel, utc: Epochs | None, count_s: float, parameters: tuple[str, ...]
     ) -> AdjustableOrbit:
-        """As :meth:`orbit`, over time tags from one epoch to another, or none; of counts of a length."""
+        """From the state at the epoch, over time tags from one epoch to another, or none; of counts of a length."""
         tdb_s = np.zeros(1) if utc is None else tt_to_tdb(utc_to_tt(utc)).seconds_since(self.epoch)
         if abs(tdb_s).max() > _LONGEST_ARC_S:
             raise InputError(
@@ -238,6 +266,7 @@ class Orbiter:
             model.ephemeris,
             model.libration,
             self.name,
+            touchdown=None if self.landing is None else self.landing.epoch,
         )
 
 
@@ -245,7 +274,8 @@ class Orbiter:
 class GivenAcceleration:
     """Keys of ``[[forces.accelerations]]``: an empirical acceleration, or the thrust of a finite manoeuvre.
 
-    Parameters are those of :class:`~radioloc.dynamics.Acceleration`; dates are TDB.
+    Parameters are those of :class:`~radioloc.dynamics.Acceleration`; dates are TDB. With `every_s` it is divided into
+    segments of about this length, NAME.1, NAME.2 and so on, each with its own parameters.
     """
 
     name: str
@@ -255,13 +285,33 @@ class GivenAcceleration:
     sine_m_s2: tuple[float, float, float] = (0.0, 0.0, 0.0)
     start: str | None = None
     stop: str | None = None
+    sigma_m_s2: float | None = entry(None, positive=True)
+    every_s: float | None = entry(None, positive=True)
 
-    def read(self) -> Acceleration:
-        """It, as a force."""
+    def __post_init__(self) -> None:
+        check(self)
+
+    def read(self) -> list[Acceleration]:
+        """It, as a force, or as one for each of its segments."""
         given: dict[str, Any] = asdict(self)
+        every_s = given.pop("every_s")
         for key in ("start", "stop"):
             given[key] = None if given[key] is None else epochs_from_strings(given[key], "TDB")
-        return Acceleration(**given)
+        whole = Acceleration(**given)
+        if every_s is None:
+            return [whole]
+        if whole.start is None or whole.stop is None:
+            raise InputError(f"acceleration {self.name}: every_s divides it from start to stop; give both")
+        length_s = float(whole.stop.seconds_since(whole.start)[0])
+        count = max(1, round(length_s / every_s))
+        if count > MOST_SEGMENTS:
+            raise InputError(
+                f"acceleration {self.name}: every_s makes {count} segments; {MOST_SEGMENTS} are the most"
+            )
+        ends = [whole.start.shifted(length_s * k / count) for k in range(count)] + [whole.stop]
+        return [
+            replace(whole, name=f"{self.name}.{k + 1}", start=ends[k], stop=ends[k + 1]) for k in range(count)
+        ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,7 +385,7 @@ class ForcesChoice:
 
     def forces(self) -> Forces:
         """What acts, with its gravity field read."""
-        accelerations = [one.read() for one in self.accelerations]
+        accelerations = [segment for one in self.accelerations for segment in one.read()]
         if self.empirical != "none":
             accelerations.append(Acceleration(EMPIRICAL_NAME))
         k2 = {} if self.k2 is None and self.tides else {"k2": (self.k2 or 0.0) * self.tides}
@@ -369,6 +419,8 @@ class OrbitChoice:
         In their place sigmas by name, of one of three forms, whose components then are the parameters: radial, along
         and across (``radial_m`` to ``across_m_s``), Keplerian or equinoctial elements to the Moon's equator
         (:data:`~radioloc.dynamics.elements.FORMS`). What is left out is free.
+    touchdown_sigma_m_s : float
+        A-priori sigma of each component of the velocity at a touchdown, relative to the ground and zero a priori.
     forces : tuple of str or None
         Names of parameters of the forces (:meth:`~radioloc.dynamics.Forces.parameters`), or of accelerations and
         impulses, all components of which then are. By default the radiation coefficient and the empirical
@@ -382,6 +434,7 @@ class OrbitChoice:
     state_sigma_m: float | None = entry(None, positive=True)
     state_sigma_m_s: float | None = entry(None, positive=True)
     state_sigma: Mapping[str, float] = entry(factory=dict, positive=True)
+    touchdown_sigma_m_s: float = entry(1.0, positive=True)
     forces: tuple[str, ...] | None = None
     sigma: Mapping[str, float] = entry(factory=dict, positive=True)
 
@@ -413,6 +466,8 @@ class OrbitChoice:
             asked = (*(("radiation",) if forces.radiation_m2_kg else ()), *impulses)
             asked += (EMPIRICAL_NAME,) if EMPIRICAL_NAME in groups else ()
         found: dict[str, None] = {}
+        for one in forces.accelerations:
+            found |= dict.fromkeys(one.names()[0] if one.sigma_m_s2 is not None else ())
         for name in (*asked, *self.sigma):
             mine = [one for one in known if one == name or one.rpartition(".")[0] == name]
             if not mine:
@@ -428,6 +483,8 @@ class OrbitChoice:
         if forces.radiation_m2_kg:
             given.setdefault("radiation", 0.5 * forces.radiation_m2_kg)
         given.setdefault(EMPIRICAL_NAME, EMPIRICAL_SIGMA_M_S2)
+        for one in forces.accelerations:
+            given |= {} if one.sigma_m_s2 is None else dict.fromkeys(one.names()[0], one.sigma_m_s2)
         state = dict.fromkeys(STATE[:3], self.state_sigma_m) | dict.fromkeys(STATE[3:], self.state_sigma_m_s)
         by_name = {one: given.get(one, given.get(one.rpartition(".")[0])) for one in self.parameters(forces)}
         by_name |= self.state_sigma or state

@@ -28,6 +28,7 @@ from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
 from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor, tracking_of
+from radioloc.parameters.landing import Ground, LandingParameters, landing_parameters
 from radioloc.parameters.orbit import orbit_parameters
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
@@ -64,6 +65,9 @@ def observation_model(
         ]
     else:
         place = next(iter(targets_pa.values())) if isinstance(targets_pa, Mapping) else targets_pa
+        if (landing := _landing(predictor, place, choice)) is not None:
+            model = ObservationModel.of(predictor, [(landing.parameters, landing.changes)], kinds)
+            return replace(model, landing=landing)
         positions = [_position(predictor, place, choice)]
     model = ObservationModel.of(predictor, positions, kinds)
     if estimate is not None and all(parameter.fixed for parameter in model.parameters):
@@ -178,14 +182,33 @@ def _position(
         return _orbit(predictor.trajectory, choice.orbit)
     if target_pa is None:
         return cartesian(np.zeros(3), role=Role.FIXED, name="offset")
+    return _place(predictor, target_pa.xyz_m, choice, name)
+
+
+def _place(
+    predictor: Predictor, start_pa_m: NDArray[np.float64], choice: EstimateChoice, name: str = "position"
+) -> PositionParameters:
     if choice.position != "geographic":
         role = Role.FIXED if choice.position == "none" else Role.ESTIMATED
-        return cartesian(target_pa.xyz_m, role=role, name=name)
+        return cartesian(start_pa_m, role=role, name=name)
     prior = choice.height_prior
     if isinstance(prior, TerrainPrior):
         constants = predictor.model.ephemeris.constants
-        return on_terrain(target_pa.xyz_m, prior.terrain, prior.sigma_m, constants, name)
-    return on_sphere(target_pa.xyz_m, None if prior is None else (prior.height_m, prior.sigma_m), name)
+        return on_terrain(start_pa_m, prior.terrain, prior.sigma_m, constants, name)
+    return on_sphere(start_pa_m, None if prior is None else (prior.height_m, prior.sigma_m), name)
+
+
+def _landing(
+    predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice
+) -> LandingParameters | None:
+    """The parameters of an orbit that ends on the ground, where it is estimated."""
+    orbit = predictor.trajectory
+    if not isinstance(orbit, AdjustableOrbit) or orbit.touchdown is None or choice.orbit is None:
+        return None
+    ground = Ground(predictor.model, orbit.touchdown)
+    start_pa_m = ground.place_pa_m(orbit.state) if target_pa is None else target_pa.xyz_m
+    place, sigmas = _place(predictor, start_pa_m, choice), choice.orbit.sigmas(orbit.forces)
+    return landing_parameters(orbit, ground, place, choice.orbit.touchdown_sigma_m_s, sigmas)
 
 
 def _orbit(orbit: AdjustableOrbit, choice: OrbitChoice | None) -> PositionParameters:
@@ -206,6 +229,14 @@ def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, Luna
             for name, position in study.targets.items()
         }
     return {"": position_in_pa("[target]", study.target, constants)}
+
+
+def planned_place(study: Study, constants: EphemerisConstants) -> LunarPosition | None:
+    """The a-priori place in principal axes where the target lands, if it does and there is one."""
+    landing = study.target.landing if isinstance(study.target, Orbiter) else None
+    if landing is None or landing.place is None:
+        return None
+    return position_in_pa("[target.landing]", landing.place, constants)
 
 
 def start_pa_m(targets_pa: Mapping[str, LunarPosition]) -> NDArray[np.float64]:

@@ -505,7 +505,15 @@ class Study:
         if isinstance(self.target, Orbiter):
             chosen = self.estimate.orbit or OrbitChoice()
             chosen.parameters(self.target.forces)
-            object.__setattr__(self, "estimate", replace(self.estimate, position="none", orbit=chosen))
+            lands = self.target.landing is not None
+            of_state = chosen.state_sigma_m, chosen.state_sigma_m_s, chosen.state_sigma or None
+            if lands and not (chosen.state and of_state == (None, None, None)):
+                raise InputError(
+                    "[estimate.orbit] state and its sigmas belong to a target that does not land; what is estimated of "
+                    "one that does is the place; leave them out"
+                )
+            position = self.estimate.position if lands else "none"
+            object.__setattr__(self, "estimate", replace(self.estimate, position=position, orbit=chosen))
         elif self.estimate.orbit is not None:
             raise InputError('[estimate.orbit] belongs to a target with dynamics = "moon"; leave it out')
         if isinstance(self.target, Trajectory | Orbiter):
@@ -591,15 +599,16 @@ class Study:
                 )
 
     def _require_no_position(self, trajectory: Trajectory | Orbiter) -> None:
-        if self.estimate.position != "none":
+        lands = isinstance(trajectory, Orbiter) and trajectory.landing is not None
+        if self.estimate.position != "none" and not lands:
             raise InputError(
                 f"[estimate] position: the target is a trajectory ({trajectory.name}), of which no position is "
                 'estimated; set position = "none"'
             )
         given = {
-            "[estimate] ephemeris_sigma_m": any(self.estimate.ephemeris_sigma_m),
-            "[reference]": self.reference is not None,
-            "[references]": bool(self.references),
+            "[estimate] ephemeris_sigma_m": any(self.estimate.ephemeris_sigma_m) and not lands,
+            "[reference]": self.reference is not None and not lands,
+            "[references]": bool(self.references) and not lands,
             "[simulation]": self.simulation is not None and not isinstance(trajectory, Orbiter),
             "[[observations.map_positions]]": bool(self.observations.map_positions),
         }

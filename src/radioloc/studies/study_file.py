@@ -26,6 +26,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.parameters.choice import ParameterChoice
 from radioloc.parameters.considered import considered_choices
 from radioloc.simulation import Scenario
+from radioloc.studies.landing import Landing
 from radioloc.studies.map_positions import PlaceOnMap
 from radioloc.studies.orbiter import (
     ForcesChoice,
@@ -101,6 +102,13 @@ class Target(Place):
 
 
 @dataclass(frozen=True, slots=True)
+class LandingKeys(Place):
+    """Keys of ``[target.landing]``: when an orbiter comes to rest on the Moon (TDB), and where a priori."""
+
+    epoch: str | None = None
+
+
+@dataclass(frozen=True, slots=True)
 class TrueState:
     """Keys of ``[simulation.state]``: the true state of an orbiter, where it is not the a-priori one."""
 
@@ -150,6 +158,7 @@ class Site:
 
 TABLES: dict[str, type] = {
     "target": Target,
+    "target.landing": LandingKeys,
     "targets.NAME": Place,
     "forces": ForcesChoice,
     "forces.accelerations": GivenAcceleration,
@@ -336,6 +345,7 @@ _ROUGH = ("altitude_m", "inclination_deg", "node_deg")
 
 def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None, model: ModelChoice) -> Orbiter:
     choice, forces = acting or (default := ForcesChoice(), default.forces())
+    ending = table.table("landing")
     given = table.read(Target)
     if given.dynamics != "moon":
         table.fail("dynamics", f'must be "moon", not {given.dynamics!r}')
@@ -371,6 +381,7 @@ def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None, model
         "body": given.body,
         "gravity_errors": choice.gravity_errors,
         "gravity_error_degree": choice.gravity_error_degree,
+        "landing": None if ending is None else _landing(ending),
     }
     values = {key: getattr(given, key) for key in possible}
     if kind in ("ex", "semi_major_axis_m"):
@@ -385,6 +396,15 @@ def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None, model
         rough = table.build(RoughOrbit, **values)
         return table.build(partial(Orbiter, position_m=None, velocity_m_s=None), rough=rough, **fields)
     return table.build(Orbiter, **values, **fields)
+
+
+def _landing(table: TomlTable) -> Landing:
+    given = table.read(LandingKeys)
+    if given.epoch is None:
+        table.fail("epoch", "is missing; it is when the target comes to rest on the Moon, TDB")
+    placed = any(getattr(given, key) is not None for key in ("position_m", "longitude_deg", "latitude_deg"))
+    place = position_of(table, given) if placed else None
+    return table.build(Landing, epoch=epochs_from_strings(str(given.epoch), "TDB"), place=place)
 
 
 def _positions(table: TomlTable) -> dict[str, Reference]:
@@ -436,16 +456,22 @@ def _simulation(
     forces: Mapping[str, Any],
     catalogue: StationCatalogue,
 ) -> Scenario:
-    orbits = isinstance(target, Orbiter)
-    for key in ("position",) if orbits else ("state", "forces"):
+    orbits, lands = isinstance(target, Orbiter), isinstance(target, Orbiter) and target.landing is not None
+    for key in ("state",) if lands else ("position",) if orbits else ("state", "forces"):
         if key in table:
             kind, instead = (
                 ("a place", "state") if orbits else ('a target with dynamics = "moon"', "position")
             )
+            if lands:
+                kind, instead = "a target that does not land", "position"
             table.fail(key, f"belongs to {kind} on the Moon; use [simulation.{instead}]")
     true, state, acting = (table.table(key) for key in ("position", "state", "forces"))
     if isinstance(target, Orbiter):
-        planned = scenario(table, _true_orbiter(target, state, acting, forces), catalogue)
+        truth = _true_orbiter(target, state, acting, forces)
+        if true is not None and truth.landing is not None:
+            place = position_of(true, true.read(Place))
+            truth = replace(truth, landing=replace(truth.landing, place=place))
+        planned = scenario(table, truth, catalogue)
         if any(planned.truth_sigma.position_enu_m):
             raise InputError(
                 f"{table.path}: [simulation.truth_sigma] position_enu_m belongs to a place on the Moon, but the target "

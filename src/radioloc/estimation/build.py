@@ -155,7 +155,7 @@ def build_solution(
             shared_noise_m=dict(edited.shared_sigma_m),
         ),
         residuals=residuals,
-        observability=assess_observability(fit),
+        observability=assess_observability(fit, None if count_s is None else ~np.isnan(count_s)),
         prior_effects=prior_effects(fit),
         iterations=fit.iterations,
         passes=edited.passes,

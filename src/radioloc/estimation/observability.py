@@ -121,7 +121,7 @@ class Observability:
     correlations : tuple of Correlation
         Pairs above :data:`STRONG_CORRELATION`, the strongest first.
     observation_sigma_m : float
-        Median stated sigma of the used observations, m; 0 if there are none.
+        Median stated sigma of the used observations, m, but for counts; 0 if there are none.
     common : tuple of CommonPart
         Kinds of parameters of which the data hardly tell more than differences.
     """
@@ -161,14 +161,13 @@ class Observability:
         lines += [str(part) for part in self.common]
         for direction in self.weak:
             if len(direction.names) == 1:
-                text = f"{direction.names[0]}, sigma"
+                text = f"{direction.names[0]}, sigma {direction.changes[0].removeprefix('+')}"
             else:
                 moved = map(" ".join, zip(direction.names, direction.changes, strict=True))
-                text = f"{', '.join(moved)}, for one sigma of"
-            text += f" {direction.sigma:.3g} {direction.unit}"
+                text = f"{', '.join(moved)} together (1 sigma)"
             if direction.unit == "m":
                 ratio = direction.sigma / self.observation_sigma_m
-                text += f", {ratio:.0f} times that of one observation ({self.observation_sigma_m:.3g} m)"
+                text += f", {ratio:.0f} times the sigma of one observation ({self.observation_sigma_m:.3g} m)"
             lines.append(f"poorly determined: {text}")
         if advice := self.advice():
             lines.append(advice)
@@ -189,8 +188,11 @@ class Observability:
         return "would help: " + ", or ".join(remedies) if remedies else ""
 
 
-def assess_observability(fit: FitResult) -> Observability:
+def assess_observability(fit: FitResult, counted: NDArray[np.bool_] | None = None) -> Observability:
     """Name what a fit determines poorly or not at all.
+
+    `counted` are the observations, shape (n,), whose metres are those of a count interval, as of Doppler: they are no
+    measure of a position's.
 
     Notes
     -----
@@ -214,7 +216,8 @@ def assess_observability(fit: FitResult) -> Observability:
     parameters = fit.parameters
     scales = parameters.scales[parameters.free]
     lost = _simple_basis(fit.factor.undetermined_directions() / scales)
-    sigma_m = float(np.median(fit.sigma_m[fit.used])) if fit.used.any() else 0.0
+    lengths = fit.used if counted is None else fit.used & ~counted
+    sigma_m = float(np.median(fit.sigma_m[lengths])) if lengths.any() else 0.0
     vectors, sigmas, _ = np.linalg.svd(fit.factor.root_covariance() / scales[:, None], full_matrices=False)
     covariance = fit.covariance if fit.independent_weights else covariance_of(fit.factor, parameters)
     return Observability(
@@ -293,8 +296,14 @@ def _direction(vector: NDArray[np.float64], sigma: float, parameters: ParameterS
         {item.name: float(vector[k]) for k, item in items.items()},
         sigma,
         "m" if all(item.unit == "m" for item in items.values()) else "scales",
-        tuple(f"{float(vector[k]) * item.scale * sigma:+.3g} {item.unit}" for k, item in items.items()),
+        tuple(_change(float(vector[k]) * item.scale * sigma, item.unit) for k, item in items.items()),
     )
+
+
+def _change(value: float, unit: str) -> str:
+    """Text with its sign; "1" is no unit to be read."""
+    text = f"{value:+.0f}" if 1e3 <= abs(value) < 1e15 else f"{value:+.3g}"
+    return text if unit == "1" else f"{text} {unit}"
 
 
 def _simple_basis(rows: NDArray[np.float64]) -> NDArray[np.float64]:

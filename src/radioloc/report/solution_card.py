@@ -36,6 +36,7 @@ from radioloc.time import utc_strings
 
 # A card is to fit a screen; to_dict() has all rows.
 _MAX_ROWS = 6
+_MAX_CANDIDATES = 3
 _MAX_LINKS = 12  # six baselines of four stations, and some that range
 MAX_PARAMETERS = 12
 _MAX_OUTLIERS = 3
@@ -62,6 +63,7 @@ _COARSE_M = 10.0
 """Coordinates worse than that are not surveyed."""
 _SPLIT_SIGMAS = 3.3
 """Means of two links that differ by more do so by chance in 1 of 1000 cases."""
+_ENLARGED = 1.05
 _MUCH_LARGER = 3.0
 """A sigma that grows by more belongs to an estimate that other weights make much better."""
 
@@ -150,7 +152,10 @@ def _towards(east_north_up: NDArray[np.float64]) -> str:
     """A direction, or its opposite, whichever does not point down."""
     east, north, up = east_north_up * (1.0 if east_north_up[2] >= 0.0 else -1.0)
     azimuth_deg = math.degrees(math.atan2(east, north)) % 360.0
-    return f"towards azimuth {azimuth_deg:.0f} deg, {math.degrees(math.asin(min(up, 1.0))):.0f} deg up"
+    up_deg = math.degrees(math.asin(min(up, 1.0)))
+    if up_deg > 80.0:
+        return "in height"
+    return f"towards azimuth {azimuth_deg:.0f} deg" + (f", {up_deg:.0f} deg up" if up_deg >= 0.5 else "")
 
 
 def which_sigmas(solutions: Iterable[Solution]) -> Iterable[str]:
@@ -390,21 +395,20 @@ def _data(solution: Solution) -> Iterator[str]:
 
 
 def _transmitters(solution: Solution) -> Field:
-    """Candidates for the transmitter of each pass, with the rms that each leaves."""
+    """Candidates for the transmitter of each pass, with the rms that each leaves; of many, the next best alone."""
     passes = solution.transmitters
     names = list(dict.fromkeys(name for one in passes for name in one.rms_m_s))
-    rows = [
-        (
-            f"{one.receiver} {one.first_utc[5:16]}",
-            *map(one.size, names),
-            one.taken if one.decided else f"{one.taken}?",
-        )
-        for one in passes[:_MAX_LINKS]
-    ]
+    few = len(names) <= _MAX_CANDIDATES
+    rows: list[tuple[str, ...]] = []
+    for one in passes[:_MAX_LINKS]:
+        taken = one.taken if one.decided else f"{one.taken}?"
+        next_best = [(name, one.size(name)) for name in one.ranking if name != one.taken][:1] or [("-", "-")]
+        sizes = (*map(one.size, names), taken) if few else (taken, one.size(one.taken), *next_best[0])
+        rows.append((f"{one.receiver} {one.first_utc[5:16]}", *sizes))
+    heading = ("rms of pass", *names, "taken") if few else ("pass", "taken", "rms", "next best", "rms")
     cells = [cell for row in rows for cell in row]
     below = ["- does not see the target"] * ("-" in cells)
     below += ["? undecided: another fits about as well"] * any(cell.endswith("?") for cell in cells)
-    heading = ("rms of pass", *names, "taken")
     return Field("transmitter", (), heading, rows, (*below, *more(len(passes), _MAX_LINKS)))
 
 
@@ -470,7 +474,7 @@ def _time_correlation(solution: Solution) -> Iterator[str]:
         least, most = (max(end(w.weighed_as for w in weights[_MAX_SERIES:]), 1.0) for end in (min, max))
         lines[-1] += f"; of {len(weights) - _MAX_SERIES} more series that of {least:.0f} to {most:.0f}"
     yield from lines
-    if solution.correlation_factor == 1.0:  # no position, or none that is determined
+    if solution.correlation_factor < _ENLARGED:  # also where there is no position, or none that is determined
         return
     enlarged = (
         f"the time correlation enlarges the position sigma by a factor of {solution.correlation_factor:.2g}"
@@ -494,7 +498,8 @@ def _links(rows: Residuals) -> Labels:
     # Of several types a station has no one rms: metres of range and of range difference are not alike.
     several = len(rows.types.present()) > 1
     names = [
-        f"{place} {kind}" if several else place
+        # "one-way" is said by the place already.
+        f"{place} {kind.removeprefix('one_way_') if 'one-way' in place else kind}" if several else place
         for place in short_names([Link.from_path(path) for path in rows.paths.texts])
         for kind in rows.types.texts
     ]

@@ -142,8 +142,8 @@ def nowhere(solution: Solution) -> Solution:
         "observations do not tell where on the Moon; add ranges, VLBI delays, an a-priori height, more stations or a "
         "longer arc"
     )
+    # A height that says nothing needs no word of its own.
+    also = "" if solution.status is FitStatus.OFF_THE_MOON else solution.message
     return replace(
-        solution,
-        status=FitStatus.UNOBSERVABLE,
-        message="; ".join(text for text in (reason, solution.message) if text),
+        solution, status=FitStatus.UNOBSERVABLE, message="; ".join(text for text in (reason, also) if text)
     )

@@ -73,9 +73,11 @@ def test_three_free_biases_over_half_a_day_are_weak():
         assert f"{name} {change}" in text
     sigma_m = found.weak[0].sigma
     assert 300.0 < sigma_m < 600.0
-    assert (
-        f"for one sigma of {sigma_m:.3g} m, {sigma_m / 0.3:.0f} times that of one observation (0.3 m)" in text
+    assert text.endswith(
+        f" together (1 sigma), {sigma_m / 0.3:.0f} times the sigma of one observation (0.3 m)"
     )
+    # Counts are no measure of it.
+    assert assess_observability(fit, np.ones(len(observed_m), dtype=bool)).weak == ()
     assert found.advice().startswith("would help: an a-priori sigma for range_bias.A, range_bias.B")
     assert any(" correlations beyond 0.95, the largest: " in line for line in found.describe())
 
@@ -193,7 +195,8 @@ def test_one_weak_parameter_is_named_with_its_sigma():
     design = np.random.default_rng(1).normal(size=(50, 2)) * [1.0, 1e-3]
     (line, advice) = assess(design).describe()
     assert re.fullmatch(
-        r"poorly determined: range_bias.B, sigma 1\d\d m, 1\d\d times that of one observation \(1 m\)", line
+        r"poorly determined: range_bias.B, sigma 1\d\d m, 1\d\d times the sigma of one observation \(1 m\)",
+        line,
     )
     assert advice == "would help: an a-priori sigma for range_bias.B"
 

@@ -96,6 +96,15 @@ def test_the_card_and_the_file_have_all_candidates(received):
     card = str(solution)
     assert "transmitter rms of pass" in " ".join(card.split())
     assert "undecided" not in card
+    rms_m_s = {
+        f"{name} {ratio}": 0.01 * k
+        for k, name in enumerate(CANDIDATES, 1)
+        for ratio in ("240/221", "880/749")
+    }
+    one = replace(solution.transmitters[0], rms_m_s=rms_m_s, taken=f"{CANDIDATES[0]} 240/221")
+    lines = str(replace(solution, transmitters=(one,))).splitlines()
+    assert "transmitter pass taken rms next best rms" in [" ".join(line.split()) for line in lines]
+    assert max(map(len, lines)) <= 80
     [first, *_] = solution.to_dict()["transmitters"]
     assert set(first["rms_m_s"]) == set(CANDIDATES)
     assert first["decided"] is True

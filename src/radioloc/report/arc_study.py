@@ -14,7 +14,7 @@ from radioloc.estimation.combination import Agreement, PositionEstimate, agreeme
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.lunar.position import LunarPosition
-from radioloc.report.cards import Card, Field, Shown, metres, more, sigma_text, to_sigma
+from radioloc.report.cards import Card, Field, Shown, metres, sigma_text, to_sigma
 from radioloc.report.position_table import (
     HEADING,
     PositionRow,
@@ -256,17 +256,20 @@ def _data_cells(arc: Arc, row: PositionRow) -> tuple[str, ...]:
 def _parameter_fields(study: ArcStudy) -> Iterator[Field]:
     """The other parameters and their sigmas, some arcs side by side."""
     units = study.other_parameters
-    shown = list(units.items())[:_MAX_PARAMETERS]
-    widths = [len(_with_sigma(arc.parameter(name))) for arc in study.arcs for name, _ in shown]
+    widths = [
+        len(_with_sigma(arc.parameter(name))) for arc in study.arcs for name in [*units][:_MAX_PARAMETERS]
+    ]
     in_row = _ARCS_IN_ROW if max(widths, default=0) < _WIDE else _ARCS_IN_ROW - 1
-    for start in range(0, len(study.arcs) if shown else 0, in_row):
+    for start in range(0, len(study.arcs), in_row):
         arcs = study.arcs[start : start + in_row]
-        rows = (
-            (f"{name}, {unit}", *(_with_sigma(arc.parameter(name)) for arc in arcs)) for name, unit in shown
-        )
+        rows = [
+            (f"{name}, {unit}", *(_with_sigma(arc.parameter(name)) for arc in arcs))
+            for name, unit in units.items()
+        ]
         heading = ("value +- 1 sigma", *(arc.name for arc in arcs))
-        yield Field("" if start else "estimated", (), heading, rows)
-    yield Field("", more(len(units), len(shown), "arcs.json"))
+        where = "arcs.json" if start + in_row >= len(study.arcs) else ""
+        rest = rows[_MAX_PARAMETERS:]
+        yield Field("" if start else "estimated", (), heading, rows[:_MAX_PARAMETERS], (), rest, where)
 
 
 def _with_sigma(found: tuple[float, float] | None) -> str:

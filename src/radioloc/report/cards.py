@@ -17,17 +17,32 @@ _FINE = 1e-3  # sigmas below, such as those of clocks, are written with a power 
 
 @dataclass(frozen=True, slots=True)
 class Field:
-    """A label and what it says: lines of text, rows of a table under a heading, lines below it."""
+    """A label and what it says: lines of text, rows of a table under a heading, lines below it.
+
+    The `rest` are rows that a page unfolds; a card says how many names they have, and `where` they are.
+    """
 
     label: str
     lines: Iterable[str] = ()
     heading: Sequence[str] = ()
     rows: Iterable[Sequence[str]] = ()
     below: Iterable[str] = ()
+    rest: Iterable[Sequence[str]] = ()
+    where: str = ""
 
     def __post_init__(self) -> None:
-        for name in ("lines", "rows", "below"):
+        for name in ("lines", "rows", "below", "rest"):
             object.__setattr__(self, name, tuple(getattr(self, name)))
+
+    @property
+    def left_out(self) -> int:
+        """How many names the rest have."""
+        return len({row[0] for row in self.rest})
+
+    @property
+    def after(self) -> tuple[str, ...]:
+        """Lines below the table of a card, which does not have the rest."""
+        return (*(more(self.left_out, 0, self.where) if self.where else ()), *self.below)
 
 
 @dataclass(frozen=True, slots=True)
@@ -37,14 +52,14 @@ class Card:
     fields: Iterable[Field]
 
     def __post_init__(self) -> None:
-        kept = (field for field in self.fields if field.lines or field.rows or field.below)
+        kept = (field for field in self.fields if field.lines or field.rows or field.below or field.rest)
         object.__setattr__(self, "fields", tuple(kept))
 
     def __str__(self) -> str:
         out = []
         for field in self.fields:
             table = text_table(field.heading, field.rows, WIDTH - _LABEL_WIDTH) if field.rows else []
-            for k, line in enumerate([*_wrapped(field.lines), *table, *_wrapped(field.below)]):
+            for k, line in enumerate([*_wrapped(field.lines), *table, *_wrapped(field.after)]):
                 out.append(f"{'' if k else field.label:<{_LABEL_WIDTH}}{line}".rstrip())
         return "\n".join(out)
 
@@ -59,7 +74,7 @@ class Card:
                 cells = ["".join(f"<td>{html.escape(cell)}</td>" for cell in row) for row in field.rows]
                 body = "".join(f"<tr>{row}</tr>" for row in cells)
                 content += f"<table><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
-            content += "<br>".join(html.escape(line) for line in field.below)
+            content += "<br>".join(html.escape(line) for line in field.after)
             rows.append(f"<tr><th {left}>{html.escape(field.label)}</th><td {left}>{content}</td></tr>")
         return f"<table>{''.join(rows)}</table>"
 

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.estimation.budget import NOISE
 from radioloc.estimation.statistics import finite_or_none
-from radioloc.report.cards import Card, Field, Shown, metres, more
+from radioloc.report.cards import Card, Field, Shown, metres
 from radioloc.report.figures import COLORS, log_scale, several_panels, style_axes
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ _Floats = NDArray[np.float64]
 _AXES = ("east", "north", "up")
 _DIRECTIONS = np.linspace(0.0, np.pi, 721)[:-1]
 _MOST_SOURCES, _MOST_GAINS = 8, 12
+_FILE = "covariance.json"
 _WORTH = 0.005
 """Part of the 95 % radius below which a gain is not shown on the card."""
 
@@ -345,19 +346,20 @@ def _length_cells(arc: PlannedArc) -> tuple[str, ...]:
 
 def _budget(arc: PlannedArc) -> Iterator[Field]:
     records = sorted((s.to_dict() for s in arc.sources), key=lambda record: -record["total_m"])
-    rows = (
+    rows = [
         (
             f"{r['source']} {r['name']}".strip(),
             *(metres(r[key]) for key in ("east_m", "north_m", "up_m", "total_m")),
         )
-        for r in records[:_MOST_SOURCES]
-    )
+        for r in records
+    ]
     yield Field(
         "budget",
         (),
         (f"of {arc.hours:g} h, m", "east", "north", "up", "3D"),
-        rows,
-        more(len(records), _MOST_SOURCES, "covariance.json"),
+        rows[:_MOST_SOURCES],
+        rest=rows[_MOST_SOURCES:],
+        where=_FILE,
     )
 
 
@@ -376,11 +378,12 @@ def _radius(radius_m: float) -> str:
 def _gains(study: CovarianceStudy) -> Iterator[Field]:
     now_m = study.longest.radius_95_m
     better = [gain for gain in study.gains if gain.radius_95_m < (1.0 - _WORTH) * now_m]
-    rows = (
+    rows = [
         (gain.what, metres(gain.radius_95_m), f"-{100.0 * (1.0 - gain.radius_95_m / now_m):.0f} %")
-        for gain in better[:_MOST_GAINS]
-    )
-    below = list(more(len(better), _MOST_GAINS, "covariance.json"))
+        for gain in better
+    ]
+    below = []
     if little := len(study.gains) - len(better):
         below.append(f"{little} others would buy less than {100.0 * _WORTH:g} %")
-    yield Field("would buy", (), ("95 % radius, m, with", "", ""), rows, below)
+    heading = ("95 % radius, m, with", "", "")
+    yield Field("would buy", (), heading, rows[:_MOST_GAINS], below, rows[_MOST_GAINS:], _FILE)

@@ -187,7 +187,9 @@ class ImageSolution(Shown):
         sigmas = self.sigma_enu_m
         up = metres(sigmas[2]) if math.isfinite(sigmas[2]) else "not determined"
         tie = " and ".join(metres(value) for value in self.map_sigma_m)
-        frames = self.registration.frames
+        # The first and the last images tell most.
+        frames, half = list(self.registration.frames), _MOST_ROWS // 2
+        shown = frames if len(frames) <= _MOST_ROWS else frames[:half] + frames[-half:]
         return Card(
             (
                 Field("solution", (self.name,)),
@@ -205,10 +207,9 @@ class ImageSolution(Shown):
                     "images",
                     (f"{len(self.registered)} of {len(frames)} registered",),
                     ("image", "status", "matched to", "inliers", "rms, px", "pixel, m", "altitude, m"),
-                    [self._row(frame) for frame in self._shown()],
-                    (f"{len(frames) - _MOST_ROWS} more in solution.json",)
-                    if len(frames) > _MOST_ROWS
-                    else (),
+                    map(self._row, shown),
+                    rest=map(self._row, frames[half : len(frames) - len(shown) + half]),
+                    where="solution.json",
                 ),
                 Field("left out", tuple(self._left_out())),
                 Field("notes", self.notes),
@@ -219,12 +220,6 @@ class ImageSolution(Shown):
         longitude, latitude, _ = self.position.selenographic
         state = "converged" if self.converged else "NOT CONVERGED"
         return f"<ImageSolution {self.name}: {longitude:.6f} deg E, {latitude:.6f} deg N, {state}>"
-
-    def _shown(self) -> list[RegisteredFrame]:
-        """The first and the last images."""
-        frames = list(self.registration.frames)
-        half = _MOST_ROWS // 2
-        return frames if len(frames) <= _MOST_ROWS else frames[:half] + frames[-half:]
 
     def _row(self, frame: RegisteredFrame) -> tuple[str, ...]:
         numbers = ("-", "-", "-", "-")

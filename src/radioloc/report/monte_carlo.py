@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.report.cards import Card, Field, Shown, metres, more, plural
+from radioloc.report.cards import Card, Field, Shown, metres, plural
 from radioloc.report.trial_statistics import SIDES, ArcSummary, Nees, summarize
 from radioloc.tables import TableForm, as_table
 from radioloc.units import ASTROPY_UNITS, unit_of
@@ -207,9 +207,11 @@ def _tables(arcs: list[ArcSummary]) -> Iterator[Field]:
             error = "-" if item.rms_error is None else f"{item.rms_error:.3g}"
             row = (arc.name, f"{item.mean:.4g}", f"{item.std:.3g}", error, f"{item.sigma:.3g}")
             found.setdefault(item.name, []).append(row)
+    heading = ("mean", "std", "rms error", "sigma claimed")
     for k, (name, rows) in enumerate(list(found.items())[:_MAX_PARAMETERS]):
-        yield Field("" if k else "estimated", (), (name, "mean", "std", "rms error", "sigma claimed"), rows)
-    yield Field("", more(len(found), _MAX_PARAMETERS, "montecarlo.json"))
+        yield Field("" if k else "estimated", (), (name, *heading), rows)
+    rest = [(name, *row) for name, rows in list(found.items())[_MAX_PARAMETERS:] for row in rows]
+    yield Field("", (), ("parameter", "arc", *heading), rest=rest, where="montecarlo.json")
 
 
 def _status(study: MonteCarlo) -> Iterator[str]:

@@ -400,16 +400,17 @@ def _transmitters(solution: Solution) -> Field:
     names = list(dict.fromkeys(name for one in passes for name in one.rms_m_s))
     few = len(names) <= _MAX_CANDIDATES
     rows: list[tuple[str, ...]] = []
-    for one in passes[:_MAX_LINKS]:
+    for one in passes:
         taken = one.taken if one.decided else f"{one.taken}?"
         next_best = [(name, one.size(name)) for name in one.ranking if name != one.taken][:1] or [("-", "-")]
         sizes = (*map(one.size, names), taken) if few else (taken, one.size(one.taken), *next_best[0])
         rows.append((f"{one.receiver} {one.first_utc[5:16]}", *sizes))
     heading = ("rms of pass", *names, "taken") if few else ("pass", "taken", "rms", "next best", "rms")
-    cells = [cell for row in rows for cell in row]
+    cells = [cell for row in rows[:_MAX_LINKS] for cell in row]
     below = ["- does not see the target"] * ("-" in cells)
     below += ["? undecided: another fits about as well"] * any(cell.endswith("?") for cell in cells)
-    return Field("transmitter", (), heading, rows, (*below, *more(len(passes), _MAX_LINKS)))
+    shown, rest = rows[:_MAX_LINKS], rows[_MAX_LINKS:]
+    return Field("transmitter", (), heading, shown, below, rest, "solution.json")
 
 
 def _fit(solution: Solution) -> Iterator[str]:

@@ -23,7 +23,7 @@ from radioloc.errors import InputError
 from radioloc.estimation import FitStatus, Labels
 from radioloc.report import plot_correlations
 from radioloc.report.arc_study import Arc, ArcStudy
-from radioloc.report.cards import metres
+from radioloc.report.cards import Card, Field, Shown, metres
 from radioloc.report.envelope import BINS, MOST_POINTS
 from radioloc.report.files import write_report
 from radioloc.report.page import write_html, write_page
@@ -276,6 +276,18 @@ def test_many_that_were_left_out_are_folded(solution, tmp_path):
     assert "More of them, the largest residuals first" in page.words
     left_out = page.table("UTC", "link", "residual, m", "reason")
     assert [row[3] for row in left_out] == ["behind the Moon"] * 30
+
+
+def test_what_a_card_leaves_out_is_unfolded(tmp_path):
+    class Planned(Shown):
+        def card(self):
+            rest = [("clock", "0.2"), ("pole", "0.1")]
+            return Card([Field("budget", (), ("of", "m"), [("ut1", "0.4")], (), rest, "covariance.json")])
+
+    page = page_of(Planned(), tmp_path)
+    assert page.table("of", "m") == [["ut1", "0.4"], ["clock", "0.2"], ["pole", "0.1"]]
+    assert "2 more" in page.words
+    assert "covariance.json" not in (tmp_path / "page.html").read_text(encoding="utf-8")
 
 
 def test_the_same_result_makes_the_same_page(solution, tmp_path):

@@ -62,7 +62,7 @@ from radioloc.studies.problem import (
     status_of,
     targets_in_pa,
 )
-from radioloc.studies.selection import select_observations
+from radioloc.studies.selection import select_observations, with_target_names
 from radioloc.studies.station_noise import considered_ties_m, stated_noise
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
 from radioloc.studies.study_file import as_study
@@ -377,13 +377,14 @@ def _read(study: Study, files: Sequence[str | Path], model: PhysicalModel) -> Ob
     # What the model has of delays, a file's are not to be taken off as well.
     tdm = replace(study.observations.tdm, modelled=model.delays)
     lunar = not isinstance(study.target, Trajectory | Orbiter)
-    return read_observations(
+    observations = read_observations(
         files,
         catalogue=study.catalogue,
         tdm=tdm,
         lunar=lunar,
         frequencies=study.observations.frequencies,
     )
+    return with_target_names(observations, study.observations.target_names)
 
 
 def _arc(

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -56,6 +56,30 @@ def select_observations(
                 "without gaps last so long; give a shorter one"
             )
     return chosen, left_out
+
+
+def with_target_names(observations: Observations, names: Mapping[str, str]) -> Observations:
+    """Observations with targets under other names than files have; :class:`InputError` for a name of none."""
+    if not names:
+        return observations
+    called = {canonical_target(given): canonical_target(wanted) for given, wanted in names.items()}
+    held = {canonical_target(name) for link in observations.links for name in link.targets}
+    if unknown := [name for name in called if name not in held]:
+        problem = f"the files have no target {unknown[0]}, but {', '.join(sorted(held))}"
+        raise InputError(f"[observations] target_names: {problem}")
+
+    def of(name: str) -> str:
+        return called.get(canonical_target(name), name)
+
+    links = (
+        replace(
+            link, target=of(link.target), second_target=of(link.second_target) if link.second_target else ""
+        )
+        for link in observations.links
+    )
+    ramps = replace(observations.ramps, stations=tuple(map(of, observations.ramps.stations)))
+    # Links that are now the same become one.
+    return Observations.concatenate([replace(observations, links=tuple(links), ramps=ramps)])
 
 
 def require_planned_counts(choice: ObservationChoice) -> None:

@@ -121,6 +121,8 @@ class ObservationChoice:
         Files to read, globs already resolved.
     targets, stations : str or iterable of str, or None
         Targets and stations to keep; all where ``None``.
+    target_names : mapping of str to str
+        Names that targets have in the study, by those in the files.
     types : str or iterable of str, or None
         Types of measurement to keep, such as ``"doppler"``; all where ``None``.
     start, stop : Epochs or None
@@ -163,6 +165,7 @@ class ObservationChoice:
     files: tuple[Path, ...] = ()
     targets: tuple[str, ...] | None = entry(None, names=True)
     stations: tuple[str, ...] | None = entry(None, names=True)
+    target_names: Mapping[str, str] = entry(factory=dict)
     types: tuple[str, ...] | None = entry(None, names=True)
     start: Epochs | None = entry(None, moment=True)
     stop: Epochs | None = entry(None, moment=True)

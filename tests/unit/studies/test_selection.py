@@ -5,11 +5,11 @@ import pytest
 
 import radioloc
 from radioloc import Observations, StationCatalogue
-from radioloc.measurements import Link
+from radioloc.measurements import Link, Ramps
 from radioloc.measurements.measurement_type import TIME_TAGS
 from radioloc.measurements.registry import KINDS
 from radioloc.studies import ObservationChoice
-from radioloc.studies.selection import select_observations
+from radioloc.studies.selection import select_observations, with_target_names
 from radioloc.time import epochs_from_strings
 
 CATALOGUE = StationCatalogue.default()
@@ -44,6 +44,37 @@ def kept(choice, given=None, positions=()):
 def test_target_by_any_of_its_names():
     assert kept(ObservationChoice(targets="AP15")) == ([0, 1, 2, 4, 5], {"other target": 1})
     assert kept(ObservationChoice(targets=["apollo-11", "Apollo 11"])) == ([3], {"other target": 5})
+
+
+def test_targets_under_the_names_of_the_study():
+    """A file calls it by a number, another one by a name; ramps are of stations and of targets."""
+    links = (Link("DSS-24", "sc181", "DSS-24"), Link("", "sc181", "DSS-24"), Link("", "grail-b", "DSS-24"))
+    of_beacon = Ramps.of(
+        ["DSS-24", "SC181"],
+        *(epochs_from_strings([f"2012-04-0{day}"] * 2) for day in (1, 2)),
+        [2e9, 8e9],
+        [0, 0],
+    )
+    given = Observations.from_columns(
+        epoch=epochs_from_strings(["2012-04-01"] * 3),
+        links=links,
+        link=[0, 1, 2],
+        kind=[KINDS.index("range"), *[KINDS.index("one_way_doppler")] * 2],
+        tag=1,
+        value_m=[7.7e8, 1.0, 2.0],
+        sigma_m=1.0,
+        count_s=1.0,
+        ramps=of_beacon,
+    )
+    assert with_target_names(given, {}) is given
+    named = with_target_names(given, {"SC181": "grail-b"})
+    assert named.paths().tolist() == ["DSS-24>grail-b>DSS-24", *["grail-b>DSS-24"] * 2]
+    assert len(named.links) == 2
+    assert named.ramps.stations == ("DSS-24", "grail-b")
+    with pytest.raises(
+        radioloc.errors.InputError, match=r"target_names: .* no target sc999, but grail-b, sc181"
+    ):
+        with_target_names(given, {"sc999": "x"})
 
 
 def test_a_table_of_which_all_is_kept_is_not_copied():

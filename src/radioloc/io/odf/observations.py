@@ -266,24 +266,26 @@ def _links(
 def _ramps(odf: OdfFile, catalogue: Catalogue | None) -> Ramps:
     """The transmitted frequencies at the antennas."""
     ramps = odf.ramps
-    stations, of_ramp = np.unique(ramps["station"], return_inverse=True)
     sent = odf.orbit[np.isin(odf.orbit["type"], (_TWO_WAY, _THREE_WAY, _RANGE)) & (odf.orbit["invalid"] == 0)]
-    later_ns = np.zeros(len(ramps), dtype=np.int64)
-    for k, station in enumerate(stations):
-        delays_ns = np.unique(sent["transmitter_delay_ns"][sent["transmitter"] == station])
-        if len(delays_ns) > 1:
-            name, given = _station(station, None), ", ".join(map(str, delays_ns))
-            problem = (
-                f"gives {name} several transmitting delays ({given} ns), of which its ramps can have one"
-            )
-            raise FileFormatError(odf.path, f"{problem}; use files of single passes")
-        later_ns[of_ramp == k] = delays_ns.sum()
-    names = [_station(station, catalogue) for station in stations.tolist()]
+    names = {number: _station(number, catalogue) for number in np.unique(ramps["station"]).tolist()}
+
+    def at_antenna(which: str) -> Epochs:
+        at_ns = _NS * ramps[f"{which}_s"] + ramps[f"{which}_ns"]
+        for number in names:
+            mine, records = ramps["station"] == number, sent[sent["transmitter"] == number]
+            if len(records):
+                # Of several delays that of the record next in time: where a ramp ends the next one has the same.
+                records = np.sort(records, order=["time_s", "time_ms"])
+                middles_s = 0.5 * (records["time_s"][1:] + records["time_s"][:-1])
+                nearest = np.searchsorted(middles_s, 1e-9 * at_ns[mine])
+                at_ns[mine] += records["transmitter_delay_ns"][nearest]
+        return _utc(odf, at_ns)
+
     try:
         return Ramps.of(
-            [names[k] for k in of_ramp],
-            _utc(odf, _NS * ramps["start_s"] + ramps["start_ns"] + later_ns),
-            _utc(odf, _NS * ramps["stop_s"] + ramps["stop_ns"] + later_ns),
+            [names[number] for number in ramps["station"].tolist()],
+            at_antenna("start"),
+            at_antenna("stop"),
             1e9 * ramps["frequency_ghz"] + ramps["frequency_hz"] + 1e-9 * ramps["frequency_nhz"],
             ramps["rate_hz_s"] + 1e-9 * ramps["rate_nhz_s"],
         )

@@ -27,7 +27,7 @@ from radioloc.boundary import bare_arguments
 from radioloc.constants import C_M_S, SECONDS_PER_DAY
 from radioloc.earth.stations import Station
 from radioloc.ephemeris.trajectory import AdjustableTrajectory, AnyTrajectory
-from radioloc.errors import InputError, StationError
+from radioloc.errors import InputError
 from radioloc.measurements.light_path import (
     BOUNCE,
     TRANSMIT,
@@ -46,7 +46,7 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Computed, Predictor
 from radioloc.measurements.proper_time import SHORTEST_GAP_S, StationClocks, station_rate, target_clock
 from radioloc.measurements.proper_time import clock_epoch as clock_epoch_of
-from radioloc.measurements.ramps import RampTerm, TransmittedFrequency
+from radioloc.measurements.ramps import RampTerm
 from radioloc.measurements.records import joined, rows_of
 from radioloc.measurements.registry import is_combined, is_differenced, is_integrated, is_one_way
 from radioloc.measurements.sources import with_galactic_aberration
@@ -237,16 +237,21 @@ class ExactPredictor(Predictor):
         if not paths.ramped.any():
             return term
         # The transmitter's clock reads TT, from the epoch that the tag says, or the end of the count.
-        sent_s = path.transmit_s - self._equipment.transmit_s
-        sent_s = sent_s + self._up.geocentric_tdb_minus_tt_at(np.zeros(n)) - self._up.tdb_minus_tt_at(sent_s)
+        one_way = self._sign == 0.0
+        sent_s = np.where(one_way, path.bounce_s, path.transmit_s - self._equipment.transmit_s)
+        geocentric_s = self._up.geocentric_tdb_minus_tt_at
+        ahead_s = np.where(one_way, geocentric_s(sent_s), self._up.tdb_minus_tt_at(sent_s))
+        sent_s = sent_s + geocentric_s(np.zeros(n)) - ahead_s
         counted = is_integrated(paths.kind)
         other = np.arange(n)
         other[self._integrated] = np.arange(len(self.observations), n)
         other[len(self.observations) :] = self._integrated
-        frequencies = self._transmitted()
+        reference_hz = np.where(one_way, 1e6 * C_M_S / paths.wavelength_um, paths.uplink_hz)
+        sender = np.array([self._name(link.transmitter or link.target) for link in paths.links])[paths.link]
         term.status[paths.ramped] = Status.NO_RAMP
-        for k, frequency in frequencies.items():
-            rows = np.flatnonzero(paths.ramped & (self._transmitter == k))
+        for name in paths.ramps.stations:
+            frequency = paths.ramps.of_station(name)
+            rows = np.flatnonzero(paths.ramped & (sender == self._name(name)))
             origin = tai_to_tt(frequency.origin)
             tag_s = np.full(n, np.nan)
             tag_s[rows] = self._tt[rows].seconds_since(origin[np.zeros(len(rows), dtype=int)])
@@ -254,7 +259,7 @@ class ExactPredictor(Predictor):
             end_s = np.where(counted, time_s[other], tag_s)
             rows = rows[frequency.covers(time_s[rows], end_s[rows])]
             term.status[rows] = Status.OK
-            f0_hz = paths.uplink_hz[rows]
+            f0_hz = reference_hz[rows]
             # One instant for both ends of a count: the reference frequency's cycles are counted from there on.
             since_s = np.where(counted, np.minimum(tag_s, tag_s[other]), tag_s)[rows]
             sent_hz, cycles = frequency.at(time_s[rows], since_s, f0_hz)
@@ -268,17 +273,10 @@ class ExactPredictor(Predictor):
             term.excess_m[rows] = C_M_S / f0_hz * cycles
         return term
 
-    def _transmitted(self) -> dict[int, TransmittedFrequency]:
-        """The transmitted frequencies that are known, by the index of the station."""
-        ramps, found = self._paths.ramps, {}
-        for name in ramps.stations:
-            try:
-                station = self.model.catalogue.get(name).name
-            except StationError:
-                continue
-            if station in self.stations:
-                found[self.stations.index(station)] = ramps.of_station(name)
-        return found
+    def _name(self, transmitter: str) -> str:
+        """The catalogue's name of a station; a target keeps its own."""
+        catalogue = self.model.catalogue
+        return catalogue.get(transmitter).name if transmitter in catalogue else transmitter
 
     def _beside(self, x: NDArray[np.float64]) -> NDArray[np.float64]:
         """Position beside the trajectory; one that is adjustable goes where changes of its parameters take it."""

@@ -92,8 +92,9 @@ class Observations:
     modulus_m : ndarray, shape (n,)
         What a range is known but for multiples of, m of light path; NaN where it is known in full.
     ramped : ndarray of bool, shape (n,)
-        Whether the value counts cycles of a transmitted frequency that changes, as ``ramps`` say, with ``uplink_hz`` as
-        the reference frequency that they are in metres by (:mod:`~radioloc.measurements.ramps`).
+        Whether the value counts cycles of a transmitted frequency that changes, as ``ramps`` say, with ``uplink_hz``,
+        or one-way that of ``wavelength_um``, as the reference frequency that they are in metres by
+        (:mod:`~radioloc.measurements.ramps`).
     files : tuple of str
         The files that the rows came from, each once.
     file : ndarray of int32, shape (n,)
@@ -101,7 +102,7 @@ class Observations:
     line : ndarray of int32, shape (n,)
         Line in that file, counted from 1.
     ramps : Ramps
-        Transmitted frequencies of stations.
+        Transmitted frequencies of stations and, one-way, of targets.
     """
 
     epoch: Epochs
@@ -396,19 +397,17 @@ class Observations:
                 self._refuse(wrong, "value_m", kind.limit)
         wrong = ~np.isnan(self.uplink_hz) & ~((self.uplink_hz > 1e6) & (self.uplink_hz < 1e12))
         self._refuse(wrong, "uplink_hz", "must be 1e6 to 1e12, or left out")
-        wrong = self.ramped & (np.isnan(self.uplink_hz) | (self.tag != TIME_TAGS.index("receive")))
-        self._refuse(
-            wrong, "ramped", "cycles need uplink_hz, their reference frequency, and time tags of reception"
-        )
-        sent = np.array([link.form.startswith("transmitter") for link in self.links], dtype=bool)[self.link]
+        forms = np.array([link.form for link in self.links], dtype=np.str_)[self.link]
+        sent, one_way = forms == "transmitter>target>receiver", forms == "target>receiver"
+        reference = np.where(one_way, self.wavelength_um, self.uplink_hz)
+        wrong = self.ramped & (np.isnan(reference) | (self.tag != TIME_TAGS.index("receive")))
+        rule = "cycles need their reference frequency, uplink_hz or one-way wavelength_um, and time tags of reception"
+        self._refuse(wrong, "ramped", rule)
         two_way = np.array([link.transmitter == link.receiver for link in self.links], dtype=bool)[self.link]
-        wrong = self.ramped & ~(sent & (is_integrated(self.kind) | two_way))
-        self._refuse(
-            wrong,
-            "ramped",
-            "cycles of a station's frequency are counted in two-way and three-way Doppler "
-            "and in two-way ranges",
-        )
+        counted = is_integrated(self.kind)
+        wrong = self.ramped & ~((sent & (counted | two_way)) | (one_way & counted))
+        rule = "cycles are counted in one-way, two-way and three-way Doppler and in two-way ranges"
+        self._refuse(wrong, "ramped", rule)
         wrong = ~np.isnan(self.modulus_m) & (~(self.modulus_m > 0.0) | is_integrated(self.kind))
         self._refuse(wrong, "modulus_m", "must be above zero, and of a range, or left out")
         for name, (low, high) in WEATHER_LIMITS.items():

@@ -108,12 +108,12 @@ class Ramps:
     @property
     def start_utc(self) -> Epochs:
         """Beginnings in UTC."""
-        return tai_to_utc(self.start)
+        return _to_nanosecond(tai_to_utc(self.start))
 
     @property
     def stop_utc(self) -> Epochs:
         """Ends in UTC."""
-        return tai_to_utc(self.start.shifted(self.duration_s))
+        return _to_nanosecond(tai_to_utc(self.start.shifted(self.duration_s)))
 
     @staticmethod
     def concatenate(parts: Sequence[Ramps]) -> Ramps:
@@ -166,6 +166,11 @@ class Ramps:
         return TransmittedFrequency(
             self.start[rows], self.duration_s[rows], self.frequency_hz[rows], self.rate_hz_s[rows]
         )
+
+
+def _to_nanosecond(utc: Epochs) -> Epochs:
+    """Epochs without the picoseconds that conversions leave; frequencies are set more roughly."""
+    return Epochs(utc.jd, np.round(utc.fraction * 8.64e13) / 8.64e13, "UTC")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

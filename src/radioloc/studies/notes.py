@@ -47,6 +47,10 @@ _ROUGHER = 1.5
 """Ratio of the sigmas that a terrain's roughness gives here and there, from which on a note says so."""
 
 
+_FARTHEST_OFFSET = 1e-4
+"""Part of its frequency by which an oscillator may be off: that of a simple quartz."""
+
+
 def notes_of(
     study: Study,
     arc: Predictor,
@@ -74,6 +78,13 @@ def notes_of(
             notes.append(
                 "a frequency offset of each link and pass of one- and three-way Doppler is estimated, as nothing ties "
                 "its oscillators together; [estimate] frequency_offset says otherwise"
+            )
+        kinds = ("frequency_offset", "target_frequency")
+        offsets = {parameters.names[k]: fitted.fit.x[k] for kind in kinds for k in parameters.of_kind(kind)}
+        if far := [f"{name} {x:.2g}" for name, x in offsets.items() if abs(x) > _FARTHEST_OFFSET]:
+            notes.append(
+                f"no oscillator is as far off as {', '.join(far)}, but a nominal frequency or a turnaround ratio is: "
+                "see transmit_hz and turnaround, or uplink_hz and wavelength_um"
             )
         notes += [
             f'no {key} is estimated, though [estimate] asks for "all": no observation depends on one'

@@ -427,15 +427,6 @@ def test_passes_with_uplinks_of_their_own():
     assert len(got.ramps) == 18
 
 
-def test_oscillators_of_targets_have_one_frequency():
-    frequencies = [f"TRANSMIT_FREQ_2 = 2021-03-28T14:0{k}:00 840000000{k}" for k in (0, 1)]
-    received = "RECEIVE_FREQ_1 = 2021-03-28T14:00:30 8.4e9"
-    with pytest.raises(
-        FileFormatError, match=r"TRANSMIT_FREQ_2 of the target changes; give the one frequency"
-    ):
-        read((TWO_WAY | COUNT | {"PATH": "2,1"}, [*frequencies, received]))
-
-
 def test_frequencies_of_another_segment_and_band():
     received = (
         TWO_WAY | COUNT | RATIO | {"TRANSMIT_BAND": "X"},

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from tdm_messages import kvn
 
 from radioloc.constants import C_M_S
 from radioloc.errors import InputError
@@ -10,6 +11,7 @@ from radioloc.lunar.position import LunarPosition
 from radioloc.measurements import ExactPredictor, PhysicalModel, Ramps
 from radioloc.measurements.link import Link
 from radioloc.measurements.observations import DOPPLER, RANGE, Observations
+from radioloc.measurements.registry import KINDS
 from radioloc.time import epochs_from_strings
 
 LANDER_PA_M = LunarPosition.from_selenographic(-51.9, 43.0, -2550.0, "ME_DE421").to_frame("PA_DE421").xyz_m
@@ -83,6 +85,70 @@ def test_the_same_by_another_reference_frequency(model, tmp_path):
     assert np.abs(read.value_m - computed(model, read).value_m).max() < TOLERANCE_M
 
 
+def test_ramped_ranges_there_and_back(model, tmp_path):
+    """In range units of a nanosecond at the first frequency, known but for multiples of a modulus."""
+    ranges = counts(kind=RANGE, link=0, count_s=np.nan, value_m=7.7e8, modulus_m=3e5)
+    modelled_m = computed(model, ranges).value_m
+    observed = counts(kind=RANGE, link=0, count_s=np.nan, value_m=modelled_m % 3e5, modulus_m=3e5)
+    write_tdm(tmp_path / "a.kvn", observed, originator="TEST")
+    text = (tmp_path / "a.kvn").read_text()
+    assert "RANGE_UNITS = RU" in text
+    assert text.count("TRANSMIT_FREQ_RATE_1 = ") == 3
+    read = read_tdm(tmp_path / "a.kvn", TdmAgreement(sigma_m={"range": 1.0}, range_unit_s=1e-9))
+    assert read.ramped.all()
+    off_m = computed(model, read).value_m - read.value_m
+    assert np.abs(off_m - read.modulus_m * np.rint(off_m / read.modulus_m)).max() < TOLERANCE_M
+
+
+BEACON_HZ, STEP_HZ = 8.4592790387e9, 5000.0
+
+
+def heard_hz(model):
+    """What is received beyond its frequency of a lander that sends 5 kHz more from 14:07:00 on."""
+    of_beacon = {"links": [Link("", "lander", "KASHI")], "link": 0, "uplink_hz": np.nan}
+    of_beacon |= {"wavelength_um": 1e6 * C_M_S / BEACON_HZ, "ramped": False, "ramps": None}
+    growth_m = computed(model, counts(kind=KINDS.index("one_way_doppler"), **of_beacon)).value_m
+    ranges = counts(kind=KINDS.index("one_way_range"), **of_beacon | {"count_s": np.nan, "value_m": 3.8e8})
+    light_s = computed(model, ranges).value_m[7] / C_M_S
+    minute = np.arange(15)  # counts last from 14:mm:00 to the next minute
+    part = np.select([minute < 7, minute == 7], [0.0, 1.0 - light_s / COUNT_S], 1.0)
+    return STEP_HZ * part - (BEACON_HZ + STEP_HZ * part) * growth_m / (C_M_S * COUNT_S)
+
+
+def test_a_beacon_that_changes_its_frequency(model, tmp_path):
+    metadata = {
+        "TIME_SYSTEM": "UTC",
+        "PARTICIPANT_1": "KASHI",
+        "PARTICIPANT_2": "lander",
+        "MODE": "SEQUENTIAL",
+        "PATH": "2,1",
+        "INTEGRATION_INTERVAL": "60",
+        "INTEGRATION_REF": "MIDDLE",
+        "FREQ_OFFSET": repr(BEACON_HZ),
+    }
+    sent = [
+        f"TRANSMIT_FREQ_2 = 2021-03-28T13:50:00 {BEACON_HZ!r}",
+        f"TRANSMIT_FREQ_2 = 2021-03-28T14:07:00 {BEACON_HZ + STEP_HZ!r}",
+    ]
+    received = [
+        f"RECEIVE_FREQ_1 = 2021-03-28T14:{m:02d}:30 {hz!r}" for m, hz in enumerate(heard_hz(model).tolist())
+    ]
+    (tmp_path / "a.kvn").write_text("\n".join(kvn((metadata, [*sent, *received]))) + "\n")
+    agreement = TdmAgreement(sigma_m={"one_way_doppler": 1e-3})
+    read = read_tdm(tmp_path / "a.kvn", agreement)
+    assert read.ramped.all()
+    modelled = computed(model, read)
+    assert (modelled.status == 0).all()
+    residual_m = read.value_m - modelled.value_m
+    whole = np.arange(15) != 7
+    assert np.abs(residual_m[whole]).max() < TOLERANCE_M
+    # In half a minute the light time grows by 30 microseconds.
+    assert abs(residual_m[7]) < STEP_HZ * 1e-4 * C_M_S / BEACON_HZ
+    write_tdm(tmp_path / "b.kvn", read, originator="TEST")
+    again = read_tdm(tmp_path / "b.kvn", agreement)
+    np.testing.assert_allclose(again.value_m - computed(model, again).value_m, residual_m, atol=TOLERANCE_M)
+
+
 def test_ambiguous_ranges_there_and_back(tmp_path):
     ranges = Observations.from_columns(
         epoch=epochs_from_strings(["2021-03-28T14:00:00", "2021-03-28T14:01:00"]),
@@ -107,10 +173,6 @@ def test_ambiguous_ranges_there_and_back(tmp_path):
         ),
         ({"wavelength_um": np.nan}, "line 1: the frequency down is not recorded; use write_table"),
         ({"wavelength_um": 41000.0}, "1.01.* times that up, no ratio of S, X and Ka band"),
-        (
-            {"kind": RANGE, "link": 0, "count_s": np.nan, "value_m": 7.7e8},
-            "is a range in cycles of a changing frequency; use write_table",
-        ),
     ],
 )
 def test_what_a_message_cannot_hold(changes, problem, tmp_path):

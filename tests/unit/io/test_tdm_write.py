@@ -133,6 +133,19 @@ def test_ranges_come_back_to_the_last_bit(suffix, tmp_path, values, second, pico
     assert rows_of(again) == rows_of(read)
 
 
+def test_the_frequency_of_a_beacon_is_that_of_its_participant(tmp_path):
+    counts = made(
+        kind=ONE_WAY_DOPPLER, link=3, value_m=600.0, count_s=60.0, wavelength_um=C_M_S / 8.45e9 * 1e6
+    )
+    read = written_and_read(counts, tmp_path / "a.kvn")
+    text = (tmp_path / "a.kvn").read_text()
+    assert "PATH = 2,1" in text
+    assert text.count("TRANSMIT_FREQ_2 = ") == 1
+    assert float(text.partition("TRANSMIT_FREQ_2 = ")[2].split()[1]) == pytest.approx(8.45e9, rel=1e-15)
+    assert "RECEIVE_FREQ" not in text
+    assert rows_of(read) == rows_of(counts)
+
+
 @given(st.lists(st.floats(-4e-2, 4e-2), min_size=1, max_size=20))
 def test_delays_of_seconds_come_back_to_the_last_bit(delays):
     n = len(delays)

@@ -134,15 +134,13 @@ class SegmentReader:
         """Columns of observations that count cycles of a frequency which changes, by a reference; none else."""
         if self.sent is None or self.sent.constant:
             return {}
-        if self.one_way:
-            problem = (
-                f"{SENT[self.sender - 1]} of the target changes; give the one frequency that it should have"
-            )
-            raise self.fail(SENT[self.sender - 1], f"{problem}: its drift is estimated (frequency_rate)")
         # What was received to the end of the last count was sent before.
         end_s = self.segment.number("INTEGRATION_INTERVAL")
         until = shifted_utc(self.segment.epochs(keyword)[[-1]], end_s)
-        return {"ramped": True, "uplink_hz": base_hz, "ramps": self.sent.ramps(self.link.transmitter, until)}
+        name, reference = self.link.transmitter, {"uplink_hz": base_hz}
+        if self.one_way:
+            name, reference = self.link.target, {"wavelength_um": MICROMETRES * C_M_S / base_hz}
+        return {"ramped": True, "ramps": self.sent.ramps(name, until)} | reference
 
     def beacon_hz(self) -> float:
         """The one frequency that the target of two paths sends, NaN where it is not known."""

@@ -1,13 +1,14 @@
 """Observations as a Tracking Data Message 2.0, KVN or XML.
 
 What each type of observation is written as is said by :data:`radioloc.io.tdm.keywords.TYPES`: ranges as RANGE in km,
-Doppler as DOPPLER_INTEGRATED (both of all legs), VLBI delays as VLBI_DELAY with two paths from the target. Doppler of
-a ramped uplink goes out as RECEIVE_FREQ with the ramps as TRANSMIT_FREQ and TRANSMIT_FREQ_RATE.
+Doppler as DOPPLER_INTEGRATED (both of all legs), VLBI delays as VLBI_DELAY with two paths from the target. What counts
+cycles of ramps goes out with these as TRANSMIT_FREQ and TRANSMIT_FREQ_RATE: Doppler as RECEIVE_FREQ, ranges in range
+units of :data:`RANGE_UNIT_S`, of time at the first frequency.
 Numbers have the digits that give them back to the last bit, up to 17, where the standard asks for 16 at most (4.3.4);
 epochs have up to 12 decimals.
 
 Not in the standard, and so not written: standard deviations, and where the observations were read from. Whole
-wavelengths become RECEIVE_FREQ or, of a delay, TRANSMIT_FREQ.
+wavelengths become RECEIVE_FREQ or, of the target's own signal, its TRANSMIT_FREQ.
 
 Source: CCSDS 503.0-B-2 (2020), chapters 3 to 5.
 """
@@ -41,6 +42,8 @@ from radioloc.measurements.registry import KINDS, MEASUREMENTS
 from radioloc.text_files import write_blocks
 from radioloc.time import Epochs, utc_to_tai
 
+RANGE_UNIT_S = 1e-9
+"""Length of a range unit that is written, s: what reads the message has to be told so."""
 _IN_MEMORY = "in memory"
 # Doppler shifts by less, and the ratios of two bands are further apart.
 _SAME_RATIO = 1e-3
@@ -137,10 +140,6 @@ def _require_writable(observations: Observations) -> None:
         if TYPES[name] != ("RANGE",):
             sent = mine & (observations.tag == TIME_TAGS.index("transmit"))
             refuse(sent, f"is a {name} with transmit time tag, which is not modelled")
-        if not name.endswith("doppler"):
-            refuse(
-                mine & observations.ramped, f"is a {name} in cycles of a changing frequency; use write_table"
-            )
         if not MEASUREMENTS[name].form.startswith("transmitter"):
             refuse(mine & ~np.isnan(observations.uplink_hz), f"is a {name} with an uplink; leave that out")
 
@@ -157,9 +156,9 @@ def _groups(observations: Observations) -> Iterator[NDArray[np.intp]]:
         np.isnan(observations.wavelength_um),
         observations.ramped,
         np.nan_to_num(observations.modulus_m),
-        np.where(observations.ramped, observations.uplink_hz, 0.0),
-        # A delay's one frequency stands for its whole segment.
-        np.where(differenced, np.nan_to_num(observations.wavelength_um), 0.0),
+        np.where(observations.ramped, np.nan_to_num(observations.uplink_hz), 0.0),
+        # A delay's one frequency stands for its whole segment, and so does the one that cycles are in metres by.
+        np.where(differenced | observations.ramped, np.nan_to_num(observations.wavelength_um), 0.0),
         *(np.isnan(getattr(observations, column)) for column in WEATHER.values()),
     ]
     # Most are the same for all rows.
@@ -199,23 +198,14 @@ def _segment(part: Observations) -> TdmSegment:
     metadata |= paths | {f"PARTICIPANT_{n}": name for n, name in enumerate(names, start=1)}
     metadata["TIMETAG_REF"] = TIME_TAGS[part.tag[0]].upper()
     values: dict[str, NDArray[np.float64]] = {}
+    if part.ramped[0]:
+        return _ramped_segment(part, metadata, keyword, receiver)
     if keyword == "RANGE":
-        modulus_m = float(np.nan_to_num(part.modulus_m[0]))
-        metadata |= {"RANGE_MODULUS": _text(modulus_m, 3), "RANGE_UNITS": "km"}
-        metadata |= {} if link.transmitter else {"RANGE_MODE": "ONE_WAY"}
+        metadata |= _range_metadata(part, "km", 1.0)
         values[keyword] = part.value_m
     elif keyword == "DOPPLER_INTEGRATED":
         count_s = float(part.count_s[0])
-        metadata |= {"INTEGRATION_INTERVAL": _text(count_s, 0), "INTEGRATION_REF": "MIDDLE"}
-        if part.ramped[0]:
-            ratio, uplink_hz = _turnaround(part), float(part.uplink_hz[0])
-            offset_hz = float(round(ratio * Fraction(uplink_hz)))
-            metadata["FREQ_OFFSET"] = _text(offset_hz, 0)
-            metadata["TURNAROUND_NUMERATOR"] = str(ratio.numerator)
-            metadata["TURNAROUND_DENOMINATOR"] = str(ratio.denominator)
-            at_rest_hz = float(ratio * Fraction(uplink_hz) - Fraction(offset_hz))
-            received = at_rest_hz - float(ratio) * uplink_hz * part.value_m / (C_M_S * count_s)
-            return _ramped_segment(part, metadata, f"RECEIVE_FREQ_{receiver}", received)
+        metadata |= _count_metadata(count_s)
         values[keyword] = _inverse(part.value_m, lambda rate: count_s * rate, part.value_m / count_s)
     else:
         values[keyword] = _inverse(part.value_m, lambda delay: C_M_S * delay, part.value_m / C_M_S)
@@ -223,9 +213,21 @@ def _segment(part: Observations) -> TdmSegment:
     received_hz = _inverse(part.wavelength_um, lambda hz: c_um_s / hz, c_um_s / part.wavelength_um)
     if link.differenced:
         values["TRANSMIT_FREQ_1"] = received_hz[:1]
+    elif not link.transmitter:
+        values["TRANSMIT_FREQ_2"] = received_hz
     else:
         values |= {"TRANSMIT_FREQ_1": part.uplink_hz, f"RECEIVE_FREQ_{receiver}": received_hz}
     return _recorded(part, metadata, values)
+
+
+def _range_metadata(part: Observations, units: str, factor: float) -> dict[str, str]:
+    modulus = _text(float(factor * np.nan_to_num(part.modulus_m[0])), exponent_of("RANGE", units))
+    one_way = {} if part.links[part.link[0]].transmitter else {"RANGE_MODE": "ONE_WAY"}
+    return {"RANGE_MODULUS": modulus, "RANGE_UNITS": units} | one_way
+
+
+def _count_metadata(count_s: float) -> dict[str, str]:
+    return {"INTEGRATION_INTERVAL": _text(count_s, 0), "INTEGRATION_REF": "MIDDLE"}
 
 
 def _recorded(
@@ -247,21 +249,36 @@ def _recorded(
     return TdmSegment(_IN_MEMORY, metadata, code[order], part.epoch[place[order]], value[order], {}, line)
 
 
-def _ramped_segment(
-    part: Observations, metadata: dict[str, str], keyword: str, received_hz: NDArray[np.float64]
-) -> TdmSegment:
-    """Segment of received frequencies, and before them the ramps of what was sent, from the day before on."""
-    made, ramps = _recorded(part, metadata, {keyword: received_hz}), part.ramps
-    link, ends = part.links[part.link[0]], utc_to_tai(part.epoch[[0, -1]])
-    sent = ramps.station == ([*ramps.stations, link.transmitter].index(link.transmitter))
-    sent &= ramps.start.seconds_since(ends[[1]]) <= part.count_s[0]
+def _ramped_segment(part: Observations, metadata: dict[str, str], keyword: str, receiver: int) -> TdmSegment:
+    """Segment of what counts cycles, and before it the ramps of what was sent, from the day before on."""
+    link, ramps, ends = part.links[part.link[0]], part.ramps, utc_to_tai(part.epoch[[0, -1]])
+    number, sender = (1, link.transmitter) if link.transmitter else (2, link.target)
+    sent = ramps.station == ([*ramps.stations, sender].index(sender))
+    sent &= ramps.start.seconds_since(ends[[1]]) <= np.nan_to_num(part.count_s[0])
     sent &= ramps.start.seconds_since(ends[[0]]) + ramps.duration_s >= -LONGEST_S
     if not sent.any():
-        raise InputError(
-            f"{link.path}: there is no ramp of what {link.transmitter} sent by {part.origin(0)}; add it"
-        )
+        raise InputError(f"{link.path}: there is no ramp of what {sender} sent by {part.origin(0)}; add it")
     start, rows = ramps.start_utc[sent], np.flatnonzero(sent)
-    code = np.tile([CODE[SENT[0]], CODE[SENT_RATE[0]]], len(rows)).astype(np.int8)
+    ratio = _turnaround(part) if link.transmitter else Fraction(1)
+    reference_hz = float(
+        part.uplink_hz[0] if link.transmitter else MICROMETRES * C_M_S / part.wavelength_um[0]
+    )
+    if link.transmitter:
+        metadata["TURNAROUND_NUMERATOR"] = str(ratio.numerator)
+        metadata["TURNAROUND_DENOMINATOR"] = str(ratio.denominator)
+    if keyword == "RANGE":
+        unit_per_m = reference_hz / ramps.frequency_hz[rows[0]] / (C_M_S * RANGE_UNIT_S)
+        metadata |= _range_metadata(part, "RU", unit_per_m)
+        measured = {keyword: unit_per_m * part.value_m}
+    else:
+        count_s = float(part.count_s[0])
+        offset_hz = float(round(ratio * Fraction(reference_hz)))
+        metadata |= _count_metadata(count_s) | {"FREQ_OFFSET": _text(offset_hz, 0)}
+        at_rest_hz = float(ratio * Fraction(reference_hz) - Fraction(offset_hz))
+        shift_hz = float(ratio) * reference_hz * part.value_m / (C_M_S * count_s)
+        measured = {f"RECEIVE_FREQ_{receiver}": at_rest_hz - shift_hz}
+    made = _recorded(part, metadata, measured)
+    code = np.tile([CODE[SENT[number - 1]], CODE[SENT_RATE[number - 1]]], len(rows)).astype(np.int8)
     value = np.column_stack([ramps.frequency_hz[rows], ramps.rate_hz_s[rows]]).ravel()
     return replace(
         made,

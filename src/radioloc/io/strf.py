@@ -144,8 +144,9 @@ def read_sites(path: str | Path) -> tuple[Station, ...]:
 
 
 def _said(line: str) -> str:
-    """A line without its comment."""
-    return line.partition("#")[0].strip()
+    """A line without its comment; one without a digit, such as a heading, says nothing."""
+    said = line.partition("#")[0].strip()
+    return said if any(map(str.isdigit, said)) else ""
 
 
 def _site_name(number: str) -> str:

@@ -71,6 +71,17 @@ def test_readings_of_strf(tmp_path):
     assert [got.origin(row).rpartition(" ")[2] for row in range(3)] == ["1", "2", "5"]
 
 
+def test_a_heading_and_an_order_that_is_none(tmp_path):
+    """As spreadsheets leave them: a heading without a comment, readings out of order, other line ends."""
+    lines = [line for line in READINGS.splitlines() if line[:2] == "59"]
+    path = tmp_path / "a.dat"
+    path.write_bytes("\r\n".join(["MJD Freq Flux Site", *reversed(lines), ""]).encode())
+    got = read_observations(path, frequencies=[BEACON])
+    in_order = read_strf(write(tmp_path / "b.dat", READINGS), [BEACON])
+    assert got.value_m.tolist() == in_order.value_m.tolist()[::-1]
+    assert got.line.tolist() == [2, 3, 4]
+
+
 def test_dates_of_older_readings(tmp_path):
     """An instant in both forms: 0.606603 of 86400 s is 14:33:30.4992."""
     newer = write(tmp_path / "a.dat", "59902.606603\t2216497878.100\t9.6\t8049\n")

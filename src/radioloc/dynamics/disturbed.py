@@ -1,43 +1,38 @@
-"""An orbit whose parameters are the errors that its gravity field may have."""
+"""An orbit whose parameters are what else may act on it, such as the errors of its gravity field."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics.adjustable import AdjustableOrbit
-from radioloc.dynamics.gravity_errors import GravityErrorEffects, draw_gravity_errors
 from radioloc.ephemeris import Ephemeris
 from radioloc.time import Epochs
 
 Floats = NDArray[np.float64]
 
 
-@dataclass(frozen=True, eq=False)
-class DisturbedOrbit:
-    """An orbit as its errors of gravity move it; an :class:`~radioloc.ephemeris.trajectory.AdjustableTrajectory`.
+class Effects(Protocol):
+    """What moves an orbit."""
 
-    Its parameters are `count` drawn errors of the field, each by one sigma, up to a degree; the state at the epoch is
-    what it is.
-    """
+    def at(self, tdb: Epochs) -> Floats:
+        """Changes of the states at epochs of TDB, m and m/s, ICRF axes, shape (n, 6, c)."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DisturbedOrbit:
+    """An orbit as something moves it; an :class:`~radioloc.ephemeris.trajectory.AdjustableTrajectory`."""
 
     orbit: AdjustableOrbit
-    count: int
-    degree: int
+    effects: Effects
 
     @property
     def name(self) -> str:
         """That of the orbit."""
         return self.orbit.name
-
-    @cached_property
-    def effects(self) -> GravityErrorEffects:
-        """What the errors do."""
-        errors = draw_gravity_errors(self.orbit.forces.gravity, self.count, self.degree)
-        return GravityErrorEffects(self.orbit.nearest()[0], errors, self.orbit.libration)
 
     def geocentric(self, ephemeris: Ephemeris, tdb: Epochs) -> tuple[Floats, Floats]:
         """As without them."""
@@ -48,7 +43,7 @@ class DisturbedOrbit:
         return self.orbit.spans_s()
 
     def position_partials(self, tdb: Epochs) -> Floats:
-        """By how much each error moves the position, m, ICRF axes, shape (n, 3, count)."""
+        """By how much each effect moves the position, m, ICRF axes, shape (n, 3, c)."""
         return self.effects.at(tdb)[:, :3]
 
     def over(self, first: Epochs, last: Epochs) -> DisturbedOrbit:
@@ -56,5 +51,5 @@ class DisturbedOrbit:
         return self
 
     def corrected(self, x: Floats) -> DisturbedOrbit:
-        """The same: errors are held at zero."""
+        """The same: effects are held at zero."""
         return self

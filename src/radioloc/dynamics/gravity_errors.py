@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
+from radioloc.dynamics.added import AddedAccelerations
 from radioloc.dynamics.gravity import GravityField, acceleration_series, recursion, stacked
 from radioloc.dynamics.orbit import Orbit
 from radioloc.ephemeris import LunarOrientation
@@ -19,8 +20,6 @@ Floats = NDArray[np.float64]
 
 _LAST_DEGREES = 20
 """From which Kaula's rule, coefficients as 1/n^2, has its factor."""
-_STEP_S = 10.0
-"""Accelerations of degree 220 in a low orbit have a wave of 30 km, 18 s; they are had in the middle of steps too."""
 
 
 def draw_gravity_errors(
@@ -123,35 +122,26 @@ class GravityErrorEffects:
 
     def __init__(self, orbit: Orbit, errors: list[GravityField], libration: LunarOrientation) -> None:
         self.orbit = orbit
-        first_s, last_s = orbit.flight_s
-        # A grid with the epoch at an end of steps, whose middles Simpson's rule needs.
-        before, after = (int(np.ceil(span_s / _STEP_S)) for span_s in (-first_s, last_s))
-        ends_s = np.union1d(np.linspace(first_s, 0.0, before + 1), np.linspace(0.0, last_s, after + 1))
-        grid_s = np.sort(np.concatenate([ends_s, 0.5 * (ends_s[1:] + ends_s[:-1])]))
-        moments = orbit.epoch[np.zeros(len(grid_s), dtype=int)].shifted(grid_s)
-        field = errors[0]
-        rot = rot_between(libration.frame, field.frame) @ rot_icrf_to_pa(libration.angles(moments)[0])
-        points_m = np.ascontiguousarray(np.einsum("nij,nj->ni", rot, orbit.states(moments)[0]))
-        # The compiler takes a third of a second to import.
-        from radioloc.dynamics._harmonic_kernels import harmonic_sums_at
 
-        factors = recursion(len(field.c) + 1)
-        pulls = np.empty((len(grid_s), 3, len(errors)))
-        for k, error in enumerate(
-            errors
-        ):  # one after the other: coefficients of all would not stay in the cache
-            series = stacked(acceleration_series(error.c - 1j * error.s))
-            sums = harmonic_sums_at(points_m, error.radius_m, series, factors)
-            pulls[:, :, k] = np.einsum("nji,nj->ni", rot, sums) * (error.gm_m3_s2 / error.radius_m**2)
-        transition = orbit.partials(moments)[:, :, :6]
-        rates = np.linalg.solve(transition, np.concatenate([np.zeros_like(pulls), pulls], axis=1))
-        steps = np.diff(ends_s)[:, None, None] / 6.0 * (rates[:-2:2] + 4.0 * rates[1::2] + rates[2::2])
-        total = np.concatenate([np.zeros((1, *steps.shape[1:])), np.cumsum(steps, axis=0)])
-        self._ends_s, self._total = ends_s, total - total[np.searchsorted(ends_s, 0.0)]
+        def pulls(moments: Epochs) -> Floats:
+            field = errors[0]
+            rot = rot_between(libration.frame, field.frame) @ rot_icrf_to_pa(libration.angles(moments)[0])
+            points_m = np.ascontiguousarray(np.einsum("nij,nj->ni", rot, orbit.states(moments)[0]))
+            # The compiler takes a third of a second to import.
+            from radioloc.dynamics._harmonic_kernels import harmonic_sums_at
+
+            factors = recursion(len(field.c) + 1)
+            found = np.empty((len(moments), 3, len(errors)))
+            for k, error in enumerate(
+                errors
+            ):  # one after the other: coefficients of all would not stay in the cache
+                series = stacked(acceleration_series(error.c - 1j * error.s))
+                sums = harmonic_sums_at(points_m, error.radius_m, series, factors)
+                found[:, :, k] = np.einsum("nji,nj->ni", rot, sums) * (error.gm_m3_s2 / error.radius_m**2)
+            return found
+
+        self.added = AddedAccelerations(orbit, pulls)
 
     def at(self, tdb: Epochs) -> Floats:
         """Changes of the states at epochs of TDB, m and m/s, shape (n, 6, n_errors)."""
-        times_s = tdb.seconds_since(self.orbit.epoch)
-        columns = self._total.reshape(len(self._ends_s), -1).T
-        at_times = np.stack([np.interp(times_s, self._ends_s, column) for column in columns], axis=-1)
-        return np.asarray(self.orbit.partials(tdb)[:, :, :6] @ at_times.reshape(len(times_s), 6, -1))
+        return np.asarray(self.orbit.partials(tdb)[:, :, :6] @ self.added.at_epoch(tdb))

@@ -164,6 +164,7 @@ def fit_with_editing(
         at_x = evaluate(residual_function, x)
     else:
         x, at_x = previous.fit.x, previous.fit.linearization
+    process = getattr(at_x, "process", None)
     n = len(at_x.residual_m)
     noise = ObservationNoise.of(sigma_m, n)
     given = _given(status, n)
@@ -186,13 +187,18 @@ def fit_with_editing(
         result = fit(usable, x, at_x)
         return EditedFit(result, given, spread(result.residual_m))
 
-    if previous is None:
+    if previous is not None:
+        residual_m = previous.fit.residual_m
+    elif process is not None:  # an orbit begins near the estimate
+        residual_m = at_x.residual_m - process.effects_m(process.reference)
+    else:
         x, at_x = robust_start(residual_function, parameters, noise.sigma_m, usable, at_x, groups, x)
-    scale = spread(at_x.residual_m)
+        residual_m = at_x.residual_m
+    scale = spread(residual_m)
     seen: list[NDArray[np.bool_]] = []
     while True:
         limit_m = threshold * max(1.0, scale) * noise.sigma_m
-        used = usable & (np.abs(at_x.residual_m) <= limit_m)
+        used = usable & (np.abs(residual_m) <= limit_m)
         if seen and np.array_equal(used, seen[-1]):
             return EditedFit(result, given, scale, len(seen))
         used, message = _without_wavering(used, seen)
@@ -213,7 +219,7 @@ def fit_with_editing(
         seen.append(used)
         if last or result.status in (FitStatus.DIVERGED, FitStatus.MAX_ITERATIONS):
             return EditedFit(result, given, scale, len(seen), complete, message)
-        x, at_x = result.x, result.linearization
+        x, at_x, residual_m = result.x, result.linearization, result.residual_m
 
 
 def _without_wavering(

@@ -26,6 +26,7 @@ from radioloc.estimation.factorization import (
     refreshed,
 )
 from radioloc.estimation.gauss_markov import TimeCorrelation
+from radioloc.estimation.information_filter import InformationFilter, Smoothed
 from radioloc.estimation.linearization import (
     Linearization,
     ResidualFunction,
@@ -109,6 +110,8 @@ class FitResult:
         How the used observations were brought to independent ones.
     time_correlation : TimeCorrelation or None
         What is correlated in time, where that is known already, as with correlated weights.
+    smoothed : Smoothed or None
+        Estimates of stochastic accelerations, where there are.
     """
 
     parameters: ParameterSet
@@ -124,6 +127,7 @@ class FitResult:
     factor: Factor
     whitening: Whitening
     time_correlation: TimeCorrelation | None = None
+    smoothed: Smoothed | None = None
 
     @property
     def converged(self) -> bool:
@@ -133,7 +137,7 @@ class FitResult:
     @property
     def residual_m(self) -> NDArray[np.float64]:
         """Observed - computed at `x`, for all observations, used or not, m, shape (n,)."""
-        return self.linearization.residual_m
+        return self.linearization.residual_m if self.smoothed is None else self.smoothed.residual_m
 
     @property
     def sigmas(self) -> NDArray[np.float64]:
@@ -240,6 +244,9 @@ def fit_least_squares(
     check_residuals(at_start, mask)
     n_used = int(mask.sum())
     stated = noise.among(mask)
+    process = getattr(at_start, "process", None)
+    if process is not None and whitening is None:
+        whitening = InformationFilter.of(process, noise, mask)
     problem = _Problem(residual_function, parameters, whitening or stated, n_used)
     here = problem.point(x, at_start)
     first = problem.factor(here)
@@ -251,7 +258,7 @@ def fit_least_squares(
         status = FitStatus.UNOBSERVABLE
     # That of the noise as stated; a linear problem is solved without any.
     chi2 = here.chi2
-    if whitening is not None or math.isnan(chi2):
+    if (whitening is not None and process is None) or math.isnan(chi2):
         chi2 = sum_of_squares(here.linearization.residual_m, stated, parameters, here.x)
     n_prior = int((np.isfinite(parameters.prior_sigmas) & parameters.free).sum())
     return FitResult(
@@ -267,7 +274,17 @@ def fit_least_squares(
         iterations=iterations,
         factor=factor,
         whitening=problem.whitening,
+        time_correlation=None if process is None else TimeCorrelation((), np.zeros((len(x),) * 2), {}),
+        smoothed=_smoothed(problem, here, factor),
     )
+
+
+def _smoothed(problem: _Problem, here: _Point, factor: Factor) -> Smoothed | None:
+    if not isinstance(problem.whitening, InformationFilter):
+        return None
+    free, root = problem.parameters.free, factor.root_covariance()
+    at = here.linearization
+    return problem.whitening.smoothed(lambda rows: at.partials(rows)[:, free], at.residual_m, root @ root.T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -17,12 +17,69 @@ from radioloc.time import Epochs, utc_strings
 if TYPE_CHECKING:
     from radioloc.dynamics import AdjustableOrbit
     from radioloc.dynamics.disturbed import DisturbedOrbit
+    from radioloc.dynamics.stochastic import StochasticEffects
+    from radioloc.parameters.stochastic import Chains
 
 Floats = NDArray[np.float64]
 
 RTN = ("radial", "along", "across")
 _MAPPED = 25
 """Epochs at which the covariance is mapped, the ends of the arc included."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class ProcessEstimate:
+    """Stochastic accelerations of an orbit, smoothed.
+
+    Parameters
+    ----------
+    effects : StochasticEffects
+        What accelerations of one sigma do to the orbit.
+    sigma_m_s2 : ndarray, shape (3,)
+        A-priori sigmas radial, along, across.
+    correlation_s : float
+        Correlation time; zero without.
+    values_m_s2 : two of ndarray, shape (K + 1, 3)
+        By interval, behind and before the epoch, both outward; the last is of none.
+    covariance : two of ndarray, shape (K + 1, p + 9, p + 9)
+        Of the orbit's parameters, the deviation of its state with which the interval begins (mapped to the epoch) and
+        the acceleration in its sigmas.
+    """
+
+    effects: StochasticEffects
+    sigma_m_s2: Floats
+    correlation_s: float
+    values_m_s2: Chains
+    covariance: Chains
+
+    def covariance_at(self, tdb: Epochs, partials: Floats) -> tuple[Floats, Floats]:
+        """Partials (n, 6, p + 9), from those by the parameters on, and covariance of what they are by."""
+        chain, step, near = self.effects.place(tdb)
+        whole = np.concatenate([partials, partials[:, :, :6], near], axis=2)
+        covariance = np.empty((len(step), whole.shape[2], whole.shape[2]))
+        for which, of_steps in enumerate(self.covariance):
+            covariance[chain == which] = of_steps[step[chain == which]]
+        return whole, covariance
+
+    def to_dict(self) -> dict[str, Any]:
+        """In types that JSON has; accelerations in the order of time."""
+
+        def in_order(chains: Chains) -> Floats:
+            return np.concatenate([chains[1][:-1][::-1], chains[0][:-1]])
+
+        after, before = (np.sqrt(np.diagonal(one, axis1=1, axis2=2)[:, -3:]) for one in self.covariance)
+        values, sigmas = in_order(self.values_m_s2), in_order((after, before)) * self.sigma_m_s2
+        epoch, interval_s = self.effects.orbit.epoch, self.effects.interval_s
+        starts_s = interval_s * (np.arange(len(values)) - len(self.values_m_s2[1]) + 1.0)
+        starts = epoch[np.zeros(len(values), dtype=int)].shifted(starts_s)
+        return {
+            "interval_s": interval_s,
+            "correlation_s": self.correlation_s,
+            **{f"{axis}_m_s2": sigma for axis, sigma in zip(RTN, self.sigma_m_s2.tolist(), strict=True)},
+            "start_tdb": [str(date) for date in utc_strings(starts, 3)],
+            "acceleration_m_s2": values.tolist(),
+            "acceleration_sigma_m_s2": sigmas.tolist(),
+        }
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,6 +98,8 @@ class OrbitState:
         What they, each by one sigma, do to the parameters.
     body : int
         NAIF code of the spacecraft in kernels.
+    process : ProcessEstimate or None
+        Stochastic accelerations; those of the orbit itself have their values.
     """
 
     orbit: AdjustableOrbit
@@ -48,6 +107,7 @@ class OrbitState:
     disturbed: DisturbedOrbit | None = None
     sensitivity: Floats = field(default_factory=lambda: np.zeros((0, 0)))
     body: int = -999
+    process: ProcessEstimate | None = None
 
     @property
     def epoch(self) -> Epochs:
@@ -80,16 +140,18 @@ class OrbitState:
         CoverageError
             An epoch lies outside the arc.
         """
-        partials = self.orbit.partials(tdb)
+        by_parameters, covariance = self.orbit.partials(tdb), self.parameter_covariance
+        if self.process is not None:
+            by_parameters, covariance = self.process.covariance_at(tdb, by_parameters)
         axes = rtn_axes(*self.orbit.states(tdb))
-        turned = np.concatenate([axes @ partials[:, :3], axes @ partials[:, 3:]], axis=1)
-        covariance = self.parameter_covariance
+        turned = np.concatenate([axes @ by_parameters[:, :3], axes @ by_parameters[:, 3:]], axis=1)
         if self.disturbed is None:
             return np.asarray(turned @ covariance @ np.swapaxes(turned, 1, 2))
         covariance = covariance - self.sensitivity @ self.sensitivity.T
         direct = self.disturbed.effects.at(tdb)
         direct = np.concatenate([axes @ direct[:, :3], axes @ direct[:, 3:]], axis=1)
-        moved = turned @ self.sensitivity + direct
+        # An error that the model does not have: what it does to the estimate less what it does to the truth.
+        moved = turned @ self.sensitivity - direct
         return np.asarray(turned @ covariance @ np.swapaxes(turned, 1, 2) + moved @ np.swapaxes(moved, 1, 2))
 
     @bare_arguments
@@ -149,6 +211,7 @@ class OrbitState:
                 {"epoch_tdb": str(date), **_by_axis(sigma)}
                 for date, sigma in zip(utc_strings(mapped, 3), sigmas, strict=True)
             ],
+            "process_noise": None if self.process is None else self.process.to_dict(),
         }
 
 

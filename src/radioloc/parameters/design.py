@@ -19,6 +19,7 @@ from radioloc.parameters.landing import LandingParameters
 from radioloc.parameters.parameter import Parameter, ParameterSet
 from radioloc.parameters.position import PositionFunction, PositionParameters
 from radioloc.parameters.rows import ObservationRows, middle_of
+from radioloc.parameters.stochastic import StochasticAccelerations
 from radioloc.time import Epochs
 
 Rows = NDArray[np.intp]
@@ -49,6 +50,7 @@ class ObservationModel:
     columns: tuple[Columns, ...]  # of the kinds of parameter
     reference: Epochs | None = None  # epoch that rates refer to, TAI; the middle of the arc as a rule
     landing: LandingParameters | None = None  # of an orbit that ends on the ground
+    process: StochasticAccelerations | None = None  # of the orbit
 
     @classmethod
     def of(
@@ -106,6 +108,8 @@ class ObservationModel:
         positions_pa_m = self.all_positions_pa_m(x)
         at = self.predictor.at(positions_pa_m)
         residual_m = self.predictor.observations.value_m - at.value_m
+        if self.process is not None:
+            residual_m += self.process.effects_m(self.process.reference)
         here = DesignMatrix(self, at, positions_pa_m, x, residual_m)
         first = self.first
         if x[first:].any():
@@ -129,7 +133,12 @@ class DesignMatrix:
     at: Prediction
     positions_pa_m: NDArray[np.float64]
     x: NDArray[np.float64]
-    residual_m: NDArray[np.float64]  # observed - computed
+    residual_m: NDArray[np.float64]  # observed - computed, of an orbit without its stochastic accelerations
+
+    @property
+    def process(self) -> StochasticAccelerations | None:
+        """The orbit's stochastic accelerations."""
+        return self.model.process
 
     def partials(self, rows: Rows, *, of_kinds_only: bool = False) -> NDArray[np.float64]:
         """d(computed)/d(parameter) of some observations, shape (m, p); or those by all but the positions."""

@@ -14,7 +14,7 @@ from radioloc.constants import SECONDS_PER_DAY
 from radioloc.estimation.budget import A_PRIORI, EPHEMERIS, NOISE, BudgetItem, by_source
 from radioloc.estimation.consistency import Inconsistency
 from radioloc.estimation.labels import Labels
-from radioloc.estimation.orbit_state import OrbitState
+from radioloc.estimation.orbit_state import OrbitState, ProcessEstimate
 from radioloc.estimation.solution import Level, Solution, card_of
 from radioloc.estimation.statistics import Residuals
 from radioloc.measurements.link import Link
@@ -124,11 +124,27 @@ def _orbit(state: OrbitState) -> Iterator[str]:
     yield f"sigma there {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
     radial_m, along_m, across_m = np.max(state.sigma_rtn_m(state.orbit.times(2)), axis=0)
     yield f"at the arc's ends {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
+    if state.process is not None:
+        yield _process(state.process)
     up_to = " and higher" if highest_m is None else f" to {highest_m / 1e3:.1f}"
     yield (
         f"semi-major axis {shape['semi_major_axis_m'] / 1e3:.3f} km, eccentricity {shape['eccentricity']:.5f}, "
         f"{shape['inclination_deg']:.3f} deg to the Moon's equator, "
         f"{lowest_m / 1e3:.1f}{up_to} km above 1737.4 km"
+    )
+
+
+def _process(process: ProcessEstimate) -> str:
+    """Sizes of stochastic accelerations and what is assumed of them."""
+    values = np.concatenate([chain[:-1] for chain in process.values_m_s2])
+    found, assumed = (
+        ", ".join(f"{size:.2g}" for size in sizes)
+        for sizes in (np.sqrt((values**2).mean(axis=0)), process.sigma_m_s2)
+    )
+    lasting = f", correlated over {process.correlation_s:g} s" if process.correlation_s else ""
+    return (
+        f"stochastic accelerations of {process.effects.interval_s:g} s{lasting}: rms {found} m/s2 radial, along, "
+        f"across; a priori {assumed}"
     )
 
 

@@ -64,6 +64,7 @@ from radioloc.studies.problem import (
 )
 from radioloc.studies.selection import select_observations, with_target_names
 from radioloc.studies.station_noise import considered_ties_m, stated_noise
+from radioloc.studies.stochastic import StochasticProblem
 from radioloc.studies.study import EstimateChoice, ModelChoice, Study
 from radioloc.studies.study_file import as_study
 from radioloc.studies.transmitters import TransmitterSearch
@@ -186,11 +187,15 @@ def fit_arc(
     types = Labels.coded(KINDS, observations.kind)
     order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
     # The weights will allow for what is considered; until they do, a tie of a map is noise of the places on it.
-    allowed = estimate is not None and estimate.weights == "correlated"
+    process_noise = None if estimate is None or estimate.orbit is None else estimate.orbit.process_noise
+    allowed = estimate is not None and estimate.weights == "correlated" and process_noise is None
     ties_m = considered_ties_m(arc, problem.parameters, study) * allowed
     wide = noise.with_added(ties_m) if ties_m.any() else noise
     epoch = study.target.epoch if isinstance(study.target, Orbiter) else None
-    fitted = _fit(problem, wide, order, estimate, *status_of(arc, targets), epoch)
+    fitted, stochastic = _fit(problem, wide, order, estimate, *status_of(arc, targets), epoch)
+    if stochastic is not None:
+        problem = stochastic.here
+        arc = problem.predictor
     logger.info(
         "fitted %d parameters to %d of %d observations",
         problem.parameters.free.sum(),
@@ -279,7 +284,9 @@ def fit_arc(
         if by_gravity and solution.consider is not None:
             sensitivity = by @ solution.consider.sensitivity[mine][:, list(by_gravity)]
             state = replace(state, disturbed=errant, sensitivity=sensitivity)
-        solution = replace(solution, trajectory=str(orbit), state=state)
+        if stochastic is not None:
+            state = stochastic.smoothed(state, fitted.fit, solution, considered)
+        solution = replace(solution, trajectory=str(state.orbit), state=state)
     known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
     solution = replace(solution, references=known)
     if not misfit:
@@ -456,9 +463,11 @@ def _fit(
     status: Labels,
     reason: NDArray[np.int8],
     epoch: Epochs | None,
-) -> EditedFit:
+) -> tuple[EditedFit, StochasticProblem | None]:
+    """The fit, and the problem that it is of if the orbit has stochastic accelerations."""
     if estimate is None:
-        return fit_with_editing(problem.linearize, problem.parameters, noise, status=status, threshold=None)
+        plain = fit_with_editing(problem.linearize, problem.parameters, noise, status=status, threshold=None)
+        return plain, None
     if not status.are(USED).any():
         raise InputError(
             f"no observations left: all {len(status)} are rejected: "
@@ -472,7 +481,12 @@ def _fit(
         start = near_orbit(problem, noise.sigma_m, usable)
     else:
         start = near_landing(problem, epoch, noise.sigma_m, usable)
+    stochastic = None
+    if estimate.orbit is not None and estimate.orbit.process_noise is not None:
+        x = problem.parameters.prior_values if start is None else start
+        stochastic = StochasticProblem.about(problem, estimate.orbit.process_noise, x)
     while True:
+        problem = problem if stochastic is None else stochastic.here
         fitted = fit_with_variance_components(
             problem.linearize,
             problem.parameters,
@@ -485,6 +499,8 @@ def _fit(
         )
         faults = phase_faults(fitted, order, counts) if fitted.ended else {}
         hidden = {row: reason for row, reason in faults.items() if fitted.fit.used[row]}
-        if not hidden:
-            return replace(fitted, reasons=faults)
-        status = with_reasons(fitted.given, hidden)
+        status = with_reasons(fitted.given, hidden) if hidden else status
+        if stochastic is not None and fitted.ended and not stochastic.near(fitted.fit):
+            stochastic, start = stochastic.again(fitted.fit), fitted.fit.x
+        elif not hidden:
+            return replace(fitted, reasons=faults), stochastic

@@ -319,6 +319,7 @@ def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
         prior = {"dem": map_files, "interpolation": prior.terrain.interpolation, "sigma_m": prior.sigma_m}
     elif prior is not None:
         prior = asdict(prior)
+    noise = None if estimate.orbit is None else estimate.orbit.process_noise
     return {
         "position": estimate.position,
         "height_prior": prior,
@@ -327,6 +328,7 @@ def _estimate_record(estimate: EstimateChoice) -> dict[str, Any]:
         "weights": estimate.weights,
         "variance_components": estimate.variance_components,
         "estimator": estimate.estimator,
+        "process_noise": None if noise is None else asdict(noise),
         "pass_gap_h": estimate.pass_gap_h,
         **dict.fromkeys(PARAMETERS, "none"),
         **chosen_keys(estimate.parameters),

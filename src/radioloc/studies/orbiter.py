@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
@@ -12,8 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_fields
 from radioloc.dynamics import BODIES, STATE, Acceleration, AdjustableOrbit, Forces, GravityField, Impulse
+from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.dynamics.elements import FORMS, equatorial_axes, state_of_elements
 from radioloc.dynamics.gravity import SHIPPED
+from radioloc.dynamics.gravity_errors import GravityErrorEffects, draw_gravity_errors
 from radioloc.ephemeris import Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations
@@ -201,6 +204,14 @@ class Orbiter:
         """The same with a state, shape (6,)."""
         x, y, z, vx, vy, vz = state.tolist()
         return replace(self, position_m=(x, y, z), velocity_m_s=(vx, vy, vz), rough=None)
+
+    def disturbed(self, orbit: AdjustableOrbit) -> DisturbedOrbit | None:
+        """Its orbit with the errors of gravity that are considered, if there are any."""
+        field = self.forces.gravity
+        if not self.gravity_errors or field.degree < 2:
+            return None
+        errors = draw_gravity_errors(field, self.gravity_errors, max(field.degree, self.gravity_error_degree))
+        return DisturbedOrbit(orbit, GravityErrorEffects(orbit.nearest()[0], errors, orbit.libration))
 
     def record(self) -> dict[str, Any]:
         """State and forces, in types that JSON has."""
@@ -406,6 +417,45 @@ class ForcesChoice:
 
 
 @dataclass(frozen=True, slots=True)
+class ProcessNoise:
+    """Keys of ``[estimate.orbit] process_noise``: stochastic accelerations, constant over intervals from the epoch on.
+
+    Parameters
+    ----------
+    radial_m_s2, along_m_s2, across_m_s2 : float
+        Their sigmas.
+    interval_s : float
+        For how long each lasts.
+    correlation_s : float
+        Correlation time (first-order Gauss-Markov); zero where each interval's is independent of the others.
+    """
+
+    radial_m_s2: float = entry(0.0, not_negative=True)
+    along_m_s2: float = entry(0.0, not_negative=True)
+    across_m_s2: float = entry(0.0, not_negative=True)
+    interval_s: float = entry(600.0, positive=True)
+    correlation_s: float = entry(0.0, not_negative=True)
+
+    def __post_init__(self) -> None:
+        check(self)
+        if not any(self.sigma_m_s2):
+            raise InputError(
+                "process_noise needs a sigma above zero: radial_m_s2, along_m_s2 or across_m_s2; docs/dynamics.md has "
+                "sizes"
+            )
+
+    @property
+    def sigma_m_s2(self) -> NDArray[np.float64]:
+        """Radial, along, across, shape (3,)."""
+        return np.array([self.radial_m_s2, self.along_m_s2, self.across_m_s2])
+
+    @property
+    def persistence(self) -> float:
+        """Correlation of an acceleration with that of the next interval."""
+        return math.exp(-self.interval_s / self.correlation_s) if self.correlation_s else 0.0
+
+
+@dataclass(frozen=True, slots=True)
 class OrbitChoice:
     """Keys of ``[estimate.orbit]``: what is estimated of an orbit.
 
@@ -428,6 +478,9 @@ class OrbitChoice:
     sigma : mapping of str to float
         Their a-priori sigmas by the same names, SI units. By default of the radiation coefficient half its value, of
         the empirical acceleration 3e-9 m/s2; all others are free.
+    process_noise : ProcessNoise or None
+        Stochastic accelerations. They take the place of weights that allow for correlation in time, and of considered
+        errors of the gravity field.
     """
 
     state: bool = True
@@ -437,6 +490,7 @@ class OrbitChoice:
     touchdown_sigma_m_s: float = entry(1.0, positive=True)
     forces: tuple[str, ...] | None = None
     sigma: Mapping[str, float] = entry(factory=dict, positive=True)
+    process_noise: ProcessNoise | None = None
 
     def __post_init__(self) -> None:
         check(self)

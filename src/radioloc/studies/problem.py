@@ -117,13 +117,12 @@ def considered_errors(
 def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> DisturbedOrbit | None:
     """The orbit at parameters x, with the errors of its gravity field that are considered, if it is one."""
     orbit, target = problem.predictor.trajectory, study.target
-    if not (isinstance(orbit, AdjustableOrbit) and isinstance(target, Orbiter) and target.gravity_errors):
-        return None
-    field = target.forces.gravity
-    if field.degree < 2:
-        return None
-    degree = max(field.degree, target.gravity_error_degree)
-    return DisturbedOrbit(orbit.corrected(problem.all_positions_pa_m(x)), target.gravity_errors, degree)
+    if (
+        not (isinstance(orbit, AdjustableOrbit) and isinstance(target, Orbiter))
+        or problem.process is not None
+    ):
+        return None  # process noise stands for what the field leaves out
+    return target.disturbed(orbit.corrected(problem.all_positions_pa_m(x)))
 
 
 def _of_gravity(orbit: DisturbedOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:

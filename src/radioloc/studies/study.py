@@ -517,6 +517,8 @@ class Study:
                 )
             position = self.estimate.position if lands else "none"
             object.__setattr__(self, "estimate", replace(self.estimate, position=position, orbit=chosen))
+            if chosen.process_noise is not None:
+                self._require_white_noise(lands)
         elif self.estimate.orbit is not None:
             raise InputError('[estimate.orbit] belongs to a target with dynamics = "moon"; leave it out')
         if isinstance(self.target, Trajectory | Orbiter):
@@ -599,6 +601,21 @@ class Study:
                 raise InputError(
                     f"[consider] {key}: {', '.join(both)} is in [estimate] {key}, too; a parameter is either estimated "
                     "or considered"
+                )
+
+    def _require_white_noise(self, lands: bool) -> None:
+        if lands:
+            raise InputError(
+                "[estimate.orbit] process_noise belongs to a target that does not land; one that does has thrust in "
+                "segments, [[forces.accelerations]] every_s"
+            )
+        for key, given in (
+            ("[observations] doppler_phase_sigma_m", self.observations.doppler_phase_sigma_m),
+            ('[estimate] estimator = "huber"', self.estimate.estimator == "huber"),
+        ):
+            if given:
+                raise InputError(
+                    f"[estimate.orbit] process_noise is for observations of independent noise; leave {key} out"
                 )
 
     def _require_no_position(self, trajectory: Trajectory | Orbiter) -> None:

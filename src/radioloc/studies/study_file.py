@@ -34,6 +34,7 @@ from radioloc.studies.orbiter import (
     GivenImpulse,
     OrbitChoice,
     Orbiter,
+    ProcessNoise,
     RoughOrbit,
 )
 from radioloc.studies.schema import Hints, TomlTable, check, entry, keys_of
@@ -171,6 +172,7 @@ TABLES: dict[str, type] = {
     "observations.map_positions": PlaceOnMap,
     "estimate": EstimateChoice,
     "estimate.orbit": OrbitChoice,
+    "estimate.orbit.process_noise": ProcessNoise,
     "model": ModelChoice,
     "stations.NAME": Site,
     "covariance": CovarianceChoice,

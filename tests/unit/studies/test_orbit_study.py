@@ -170,6 +170,21 @@ def test_errors_of_the_field_are_in_the_sigmas(forces, doppler, solution):
     )
 
 
+def test_an_error_of_the_field_moves_the_orbit_as_its_sigmas_say(model, forces, doppler):
+    """The truth has a thousandth of the one error that is considered, and the orbit is off by a thousandth of it."""
+    error = draw_gravity_errors(forces.gravity, 1, 40)[0]
+    true = replace(forces, gravity=with_errors(forces.gravity, error, 1e-3), gradient_degree=20)
+    orbit = Orbiter(EPOCH, tuple(STATE[:3]), tuple(STATE[3:]), true).orbit(model, doppler, ("radiation",))
+    value_m = ExactPredictor(model, doppler, np.zeros(3), orbit).compute(np.zeros(3)).value_m
+    state = radioloc.locate(study_of(forces, errors=1), replace(doppler, value_m=value_m)).state
+    times = state.orbit.times(9)
+    own = state.parameter_covariance - state.sensitivity @ state.sensitivity.T
+    without = replace(state, parameter_covariance=own, disturbed=None)
+    added = (state.covariance_rtn(times) - without.covariance_rtn(times))[:, :3, :3]
+    found_m = np.linalg.norm(state.orbit.states(times)[0] - orbit.states(times)[0], axis=1)
+    np.testing.assert_allclose(1e-3 * np.sqrt(np.trace(added, axis1=1, axis2=2)), found_m, atol=0.01)
+
+
 @pytest.mark.slow
 def test_orbits_in_fields_that_are_not_the_models_are_within_their_sigmas(model, forces, doppler):
     """Each of 24 true fields differs from the model's to degree 20 by its sigmas, and goes on to degree 40."""

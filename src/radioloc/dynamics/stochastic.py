@@ -1,0 +1,98 @@
+"""What accelerations that are constant over intervals, radial, along and across, do to an orbit."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.dynamics.added import AddedAccelerations
+from radioloc.dynamics.elements import rtn_axes
+from radioloc.dynamics.forces import Acceleration
+from radioloc.dynamics.orbit import Orbit
+from radioloc.time import Epochs
+
+Floats = NDArray[np.float64]
+COLOURS = 3
+"""An interval and its two neighbours; those of the same remainder share columns."""
+
+
+class StochasticEffects:
+    """Accelerations of one sigma in intervals that are counted from the orbit's epoch, outward both ways.
+
+    Parameters
+    ----------
+    orbit : Orbit
+        With partials by its state at the epoch.
+    sigma_m_s2 : ndarray, shape (3,)
+        Radial, along, across.
+    interval_s : float
+
+    Attributes
+    ----------
+    moved : two of ndarray, shape (K, 6, 3)
+        What accelerations of one sigma do to the state mapped to the epoch, by interval behind and before it.
+    """
+
+    def __init__(self, orbit: Orbit, sigma_m_s2: Floats, interval_s: float) -> None:
+        self.orbit, self.interval_s = orbit, interval_s
+        self.added = AddedAccelerations(
+            orbit, lambda moments: np.swapaxes(rtn_axes(*orbit.states(moments)), 1, 2) * sigma_m_s2
+        )
+        first_s, last_s = orbit.span_s
+        edges = []
+        for end_s in (last_s, first_s):
+            edges_s = np.append(np.sign(end_s) * np.arange(0.0, abs(end_s), interval_s), end_s)
+            edges.append(self.added.at_epoch(orbit.epoch[np.zeros(len(edges_s), dtype=int)].shifted(edges_s)))
+        self._edges = edges
+        self.moved = (np.diff(edges[0], axis=0), np.diff(edges[1], axis=0))
+
+    def place(self, tdb: Epochs) -> tuple[NDArray[np.intp], NDArray[np.intp], Floats]:
+        """Chain (0 behind the epoch, 1 before it), step and effect of the interval that epochs are in, (n, 6, 3)."""
+        times_s = tdb.seconds_since(self.orbit.epoch)
+        chain = (times_s < 0.0).astype(np.intp)
+        last = np.array([len(one) for one in self.moved]) - 1
+        step = np.minimum((abs(times_s) / self.interval_s).astype(np.intp), last[chain])
+        begun = np.where((chain == 0)[:, None, None], self._edge(0, step), self._edge(1, step))
+        near = self.orbit.partials(tdb)[:, :, :6] @ (self.added.at_epoch(tdb) - begun)
+        return chain, step, near
+
+    def at(self, tdb: Epochs) -> Floats:
+        """Partials of the states by the state at the epoch and by the accelerations of near intervals, (n, 6, 6 + 9).
+
+        The interval that an epoch is in and the one inward of it have the columns of their remainders by three; those
+        of the next one outward are zero.
+        """
+        chain, step, near = self.place(tdb)
+        transition = self.orbit.partials(tdb)[:, :, :6]
+        out = np.zeros((len(step), 6, COLOURS, 3))
+        colour, rows = colours(chain, step), np.arange(len(step))
+        out[rows, :, colour] = near
+        for which, moved in enumerate(self.moved):
+            mine = np.flatnonzero((chain == which) & (step > 0))
+            out[mine, :, colours(chain[mine], step[mine] - 1)] = transition[mine] @ moved[step[mine] - 1]
+        return np.concatenate([transition, out.reshape(len(step), 6, -1)], axis=2)
+
+    def _edge(self, chain: int, step: NDArray[np.intp]) -> Floats:
+        edges = self._edges[chain]
+        return np.asarray(edges[np.minimum(step, len(edges) - 1)])
+
+
+def colours(chain: NDArray[np.intp], step: NDArray[np.intp]) -> NDArray[np.intp]:
+    """Which of the three groups of columns an interval has."""
+    return np.where(chain == 0, step, -1 - step) % COLOURS
+
+
+def stochastic_forces(
+    epoch: Epochs, values_m_s2: tuple[Floats, Floats], interval_s: float
+) -> tuple[Acceleration, ...]:
+    """Accelerations (K, 3) of intervals behind the epoch and before it, as forces."""
+    after, before = values_m_s2
+    return tuple(
+        Acceleration(
+            f"process_{k:+d}",
+            constant_m_s2=(float(value[0]), float(value[1]), float(value[2])),
+            start=epoch.shifted(k * interval_s),
+            stop=epoch.shifted((k + 1) * interval_s),
+        )
+        for k, value in enumerate([*before[::-1], *after], -len(before))
+    )

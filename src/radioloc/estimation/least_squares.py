@@ -57,6 +57,9 @@ _SHORT = 0.1
 _ROUNDED = 1e-4
 """What rounding may add to the sum, in parts of its root: 1e-7 m in residuals of millimetres."""
 
+_AT_FLOOR = 10.0
+"""Steps of so few tolerances that do not become shorter are of rounding, of hundreds of parameters together."""
+
 _NEAR = 1.0
 """A step of so many parameter scales (metres) changes the partials by less than 1e-6 of themselves: their triangle
 stays."""
@@ -361,11 +364,14 @@ class _Problem:
         if isinstance(here.linearization, OrthonormalLinearization):  # linear: another step would be none
             there = self.stepped(here, factor, 0.0)
             return there, replace(factor, right_side=np.zeros_like(factor.right_side)), FitStatus.CONVERGED, 1
-        damping = 0.0
+        damping, before = 0.0, math.inf
         for count in range(_MAX_ITERATIONS):
             length, tolerance = factor.step_sigmas, self.tolerance(here)
             if count and length < _NEGLIGIBLE * tolerance:
                 return here, factor, FitStatus.CONVERGED, count
+            if 0.5 * before < length < _AT_FLOOR * tolerance:
+                return here, factor, FitStatus.CONVERGED, count
+            before = length
             found = self.descend(here, factor, damping)
             if found is None:
                 # Nothing lowers the sum: either it is at its floor to rounding (ranges are rounded to 1e-7 m),

@@ -71,7 +71,7 @@ class Parser(argparse.ArgumentParser):
 
 def make_parser() -> Parser:
     """Make the parser of all commands; what it parses says in ``command`` which one it was."""
-    text = "Locate a lander on the Moon from Earth-based tracking."
+    text = "Locate a lander on the Moon, or determine an orbit about it, from Earth-based tracking."
     parser = Parser(prog="radioloc", description=text, formatter_class=_Layout)
     parser.examples = (
         "radioloc locate study.toml --out results",
@@ -150,7 +150,7 @@ def make_parser() -> Parser:
     for name, text, examples in (
         (
             "locate",
-            "fit a position to tracking data and print a result card",
+            "fit a position, or an orbit, to tracking data and print a result card",
             ("study.toml", "study.toml --out results --terms", "study.toml --json"),
         ),
         (
@@ -335,7 +335,7 @@ def make_parser() -> Parser:
 
     again = command(
         "verify",
-        "repeat a solution from the files that its provenance names, and tell any difference",
+        "repeat a solution from the files that its provenance names, and report any difference",
         "results/solution.json",
         json=False,
     )

@@ -66,7 +66,7 @@ def _love_numbers(rows: ObservationRows) -> NDArray[np.float64]:
 MOON_POSITION = ParameterKind(
     name="moon_position",
     unit="m",
-    description="Moon off its ephemeris: away from the Earth, along the orbit and along the orbit's normal",
+    description="correction to the ephemeris' Moon: radial (away from the Earth), along the orbit, normal to it",
     scopes=(Scope.MOON,),
     partials=_moon_position,
     acts_on=everywhere,
@@ -77,7 +77,7 @@ MOON_POSITION = ParameterKind(
 LIBRATION = ParameterKind(
     name="libration",
     unit="rad",
-    description="Moon turned about its principal axes x (to the Earth), y and z (the pole)",
+    description="correction to the librations: rotation about the principal axes x (to the Earth), y and z (the pole)",
     scopes=(Scope.MOON,),
     partials=_libration,
     acts_on=everywhere,
@@ -89,14 +89,14 @@ LIBRATION = ParameterKind(
 MOON_POSITION_VARIATION = replace(
     MOON_POSITION,
     name="moon_position_variation",
-    description="how much farther off it is in one session than `moon_position` says, in the same directions",
+    description="the same of one session, beyond `moon_position`",
     scopes=(Scope.SESSION,),
     considered=apriori.moon_position_variation,
 )
 LIBRATION_VARIATION = replace(
     LIBRATION,
     name="libration_variation",
-    description="how much farther it is turned in one session than `libration` says",
+    description="the same of one session, beyond `libration`",
     scopes=(Scope.SESSION,),
     considered=apriori.libration_variation,
 )

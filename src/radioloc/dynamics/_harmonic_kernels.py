@@ -79,3 +79,33 @@ def harmonic_sums_at(points: Floats, radius: float, series: Floats, recursion: F
     for i in range(len(points)):
         out[i] = harmonic_sums(points[i, 0], points[i, 1], points[i, 2], radius, series, recursion)
     return out
+
+
+@compiled()
+def harmonics_at(points: Floats, radius: float, recursion: Floats, out: NDArray[np.float32]) -> None:
+    """Solid harmonics at points, shape (n, 3), into n rows: of the cosines degree by degree, then of the sines."""
+    size = recursion.shape[1]
+    h, below, cosines, sines = np.zeros((4, size))
+    for i in range(len(points)):
+        x, y, z = points[i]
+        r2 = x * x + y * y + z * z
+        r = math.sqrt(r2)
+        ratio, along, square = radius / r, z * radius / r2, radius * radius / r2
+        cosines[0], sines[0] = 1.0, 0.0
+        for m in range(1, size):
+            cosines[m] = (cosines[m - 1] * x - sines[m - 1] * y) / r
+            sines[m] = (cosines[m - 1] * y + sines[m - 1] * x) / r
+        below[:] = 0.0
+        h[0] = ratio
+        for n in range(size):
+            if n > 0:
+                a, b = recursion[0, n], recursion[1, n]
+                for m in range(n):
+                    below[m] = a[m] * along * h[m] - b[m] * square * below[m]
+                below[n] = a[n] * ratio * h[n - 1]
+                h, below = below, h
+            first = n * (n + 1) // 2
+            of_cosines, of_sines = out[i, first:], out[i, out.shape[1] // 2 + first :]
+            for m in range(n + 1):
+                of_cosines[m] = h[m] * cosines[m]
+                of_sines[m] = h[m] * sines[m]

@@ -21,6 +21,7 @@ LINEAR_M = 10.0
 """An orbit that is nowhere farther than this from one that was integrated follows from its partials: what is of second
 order is some 1e-4 m in low orbits over a day."""
 _CHECKED = 200
+_COARSE_DEGREE = 40
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -48,7 +49,8 @@ class AdjustableOrbit:
     touchdown : Epochs or None
         From when on it rests on the Moon, TDB, one.
     integrated : list
-        What was integrated: values of the parameters, and the orbit; shared by those that differ in them only.
+        What was integrated: values of the parameters, and the orbit; shared by those that differ in them, in their span
+        or in the degree of their partials only.
     """
 
     epoch: Epochs
@@ -106,7 +108,12 @@ class AdjustableOrbit:
     def over(self, first: Epochs, last: Epochs) -> AdjustableOrbit:
         """The same from one epoch to another, TDB, of which more is not wanted."""
         begin_s, end_s = (float(one.seconds_since(self.epoch)[0]) for one in (first, last))
-        return replace(self, span_s=(begin_s, end_s), integrated=self.integrated.copy())
+        return replace(self, span_s=(begin_s, end_s))
+
+    def coarse(self) -> AdjustableOrbit:
+        """The same with partials of gravity that serve on the way to an estimate, at half the cost."""
+        degree = min(_COARSE_DEGREE, self.forces.gradient_degree)
+        return replace(self, forces=replace(self.forces, gradient_degree=degree))
 
     def nearest(self) -> tuple[Orbit, Floats]:
         """An integrated orbit, and by how much the parameters are larger than its, shape (p,)."""
@@ -117,7 +124,8 @@ class AdjustableOrbit:
         )
         for of_orbit, orbit in reversed(self.integrated):
             by = values - of_orbit
-            if orbit.span_s[0] <= begin_s and end_s <= orbit.span_s[1]:
+            fine = orbit.forces.gradient_degree >= self.forces.gradient_degree
+            if fine and orbit.span_s[0] <= begin_s and end_s <= orbit.span_s[1]:
                 moved_m = orbit.partials(checked)[:, :3] @ by
                 if not by.any() or np.linalg.norm(moved_m, axis=-1).max() < LINEAR_M:
                     return orbit, by

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.dynamics.added import AddedAccelerations
-from radioloc.dynamics.gravity import GravityField, acceleration_series, recursion, stacked
+from radioloc.dynamics.gravity import GravityField, acceleration_series, recursion
 from radioloc.dynamics.orbit import Orbit
 from radioloc.ephemeris import LunarOrientation
 from radioloc.errors import InputError
@@ -20,6 +20,8 @@ Floats = NDArray[np.float64]
 
 _LAST_DEGREES = 20
 """From which Kaula's rule, coefficients as 1/n^2, has its factor."""
+_AT_ONCE = 256
+"""Points whose harmonics are held together."""
 
 
 def draw_gravity_errors(
@@ -127,21 +129,33 @@ class GravityErrorEffects:
             field = errors[0]
             rot = rot_between(libration.frame, field.frame) @ rot_icrf_to_pa(libration.angles(moments)[0])
             points_m = np.ascontiguousarray(np.einsum("nij,nj->ni", rot, orbit.states(moments)[0]))
-            # The compiler takes a third of a second to import.
-            from radioloc.dynamics._harmonic_kernels import harmonic_sums_at
-
-            factors = recursion(len(field.c) + 1)
-            found = np.empty((len(moments), 3, len(errors)))
-            for k, error in enumerate(
-                errors
-            ):  # one after the other: coefficients of all would not stay in the cache
-                series = stacked(acceleration_series(error.c - 1j * error.s))
-                sums = harmonic_sums_at(points_m, error.radius_m, series, factors)
-                found[:, :, k] = np.einsum("nji,nj->ni", rot, sums) * (error.gm_m3_s2 / error.radius_m**2)
-            return found
+            return np.asarray(np.swapaxes(rot, 1, 2) @ _pulls(errors, points_m))
 
         self.added = AddedAccelerations(orbit, pulls)
 
     def at(self, tdb: Epochs) -> Floats:
         """Changes of the states at epochs of TDB, m and m/s, shape (n, 6, n_errors)."""
         return np.asarray(self.orbit.partials(tdb)[:, :, :6] @ self.added.at_epoch(tdb))
+
+
+def _pulls(errors: list[GravityField], points_m: Floats) -> Floats:
+    """Accelerations by errors at points, m/s^2, axes of the field, shape (n, 3, n_errors).
+
+    Series of all errors are summed by one product of matrices; three digits are enough.
+    """
+    # The compiler takes a third of a second to import.
+    from radioloc.dynamics._harmonic_kernels import harmonics_at
+
+    field = errors[0]
+    series = np.stack([acceleration_series(error.c - 1j * error.s) for error in errors], axis=-1)
+    of_harmonics = series[:, *np.tril_indices(series.shape[1])]
+    factors = np.concatenate([of_harmonics.real, -of_harmonics.imag], axis=1, dtype=np.float32)
+    factors = np.swapaxes(factors, 0, 1).reshape(-1, 3 * len(errors))
+    of_recursion = recursion(series.shape[1])
+    harmonics = np.empty((_AT_ONCE, len(factors)), dtype=np.float32)
+    sums = np.empty((len(points_m), 3 * len(errors)))
+    for first in range(0, len(points_m), _AT_ONCE):
+        some = points_m[first : first + _AT_ONCE]
+        harmonics_at(some, field.radius_m, of_recursion, harmonics)
+        sums[first : first + _AT_ONCE] = harmonics[: len(some)] @ factors
+    return sums.reshape(-1, 3, len(errors)) * (field.gm_m3_s2 / field.radius_m**2)

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
+from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.measurements.link import Link
 from radioloc.measurements.measurement_type import Part
 from radioloc.measurements.observations import Observations
@@ -91,6 +92,10 @@ class CombinedPredictor(Predictor):
         simple, begin = self.parts.rows(rows)
         parts = Combinations(np.append(begin, len(simple)), self.parts.weight[simple])
         return CombinedPredictor(self.observations.select(rows), parts, self.inner.select(simple))
+
+    def along(self, trajectory: AdjustableTrajectory) -> CombinedPredictor:
+        """As :meth:`Predictor.along`."""
+        return CombinedPredictor(self.observations, self.parts, self.inner.along(trajectory))
 
     def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> CombinedPredictor:
         """The same observations prepared with another model, for values only."""

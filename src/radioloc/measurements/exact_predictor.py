@@ -338,9 +338,9 @@ class ExactPredictor(Predictor):
         return part
 
     def along(self, trajectory: AdjustableTrajectory) -> ExactPredictor:
-        """The same observations of a spacecraft that is nearly where it was, by other parameters."""
-        other = copy.copy(self)
-        other.trajectory, other._orbit_x = trajectory, np.full(1, np.nan)
+        """As :meth:`Predictor.along`."""
+        other = super().along(trajectory)
+        other._orbit_x = np.full(1, np.nan)
         return other
 
     @staticmethod

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
+from radioloc.ephemeris.trajectory import AdjustableTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
 from radioloc.lunar.position import LunarPosition
@@ -208,6 +209,10 @@ class JointPredictor(Predictor):
         rows, first = np.arange(len(self.observations))[which], len(self.tracking.observations)
         assert (rows >= first).sum() == len(self.places.observations)
         return JointPredictor(self.tracking.select(rows[rows < first]), self.places)
+
+    def along(self, trajectory: AdjustableTrajectory) -> JointPredictor:
+        """As :meth:`Predictor.along`."""
+        return JointPredictor(self.tracking.along(trajectory), self.places)
 
     def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> JointPredictor:
         """The same observations prepared with another model, for values only."""

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
 from radioloc.earth.stations import Station
-from radioloc.ephemeris.trajectory import AnyTrajectory
+from radioloc.ephemeris.trajectory import AdjustableTrajectory, AnyTrajectory
 from radioloc.errors import InputError, StationError
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -203,6 +203,12 @@ class Predictor(ABC):
 
         Preparing is nearly all the work of an arc: shorter arcs of the same observations are best parts of the longest.
         """
+
+    def along(self, trajectory: AdjustableTrajectory) -> Self:
+        """The same observations of a spacecraft that is nearly where it was, by other parameters."""
+        other = copy.copy(self)
+        other.trajectory = trajectory
+        return other
 
     @abstractmethod
     def with_model(self, model: PhysicalModel, lander_pa_m: NDArray[np.float64]) -> Predictor:

@@ -42,7 +42,7 @@ _CAP_M_S = 500.0
 """Residuals beyond count as this: counts that were not locked."""
 _TURNS = 12
 """Starts about the line of sight."""
-_ROUGH_DEGREE, _FINE_GRADIENT = 20, 40
+_ROUGH_DEGREE = 20
 _ROUGH_STEPS, _FINE_STEPS = 10, 16
 _STEP_M, _STEP_M_S = 1e5, 1e2
 """How far a state goes in one step of a fit."""
@@ -92,15 +92,12 @@ def first_orbit(
     starts = [state]
     if not rough.in_plane:
         field = forces.gravity.to_degree(min(_ROUGH_DEGREE, forces.gravity.degree))
-        smooth = replace(orbiter, forces=replace(forces, gravity=field, gradient_degree=field.degree))
+        smooth = replace(orbiter, forces=replace(forces, gravity=field))
         turns = np.arange(_TURNS) * 2.0 * np.pi / _TURNS
         found = _fitted(smooth, some, [turned_state(state, turn * line) for turn in turns], _ROUGH_STEPS)
         starts = [one.state for one in found[:_KEPT]]
         starts += [_mirrored(one, mirror) for one in starts[:1]]
-    whole = replace(
-        orbiter, forces=replace(forces, gradient_degree=min(_FINE_GRADIENT, forces.gravity.degree))
-    )
-    found = _fitted(whole, some, starts, _FINE_STEPS)
+    found = _fitted(orbiter, some, starts, _FINE_STEPS)
     logger.info("first orbits: %s", "; ".join(map(str, found)))
     if not found:
         raise InputError(
@@ -203,7 +200,7 @@ def _fitted(orbiter: Orbiter, some: ExactPredictor, starts: Sequence[Floats], st
     sigma_m = _FLOOR_M_S * some.observations.count_s
     found = []
     for start in starts:
-        orbit = orbiter.at(start).orbit(some.model, some.observations, ())
+        orbit = orbiter.at(start).orbit(some.model, some.observations, ()).coarse()
         try:
             arc = ExactPredictor(some.model, some.observations, np.zeros(3), orbit)
             state, spread = fitted_state(arc, sigma_m, start, start, np.arange(6), sigmas, steps)

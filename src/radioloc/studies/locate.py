@@ -192,7 +192,9 @@ def fit_arc(
     ties_m = considered_ties_m(arc, problem.parameters, study) * allowed
     wide = noise.with_added(ties_m) if ties_m.any() else noise
     epoch = study.target.epoch if isinstance(study.target, Orbiter) else None
-    fitted, stochastic = _fit(problem, wide, order, estimate, *status_of(arc, targets), epoch)
+    orbit = arc.trajectory
+    there = arc.along(orbit.coarse()) if isinstance(orbit, AdjustableOrbit) else arc
+    fitted, stochastic = _fit(problem, wide, order, estimate, *status_of(there, targets), epoch)
     if stochastic is not None:
         problem = stochastic.here
         arc = problem.predictor
@@ -267,7 +269,7 @@ def fit_arc(
         ),
         provenance=provenance(study, arc, left_out, estimate, problem.all_positions_pa_m(x)),
         considered=considered,
-        trajectory=None if arc.trajectory is None or problem.landing is not None else str(arc.trajectory),
+        trajectory=None if arc.trajectory is None or problem.landing is not None else str(there.trajectory),
         targets=several,
     )
     if problem.landing is not None and isinstance(study.target, Orbiter):
@@ -398,6 +400,8 @@ def _arc(
     study: Study, model: PhysicalModel, observations: Observations, targets: Mapping[str, LunarPosition]
 ) -> Predictor:
     start_m, trajectory, names = _aim(study, targets, model, observations)
+    orbit = trajectory if isinstance(trajectory, AdjustableOrbit) else None
+    trajectory = trajectory if orbit is None else orbit.coarse()  # only its positions are asked for
     more = needs_more_partials(study)
     try:
         if len(rows := np.flatnonzero(~np.isnan(observations.modulus_m))):
@@ -405,9 +409,7 @@ def _arc(
             expected_m = np.full(len(observations), np.nan)
             expected_m[rows] = ambiguous.compute(start_m).value_m
             observations = without_ambiguity(observations, expected_m)
-        return prepare_predictor(
-            model, observations, start_m, study.model.evaluation, trajectory, names, more
-        )
+        arc = prepare_predictor(model, observations, start_m, study.model.evaluation, trajectory, names, more)
     except CoverageError:
         # The kernel or table does not know the files: say which observation lies outside, the first or the last.
         order = np.lexsort((observations.epoch.fraction, observations.epoch.jd))
@@ -418,6 +420,7 @@ def _arc(
                 error.args = (f"{observations.origin(row)}: {error}",)
                 raise error from None
         raise
+    return arc if orbit is None else arc.along(orbit)
 
 
 def _aim(

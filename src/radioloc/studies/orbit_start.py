@@ -42,12 +42,12 @@ _SETTLED = 0.03  # of the robust sigma of the residuals
 
 def near_orbit(problem: ObservationModel, sigma_m: Floats, usable: NDArray[np.bool_]) -> Floats | None:
     """Parameters of an arc's problem that are near the estimate; ``None`` where the target is no orbit to be fitted."""
-    arc, parameters = problem.predictor, problem.parameters
-    orbit = arc.trajectory
+    parameters, orbit = problem.parameters, problem.predictor.trajectory
     count = len(parameters.of_kind("state")) + len(parameters.of_kind("force"))
     free = np.flatnonzero(parameters.free[:count])
     if not isinstance(orbit, AdjustableOrbit) or not len(free) or not usable.any():
         return None
+    arc = problem.predictor.along(orbit.coarse())
     tdb = tt_to_tdb(utc_to_tt(arc.observations.epoch))
     away_s = np.abs(tdb.seconds_since(orbit.epoch))
     apriori = np.array(list(orbit.values.values()))

@@ -19,7 +19,6 @@ from radioloc.estimation.consider import ConsideredErrors, is_at_station
 from radioloc.estimation.labels import USED, Labels
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
-from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Predictor, blocks, reasons
 from radioloc.measurements.targets import canonical_target
@@ -27,7 +26,7 @@ from radioloc.media.status import Status
 from radioloc.parameters.choice import ParameterChoice, chosen_parameters
 from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
-from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor, tracking_of
+from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
 from radioloc.parameters.landing import Ground, LandingParameters, landing_parameters
 from radioloc.parameters.orbit import orbit_parameters
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
@@ -126,10 +125,9 @@ def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -
 
 
 def _of_gravity(orbit: DisturbedOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
-    tracking = tracking_of(problem.predictor)
-    if orbit is None or not isinstance(tracking, ExactPredictor):
+    if orbit is None:
         return None
-    effects = tracking.along(orbit).compute(np.zeros(3)).by_orbit
+    effects = problem.predictor.along(orbit).compute(np.zeros(3)).by_orbit
     names = [f"gravity_error.{k + 1}" for k in range(effects.shape[1])]
     parameters = [Parameter(name, "1", "gravity_error", 0.0, 1.0, role=Role.CONSIDERED) for name in names]
     return ConsideredErrors(ParameterSet(parameters), lambda rows: effects[rows])

@@ -73,31 +73,39 @@ def sources(
     effects: NDArray[np.float64],
     considered: Consider | None,
     ephemeris_sigma_enu_m: NDArray[np.float64],
+    direct_m: NDArray[np.float64] | float = 0.0,
 ) -> dict[tuple[str, str], NDArray[np.float64]]:
-    """Covariance of the position by each source that there may be and its name, m^2, shape (3, 3).
+    """Covariance of the position by each source that there may be and its name, m^2, shape (..., 3, 3).
 
     Parameters
     ----------
     parameters : ParameterSet
         What was solved for, p.
-    enu_by_parameters : ndarray, shape (3, p)
-        Partials of the position.
-    enu_covariance_m2 : ndarray, shape (3, 3)
+    enu_by_parameters : ndarray, shape (..., 3, p)
+        Partials of the position; of an orbit along, across and radial, at any epochs.
+    enu_covariance_m2 : ndarray, shape (..., 3, 3)
         Its covariance by noise and a-priori values.
     effects : ndarray, shape (p, p)
         Of :func:`prior_effects`.
     considered : Consider or None
+        Of c parameters.
     ephemeris_sigma_enu_m : ndarray, shape (3,)
+    direct_m : ndarray, shape (..., 3, c), optional
+        What errors of the considered parameters, one sigma each, do to the position by themselves.
     """
+
+    def squared(moved_m: NDArray[np.float64], k: int) -> NDArray[np.float64]:
+        return np.asarray(moved_m[..., :, None, k] * moved_m[..., None, :, k])
+
     of_priors_m = enu_by_parameters @ effects
-    found = {(NOISE, ""): enu_covariance_m2 - of_priors_m @ of_priors_m.T}
+    found = {(NOISE, ""): enu_covariance_m2 - of_priors_m @ np.swapaxes(of_priors_m, -1, -2)}
     for k, item in enumerate(parameters):
-        found[A_PRIORI, item.name] = np.outer(of_priors_m[:, k], of_priors_m[:, k])
+        found[A_PRIORI, item.name] = squared(of_priors_m, k)
     if considered is not None:
-        of_errors_m = enu_by_parameters @ considered.sensitivity
+        of_errors_m = enu_by_parameters @ considered.sensitivity + direct_m
         for k, item in enumerate(considered.parameters):
             key = item.kind, owner(item)
-            found[key] = found.get(key, 0.0) + np.outer(of_errors_m[:, k], of_errors_m[:, k])
+            found[key] = found.get(key, 0.0) + squared(of_errors_m, k)
     found[EPHEMERIS, ""] = np.diag(ephemeris_sigma_enu_m**2)
     return found
 
@@ -109,9 +117,11 @@ def error_budget(found: Mapping[tuple[str, str], NDArray[np.float64]]) -> tuple[
 
 
 def owner(item: Parameter) -> str:
-    """Whose a parameter is: its name without kind, component and number of the pass."""
+    """Whose a parameter is: its name without kind, component and number of the pass; nobody's of a drawn error."""
+    if item.kind not in PARAMETERS:
+        return ""
     _, _, name = item.name.partition(".")
-    for component in PARAMETERS[item.kind].components if item.kind in PARAMETERS else ():
+    for component in PARAMETERS[item.kind].components:
         name = name.removesuffix(component).removesuffix(".") if component else name
     return name.rpartition(" ")[0] if item.span_utc is not None else name
 

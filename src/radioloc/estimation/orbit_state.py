@@ -27,6 +27,11 @@ _MAPPED = 25
 """Epochs at which the covariance is mapped, the ends of the arc included."""
 
 
+def turned(axes: Floats, of_states: Floats) -> Floats:
+    """Changes of states, shape (n, 6, k), in axes, shape (n, 3, 3)."""
+    return np.concatenate([axes @ of_states[:, :3], axes @ of_states[:, 3:]], axis=1)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class ProcessEstimate:
     """Stochastic accelerations of an orbit, smoothed.
@@ -143,16 +148,26 @@ class OrbitState:
         by_parameters, covariance = self.orbit.partials(tdb), self.parameter_covariance
         if self.process is not None:
             by_parameters, covariance = self.process.covariance_at(tdb, by_parameters)
-        axes = rtn_axes(*self.orbit.states(tdb))
-        turned = np.concatenate([axes @ by_parameters[:, :3], axes @ by_parameters[:, 3:]], axis=1)
+        partials = turned(rtn_axes(*self.orbit.states(tdb)), by_parameters)
         if self.disturbed is None:
-            return np.asarray(turned @ covariance @ np.swapaxes(turned, 1, 2))
+            return np.asarray(partials @ covariance @ np.swapaxes(partials, 1, 2))
         covariance = covariance - self.sensitivity @ self.sensitivity.T
-        direct = self.disturbed.effects.at(tdb)
-        direct = np.concatenate([axes @ direct[:, :3], axes @ direct[:, 3:]], axis=1)
         # An error that the model does not have: what it does to the estimate less what it does to the truth.
-        moved = turned @ self.sensitivity - direct
-        return np.asarray(turned @ covariance @ np.swapaxes(turned, 1, 2) + moved @ np.swapaxes(moved, 1, 2))
+        moved = partials @ self.sensitivity - self.partials_rtn(tdb)[1]
+        return np.asarray(
+            partials @ covariance @ np.swapaxes(partials, 1, 2) + moved @ np.swapaxes(moved, 1, 2)
+        )
+
+    @bare_arguments
+    def partials_rtn(self, tdb: Epochs) -> tuple[Floats, Floats]:
+        """Partials of the true position and velocity, radial, along and across, at epochs, by what they depend on.
+
+        By the parameters, shape (n, 6, p), and by the k errors of gravity with the parameters held, shape (n, 6, k);
+        errors of :meth:`covariance_rtn`.
+        """
+        axes = rtn_axes(*self.orbit.states(tdb))
+        direct = np.zeros((len(axes), 6, 0)) if self.disturbed is None else self.disturbed.effects.at(tdb)
+        return turned(axes, self.orbit.partials(tdb)), turned(axes, direct)
 
     @bare_arguments
     def sigma_rtn_m(self, tdb: Epochs) -> Floats:

@@ -4,7 +4,7 @@ from radioloc.report.arc_figure import plot_arcs
 from radioloc.report.arc_study import ArcStudy
 from radioloc.report.budget_figure import plot_budget
 from radioloc.report.comparison import Comparison, plot_comparison
-from radioloc.report.covariance import CovarianceStudy, plot_covariance
+from radioloc.report.covariance import CovarianceStudy, plot_covariance, plot_covariance_on_arc
 from radioloc.report.distribution_figure import plot_distribution
 from radioloc.report.figures import save_figure
 from radioloc.report.files import (
@@ -56,6 +56,7 @@ __all__ = [
     "plot_contours",
     "plot_correlations",
     "plot_covariance",
+    "plot_covariance_on_arc",
     "plot_distribution",
     "plot_error_by_length",
     "plot_images",

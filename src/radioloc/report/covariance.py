@@ -1,5 +1,7 @@
 """What tracking would tell of a position: sigmas by length, their budget, what each part tells and what more would buy.
 
+Of an orbit they are along, across and radial, of the mean of its covariance over the arc.
+
 The 95 % radius is that of the horizontal circle around the estimate that holds the true point in 95 % of cases. With
 the covariance C of east and north, a direction u and k = u^T C^-1 u, the probability within a radius R is the mean over
 all directions of (1 - exp(-R^2 k / 2)) / (k sqrt(det C)).
@@ -19,19 +21,27 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.budget import NOISE
+from radioloc.estimation.orbit_state import RTN, OrbitState
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.report.cards import Card, Field, Shown, metres
 from radioloc.report.figures import COLORS, log_scale, several_panels, style_axes
+from radioloc.time import utc_strings
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 _Floats = NDArray[np.float64]
-_AXES = ("east", "north", "up")
+EAST_NORTH_UP = ("east", "north", "up")
+ALONG_ACROSS_RADIAL = ("along", "across", "radial")
+"""Axes of a place and of an orbit, of which the first two are horizontal."""
+LOCAL_LEVEL = [1, 2, 0]
+"""Where those of an orbit are among radial, along and across."""
 _DIRECTIONS = np.linspace(0.0, np.pi, 721)[:-1]
 _MOST_SOURCES, _MOST_GAINS = 8, 12
 _FILE = "covariance.json"
+_DRAWN, _MOST_LINES = 600, 4
+"""Epochs of an orbit in a figure, and lengths of its tracking, the longest."""
 _WORTH = 0.005
 """Part of the 95 % radius below which a gain is not shown on the card."""
 
@@ -62,18 +72,18 @@ class ErrorSource:
 
     source: str  # as of BudgetItem, as the next
     name: str
-    covariance_m2: _Floats  # east, north, up, shape (3, 3)
+    covariance_m2: _Floats  # shape (3, 3)
 
     @property
     def label(self) -> str:
         """Both in one text."""
         return f"{self.source} {self.name}".strip()
 
-    def to_dict(self) -> dict[str, Any]:
-        """Its standard deviations, in types that JSON has."""
+    def to_dict(self, names: Iterable[str]) -> dict[str, Any]:
+        """Its standard deviations by axes of some names, in types that JSON has."""
         sigma_m = np.sqrt(np.maximum(np.diag(self.covariance_m2), 0.0))
         total_m = math.sqrt(float(sigma_m @ sigma_m))
-        axes = {f"{axis}_m": float(s) for axis, s in zip(_AXES, sigma_m, strict=True)}
+        axes = {f"{axis}_m": float(s) for axis, s in zip(names, sigma_m, strict=True)}
         return {"source": self.source, "name": self.name, **axes, "total_m": total_m}
 
 
@@ -87,6 +97,9 @@ class PlannedArc:
     # They add up to the covariance; none where the position is not determined.
     sources: tuple[ErrorSource, ...]
     missing: tuple[str, ...]  # what is not determined, in words
+    axes: tuple[str, ...] = EAST_NORTH_UP  # or along, across, radial of an orbit: means over the arc
+    state: OrbitState | None = None  # of an orbit that is determined
+    tracked_h: tuple[float, float] = (math.nan, math.nan)  # from the state's epoch, first and last
 
     @property
     def determined(self) -> bool:
@@ -95,14 +108,14 @@ class PlannedArc:
 
     @property
     def covariance_m2(self) -> _Floats:
-        """East, north, up, shape (3, 3); infinite where not determined."""
+        """By the axes, shape (3, 3); infinite where not determined."""
         if not self.sources:
             return np.full((3, 3), np.inf)
         return np.asarray(sum(source.covariance_m2 for source in self.sources))
 
     @property
     def sigma_m(self) -> _Floats:
-        """Standard deviations east, north, up, shape (3,)."""
+        """Standard deviations by the axes, shape (3,)."""
         return np.sqrt(np.diag(self.covariance_m2))
 
     @property
@@ -117,7 +130,7 @@ class PlannedArc:
         )
 
     def by_source(self) -> dict[str, _Floats]:
-        """Variances east, north and up of the sources, all of one kind together, shape (3,)."""
+        """Variances by the axes of the sources, all of one kind together, shape (3,)."""
         found: dict[str, _Floats] = {}
         for source in self.sources:
             found[source.source] = found.get(source.source, np.zeros(3)) + np.diag(source.covariance_m2)
@@ -125,8 +138,8 @@ class PlannedArc:
 
     def to_dict(self) -> dict[str, Any]:
         """Its numbers, in types that JSON has."""
-        sources = sorted((s.to_dict() for s in self.sources), key=lambda record: -record["total_m"])
-        axes = zip(_AXES, self.sigma_m.tolist(), strict=True)
+        axes = zip(self.axes, self.sigma_m.tolist(), strict=True)
+        of_orbit = self.axes == ALONG_ACROSS_RADIAL
         return {
             "hours": self.hours,
             "span_h": self.span_h,
@@ -135,9 +148,17 @@ class PlannedArc:
             "missing": list(self.missing),
             **{f"sigma_{axis}_m": finite_or_none(sigma) for axis, sigma in axes},
             "radius_95_m": finite_or_none(self.radius_95_m),
-            "covariance_enu_m2": self.covariance_m2.tolist() if self.determined else None,
-            "budget": sources,
+            f"covariance_{'acr' if of_orbit else 'enu'}_m2": self.covariance_m2.tolist()
+            if self.determined
+            else None,
+            "budget": self.budget(),
+            **({"state": self.state and self.state.to_dict()} if of_orbit else {}),
         }
+
+    def budget(self) -> list[dict[str, Any]]:
+        """What its sources make, the largest first."""
+        records = (source.to_dict(self.axes) for source in self.sources)
+        return sorted(records, key=lambda record: -record["total_m"])
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,7 +182,7 @@ class Gain:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CovarianceStudy(Shown):
-    """What a tracking plan would tell of a position."""
+    """What a tracking plan would tell of a position, or of an orbit."""
 
     name: str
     arcs: tuple[PlannedArc, ...]  # the shortest first
@@ -204,11 +225,11 @@ class CovarianceStudy(Shown):
         }
 
     def to_csv(self) -> str:
-        """One row for each length, with the standard deviation by each kind of source, east, north and up together."""
+        """One row for each length, with the standard deviation by each kind of source, all axes together."""
         kinds = dict.fromkeys(kind for arc in reversed(self.arcs) for kind in arc.by_source())
         stream = io.StringIO()
         writer = csv.writer(stream, lineterminator="\n")
-        sigmas = [f"sigma_{axis}_m" for axis in _AXES]
+        sigmas = [f"sigma_{axis}_m" for axis in self.longest.axes]
         writer.writerow(
             ["hours", "span_h", "observations", *sigmas, "radius_95_m", *(f"{k}_m" for k in kinds)]
         )
@@ -222,15 +243,14 @@ class CovarianceStudy(Shown):
 
     def card(self) -> Card:
         """Card of the study."""
-        heading = ("length", "span, h", "obs.", "east", "north", "up", "95 % radius")
+        heading = ("length", "span, h", "obs.", *self.longest.axes, "95 % radius")
         return Card(
             (
                 Field("covariance", (self.name,)),
                 Field("status", _status(self)),
                 Field("1 sigma, m", (), heading, map(_length_cells, self.arcs)),
-                Field(
-                    "", ("95 % radius: of the horizontal circle that holds the true point in 95 % of cases",)
-                ),
+                Field("", (_of_the_radius(self.longest),)),
+                *_state(self.longest),
                 *_budget(self.longest),
                 *_information(self),
                 *_gains(self),
@@ -246,7 +266,7 @@ def plans_card(plans: Iterable[CovarianceStudy]) -> Card:
     """Card that compares several plans."""
     plans = tuple(plans)
     reach_m = plans[0].reach_m
-    heading = ["", "span, h", "obs.", "east", "north", "up", "95 % radius"]
+    heading = ["", "span, h", "obs.", *plans[0].longest.axes, "95 % radius"]
     lines = ["1 sigma, m, of the whole of each plan"]
     if reach_m is not None:
         heading.append(f"{metres(reach_m)} m after")
@@ -309,7 +329,7 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     above, below = figure.subplots(2, 1, sharex=True)
     radius_m = np.array([arc.radius_95_m for arc in arcs])
     above.plot(hours, radius_m, "o-", color="0.1", linewidth=2.0, label="95 % radius, horizontal")
-    for k, axis in enumerate(_AXES):
+    for k, axis in enumerate(study.longest.axes):
         sigma_m = [arc.sigma_m[k] for arc in arcs]
         above.plot(hours, sigma_m, ".-", color=COLORS[k], label=f"1 sigma {axis}")
     if study.reach_m is not None:
@@ -321,13 +341,15 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     groups = {kind: [kind] for kind in kinds}
     if len(kinds) > len(COLORS):  # the smallest in one line, so that no two have one colour
         groups = {kind: [kind] for kind in kinds[: len(COLORS) - 1]} | {"others": kinds[len(COLORS) - 1 :]}
+    first_m, last_m = (max(math.sqrt(v[:2].sum()) for v in by_source[k].values()) for k in (0, -1))
+    bottom_m = max(0.03 * last_m, 1e-4)
     for color, (label, group) in zip(COLORS, groups.items(), strict=False):
         variance = [sum(found.get(kind, np.zeros(3))[:2].sum() for kind in group) for found in by_source]
-        below.plot(hours, np.sqrt(variance), ".-", color=color, label=label)
+        if max(variance) > bottom_m**2:
+            below.plot(hours, np.sqrt(variance), ".-", color=color, label=label)
     below.set_ylabel("horizontal 1 sigma from each, m")
     below.set_xlabel("hours from the start")
-    first_m, last_m = (max(math.sqrt(v[:2].sum()) for v in by_source[k].values()) for k in (0, -1))
-    below.set_ylim(bottom=max(0.03 * last_m, 1e-4), top=2.0 * max(first_m, last_m))
+    below.set_ylim(bottom=bottom_m, top=2.0 * max(first_m, last_m))
     for axes in (above, below):
         axes.set_xscale("log")
         log_scale(axes)
@@ -338,25 +360,86 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     return figure.figure
 
 
+def plot_covariance_on_arc(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
+    """Figure of the sigmas of an orbit over the plan, radial, along and across, by the longest of the tracking.
+
+    Lines are solid where the orbit is tracked, and thin before and after it, where it is predicted.
+
+    Parameters
+    ----------
+    study : CovarianceStudy
+    ax : matplotlib.axes.Axes, optional
+        As of :func:`plot_covariance`.
+
+    Raises
+    ------
+    InputError
+        The study is of no orbit, or no length determines it.
+
+    Examples
+    --------
+    >>> import radioloc
+    >>> found = radioloc.covariance("plan.toml")  # doctest: +SKIP
+    >>> figure = radioloc.report.plot_covariance_on_arc(found)  # doctest: +SKIP
+    """
+    states = [(arc, arc.state) for arc in study.arcs if arc.state is not None]
+    if not states:
+        raise InputError(f"{study.name}: no length determines an orbit; there is nothing to draw")
+    figure = several_panels(ax, 8.0, 7.5, study.name)
+    panels = figure.subplots(3, 1, sharex=True)
+    last = states[-1][1].orbit
+    tdb = last.times(_DRAWN)
+    hours = np.linspace(*last.span_s, _DRAWN) / 3600.0
+    for k, (arc, state) in enumerate(states[-_MOST_LINES:]):
+        sigma_m = state.sigma_rtn_m(tdb)
+        for axes, of_axis_m in zip(panels, sigma_m.T, strict=True):
+            axes.plot(hours, of_axis_m, color=COLORS[k], linewidth=0.7, alpha=0.7)
+            first_h, last_h = arc.tracked_h
+            tracked = np.where((hours >= first_h) & (hours <= last_h), of_axis_m, np.nan)
+            axes.plot(hours, tracked, color=COLORS[k], linewidth=1.8, label=f"{arc.hours:g} h")
+    for axes, name in zip(panels, RTN, strict=True):
+        axes.set_ylabel(f"1 sigma {name}, m")
+        axes.set_xlim(hours[0], hours[-1])
+        log_scale(axes)
+        style_axes(axes)
+    panels[-1].set_xlabel(f"hours from {utc_strings(last.epoch, 0)[0]} TDB")
+    handles, labels = panels[0].get_legend_handles_labels()
+    figure.legend(
+        handles, labels, loc="outside lower center", ncols=8, fontsize=8, frameon=False, title="tracked for"
+    )
+    return figure.figure
+
+
 def _length_cells(arc: PlannedArc) -> tuple[str, ...]:
     sigmas = map(metres, arc.sigma_m.tolist()) if arc.determined else ("-", "-", "-")
     radius = metres(arc.radius_95_m) if arc.determined else "not observable"
     return (f"{arc.hours:g} h", f"{arc.span_h:.2f}", str(arc.count), *sigmas, radius)
 
 
+def _of_the_radius(arc: PlannedArc) -> str:
+    holds = "of the horizontal circle that holds the true point in 95 % of cases"
+    return f"95 % radius: {holds}{'; all are means over the arc' if arc.state else ''}"
+
+
+def _state(arc: PlannedArc) -> Iterator[Field]:
+    """The sigmas of the state at its epoch, radial, along and across."""
+    if arc.state is None:
+        return
+    sigma = np.sqrt(np.diag(arc.state.covariance_rtn(arc.state.epoch)[0]))
+    rows = (
+        ("position, m", *map(metres, sigma[:3].tolist())),
+        ("velocity, mm/s", *map(metres, (1e3 * sigma[3:]).tolist())),
+    )
+    yield Field("state", (), (f"of {arc.hours:g} h, at {utc_strings(arc.state.epoch, 0)[0]} TDB", *RTN), rows)
+
+
 def _budget(arc: PlannedArc) -> Iterator[Field]:
-    records = sorted((s.to_dict() for s in arc.sources), key=lambda record: -record["total_m"])
-    rows = [
-        (
-            f"{r['source']} {r['name']}".strip(),
-            *(metres(r[key]) for key in ("east_m", "north_m", "up_m", "total_m")),
-        )
-        for r in records
-    ]
+    axes = [f"{axis}_m" for axis in (*arc.axes, "total")]
+    rows = [(f"{r['source']} {r['name']}".strip(), *(metres(r[key]) for key in axes)) for r in arc.budget()]
     yield Field(
         "budget",
         (),
-        (f"of {arc.hours:g} h, m", "east", "north", "up", "3D"),
+        (f"of {arc.hours:g} h, m", *arc.axes, "3D"),
         rows[:_MOST_SOURCES],
         rest=rows[_MOST_SOURCES:],
         where=_FILE,

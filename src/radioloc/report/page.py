@@ -66,6 +66,10 @@ _FIGURES = {
     "trials": (_RESULT, "horizontal errors of the trials, with claimed and found ellipses of 95 %"),
     "error_by_length": (_RESULT, "errors and claimed sigmas by length of the arc"),
     "covariance": (_RESULT, "sigmas by length of the arc, and what they are made of"),
+    "covariance_on_arc": (
+        _RESULT,
+        "sigmas of the orbit over the plan, radial, along and across, by length of the arc",
+    ),
 }
 """Which section shows a figure, and what it shows, for those who do not see it."""
 _PHOTOGRAPHS = ("images",)

@@ -11,7 +11,7 @@ from radioloc.report.arc_figure import plot_arcs
 from radioloc.report.arc_study import ArcStudy
 from radioloc.report.budget_figure import plot_budget
 from radioloc.report.comparison import Comparison, plot_comparison
-from radioloc.report.covariance import CovarianceStudy, plot_covariance
+from radioloc.report.covariance import CovarianceStudy, plot_covariance, plot_covariance_on_arc
 from radioloc.report.distribution_figure import plot_distribution
 from radioloc.report.image_figures import plot_images
 from radioloc.report.image_solution import ImageSolution
@@ -58,7 +58,11 @@ def figures_of(result: Result) -> dict[str, Callable[[], Figure] | None]:
             drawn = {"trials": plot_trials, "error_by_length": plot_error_by_length}
             return {name: partial(draw, result) if some else None for name, draw in drawn.items()}
         case CovarianceStudy():
-            return {"covariance": partial(plot_covariance, result) if result.determined else None}
+            on_arc = result.longest.state is not None
+            return {
+                "covariance": partial(plot_covariance, result) if result.determined else None,
+                "covariance_on_arc": partial(plot_covariance_on_arc, result) if on_arc else None,
+            }
         case LeaveOneOut():
             return {}
 

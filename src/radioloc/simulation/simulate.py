@@ -138,7 +138,9 @@ class World:
 class StateAndForces(Protocol):
     """An orbit that is still to be integrated, over the sessions; an :class:`~radioloc.studies.orbiter.Orbiter`."""
 
-    def orbit_over(self, model: PhysicalModel, utc: Epochs, count_s: float) -> AdjustableOrbit:
+    def orbit_over(
+        self, model: PhysicalModel, utc: Epochs, count_s: float, parameters: tuple[str, ...] = ()
+    ) -> AdjustableOrbit:
         """The orbit from one epoch to another, with what counts of some length need beyond."""
         ...
 
@@ -162,7 +164,7 @@ class Scenario:
 
     def world(self, model: PhysicalModel) -> World:
         """Compute all but the noise, about a nominal model; errors as :func:`simulate`."""
-        trajectory, target_pa_m, enu_pa = self._trajectory(model), np.zeros(3), np.eye(3)
+        trajectory, target_pa_m, enu_pa = self.trajectory(model), np.zeros(3), np.eye(3)
         if isinstance(self.position, LunarPosition):
             target_pa_m = self.position.to_axes("PA", model.ephemeris.constants).xyz_m
             enu_pa = rot_pa_to_enu(target_pa_m, model)
@@ -184,12 +186,18 @@ class Scenario:
         drawn = drawn_errors(self.truth_sigma, predictor, at, target_pa_m, enu_pa, start)
         return World(self, plan, target_pa_m, at.value_m, added_m, errors, trajectory, drawn, enu_pa)
 
-    def _trajectory(self, model: PhysicalModel) -> AnyTrajectory | None:
-        """Where a spacecraft truly is."""
+    def trajectory(self, model: PhysicalModel) -> AnyTrajectory | None:
+        """Where a spacecraft truly is; ``None`` of a place on the Moon."""
         if isinstance(self.position, LunarPosition | AnyTrajectory):
             return None if isinstance(self.position, LunarPosition) else self.position
+        return self.orbit(model, self.position).nearest()[0]
+
+    def orbit(
+        self, model: PhysicalModel, target: StateAndForces, parameters: tuple[str, ...] = ()
+    ) -> AdjustableOrbit:
+        """An orbit over the sessions, with partials by some parameters of its forces."""
         counts_s = np.nan_to_num([session.count_s for session in self.schedule.sessions])
-        return self.position.orbit_over(model, self.schedule.span(), float(counts_s.max())).nearest()[0]
+        return target.orbit_over(model, self.schedule.span(), float(counts_s.max()), parameters)
 
 
 def rot_pa_to_enu(target_pa_m: NDArray[np.float64], model: PhysicalModel) -> NDArray[np.float64]:

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.boundary import bare_arguments
+from radioloc.dynamics import AdjustableOrbit
+from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.earth.stations import StationCatalogue
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
@@ -28,6 +30,7 @@ from radioloc.estimation.labels import USED
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.observation_noise import ObservationNoise, Whitening
+from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.process_noise import ProcessNoise
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
@@ -36,7 +39,16 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.design import ObservationModel, tracking_of
 from radioloc.parameters.parameter import Role
-from radioloc.report.covariance import CovarianceStudy, ErrorSource, Gain, PlannedArc, Share
+from radioloc.report.covariance import (
+    ALONG_ACROSS_RADIAL,
+    EAST_NORTH_UP,
+    LOCAL_LEVEL,
+    CovarianceStudy,
+    ErrorSource,
+    Gain,
+    PlannedArc,
+    Share,
+)
 from radioloc.simulation import Scenario, Session
 from radioloc.simulation.schedule import Pair
 from radioloc.simulation.simulate import rot_pa_to_enu
@@ -47,6 +59,7 @@ from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
     considered_errors,
     observation_model,
+    orbit_state,
     start_pa_m,
     status_of,
     targets_in_pa,
@@ -56,6 +69,7 @@ from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import Study
 from radioloc.studies.study_file import as_study
 from radioloc.studies.weights import ends_of
+from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
 _Floats = NDArray[np.float64]
 _Mask = NDArray[np.bool_]
@@ -64,6 +78,8 @@ HOURS = (0.5, 1.0, 2.0, 3.0, 6.0, 12.0, 24.0, 48.0)
 """Lengths that are shown where none are asked for, as far as the plan goes; then days, doubled."""
 _TO_H = 1.0 / 12.0
 """When a radius is reached is found to five minutes."""
+_MAPPED_S, _FEWEST_EPOCHS = 600.0, 13
+"""Epochs of an orbit over which covariances are averaged: a dozen in a revolution at least."""
 
 
 @bare_arguments
@@ -95,7 +111,12 @@ def covariance(
     Raises
     ------
     RadiolocError
-        The study is not of one position that is estimated, or it cannot be simulated.
+        The study is not of one position or orbit that is estimated, or it cannot be simulated.
+
+    Notes
+    -----
+    Of an orbit the sigmas are along, across and radial, root mean squares over the arc that is tracked, and its forces
+    are those of the fit; the state of each length says more (:class:`~radioloc.estimation.OrbitState`).
 
     Examples
     --------
@@ -105,9 +126,11 @@ def covariance(
     (True, 0.5)
     """
     study = as_study(study)
-    if isinstance(study.target, Trajectory | Orbiter) or len(study.targets) > 1:
-        raise InputError(f"{study.name}: a covariance study is of one position on the Moon")
-    if study.estimate.position == "none":
+    if isinstance(study.target, Trajectory) or len(study.targets) > 1:
+        raise InputError(
+            f"{study.name}: a covariance study is of one position on the Moon, or of an orbit that is estimated"
+        )
+    if study.estimate.position == "none" and not isinstance(study.target, Orbiter):
         raise InputError('a covariance study needs the position estimated: [estimate] position is "none"')
     if reach_m is not None and not (np.isfinite(reach_m) and reach_m > 0.0):
         raise InputError(f"the 95 % radius to be reached is {reach_m!r} m; give a number above zero")
@@ -137,11 +160,14 @@ class _Planned:
     noise: ProcessNoise
     usable: _Mask
     notes: tuple[str, ...]
+    orbit: AdjustableOrbit | None = None  # over the whole plan
+    errant: DisturbedOrbit | None = None  # with the errors of gravity that are considered
 
     @classmethod
-    def of(cls, study: Study) -> _Planned:
-        """That of the schedule, or of the files."""
+    def of(cls, study: Study, like: _Planned | None = None) -> _Planned:
+        """That of the schedule, or of the files; of the orbit of another plan, if it is `like` that."""
         scenario, notes = study.simulation, []
+        orbit, errant = (None, None) if like is None else (like.orbit, like.errant)
         if scenario is None:
             longest, left_out = prepared_arc(study)
             noise = _stated(study, longest)
@@ -150,17 +176,23 @@ class _Planned:
             )
         else:
             require_planned_counts(study.observations)
-            if not isinstance(scenario.position, LunarPosition):
-                raise InputError(f"{study.name}: a covariance study is of one position on the Moon")
-            study = replace(study, target=scenario.position, reference=None, references=())
+            target = scenario.position
+            if isinstance(study.target, Orbiter) and isinstance(target, Orbiter):
+                target = study.target.at(target.state)  # the forces are those of the fit
+            assert isinstance(target, LunarPosition | Orbiter)  # the study has seen to that
+            study = replace(study, target=target, reference=None, references=())
             model = model_of(study)
+            if isinstance(target, Orbiter) and orbit is None:
+                assert study.estimate.orbit is not None
+                orbit = scenario.orbit(model, target, study.estimate.orbit.parameters(target.forces))
+            place_m = start_pa_m(targets_in_pa(study, model.ephemeris.constants))
             plan = scenario.schedule.plan(
-                model, start_pa_m(targets_in_pa(study, model.ephemeris.constants)), scenario.name
+                model, place_m if orbit is None else orbit.nearest()[0], scenario.name
             )
             rows = np.flatnonzero(
                 selected(plan.observations, study.observations, study.catalogue, sources=model.sources)[0]
             )
-            longest, left_out = prepared_arc(study, plan.observations.select(rows))
+            longest, left_out = prepared_arc(study, plan.observations.select(rows), orbit)
             noise = scenario.noise.processes(plan).select(rows)
             if isinstance(longest, JointPredictor):
                 on_maps = np.arange(len(rows), len(longest.observations))
@@ -180,7 +212,10 @@ class _Planned:
         usable = status_of(longest, targets_in_pa(study, longest.model.ephemeris.constants))[0].are(USED)
         if not usable.all():
             notes.append(f"{int((~usable).sum())} observations cannot be used: too low, or out of sight")
-        return cls(study, longest, noise, usable, (*notes, *notes_of_plan(longest, left_out)))
+        if isinstance(longest.trajectory, AdjustableOrbit) and isinstance(study.target, Orbiter):
+            orbit = orbit or longest.trajectory
+            errant = errant or study.target.disturbed(orbit)
+        return cls(study, longest, noise, usable, (*notes, *notes_of_plan(longest, left_out)), orbit, errant)
 
     def parts(self, hours: Iterable[float] | float | None) -> list[ArcPart]:
         """Parts of some lengths, the shortest first; of lengths that are not asked for those that hold anything."""
@@ -225,10 +260,10 @@ class _Solved:
         """Solve a part of a plan."""
         study, arc = plan.study, part.arc
         targets = targets_in_pa(study, arc.model.ephemeris.constants)
-        problem = observation_model(arc, targets, part.estimate)
+        problem = observation_model(arc, targets or None, part.estimate)
         x = problem.parameters.prior_values
         noise = plan.noise.select(part.rows)
-        considered, not_considered = considered_errors(study, problem, part.estimate, x)
+        considered, not_considered = considered_errors(study, problem, part.estimate, x, plan.errant)
         fit = _solve(problem, noise, plan.usable[part.rows], x, _common(part, considered))
         return cls(plan, part, noise, problem, x, fit, considered, tuple(not_considered))
 
@@ -253,31 +288,69 @@ class _Solved:
     def planned(self) -> PlannedArc:
         """What it tells."""
         fit, involved = self.fit, (self.problem.position_partials(self.x) != 0.0).any(axis=0)
+        if self.problem.of_orbit:
+            involved[: self.problem.first] = True
         missing: tuple[str, ...] = ()
         sources: tuple[ErrorSource, ...] = ()
+        state = None
         if np.isfinite(np.diag(fit.covariance)[involved]).all():
-            sources = tuple(self._sources())
+            sources, state = self._sources()
         else:
             missing = assess_observability(fit).describe()[:1]
-        return PlannedArc(self.part.hours, self.part.span_h, int(fit.used.sum()), sources, missing)
+        axes = ALONG_ACROSS_RADIAL if self.problem.of_orbit else EAST_NORTH_UP
+        count = int(fit.used.sum())
+        planned = PlannedArc(self.part.hours, self.part.span_h, count, sources, missing, axes, state)
+        if state is None:
+            return planned
+        first_s, last_s = self._epochs[[0, -1]].seconds_since(state.epoch).tolist()
+        return replace(planned, tracked_h=(first_s / 3600.0, last_s / 3600.0))
 
-    def _sources(self) -> Iterator[ErrorSource]:
-        """Parts of the covariance of the position: C A C + C P C of the estimate, and what is considered."""
+    def _sources(self) -> tuple[tuple[ErrorSource, ...], OrbitState | None]:
+        """Parts of the covariance of the position: C A C + C P C of the estimate, and what is considered.
+
+        Of an orbit they are the means over the arc.
+        """
         fit, parameters = self.fit, self.fit.parameters
-        position_pa_m = self.problem.position_pa_m(self.x)
-        enu = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ self.problem.position_partials(self.x)
         formal = np.where(np.isfinite(fit.covariance), fit.covariance, 0.0)
+        moved = None if self.considered is None else consider(fit, self.considered)
+        state, direct_m = None, np.zeros(1)
+        if self.plan.orbit is None:
+            position_pa_m = self.problem.position_pa_m(self.x)
+            axes = rot_pa_to_enu(position_pa_m, self.part.arc.model) @ self.problem.position_partials(self.x)
+        else:
+            total = formal if moved is None else formal + moved.covariance
+            state = orbit_state(
+                self.plan.study, self.problem, self.x, self.plan.orbit, total, moved, self.plan.errant
+            )
+            by_orbit, by_gravity = (one[:, LOCAL_LEVEL] for one in state.partials_rtn(self._epochs))
+            axes = np.zeros((*by_orbit.shape[:2], len(parameters)))
+            mine = slice(0, self.problem.first)
+            axes[..., mine] = by_orbit @ self.problem.positions[0](self.x[mine])[1]
+            if moved is not None:
+                direct_m = np.zeros((*by_orbit.shape[:2], len(moved.parameters)))
+                direct_m[..., list(moved.parameters.of_kind("gravity_error"))] = by_gravity
         found = sources(
             parameters,
-            enu,
-            enu @ formal @ enu.T,
+            axes,
+            axes @ formal @ np.swapaxes(axes, -1, -2),
             prior_effects(fit),
-            None if self.considered is None else consider(fit, self.considered),
+            moved,
             np.array(self.part.estimate.ephemeris_sigma_m),
+            direct_m,
         )
-        for (source, name), covariance_m2 in found.items():
-            if source not in (A_PRIORI, EPHEMERIS) or covariance_m2.any():
-                yield ErrorSource(source, name, covariance_m2)
+        return tuple(
+            ErrorSource(source, name, covariance_m2.reshape(-1, 3, 3).mean(axis=0))
+            for (source, name), covariance_m2 in found.items()
+            if source not in (A_PRIORI, EPHEMERIS) or covariance_m2.any()
+        ), state
+
+    @property
+    def _epochs(self) -> Epochs:
+        """Epochs all over the part of an orbit that is tracked, TDB."""
+        ends = tt_to_tdb(utc_to_tt(self.part.arc.observations.span()))
+        length_s = float(ends[1].seconds_since(ends[0])[0])
+        count = max(_FEWEST_EPOCHS, int(length_s / _MAPPED_S) + 1)
+        return ends[np.zeros(count, dtype=int)].shifted(np.linspace(0.0, length_s, count))
 
 
 def _common(part: ArcPart, considered: ConsideredErrors | None) -> Effects | None:
@@ -364,7 +437,7 @@ def _better_known(solved: _Solved) -> Iterator[Gain]:
     kinds = dict.fromkeys(item.kind for item in solved.problem.parameters if not item.fixed)
     for kind in kinds:
         of_height = any(name.startswith("position.height") for name in solved.problem.parameters.names)
-        if kind != "position" or of_height:
+        if kind not in ("position", "state") or of_height:
             yield Gain(f"{'height' if kind == 'position' else kind} known", solved.known(kind).radius_95_m)
 
 
@@ -399,7 +472,7 @@ def _more_stations(plan: _Planned, solved: _Solved) -> Iterator[Gain]:
                 )
             continue
         larger = replace(scenario, schedule=replace(scenario.schedule, sessions=sessions))
-        more = _Planned.of(replace(plan.study, simulation=larger))
+        more = _Planned.of(replace(plan.study, simulation=larger), plan)
         [part] = arc_parts(more.longest, more.study, [solved.part.hours])
         yield Gain(what, _Solved.of(more, part).planned.radius_95_m)
 

@@ -20,7 +20,6 @@ from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reason
 from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
-from radioloc.estimation.orbit_state import OrbitState
 from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, TargetPosition, compare_with
@@ -56,6 +55,7 @@ from radioloc.studies.problem import (
     disturbed,
     needs_more_partials,
     observation_model,
+    orbit_state,
     planned_place,
     position_in_pa,
     start_pa_m,
@@ -137,8 +137,13 @@ def arc_of(
 
 
 @on_one_blas_thread
-def prepared_arc(study: Study, observations: Observations | None = None) -> tuple[Predictor, dict[str, int]]:
-    """The prepared arc of a study, and how many observations were not asked for, by reason."""
+def prepared_arc(
+    study: Study, observations: Observations | None = None, orbit: AdjustableOrbit | None = None
+) -> tuple[Predictor, dict[str, int]]:
+    """The prepared arc of a study, and how many observations were not asked for, by reason.
+
+    An orbiter's a-priori orbit over all of them may be given, which then is not integrated anew.
+    """
     model = model_of(study)
     constants = model.ephemeris.constants
     targets = targets_in_pa(study, constants)
@@ -148,7 +153,7 @@ def prepared_arc(study: Study, observations: Observations | None = None) -> tupl
     for reference in study.references:
         position_in_pa(f"[references] {reference.name}", reference.position, constants)
     chosen, left_out = _observations(study, observations, model, targets)
-    arc = _arc(study, model, chosen, targets)
+    arc = _arc(study, model, chosen, targets, orbit)
     logger.info("prepared the model for %d observations by %s", len(chosen), ", ".join(arc.stations))
     if places := study.observations.map_positions:
         arc = JointPredictor(arc, MapPredictor(arc, [place.read() for place in places]))
@@ -276,16 +281,9 @@ def fit_arc(
         state = state_before(problem, study.target, solution, errant)
         solution = replace(solution, state=state)
     elif isinstance(arc.trajectory, AdjustableOrbit):
-        mine = slice(0, problem.first)
         orbit = arc.trajectory.corrected(problem.all_positions_pa_m(x))
-        by_gravity = () if considered is None else considered.parameters.of_kind("gravity_error")
-        assert isinstance(study.target, Orbiter)
-        by = problem.positions[0](x[mine])[1]
-        covariance = by @ solution.parameter_covariance()[mine, mine] @ by.T
-        state = OrbitState(orbit, covariance, body=study.target.body)
-        if by_gravity and solution.consider is not None:
-            sensitivity = by @ solution.consider.sensitivity[mine][:, list(by_gravity)]
-            state = replace(state, disturbed=errant, sensitivity=sensitivity)
+        covariance = solution.parameter_covariance()
+        state = orbit_state(study, problem, x, orbit, covariance, solution.consider, errant)
         if stochastic is not None:
             state = stochastic.smoothed(state, fitted.fit, solution, considered)
         solution = replace(solution, trajectory=str(state.orbit), state=state)
@@ -397,9 +395,13 @@ def _read(study: Study, files: Sequence[str | Path], model: PhysicalModel) -> Ob
 
 
 def _arc(
-    study: Study, model: PhysicalModel, observations: Observations, targets: Mapping[str, LunarPosition]
+    study: Study,
+    model: PhysicalModel,
+    observations: Observations,
+    targets: Mapping[str, LunarPosition],
+    given: AdjustableOrbit | None,
 ) -> Predictor:
-    start_m, trajectory, names = _aim(study, targets, model, observations)
+    start_m, trajectory, names = _aim(study, targets, model, observations, given)
     orbit = trajectory if isinstance(trajectory, AdjustableOrbit) else None
     trajectory = trajectory if orbit is None else orbit.coarse()  # only its positions are asked for
     more = needs_more_partials(study)
@@ -424,11 +426,15 @@ def _arc(
 
 
 def _aim(
-    study: Study, targets: Mapping[str, LunarPosition], model: PhysicalModel, observations: Observations
+    study: Study,
+    targets: Mapping[str, LunarPosition],
+    model: PhysicalModel,
+    observations: Observations,
+    orbit: AdjustableOrbit | None = None,
 ) -> tuple[NDArray[np.float64], Trajectory | AdjustableOrbit | None, tuple[str, ...]]:
     """What is predicted: positions or a trajectory, and names of several targets; of one, observations may have any."""
-    trajectory: Trajectory | AdjustableOrbit | None = None
-    if isinstance(study.target, Orbiter):
+    trajectory: Trajectory | AdjustableOrbit | None = orbit
+    if isinstance(study.target, Orbiter) and orbit is None:
         assert study.estimate.orbit is not None  # the study has seen to that
         parameters = study.estimate.orbit.parameters(study.target.forces)
         find = Orbiter.orbit if study.target.rough is None else first_orbit

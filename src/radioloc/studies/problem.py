@@ -15,8 +15,9 @@ from radioloc.dynamics import AdjustableOrbit
 from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
-from radioloc.estimation.consider import ConsideredErrors, is_at_station
+from radioloc.estimation.consider import Consider, ConsideredErrors, is_at_station
 from radioloc.estimation.labels import USED, Labels
+from radioloc.estimation.orbit_state import OrbitState
 from radioloc.lunar.position import LunarPosition
 from radioloc.lunar.visibility import earth_elevation_rad
 from radioloc.measurements.physical_model import PhysicalModel
@@ -122,6 +123,26 @@ def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -
     ):
         return None  # process noise stands for what the field leaves out
     return target.disturbed(orbit.corrected(problem.all_positions_pa_m(x)))
+
+
+def orbit_state(
+    study: Study,
+    problem: ObservationModel,
+    x: NDArray[np.float64],
+    orbit: AdjustableOrbit,
+    covariance: NDArray[np.float64],
+    consider: Consider | None,
+    errant: DisturbedOrbit | None,
+) -> OrbitState:
+    """The state of an orbit whose parameters come first in x and `covariance`, which is of all that is uncertain."""
+    assert isinstance(study.target, Orbiter)
+    mine = slice(0, problem.first)
+    by = problem.positions[0](x[mine])[1]
+    state = OrbitState(orbit, by @ covariance[mine, mine] @ by.T, body=study.target.body)
+    by_gravity = () if consider is None else consider.parameters.of_kind("gravity_error")
+    if not by_gravity or consider is None:
+        return state
+    return replace(state, disturbed=errant, sensitivity=by @ consider.sensitivity[mine][:, list(by_gravity)])
 
 
 def _of_gravity(orbit: DisturbedOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:

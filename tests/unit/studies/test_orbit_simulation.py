@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import json
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -157,6 +160,46 @@ def test_the_command_writes_what_locate_reads(tmp_path, capsys):
     assert "of craft" in capsys.readouterr().out
 
 
+def test_a_covariance_study_claims_what_a_fit_of_the_tracking_does(made):
+    study, simulated = made
+    found = radioloc.covariance(replace(study, candidates=()), hours=4.0).longest
+    fitted = radioloc.locate(study, simulated.observations)
+    assert found.count == fitted.fit.total.used
+    # The truth is 170 m from where the fit begins, and noise is weighed by residuals: sigmas agree to some percent.
+    sigmas = [np.sqrt(np.diag(state.covariance)) for state in (found.state, fitted.state)]
+    np.testing.assert_allclose(*sigmas, rtol=0.15)
+    first, last = (fitted.state.epoch.shifted(3600.0 * hours) for hours in found.tracked_h)
+    assert [str(one)[:16] for one in (*utc_strings(first), *utc_strings(last))] == [
+        "2012-04-09T04:41",
+        "2012-04-09T08:41",
+    ]
+
+
+def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
+    study = replace(made[0], candidates=())
+    plan = replace(study, target=replace(study.target, gravity_errors=4, gravity_error_degree=30))
+    found = radioloc.covariance(plan, hours=[2.0, 4.0])
+    arc = found.longest
+    first_h, last_h = arc.tracked_h
+    count = int((last_h - first_h) * 6.0) + 1
+    tdb = study.target.epoch[np.zeros(count, dtype=int)].shifted(3600.0 * np.linspace(first_h, last_h, count))
+    mean_m2 = arc.state.covariance_rtn(tdb)[:, :3, :3].mean(axis=0)
+    np.testing.assert_allclose(arc.sigma_m, np.sqrt(np.diag(mean_m2))[[1, 2, 0]], rtol=1e-9)
+    assert arc.budget()[0]["source"] == "gravity_error"
+    assert found.gains[0].what == "gravity_error known"
+    assert found.gains[0].radius_95_m == pytest.approx(
+        radioloc.covariance(study, hours=4.0).longest.radius_95_m, rel=1e-6
+    )
+    written = json.loads(json.dumps(found.to_dict()))["arcs"][-1]
+    assert written["sigma_along_m"] == pytest.approx(arc.sigma_m[0])
+    assert len(written["state"]["mapped"]) == 25
+    card = " ".join(str(found).split())
+    assert "along across radial 95 % radius" in card
+    assert "of 4 h, at 2012-04-09T04:30:00 TDB radial along across position, m" in card
+    names = {path.name for path in radioloc.report.write_covariance(found, tmp_path)}
+    assert {"covariance.png", "covariance_on_arc.png"} <= names
+
+
 @pytest.mark.parametrize(
     ("forces", "more", "message"),
     [
@@ -178,5 +221,3 @@ def test_mistakes_are_told(tmp_path, forces, more, message):
 def test_studies_of_positions_refuse_orbits(made):
     with pytest.raises(InputError, match="a Monte Carlo study compares positions"):
         radioloc.monte_carlo(made[0], trials=2)
-    with pytest.raises(InputError, match="a covariance study is of one position on the Moon"):
-        radioloc.covariance(made[0])

@@ -122,12 +122,12 @@ def differences(study, effects_m):
         # With correlated weights the noise of one draw tells what the series weigh.
         fit = arc.fit(noise_m[0, arc.part]).fit
         of_arc = {
-            name: arc.enu_by_parameters @ moved_by(fit, lambda rows, m=m: m[rows], m.shape[1])
+            name: arc.compared.by_parameters[0] @ moved_by(fit, lambda rows, m=m: m[rows], m.shape[1])
             for name, m in ((name, m[arc.part]) for name, m in effects_m.items())
         }
         height = fit.parameters.names.index("position.height")
         wrong = 15.0 / fit.parameters.prior_sigmas[height]
-        of_arc[HEIGHT] = arc.enu_by_parameters @ prior_effects(fit)[:, [height]] * wrong
+        of_arc[HEIGHT] = arc.compared.by_parameters[0] @ prior_effects(fit)[:, [height]] * wrong
         moved.append(of_arc)
     long, short = moved
     return {name: (long[name] - short[name])[:2] for name in long}

@@ -55,9 +55,11 @@ def test_positions_on_the_arc_are_within_what_is_claimed(study):
     noise_m = radioloc.covariance(alone, hours=6.0).longest.sigma_m[0]
     low, _ = binomial_bounds(TRIALS, 0.95)
     for arc in found.arcs:
-        print(arc.name, arc.rms_m, arc.sigma_m, {k: v.fraction for k, v in arc.inside.items()}, arc.nees, arc.nees_state, noise_m)
         # Errors of gravity are most of it; who leaves them out claims far too little.
         assert arc.rms_m[0] > 3.0 * noise_m
-        for place in ("along", "across", "radial", "horizontal"):
+        # Claims are a little large: the residuals that such errors leave count as noise as well.
+        ratio = np.divide(arc.rms_m, arc.sigma_m)
+        assert (ratio > 0.7).all()
+        assert (ratio < 1.2).all()
+        for place in ("along", "across", "horizontal", "state"):
             assert arc.inside[place].fraction >= low, (arc.name, place)
-        assert 0.5 < arc.rms_m[0] / arc.sigma_m[0] < 1.25

@@ -91,7 +91,7 @@ def sources(
         Of c parameters.
     ephemeris_sigma_enu_m : ndarray, shape (3,)
     direct_m : ndarray, shape (..., 3, c), optional
-        What errors of the considered parameters, one sigma each, do to the position by themselves.
+        What errors of the considered parameters, one sigma each, add to the position's error by themselves.
     """
 
     def squared(moved_m: NDArray[np.float64], k: int) -> NDArray[np.float64]:

@@ -23,6 +23,11 @@ if TYPE_CHECKING:
 Floats = NDArray[np.float64]
 
 RTN = ("radial", "along", "across")
+EAST_NORTH_UP = ("east", "north", "up")
+ALONG_ACROSS_RADIAL = ("along", "across", "radial")
+"""Axes of errors of a place and of an orbit, of which the first two are horizontal."""
+LOCAL_LEVEL = [1, 2, 0, 4, 5, 3]
+"""Where those of an orbit's position and velocity are among radial, along and across."""
 _MAPPED = 25
 """Epochs at which the covariance is mapped, the ends of the arc included."""
 

@@ -21,7 +21,7 @@ from numpy.typing import NDArray
 
 from radioloc.errors import InputError
 from radioloc.estimation.budget import NOISE
-from radioloc.estimation.orbit_state import RTN, OrbitState
+from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, RTN, OrbitState
 from radioloc.estimation.statistics import finite_or_none
 from radioloc.report.cards import Card, Field, Shown, metres
 from radioloc.report.figures import COLORS, log_scale, several_panels, style_axes
@@ -32,11 +32,6 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 _Floats = NDArray[np.float64]
-EAST_NORTH_UP = ("east", "north", "up")
-ALONG_ACROSS_RADIAL = ("along", "across", "radial")
-"""Axes of a place and of an orbit, of which the first two are horizontal."""
-LOCAL_LEVEL = [1, 2, 0]
-"""Where those of an orbit are among radial, along and across."""
 _DIRECTIONS = np.linspace(0.0, np.pi, 721)[:-1]
 _MOST_SOURCES, _MOST_GAINS = 8, 12
 _FILE = "covariance.json"
@@ -345,8 +340,10 @@ def plot_covariance(study: CovarianceStudy, ax: Axes | None = None) -> Figure:
     bottom_m = max(0.03 * last_m, 1e-4)
     for color, (label, group) in zip(COLORS, groups.items(), strict=False):
         variance = [sum(found.get(kind, np.zeros(3))[:2].sum() for kind in group) for found in by_source]
-        if max(variance) > bottom_m**2:
-            below.plot(hours, np.sqrt(variance), ".-", color=color, label=label)
+        seen = (
+            label if max(variance) > bottom_m**2 else f"_{label}"
+        )  # of no line below the edge the legend speaks
+        below.plot(hours, np.sqrt(variance), ".-", color=color, label=seen)
     below.set_ylabel("horizontal 1 sigma from each, m")
     below.set_xlabel("hours from the start")
     below.set_ylim(bottom=bottom_m, top=2.0 * max(first_m, last_m))

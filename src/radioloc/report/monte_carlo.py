@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.parameters.registry import PARAMETERS
 from radioloc.report.cards import Card, Field, Shown, metres, plural
-from radioloc.report.trial_statistics import SIDES, ArcSummary, Nees, summarize
+from radioloc.report.trial_statistics import ArcSummary, Nees, sides_of, summarize
 from radioloc.tables import TableForm, as_table
 from radioloc.units import ASTROPY_UNITS, unit_of
 
 _Floats = NDArray[np.float64]
 _MAX_PARAMETERS = 8
-_PLACES = (*SIDES, "horizontal")
+_OF_AN_ORBIT = (
+    "T along, N across the orbit, R radial; hours from the state's epoch: there, in the middle and at the end"
+)
+_SHORT = {"along": "T", "across": "N", "radial": "R", "east": "E", "north": "N", "up": "U"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +47,7 @@ class MonteCarlo(Shown):
         The study's.
     seed : int
     hours, span_h : tuple of float
-        Lengths of the arcs asked for and found, the longest first, h.
+        Lengths of the arcs asked for and found, the longest first, h; of an orbit each three times.
     columns : tuple of str
         What is known of each trial and arc.
     values : ndarray, shape (trials, arcs, columns)
@@ -55,6 +58,9 @@ class MonteCarlo(Shown):
         How the linear model was proved; None where there could be none.
     drawn : tuple of str
         Quantities that departed by lot.
+    at_h : tuple of float
+        Of an orbit when its position is compared with the truth, from the state's epoch, for each of `hours`: at the
+        epoch, in the middle and at the end of the tracking. Else empty.
     """
 
     name: str
@@ -66,6 +72,7 @@ class MonteCarlo(Shown):
     linear: bool
     proof: Proof | None
     drawn: tuple[str, ...]
+    at_h: tuple[float, ...] = ()
 
     def __getitem__(self, column: str) -> _Floats:
         """One column of all trials and arcs, shape (trials, arcs).
@@ -91,19 +98,32 @@ class MonteCarlo(Shown):
 
     @property
     def errors_m(self) -> _Floats:
-        """Position less truth, east, north, up, shape (trials, arcs, 3)."""
-        return np.stack([self[f"{side}_m"] for side in SIDES], axis=-1)
+        """Position less truth by the axes, shape (trials, arcs, 3)."""
+        return np.stack([self[f"{side}_m"] for side in self.sides], axis=-1)
 
     @property
     def sigmas_m(self) -> _Floats:
-        """Claimed sigmas of the position, east, north, up, shape (trials, arcs, 3)."""
-        return np.stack([self[f"sigma_{side}_m"] for side in SIDES], axis=-1)
+        """Claimed sigmas of the position by the axes, shape (trials, arcs, 3)."""
+        return np.stack([self[f"sigma_{side}_m"] for side in self.sides], axis=-1)
+
+    @property
+    def sides(self) -> tuple[str, ...]:
+        """The axes: east, north and up, or of an orbit along, across and radial."""
+        return sides_of(self.columns)
 
     @property
     def arcs(self) -> tuple[ArcSummary | None, ...]:
         """What the trials of each arc say together, the longest first; None where none converged."""
+        epochs = self.hours.count(self.hours[0])  # of an orbit several
         return tuple(
-            summarize(length, span, self.columns, self.values[:, k], self.values[:, 0] if k else None)
+            summarize(
+                length,
+                span,
+                self.columns,
+                self.values[:, k],
+                self.values[:, k % epochs] if k >= epochs else None,
+                self.at_h[k] if self.at_h else None,
+            )
             for k, (length, span) in enumerate(zip(self.hours, self.span_h, strict=True))
         )
 
@@ -128,6 +148,8 @@ class MonteCarlo(Shown):
         """All that is known of the trials by name, one row for each trial and arc."""
         n, arcs, _ = self.values.shape
         columns = {"trial": np.repeat(np.arange(n), arcs), "hours": np.tile(self.hours, n)}
+        if self.at_h:
+            columns["at_h"] = np.tile(self.at_h, n)
         return columns | dict(zip(self.columns, self.values.reshape(n * arcs, -1).T, strict=True))
 
     def to_table(self, form: TableForm = "astropy") -> Any:
@@ -153,6 +175,7 @@ class MonteCarlo(Shown):
                 Field("monte carlo", (self.name,)),
                 Field("status", _status(self)),
                 Field("drawn", (f"{', '.join(['noise', *self.drawn])}; seed {self.seed}",)),
+                Field("axes", (_OF_AN_ORBIT,) if self.at_h else ()),
                 *(_tables(arcs) if arcs else ()),
                 Field("notes", (note for arc in arcs for note in _notes(arc))),
             )
@@ -169,14 +192,16 @@ def _tables(arcs: list[ArcSummary]) -> Iterator[Field]:
     def table(label: str, heading: tuple[str, ...], cells: Callable[[ArcSummary], Iterable[str]]) -> Field:
         return Field(label, (), ("", *heading), ((arc.name, *cells(arc)) for arc in arcs))
 
+    places = list(arcs[0].inside)
+    first, *others = (_SHORT[place] for place in places[:3])
     yield table(
         "error, m",
-        ("mean E", "N", "U", "rms E", "N", "U", "68 %", "95 %"),
+        (f"mean {first}", *others, f"rms {first}", *others, "68 %", "95 %"),
         lambda arc: map(metres, (*arc.mean_m, *arc.rms_m, arc.radius_68_m, arc.radius_95_m)),
     )
     yield table(
         "1 sigma, m",
-        ("claimed E", "N", "U", "rms/sigma E", "N", "U", f"95 % from {arcs[0].name}"),
+        (f"claimed {first}", *others, f"rms/sigma {first}", *others, f"95 % from {arcs[0].hours:g} h"),
         lambda arc: (
             *map(metres, arc.sigma_m),
             *(f"{r / s:.2f}" for r, s in zip(arc.rms_m, arc.sigma_m, strict=True)),
@@ -185,39 +210,50 @@ def _tables(arcs: list[ArcSummary]) -> Iterator[Field]:
     )
     yield table(
         "inside 95 %",
-        (*_PLACES, "expected"),
+        (*places, "expected"),
         lambda arc: (
-            *(f"{100.0 * arc.inside[place].fraction:.1f} %" for place in _PLACES),
-            f"{100.0 * arc.inside['east'].low:.1f} to {100.0 * arc.inside['east'].high:.1f} %",
+            *(f"{100.0 * inside.fraction:.1f} %" for inside in arc.inside.values()),
+            f"{100.0 * arc.inside['horizontal'].low:.1f} to {100.0 * arc.inside['horizontal'].high:.1f} %",
         ),
     )
     yield table(
         "nees",
-        ("in space", "expected", "horizontal", "expected"),
-        lambda arc: (*_nees(arc.nees), *_nees(arc.nees_horizontal)),
+        (
+            "in space",
+            "expected",
+            "horizontal",
+            "expected",
+            *(["state", "expected"] if "state" in places else []),
+        ),
+        lambda arc: (
+            *_nees(arc.nees),
+            *_nees(arc.nees_horizontal),
+            *(() if arc.nees_state is None else _nees(arc.nees_state)),
+        ),
     )
-    yield table(
-        "data",
-        ("span, h", "used", "left out", "at most"),
-        lambda arc: (f"{arc.span_h:.2f}", f"{arc.used:.1f}", f"{arc.rejected:.1f}", str(arc.rejected_most)),
+    once = [replace(arc, at_h=None) for arc in {arc.hours: arc for arc in arcs}.values()]
+    rows = (
+        (arc.name, f"{arc.span_h:.2f}", f"{arc.used:.1f}", f"{arc.rejected:.1f}", str(arc.rejected_most))
+        for arc in once
     )
+    yield Field("data", (), ("", "span, h", "used", "left out", "at most"), rows)
     found: dict[str, list[tuple[str, ...]]] = {}
-    for arc in arcs:
+    for arc in once:
         for item in arc.parameters:
             error = "-" if item.rms_error is None else f"{item.rms_error:.3g}"
             row = (arc.name, f"{item.mean:.4g}", f"{item.std:.3g}", error, f"{item.sigma:.3g}")
             found.setdefault(item.name, []).append(row)
     heading = ("mean", "std", "rms error", "sigma claimed")
-    for k, (name, rows) in enumerate(list(found.items())[:_MAX_PARAMETERS]):
-        yield Field("" if k else "estimated", (), (name, *heading), rows)
-    rest = [(name, *row) for name, rows in list(found.items())[_MAX_PARAMETERS:] for row in rows]
+    for k, (name, lines) in enumerate(list(found.items())[:_MAX_PARAMETERS]):
+        yield Field("" if k else "estimated", (), (name, *heading), lines)
+    rest = [(name, *row) for name, lines in list(found.items())[_MAX_PARAMETERS:] for row in lines]
     yield Field("", (), ("parameter", "arc", *heading), rest=rest, where="montecarlo.json")
 
 
 def _status(study: MonteCarlo) -> Iterator[str]:
     lost = int((study["converged"] != 1.0).any(axis=1).sum())
     state = f"NOT CONVERGED in {lost} of the trials" if lost else "all converged"
-    yield f"{study.trials} trials, {plural(len(study.hours), 'arc')}: {state}"
+    yield f"{study.trials} trials, {plural(len(set(study.hours)), 'arc')}: {state}"
     proof = study.proof
     if proof is None:
         yield "every trial fitted in full"

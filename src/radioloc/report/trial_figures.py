@@ -21,7 +21,6 @@ from radioloc.report.figures import (
 )
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.position_figures import error_ellipse
-from radioloc.report.trial_statistics import SIDES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -55,14 +54,15 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     >>> [axes.get_title() for axes in radioloc.report.plot_trials(found).axes]
     ['12 h', '6 h']
     """
-    good = study["converged"] == 1.0
+    good, of = study["converged"] == 1.0, " the orbit from" if study.at_h else " of"
     arcs = np.flatnonzero(good.any(axis=0)).tolist()
     if not 0 < len(arcs) <= _MOST_PANELS:
         raise InputError(f"{len(arcs)} arcs; a figure has room for 1 to {_MOST_PANELS}")
+    first, second, _ = study.sides
     errors_m = [study.errors_m[good[:, k], k, :2] for k in arcs]
     claimed_m2 = []
     for k in arcs:
-        correlation = float(np.median(study["correlation_east_north"][good[:, k], k]))
+        correlation = float(np.median(study[f"correlation_{first}_{second}"][good[:, k], k]))
         root_m = np.median(study.sigmas_m[good[:, k], k, :2], axis=0)
         claimed_m2.append(np.outer(root_m, root_m) * [[1.0, correlation], [correlation, 1.0]])
     reach_m = max(_reach_m(e, c) for e, c in zip(errors_m, claimed_m2, strict=True))
@@ -91,19 +91,20 @@ def plot_trials(study: MonteCarlo, ax: Axes | None = None) -> Figure:
         axes.plot(0.0, 0.0, "+", color=COLORS[6], markersize=9, markeredgewidth=1.2, label="truth")
         axes.set_xlim(-factor * reach_m, factor * reach_m)
         axes.set_ylim(-factor * reach_m, factor * reach_m)
-        axes.set_title(f"{study.hours[k]:g} h", fontsize=9)
+        when = f" at {study.at_h[k]:.1f} h" if study.at_h else ""
+        axes.set_title(f"{study.hours[k]:g} h{when}", fontsize=9)
     for axes in shown[-columns:]:  # the lowest of each column
         axes.tick_params(labelbottom=True)
-        axes.set_xlabel(f"east of the truth ({unit})")
+        axes.set_xlabel(f"{first}{of} the truth ({unit})")
     for axes in panels[:, 0]:
-        axes.set_ylabel(f"north of the truth ({unit})")
+        axes.set_ylabel(f"{second}{of} the truth ({unit})")
     handles, labels = shown[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside lower center", ncols=4, fontsize=8, frameon=False)
     return figure.figure
 
 
 def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
-    """Draw how the errors fall with the length of the arc, beside the sigmas claimed.
+    """Draw how the errors fall with the length of the arc, beside the sigmas claimed; of an orbit at the arc's end.
 
     Parameters
     ----------
@@ -124,7 +125,8 @@ def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     >>> radioloc.report.plot_error_by_length(found).axes[0].get_xlabel()
     'length of the arc (h)'
     """
-    arcs = sorted((arc for arc in study.arcs if arc is not None), key=lambda arc: arc.hours)
+    last = {arc.hours: arc for arc in study.arcs if arc is not None}
+    arcs = sorted(last.values(), key=lambda arc: arc.hours)
     if not arcs:
         raise InputError(f"{study.name}: no trial has converged; there is nothing to draw")
     length = [arc.hours for arc in arcs]
@@ -133,7 +135,7 @@ def plot_error_by_length(study: MonteCarlo, ax: Axes | None = None) -> Figure:
     factor, unit = length_unit(float(max(rms_m.max(), sigma_m.max(), far_m.max())))
     axes = one_panel(ax, 6.2, 4.6, f"{study.name}: {study.trials} trials")
     style_axes(axes)
-    for k, name in enumerate(SIDES):
+    for k, name in enumerate(study.sides):
         axes.plot(length, factor * rms_m[:, k], "o-", color=COLORS[k], markersize=4, label=f"{name}, rms")
         axes.plot(length, factor * sigma_m[:, k], "--", color=COLORS[k], lw=1.0, label=f"{name}, claimed")
     axes.plot(length, factor * far_m, "s-", color=COLORS[6], markersize=4, label="horizontal, 95 %")

@@ -8,12 +8,19 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP
+
 _Floats = NDArray[np.float64]
 _Three = tuple[float, ...]
 
-SIDES = ("east", "north", "up")
-NORMAL_95, CHI2_2_95 = 1.959963984540054, 5.991464547107979
-"""Quantile of 97.5 % of the normal distribution; of 95 % of chi-square of two degrees of freedom."""
+SIDES = EAST_NORTH_UP
+NORMAL_95, CHI2_2_95, CHI2_6_95 = 1.959963984540054, 5.991464547107979, 12.591587243743977
+"""Quantile of 97.5 % of the normal distribution; of 95 % of chi-square of two and of six degrees of freedom."""
+
+
+def sides_of(columns: Sequence[str]) -> tuple[str, ...]:
+    """Axes of the errors that results have: of a place, or of an orbit."""
+    return SIDES if "east_m" in columns else ALONG_ACROSS_RADIAL
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,13 +73,13 @@ class ArcSummary:
     span_h: float
     trials: int
     converged: int
-    mean_m: _Three  # position less truth, east, north, up, as the next two; the claimed sigma is the median
+    mean_m: _Three  # position less truth by the axes, as the next two; the claimed sigma is the median
     rms_m: _Three
     sigma_m: _Three
     rms_horizontal_m: float
     radius_68_m: float  # horizontal distance from the truth that 68 % are within; of 95 % likewise
     radius_95_m: float
-    # east, north, up: the claimed interval of 95 %; horizontal: the claimed ellipse of 95 %.
+    # By the axes: the claimed interval of 95 %; horizontal: the claimed ellipse of 95 %; of an orbit also the state.
     inside: dict[str, Inside]
     nees: Nees  # of the position in space; of that on the sphere the next
     nees_horizontal: Nees
@@ -82,36 +89,46 @@ class ArcSummary:
     # Horizontal distance from the longest arc's position that 95 % are within; None for that itself.
     from_longest_95_m: float | None
     parameters: tuple[ParameterSummary, ...]
+    at_h: float | None = None  # of an orbit when its position is compared, from the state's epoch
+    nees_state: Nees | None = None  # of an orbit's position and velocity
 
     @property
     def name(self) -> str:
-        """Length as text, such as ``12 h``."""
-        return f"{self.hours:g} h"
+        """Length as text, such as ``12 h``, and of an orbit when."""
+        return f"{self.hours:g} h" + ("" if self.at_h is None else f" at {self.at_h:.1f} h")
 
 
 def summarize(
-    hours: float, span_h: float, columns: Sequence[str], values: _Floats, longest: _Floats | None
+    hours: float,
+    span_h: float,
+    columns: Sequence[str],
+    values: _Floats,
+    longest: _Floats | None,
+    at_h: float | None = None,
 ) -> ArcSummary | None:
     """Summarize the trials of one arc, None where none has converged.
 
     Values have shape (trials, columns); `longest` are those of the longest arc, if this is another one.
     """
+    sides = sides_of(columns)
     converged = columns.index("converged")
     good = values[:, converged] == 1.0
     n = int(good.sum())
     if not n:
         return None
     found = dict(zip(columns, values[good].T, strict=True))
-    error_m = np.stack([found[f"{side}_m"] for side in SIDES], axis=-1)
-    sigma_m = np.stack([found[f"sigma_{side}_m"] for side in SIDES], axis=-1)
+    error_m = np.stack([found[f"{side}_m"] for side in sides], axis=-1)
+    sigma_m = np.stack([found[f"sigma_{side}_m"] for side in sides], axis=-1)
     horizontal_m = np.hypot(error_m[:, 0], error_m[:, 1])
     held = np.abs(error_m) <= NORMAL_95 * sigma_m
-    counts = dict(zip(SIDES, held.sum(axis=0).tolist(), strict=True))
+    counts = dict(zip(sides, held.sum(axis=0).tolist(), strict=True))
     counts["horizontal"] = int((found["nees_horizontal"] <= CHI2_2_95).sum())
+    if at_h is not None:
+        counts["state"] = int((found["nees_state"] <= CHI2_6_95).sum())
     low, high = binomial_bounds(n, 0.95)
     apart = None
     if longest is not None and (both := good & (longest[:, converged] == 1.0)).any():
-        plane = [columns.index("east_m"), columns.index("north_m")]
+        plane = [columns.index(f"{side}_m") for side in sides[:2]]
         apart = float(np.quantile(np.hypot(*(values - longest)[both][:, plane].T), 0.95))
     return ArcSummary(
         hours=hours,
@@ -143,6 +160,8 @@ def summarize(
             # NaN in an arc without observations that the parameter acts on.
             if f"{name}.sigma" in found and not np.isnan(found[name]).any()
         ),
+        at_h=at_h,
+        nees_state=None if at_h is None else _nees(found["nees_state"], 6),
     )
 
 

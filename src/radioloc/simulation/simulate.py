@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit, Orbit
+from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris.trajectory import AnyTrajectory
 from radioloc.errors import InputError
 from radioloc.lunar import cartesian_to_selenographic, east_north_up, rot_pa_to_me
@@ -20,9 +21,10 @@ from radioloc.measurements.physical_model import PhysicalModel
 from radioloc.measurements.predictor import Prediction, Predictor, blocks, reasons
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.registry import PARAMETERS
-from radioloc.simulation.noise import NoiseModel, require_seed
+from radioloc.simulation.noise import NoiseModel, generator, require_seed
 from radioloc.simulation.schedule import Plan, Schedule
 from radioloc.simulation.truth import (
+    GRAVITY_ERROR,
     DrawnErrors,
     Truth,
     TruthSigma,
@@ -94,6 +96,7 @@ class World:
     trajectory: AnyTrajectory | None
     drawn: DrawnErrors  # errors that a trial of a Monte Carlo study draws, and draw if asked to
     enu_pa: NDArray[np.float64]  # east, north and up at the target, in principal axes, as rows, shape (3, 3)
+    errant: DisturbedOrbit | None = None  # an orbit with the errors of gravity that are drawn
 
     def __repr__(self) -> str:
         return f"<World {len(self.plan.observations)} observations of {self.scenario.name}>"
@@ -144,6 +147,12 @@ class StateAndForces(Protocol):
         """The orbit from one epoch to another, with what counts of some length need beyond."""
         ...
 
+    def disturbed(
+        self, orbit: AdjustableOrbit, count: int, seed: np.random.Generator
+    ) -> DisturbedOrbit | None:
+        """Such an orbit with drawn errors of its gravity field; ``None`` without any."""
+        ...
+
 
 @dataclass(frozen=True, slots=True)
 class Scenario:
@@ -164,7 +173,8 @@ class Scenario:
 
     def world(self, model: PhysicalModel) -> World:
         """Compute all but the noise, about a nominal model; errors as :func:`simulate`."""
-        trajectory, target_pa_m, enu_pa = self.trajectory(model), np.zeros(3), np.eye(3)
+        trajectory, errant = self._trajectory(model)
+        target_pa_m, enu_pa = np.zeros(3), np.eye(3)
         if isinstance(self.position, LunarPosition):
             target_pa_m = self.position.to_axes("PA", model.ephemeris.constants).xyz_m
             enu_pa = rot_pa_to_enu(target_pa_m, model)
@@ -184,13 +194,17 @@ class Scenario:
         start = min(starts, key=lambda date: epochs_from_strings(date, "UTC").mjd[0])
         added_m, errors = fixed_errors(self.truth, predictor, at, target_pa_m, start)
         drawn = drawn_errors(self.truth_sigma, predictor, at, target_pa_m, enu_pa, start)
-        return World(self, plan, target_pa_m, at.value_m, added_m, errors, trajectory, drawn, enu_pa)
+        if errant is not None:
+            drawn = drawn.with_gravity(predictor.along(errant).compute(target_pa_m).by_orbit)
+        return World(self, plan, target_pa_m, at.value_m, added_m, errors, trajectory, drawn, enu_pa, errant)
 
-    def trajectory(self, model: PhysicalModel) -> AnyTrajectory | None:
-        """Where a spacecraft truly is; ``None`` of a place on the Moon."""
+    def _trajectory(self, model: PhysicalModel) -> tuple[AnyTrajectory | None, DisturbedOrbit | None]:
+        """Where a spacecraft truly is, and the same with the errors of gravity that are drawn."""
         if isinstance(self.position, LunarPosition | AnyTrajectory):
-            return None if isinstance(self.position, LunarPosition) else self.position
-        return self.orbit(model, self.position).nearest()[0]
+            return None if isinstance(self.position, LunarPosition) else self.position, None
+        orbit = self.orbit(model, self.position)
+        random = generator(self.seed, GRAVITY_ERROR)
+        return orbit.nearest()[0], self.position.disturbed(orbit, self.truth_sigma.gravity_errors, random)
 
     def orbit(
         self, model: PhysicalModel, target: StateAndForces, parameters: tuple[str, ...] = ()

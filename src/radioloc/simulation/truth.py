@@ -41,6 +41,8 @@ _LARGEST = {
 }
 _LARGEST |= {f"{name}_variation": _LARGEST[name] for name in ("moon_position", "libration")}
 """Errors up to which first order is enough, and why."""
+GRAVITY_ERROR = "gravity_error"
+"""What drawn errors of gravity are called, before their number."""
 
 
 @dataclass(frozen=True, slots=True, init=False)
@@ -98,12 +100,15 @@ class TruthSigma:
     # map's height may be wrong, where the study has a prior on the height.
     position_enu_m: tuple[float, float, float]
     clock_epoch_utc: str | None
+    # Of an orbiter: how many drawn errors of its gravity field those of a trial are made of; none where zero.
+    gravity_errors: int
 
     @bare_arguments
     def __init__(
         self,
         *,
         position_enu_m: Iterable[float] = (0.0, 0.0, 0.0),
+        gravity_errors: int = 0,
         clock_epoch_utc: str | None = None,
         **sigmas: Any,
     ) -> None:
@@ -112,6 +117,9 @@ class TruthSigma:
             raise InputError(
                 f"position_enu_m is {(east, north, up)!r}; give sigmas that are not negative and up to 200 m"
             )
+        if isinstance(gravity_errors, bool) or not isinstance(gravity_errors, int) or gravity_errors < 0:
+            raise InputError(f"gravity_errors is {gravity_errors!r}; give a whole number from zero up")
+        object.__setattr__(self, "gravity_errors", gravity_errors)
         object.__setattr__(self, "sigmas", _choices(sigmas, sigma=True))
         object.__setattr__(self, "position_enu_m", (east, north, up))
         object.__setattr__(self, "clock_epoch_utc", clock_epoch_utc)
@@ -122,6 +130,7 @@ class TruthSigma:
         position = ("position_enu_m",) if any(self.position_enu_m) else ()
         return (
             *position,
+            *(("gravity_errors",) if self.gravity_errors else ()),
             *(PARAMETERS[k].value_key for k, choice in self.sigmas.items() if any(_numbers(choice.value))),
         )
 
@@ -138,6 +147,15 @@ class DrawnErrors:
         """Errors of one trial's seed, shape (k,); one parameter more does not change those of others."""
         normal = [generator(seed, f"truth_sigma {name}").standard_normal() for name in self.names]
         return self.sigmas * np.array(normal)
+
+    def with_gravity(self, effects: NDArray[np.float64]) -> DrawnErrors:
+        """And errors of gravity, each by one sigma, with their effects on the observed values, shape (n, k)."""
+        count = effects.shape[1]
+        return DrawnErrors(
+            (*self.names, *(f"{GRAVITY_ERROR}.{k + 1}" for k in range(count))),
+            np.concatenate([self.sigmas, np.ones(count)]),
+            np.concatenate([self.partials, effects.T]),
+        )
 
     def rows(self, rows: NDArray[np.intp]) -> DrawnErrors:
         """Of some of the observations."""

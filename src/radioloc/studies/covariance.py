@@ -30,7 +30,7 @@ from radioloc.estimation.labels import USED
 from radioloc.estimation.least_squares import FitResult, FitStatus
 from radioloc.estimation.observability import assess_observability
 from radioloc.estimation.observation_noise import ObservationNoise, Whitening
-from radioloc.estimation.orbit_state import OrbitState
+from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL, EAST_NORTH_UP, LOCAL_LEVEL, OrbitState
 from radioloc.estimation.process_noise import ProcessNoise
 from radioloc.lunar.position import LunarPosition
 from radioloc.measurements.link import Link
@@ -39,16 +39,7 @@ from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
 from radioloc.parameters.design import ObservationModel, tracking_of
 from radioloc.parameters.parameter import Role
-from radioloc.report.covariance import (
-    ALONG_ACROSS_RADIAL,
-    EAST_NORTH_UP,
-    LOCAL_LEVEL,
-    CovarianceStudy,
-    ErrorSource,
-    Gain,
-    PlannedArc,
-    Share,
-)
+from radioloc.report.covariance import CovarianceStudy, ErrorSource, Gain, PlannedArc, Share
 from radioloc.simulation import Scenario, Session
 from radioloc.simulation.schedule import Pair
 from radioloc.simulation.simulate import rot_pa_to_enu
@@ -60,6 +51,7 @@ from radioloc.studies.problem import (
     considered_errors,
     observation_model,
     orbit_state,
+    require_plain_orbit,
     start_pa_m,
     status_of,
     targets_in_pa,
@@ -130,7 +122,9 @@ def covariance(
         raise InputError(
             f"{study.name}: a covariance study is of one position on the Moon, or of an orbit that is estimated"
         )
-    if study.estimate.position == "none" and not isinstance(study.target, Orbiter):
+    if isinstance(study.target, Orbiter):
+        require_plain_orbit(study, "a covariance study")
+    elif study.estimate.position == "none":
         raise InputError('a covariance study needs the position estimated: [estimate] position is "none"')
     if reach_m is not None and not (np.isfinite(reach_m) and reach_m > 0.0):
         raise InputError(f"the 95 % radius to be reached is {reach_m!r} m; give a number above zero")
@@ -322,13 +316,15 @@ class _Solved:
             state = orbit_state(
                 self.plan.study, self.problem, self.x, self.plan.orbit, total, moved, self.plan.errant
             )
-            by_orbit, by_gravity = (one[:, LOCAL_LEVEL] for one in state.partials_rtn(self._epochs))
+            by_orbit, by_gravity = (one[:, LOCAL_LEVEL[:3]] for one in state.partials_rtn(self._epochs))
             axes = np.zeros((*by_orbit.shape[:2], len(parameters)))
             mine = slice(0, self.problem.first)
             axes[..., mine] = by_orbit @ self.problem.positions[0](self.x[mine])[1]
             if moved is not None:
                 direct_m = np.zeros((*by_orbit.shape[:2], len(moved.parameters)))
-                direct_m[..., list(moved.parameters.of_kind("gravity_error"))] = by_gravity
+                direct_m[
+                    ..., list(moved.parameters.of_kind("gravity_error"))
+                ] = -by_gravity  # it is the truth that they move
         found = sources(
             parameters,
             axes,

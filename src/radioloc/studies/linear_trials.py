@@ -19,33 +19,46 @@ from radioloc.estimation.factorization import LinearProblem
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.orbit_state import ALONG_ACROSS_RADIAL
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.variance_components import fit_with_variance_components
 from radioloc.parameters.parameter import ParameterSet
+from radioloc.report.trial_statistics import sides_of
 from radioloc.simulation.noise import NoiseDraws
-from radioloc.simulation.truth import DrawnErrors, position_error_m
+from radioloc.simulation.truth import DrawnErrors
 from radioloc.studies.verdict import WIDEST_M, heights, misfits
 
 _Floats = NDArray[np.float64]
 
 
-COLUMNS = (
-    "converged",
-    "used",
-    "rejected",
-    "east_m",
-    "north_m",
-    "up_m",
-    "sigma_east_m",
-    "sigma_north_m",
-    "sigma_up_m",
-    "correlation_east_north",
-    "nees",
-    "nees_horizontal",
-    "noise_scale",
-)
-"""What is kept of each trial and arc; then the additive variance component of each type, as a sigma in metres, then
-each parameter but the position, its sigma and, of a range bias, its error: the estimate less what was put in."""
+def base_columns(sides: Sequence[str]) -> tuple[str, ...]:
+    """What is kept of each trial and arc, by the axes of a place or an orbit, of which the state is tested as well.
+
+    Then come the additive variance component of each type, as a sigma in metres, then each parameter but the position,
+    its sigma and, of a range bias, its error: the estimate less what was put in.
+    """
+    return (
+        *("converged", "used", "rejected"),
+        *(f"{side}_m" for side in sides),
+        *(f"sigma_{side}_m" for side in sides),
+        f"correlation_{sides[0]}_{sides[1]}",
+        *("nees", "nees_horizontal", "noise_scale"),
+        *(("nees_state",) if sides == ALONG_ACROSS_RADIAL else ()),
+    )
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Compared:
+    """Where estimates are compared with the truth: q times d numbers, a position or an orbit's states.
+
+    What they follow from are p parameters, k drawn errors and c errors that are considered.
+    """
+
+    by_parameters: _Floats  # (q, d, p)
+    by_drawn: _Floats  # (q, d, k), how the truth is moved
+    by_considered: _Floats  # (q, d, c), beside what the parameters do
+    offset_m: _Floats  # (q, d), truth without drawn errors less where the model was linearized
+    added_m2: _Floats  # (d, d), covariance that is added
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -56,14 +69,13 @@ class LinearArc:
     problem: LinearProblem  # at the true position, the other parameters at their a-priori values
     parameters: ParameterSet
     held_m: _Floats  # (m,), what those others add to the computed values
-    enu_by_parameters: _Floats  # (3, p), d(east, north, up)/d(parameter)
-    ephemeris_sigma_m: _Floats  # (3,)
+    compared: Compared
     noise: ObservationNoise  # as stated
     status: Labels  # before the fit
     threshold: float  # expected sigmas beyond which a residual is an outlier
     order: SeriesOrder
     groups: Labels | None  # that have a variance component each
-    height_m: float  # of the true position
+    height_m: float | None  # of the true position; of none on an orbit
     considered_m: _Floats  # (m, r), effects of independent errors of unit variance that are considered
     count_at_stations: int  # how many of them, the first, are at stations or in the air
     correlated: bool  # whether series are weighed as their residuals ask for
@@ -108,13 +120,14 @@ class LinearTrials:
     errors: dict[str, float]  # of the truth, by parameter
 
     def run(self, seed: int, trials: Sequence[int]) -> _Floats:
-        """Some trials of a study's seed, shape (trials, arcs, columns).
+        """Some trials of a study's seed, shape (trials, arcs, columns), of an orbit at several epochs of each arc.
 
         Each trial comes out the same whatever others are run with it.
         """
         seeds = [trial_seed(seed, trial) for trial in trials]
         noise_m, _ = self.draws.draw(seeds)
-        out = np.full((len(seeds), len(self.arcs), len(self.columns)), np.nan)
+        count = len(self.arcs[0].compared.offset_m)
+        out = np.full((len(seeds), len(self.arcs), count, len(self.columns)), np.nan)
         drawn = [self.drawn.draw(one) for one in seeds]
         residual_m = self.constant_m + noise_m[:, self.rows]
         for k, errors in enumerate(drawn):
@@ -123,36 +136,39 @@ class LinearTrials:
         for i, arc in enumerate(self.arcs):
             for k, errors in enumerate(drawn):
                 found = arc.fit(residual_m[k, arc.part] - arc.held_m)
-                out[k, i] = self._row(arc, found, self.drawn.by_name(errors))
-        return out
+                out[k, i] = self._rows(arc, found, errors)
+        return out.reshape(len(seeds), -1, len(self.columns))
 
-    def _row(self, arc: LinearArc, found: EditedFit, drawn: dict[str, float]) -> _Floats:
-        fit = found.fit
+    def _rows(self, arc: LinearArc, found: EditedFit, errors: _Floats) -> list[_Floats]:
+        fit, compared = found.fit, arc.compared
         covariance, _ = estimated_covariance(found, arc.order, arc.at_stations)
-        if arc.considered_m.size:
-            moved = moved_by(fit, lambda rows: arc.considered_m[rows], arc.considered_m.shape[1])
-            covariance = covariance + moved @ moved.T
-        x, sigmas = fit.x, np.sqrt(np.diag(covariance))
-        moved_m = arc.enu_by_parameters @ (x - arc.problem.x)
-        doubts = [
-            *misfits(found, arc.noise.sigma_m, arc.order.types),
-            *heights(arc.height_m + moved_m[2]),
+        moved = moved_by(fit, lambda rows: arc.considered_m[rows], arc.considered_m.shape[1])
+        x, sigmas = fit.x, np.sqrt(np.diag(covariance + moved @ moved.T))
+        moved_m = compared.by_parameters @ (x - arc.problem.x)
+        doubts = list(misfits(found, arc.noise.sigma_m, arc.order.types))
+        if arc.height_m is not None:
+            doubts += heights(arc.height_m + moved_m[0, 2])
+        errors_m = moved_m - compared.offset_m - compared.by_drawn @ errors
+        by = compared.by_parameters
+        considered_m = by @ moved + compared.by_considered
+        covariances_m2 = by @ covariance @ np.swapaxes(by, 1, 2) + compared.added_m2
+        covariances_m2 += considered_m @ np.swapaxes(considered_m, 1, 2)
+        known = np.trace(covariances_m2[0, :3, :3]) <= WIDEST_M**2
+        return [
+            row_of(
+                self.columns,
+                converged=found.converged and not doubts and bool(known),
+                used=int(fit.used.sum()),
+                rejected=int((~fit.used).sum()),
+                error_m=error_m,
+                covariance_m2=covariance_m2,
+                noise_scale=fit.noise_scale,
+                excess_noise_m=dict(found.additive_sigma_m),
+                parameters={p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
+                true=true_values(self.errors, self.drawn.by_name(errors)),
+            )
+            for error_m, covariance_m2 in zip(errors_m, covariances_m2, strict=True)
         ]
-        covariance_m2 = arc.enu_by_parameters @ covariance @ arc.enu_by_parameters.T
-        covariance_m2 += np.diag(arc.ephemeris_sigma_m**2)
-        known = np.trace(covariance_m2) <= WIDEST_M**2
-        return row_of(
-            self.columns,
-            converged=found.converged and not doubts and bool(known),
-            used=int(fit.used.sum()),
-            rejected=int((~fit.used).sum()),
-            error_m=moved_m - position_error_m(drawn),
-            covariance_m2=covariance_m2,
-            noise_scale=fit.noise_scale,
-            excess_noise_m=dict(found.additive_sigma_m),
-            parameters={p.name: (x[j], sigmas[j]) for j, p in enumerate(arc.parameters)},
-            true=true_values(self.errors, drawn),
-        )
 
 
 def trial_seed(seed: int, trial: int) -> int:
@@ -179,20 +195,18 @@ def row_of(
     parameters: dict[str, tuple[float, float]],
     true: dict[str, float],
 ) -> _Floats:
-    """One row of results in the order of the columns; NaN where an arc has no such number."""
-    sigma_m = np.sqrt(np.diag(covariance_m2))
-    correlation = nees = nees_horizontal = np.nan
+    """One row of results in the order of the columns; NaN where an arc has no such number.
+
+    Of an orbit the velocity comes after the position.
+    """
+    sigma_m = np.sqrt(np.diag(covariance_m2))[:3]
+    correlation, nees = np.nan, dict.fromkeys((2, 3, len(error_m)), np.nan)
     if np.isfinite(covariance_m2).all():
         correlation = covariance_m2[0, 1] / (sigma_m[0] * sigma_m[1])
-        nees = float(error_m @ np.linalg.solve(covariance_m2, error_m))
-        nees_horizontal = float(error_m[:2] @ np.linalg.solve(covariance_m2[:2, :2], error_m[:2]))
-    known = dict(
-        zip(
-            COLUMNS,
-            (converged, used, rejected, *error_m, *sigma_m, correlation, nees, nees_horizontal, noise_scale),
-            strict=True,
-        )
-    )
+        nees = {n: float(error_m[:n] @ np.linalg.solve(covariance_m2[:n, :n], error_m[:n])) for n in nees}
+    base = (converged, used, rejected, *error_m[:3], *sigma_m, correlation, nees[3], nees[2], noise_scale)
+    of_state = (nees[6],) if 6 in nees else ()
+    known = dict(zip(base_columns(sides_of(columns)), (*base, *of_state), strict=True))
     known |= {f"excess_noise_m.{kind}": value for kind, value in excess_noise_m.items()}
     for name, (value, sigma) in parameters.items():
         known[name], known[f"{name}.sigma"] = value, sigma

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from radioloc.errors import InputError
 from radioloc.progress import progress_bar
 from radioloc.report.monte_carlo import MonteCarlo, Proof
+from radioloc.report.trial_statistics import sides_of
 from radioloc.simulation.noise import generator, require_seed
 from radioloc.studies.linear_trials import LinearTrials
 from radioloc.studies.one_thread import on_one_blas_thread
@@ -146,12 +147,13 @@ def monte_carlo(
         name=study.name,
         seed=int(seed),
         hours=ready.hours,
-        span_h=tuple(part.span_h for part in ready.parts),
+        span_h=ready.span_h,
         columns=ready.columns,
         values=values,
         linear=linear is not None,
         proof=proof,
         drawn=ready.world.scenario.truth_sigma.keys,
+        at_h=ready.at_h,
     )
 
 
@@ -188,8 +190,9 @@ class _Runner:
 def _prove(linear: LinearTrials, full: FullTrials, seed: int, values: _Floats) -> Proof:
     """Compare the linear model with full fits where it is most likely to be wrong, and elsewhere."""
     columns = {name: k for k, name in enumerate(linear.columns)}
-    enu = [columns[f"{axis}_m"] for axis in ("east", "north", "up")]
-    sigmas = [columns[f"sigma_{axis}_m"] for axis in ("east", "north", "up")]
+    sides = sides_of(linear.columns)
+    enu = [columns[f"{side}_m"] for side in sides]
+    sigmas = [columns[f"sigma_{side}_m"] for side in sides]
     distance_m = np.linalg.norm(values[..., enu], axis=-1)
     farthest = [int(np.argmax(distance_m[:, k])) for k in {0, distance_m.shape[1] - 1}]
     random = generator(seed, "trials to prove the linear model with")

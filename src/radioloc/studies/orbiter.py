@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.random import Generator
 from numpy.typing import ArrayLike, NDArray
 
 from radioloc.boundary import bare_fields
@@ -205,12 +206,14 @@ class Orbiter:
         x, y, z, vx, vy, vz = state.tolist()
         return replace(self, position_m=(x, y, z), velocity_m_s=(vx, vy, vz), rough=None)
 
-    def disturbed(self, orbit: AdjustableOrbit) -> DisturbedOrbit | None:
-        """Its orbit with the errors of gravity that are considered, if there are any."""
-        field = self.forces.gravity
-        if not self.gravity_errors or field.degree < 2:
+    def disturbed(
+        self, orbit: AdjustableOrbit, count: int | None = None, seed: Generator | int = 0
+    ) -> DisturbedOrbit | None:
+        """Its orbit with the errors of gravity that are considered, or with others, if there are any."""
+        field, count = self.forces.gravity, self.gravity_errors if count is None else count
+        if not count or field.degree < 2:
             return None
-        errors = draw_gravity_errors(field, self.gravity_errors, max(field.degree, self.gravity_error_degree))
+        errors = draw_gravity_errors(field, count, max(field.degree, self.gravity_error_degree), seed)
         return DisturbedOrbit(orbit, GravityErrorEffects(orbit.nearest()[0], errors, orbit.libration))
 
     def record(self) -> dict[str, Any]:
@@ -252,9 +255,11 @@ class Orbiter:
             )
         return self.landing.landed(flight, model)
 
-    def orbit_over(self, model: PhysicalModel, utc: Epochs | None, count_s: float) -> AdjustableOrbit:
+    def orbit_over(
+        self, model: PhysicalModel, utc: Epochs | None, count_s: float, parameters: tuple[str, ...] = ()
+    ) -> AdjustableOrbit:
         """The true orbit, over time tags from one epoch to another; one that lands comes to rest at its place."""
-        flight = self._flight(model, utc, count_s, ())
+        flight = self._flight(model, utc, count_s, parameters)
         return flight if self.landing is None else self.landing.at_rest(flight, model)
 
     def _flight(

@@ -13,11 +13,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
+from radioloc.dynamics import AdjustableOrbit, Orbit
+from radioloc.dynamics.disturbed import DisturbedOrbit
+from radioloc.dynamics.elements import rtn_axes
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import InputError
 from radioloc.estimation.build import seconds_since_midnight
 from radioloc.estimation.consider import few_errors
 from radioloc.estimation.labels import USED, Labels
+from radioloc.estimation.orbit_state import (
+    ALONG_ACROSS_RADIAL,
+    EAST_NORTH_UP,
+    LOCAL_LEVEL,
+    turned,
+)
 from radioloc.estimation.robust import linear_problem
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution
@@ -32,11 +41,12 @@ from radioloc.parameters.registry import PARAMETERS
 from radioloc.simulation import World
 from radioloc.simulation.noise import NoiseDraws
 from radioloc.simulation.simulate import rot_pa_to_enu
-from radioloc.simulation.truth import position_error_m
+from radioloc.simulation.truth import GRAVITY_ERROR
 from radioloc.studies.linear_trials import (
-    COLUMNS,
+    Compared,
     LinearArc,
     LinearTrials,
+    base_columns,
     row_of,
     trial_seed,
     true_values,
@@ -45,16 +55,22 @@ from radioloc.studies.locate import fit_arc, model_of
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
     considered_errors,
+    disturbed,
+    gravity_errors,
     needs_more_partials,
     observation_model,
     position_in_pa,
+    require_plain_orbit,
+    start_pa_m,
     status_of,
+    targets_in_pa,
 )
 from radioloc.studies.selection import ArcPart, arc_parts, require_planned_counts, selected
 from radioloc.studies.simulate import scenario_of
 from radioloc.studies.station_noise import stated_noise
 from radioloc.studies.study import Study
 from radioloc.studies.weights import weighted_observations
+from radioloc.time import Epochs, tt_to_tdb, utc_to_tt
 
 _Floats = NDArray[np.float64]
 
@@ -73,8 +89,32 @@ class Prepared:
 
     @property
     def hours(self) -> tuple[float, ...]:
-        """Lengths of the arcs, h."""
-        return tuple(part.hours for part in self.parts)
+        """Lengths of the arcs, h, once for each epoch at which they are compared with the truth."""
+        return tuple(part.hours for part in self.parts for _ in range(self._epochs))
+
+    @property
+    def span_h(self) -> tuple[float, ...]:
+        """Likewise from the start to the last observation."""
+        return tuple(part.span_h for part in self.parts for _ in range(self._epochs))
+
+    @property
+    def at_h(self) -> tuple[float, ...]:
+        """Of an orbit those epochs, from that of the state, h."""
+        if not isinstance(self.study.target, Orbiter):
+            return ()
+        epochs_s = (self.epochs(part).seconds_since(self.study.target.epoch) for part in self.parts)
+        return tuple((np.concatenate(list(epochs_s)) / 3600.0).tolist())
+
+    @property
+    def _epochs(self) -> int:
+        return 3 if isinstance(self.study.target, Orbiter) else 1
+
+    def epochs(self, part: ArcPart) -> Epochs:
+        """When an orbit is compared with the truth: at its epoch, in the middle and at the end of the tracking, TDB."""
+        assert isinstance(self.study.target, Orbiter)
+        epoch = self.study.target.epoch
+        first_s, last_s = tt_to_tdb(utc_to_tt(part.arc.observations.span())).seconds_since(epoch).tolist()
+        return epoch[np.zeros(3, dtype=int)].shifted(np.array([0.0, 0.5 * (first_s + last_s), last_s]))
 
     @classmethod
     def of(cls, study: Study, hours: Sequence[float]) -> Prepared:
@@ -87,23 +127,29 @@ class Prepared:
         """
         scenario = scenario_of(study)
         require_planned_counts(study.observations)
-        if isinstance(study.target, Trajectory | Orbiter) or not isinstance(scenario.position, LunarPosition):
+        if isinstance(study.target, Trajectory) or not isinstance(scenario.position, LunarPosition | Orbiter):
             raise InputError(
-                f"{study.name}: a Monte Carlo study compares positions, but the target is a trajectory"
+                f"{study.name}: a Monte Carlo study compares positions and orbits, but the target is a trajectory"
             )
         if study.observations.map_positions:
             raise InputError(
                 f"{study.name}: a Monte Carlo study draws tracking, but no places on maps; leave "
                 "[[observations.map_positions]] out, or use `radioloc covariance`, which allows for them"
             )
-        if study.estimate.position == "none":
+        if isinstance(study.target, Orbiter):
+            require_plain_orbit(study, "a Monte Carlo study")
+        elif study.estimate.position == "none":
             raise InputError(
                 'a Monte Carlo study needs the position estimated: [estimate] position is "none"'
             )
         model = model_of(study)
         constants = model.ephemeris.constants
-        target = position_in_pa("[target]", study.target, constants)
-        position_in_pa("[simulation.position]", scenario.position, constants)
+        targets, orbit = targets_in_pa(study, constants), None
+        if isinstance(scenario.position, LunarPosition):
+            position_in_pa("[simulation.position]", scenario.position, constants)
+        if isinstance(study.target, Orbiter):
+            assert study.estimate.orbit is not None
+            orbit = scenario.orbit(model, study.target, study.estimate.orbit.parameters(study.target.forces))
         world = scenario.world(model)
         choice = replace(study.observations, hours=hours[-1])
         rows = np.flatnonzero(
@@ -113,14 +159,19 @@ class Prepared:
             world.plan.observations.select(rows), study.observations.weights, study.catalogue
         )
         longest = prepare_predictor(
-            model, planned, target.xyz_m, study.model.evaluation, more_partials=needs_more_partials(study)
+            model,
+            planned,
+            start_pa_m(targets),
+            study.model.evaluation,
+            trajectory=orbit,
+            more_partials=needs_more_partials(study),
         )
         parts = arc_parts(longest, study, reversed(hours))
         names = dict.fromkeys(
             p.name
             for part in parts
-            for p in observation_model(part.arc, target, part.estimate).parameters
-            if p.kind != "position" and not p.fixed
+            for p in observation_model(part.arc, targets or None, part.estimate).parameters
+            if p.kind not in ("position", "state") and not p.fixed
         )
         biases = study.estimate.parameters.get("range_bias", ParameterChoice())
         by_station = biases.scope(PARAMETERS["range_bias"]) in (Scope.STATION, Scope.PASS)
@@ -132,9 +183,9 @@ class Prepared:
             world=world,
             rows=rows,
             parts=tuple(parts),
-            rot_pa_to_enu=rot_pa_to_enu(world.target_pa_m, model),
+            rot_pa_to_enu=np.eye(3) if orbit else rot_pa_to_enu(world.target_pa_m, model),
             columns=(
-                *COLUMNS,
+                *base_columns(ALONG_ACROSS_RADIAL if orbit else EAST_NORTH_UP),
                 *(f"excess_noise_m.{kind}" for kind in kinds),
                 *(
                     column
@@ -147,11 +198,15 @@ class Prepared:
     def linear(self) -> LinearTrials | None:
         """The trials by the linear model; none where it cannot stand for the fit of every arc."""
         longest = self.parts[0].arc
-        computed_m = longest.at(self.world.target_pa_m).value_m
-        usable = status_of(longest, {"": self._target_pa})[0].are(USED)
+        problem, x = self.at_truth(self.parts[0])
+        computed_m = longest.at(
+            problem.all_positions_pa_m(x) if problem.of_orbit else self.world.target_pa_m
+        ).value_m
+        usable = status_of(longest, self._targets_pa)[0].are(USED)
+        errant = disturbed(self.study, problem, x)
         arcs = []
         for part in self.parts:
-            one = self._linear_arc(part, usable[part.rows])
+            one = self._linear_arc(part, usable[part.rows], errant)
             if one is None:
                 return None
             arcs.append(one)
@@ -166,15 +221,74 @@ class Prepared:
         )
 
     @property
-    def _target_pa(self) -> LunarPosition:
+    def _targets_pa(self) -> dict[str, LunarPosition]:
         """A-priori position."""
-        assert isinstance(self.study.target, LunarPosition)  # others are refused
-        return position_in_pa("[target]", self.study.target, self.model.ephemeris.constants)
+        return targets_in_pa(self.study, self.model.ephemeris.constants)
 
-    def _linear_arc(self, part: ArcPart, usable: NDArray[np.bool_]) -> LinearArc | None:
+    def at_truth(self, part: ArcPart) -> tuple[ObservationModel, _Floats]:
+        """The problem of a part, and its parameters of the true position or state, the others a priori."""
+        problem = observation_model(part.arc, self._targets_pa or None, part.estimate)
+        wanted = self.world.target_pa_m
+        if isinstance(self.study.target, Orbiter):
+            assert isinstance(self.world.scenario.position, Orbiter)
+            wanted = np.zeros(problem.first)
+            wanted[:6] = self.world.scenario.position.state - self.study.target.state
+        return problem, _parameters_at(problem, wanted)
+
+    def drawn_moves(self, part: ArcPart, names: Sequence[str]) -> _Floats:
+        """How drawn errors move what is compared, shape (q, d, k)."""
+        if not isinstance(self.study.target, Orbiter):
+            return np.array(
+                [[[name == f"position.{side}" for name in names] for side in EAST_NORTH_UP]], dtype=float
+            )
+        moves = np.zeros((3, 6, len(names)))
+        errant = self.world.errant
+        if errant is not None:
+            of_gravity = [name.startswith(f"{GRAVITY_ERROR}.") for name in names]
+            tdb = self.epochs(part)
+            moves[..., of_gravity] = _local(errant.orbit, tdb, errant.effects.at(tdb))
+        return moves
+
+    def _compared(
+        self, part: ArcPart, problem: ObservationModel, x: _Floats, errant: DisturbedOrbit | None, count: int
+    ) -> Compared:
+        """What estimates are compared with, of so many considered errors, of which those of gravity are the last."""
+        by_drawn = self.drawn_moves(part, self.world.drawn.names)
+        if not problem.of_orbit:
+            return Compared(
+                (self.rot_pa_to_enu @ problem.position_partials(x))[None],
+                by_drawn,
+                np.zeros((1, 3, count)),
+                np.zeros((1, 3)),
+                np.diag(np.array(part.estimate.ephemeris_sigma_m) ** 2),
+            )
+        assert isinstance(self.world.trajectory, Orbit)
+        tdb = self.epochs(part)
+        here = self._whole.corrected(problem.all_positions_pa_m(x))
+        by_parameters = np.zeros((3, 6, len(x)))
+        by_parameters[..., : problem.first] = _local(
+            here, tdb, here.partials(tdb) @ problem.positions[0](x[: problem.first])[1]
+        )
+        by_considered = np.zeros((3, 6, count))
+        if errant is not None:
+            direct = _local(here, tdb, errant.effects.at(tdb))
+            by_considered[..., count - direct.shape[-1] :] = -direct  # it is the truth that they move
+        apart = np.hstack(self.world.trajectory.states(tdb)) - np.hstack(here.states(tdb))
+        offset_m = _local(here, tdb, apart[..., None])[..., 0]
+        return Compared(by_parameters, by_drawn, by_considered, offset_m, np.zeros((6, 6)))
+
+    @property
+    def _whole(self) -> AdjustableOrbit:
+        """The a-priori orbit over the whole plan."""
+        orbit = self.parts[0].arc.trajectory
+        assert isinstance(orbit, AdjustableOrbit)
+        return orbit
+
+    def _linear_arc(
+        self, part: ArcPart, usable: NDArray[np.bool_], errant: DisturbedOrbit | None
+    ) -> LinearArc | None:
         study, arc = self.study, part.arc
-        problem = observation_model(arc, self._target_pa, part.estimate)
-        x = _parameters_at(problem, self.world.target_pa_m)
+        problem, x = self.at_truth(part)
         partials = problem.linearize(x).partials(np.arange(len(part.rows)))
         noise = stated_noise(arc, study.observations)
         made = linear_problem(partials, problem.parameters, x, noise, usable)
@@ -185,6 +299,9 @@ class Prepared:
         considered_m, count_at_stations = np.zeros((len(part.rows), 0)), 0
         if considered is not None:
             considered_m, count_at_stations = few_errors(considered, noise.sigma_m)
+        of_gravity = gravity_errors(errant, problem)
+        if of_gravity is not None:
+            considered_m = np.hstack([considered_m, of_gravity.partials(np.arange(len(part.rows)))])
         types = Labels(observations.kind.astype(np.int32), tuple(KINDS))
         paths = Labels.coded([link.path for link in observations.links], observations.link)
         order = SeriesOrder.of(types, paths, seconds_since_midnight(observations.epoch))
@@ -192,15 +309,16 @@ class Prepared:
             part=part.rows,
             problem=made,
             parameters=problem.parameters,
-            held_m=partials[:, 3:] @ x[3:],
-            enu_by_parameters=self.rot_pa_to_enu @ problem.position_partials(x),
-            ephemeris_sigma_m=np.array(part.estimate.ephemeris_sigma_m),
+            held_m=partials[:, problem.first :] @ x[problem.first :],
+            compared=self._compared(part, problem, x, errant, considered_m.shape[1]),
             noise=noise,
             status=Labels((~usable).astype(np.int32), (USED, "not usable")),
             threshold=study.estimate.rejection_sigma,
             order=order,
             groups=part.estimate.component_groups(order),
-            height_m=float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
+            height_m=None
+            if problem.of_orbit
+            else float(np.linalg.norm(self.world.target_pa_m)) - MEAN_LUNAR_RADIUS_M,
             considered_m=considered_m,
             count_at_stations=count_at_stations,
             correlated=study.estimate.weights == "correlated",
@@ -208,13 +326,18 @@ class Prepared:
         )
 
 
-def _parameters_at(problem: ObservationModel, position_pa_m: _Floats) -> _Floats:
-    """Parameters of a position, the others at their a-priori values."""
-    x = problem.parameters.prior_values.copy()
+def _local(orbit: Orbit | AdjustableOrbit, tdb: Epochs, of_states: _Floats) -> _Floats:
+    """Changes of states at epochs, shape (n, 6, k), along, across and radial, velocities after positions."""
+    return turned(rtn_axes(*orbit.states(tdb)), of_states)[:, LOCAL_LEVEL]
+
+
+def _parameters_at(problem: ObservationModel, wanted: _Floats) -> _Floats:
+    """Parameters of a position, or of changes of an orbit's own, the others at their a-priori values."""
+    x, mine = problem.parameters.prior_values.copy(), len(wanted)
     for _ in range(20):
-        found_m, partials = problem.positions[0](x[:3])
-        step = np.linalg.solve(partials, position_pa_m - found_m)
-        x[:3] += step
+        found, partials = problem.positions[0](x[:mine])
+        step = np.linalg.solve(partials, wanted - found)
+        x[:mine] += step
         if np.abs(step).max() < 1e-7:
             return x
     raise InputError(
@@ -239,26 +362,38 @@ def _full_trial(ready: Prepared, seed: int) -> _Floats:
     value_m = world.value_m + errors @ world.drawn.partials + world.scenario.noise.draw(world.plan, seed)[0]
     value_m = value_m[ready.rows]
     study = replace(ready.study, reference=None)
-    found = []
+    found: list[_Floats] = []
     for part in ready.parts:
         arc = part.arc.with_values(value_m[part.rows])
         solution = fit_arc(study, arc, {}, part.estimate, consistency=False)
-        found.append(_solution_row(ready, solution, world.drawn.by_name(errors)))
+        found += _solution_rows(ready, part, solution, errors)
     return np.array(found)
 
 
-def _solution_row(ready: Prepared, solution: Solution, drawn: dict[str, float]) -> _Floats:
-    sigmas = solution.sigmas()
-    return row_of(
-        ready.columns,
-        converged=solution.converged,
-        used=solution.fit.total.used,
-        rejected=solution.fit.total.rejected,
-        error_m=ready.rot_pa_to_enu @ (solution.position_pa_m - ready.world.target_pa_m)
-        - position_error_m(drawn),
-        covariance_m2=solution.position_covariance("enu"),
-        noise_scale=solution.noise_scale,
-        excess_noise_m=dict(solution.fit.excess_noise_m),
-        parameters={p.name: (solution.values[j], sigmas[j]) for j, p in enumerate(solution.parameters)},
-        true=true_values(ready.world.errors, drawn),
-    )
+def _solution_rows(ready: Prepared, part: ArcPart, solution: Solution, errors: _Floats) -> list[_Floats]:
+    world, sigmas = ready.world, solution.sigmas()
+    moved_m = ready.drawn_moves(part, world.drawn.names) @ errors
+    if solution.state is None:
+        errors_m = (ready.rot_pa_to_enu @ (solution.position_pa_m - world.target_pa_m))[None] - moved_m
+        covariances_m2 = solution.position_covariance("enu")[None]
+    else:
+        assert isinstance(world.trajectory, Orbit)
+        tdb = ready.epochs(part)
+        apart = np.hstack(solution.state.orbit.states(tdb)) - np.hstack(world.trajectory.states(tdb))
+        errors_m = _local(world.trajectory, tdb, apart[..., None])[..., 0] - moved_m
+        covariances_m2 = solution.state.covariance_rtn(tdb)[:, LOCAL_LEVEL][:, :, LOCAL_LEVEL]
+    return [
+        row_of(
+            ready.columns,
+            converged=solution.converged,
+            used=solution.fit.total.used,
+            rejected=solution.fit.total.rejected,
+            error_m=error_m,
+            covariance_m2=covariance_m2,
+            noise_scale=solution.noise_scale,
+            excess_noise_m=dict(solution.fit.excess_noise_m),
+            parameters={p.name: (solution.values[j], sigmas[j]) for j, p in enumerate(solution.parameters)},
+            true=true_values(world.errors, world.drawn.by_name(errors)),
+        )
+        for error_m, covariance_m2 in zip(errors_m, covariances_m2, strict=True)
+    ]

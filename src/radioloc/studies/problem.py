@@ -98,7 +98,7 @@ def considered_errors(
     if estimate is None:
         return None, []
     model, notes = _considered_model(problem.predictor, study, estimate)
-    gravity = _of_gravity(orbit, problem)
+    gravity = gravity_errors(orbit, problem)
     if model is None:
         return gravity, notes
     positions_pa_m = problem.all_positions_pa_m(x)
@@ -125,6 +125,18 @@ def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -
     return target.disturbed(orbit.corrected(problem.all_positions_pa_m(x)))
 
 
+def require_plain_orbit(study: Study, what: str) -> None:
+    """Raise an :class:`InputError` of an orbiter that lands, or whose orbit has process noise."""
+    orbit = study.estimate.orbit
+    if isinstance(study.target, Orbiter) and study.target.landing is not None:
+        raise InputError(
+            f"{what} is of a position or an orbit, not of a descent; use `radioloc simulate` and `radioloc locate`, or "
+            "leave [target.landing] out"
+        )
+    if orbit is not None and orbit.process_noise is not None:
+        raise InputError(f"{what} of an orbit has no process noise; leave [estimate.orbit] process_noise out")
+
+
 def orbit_state(
     study: Study,
     problem: ObservationModel,
@@ -145,7 +157,8 @@ def orbit_state(
     return replace(state, disturbed=errant, sensitivity=by @ consider.sensitivity[mine][:, list(by_gravity)])
 
 
-def _of_gravity(orbit: DisturbedOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
+def gravity_errors(orbit: DisturbedOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
+    """Errors of an orbit's gravity field, with what they do to the observations."""
     if orbit is None:
         return None
     effects = problem.predictor.along(orbit).compute(np.zeros(3)).by_orbit

@@ -29,7 +29,7 @@ _MASKS = {
 }
 _VLBI_STATION = ("vlbi_station", "vlbi_station_rate")
 _OF_TRUTH = {"terms_on": tuple[str, ...], "terms_off": tuple[str, ...]}
-_OF_TRUTH_SIGMA = {"position_enu_m": tuple[float, float, float]}
+_OF_TRUTH_SIGMA = {"position_enu_m": tuple[float, float, float], "gravity_errors": int}
 """Keys of both that are no parameter's."""
 _EARLIER = {
     "moon_position_m": "moon_m",

@@ -481,7 +481,12 @@ def _simulation(
             )
         return planned
     # Of a trajectory there is none, and the study refuses it.
-    return scenario(table, target if true is None else position_of(true, true.read(Place)), catalogue)
+    planned = scenario(table, target if true is None else position_of(true, true.read(Place)), catalogue)
+    if planned.truth_sigma.gravity_errors:
+        raise InputError(
+            f"{table.path}: [simulation.truth_sigma] gravity_errors belongs to an orbiter; leave it out"
+        )
+    return planned
 
 
 def _true_orbiter(

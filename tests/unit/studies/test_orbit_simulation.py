@@ -13,7 +13,7 @@ from radioloc.cli import main
 from radioloc.dynamics import Orbit, propagate
 from radioloc.errors import InputError
 from radioloc.measurements import ExactPredictor, PhysicalModel
-from radioloc.simulation import windows
+from radioloc.simulation import TruthSigma, windows
 from radioloc.studies import light_times, visibility
 from radioloc.time import utc_strings
 
@@ -175,6 +175,7 @@ def test_a_covariance_study_claims_what_a_fit_of_the_tracking_does(made):
     ]
 
 
+@pytest.mark.slow
 def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
     study = replace(made[0], candidates=())
     plan = replace(study, target=replace(study.target, gravity_errors=4, gravity_error_degree=30))
@@ -218,6 +219,41 @@ def test_mistakes_are_told(tmp_path, forces, more, message):
         radioloc.read_study(written(tmp_path, more, forces=forces))
 
 
-def test_studies_of_positions_refuse_orbits(made):
-    with pytest.raises(InputError, match="a Monte Carlo study compares positions"):
-        radioloc.monte_carlo(made[0], trials=2)
+@pytest.mark.slow
+def test_trials_of_an_orbit_are_those_of_full_fits(made, tmp_path):
+    study, _ = made
+    found = radioloc.monte_carlo(study, trials=20, hours=4.0)
+    assert found.linear
+    assert found.proof.passed
+    assert found.converged
+    assert found.sides == ("along", "across", "radial")
+    np.testing.assert_allclose(found.at_h, [0.0, 2.185, 4.185], atol=0.01)
+    claimed = radioloc.covariance(replace(study, candidates=()), hours=4.0).longest.state
+    tdb = claimed.epoch[np.zeros(3, dtype=int)].shifted(3600.0 * np.array(found.at_h))
+    # Noise by the residuals of each trial: the median is that of the noise stated to some percent.
+    expected_m = claimed.sigma_rtn_m(tdb)[:, [1, 2, 0]]
+    np.testing.assert_allclose(np.median(found.sigmas_m, axis=0), expected_m, rtol=0.1)
+    card = " ".join(str(found).split())
+    assert "4 h at 2.2 h" in card
+    assert "along across radial horizontal state expected" in card
+    names = {path.name for path in radioloc.report.write_monte_carlo(found, tmp_path)}
+    assert {"trials.csv", "trials.png", "error_by_length.png"} <= names
+    assert (tmp_path / "trials.csv").read_text().startswith("trial,hours,at_h,converged,")
+
+
+def test_errors_of_gravity_are_drawn_beside_the_noise(made):
+    study, without = made
+    scenario = replace(study.simulation, truth_sigma=TruthSigma(gravity_errors=2))
+    # What degrees 21 and 22, which the field has not, do to the orbit is far more than the noise.
+    target = replace(scenario.position, gravity_error_degree=22)
+    drawn = radioloc.simulate(
+        replace(study, simulation=replace(scenario, position=target)), seed=3, draw_errors=True
+    )
+    assert list(drawn.drawn) == ["gravity_error.1", "gravity_error.2"]
+    np.testing.assert_allclose(
+        drawn.observations.value_m - without.observations.value_m, drawn.drawn_m, atol=1e-9
+    )
+    assert np.ptp(drawn.drawn_m) > 100.0 * SIGMA_M
+    assert "gravity_errors" in scenario.truth_sigma.keys
+    with pytest.raises(InputError, match="gravity_errors is -1; give a whole number"):
+        TruthSigma(gravity_errors=-1)

@@ -47,7 +47,7 @@ from radioloc.studies.monte_carlo import monte_carlo
 from radioloc.studies.passes import visibility
 from radioloc.studies.selection import DEFAULT_HOURS
 from radioloc.studies.simulate import simulate
-from radioloc.studies.study import Study
+from radioloc.studies.study import Study, TerrainPrior
 from radioloc.studies.study_file import read_study
 from radioloc.studies.subsets import leave_one_out
 from radioloc.studies.verification import verify
@@ -87,7 +87,9 @@ def _locate(options: argparse.Namespace) -> int:
     arc, left_out = locate.prepared_arc(study)
     solution = locate.fit_arc(study, arc, left_out, study.estimate if fitted else None)
     if options.out is not None:
-        write_report(solution, options.out, arc if options.terms else None, html=options.report)
+        prior = study.estimate.height_prior
+        dem = prior.terrain if fitted and isinstance(prior, TerrainPrior) else None
+        write_report(solution, options.out, arc if options.terms else None, html=options.report, dem=dem)
     if options.residuals_tdm is not None:
         write_residuals_tdm(solution, arc.observations, options.residuals_tdm, originator=options.originator)
     tell(options, solution, solution.to_dict)

@@ -16,6 +16,7 @@ from radioloc.errors import InputError
 from radioloc.estimation.labels import Labels
 from radioloc.estimation.solution import Solution
 from radioloc.estimation.statistics import Residuals
+from radioloc.lunar import TerrainModel
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.predictor import Predictor
 from radioloc.measurements.registry import KINDS
@@ -25,6 +26,7 @@ from radioloc.report.covariance import CovarianceStudy
 from radioloc.report.figures import save_figure
 from radioloc.report.image_solution import ImageSolution
 from radioloc.report.leave_one_out import LeaveOneOut
+from radioloc.report.map_figure import plot_map
 from radioloc.report.monte_carlo import MonteCarlo
 from radioloc.report.orbit_files import ORBIT_FILES, orbit_writers
 from radioloc.report.page import PAGE, write_page
@@ -47,7 +49,12 @@ OF_A_MONTE_CARLO = ("montecarlo.json", "trials.csv", "trials.[ps][nv]g", "error_
 
 
 def write_report(
-    solution: Solution, folder: str | Path, terms_by: Predictor | None = None, *, html: bool = False
+    solution: Solution,
+    folder: str | Path,
+    terms_by: Predictor | None = None,
+    *,
+    html: bool = False,
+    dem: TerrainModel | None = None,
 ) -> list[Path]:
     """Write a solution's files and plots.
 
@@ -61,6 +68,8 @@ def write_report(
         That of the solution's study, to write ``terms.csv`` (:func:`write_terms`) and its figure as well.
     html : bool
         Write ``report.html`` as well (:func:`write_html`).
+    dem : TerrainModel, optional
+        To draw the position on, as ``map.png`` and in the page, where its cells are no larger than three sigmas.
 
     Returns
     -------
@@ -90,7 +99,22 @@ def write_report(
         more["terms"] = partial(plot_terms, terms, observations)
     if solution.state is not None and solution.converged:
         contents |= orbit_writers(solution.state)
-    return _write(solution, folder, contents, html, ("terms.csv", *ORBIT_FILES), more)
+    if (
+        dem is not None
+        and solution.converged
+        and 3.0 * max(solution.sigma_enu_m()) > dem.metadata.resolution_m
+    ):
+        more["map"] = partial(_on_terrain, solution, dem)
+    earlier = ("terms.csv", "map.[ps][nv]g", *ORBIT_FILES)
+    return _write(solution, folder, contents, html, earlier, more)
+
+
+def _on_terrain(solution: Solution, dem: TerrainModel) -> Figure:
+    """The position on shaded terrain, or without it where that does not reach far enough."""
+    try:
+        return plot_map(solution, dem=dem)
+    except InputError:
+        return plot_map(solution)
 
 
 _Content = str | Mapping[str, Any] | Callable[[Path], object]

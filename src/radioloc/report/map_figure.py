@@ -6,6 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -42,7 +43,7 @@ _FARTHEST_M = 5e5  # of the edges; the plane that touches the sphere shows no mo
 def plot_map(
     solutions: Located | Iterable[Located],
     *,
-    dem: str | Path | None = None,
+    dem: str | Path | TerrainModel | None = None,
     base_map: str | Path | None = None,
     reach_m: float | None = None,
     ax: Axes | None = None,
@@ -53,7 +54,7 @@ def plot_map(
     ----------
     solutions : Solution, ImageSolution or mapping, or several
         What to draw; a mapping is what ``solution.json`` holds. The first is in the middle.
-    dem : path-like, optional
+    dem : path-like or TerrainModel, optional
         An elevation model, drawn with shades; of any format that :class:`~radioloc.lunar.TerrainModel` opens.
     base_map : path-like, optional
         A map image, in place of that; of any format that :class:`~radioloc.imaging.Map` opens.
@@ -159,9 +160,11 @@ def _reach_m(
     return max(1.0, 0.5 * _LEAST_CELLS * cell_m, 1.25 * float(offsets_m.max()))
 
 
-def _ground(dem: str | Path | None, base_map: str | Path | None) -> Map | TerrainModel | None:
+def _ground(dem: str | Path | TerrainModel | None, base_map: str | Path | None) -> Map | TerrainModel | None:
     if base_map is not None:
         return Map.open(base_map)
+    if isinstance(dem, TerrainModel):
+        return replace(dem, interpolation="bicubic")
     return None if dem is None else TerrainModel.open(dem, interpolation="bicubic")
 
 

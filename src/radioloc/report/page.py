@@ -208,7 +208,7 @@ def _sections(result: Result, figures: Mapping[str, Path | BytesIO]) -> list[_Se
         found[of].fields.append(item)
     drawn = dict(figures)
     try:
-        drawn |= _map(result)
+        drawn |= {} if "map" in drawn else _map(result)
     except InputError as error:
         found[_POSITION].fields.append(Field("map", (f"not drawn: {error}",)))
     solution = result.longest if isinstance(result, ArcStudy) else result

@@ -2,6 +2,7 @@
 
 import json
 
+import matplotlib.image as mpimg
 import numpy as np
 import pytest
 from change5_case import LANDER, NEAR, observations
@@ -76,3 +77,17 @@ def test_rougher_terrain_at_the_estimate_is_told(model, terrain, monkeypatch):
 def values_and_sigmas(found):
     names = found.parameters.names
     return dict(zip(names, found.values, strict=True)), dict(zip(names, found.sigmas(), strict=True))
+
+
+def test_the_position_is_drawn_on_terrain_as_fine_as_its_sigma(tmp_path, monkeypatch):
+    monkeypatch.setattr("radioloc.report.files.figures_of", lambda _: {})
+    solution = radioloc.locate("examples/change5/short_arc_dem.toml")
+    drawn = tmp_path / "map.png"
+    # Cells of 60 m and of 7.6 km; sigmas of 25 and 40 m.
+    for name, shaded in (("images/dem.tif", True), ("change5/ldem_4_landing_site.tif", False)):
+        write_report(solution, tmp_path, dem=TerrainModel.open(f"examples/{name}"))
+        assert drawn.is_file() is shaded
+        if shaded:
+            ground = mpimg.imread(drawn)[300:1000, 300:1000, :3]
+            assert ground.std() > 0.05
+            assert np.median(np.ptp(ground, axis=2)) < 0.01  # grey

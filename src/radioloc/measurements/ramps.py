@@ -170,7 +170,10 @@ class Ramps:
 
 def _to_nanosecond(utc: Epochs) -> Epochs:
     """Epochs without the picoseconds that conversions leave; frequencies are set more roughly."""
-    return Epochs(utc.jd, np.round(utc.fraction * 8.64e13) / 8.64e13, "UTC")
+    nothing = np.zeros(len(utc))
+    begin, end = (utc_to_tai(Epochs(utc.jd + day, nothing, "UTC")) for day in (0, 1))
+    per_day = 1e9 * np.round(end.seconds_since(begin))
+    return Epochs(utc.jd, np.round(utc.fraction * per_day) / per_day, "UTC")
 
 
 @dataclass(frozen=True, slots=True, eq=False)

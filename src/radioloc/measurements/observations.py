@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from radioloc.constants import C_M_S
 from radioloc.earth.stations import StationCatalogue
 from radioloc.errors import FileFormatError, InputError
 from radioloc.measurements.link import Link
@@ -42,6 +43,8 @@ WEATHER_LIMITS = {
 """Lowest and highest value that a station on Earth can have recorded; catches Celsius, percent and Pascal."""
 
 _SIGMA_LIMITS_M = (1e-9, 1e12)
+_TURNAROUND_LIMITS = (0.05, 20.0)
+"""From Ka band up to S band down it is 0.067, the reverse 15; catches millimetres and wavelengths of light."""
 _UNITS = {
     "value_m": "m",
     "sigma_m": "m",
@@ -414,6 +417,10 @@ class Observations:
             column = getattr(self, name)
             wrong = ~(np.isnan(column) | ((column >= low) & (column <= high)))
             self._refuse(wrong, name, f"must be {low:g} to {high:g}, or left out where it was not recorded")
+        turnaround = 1e6 * C_M_S / (self.wavelength_um * self.uplink_hz)
+        low, high = _TURNAROUND_LIMITS
+        rule = f"the frequency down is {low:g} to {high:g} times uplink_hz; correct one of them"
+        self._refuse((turnaround < low) | (turnaround > high), "wavelength_um", rule)
 
     def _refuse(self, wrong: NDArray[np.bool_], name: str, rule: str) -> None:
         if not wrong.any():

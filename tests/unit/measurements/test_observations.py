@@ -70,6 +70,7 @@ def test_weather_left_out_is_nan():
         ({"relative_humidity": [0.1, 0.2, 34.0, 0.1]}, 12, "0 to 1"),
         ({"pressure_hpa": 101325.0}, 10, "100 to 1100"),
         ({"wavelength_um": 0.0}, 10, "wavelength_um"),
+        ({"wavelength_um": 35.4, "uplink_hz": 7.2e9}, 10, "the frequency down is 0.05 to 20 times uplink_hz"),
     ],
 )
 def test_impossible_values_name_file_and_line(changes, line, words):

@@ -146,6 +146,7 @@ class AdjustableOrbit:
             libration=self.libration,
             name=self.name,
             touchdown=self.touchdown,
+            whole=False,
         )
 
     @bare_arguments

@@ -70,6 +70,7 @@ def propagate(
     tolerance_m: float = 1e-7,
     name: str = "orbit",
     touchdown: Epochs | None = None,
+    whole: bool = True,
 ) -> Orbit:
     """Integrate the motion of a spacecraft about the Moon, forward and backward from an epoch.
 
@@ -95,12 +96,14 @@ def propagate(
         How messages call the orbit.
     touchdown : Epochs, optional
         From when on it rests on the Moon, where it then is, TDB, one; the epoch itself, or later.
+    whole : bool
+        Whether the span has all impulses; that of a part of an arc need not.
 
     Raises
     ------
     InputError
         A state under the ground or one that comes down to it, without finite numbers or velocity; an unknown parameter
-        or a body that the ephemeris does not hold; an impulse or the end of an acceleration outside the span.
+        or a body that the ephemeris does not hold; an impulse outside the span or at the epoch.
     CoverageError
         The ephemeris does not cover the span.
     ConvergenceError
@@ -137,7 +140,7 @@ def propagate(
     names = () if parameters is None else (*STATE, *parameters)
     data = force_data(forces, ephemeris, libration, epoch, (start_s, stop_s), state, names)
     columns = _columns(forces, names)
-    sweep = _Sweep(name, epoch, forces, names, columns, data, (start_s, stop_s), tolerance_m)
+    sweep = _Sweep(name, epoch, forces, names, columns, data, (start_s, stop_s), tolerance_m, whole)
     legs = [*sweep.legs(state, start_s)[::-1], *sweep.legs(state, stop_s)]
     return Orbit(name, epoch, forces, names, tuple(legs), rest)
 
@@ -250,6 +253,7 @@ class _Sweep:
         data: ForceData,
         span_s: tuple[float, float],
         tolerance_m: float,
+        whole: bool,
     ) -> None:
         self.name, self.epoch, self.forces, self.names = name, epoch, forces, names
         self.columns, self.data = columns, data
@@ -264,7 +268,7 @@ class _Sweep:
         ]
         self.impulses_s = [float(one.epoch.seconds_since(epoch)[0]) for one in forces.impulses]
         for one, impulse_s in zip(forces.impulses, self.impulses_s, strict=True):
-            if not span_s[0] < impulse_s < span_s[1] or impulse_s == 0.0:
+            if impulse_s == 0.0 or (whole and not span_s[0] < impulse_s < span_s[1]):
                 raise InputError(
                     f"impulse {one.name} is at {utc_strings(one.epoch, 3)[0]} TDB, outside the span or at the epoch of "
                     f"{name}; leave it out, or propagate over a longer span"

@@ -23,7 +23,7 @@ from radioloc.errors import InputError
 from radioloc.measurements.exact_predictor import ExactPredictor
 from radioloc.measurements.observations import DOPPLER, Observations
 from radioloc.measurements.physical_model import PhysicalModel
-from radioloc.studies.orbit_start import fitted_state, turned_state
+from radioloc.studies.orbit_steps import fitted_state, turned_state
 from radioloc.studies.orbiter import Orbiter, RoughOrbit
 from radioloc.time import tt_to_tdb, utc_to_tt
 

@@ -38,7 +38,7 @@ def near_landing(
         before = ObservationModel.of(
             arc.along(flight), [orbit_parameters(flight, sigmas, estimated=True)], []
         )
-        x = near_orbit(before, sigma_m, usable)
+        x, _ = near_orbit(before, sigma_m, usable)
         if x is not None:
             flight = flight.corrected(before.all_positions_pa_m(x))
     start[:count] = landing.values_of(flight.moved_to(landing.orbit.epoch))

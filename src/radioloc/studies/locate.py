@@ -16,8 +16,9 @@ from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import Doubt, build_solution, seconds_since_midnight
 from radioloc.estimation.correlated_weights import fit_with_correlated_weights
-from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reasons
+from radioloc.estimation.editing import EditedFit, fit_with_editing, with_reason, with_reasons
 from radioloc.estimation.labels import USED, Labels
+from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
 from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
@@ -46,6 +47,7 @@ from radioloc.studies.coarse_search import near_starts
 from radioloc.studies.first_orbit import first_orbit
 from radioloc.studies.independent_clocks import with_independent_clocks
 from radioloc.studies.landing_fit import near_landing, state_before
+from radioloc.studies.manoeuvres import HIDDEN, Manoeuvre
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.orbit_start import near_orbit
@@ -199,7 +201,8 @@ def fit_arc(
     epoch = study.target.epoch if isinstance(study.target, Orbiter) else None
     orbit = arc.trajectory
     there = arc.along(orbit.coarse()) if isinstance(orbit, AdjustableOrbit) else arc
-    fitted, stochastic = _fit(problem, wide, order, estimate, *status_of(there, targets), epoch)
+    status, reason = status_of(there, targets)
+    fitted, stochastic, manoeuvres = _fit(problem, wide, order, estimate, status, reason, epoch)
     if stochastic is not None:
         problem = stochastic.here
         arc = problem.predictor
@@ -230,7 +233,8 @@ def fit_arc(
     elevation_deg = _elevation_deg(arc, problem.all_positions_pa_m(x))
     doubts: list[Doubt] = []
     # Where the residuals do not fit at all, place and sigmas say nothing of their own.
-    misfit = [] if estimate is None else [*misfits(fitted, wide.sigma_m, types)]
+    misfit = [Doubt(FitStatus.MANOEUVRE, str(one)) for one in manoeuvres]
+    misfit += [] if estimate is None else misfits(fitted, wide.sigma_m, types)
     if not misfit and estimate is not None and arc.trajectory is None and estimate.position != "none":
         doubts = [*places(arc, problem.all_positions_pa_m(x), used, elevation_deg)]
     in_sigma = any(estimate.ephemeris_sigma_m) if estimate is not None else False
@@ -472,11 +476,11 @@ def _fit(
     status: Labels,
     reason: NDArray[np.int8],
     epoch: Epochs | None,
-) -> tuple[EditedFit, StochasticProblem | None]:
-    """The fit, and the problem that it is of if the orbit has stochastic accelerations."""
+) -> tuple[EditedFit, StochasticProblem | None, list[Manoeuvre]]:
+    """The fit, its problem if the orbit has stochastic accelerations, and manoeuvres that the study does not name."""
     if estimate is None:
         plain = fit_with_editing(problem.linearize, problem.parameters, noise, status=status, threshold=None)
-        return plain, None
+        return plain, None, []
     if not status.are(USED).any():
         raise InputError(
             f"no observations left: all {len(status)} are rejected: "
@@ -485,9 +489,11 @@ def _fit(
         )
     observations = problem.predictor.observations
     counts = PhaseCounts(observations.count_s, 1e-6 * observations.wavelength_um)
-    usable = status.are(USED)
+    usable, manoeuvres = status.are(USED), list[Manoeuvre]()
     if problem.landing is None or epoch is None:
-        start = near_orbit(problem, noise.sigma_m, usable)
+        start, manoeuvres = near_orbit(problem, noise.sigma_m, usable, seek=True)
+        for one in manoeuvres:
+            status = with_reason(status, status.are(USED) & one.hides(observations), HIDDEN)
     else:
         start = near_landing(problem, epoch, noise.sigma_m, usable)
     stochastic = None
@@ -512,4 +518,4 @@ def _fit(
         if stochastic is not None and fitted.ended and not stochastic.near(fitted.fit):
             stochastic, start = stochastic.again(fitted.fit), fitted.fit.x
         elif not hidden:
-            return replace(fitted, reasons=faults), stochastic
+            return replace(fitted, reasons=faults), stochastic, manoeuvres

@@ -273,6 +273,7 @@ class Orbiter:
                 "within 40 days"
             )
         span_s = (float(tdb_s.min() - count_s - _MARGIN_S), float(tdb_s.max() + count_s + _MARGIN_S))
+        self._require_acting(min(0.0, span_s[0]), max(0.0, span_s[1]))
         return AdjustableOrbit(
             self.epoch,
             self.state,
@@ -284,6 +285,21 @@ class Orbiter:
             self.name,
             touchdown=None if self.landing is None else self.landing.epoch,
         )
+
+    def _require_acting(self, begin_s: float, end_s: float) -> None:
+        """Refuse manoeuvres that are not on the arc at all, TDB seconds from the epoch."""
+        forces = self.forces
+        for kind, name, start, stop in (
+            *(("impulses", one.name, one.epoch, one.epoch) for one in forces.impulses),
+            *(("accelerations", one.name, one.start, one.stop) for one in forces.accelerations),
+        ):
+            late = start is not None and start.seconds_since(self.epoch)[0] > end_s
+            if late or (stop is not None and stop.seconds_since(self.epoch)[0] < begin_s):
+                first, last = utc_strings(self.epoch[[0, 0]].shifted(np.array([begin_s, end_s])), 0)
+                raise InputError(
+                    f"[[forces.{kind}]] {name} acts {'after' if late else 'before'} the arc, which is from {first} to "
+                    f"{last} TDB (epoch and observations); correct its time, or leave it out"
+                )
 
 
 @dataclass(frozen=True, slots=True)

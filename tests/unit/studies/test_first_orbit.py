@@ -15,7 +15,7 @@ from radioloc.errors import InputError
 from radioloc.measurements import ExactPredictor, Link, Observations, PhysicalModel
 from radioloc.measurements.observations import DOPPLER
 from radioloc.studies import first_orbit
-from radioloc.studies.orbit_start import turned_state
+from radioloc.studies.orbit_steps import turned_state
 from radioloc.studies.orbiter import Orbiter, RoughOrbit
 from radioloc.time import epochs_from_strings, tai_to_utc, tdb_to_tt, tt_to_tai
 

@@ -1,0 +1,89 @@
+"""Robust steps towards the orbit that observations tell, from a state that may be far off."""
+
+from __future__ import annotations
+
+import math
+
+import erfa
+import numpy as np
+from numpy.typing import NDArray
+
+from radioloc.errors import RadiolocError
+from radioloc.estimation.statistics import robust_scale
+from radioloc.measurements.predictor import Predictor
+
+Floats = NDArray[np.float64]
+
+_STEPS = 8
+_COUNTED = 0.9
+"""Part of the residuals by which steps are judged."""
+_CORNER = 2.0
+"""Robust sigmas from which residuals count by their size only."""
+_SETTLED = 0.03  # of the robust sigma of the residuals
+
+
+def fitted_state(
+    part: Predictor,
+    sigma_m: Floats,
+    x: Floats,
+    apriori: Floats,
+    free: NDArray[np.intp],
+    sigmas: Floats,
+    steps: int = _STEPS,
+) -> tuple[Floats, float]:
+    """Parameters after some robust Gauss-Newton steps, and the robust scale of the residuals in sigmas.
+
+    `apriori` are the values that the part's trajectory has; `sigmas` say how far one step goes.
+    """
+    best, least, spread = x, math.inf, math.inf
+    shrink = 1.0
+    step = np.zeros(len(x))
+    for _ in range(steps):
+        try:
+            computed = part.compute(x - apriori)
+        except RadiolocError:
+            if x is best:
+                raise
+            loss = math.inf  # into the ground, or out of the model's reach
+        else:
+            ratio = (part.observations.value_m - computed.value_m) / sigma_m
+            spread_here = max(1.0, robust_scale(ratio, len(free)))
+            # Without the largest, of which one that is far off would hide what a step gains in all others.
+            loss = float(np.sort(np.abs(ratio))[: math.ceil(_COUNTED * len(ratio))].mean())
+        if loss > least:
+            # Too far: back, and half as far.
+            shrink *= 0.3
+            x = _moved(best, shrink * step)
+            continue
+        gain, best, least, spread = least - loss, x, loss, spread_here
+        if gain < _SETTLED * loss and shrink == 1.0:
+            break
+        shrink = 1.0
+        weight = np.sqrt(1.0 / np.maximum(np.abs(ratio) / (_CORNER * spread), 1.0)) / spread
+        design = (computed.by_orbit[:, free] / sigma_m[:, None] * sigmas) * weight[:, None]
+        stacked = np.vstack([design, np.eye(len(free))])
+        right = np.concatenate([ratio * weight, np.zeros(len(free))])
+        step = np.zeros(len(x))
+        step[free] = sigmas * np.linalg.lstsq(stacked, right, rcond=None)[0]
+        x = _moved(best, step)
+    return best, spread
+
+
+def _moved(x: Floats, step: Floats) -> Floats:
+    """Parameters after a step, in which the orbit turns as a whole: Doppler holds it but for turns by many degrees."""
+    out = x + step
+    (r, v), (dr, dv) = x[:6].reshape(2, 3), step[:6].reshape(2, 3)
+    distance = np.linalg.norm(r)
+    up = r / distance
+    across = np.cross(r, v)
+    speed = np.linalg.norm(across) / distance  # along the ground
+    turn = np.cross(up, dr) / distance
+    turn = turn + up * ((dv - np.cross(turn, v)) @ across) / np.linalg.norm(across) / speed
+    out[:6] = turned_state(np.concatenate([r + up * (dr @ up), v + dv - np.cross(turn, v)]), turn)
+    return out
+
+
+def turned_state(state: Floats, turn_rad: Floats) -> Floats:
+    """Position and velocity, shape (6,), turned by a rotation vector."""
+    # ERFA's matrix turns the axes, its transpose what is in them.
+    return np.asarray((state.reshape(2, 3) @ erfa.rv2m(turn_rad)).ravel())

@@ -245,6 +245,8 @@ def _common_parts(
     found, position = [], rows_of("position")
     for kind in dict.fromkeys(item.kind for item in parameters if item.kind != "position"):
         rows = rows_of(kind)
+        if len({parameters.parameters[k].unit for k in rows}) > 1:
+            continue  # position and velocity have no mean
         variances = np.diag(covariance)[rows + position]
         if len(rows) < 2 or not np.isfinite(variances).all():
             continue

@@ -225,15 +225,16 @@ class OrbitState:
             "element_sigmas": element_sigmas,
             "equinoctial": equinoctial,
             "equinoctial_sigmas": equinoctial_sigmas,
-            "sigma_m": _by_axis(at_epoch),
+            "sigma_m": by_axis(at_epoch),
             "covariance": [[finite_or_none(value) for value in row] for row in self.covariance],
             "mapped": [
-                {"epoch_tdb": str(date), **_by_axis(sigma)}
+                {"epoch_tdb": str(date), **by_axis(sigma)}
                 for date, sigma in zip(utc_strings(mapped, 3), sigmas, strict=True)
             ],
             "process_noise": None if self.process is None else self.process.to_dict(),
         }
 
 
-def _by_axis(sigma_m: Floats) -> dict[str, float | None]:
+def by_axis(sigma_m: Floats) -> dict[str, float | None]:
+    """Lengths radial, along and across by name, None where one is not finite."""
     return {f"{axis}_m": finite_or_none(value) for axis, value in zip(RTN, sigma_m.tolist(), strict=True)}

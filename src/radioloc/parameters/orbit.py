@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,6 +15,7 @@ from radioloc.parameters.position import PositionParameters
 
 if TYPE_CHECKING:
     from radioloc.dynamics import AdjustableOrbit
+    from radioloc.dynamics.arcs import OrbitArcs
 
 Floats = NDArray[np.float64]
 
@@ -70,6 +72,35 @@ def orbit_parameters(
         return np.concatenate([of_state, x[6:]]) - apriori, by
 
     return parameters, changes
+
+
+def arcs_parameters(
+    arcs: OrbitArcs[AdjustableOrbit],
+    sigmas: Mapping[str, float],
+    estimated: bool,
+    state: bool = True,
+    form: str = "cartesian",
+) -> PositionParameters:
+    """The parameters of all arcs of an orbit, as :func:`orbit_parameters`; sigmas of the state are of the first's."""
+    from radioloc.dynamics import STATE
+
+    parameters: dict[int, Parameter] = {}
+    functions = []
+    for k, (arc, mine) in enumerate(zip(arcs.arcs, arcs.columns, strict=True)):
+        known = {name: sigma for name, sigma in sigmas.items() if k == 0 or name in arc.parameters}
+        found, function = orbit_parameters(arc, known, estimated, state, form)
+        functions.append(function)
+        for column, name, parameter in zip(mine, (*STATE, *arc.parameters), found, strict=True):
+            number = arcs.names[column].removeprefix(name)
+            parameters.setdefault(int(column), replace(parameter, name=f"{parameter.name}{number}"))
+
+    def changes(x: Floats) -> tuple[Floats, Floats]:
+        out, by = np.zeros(len(x)), np.zeros((len(x), len(x)))
+        for function, mine in zip(functions, arcs.columns, strict=True):
+            out[mine], by[np.ix_(mine, mine)] = function(x[mine])
+        return out, by
+
+    return [parameters[column] for column in range(len(arcs.names))], changes
 
 
 def _state(

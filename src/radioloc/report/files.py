@@ -98,7 +98,7 @@ def write_report(
         contents["terms.csv"] = partial(_write_terms, terms, observations)
         more["terms"] = partial(plot_terms, terms, observations)
     if solution.state is not None and solution.converged:
-        contents |= orbit_writers(solution.state)
+        contents |= orbit_writers(solution.state, solution.arcs)
     if (
         dem is not None
         and solution.converged

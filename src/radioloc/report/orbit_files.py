@@ -5,9 +5,10 @@ Sources: NAIF's *SPK Required Reading*; CCSDS 502.0-B-2 (2009), chapters 3 and 5
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
@@ -41,24 +42,37 @@ ORBIT_FILES = ("orbit.bsp", "orbit.oem", "orbit.opm")
 """Names of the files of an orbit that was determined."""
 
 
-def orbit_writers(state: OrbitState) -> dict[str, Callable[[Path], Path]]:
-    """What writes an orbit that was determined to each of :data:`ORBIT_FILES`."""
-    orbit = state.orbit.integrate()
+def orbit_writers(state: OrbitState, arcs: Sequence[OrbitState] = ()) -> dict[str, Callable[[Path], Path]]:
+    """What writes an orbit that was determined, or its arcs up to the epoch of the next, to :data:`ORBIT_FILES`.
+
+    Both messages have the covariance of the first state; the OPM is of that one alone.
+    """
+    whole = [one.orbit for one in (arcs or (state,))]
+    starts_s = [whole[0].span_s[0], *(0.0 for _ in whole[1:])]
+    stops_s = [float(b.epoch.seconds_since(a.epoch)[0]) for a, b in pairwise(whole)] + [whole[-1].span_s[1]]
+    spans_s = zip(starts_s, stops_s, strict=True)
+    orbits = [replace(one, span_s=s).integrate() for one, s in zip(whole, spans_s, strict=True)]
     message: dict[str, Any] = {"originator": "radioloc"}
     if np.isfinite(state.covariance).all() and state.covariance.any():
         message["covariance"] = state.covariance
-    spk = partial(write_orbit_spk, orbit, body=state.body)
-    messages = (partial(write, orbit, **message) for write in (write_orbit_oem, write_orbit_opm))
-    return dict(zip(ORBIT_FILES, (spk, *messages), strict=True))
+    writers = (
+        partial(write_orbit_spk, orbits, body=state.body),
+        partial(write_orbit_oem, orbits, **message),
+        partial(write_orbit_opm, orbits[0], **message),
+    )
+    return dict(zip(ORBIT_FILES, writers, strict=True))
 
 
 @bare_arguments
-def write_orbit_spk(orbit: Orbit, path: str | Path, body: int, *, step_s: float = 15.0) -> Path:
+def write_orbit_spk(
+    orbit: Orbit | Sequence[Orbit], path: str | Path, body: int, *, step_s: float = 15.0
+) -> Path:
     """Write an orbit as an SPK of type 13, Hermite polynomials of degree 11 through states at equal steps.
 
     Parameters
     ----------
-    orbit : Orbit
+    orbit : Orbit or sequence of Orbit
+        One, or several from one after the other, each with segments of its own.
     path : path-like
         The file, ``.bsp``; one that is there is replaced.
     body : int
@@ -89,13 +103,13 @@ def write_orbit_spk(orbit: Orbit, path: str | Path, body: int, *, step_s: float 
         raise InputError(
             f"body {body!r} is no NAIF code of a spacecraft; give a negative integer such as -177"
         )
-    midnight_s = float((orbit.epoch.jd[0] - J2000_JD) * SECONDS_PER_DAY)
-    of_day_s = float(orbit.epoch.fraction[0] * SECONDS_PER_DAY)
     with replaced_file(path) as temporary:
         temporary.unlink()
         handle = spiceypy.spkopn(str(temporary), "radioloc", 0)
         try:
             for part, times_s in _parts(orbit, step_s):
+                midnight_s = float((part.epoch.jd[0] - J2000_JD) * SECONDS_PER_DAY)
+                of_day_s = float(part.epoch.fraction[0] * SECONDS_PER_DAY)
                 et_s = midnight_s + of_day_s + times_s
                 states = _states_km(part, times_s)
                 # A float of seconds since J2000 is off by up to 0.06 us: 0.1 mm along a low orbit.
@@ -109,7 +123,7 @@ def write_orbit_spk(orbit: Orbit, path: str | Path, body: int, *, step_s: float 
                     _MOON,
                     "J2000",
                     *span,
-                    orbit.name[:40],
+                    part.name[:40],
                     degree,
                     len(et_s),
                     states.tolist(),
@@ -122,7 +136,7 @@ def write_orbit_spk(orbit: Orbit, path: str | Path, body: int, *, step_s: float 
 
 @bare_arguments
 def write_orbit_oem(
-    orbit: Orbit,
+    orbit: Orbit | Sequence[Orbit],
     path: str | Path,
     *,
     originator: str,
@@ -135,8 +149,8 @@ def write_orbit_oem(
 
     Parameters
     ----------
-    orbit : Orbit
-        Where an impulse or thrust begins or ends, so does a segment.
+    orbit : Orbit or sequence of Orbit
+        One, or several from one after the other. Where an impulse or thrust begins or ends, so does a segment.
     path : path-like
     originator : str
         Agency that makes the message.
@@ -145,7 +159,7 @@ def write_orbit_oem(
     object_id : str
         International designator, such as ``"2011-046B"``.
     covariance : array_like, shape (6, 6), optional
-        Of the state at the orbit's epoch, ICRF axes, m and m/s.
+        Of the state at the epoch of the first orbit, ICRF axes, m and m/s.
     creation_date : str, optional
         UTC date of the message; now by default.
 
@@ -167,11 +181,11 @@ def write_orbit_oem(
     """
     lines = header("OEM", originator, creation_date)
     for part, times_s in _parts(orbit, step_s):
-        dates = [str(date) for date in utc_strings(_at(orbit, times_s), 9)]
+        dates = [str(date) for date in utc_strings(_at(part, times_s), 9)]
         at_epoch = None
         if covariance is not None and times_s[0] <= 0.0 <= times_s[-1]:
-            at_epoch, covariance = (str(utc_strings(orbit.epoch, 9)[0]), covariance), None
-        metadata = lunar_metadata(orbit.name, object_id, "TDB")
+            at_epoch, covariance = (str(utc_strings(part.epoch, 9)[0]), covariance), None
+        metadata = lunar_metadata(part.name, object_id, "TDB")
         lines += ephemeris_segment(metadata, dates, _states_km(part, times_s), _DEGREE, covariance=at_epoch)
     write_text(path, "\n".join(lines) + "\n")
     return Path(path)
@@ -225,13 +239,17 @@ def write_orbit_opm(
     return Path(path)
 
 
-def _parts(orbit: Orbit, step_s: float) -> Iterator[tuple[Orbit, Floats]]:
-    """Each part without a jump, and equally spaced times in it from the epoch, both ends included."""
+def _parts(orbit: Orbit | Sequence[Orbit], step_s: float) -> Iterator[tuple[Orbit, Floats]]:
+    """Each part without a jump, and equally spaced times in it from its epoch, both ends included."""
     if not 0.0 < step_s <= _LONGEST_STEP_S:
         raise InputError(f"step {step_s!r} s is not more than 0 and at most {_LONGEST_STEP_S:.0f} s")
-    for leg in orbit.legs:
-        first_s, last_s = leg.span_s
-        yield replace(orbit, legs=(leg,)), np.linspace(first_s, last_s, 2 + int((last_s - first_s) / step_s))
+    for one in (orbit,) if isinstance(orbit, Orbit) else orbit:
+        for leg in one.legs:
+            first_s, last_s = leg.span_s
+            yield (
+                replace(one, legs=(leg,)),
+                np.linspace(first_s, last_s, 2 + int((last_s - first_s) / step_s)),
+            )
 
 
 def _at(orbit: Orbit, times_s: Floats) -> Epochs:

@@ -12,6 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
+from radioloc.dynamics.arcs import OrbitArcs
+from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris import Trajectory
 from radioloc.errors import CoverageError, FileFormatError, InputError
 from radioloc.estimation.build import Doubt, build_solution, seconds_since_midnight
@@ -21,6 +23,7 @@ from radioloc.estimation.labels import USED, Labels
 from radioloc.estimation.least_squares import FitStatus
 from radioloc.estimation.m_estimator import fit_with_huber
 from radioloc.estimation.observation_noise import ObservationNoise
+from radioloc.estimation.orbit_overlap import overlaps, states_of_arcs
 from radioloc.estimation.phase_editing import PhaseCounts, phase_faults
 from radioloc.estimation.series import SeriesOrder
 from radioloc.estimation.solution import Solution, TargetPosition, compare_with
@@ -50,6 +53,7 @@ from radioloc.studies.landing_fit import near_landing, state_before
 from radioloc.studies.manoeuvres import HIDDEN, Manoeuvre
 from radioloc.studies.notes import notes_of, provenance
 from radioloc.studies.one_thread import on_one_blas_thread
+from radioloc.studies.orbit_arcs import orbit_arcs
 from radioloc.studies.orbit_start import near_orbit
 from radioloc.studies.orbiter import Orbiter
 from radioloc.studies.problem import (
@@ -282,15 +286,20 @@ def fit_arc(
         targets=several,
     )
     if problem.landing is not None and isinstance(study.target, Orbiter):
+        assert not isinstance(errant, OrbitArcs)  # a landing has one arc
         state = state_before(problem, study.target, solution, errant)
         solution = replace(solution, state=state)
     elif isinstance(arc.trajectory, AdjustableOrbit):
+        assert not isinstance(errant, OrbitArcs)
         orbit = arc.trajectory.corrected(problem.all_positions_pa_m(x))
         covariance = solution.parameter_covariance()
         state = orbit_state(study, problem, x, orbit, covariance, solution.consider, errant)
         if stochastic is not None:
             state = stochastic.smoothed(state, fitted.fit, solution, considered)
         solution = replace(solution, trajectory=str(state.orbit), state=state)
+    elif isinstance(arc.trajectory, OrbitArcs):
+        assert not isinstance(errant, DisturbedOrbit)
+        solution = _with_arcs(solution, study, problem, arc.trajectory, errant)
     known = tuple(compare_with(solution, xyz_m, name) for name, xyz_m in others.items())
     solution = replace(solution, references=known)
     if not misfit:
@@ -302,6 +311,27 @@ def fit_arc(
     transmitters = search.passes(tracking_of(arc).observations)
     notes = (*solution.notes, *(str(one) for one in transmitters if not one.decided))
     return replace(solution, transmitters=transmitters, notes=notes)
+
+
+def _with_arcs(
+    solution: Solution,
+    study: Study,
+    problem: ObservationModel,
+    orbit: OrbitArcs[AdjustableOrbit],
+    errant: OrbitArcs[DisturbedOrbit] | None,
+) -> Solution:
+    """The solution with the states of an orbit's arcs, and how they differ where they meet."""
+    assert isinstance(study.target, Orbiter)
+    mine, consider = slice(0, problem.first), solution.consider
+    there = orbit.corrected(problem.all_positions_pa_m(solution.values))
+    by = problem.positions[0](solution.values[mine])[1]
+    covariance = by @ solution.parameter_covariance()[mine, mine] @ by.T
+    sensitivity = np.zeros((0, 0))
+    if errant is not None and consider is not None:
+        sensitivity = by @ consider.sensitivity[mine][:, list(consider.parameters.of_kind("gravity_error"))]
+    states = states_of_arcs(there, covariance, errant, sensitivity, study.target.body)
+    meeting = overlaps(there, covariance, errant, sensitivity)
+    return replace(solution, trajectory=str(there), state=states[0], arcs=states, overlaps=meeting)
 
 
 def _of_the_starts(away_m: Mapping[str, float]) -> Iterator[str]:
@@ -435,14 +465,20 @@ def _aim(
     model: PhysicalModel,
     observations: Observations,
     orbit: AdjustableOrbit | None = None,
-) -> tuple[NDArray[np.float64], Trajectory | AdjustableOrbit | None, tuple[str, ...]]:
+) -> tuple[
+    NDArray[np.float64], Trajectory | AdjustableOrbit | OrbitArcs[AdjustableOrbit] | None, tuple[str, ...]
+]:
     """What is predicted: positions or a trajectory, and names of several targets; of one, observations may have any."""
-    trajectory: Trajectory | AdjustableOrbit | None = orbit
+    trajectory: Trajectory | AdjustableOrbit | OrbitArcs[AdjustableOrbit] | None = orbit
     if isinstance(study.target, Orbiter) and orbit is None:
         assert study.estimate.orbit is not None  # the study has seen to that
         parameters = study.estimate.orbit.parameters(study.target.forces)
         find = Orbiter.orbit if study.target.rough is None else first_orbit
         trajectory = find(study.target, model, observations, parameters)
+        if study.target.arcs_hours is not None:
+            trajectory = orbit_arcs(
+                trajectory, study.target.arcs_hours, study.estimate.orbit, model, observations
+            )
     elif isinstance(study.target, Trajectory):
         trajectory = study.target
     return start_pa_m(targets), trajectory, tuple(targets) if len(targets) > 1 else ()

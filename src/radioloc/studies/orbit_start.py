@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from radioloc.dynamics import AdjustableOrbit
+from radioloc.dynamics.arcs import OrbitArcs
 from radioloc.parameters.design import ObservationModel
 from radioloc.studies.manoeuvres import Manoeuvre, unnamed_manoeuvre
 from radioloc.studies.orbit_steps import fitted_state
@@ -41,6 +42,8 @@ def near_orbit(
     If one is to `seek` them, with manoeuvres that residuals show; then what is beyond them is not looked at.
     """
     parameters, orbit = problem.parameters, problem.predictor.trajectory
+    if isinstance(orbit, OrbitArcs):
+        return _with_orbit(problem, orbit.start), []
     count = len(parameters.of_kind("state")) + len(parameters.of_kind("force"))
     free = np.flatnonzero(parameters.free[:count])
     if not isinstance(orbit, AdjustableOrbit) or not len(free) or not usable.any():
@@ -80,11 +83,16 @@ def near_orbit(
             break
         else:
             reach_s *= 3.0
-    start = parameters.prior_values.copy()
+    return _with_orbit(problem, x - apriori), found
+
+
+def _with_orbit(problem: ObservationModel, changes: Floats) -> Floats:
+    """A-priori values of all parameters, but for the orbit those that change it so."""
+    start, mine = problem.parameters.prior_values.copy(), slice(len(changes))
     for _ in range(_INVERSIONS):
-        made, by = problem.positions[0](start[:count])
-        start[:count] += np.linalg.solve(by, x - apriori - made)
-    return start, found
+        made, by = problem.positions[0](start[mine])
+        start[mine] += np.linalg.solve(by, changes - made)
+    return start
 
 
 def _cartesian_sigmas(problem: ObservationModel, count: int) -> Floats:

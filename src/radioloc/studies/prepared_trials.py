@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import MEAN_LUNAR_RADIUS_M
 from radioloc.dynamics import AdjustableOrbit, Orbit
+from radioloc.dynamics.arcs import OrbitArcs
 from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.dynamics.elements import rtn_axes
 from radioloc.ephemeris import Trajectory
@@ -204,6 +205,7 @@ class Prepared:
         ).value_m
         usable = status_of(longest, self._targets_pa)[0].are(USED)
         errant = disturbed(self.study, problem, x)
+        assert not isinstance(errant, OrbitArcs)  # such studies are refused
         arcs = []
         for part in self.parts:
             one = self._linear_arc(part, usable[part.rows], errant)

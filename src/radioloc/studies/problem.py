@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from radioloc.constants import SECONDS_PER_DAY
 from radioloc.dynamics import AdjustableOrbit
+from radioloc.dynamics.arcs import OrbitArcs, disturbed_arcs
 from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.ephemeris import EphemerisConstants, Trajectory
 from radioloc.errors import InputError, named
@@ -29,10 +30,11 @@ from radioloc.parameters.columns import Columns
 from radioloc.parameters.considered import resolved
 from radioloc.parameters.design import DesignMatrix, ObservationModel, simple_predictor
 from radioloc.parameters.landing import Ground, LandingParameters, landing_parameters
-from radioloc.parameters.orbit import orbit_parameters
+from radioloc.parameters.orbit import arcs_parameters, orbit_parameters
 from radioloc.parameters.parameter import Parameter, ParameterSet, Role
 from radioloc.parameters.position import PositionParameters, cartesian, on_sphere, on_terrain
 from radioloc.parameters.registry import PARAMETERS
+from radioloc.studies.orbit_arcs import cut_by_borders
 from radioloc.studies.orbiter import OrbitChoice, Orbiter
 from radioloc.studies.study import EstimateChoice, Study, TerrainPrior
 from radioloc.studies.verdict import LOWEST_EARTH_DEG
@@ -89,7 +91,7 @@ def considered_errors(
     problem: ObservationModel,
     estimate: EstimateChoice | None,
     x: NDArray[np.float64],
-    orbit: DisturbedOrbit | None = None,
+    orbit: DisturbedOrbit | OrbitArcs[DisturbedOrbit] | None = None,
 ) -> tuple[ConsideredErrors | None, list[str]]:
     """What is considered in an arc, with its partials at the parameters x of `problem`; and notes on what is not.
 
@@ -114,25 +116,32 @@ def considered_errors(
     return _together(ConsideredErrors(model.parameters, here.partials, there.partials), gravity), notes
 
 
-def disturbed(study: Study, problem: ObservationModel, x: NDArray[np.float64]) -> DisturbedOrbit | None:
+def disturbed(
+    study: Study, problem: ObservationModel, x: NDArray[np.float64]
+) -> DisturbedOrbit | OrbitArcs[DisturbedOrbit] | None:
     """The orbit at parameters x, with the errors of its gravity field that are considered, if it is one."""
     orbit, target = problem.predictor.trajectory, study.target
-    if (
-        not (isinstance(orbit, AdjustableOrbit) and isinstance(target, Orbiter))
-        or problem.process is not None
-    ):
+    if problem.process is not None or not isinstance(target, Orbiter):
         return None  # process noise stands for what the field leaves out
+    if isinstance(orbit, OrbitArcs):
+        there = orbit.corrected(problem.all_positions_pa_m(x))
+        arcs = [one for one in map(target.disturbed, there.arcs) if one is not None]
+        return disturbed_arcs(there, tuple(arcs), target.gravity_errors) if arcs else None
+    if not isinstance(orbit, AdjustableOrbit):
+        return None
     return target.disturbed(orbit.corrected(problem.all_positions_pa_m(x)))
 
 
 def require_plain_orbit(study: Study, what: str) -> None:
-    """Raise an :class:`InputError` of an orbiter that lands, or whose orbit has process noise."""
+    """Raise an :class:`InputError` of an orbiter that lands, or whose orbit has arcs or process noise."""
     orbit = study.estimate.orbit
     if isinstance(study.target, Orbiter) and study.target.landing is not None:
         raise InputError(
             f"{what} is of a position or an orbit, not of a descent; use `radioloc simulate` and `radioloc locate`, or "
             "leave [target.landing] out"
         )
+    if isinstance(study.target, Orbiter) and study.target.arcs_hours is not None:
+        raise InputError(f"{what} of an orbit is of one arc; leave [target] arcs_hours out")
     if orbit is not None and orbit.process_noise is not None:
         raise InputError(f"{what} of an orbit has no process noise; leave [estimate.orbit] process_noise out")
 
@@ -157,7 +166,9 @@ def orbit_state(
     return replace(state, disturbed=errant, sensitivity=by @ consider.sensitivity[mine][:, list(by_gravity)])
 
 
-def gravity_errors(orbit: DisturbedOrbit | None, problem: ObservationModel) -> ConsideredErrors | None:
+def gravity_errors(
+    orbit: DisturbedOrbit | OrbitArcs[DisturbedOrbit] | None, problem: ObservationModel
+) -> ConsideredErrors | None:
     """Errors of an orbit's gravity field, with what they do to the observations."""
     if orbit is None:
         return None
@@ -209,7 +220,7 @@ def _columns(
 def _position(
     predictor: Predictor, target_pa: LunarPosition | None, choice: EstimateChoice, name: str = "position"
 ) -> PositionParameters:
-    if isinstance(predictor.trajectory, AdjustableOrbit):
+    if isinstance(predictor.trajectory, AdjustableOrbit | OrbitArcs):
         return _orbit(predictor.trajectory, choice.orbit)
     if target_pa is None:
         return cartesian(np.zeros(3), role=Role.FIXED, name="offset")
@@ -242,12 +253,14 @@ def _landing(
     return landing_parameters(orbit, ground, place, choice.orbit.touchdown_sigma_m_s, sigmas)
 
 
-def _orbit(orbit: AdjustableOrbit, choice: OrbitChoice | None) -> PositionParameters:
-    if choice is None:
-        return orbit_parameters(orbit, {}, estimated=False)
-    return orbit_parameters(
-        orbit, choice.sigmas(orbit.forces), estimated=True, state=choice.state, form=choice.form
-    )
+def _orbit(
+    orbit: AdjustableOrbit | OrbitArcs[AdjustableOrbit], choice: OrbitChoice | None
+) -> PositionParameters:
+    sigmas = {} if choice is None else choice.sigmas(orbit.forces)
+    given, estimated = choice or OrbitChoice(), choice is not None
+    if isinstance(orbit, OrbitArcs):
+        return arcs_parameters(orbit, sigmas, estimated, given.state, given.form)
+    return orbit_parameters(orbit, sigmas, estimated, given.state, given.form)
 
 
 def targets_in_pa(study: Study, constants: EphemerisConstants) -> dict[str, LunarPosition]:
@@ -307,6 +320,10 @@ def status_of(arc: Predictor, targets: Mapping[str, LunarPosition]) -> tuple[Lab
                 text = Status.EARTH_BELOW_HORIZON.text(above_deg[k])
                 reason[mine[k]] = Status.EARTH_BELOW_HORIZON
                 labels[mine[k]] = places.setdefault(text, len(places))
+    if isinstance(arc.trajectory, OrbitArcs):
+        cut = np.flatnonzero(cut_by_borders(arc.trajectory, arc.observations) & (reason == Status.OK))
+        reason[cut] = Status.IN_TWO_ARCS
+        labels[cut] = places.setdefault(Status.IN_TWO_ARCS.text(), len(places))
     return Labels(labels, tuple(places)), reason
 
 

@@ -185,6 +185,95 @@ def test_an_error_of_the_field_moves_the_orbit_as_its_sigmas_say(model, forces, 
     np.testing.assert_allclose(1e-3 * np.sqrt(np.trace(added, axis1=1, axis2=2)), found_m, atol=0.01)
 
 
+def in_two(study):
+    return replace(study, target=replace(study.target, arcs_hours=1.5))
+
+
+@pytest.fixture(scope="module")
+def in_arcs(forces, doppler):
+    return radioloc.locate(in_two(study_of(forces)), doppler)
+
+
+def test_arcs_have_states_of_their_own_and_forces_in_common(in_arcs, model, forces, doppler):
+    """The two passes; the true orbit is known in each arc."""
+    assert in_arcs.converged
+    assert len(in_arcs.arcs) == 2
+    assert [name for name in in_arcs.parameters.names if name.startswith("force")] == ["force.radiation"]
+    assert sum(name.endswith(" 2") for name in in_arcs.parameters.names) == 6
+    truth = propagate(EPOCH, STATE[:3], STATE[3:], forces, (0.0, 13000.0))
+    first, second = (state.epoch.seconds_since(EPOCH)[0] for state in in_arcs.arcs)
+    assert first == 0.0
+    assert 5000.0 < second < 7200.0
+    for state in in_arcs.arcs:
+        error = np.hstack(truth.states(state.epoch))[0] - state.orbit.state
+        # A chi squared of 6 degrees of freedom.
+        assert error @ np.linalg.solve(state.covariance, error) < 22.5
+        assert np.linalg.norm(error[:3]) < 5.0
+    (meeting,) = in_arcs.overlaps
+    assert meeting.epoch.seconds_since(EPOCH)[0] == pytest.approx(second, abs=1e-6)
+    before, after = (np.hstack(state.orbit.states(meeting.epoch))[0] for state in in_arcs.arcs)
+    axes = rtn_axes(before[:3], before[3:])
+    np.testing.assert_allclose(meeting.difference_m, axes @ (after - before)[:3], atol=1e-6)
+    assert meeting.sigmas < 4.0
+
+
+def test_an_overlap_is_expected_as_draws_of_both_arcs_differ(in_arcs):
+    names = list(in_arcs.parameters.names)
+    draws = np.random.default_rng(3).multivariate_normal(
+        np.zeros(len(names)), in_arcs.parameter_covariance(), size=4000
+    )
+    (meeting,), (before, after) = in_arcs.overlaps, in_arcs.arcs
+    radiation = names.index("force.radiation")
+    ends = []
+    for state, columns in ((before, range(6)), (after, range(6, 12))):
+        by = state.orbit.partials(meeting.epoch)[0, :3]
+        ends.append(draws[:, [*columns, radiation]] @ by.T)
+    position_m, velocity_m_s = before.orbit.states(meeting.epoch)
+    axes = rtn_axes(position_m[0], velocity_m_s[0])
+    spread_m = np.std((ends[1] - ends[0]) @ axes.T, axis=0)
+    np.testing.assert_allclose(meeting.sigma_m, spread_m, rtol=0.05)
+
+
+@pytest.mark.slow
+def test_overlaps_are_as_large_as_errors_of_the_field_make_them(model, forces, doppler):
+    """The truth has another field each time; three components of a difference."""
+    squares = []
+    for error in draw_gravity_errors(forces.gravity, 12, 24, seed=8):
+        true = replace(forces, gravity=with_errors(forces.gravity, error, np.sqrt(12)))
+        value_m = counted(model, doppler, true) + SIGMA_M * np.random.default_rng(1).normal(size=len(doppler))
+        study = in_two(study_of(forces, off=np.zeros(6), errors=24))
+        study = replace(study, target=replace(study.target, gravity_error_degree=24))
+        (meeting,) = radioloc.locate(study, replace(doppler, value_m=value_m)).overlaps
+        squares.append((meeting.difference_m / meeting.sigma_m) ** 2)
+    # Errors in common: about one degree of freedom a trial.
+    assert 0.3 < np.mean(squares) < 2.5
+
+
+def test_arcs_are_written_one_after_the_other(in_arcs, tmp_path):
+    radioloc.write_report(in_arcs, tmp_path)
+    content = json.loads((tmp_path / "solution.json").read_text())
+    assert content["arcs"][0] == content["state"]
+    assert content["overlaps"][0]["sigmas"] == in_arcs.overlaps[0].sigmas
+    assert "first of 2 arcs" in str(in_arcs)
+    assert "the later arc less the earlier" in str(in_arcs)
+    spiceypy.furnsh(str(tmp_path / "orbit.bsp"))
+    try:
+        for state, since_s in zip(in_arcs.arcs, (3000.0, 3000.0), strict=True):
+            tdb = state.epoch.shifted(since_s)
+            et_s = float(tdb.seconds_since(Epochs.from_tdb_seconds(0.0))[0])
+            position_km = np.array(spiceypy.spkpos("-181", et_s, "J2000", "NONE", "301")[0])
+            np.testing.assert_allclose(1e3 * position_km, state.orbit.states(tdb)[0][0], rtol=0, atol=2e-3)
+    finally:
+        spiceypy.unload(str(tmp_path / "orbit.bsp"))
+
+
+def test_a_state_of_a_later_arc_is_refused(forces, doppler):
+    study = study_of(forces)
+    late = replace(study.target, epoch=EPOCH.shifted(9000.0), arcs_hours=1.5)
+    with pytest.raises(InputError, match=r"\[target\] arcs_hours: the epoch is behind the first arc"):
+        radioloc.locate(replace(study, target=late), doppler)
+
+
 @pytest.mark.slow
 def test_orbits_in_fields_that_are_not_the_models_are_within_their_sigmas(model, forces, doppler):
     """Each of 24 true fields differs from the model's to degree 20 by its sigmas, and goes on to degree 40."""

@@ -116,16 +116,16 @@ def solution_card(solution: Solution, *, parameters: int | None = None) -> Card:
 
 def _orbit(state: OrbitState, arcs: Sequence[OrbitState]) -> Iterator[str]:
     (shape, _), (lowest_m, highest_m) = state.elements(), state.apsides_m()
-    radial_m, along_m, across_m = state.sigma_rtn_m(state.epoch)[0]
     x, y, z = (f"{value / 1e3:.6f}" for value in state.position_m)
     vx, vy, vz = (f"{value / 1e3:.9f}" for value in state.velocity_m_s)
     of = f", first of {len(arcs)} arcs" if arcs else ""
     yield f"of {state.orbit.name}{of}, Moon-centred ICRF, at {utc_strings(state.epoch, 3)[0]} TDB"
     yield f"position {x}, {y}, {z} km"
     yield f"velocity {vx}, {vy}, {vz} km/s"
-    yield f"sigma there {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
-    radial_m, along_m, across_m = np.max(state.sigma_rtn_m(state.orbit.times(2)), axis=0)
-    yield f"at the arc's ends {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
+    if state.covariance.any():  # else it is held
+        for where, tdb in (("sigma there", state.epoch), ("at the arc's ends", state.orbit.times(2))):
+            radial_m, along_m, across_m = np.max(state.sigma_rtn_m(tdb), axis=0)
+            yield f"{where} {metres(radial_m)} m radial, {metres(along_m)} m along, {metres(across_m)} m across"
     if state.process is not None:
         yield _process(state.process)
     up_to = " and higher" if highest_m is None else f" to {highest_m / 1e3:.1f}"

@@ -50,8 +50,8 @@ def arcs(
     study = as_study(study)
     if isinstance(study.target, Trajectory | Orbiter):
         raise InputError(
-            f"{study.name}: an arc-length study compares positions, but the target is a trajectory; "
-            "use locate or residuals"
+            f"{study.name}: an arc-length study compares positions, but the target is a trajectory; use locate or "
+            "residuals, and of an orbiter `radioloc covariance` for what each length tells"
         )
     lengths = arc_lengths(hours, study.observations)
     known = (() if study.reference is None else (study.reference,)) + study.references

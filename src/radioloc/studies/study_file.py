@@ -496,6 +496,8 @@ def _true_orbiter(
 ) -> Orbiter:
     """The a-priori orbiter, but for what the simulation gives; of the forces each key by itself."""
     changes: dict[str, Any] = {} if state is None else asdict(state.read(TrueState))
+    if None not in (changes.get("position_m"), changes.get("velocity_m_s")):
+        target = replace(target, **changes, rough=None)
     if acting is not None:
         for key in _OF_THE_FIT:
             if key in acting:

@@ -56,7 +56,8 @@ def leave_one_out(study: Study | str | Path, *, progress: bool = False) -> Leave
         or study.estimate.position == "none"
     ):
         raise InputError(
-            f"{study.name}: leaving stations out needs one position on the Moon that is estimated"
+            f"{study.name}: leaving stations out needs one position on the Moon that is estimated; of an orbiter "
+            "`radioloc covariance` says what each station tells"
         )
     arc, left_out = prepared_arc(study)
     groups = _groups(arc, study)

@@ -86,6 +86,20 @@ def test_the_world_is_the_tracking_of_the_true_orbit(made):
     assert "GRGM660PRIM to degree 20; k2 0.02416; radiation 0.02" in simulated.summary()
 
 
+def test_the_truth_of_an_orbit_that_is_searched_for_is_a_state(tmp_path, made):
+    path = written(tmp_path)
+    given = "position_m = [575739.0, -463249.0, -1631639.0]\nvelocity_m_s = [-567.864, 1434.223, -600.209]"
+    known = path.read_text().replace(given, "altitude_m = 55e3", 1)
+    path.write_text(
+        known.replace("-1631539.0]", "-1631539.0]\nvelocity_m_s = [-567.864, 1434.223, -600.209]")
+    )
+    study = radioloc.read_study(path)
+    assert study.target.rough.altitude_m == 55e3
+    np.testing.assert_array_equal(study.simulation.position.state, [*TRUE_M, *VELOCITY_M_S])
+    planned, known = (radioloc.covariance(replace(one, candidates=()), 4.0) for one in (study, made[0]))
+    np.testing.assert_allclose(planned.longest.sigma_m, known.longest.sigma_m, rtol=1e-6)
+
+
 def test_nothing_is_tracked_behind_the_moon(made):
     study, simulated = made
     found = windows(
@@ -157,7 +171,9 @@ def test_the_command_writes_what_locate_reads(tmp_path, capsys):
     assert "true state" in (tmp_path / "sim.csv").read_text()
     capsys.readouterr()
     assert main(["residuals", str(study)]) == 0
-    assert "of craft" in capsys.readouterr().out
+    shown = capsys.readouterr().out
+    assert "of craft" in shown
+    assert "sigma there" not in shown  # of a state that is held
 
 
 def test_a_covariance_study_claims_what_a_fit_of_the_tracking_does(made):

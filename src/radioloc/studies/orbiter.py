@@ -18,7 +18,8 @@ from radioloc.dynamics.disturbed import DisturbedOrbit
 from radioloc.dynamics.elements import FORMS, equatorial_axes, state_of_elements
 from radioloc.dynamics.gravity import SHIPPED
 from radioloc.dynamics.gravity_errors import GravityErrorEffects, draw_gravity_errors
-from radioloc.ephemeris import Ephemeris, LunarOrientation
+from radioloc.dynamics.propagation import initial_state
+from radioloc.ephemeris import CONSTANTS, Ephemeris, LunarOrientation
 from radioloc.errors import InputError
 from radioloc.measurements.observations import Observations
 from radioloc.measurements.physical_model import PhysicalModel
@@ -35,6 +36,12 @@ GRAVITY_ERRORS = 12
 """Draws by which a sigma is good to a fifth."""
 GRAVITY_ERROR_DEGREE = 200
 _STATE_FORMS = {"rtn": RTN, **FORMS}
+_NEAR_M = 66e6
+"""The Moon's sphere of influence."""
+_FASTEST_M_S = 3e3
+"""What comes from the Earth, or goes there, has less left when it is far from the Moon."""
+_SLOWEST = 0.005
+"""Of the velocity of escape: what is slower falls."""
 _MARGIN_S = 60.0
 """Beyond the first and the last tag: half of a count interval and the light time."""
 _HIGHEST_M = 2e6
@@ -89,6 +96,18 @@ class RoughOrbit:
         return self.inclination_deg is not None and self.node_deg is not None
 
 
+def _require_orbit(state: NDArray[np.float64]) -> None:
+    """Raise an InputError of a velocity that no spacecraft near the Moon has."""
+    distance_m, speed_m_s = np.linalg.norm(state.reshape(2, 3), axis=1).tolist()
+    escape_m_s = math.sqrt(2.0 * CONSTANTS["DE421"].gm_m3_s2("moon") / distance_m)
+    flies_past = distance_m < _NEAR_M and speed_m_s > math.hypot(escape_m_s, _FASTEST_M_S)
+    if flies_past or speed_m_s < _SLOWEST * escape_m_s:
+        raise InputError(
+            f"velocity_m_s is {speed_m_s:.4g} m/s at {distance_m / 1e3:.0f} km from the Moon's centre, where orbits "
+            f"are below {escape_m_s:.0f} m/s; is it in other units, or relative to another body?"
+        )
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Orbiter:
     """A spacecraft about the Moon whose orbit follows from its state and the forces.
@@ -130,6 +149,8 @@ class Orbiter:
 
     def __post_init__(self) -> None:
         bare_fields(self)
+        if self.position_m is not None and self.velocity_m_s is not None:
+            _require_orbit(initial_state(self.position_m, self.velocity_m_s))
         if not (self.name.strip() and self.name.isascii() and self.name.isprintable()):
             raise InputError(f"name {self.name!r} cannot stand in orbit files; give printable ASCII text")
         if self.arcs_hours is not None and not 0.0 < self.arcs_hours < math.inf:

@@ -368,6 +368,8 @@ def _orbiter(table: TomlTable, acting: tuple[ForcesChoice, Forces] | None, model
                 "is missing; an orbiter has epoch (TDB), and position_m and velocity_m_s (Moon-centred ICRF), six "
                 "elements, or a rough altitude_m",
             )
+    if str(given.epoch).strip().upper().endswith("Z"):
+        table.fail("epoch", "is TDB, 64 to 69 s ahead of UTC since 1999: convert it, and leave the Z out")
     for key in dict.fromkeys(key for _, keys in kinds.values() for key in keys):
         if key not in possible and getattr(given, key) is not None:
             table.fail(

@@ -429,9 +429,28 @@ def test_mistakes_of_a_study_are_named(tmp_path, given, message):
 
 
 def test_a_state_under_the_ground_is_one_error(forces, doppler):
-    buried = replace(study_of(forces), target=Orbiter(EPOCH, (1.0e6, 0.0, 0.0), (0.0, 1500.0, 0.0), forces))
     with pytest.raises(InputError, match="under its ground"):
-        radioloc.locate(buried, doppler)
+        Orbiter(EPOCH, (1.0e6, 0.0, 0.0), (0.0, 1500.0, 0.0), forces)
+
+
+@pytest.mark.parametrize(
+    ("position_m", "velocity_m_s", "message"),
+    [
+        ((575.739, -463.249, -1631.639), (-567.864, 1434.223, -600.209), "under its ground; is it in km"),
+        ((575739.0, -463249.0, -1631639.0), (-0.567864, 1.434223, -0.600209), "velocity_m_s is 1.655 m/s"),
+        ((575739.0, -463249.0, -1631639.0), (-5678.64, 14342.23, -6002.09), "orbits are below 2340 m/s"),
+    ],
+)
+def test_states_in_other_units_are_one_error(forces, position_m, velocity_m_s, message):
+    with pytest.raises(InputError, match=message):
+        Orbiter(EPOCH, position_m, velocity_m_s, forces)
+
+
+def test_an_epoch_of_utc_is_refused(tmp_path):
+    path = written(tmp_path)
+    path.write_text(path.read_text().replace("04:30:00", "04:30:00Z"))
+    with pytest.raises(InputError, match=r"\[target\] epoch: is TDB"):
+        radioloc.read_study(path)
 
 
 def grail(tmp_path, hours):

@@ -197,15 +197,20 @@ def _passes(observations: Observations, gap_s: float) -> Iterator[_Rows]:
 
 
 def _jumps(time_s: _Floats, rate_m_s: _Floats) -> list[int]:
-    """Where the rate of a pass jumps, with no fewer than ten minutes before, between and after."""
+    """Where the rate of a pass jumps, or counts are missing, with at least ten minutes before, between and after."""
     from scipy.ndimage import median_filter
 
     cuts: list[int] = []
     if len(rate_m_s) > 2:
-        step_m_s, step_s = np.diff(rate_m_s), np.maximum(np.diff(time_s), 1e-3)
-        beyond_m_s = step_m_s - step_s * median_filter(step_m_s / step_s, _AROUND, mode="nearest")
-        limit_m_s = max(_JUMP_M_S, _OUTLIER * robust_scale(beyond_m_s, 1))
-        for k in (np.flatnonzero(np.abs(beyond_m_s) > limit_m_s) + 1).tolist():
+        step_s = np.maximum(np.diff(time_s), 1e-3)
+        usual_m_s = step_s * median_filter(np.diff(rate_m_s) / step_s, _AROUND, mode="nearest")
+        # Of a median single counts that are off make no jump, but steps of twice the usual beside them.
+        beyond_m_s = np.diff(median_filter(rate_m_s, _AROUND, mode="nearest")) - usual_m_s
+        limit_m_s = np.maximum(
+            2.0 * np.abs(usual_m_s), max(_JUMP_M_S, _OUTLIER * robust_scale(beyond_m_s, 1))
+        )
+        gaps = step_s > np.maximum(_LEAST_S, 5.0 * np.median(step_s))  # over which steps say nothing
+        for k in (np.flatnonzero((np.abs(beyond_m_s) > limit_m_s) | gaps) + 1).tolist():
             before = time_s[cuts[-1] if cuts else 0]
             if min(time_s[k] - before, time_s[-1] - time_s[k]) >= _LEAST_S:
                 cuts.append(k)

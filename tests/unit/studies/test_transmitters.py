@@ -14,6 +14,7 @@ from radioloc.measurements import Link, PhysicalModel
 from radioloc.simulation import Noise, NoiseModel, Scenario, Schedule, Session, Truth
 from radioloc.studies import EstimateChoice, ObservationChoice
 from radioloc.studies.locate import prepared_arc
+from radioloc.studies.transmitters import _passes
 
 CANDIDATES = ("NEUQUEN", "JIAMUSI", "KASHI")
 DOWN_HZ = 8.471e9
@@ -78,9 +79,13 @@ def test_a_handover_of_the_uplink_ends_a_pass():
             ("KASHI", "KUNMING", over, "2020-12-01T20:30:00"),
         ]
     )
+    assert len(set(received.paths())) == 2
+    value_m = received.value_m.copy()
+    value_m[7::20] += 8.8e3 * CYCLE_M * COUNT_S  # read off another peak
+    received = replace(received, value_m=value_m)
+    assert [len(rows) for rows in _passes(unsaid(received), 4 * 3600.0)] == [38, 83]
     arc, _ = prepared_arc(study(), unsaid(received))
     assert arc.observations.paths().tolist() == received.paths().tolist()
-    assert len(set(received.paths())) == 2
 
 
 def test_the_card_and_the_file_have_all_candidates(received):

@@ -158,14 +158,16 @@ class BinnedProblem:
 
         Of several beginnings there is one column for each.
         """
-        out = np.zeros((len(self.whitened), parameters or np.size(span_s[0])))
+        from scipy.sparse import csr_array
+
         mine, place, sign = self._of(links)
         time_s = self.points.time_s[place, None]
         values = (
             self.values[mine, 1 : 1 + parameters] if parameters else sign[:, None] * self.values[mine, :1]
         )
-        np.add.at(out, place, values * ((time_s >= span_s[0]) & (time_s <= span_s[1])))
-        return out
+        inside = values * ((time_s >= span_s[0]) & (time_s <= span_s[1]))
+        entries = np.ones(len(place)), (place, np.arange(len(place)))
+        return np.asarray(csr_array(entries, shape=(len(self.whitened), len(place))) @ inside)
 
     def times_s(self, links: Iterable[int]) -> _Floats:
         """Instants of the points of some links, in order."""

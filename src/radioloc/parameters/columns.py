@@ -57,11 +57,10 @@ class Columns:
         # Column by column in memory: several times as fast as row by row.
         columns = np.zeros((len(self.names), components, len(rows)))
         for end in range(ends):
-            for group in range(len(self.names)):
+            for group in np.flatnonzero(np.bincount(code[:, end] + 1)[1:]):
                 mine = code[:, end] == group
-                if mine.any():
-                    for component in range(components):
-                        columns[group, component] += np.where(mine, partials[:, end, component], 0.0)
+                for component in range(components):
+                    columns[group, component] += np.where(mine, partials[:, end, component], 0.0)
         return columns.reshape(len(self), len(rows)).T
 
 
@@ -135,19 +134,24 @@ def columns_of(
     spans: list[tuple[str, str] | None] = []
     for member, index in chosen.items():
         at: NDArray[np.bool_] = np.equal(owner, index)
-        mine = np.flatnonzero(at.any(axis=1))
+        mine = np.flatnonzero(_any_end(at))
         number = np.full(len(rows), -1)
         number[mine] = 0 if member in whole else _pass_numbers(since_s[mine], gap_h)
-        for k in np.unique(number[(acts & at).any(axis=1)]).tolist():
+        for k in np.unique(number[_any_end(acts & at)]).tolist():
             inside = np.equal(number, k)[:, None] & at
             code[inside] = len(names)
             names.append(member if member in whole else f"{member} {of.count(member) + 1}".strip())
             of.append(member)
-            shown = np.flatnonzero((inside & acts).any(axis=1))
+            shown = np.flatnonzero(_any_end(inside & acts))
             ends = shown[[int(since_s[shown].argmin()), int(since_s[shown].argmax())]]
             first, last = utc_strings(predictor.observations.epoch[ends], decimals=0)
             spans.append(None if member in whole else (str(first), str(last)))
     return Columns(kind, scope, tuple(names), tuple(of), tuple(spans), code)
+
+
+def _any_end(of_ends: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Whether it is so at any end; numpy's own `any` along two of many is thirty times as slow."""
+    return np.asarray(of_ends[:, 0] | of_ends[:, -1])
 
 
 def _pass_numbers(since_s: NDArray[np.float64], gap_h: float) -> NDArray[np.int64]:

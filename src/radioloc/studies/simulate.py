@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from pathlib import Path
 
 from radioloc.errors import InputError
-from radioloc.simulation import Scenario, Simulated
+from radioloc.simulation import Scenario, Simulated, TruthSigma
 from radioloc.studies.locate import model_of
 from radioloc.studies.one_thread import on_one_blas_thread
 from radioloc.studies.study import Study
@@ -45,6 +46,8 @@ def simulate(study: Study | str | Path, seed: int | None = None, *, draw_errors:
     """
     study = as_study(study)
     scenario = scenario_of(study)
+    if not draw_errors:  # partials of what is not drawn are hundreds of megabytes at 1 Hz
+        scenario = replace(scenario, truth_sigma=TruthSigma())
     return scenario.world(model_of(study)).draw(seed=seed, draw_errors=draw_errors)
 
 

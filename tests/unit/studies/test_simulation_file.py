@@ -201,6 +201,10 @@ def test_the_command_writes_what_python_simulates(tmp_path, capsys):
     assert radioloc.cli.main(["simulate", str(path), "--out", str(tmp_path / "a.csv"), "--seed", "7"]) == 0
     assert "seed 7" in capsys.readouterr().out
     written = radioloc.read_observations(tmp_path / "a.csv")
-    made = radioloc.simulate(radioloc.read_study(path), seed=7).observations
+    world = radioloc.simulate(path, seed=7)
+    made, drawn = world.observations, radioloc.simulate(path, seed=7, draw_errors=True)
+    assert not world.drawn
+    assert {"range_bias.KASHI", "position.up"} <= set(drawn.drawn)
+    np.testing.assert_allclose(drawn.observations.value_m - drawn.drawn_m, made.value_m, rtol=0.0, atol=1e-6)
     np.testing.assert_allclose(written.value_m, made.value_m, rtol=0.0, atol=1e-6)
     assert (written.paths() == made.paths()).all()

@@ -5,6 +5,7 @@ from __future__ import annotations
 import codecs
 import errno
 import gzip
+import json
 import os
 import stat
 import tempfile
@@ -12,8 +13,9 @@ import zlib
 from collections.abc import Generator, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import Any
 
-from radioloc.errors import FileFormatError
+from radioloc.errors import FileFormatError, InputError
 
 BLOCK_BYTES = 2**22
 """Bytes of a file that are read at once: enough to be quick, few enough that their pieces do not fill the memory."""
@@ -52,6 +54,16 @@ def read_text(path: str | Path, *, encoding: str = "utf-8-sig") -> str:
     UTF-8, of which ASCII is a part, or any byte as ``"latin-1"``; anything else is a :class:`FileFormatError`.
     """
     return "".join(block.decode(_within(encoding)) for _, block in read_blocks(path, encoding=encoding))
+
+
+@contextmanager
+def json_file(path: str | Path, otherwise: str) -> Iterator[Any]:
+    """What a file of JSON holds; where it is none, or lacks what is asked of it within, an error says so by a text."""
+    text = read_text(path)
+    try:
+        yield json.loads(text)
+    except (ValueError, LookupError, TypeError, AttributeError):
+        raise InputError(f"{path}: {otherwise}") from None
 
 
 def _within(encoding: str) -> str:

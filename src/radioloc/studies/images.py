@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 import shutil
 import tempfile
@@ -29,7 +28,7 @@ from radioloc.studies.image_inputs import FRAME, ground_at, provenance_of
 from radioloc.studies.image_point import locate_point
 from radioloc.studies.image_study import ImageChoice, ImageStudy, PointStudy, StereoChoice, read_image_study
 from radioloc.studies.stereo import locate_stereo
-from radioloc.text_files import read_text
+from radioloc.text_files import json_file
 
 Floats = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -155,13 +154,10 @@ def _near(chosen: ImageChoice) -> tuple[float, float, float] | None:
     """Longitude, latitude and radius about which the map is searched."""
     if chosen.near is None:
         return None
-    try:
-        content = json.loads(read_text(chosen.near))
+    with json_file(chosen.near, "is no solution.json with a position and its sigmas") as content:
         place = content["position"]["me"]
         sigma_m = max(content["sigma"][f"{axis}_m"] for axis in ("east", "north"))
         return place["longitude_deg"], place["latitude_deg"], 3.0 * sigma_m + chosen.near_margin_m
-    except (ValueError, LookupError, TypeError):
-        raise InputError(f"{chosen.near}: is no solution.json with a position and its sigmas") from None
 
 
 def _solution(

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -16,7 +14,7 @@ from radioloc.measurements.link import Link
 from radioloc.measurements.map_predictor import MapPosition
 from radioloc.report.image_solution import MAP_TIE
 from radioloc.studies.schema import check, entry
-from radioloc.text_files import read_text
+from radioloc.text_files import json_file
 
 _EITHER = ("longitude_deg", "latitude_deg", "height_m", "sigma_m", "map_sigma_m")
 
@@ -99,9 +97,11 @@ class PlaceOnMap:
         return found
 
     def _solved(self, path: Path, known: LunarPosition | None) -> MapPosition:
-        try:
-            content: dict[str, Any] = json.loads(read_text(path))
-            images, failed = content["method"] in ("images", "stereo"), content["message"]
+        what = "is no solution.json that this version of radioloc images wrote of a place on a map; make it again"
+        with json_file(path, what) as content:
+            if content["method"] not in ("images", "stereo"):
+                raise ValueError
+            failed = content["message"]
             me = content["position"]["me"]
             xyz_m, frame = [float(me[f"{axis}_m"]) for axis in "xyz"], me["frame"]
             sigma_m, names = {}, [self.map]
@@ -114,13 +114,6 @@ class PlaceOnMap:
             tie_m, name = (sigma_m["east"], sigma_m["north"]), next(filter(None, names))
             data = tuple(sorted(PositionEstimate.from_solution(content).data))
             total = np.array([row[:2] for row in content["covariance"]["enu_m2"][:2]], dtype=np.float64)
-        except (ValueError, LookupError, TypeError, AttributeError):
-            images = False
-        if not images:
-            raise InputError(
-                f"{path}: is no solution.json that this version of radioloc images wrote of a place on a map; "
-                "make it again"
-            )
         if failed:
             raise InputError(f"{path}: the solution of images did not converge: {failed}")
         place = LunarPosition.from_cartesian(xyz_m, frame)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -20,7 +19,7 @@ from radioloc.studies.locate import fit_arc, prepared_arc
 from radioloc.studies.record import study_origin, versions
 from radioloc.studies.study import Study
 from radioloc.studies.study_file import read_study
-from radioloc.text_files import read_text
+from radioloc.text_files import json_file
 
 _OF_SIGMA = 1e-3
 """How far values may differ in parts of their sigmas, and sigmas in parts of themselves: more than iterations leave
@@ -122,14 +121,9 @@ def _recorded(path: Path) -> dict[str, Any]:
     for folder in (path.parent, path.parent.parent):
         if (folder / INCOMPLETE).is_file():
             raise InputError(f"{path}: {folder / INCOMPLETE} says that the folder was not written to the end")
-    text = read_text(path)
-    try:
-        content = json.loads(text)
+    what = "is no solution.json, or one of a version that did not record what it was made from"
+    with json_file(path, what) as content:
         made_from = content["provenance"]["study"]
-    except (ValueError, LookupError, TypeError):
-        raise InputError(
-            f"{path}: is no solution.json, or one of a version that did not record what it was made from"
-        ) from None
     if made_from is None:
         raise InputError(
             f"{path}: was made from no study file (but in Python or from standard input), or with other observations "

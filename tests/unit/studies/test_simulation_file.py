@@ -76,7 +76,7 @@ def test_every_key_is_on_the_page(tmp_path, monkeypatch):
     whose = {kind.keys["per"] for kind in simulated}
     both = documented["simulation.truth"] - {"NAME_per"} | whose
     assert {kind.value_key for kind in simulated} < both
-    assert asked["simulation.truth"] == both - {"position_enu_m"}
+    assert asked["simulation.truth"] == both - {"position_enu_m", "gravity_errors"}
     assert asked["simulation.truth_sigma"] == both - {"terms_on", "terms_off"}
     kinds = {*KINDS, "vlbi_station", "vlbi_station_rate"}
     assert asked["simulation.noise"] - kinds == documented["simulation.noise"]

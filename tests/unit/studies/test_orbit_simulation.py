@@ -15,6 +15,7 @@ from radioloc.errors import InputError
 from radioloc.measurements import ExactPredictor, PhysicalModel
 from radioloc.simulation import TruthSigma, windows
 from radioloc.studies import light_times, visibility
+from radioloc.studies.orbiter import ProcessNoise
 from radioloc.time import utc_strings
 
 TRUE_M = np.array([575839.0, -463349.0, -1631539.0])
@@ -215,6 +216,17 @@ def test_what_errors_of_gravity_do_to_a_plan_is_in_its_budget(made, tmp_path):
     assert "of 4 h, at 2012-04-09T04:30:00 TDB radial along across position, m" in card
     names = {path.name for path in radioloc.report.write_covariance(found, tmp_path)}
     assert {"covariance.png", "covariance_on_arc.png"} <= names
+
+
+@pytest.mark.parametrize("planned", [radioloc.covariance, radioloc.monte_carlo])
+def test_plans_of_orbits_have_no_process_noise(made, planned):
+    noise = ProcessNoise(interval_s=600.0, radial_m_s2=1e-9)
+    orbit = replace(made[0].estimate.orbit, process_noise=noise)
+    study = replace(made[0], estimate=replace(made[0].estimate, orbit=orbit))
+    with pytest.raises(
+        InputError, match=r"study of an orbit has no process noise; leave .* process_noise out"
+    ):
+        planned(study, hours=2.0)
 
 
 @pytest.mark.parametrize(
